@@ -1,0 +1,2 @@
+//! The `sm2` command.
+fn main() {}

@@ -1,0 +1,134 @@
+//! Encoding and canonical decoding of control frames (SM2-FRM-001, SM2-FRM-002).
+
+use alloc::{rc::Rc, vec::Vec};
+use core::cell::Cell;
+
+use postcard::{Deserializer, Error, de_flavors::Flavor};
+use serde::{Serialize, de::DeserializeOwned};
+
+use super::{Item, ToManager, ToNode};
+use crate::{Contract, Datagram, Violation};
+
+/// The bytes of a frame to the Manager.
+#[must_use]
+pub fn encode_to_manager(frame: &ToManager) -> Vec<u8> {
+    encode(frame)
+}
+
+/// The bytes of a frame to a node.
+#[must_use]
+pub fn encode_to_node(frame: &ToNode) -> Vec<u8> {
+    encode(frame)
+}
+
+/// Reads a frame from a node: exactly one, in its only encoding.
+pub fn decode_to_manager(datagram: &Datagram<'_>) -> Result<ToManager, Violation> {
+    let frame: ToManager = decode(datagram, ToManager::COUNT)?;
+    if let ToManager::Declare { contract, .. } = &frame {
+        check_contract(contract)?;
+    }
+    datagram.check_fds(0)?;
+    Ok(frame)
+}
+
+/// Reads a frame from the Manager: exactly one, in its only encoding.
+pub fn decode_to_node(datagram: &Datagram<'_>) -> Result<ToNode, Violation> {
+    let frame: ToNode = decode(datagram, ToNode::COUNT)?;
+    match &frame {
+        ToNode::Link { peer, .. } => check_contract(&peer.contract)?,
+        ToNode::Page { items, .. } => {
+            for item in items {
+                if let Item::Interface { contract, .. } = item {
+                    check_contract(contract)?;
+                }
+            }
+        }
+        _ => {}
+    }
+    datagram.check_fds(frame.fds())?;
+    Ok(frame)
+}
+
+//= SM2-FRM-003
+fn check_contract(contract: &Contract) -> Result<(), Violation> {
+    contract.check_qos().map_err(|_| Violation::BadQos)
+}
+
+fn encode<T: Serialize>(frame: &T) -> Vec<u8> {
+    // Serializing into memory fails only for sequences of unknown length, and
+    // no frame has one: `frames.rs` derives every Serialize over Vec and String.
+    postcard::to_allocvec(frame).unwrap_or_default()
+}
+
+//= SM2-FRM-001, SM2-FRM-002
+fn decode<T: Serialize + DeserializeOwned>(
+    datagram: &Datagram<'_>,
+    frames: u32,
+) -> Result<T, Violation> {
+    datagram.check()?;
+    let bytes = datagram.bytes;
+    let (number, _) =
+        postcard::take_from_bytes::<u32>(bytes).map_err(|_| Violation::UnknownFrame)?;
+    if number >= frames {
+        return Err(Violation::UnknownFrame);
+    }
+    let text = Rc::new(Cell::new(false));
+    let mut deserializer = Deserializer::from_flavor(Cut {
+        rest: bytes,
+        text: Rc::clone(&text),
+    });
+    let frame = T::deserialize(&mut deserializer).map_err(|error| match error {
+        Error::DeserializeBadUtf8 => Violation::BadName,
+        // A type refused the value just read. Names are the only texts of
+        // control frames; all else that is refused is an enumeration's number.
+        Error::SerdeDeCustom if text.get() => Violation::BadName,
+        _ => Violation::Malformed,
+    })?;
+    let rest = deserializer.finalize().map_err(|_| Violation::Malformed)?;
+    if !rest.is_empty() {
+        return Err(Violation::TrailingBytes);
+    }
+    if encode(&frame) != bytes {
+        return Err(Violation::NotCanonical);
+    }
+    Ok(frame)
+}
+
+/// Hands bytes to postcard and notes whether the last piece was a text.
+struct Cut<'de> {
+    rest: &'de [u8],
+    text: Rc<Cell<bool>>,
+}
+
+impl<'de> Flavor<'de> for Cut<'de> {
+    type Remainder = &'de [u8];
+    type Source = &'de [u8];
+
+    fn pop(&mut self) -> postcard::Result<u8> {
+        let (&byte, rest) = self
+            .rest
+            .split_first()
+            .ok_or(Error::DeserializeUnexpectedEnd)?;
+        self.rest = rest;
+        self.text.set(false);
+        Ok(byte)
+    }
+
+    fn try_take_n(&mut self, count: usize) -> postcard::Result<&'de [u8]> {
+        let (piece, rest) = self
+            .rest
+            .split_at_checked(count)
+            .ok_or(Error::DeserializeUnexpectedEnd)?;
+        self.rest = rest;
+        self.text.set(true);
+        Ok(piece)
+    }
+
+    fn size_hint(&self) -> Option<usize> {
+        Some(self.rest.len())
+    }
+
+    fn finalize(self) -> postcard::Result<&'de [u8]> {
+        Ok(self.rest)
+    }
+}

@@ -1,0 +1,7 @@
+//! Control frames between a node and its Manager (SPEC section 3).
+
+mod codec;
+mod frames;
+
+pub use codec::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_node};
+pub use frames::{Cursor, Item, Peer, ToManager, ToNode};

@@ -1,0 +1,44 @@
+//! What a driver learned from the kernel about a descriptor that came with a frame.
+//!
+//! The machines never see a descriptor. The driver asks the kernel
+//! (`fstat`, `F_GET_SEALS`) and hands over these facts; the machine decides
+//! whether such a descriptor may be mapped.
+
+/// The seals that `fcntl(F_GET_SEALS)` reports, as the kernel's bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Seals(pub u32);
+
+impl Seals {
+    /// `F_SEAL_SEAL`: no seal can be added or removed any more.
+    pub const SEAL: Self = Self(0x1);
+    /// `F_SEAL_SHRINK`: the file cannot become smaller.
+    pub const SHRINK: Self = Self(0x2);
+    /// `F_SEAL_GROW`: the file cannot become larger.
+    pub const GROW: Self = Self(0x4);
+    /// `F_SEAL_WRITE`: nobody, its author included, can write any more.
+    pub const WRITE: Self = Self(0x8);
+    /// `F_SEAL_FUTURE_WRITE`: only mappings that exist already can write.
+    pub const FUTURE_WRITE: Self = Self(0x10);
+
+    /// What a message of its own must carry (SPEC, payload form *sealed*).
+    pub const SEALED: Self = Self(0x1 | 0x2 | 0x4 | 0x8);
+    /// What a shared segment must carry (SPEC, payload form *pooled*).
+    pub const POOLED: Self = Self(0x1 | 0x2 | 0x4 | 0x10);
+
+    /// Whether all bits of `needed` are set here. More seals never hurt.
+    #[must_use]
+    pub const fn contains(self, needed: Self) -> bool {
+        self.0 & needed.0 == needed.0
+    }
+}
+
+/// The facts about one received descriptor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct FdFacts {
+    /// `S_ISREG`: a memfd is a regular file; sockets, pipes and devices are not.
+    pub regular: bool,
+    /// `st_size`, read after the seals: a size is only stable once it is sealed.
+    pub size_bytes: u64,
+    /// The seals; none where the kernel answers that the file cannot have any.
+    pub seals: Seals,
+}

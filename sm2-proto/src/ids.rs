@@ -1,0 +1,41 @@
+//! The numbers by which sessions, interfaces and links are told apart.
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// A node's session, numbered by its Manager; never used twice in an epoch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct NodeId(pub u64);
+
+/// An interface, numbered by its node; grows within a session, never zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct InterfaceId(pub u64);
+
+/// A link, numbered by the Manager that made it; never used twice.
+//= SM2-LNK-002
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct LinkId {
+    /// The Manager that made the link.
+    pub epoch: u64,
+    /// The Manager's count of its links.
+    pub serial: u64,
+}
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "node {}", self.0)
+    }
+}
+
+impl fmt::Display for InterfaceId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "interface {}", self.0)
+    }
+}
+
+impl fmt::Display for LinkId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "link {:x}.{}", self.epoch, self.serial)
+    }
+}

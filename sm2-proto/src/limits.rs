@@ -1,0 +1,37 @@
+//! Every cap of the protocol in one place (SPEC section 2).
+
+/// The longest datagram, in bytes.
+//= SM2-TRN-004
+pub const DATAGRAM_MAX: usize = 65_536;
+/// The longest name, in bytes.
+pub const NAME_MAX: usize = 255;
+/// The longest inline payload, in bytes.
+pub const INLINE_MAX: usize = 61_440;
+/// The longest message, in bytes.
+pub const MESSAGE_MAX: u64 = 1 << 40;
+/// The largest `depth`, `latched` and `max_borrowed`.
+pub const QOS_MAX: u16 = 1_024;
+/// The most unreleased messages that a side may accept.
+pub const WINDOW_MAX: u32 = 2_048;
+/// The most calls of one link without a reply.
+pub const CALLS_MAX: usize = 1_024;
+/// The most segments attached at a time, per link and direction.
+pub const SEGMENTS_MAX: usize = 256;
+/// The largest segment or sealed file, in bytes.
+pub const SEGMENT_BYTES_MAX: u64 = 1 << 41;
+/// The most slots in one segment.
+pub const SLOTS_MAX: u32 = 65_536;
+/// What a segment's stride is a multiple of, in bytes.
+pub const STRIDE_UNIT: u64 = 4_096;
+/// The most sequence numbers in one RELEASE.
+pub const RELEASE_MAX: usize = 512;
+/// The length of the header of DATA, REQUEST and REPLY, in bytes.
+pub const MESSAGE_HEAD: usize = 48;
+/// How many bytes of items the Manager puts into one PAGE before it ends it.
+pub const PAGE_BYTES: usize = 32_768;
+
+const _: () = assert!(MESSAGE_HEAD + INLINE_MAX <= DATAGRAM_MAX);
+const _: () = assert!(8 + 8 * RELEASE_MAX <= DATAGRAM_MAX);
+const _: () = assert!(QOS_MAX as u32 * 2 <= WINDOW_MAX);
+const _: () = assert!(MESSAGE_MAX <= SEGMENT_BYTES_MAX);
+const _: () = assert!(PAGE_BYTES + 8 * (NAME_MAX + 16) < DATAGRAM_MAX);

@@ -1,0 +1,105 @@
+//! The one name grammar (SPEC section 2): nothing to normalise, nothing to bypass.
+
+use alloc::{borrow::ToOwned, string::String};
+use core::{fmt, str::FromStr};
+
+use serde::{Deserialize, Deserializer, Serialize, de};
+
+use crate::limits::NAME_MAX;
+
+/// The name of a node, topic, service or type: 1 to 255 bytes, segments of
+/// `A-Z a-z 0-9 _ -` joined by single `/`.
+//= SM2-NAM-001
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+pub struct Name(String);
+
+/// Why a text is not a [`Name`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// The text is empty.
+    #[error("a name cannot be empty")]
+    Empty,
+    /// The text is longer than 255 bytes.
+    #[error("a name is at most {NAME_MAX} bytes, this one has {0}")]
+    TooLong(usize),
+    /// A segment between slashes is empty.
+    #[error("a name has no empty segment: `/` stands between two segments only (byte {0})")]
+    EmptySegment(usize),
+    /// A byte that no name has.
+    #[error("a name holds only A-Z a-z 0-9 _ - and /, not what stands at byte {0}")]
+    BadByte(usize),
+}
+
+impl Name {
+    /// Checks `text` against the grammar, as it stands.
+    pub fn new(text: &str) -> Result<Self, NameError> {
+        check(text.as_bytes())?;
+        Ok(Self(text.to_owned()))
+    }
+
+    /// As [`Name::new`], for what a person typed: one leading `/` is dropped.
+    pub fn typed(text: &str) -> Result<Self, NameError> {
+        Self::new(text.strip_prefix('/').unwrap_or(text))
+    }
+
+    /// The name's text.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+fn check(bytes: &[u8]) -> Result<(), NameError> {
+    if bytes.is_empty() {
+        return Err(NameError::Empty);
+    }
+    if bytes.len() > NAME_MAX {
+        return Err(NameError::TooLong(bytes.len()));
+    }
+    let mut before = b'/';
+    for (at, &byte) in bytes.iter().enumerate() {
+        match byte {
+            b'/' if before == b'/' => return Err(NameError::EmptySegment(at)),
+            b'/' | b'_' | b'-' => {}
+            _ if byte.is_ascii_alphanumeric() => {}
+            _ => return Err(NameError::BadByte(at)),
+        }
+        before = byte;
+    }
+    if before == b'/' {
+        return Err(NameError::EmptySegment(bytes.len() - 1));
+    }
+    Ok(())
+}
+
+impl fmt::Display for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl FromStr for Name {
+    type Err = NameError;
+
+    fn from_str(text: &str) -> Result<Self, NameError> {
+        Self::new(text)
+    }
+}
+
+impl<'de> Deserialize<'de> for Name {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Visitor;
+        impl de::Visitor<'_> for Visitor {
+            type Value = Name;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a name")
+            }
+
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<Name, E> {
+                Name::new(text).map_err(E::custom)
+            }
+        }
+        deserializer.deserialize_str(Visitor)
+    }
+}

@@ -1,0 +1,67 @@
+//! Why a legal request was not granted. The session goes on.
+
+use serde::{Deserialize, Serialize};
+
+use crate::TypeId;
+
+/// The Manager's reason for not granting HELLO or DECLARE.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
+pub enum Refusal {
+    /// Another node of the domain has this name.
+    #[error("another node of this domain has that name: choose another one or stop that node")]
+    NameTaken,
+    /// The Manager speaks none of the versions named.
+    #[error("the Manager speaks protocol versions {min} to {max} only: update the older side")]
+    Version {
+        /// The oldest that it speaks.
+        min: u16,
+        /// The newest that it speaks.
+        max: u16,
+    },
+    /// The topic carries another type.
+    #[error("the topic carries messages of type {theirs}")]
+    TopicType {
+        /// The type in use.
+        theirs: TypeId,
+    },
+    /// The service has other types.
+    #[error("the service takes {request} and replies {reply}")]
+    ServiceType {
+        /// The type of requests in use.
+        request: TypeId,
+        /// The type of replies in use.
+        reply: TypeId,
+    },
+    /// A quota is used up.
+    #[error("the quota of {limit} {quota} is used up: close some, or have the operator raise it")]
+    Quota {
+        /// Which quota.
+        quota: Quota,
+        /// How many it allows.
+        limit: u32,
+    },
+}
+
+/// What is counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Quota {
+    /// Ready sessions of one user.
+    SessionsPerUser,
+    /// Interfaces of one session.
+    InterfacesPerSession,
+    /// Interfaces of all sessions of one user.
+    InterfacesPerUser,
+    /// Links of one session.
+    LinksPerSession,
+}
+
+impl core::fmt::Display for Quota {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::SessionsPerUser => "sessions per user",
+            Self::InterfacesPerSession => "interfaces per session",
+            Self::InterfacesPerUser => "interfaces per user",
+            Self::LinksPerSession => "links per session",
+        })
+    }
+}
