@@ -11,7 +11,10 @@ mod datagram;
 mod fd;
 mod ids;
 pub mod limits;
+pub mod manager;
+mod matching;
 mod name;
+pub mod node;
 mod refusal;
 mod time;
 
@@ -20,6 +23,7 @@ pub use contract::{Contract, Demand, Kind, Offer, QosError, ServiceQos, TypeId};
 pub use datagram::Datagram;
 pub use fd::{FdFacts, Seals};
 pub use ids::{InterfaceId, LinkId, NodeId};
+pub use matching::{Mismatch, Terms, match_contracts};
 pub use name::{Name, NameError};
 pub use refusal::{Quota, Refusal};
 pub use time::Instant;

@@ -32,7 +32,9 @@ pub enum ToManager {
     },
     /// The node's end of a link is gone.
     Unlinked {
-        /// Which.
+        /// Of which interface.
+        interface: InterfaceId,
+        /// Which link.
         link: LinkId,
         /// Why.
         code: Code,
@@ -97,7 +99,9 @@ pub enum ToNode {
     },
     /// A link is over.
     Unlink {
-        /// Which.
+        /// Of which interface.
+        interface: InterfaceId,
+        /// Which link.
         link: LinkId,
         /// Why.
         code: Code,

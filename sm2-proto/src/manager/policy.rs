@@ -1,0 +1,158 @@
+//! What the operator allows: quotas per user and per session, and when to seal.
+
+use alloc::collections::BTreeMap;
+use core::time::Duration;
+
+use super::session::Session;
+use crate::{Quota, Refusal};
+
+/// The Manager's own limits (SPEC section 2) and its policy on integrity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Policy {
+    /// How long a connection may take until its HELLO is granted.
+    pub greeting: Duration,
+    /// Connections of one user that are not ready.
+    pub greetings_per_user: usize,
+    /// Ready sessions of one user.
+    pub sessions_per_user: usize,
+    /// Interfaces of one session.
+    pub interfaces_per_session: usize,
+    /// Interfaces of all sessions of one user.
+    pub interfaces_per_user: usize,
+    /// Ends of links of one session.
+    pub links_per_session: usize,
+    /// Whether every link of the domain is sealed.
+    pub seal_all: bool,
+    /// Whether links between different users may be unsealed.
+    pub waive_user_boundary: bool,
+}
+
+impl Default for Policy {
+    fn default() -> Self {
+        Self {
+            greeting: Duration::from_secs(2),
+            greetings_per_user: 256,
+            sessions_per_user: 1_024,
+            interfaces_per_session: 1_024,
+            interfaces_per_user: 16_384,
+            links_per_session: 8_192,
+            seal_all: false,
+            waive_user_boundary: false,
+        }
+    }
+}
+
+impl Policy {
+    /// Whether a link is sealed whatever its two sides want.
+    //= SM2-MAT-003
+    pub(super) const fn seals(&self, same_user: bool) -> bool {
+        self.seal_all || (!same_user && !self.waive_user_boundary)
+    }
+}
+
+/// What one user has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+struct Usage {
+    greeting: usize,
+    ready: usize,
+    interfaces: usize,
+}
+
+/// What each user has. A user with nothing has no entry.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Users(BTreeMap<u32, Usage>);
+
+impl Users {
+    pub(super) const fn new() -> Self {
+        Self(BTreeMap::new())
+    }
+
+    /// A connection came. Whether the user may have it; it counts until it
+    /// leaves in any case.
+    pub(super) fn connect(&mut self, uid: u32, policy: &Policy) -> bool {
+        let usage = self.0.entry(uid).or_default();
+        usage.greeting += 1;
+        usage.greeting <= policy.greetings_per_user
+    }
+
+    pub(super) fn greet(&mut self, uid: u32) {
+        let usage = self.0.entry(uid).or_default();
+        usage.greeting = usage.greeting.saturating_sub(1);
+        usage.ready += 1;
+    }
+
+    pub(super) fn leave(&mut self, uid: u32, ready: bool) {
+        let usage = self.0.entry(uid).or_default();
+        let count = if ready {
+            &mut usage.ready
+        } else {
+            &mut usage.greeting
+        };
+        *count = count.saturating_sub(1);
+        self.drop_if_empty(uid);
+    }
+
+    pub(super) fn declare(&mut self, uid: u32) {
+        self.0.entry(uid).or_default().interfaces += 1;
+    }
+
+    pub(super) fn withdraw(&mut self, uid: u32, interfaces: usize) {
+        let usage = self.0.entry(uid).or_default();
+        usage.interfaces = usage.interfaces.saturating_sub(interfaces);
+        self.drop_if_empty(uid);
+    }
+
+    fn drop_if_empty(&mut self, uid: u32) {
+        if self.0.get(&uid) == Some(&Usage::default()) {
+            self.0.remove(&uid);
+        }
+    }
+
+    pub(super) fn refuse_session(&self, uid: u32, policy: &Policy) -> Option<Refusal> {
+        let ready = self.0.get(&uid).map_or(0, |usage| usage.ready);
+        exceeded(ready, policy.sessions_per_user, Quota::SessionsPerUser).err()
+    }
+
+    pub(super) fn refuse_interface(&self, uid: u32, policy: &Policy) -> Result<(), Refusal> {
+        let interfaces = self.0.get(&uid).map_or(0, |usage| usage.interfaces);
+        exceeded(
+            interfaces,
+            policy.interfaces_per_user,
+            Quota::InterfacesPerUser,
+        )
+    }
+
+    /// Every charge is what a recount says.
+    pub(super) fn check<'a>(
+        &self,
+        sessions: impl Iterator<Item = &'a Session>,
+    ) -> Result<(), &'static str> {
+        let mut recount: BTreeMap<u32, Usage> = BTreeMap::new();
+        for session in sessions {
+            let usage = recount.entry(session.credentials().uid).or_default();
+            *(if session.is_ready() {
+                &mut usage.ready
+            } else {
+                &mut usage.greeting
+            }) += 1;
+            usage.interfaces += session.interfaces();
+        }
+        if recount == self.0 {
+            Ok(())
+        } else {
+            Err("charges per user equal a recount")
+        }
+    }
+}
+
+/// One more is refused when `used` has reached `limit`.
+//= SM2-IFC-006
+pub(super) fn exceeded(used: usize, limit: usize, quota: Quota) -> Result<(), Refusal> {
+    if used < limit {
+        return Ok(());
+    }
+    Err(Refusal::Quota {
+        quota,
+        limit: u32::try_from(limit).unwrap_or(u32::MAX),
+    })
+}

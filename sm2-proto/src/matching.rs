@@ -1,0 +1,85 @@
+//! Whether two interfaces match, and on what terms (SPEC section 4.4).
+
+use crate::{Contract, TypeId};
+
+/// What a link between two matching interfaces is like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Terms {
+    /// Whether nothing on it may be displaced.
+    pub reliable: bool,
+    /// Whether every message on it is inline or sealed.
+    pub sealed: bool,
+}
+
+/// Why two interfaces do not match. The first that applies, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Mismatch {
+    /// Their kinds are not counterparts.
+    Kind,
+    /// Their names differ.
+    Name,
+    /// Their types differ.
+    Type,
+    /// The subscriber demands what the publisher does not offer.
+    Reliability,
+}
+
+/// Whether the two match, and the terms that the two sides alone ask for.
+//= SM2-MAT-001, SM2-MAT-003
+pub fn match_contracts(one: &Contract, other: &Contract) -> Result<Terms, Mismatch> {
+    if one.kind().counterpart() != other.kind() {
+        return Err(Mismatch::Kind);
+    }
+    if one.name() != other.name() {
+        return Err(Mismatch::Name);
+    }
+    if let (Some(ours), Some(theirs)) = (one.types(), other.types())
+        && ours != theirs
+    {
+        return Err(Mismatch::Type);
+    }
+    let reliable = match (one, other) {
+        (Contract::Publisher { offer, .. }, Contract::Subscriber { demand, .. })
+        | (Contract::Subscriber { demand, .. }, Contract::Publisher { offer, .. }) => {
+            reliability(offer.reliable, demand.reliable).ok_or(Mismatch::Reliability)?
+        }
+        _ => true,
+    };
+    Ok(Terms {
+        reliable,
+        sealed: one.sealed() || other.sealed(),
+    })
+}
+
+/// The reliability of a link; none where the demand exceeds the offer.
+const fn reliability(offered: bool, demanded: bool) -> Option<bool> {
+    match (offered, demanded) {
+        (false, true) => None,
+        (_, demanded) => Some(demanded),
+    }
+}
+
+/// The types that an interface states: one for a topic, two for a service.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Types<'a> {
+    Topic(&'a TypeId),
+    Service(&'a TypeId, &'a TypeId),
+}
+
+impl Contract {
+    /// The types that this interface states; none where it takes any.
+    pub(crate) const fn types(&self) -> Option<Types<'_>> {
+        match self {
+            Self::Publisher { data, .. }
+            | Self::Subscriber {
+                data: Some(data), ..
+            } => Some(Types::Topic(data)),
+            Self::Server { request, reply, .. }
+            | Self::Client {
+                types: Some((request, reply)),
+                ..
+            } => Some(Types::Service(request, reply)),
+            Self::Subscriber { data: None, .. } | Self::Client { types: None, .. } => None,
+        }
+    }
+}
