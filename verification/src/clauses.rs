@@ -1,0 +1,278 @@
+//! Every MUST of SPEC.md is implemented by code that cites it and watched by
+//! a check that cites it.
+//!
+//! [`check`] reads SPEC.md and every source file below a workspace and
+//! returns a [`Report`]: who cites which clause, and each [`Gap`]. What a
+//! citation says is taken on trust; that it exists, is spelled right and
+//! names a clause in force is not.
+//!
+//! A clause of SPEC.md is one line: its id in bold, its level in brackets,
+//! its text. An id that was withdrawn stays as a struck-out id with the level
+//! `RETIRED`. Code cites by a comment line of its own, `=` right after the
+//! comment marker, then ids separated by commas, then for a check its kind
+//! ([`CheckKind`]). Golden vectors cite by their field `clause`.
+
+mod citation;
+mod id;
+mod spec;
+mod walk;
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use self::citation::Citation;
+pub use self::citation::{CheckKind, Role};
+pub use self::id::ClauseId;
+pub use self::spec::Level;
+use self::spec::Spec;
+
+/// Name of the normative text, directly below the workspace root.
+const SPEC_FILE: &str = "SPEC.md";
+
+/// Reads SPEC.md and all sources below `root` and compares them.
+///
+/// # Errors
+/// SPEC.md is missing, or a file or folder cannot be read. Gaps are no error:
+/// they are in the report.
+pub fn check(root: &Path) -> Result<Report, CheckError> {
+    let spec_path = root.join(SPEC_FILE);
+    if !spec_path.is_file() {
+        return Err(CheckError::NoSpec(spec_path));
+    }
+    let (spec, mut gaps) = spec::parse(&read(&spec_path)?, Path::new(SPEC_FILE));
+    let mut report = Report::of(spec);
+    for source in walk::sources(root)? {
+        let shown = source.path.strip_prefix(root).unwrap_or(&source.path);
+        let (citations, unreadable) = citation::scan(&read(&source.path)?, source.syntax, shown);
+        gaps.extend(unreadable);
+        gaps.extend(citations.into_iter().filter_map(|it| report.add(it)));
+    }
+    gaps.extend(report.uncited());
+    gaps.sort_by(|a, b| a.place.cmp(&b.place));
+    report.gaps = gaps;
+    Ok(report)
+}
+
+fn read(path: &Path) -> Result<String, CheckError> {
+    let bytes = fs::read(path).map_err(|source| CheckError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// What [`check`] found.
+#[derive(Debug)]
+pub struct Report {
+    clauses: BTreeMap<ClauseId, Traced>,
+    gaps: Vec<Gap>,
+}
+
+impl Report {
+    fn of(spec: Spec) -> Self {
+        let trace = |(id, clause): (ClauseId, spec::Clause)| {
+            let traced = Traced {
+                level: clause.level,
+                place: clause.place,
+                code: Vec::new(),
+                checks: Vec::new(),
+            };
+            (id, traced)
+        };
+        Self {
+            clauses: spec.clauses.into_iter().map(trace).collect(),
+            gaps: Vec::new(),
+        }
+    }
+
+    /// Files the citation under its clause, or says why it is none.
+    fn add(&mut self, citation: Citation) -> Option<Gap> {
+        let Citation { id, role, place } = citation;
+        let Some(traced) = self.clauses.get_mut(&id) else {
+            return Some(Gap::new(place, GapKind::UnknownId { id }));
+        };
+        match (traced.level, role) {
+            (Level::Draft, _) => return Some(Gap::new(place, GapKind::CitesDraft { id })),
+            (Level::Retired, _) => return Some(Gap::new(place, GapKind::CitesRetired { id })),
+            (Level::Must | Level::Should | Level::May, Role::Code) => traced.code.push(place),
+            (Level::Must | Level::Should | Level::May, Role::Check(kind)) => {
+                traced.checks.push((kind, place));
+            }
+        }
+        None
+    }
+
+    /// The MUST clauses that no code or no check cites.
+    fn uncited(&self) -> Vec<Gap> {
+        let mut gaps = Vec::new();
+        for (&id, traced) in &self.clauses {
+            if traced.level != Level::Must {
+                continue;
+            }
+            if traced.code.is_empty() {
+                gaps.push(Gap::new(traced.place.clone(), GapKind::NoCode { id }));
+            }
+            if traced.checks.is_empty() {
+                gaps.push(Gap::new(traced.place.clone(), GapKind::NoCheck { id }));
+            }
+        }
+        gaps
+    }
+
+    /// Every clause of SPEC.md with the places that cite it, by id.
+    #[must_use]
+    pub const fn clauses(&self) -> &BTreeMap<ClauseId, Traced> {
+        &self.clauses
+    }
+
+    /// What is wrong, by place. Empty means that the check passes.
+    #[must_use]
+    pub fn gaps(&self) -> &[Gap] {
+        &self.gaps
+    }
+
+    /// The counts in one line.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let levels: Vec<String> = Level::ALL
+            .iter()
+            .map(|&level| {
+                let count = self.clauses.values().filter(|it| it.level == level).count();
+                format!("{count} {level}")
+            })
+            .collect();
+        let code: usize = self.clauses.values().map(|it| it.code.len()).sum();
+        let checks: usize = self.clauses.values().map(|it| it.checks.len()).sum();
+        format!(
+            "clauses: {}; {code} code links, {checks} check links; {} gaps",
+            levels.join(", "),
+            self.gaps.len()
+        )
+    }
+}
+
+/// One clause and who cites it.
+#[derive(Debug)]
+pub struct Traced {
+    /// How binding the clause is.
+    pub level: Level,
+    /// Its line in SPEC.md.
+    pub place: Place,
+    /// The code that says it implements the clause.
+    pub code: Vec<Place>,
+    /// The checks that say they watch it.
+    pub checks: Vec<(CheckKind, Place)>,
+}
+
+/// A line of a file, the file relative to the workspace root.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    /// The file.
+    pub file: PathBuf,
+    /// The line, counted from 1.
+    pub line: usize,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}", self.file.display(), self.line)
+    }
+}
+
+/// One thing that is wrong, and where.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{place}: {kind}")]
+pub struct Gap {
+    /// The line to look at.
+    pub place: Place,
+    /// What is wrong there.
+    pub kind: GapKind,
+}
+
+impl Gap {
+    const fn new(place: Place, kind: GapKind) -> Self {
+        Self { place, kind }
+    }
+}
+
+/// The ways in which SPEC.md and its citations can disagree.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GapKind {
+    /// A line of SPEC.md looks like a clause and is none.
+    #[error(
+        "malformed clause line; expected `**SM2-XXX-000** [MUST|SHOULD|MAY|DRAFT] text` or `~~SM2-XXX-000~~ [RETIRED]` at the start of the line"
+    )]
+    MalformedClause,
+    /// An id names two clauses, or a clause and a retired one.
+    #[error("{id} is used twice, first at {first}; ids are never used again")]
+    DuplicateId {
+        /// The id.
+        id: ClauseId,
+        /// Where it was used before.
+        first: Place,
+    },
+    /// SPEC.md refers to a clause that it does not have.
+    #[error("the text refers to {id}, which is no clause")]
+    DanglingReference {
+        /// The id that is not there.
+        id: ClauseId,
+    },
+    /// A citation that cannot be read.
+    #[error(
+        "unreadable citation `{text}`; expected ids separated by commas, then optionally one of {}",
+        CheckKind::NAMES
+    )]
+    UnreadableCitation {
+        /// The line as it stands.
+        text: String,
+    },
+    /// A citation of an id that SPEC.md does not have.
+    #[error("unknown clause {id}")]
+    UnknownId {
+        /// The id.
+        id: ClauseId,
+    },
+    /// A citation of a clause that is not yet in force.
+    #[error("{id} is a DRAFT: cite it once it is in force")]
+    CitesDraft {
+        /// The id.
+        id: ClauseId,
+    },
+    /// A citation of a clause that was withdrawn.
+    #[error("{id} is RETIRED: nothing may cite it")]
+    CitesRetired {
+        /// The id.
+        id: ClauseId,
+    },
+    /// A MUST that no code cites.
+    #[error("{id}: no code cites this MUST")]
+    NoCode {
+        /// The id.
+        id: ClauseId,
+    },
+    /// A MUST that no check cites.
+    #[error("{id}: no check cites this MUST")]
+    NoCheck {
+        /// The id.
+        id: ClauseId,
+    },
+}
+
+/// Why the check could not be made at all.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckError {
+    /// There is nothing to check against.
+    #[error("{} is missing; name the workspace root as the argument", .0.display())]
+    NoSpec(PathBuf),
+    /// A file or folder cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// What was read.
+        path: PathBuf,
+        /// The system's answer.
+        source: io::Error,
+    },
+}

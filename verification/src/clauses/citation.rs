@@ -1,0 +1,178 @@
+//! Citations: the lines of code and the fields of vectors that name clauses.
+
+use std::fmt;
+use std::path::Path;
+
+use super::walk::Syntax;
+use super::{ClauseId, Gap, GapKind, Place};
+
+/// What a citing line claims.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Role {
+    /// The code below implements the clause.
+    Code,
+    /// The code below notices when the clause is broken.
+    Check(CheckKind),
+}
+
+/// How a check watches a clause.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum CheckKind {
+    /// A unit, table or property test.
+    Test,
+    /// An explored state space.
+    Model,
+    /// A Kani proof.
+    Kani,
+    /// A loom model of atomics.
+    Loom,
+    /// A fuzz target.
+    Fuzz,
+    /// A golden vector.
+    Vector,
+    /// A test with real processes.
+    Sys,
+}
+
+impl CheckKind {
+    /// Every kind.
+    pub const ALL: [Self; 7] = [
+        Self::Test,
+        Self::Model,
+        Self::Kani,
+        Self::Loom,
+        Self::Fuzz,
+        Self::Vector,
+        Self::Sys,
+    ];
+
+    /// The words of all kinds, for messages.
+    pub(super) const NAMES: &str = "test, model, kani, loom, fuzz, vector, sys";
+
+    /// The word that ends a citation.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Test => "test",
+            Self::Model => "model",
+            Self::Kani => "kani",
+            Self::Loom => "loom",
+            Self::Fuzz => "fuzz",
+            Self::Vector => "vector",
+            Self::Sys => "sys",
+        }
+    }
+}
+
+impl fmt::Display for CheckKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.word())
+    }
+}
+
+/// One clause, named at one place.
+pub(super) struct Citation {
+    pub(super) id: ClauseId,
+    pub(super) role: Role,
+    pub(super) place: Place,
+}
+
+/// Finds the citations in `text`, and the lines that tried to be one.
+pub(super) fn scan(text: &str, syntax: Syntax, file: &Path) -> (Vec<Citation>, Vec<Gap>) {
+    let mut citations = Vec::new();
+    let mut gaps = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let found = match syntax {
+            Syntax::Comments(marker) => read_comment(line, marker),
+            Syntax::Vectors => read_fields(line),
+        };
+        let place = Place {
+            file: file.to_owned(),
+            line: index + 1,
+        };
+        match found {
+            Found::Nothing => {}
+            Found::Unreadable => {
+                let text = line.trim().to_owned();
+                gaps.push(Gap::new(place, GapKind::UnreadableCitation { text }));
+            }
+            Found::Ids(ids, role) => citations.extend(ids.into_iter().map(|id| Citation {
+                id,
+                role,
+                place: place.clone(),
+            })),
+        }
+    }
+    (citations, gaps)
+}
+
+enum Found {
+    Nothing,
+    Ids(Vec<ClauseId>, Role),
+    Unreadable,
+}
+
+/// A line that is the marker, ids and perhaps a kind, and nothing else.
+///
+/// What starts with the marker is meant as a citation, unless it goes on with
+/// another `=`: that is a ruler.
+fn read_comment(line: &str, marker: &str) -> Found {
+    match line.trim().strip_prefix(marker) {
+        Some(rest) if !rest.starts_with('=') => {
+            read_ids(rest).map_or(Found::Unreadable, |(ids, role)| Found::Ids(ids, role))
+        }
+        _ => Found::Nothing,
+    }
+}
+
+fn read_ids(text: &str) -> Option<(Vec<ClauseId>, Role)> {
+    let mut ids = Vec::new();
+    let mut rest = text;
+    loop {
+        let (id, after) = ClauseId::parse_prefix(rest.trim_start())?;
+        ids.push(id);
+        match after.trim_start().strip_prefix(',') {
+            Some(more) => rest = more,
+            None => return Some((ids, read_role(after)?)),
+        }
+    }
+}
+
+fn read_role(after_ids: &str) -> Option<Role> {
+    if after_ids.is_empty() {
+        return Some(Role::Code);
+    }
+    let word = after_ids.strip_prefix(char::is_whitespace)?.trim();
+    let kind = CheckKind::ALL
+        .into_iter()
+        .find(|kind| kind.word() == word)?;
+    Some(Role::Check(kind))
+}
+
+/// The fields `"clause": "SM2-XXX-000"` of one line of JSON. `null` says that
+/// the vector watches no clause in particular.
+///
+/// A quote before the name may not be escaped: then it is text, not a field.
+fn read_fields(line: &str) -> Found {
+    const FIELD: &str = "\"clause\"";
+    let mut ids = Vec::new();
+    for (at, _) in line.match_indices(FIELD) {
+        if line[..at].ends_with('\\') {
+            continue;
+        }
+        let value = line[at + FIELD.len()..].trim_start().strip_prefix(':');
+        let value = value.map_or("", str::trim_start);
+        if value.starts_with("null") {
+            continue;
+        }
+        let id = value.strip_prefix('"').and_then(ClauseId::parse_prefix);
+        match id {
+            Some((id, rest)) if rest.starts_with('"') => ids.push(id),
+            _ => return Found::Unreadable,
+        }
+    }
+    if ids.is_empty() {
+        return Found::Nothing;
+    }
+    Found::Ids(ids, Role::Check(CheckKind::Vector))
+}
