@@ -1,0 +1,18 @@
+//! The Manager as a program of its own. `sm2 manager` is the same code.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use sm2_manager::program::{Arguments, main as serve};
+
+/// The broker of an SM2 domain
+#[derive(Parser)]
+#[command(version)]
+struct Command {
+    #[command(flatten)]
+    arguments: Arguments,
+}
+
+fn main() -> ExitCode {
+    serve(&Command::parse().arguments)
+}
