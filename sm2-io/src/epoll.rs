@@ -1,0 +1,296 @@
+//! Waiting for many descriptors.
+
+use std::io;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+use std::time::Duration;
+
+use nix::errno::Errno;
+use nix::libc;
+use nix::poll::{PollFd, PollFlags, ppoll};
+use nix::sys::epoll::{self, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
+use nix::sys::time::TimeSpec;
+
+/// Longer waits are cut to this (34 years), which the kernel can represent.
+const LONGEST: Duration = Duration::from_secs(1 << 30);
+
+/// What to wait for. A hang-up or an error is always reported.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Interest {
+    /// Something can be read, or the peer has closed.
+    pub readable: bool,
+    /// Something can be written.
+    pub writable: bool,
+    /// Report a change once (`EPOLLET`), not for as long as it lasts.
+    pub edge: bool,
+}
+
+impl Interest {
+    /// Only hang-ups and errors.
+    pub const NONE: Self = Self {
+        readable: false,
+        writable: false,
+        edge: false,
+    };
+    /// Readable, level-triggered.
+    pub const READABLE: Self = Self {
+        readable: true,
+        ..Self::NONE
+    };
+    /// Writable, level-triggered.
+    pub const WRITABLE: Self = Self {
+        writable: true,
+        ..Self::NONE
+    };
+    /// Readable or writable, level-triggered.
+    pub const BOTH: Self = Self {
+        readable: true,
+        writable: true,
+        edge: false,
+    };
+
+    /// The same, edge-triggered.
+    #[must_use]
+    pub const fn edge(self) -> Self {
+        Self { edge: true, ..self }
+    }
+
+    fn flags(self) -> EpollFlags {
+        let mut flags = EpollFlags::empty();
+        flags.set(EpollFlags::EPOLLIN | EpollFlags::EPOLLRDHUP, self.readable);
+        flags.set(EpollFlags::EPOLLOUT, self.writable);
+        flags.set(EpollFlags::EPOLLET, self.edge);
+        flags
+    }
+}
+
+/// A set of descriptors to wait for. Its own descriptor is readable while an
+/// event is pending, so one set can be watched by another.
+///
+/// A descriptor leaves the set when it is [removed](Self::remove), or when
+/// its last duplicate in any process is closed: remove those that were shared.
+#[derive(Debug)]
+pub struct Epoll {
+    epoll: epoll::Epoll,
+}
+
+impl Epoll {
+    /// An empty set.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `epoll_create1(2)` says: too many descriptors, no memory.
+    pub fn new() -> io::Result<Self> {
+        let epoll = epoll::Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
+        Ok(Self { epoll })
+    }
+
+    /// Watches `fd`; its events carry `token`.
+    ///
+    /// # Errors
+    ///
+    /// `AlreadyExists` if it is watched already, `PermissionDenied` if it is of a
+    /// kind that cannot be waited for (a regular file), out of memory.
+    pub fn add(&self, fd: impl AsFd, token: u64, interest: Interest) -> io::Result<()> {
+        let event = EpollEvent::new(interest.flags(), token);
+        Ok(self.epoll.add(fd, event)?)
+    }
+
+    /// Changes the token and the interest of `fd`.
+    ///
+    /// # Errors
+    ///
+    /// `NotFound` if it is not watched.
+    pub fn modify(&self, fd: impl AsFd, token: u64, interest: Interest) -> io::Result<()> {
+        let mut event = EpollEvent::new(interest.flags(), token);
+        Ok(self.epoll.modify(fd, &mut event)?)
+    }
+
+    /// Watches `fd` no longer.
+    ///
+    /// # Errors
+    ///
+    /// `NotFound` if it is not watched.
+    pub fn remove(&self, fd: impl AsFd) -> io::Result<()> {
+        Ok(self.epoll.delete(fd)?)
+    }
+
+    /// Waits until something happens or `timeout` is over (`None`: no limit),
+    /// and replaces the content of `events`. Never returns before the time
+    /// is over without an event, except that a signal ends the wait
+    /// with zero events, so that the caller can look what it was.
+    ///
+    /// # Errors
+    ///
+    /// None are expected with a set and a buffer that exist.
+    pub fn wait(&self, events: &mut Events, timeout: Option<Duration>) -> io::Result<()> {
+        events.filled = 0;
+        let result = match self.wait_exactly(events, timeout) {
+            // Before Linux 5.11, or filtered out by a sandbox that does not know it.
+            Err(Errno::ENOSYS | Errno::EPERM) => {
+                self.epoll.wait(&mut events.buffer, whole_millis(timeout))
+            }
+            result => result,
+        };
+        match result {
+            Ok(count) => events.filled = count,
+            Err(Errno::EINTR) => {}
+            Err(errno) => return Err(errno.into()),
+        }
+        Ok(())
+    }
+
+    /// `epoll_pwait2(2)`, whose timeout counts nanoseconds.
+    fn wait_exactly(&self, events: &mut Events, timeout: Option<Duration>) -> nix::Result<usize> {
+        let timeout = timeout.map(|timeout| KernelTimespec::from(timeout.min(LONGEST)));
+        let timeout = timeout
+            .as_ref()
+            .map_or(std::ptr::null(), std::ptr::from_ref);
+        let room = libc::c_int::try_from(events.buffer.len()).unwrap_or(libc::c_int::MAX);
+        // SAFETY: the buffer has `room` elements that have the layout of `epoll_event`
+        // (`EpollEvent` is transparent) and is borrowed exclusively; `timeout` is null or
+        // points to a live value in the kernel's layout; a null signal mask is left alone.
+        let count = unsafe {
+            libc::syscall(
+                libc::SYS_epoll_pwait2,
+                self.epoll.0.as_raw_fd(),
+                events.buffer.as_mut_ptr(),
+                room,
+                timeout,
+                std::ptr::null::<libc::sigset_t>(),
+                0_usize,
+            )
+        };
+        Errno::result(count).map(|count| usize::try_from(count).unwrap_or(0))
+    }
+}
+
+impl AsFd for Epoll {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.epoll.0.as_fd()
+    }
+}
+
+/// `struct __kernel_timespec`: 64 bits each, also where libc's is narrower.
+#[repr(C)]
+struct KernelTimespec {
+    seconds: i64,
+    nanoseconds: i64,
+}
+
+impl From<Duration> for KernelTimespec {
+    fn from(duration: Duration) -> Self {
+        Self {
+            seconds: i64::try_from(duration.as_secs()).unwrap_or(i64::MAX),
+            nanoseconds: i64::from(duration.subsec_nanos()),
+        }
+    }
+}
+
+/// Rounded up, since waking early would only make the caller wait again.
+fn whole_millis(timeout: Option<Duration>) -> EpollTimeout {
+    let Some(timeout) = timeout else {
+        return EpollTimeout::NONE;
+    };
+    let millis = timeout.as_nanos().div_ceil(1_000_000);
+    EpollTimeout::try_from(millis).unwrap_or(EpollTimeout::MAX)
+}
+
+/// Room for the events of one [wait](Epoll::wait). What does not fit is
+/// reported by the next one.
+#[derive(Debug)]
+pub struct Events {
+    buffer: Vec<EpollEvent>,
+    filled: usize,
+}
+
+impl Events {
+    /// Room for `capacity` events, at least one.
+    #[must_use]
+    pub fn with_capacity(capacity: usize) -> Self {
+        Self {
+            buffer: vec![EpollEvent::empty(); capacity.max(1)],
+            filled: 0,
+        }
+    }
+
+    /// What the last wait found.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = Event> + '_ {
+        self.buffer[..self.filled].iter().map(Event::from)
+    }
+
+    /// How many events the last wait found.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.filled
+    }
+
+    /// Whether the last wait found none.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.filled == 0
+    }
+}
+
+/// What happened to one descriptor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Event {
+    /// As given to [`Epoll::add`].
+    pub token: u64,
+    /// Reading does not block. Also set on a hang-up or an error, since
+    /// reading is how one learns about them.
+    pub readable: bool,
+    /// Writing does not block.
+    pub writable: bool,
+    /// The peer has closed, or will send no more, or there is an error. What it
+    /// sent before can still be read.
+    pub hangup: bool,
+}
+
+impl From<&EpollEvent> for Event {
+    fn from(event: &EpollEvent) -> Self {
+        let flags = event.events();
+        let hangup =
+            flags.intersects(EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR | EpollFlags::EPOLLRDHUP);
+        Self {
+            token: event.data(),
+            readable: hangup || flags.contains(EpollFlags::EPOLLIN),
+            writable: flags.contains(EpollFlags::EPOLLOUT),
+            hangup,
+        }
+    }
+}
+
+/// Waits until at least one of `fds` is readable or hung up, or `timeout`
+/// is over (`None`: no limit). For callers that must not hold a set, or a lock,
+/// while they wait. Allocates only for more than eight descriptors.
+///
+/// `false`: the time is over, or a signal came; look at the clock.
+///
+/// # Errors
+///
+/// Whatever `ppoll(2)` says: no memory, more descriptors than `RLIMIT_NOFILE`.
+pub fn wait_readable(fds: &[BorrowedFd<'_>], timeout: Option<Duration>) -> io::Result<bool> {
+    let timeout = timeout.map(|timeout| TimeSpec::from_duration(timeout.min(LONGEST)));
+    let result = match fds {
+        [] => ppoll(&mut [], timeout, None),
+        [first, ..] if fds.len() <= 8 => {
+            let mut few: [PollFd<'_>; 8] =
+                std::array::from_fn(|index| watch(*fds.get(index).unwrap_or(first)));
+            ppoll(&mut few[..fds.len()], timeout, None)
+        }
+        _ => ppoll(
+            &mut fds.iter().copied().map(watch).collect::<Vec<_>>(),
+            timeout,
+            None,
+        ),
+    };
+    match result {
+        Ok(count) => Ok(count > 0),
+        Err(Errno::EINTR) => Ok(false),
+        Err(errno) => Err(errno.into()),
+    }
+}
+
+fn watch(fd: BorrowedFd<'_>) -> PollFd<'_> {
+    PollFd::new(fd, PollFlags::POLLIN)
+}

@@ -1,0 +1,91 @@
+//! Where connections arrive.
+
+use std::io;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+use std::path::Path;
+
+use nix::errno::Errno;
+use nix::libc;
+use nix::sys::socket::{self, SockFlag, sockopt};
+
+use crate::socket::{SeqPacket, address, adopt, new_socket};
+
+/// A listening `AF_UNIX` `SOCK_SEQPACKET` socket, close-on-exec, non-blocking.
+#[derive(Debug)]
+pub struct Listener {
+    fd: OwnedFd,
+}
+
+impl Listener {
+    /// Binds `path`, which must not exist yet, and listens with room for
+    /// `backlog` connections that were not accepted yet (at most
+    /// `net.core.somaxconn`).
+    ///
+    /// The socket's file stays when the listener is dropped: see
+    /// [`Claim`](crate::Claim) for a path that is cleaned up.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `bind(2)` and `listen(2)` say, among them `AddrInUse`: the
+    /// path exists. `InvalidInput` for a path that is empty or too long.
+    pub fn bind(path: &Path, backlog: u32) -> io::Result<Self> {
+        let address = address(path)?;
+        let fd = new_socket()?;
+        socket::bind(fd.as_raw_fd(), &address)?;
+        let most = u32::try_from(libc::SOMAXCONN).unwrap_or(0);
+        let backlog = i32::try_from(backlog.min(most)).unwrap_or(libc::SOMAXCONN);
+        socket::listen(&fd, socket::Backlog::new(backlog)?)?;
+        Ok(Self { fd })
+    }
+
+    /// Takes over a listening socket, such as one from socket activation.
+    ///
+    /// # Errors
+    ///
+    /// `InvalidInput` if it is not a listening `AF_UNIX` `SOCK_SEQPACKET` socket;
+    /// it is closed then.
+    pub fn from_fd(fd: OwnedFd) -> io::Result<Self> {
+        let fd = adopt(fd)?;
+        if socket::getsockopt(&fd, sockopt::AcceptConn)? {
+            Ok(Self { fd })
+        } else {
+            Err(io::ErrorKind::InvalidInput.into())
+        }
+    }
+
+    /// The next connection; `None` if nobody is waiting.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `accept(2)` says. Too many open descriptors is one: the
+    /// connection stays in the backlog and the listener readable, so an
+    /// event loop should stop listening until it has closed something.
+    pub fn accept(&self) -> io::Result<Option<SeqPacket>> {
+        let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
+        loop {
+            match socket::accept4(self.fd.as_raw_fd(), flags) {
+                Ok(number) => {
+                    // SAFETY: `accept4` has just returned this number: a new, open descriptor
+                    // that nothing else owns.
+                    let fd = unsafe { OwnedFd::from_raw_fd(number) };
+                    return Ok(Some(SeqPacket::accepted(fd)));
+                }
+                Err(Errno::EAGAIN) => return Ok(None),
+                Err(Errno::EINTR | Errno::ECONNABORTED) => {}
+                Err(errno) => return Err(errno.into()),
+            }
+        }
+    }
+}
+
+impl AsFd for Listener {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.as_fd()
+    }
+}
+
+impl From<Listener> for OwnedFd {
+    fn from(listener: Listener) -> Self {
+        listener.fd
+    }
+}

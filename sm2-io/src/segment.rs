@@ -1,0 +1,142 @@
+//! A segment of equal slots that its author reuses.
+
+use std::fs::File;
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+
+use sm2_proto::Seals;
+
+use crate::mapping::MappingMut;
+use crate::memfd::{add_seals, create, huge_pages_allowed};
+
+/// A memfd of equal slots, which only this value can write.
+///
+/// Sealed `FUTURE_WRITE|SHRINK|GROW|SEAL`: whoever gets the descriptor can map it
+/// for reading only, and its size is fixed; the mapping made here, before the
+/// seals, stays writable. Slots are zero at first.
+///
+/// The segment knows nothing about who uses which slot. That is why access
+/// to slots is `unsafe`.
+#[derive(Debug)]
+pub struct Segment {
+    mapping: MappingMut,
+    file: File,
+    stride: usize,
+    slots: u32,
+}
+
+impl Segment {
+    /// A segment of `slots` slots, `stride_bytes` apart.
+    ///
+    /// From 2 MiB on the mapping starts at a multiple of 2 MiB and asks for huge pages
+    /// where [they are allowed](crate::memfd::huge_pages_allowed). A product of 0 makes an
+    /// empty segment.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `memfd_create(2)`, `ftruncate(2)` and `mmap(2)` say: too many
+    /// descriptors, no memory. `InvalidInput` for a size that does not fit the address space.
+    pub fn create(stride_bytes: u64, slots: u32) -> io::Result<Self> {
+        let stride = usize::try_from(stride_bytes).map_err(|_| io::ErrorKind::InvalidInput)?;
+        let len =
+            (stride_bytes.checked_mul(u64::from(slots))).ok_or(io::ErrorKind::InvalidInput)?;
+        let file = create(c"sm2-segment", len)?;
+        let mapping = MappingMut::new(file.as_fd(), len, huge_pages_allowed())?;
+        // After mapping: no writable mapping can be made from here on.
+        add_seals(&file, Seals::POOLED)?;
+        Ok(Self {
+            mapping,
+            file,
+            stride,
+            slots,
+        })
+    }
+
+    /// The descriptor to hand to receivers.
+    #[must_use]
+    pub fn fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
+
+    /// The distance from one slot to the next, in bytes; a slot's length.
+    #[must_use]
+    pub const fn stride_bytes(&self) -> usize {
+        self.stride
+    }
+
+    /// How many slots there are.
+    #[must_use]
+    pub const fn slots(&self) -> u32 {
+        self.slots
+    }
+
+    /// The length of all slots together, in bytes.
+    #[must_use]
+    pub const fn len_bytes(&self) -> usize {
+        self.mapping.len()
+    }
+
+    /// Where slot `index` starts. Valid for reads and writes of
+    /// [`stride_bytes`](Self::stride_bytes) bytes while the segment lives.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such slot.
+    #[must_use]
+    pub fn slot_ptr(&self, index: u32) -> *mut u8 {
+        assert!(
+            index < self.slots,
+            "slot {index} of a segment with {} slots",
+            self.slots
+        );
+        let offset = self.stride * index as usize;
+        // SAFETY: `offset` is at most (slots - 1) * stride, so inside the mapping of
+        // slots * stride bytes, or equal to its end where the stride is 0.
+        unsafe { self.mapping.as_ptr().add(offset) }
+    }
+
+    /// The first `len` bytes of slot `index`, for writing.
+    ///
+    /// # Safety
+    ///
+    /// While the result lives, nothing else may read or write these bytes: no other
+    /// reference to the slot in this process, and no receiver to whom the slot
+    /// was lent and who has not given it back.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such slot, or `len` is more than a slot has.
+    #[must_use]
+    #[allow(
+        clippy::mut_from_ref,
+        reason = "the caller guarantees that the slot is not shared"
+    )]
+    pub unsafe fn slot_mut(&self, index: u32, len: usize) -> &mut [u8] {
+        self.check_len(len);
+        // SAFETY: `slot_ptr` is valid for a stride, and `len` is at most that; the borrow of
+        // `self` keeps the mapping; that nobody else uses the bytes is the caller's promise.
+        unsafe { std::slice::from_raw_parts_mut(self.slot_ptr(index), len) }
+    }
+
+    /// The first `len` bytes of slot `index`, for reading.
+    ///
+    /// # Safety
+    ///
+    /// While the result lives, nothing may write these bytes. Receivers cannot; so
+    /// it is enough that no [`slot_mut`](Self::slot_mut) of this slot is alive.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such slot, or `len` is more than a slot has.
+    #[must_use]
+    pub unsafe fn slot(&self, index: u32, len: usize) -> &[u8] {
+        self.check_len(len);
+        // SAFETY: as in `slot_mut`; that nobody writes is the caller's promise.
+        unsafe { std::slice::from_raw_parts(self.slot_ptr(index), len) }
+    }
+
+    fn check_len(&self, len: usize) {
+        let stride = self.stride;
+        assert!(len <= stride, "{len} bytes of a slot of {stride} bytes");
+    }
+}

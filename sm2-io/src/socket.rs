@@ -1,0 +1,288 @@
+//! Unix seqpacket sockets: one datagram with the descriptors that belong to it.
+//!
+//! Not here: frames, queues, retries after a full buffer. Callers are the
+//! drivers of `sm2-node` and `sm2-manager`.
+
+use std::io::{self, IoSlice};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+use std::path::Path;
+
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
+use nix::libc;
+use nix::sys::socket::{self, AddressFamily, SockFlag, SockType, UnixAddr, sockopt};
+
+use crate::control::{Control, Message};
+pub use crate::datagram::{Received, ReceivedFds, RecvError, SendError};
+pub use crate::listener::Listener;
+
+/// A connected `AF_UNIX` `SOCK_SEQPACKET` socket, close-on-exec, non-blocking.
+///
+/// Sending and receiving take `&self`: the kernel serialises them.
+#[derive(Debug)]
+pub struct SeqPacket {
+    fd: OwnedFd,
+}
+
+impl SeqPacket {
+    /// Connects to the listener at `path`.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `socket(2)` and `connect(2)` say, among them `NotFound` (no such
+    /// path), `ConnectionRefused` (nobody listens there any more),
+    /// `PermissionDenied`, and `WouldBlock`: the listener's backlog is
+    /// full, try again later. `InvalidInput` for a path that is empty or too
+    /// long for a socket address.
+    pub fn connect(path: &Path) -> io::Result<Self> {
+        let address = address(path)?;
+        let fd = new_socket()?;
+        socket::connect(fd.as_raw_fd(), &address)?;
+        Ok(Self { fd })
+    }
+
+    /// Two sockets that are connected with each other.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `socketpair(2)` says: too many descriptors, no memory.
+    pub fn pair() -> io::Result<(Self, Self)> {
+        let (a, b) = socket::socketpair(
+            AddressFamily::Unix,
+            SockType::SeqPacket,
+            None,
+            SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK,
+        )?;
+        Ok((Self { fd: a }, Self { fd: b }))
+    }
+
+    /// Takes over a descriptor, such as one that came with a message.
+    ///
+    /// # Errors
+    ///
+    /// `InvalidInput` if it is not an `AF_UNIX` `SOCK_SEQPACKET` socket; it
+    /// is closed then. Whether it is connected shows when it is used: one that
+    /// is not answers `Closed`.
+    pub fn from_fd(fd: OwnedFd) -> io::Result<Self> {
+        Ok(Self { fd: adopt(fd)? })
+    }
+
+    /// What a listener has just accepted, with both flags set.
+    pub(crate) const fn accepted(fd: OwnedFd) -> Self {
+        Self { fd }
+    }
+
+    /// Who was at the other end when the connection was made (`SO_PEERCRED`).
+    ///
+    /// For a [pair](Self::pair) that is whoever made the pair.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `getsockopt(2)` says.
+    pub fn peer_credentials(&self) -> io::Result<PeerCredentials> {
+        let peer = socket::getsockopt(&self.fd, sockopt::PeerCredentials)?;
+        Ok(PeerCredentials {
+            uid: peer.uid(),
+            gid: peer.gid(),
+            pid: peer.pid(),
+        })
+    }
+
+    /// Asks for `bytes` of room for datagrams in flight from here (`SO_SNDBUF`).
+    ///
+    /// The kernel doubles the number for its own bookkeeping, and caps it
+    /// at `net.core.wmem_max` without an error.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `setsockopt(2)` says.
+    pub fn set_send_buffer_bytes(&self, bytes: usize) -> io::Result<()> {
+        Ok(socket::setsockopt(&self.fd, sockopt::SndBuf, &bytes)?)
+    }
+
+    /// Ends the connection in both directions, also for duplicates of this
+    /// descriptor elsewhere. What is queued for the peer is still delivered.
+    ///
+    /// # Errors
+    ///
+    /// `NotConnected`; none other is expected.
+    pub fn shutdown(&self) -> io::Result<()> {
+        let number = self.fd.as_raw_fd();
+        Ok(socket::shutdown(number, socket::Shutdown::Both)?)
+    }
+
+    /// Sends `parts`, one after the other, as one datagram with `fds`.
+    ///
+    /// All or nothing; never blocks and never raises `SIGPIPE`. Allocates nothing.
+    /// The descriptors are duplicated: the caller keeps its own.
+    ///
+    /// # Errors
+    ///
+    /// See [`SendError`]. A datagram without any byte is refused with
+    /// `InvalidInput`, since the receiver could not tell it from the end of the
+    /// connection; so are more than 253 descriptors.
+    pub fn send(&self, parts: &[IoSlice<'_>], fds: &[BorrowedFd<'_>]) -> Result<(), SendError> {
+        if parts.iter().all(|part| part.is_empty()) {
+            return Err(SendError::Io(io::ErrorKind::InvalidInput.into()));
+        }
+        let mut header = empty_header();
+        header.msg_iov = parts.as_ptr().cast::<libc::iovec>().cast_mut();
+        header.msg_iovlen = parts.len() as _;
+
+        let mut control;
+        if !fds.is_empty() {
+            let (rights, len) =
+                Control::rights(fds).ok_or(SendError::Io(io::ErrorKind::InvalidInput.into()))?;
+            control = rights;
+            header.msg_control = control.as_mut_ptr();
+            header.msg_controllen = len as _;
+        }
+        let flags = libc::MSG_NOSIGNAL | libc::MSG_DONTWAIT;
+        loop {
+            // SAFETY: `header` names `parts.len()` iovecs (`IoSlice` has the layout of
+            // `iovec`, as std promises) and `len` initialised bytes of `control`. All of
+            // them outlive the call, and `sendmsg` only reads them.
+            let sent = unsafe { libc::sendmsg(self.fd.as_raw_fd(), &raw const header, flags) };
+            match Errno::result(sent) {
+                Ok(_) => return Ok(()),
+                Err(Errno::EINTR) => {}
+                Err(errno) => return Err(errno.into()),
+            }
+        }
+    }
+
+    /// Receives one datagram into `buffer`, with the descriptors that came along.
+    ///
+    /// Never blocks. Every descriptor that the kernel installed is owned by the
+    /// result (close-on-exec), so dropping the result closes it, also when
+    /// the datagram was truncated. Allocates only if descriptors came.
+    ///
+    /// What a peer sent before it went away is delivered, then `Closed`.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`]. An empty datagram counts as `Closed`.
+    pub fn recv(&self, buffer: &mut [u8]) -> Result<Received, RecvError> {
+        let mut control = Control::empty();
+        let mut part = libc::iovec {
+            iov_base: buffer.as_mut_ptr().cast(),
+            iov_len: buffer.len(),
+        };
+        let mut header = empty_header();
+        header.msg_iov = &raw mut part;
+        header.msg_iovlen = 1;
+        let flags = libc::MSG_DONTWAIT | libc::MSG_CMSG_CLOEXEC;
+        let len = loop {
+            header.msg_control = control.as_mut_ptr();
+            header.msg_controllen = Control::ROOM as _;
+            // SAFETY: `header` names `buffer` and `control` with their true sizes; both are
+            // borrowed exclusively here and outlive the call.
+            let got = unsafe { libc::recvmsg(self.fd.as_raw_fd(), &raw mut header, flags) };
+            match Errno::result(got) {
+                Ok(len) => break len.cast_unsigned(),
+                Err(Errno::EINTR) => {}
+                // The peer closed without having read all that we sent. The kernel says so
+                // once, *before* it hands out what the peer had sent to us. Ask on: data that
+                // is queued, or end of file, is what follows.
+                Err(Errno::ECONNRESET) => {}
+                Err(errno) => return Err(errno.into()),
+            }
+        };
+        #[allow(
+            clippy::unnecessary_cast,
+            reason = "the type differs between C libraries"
+        )]
+        let control_len = header.msg_controllen as usize;
+        // Before anything else: whatever came must have an owner.
+        let fds = own_fds(&control, control_len);
+        let data_truncated = header.msg_flags & libc::MSG_TRUNC != 0;
+        if len == 0 && !data_truncated {
+            return Err(RecvError::Closed);
+        }
+        Ok(Received {
+            len,
+            fds,
+            data_truncated,
+            control_truncated: header.msg_flags & libc::MSG_CTRUNC != 0,
+        })
+    }
+}
+
+/// Takes ownership of every descriptor in `control`. Those that the sender
+/// passed are returned; one that the kernel added by itself (a pidfd, if whoever
+/// made the socket asked for it) is closed.
+fn own_fds(control: &Control, len: usize) -> ReceivedFds {
+    let count = |message: Message<'_>| message.is_rights().then(|| message.fds().len());
+    let room = control.messages(len).filter_map(count).sum();
+    let mut fds = Vec::with_capacity(room);
+    for message in control.messages(len) {
+        let passed = message.is_rights();
+        for number in message.fds().filter(|&number| number >= 0) {
+            // SAFETY: the kernel wrote this number into the control buffer in the one `recvmsg`
+            // call that filled it: it is a new, open descriptor that nothing else
+            // owns, and each number is visited once.
+            let fd = unsafe { OwnedFd::from_raw_fd(number) };
+            if passed {
+                fds.push(fd);
+            }
+        }
+    }
+    ReceivedFds::new(fds)
+}
+
+fn empty_header() -> libc::msghdr {
+    // SAFETY: `msghdr` is a plain C struct of integers and pointers (with private padding
+    // on some targets); all zero is a valid value: no name, no data, no control.
+    unsafe { std::mem::zeroed() }
+}
+
+pub(crate) fn new_socket() -> io::Result<OwnedFd> {
+    let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
+    let socket = socket::socket(AddressFamily::Unix, SockType::SeqPacket, flags, None)?;
+    Ok(socket)
+}
+
+pub(crate) fn address(path: &Path) -> io::Result<UnixAddr> {
+    if path.as_os_str().is_empty() {
+        // An empty name would make the kernel choose an abstract one.
+        return Err(io::ErrorKind::InvalidInput.into());
+    }
+    UnixAddr::new(path).map_err(|_| io::ErrorKind::InvalidInput.into())
+}
+
+/// Checks the kind of socket, and sets the two flags.
+pub(crate) fn adopt(fd: OwnedFd) -> io::Result<OwnedFd> {
+    let seqpacket = socket::getsockopt(&fd, sockopt::SockType) == Ok(SockType::SeqPacket);
+    // Fails for an address of any other family.
+    let unix = socket::getsockname::<UnixAddr>(fd.as_raw_fd()).is_ok();
+    if !(seqpacket && unix) {
+        return Err(io::ErrorKind::InvalidInput.into());
+    }
+    fcntl(&fd, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
+    let flags = OFlag::from_bits_retain(fcntl(&fd, FcntlArg::F_GETFL)?);
+    fcntl(&fd, FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK))?;
+    Ok(fd)
+}
+
+impl AsFd for SeqPacket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.as_fd()
+    }
+}
+
+impl From<SeqPacket> for OwnedFd {
+    fn from(socket: SeqPacket) -> Self {
+        socket.fd
+    }
+}
+
+/// Who a peer is, by the kernel's word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PeerCredentials {
+    /// Effective user id; 65534 if it has no meaning in our user namespace.
+    pub uid: u32,
+    /// Effective group id.
+    pub gid: u32,
+    /// Process id; 0 if the process is not visible in our pid namespace.
+    pub pid: i32,
+}

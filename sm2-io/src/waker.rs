@@ -1,0 +1,52 @@
+//! Waking an event loop from another thread.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+
+use nix::errno::Errno;
+use nix::sys::eventfd::{EfdFlags, EventFd};
+
+/// An `eventfd`: readable from the first [`wake`](Self::wake) until
+/// [`drain`](Self::drain).
+///
+/// Wake-ups that were not drained yet merge into one.
+#[derive(Debug)]
+pub struct Waker {
+    event: EventFd,
+}
+
+impl Waker {
+    /// A waker that nobody has woken.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `eventfd(2)` says: too many descriptors, no memory.
+    pub fn new() -> io::Result<Self> {
+        let flags = EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK;
+        let event = EventFd::from_value_and_flags(0, flags)?;
+        Ok(Self { event })
+    }
+
+    /// Makes the waker readable. Never blocks.
+    pub fn wake(&self) {
+        // EAGAIN says that the counter is full, so it is awake already. Nothing else can
+        // go wrong with an eventfd that is open.
+        while self.event.write(1) == Err(Errno::EINTR) {}
+    }
+
+    /// Makes the waker unreadable; whether it was readable.
+    pub fn drain(&self) -> bool {
+        loop {
+            match self.event.read() {
+                Err(Errno::EINTR) => {}
+                result => return result.is_ok(),
+            }
+        }
+    }
+}
+
+impl AsFd for Waker {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.event.as_fd()
+    }
+}

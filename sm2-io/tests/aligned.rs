@@ -1,0 +1,37 @@
+//! Where large mappings start, and that they go away. Alone in its process: another thread
+//! could take the place that was chosen.
+
+use std::os::fd::AsFd;
+
+use sm2_io::memfd::sealed_from_bytes;
+use sm2_io::{Mapping, SealedLoan, Segment};
+
+const HUGE: usize = 2 << 20;
+
+fn mappings() -> usize {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    maps.lines()
+        .filter(|line| line.contains("/memfd:sm2-"))
+        .count()
+}
+
+#[test]
+fn large_mappings_are_aligned_and_all_are_unmapped() {
+    for len in [HUGE, HUGE + 1, 3 * HUGE, 5 * HUGE + 4097] {
+        let mut loan = SealedLoan::new(len as u64).unwrap();
+        assert_eq!(loan.as_mut_slice().as_ptr().addr() % HUGE, 0);
+        let fd = loan.seal().unwrap();
+        let mapping = Mapping::read_only(fd.as_fd(), len as u64, false).unwrap();
+        assert_eq!(mapping.as_ptr().addr() % HUGE, 0);
+        let segment = Segment::create(len as u64, 2).unwrap();
+        assert_eq!(segment.slot_ptr(0).addr() % HUGE, 0);
+        assert_eq!(segment.slot_ptr(1).addr() - segment.slot_ptr(0).addr(), len);
+        assert_eq!(mappings(), 2);
+    }
+    for len in [1, 4096, 4097] {
+        let fd = sealed_from_bytes(&vec![1; len]).unwrap();
+        let _mapping = Mapping::read_only(fd.as_fd(), len as u64, true).unwrap();
+        assert_eq!(mappings(), 1);
+    }
+    assert_eq!(mappings(), 0);
+}

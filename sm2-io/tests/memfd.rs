@@ -1,0 +1,362 @@
+//! What is sealed stays as it is, and what the kernel says about descriptors.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, IoSlice};
+use std::num::NonZeroUsize;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
+
+use nix::errno::Errno;
+use nix::fcntl::{FallocateFlags, fallocate};
+use nix::libc;
+use nix::sys::memfd::{MFdFlags, memfd_create};
+use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
+use nix::unistd::ftruncate;
+use sm2_io::memfd::{facts, huge_pages_allowed_by, sealed_from_bytes, sealed_from_parts};
+use sm2_io::{Mapping, SealedLoan, Segment};
+use sm2_proto::{FdFacts, Seals};
+
+const HUGE: u64 = 2 << 20;
+const LENGTHS: [u64; 9] = [0, 1, 8, 4095, 4096, 4097, HUGE - 1, HUGE, HUGE + 1];
+
+/// Bytes of which no two pages are alike.
+fn pattern(len: u64) -> Vec<u8> {
+    (0..len)
+        .map(|index| (index * 7 + index / 4096) as u8)
+        .collect()
+}
+
+fn read(fd: impl AsFd, len: u64) -> Vec<u8> {
+    let mapping = Mapping::read_only(fd.as_fd(), len, false).unwrap();
+    mapping.as_slice().to_vec()
+}
+
+fn map_writable(fd: BorrowedFd<'_>, len: usize) -> Result<(), Errno> {
+    let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
+    let len = NonZeroUsize::new(len).unwrap();
+    // SAFETY: the kernel chooses the addresses; what it mapped is unmapped at once.
+    unsafe {
+        munmap(
+            mmap(None, len, prot, MapFlags::MAP_SHARED, fd, 0)?,
+            len.get(),
+        )
+    }
+}
+
+/// All ways to change a file of `len` bytes are closed to who holds `fd`.
+fn assert_unchangeable(fd: BorrowedFd<'_>, len: u64) {
+    let before = read(fd, len);
+    let refused = |result: io::Result<()>, how: &str| {
+        let error = result.expect_err(how);
+        assert_eq!(error.raw_os_error(), Some(libc::EPERM), "{how}");
+    };
+    let size = i64::try_from(len).unwrap();
+    let try_all = |file: &File, name: &str| {
+        let how = |what: &str| format!("{what} through {name}");
+        refused(file.write_all_at(b"x", 0), &how("write"));
+        refused(file.write_all_at(b"x", len), &how("append"));
+        refused(
+            ftruncate(file, size - 1).map_err(Into::into),
+            &how("shrink"),
+        );
+        refused(ftruncate(file, size + 1).map_err(Into::into), &how("grow"));
+        let punch = FallocateFlags::FALLOC_FL_PUNCH_HOLE | FallocateFlags::FALLOC_FL_KEEP_SIZE;
+        refused(
+            fallocate(file, punch, 0, size).map_err(Into::into),
+            &how("punch"),
+        );
+        let length = usize::try_from(len).unwrap();
+        refused(
+            map_writable(file.as_fd(), length).map_err(Into::into),
+            &how("map"),
+        );
+        let more = nix::fcntl::FcntlArg::F_ADD_SEALS(nix::fcntl::SealFlag::F_SEAL_WRITE);
+        refused(
+            nix::fcntl::fcntl(file, more).map(drop).map_err(Into::into),
+            &how("seal"),
+        );
+    };
+    try_all(
+        &File::from(fd.try_clone_to_owned().unwrap()),
+        "the descriptor",
+    );
+    let name = format!("/proc/self/fd/{}", fd.as_raw_fd());
+    match OpenOptions::new().read(true).write(true).open(&name) {
+        Ok(file) => try_all(&file, "a new descriptor"),
+        Err(error) => assert_eq!(error.raw_os_error(), Some(libc::EPERM)),
+    }
+    assert_eq!(read(fd, len), before);
+}
+
+fn assert_sealed(fd: &OwnedFd, bytes: &[u8]) {
+    let len = bytes.len() as u64;
+    let facts = facts(fd.as_fd()).unwrap();
+    assert!(facts.regular && facts.seals.contains(Seals::SEALED));
+    assert_eq!(facts.size_bytes, len);
+    assert!(read(fd, len) == bytes, "the bytes of a message of {len}");
+}
+
+#[test]
+fn copied_messages_of_every_length() {
+    for len in LENGTHS {
+        let bytes = pattern(len);
+        assert_sealed(&sealed_from_bytes(&bytes).unwrap(), &bytes);
+        let (head, tail) = bytes.split_at(bytes.len() / 3);
+        let parts = [head, b"", tail].map(IoSlice::new);
+        assert_sealed(&sealed_from_parts(&parts).unwrap(), &bytes);
+    }
+    assert_sealed(&sealed_from_parts(&[]).unwrap(), b"");
+}
+
+#[test]
+fn loans_of_every_length() {
+    for len in LENGTHS {
+        let bytes = pattern(len);
+        let mut loan = SealedLoan::new(len).unwrap();
+        assert_eq!((loan.len() as u64, loan.is_empty()), (len, len == 0));
+        assert!(loan.as_slice().iter().all(|byte| *byte == 0));
+        loan.as_mut_slice().copy_from_slice(&bytes);
+        assert!(loan.as_slice() == bytes);
+        assert_sealed(&loan.seal().unwrap(), &bytes);
+    }
+    drop(SealedLoan::new(HUGE).unwrap());
+}
+
+#[test]
+fn impossible_lengths_are_errors() {
+    for len in [u64::MAX, 1 << 63, i64::MAX as u64] {
+        assert!(SealedLoan::new(len).is_err(), "{len}");
+        assert!(Segment::create(len, 1).is_err(), "{len}");
+        let fd = sealed_from_bytes(b"x").unwrap();
+        assert!(Mapping::read_only(fd.as_fd(), len, false).is_err(), "{len}");
+    }
+    assert!(Segment::create(1 << 62, 16).is_err());
+}
+
+#[test]
+fn nobody_can_change_a_sealed_message() {
+    for len in [1, 4096, HUGE + 1] {
+        let bytes = pattern(len);
+        assert_unchangeable(sealed_from_bytes(&bytes).unwrap().as_fd(), len);
+        let mut loan = SealedLoan::new(len).unwrap();
+        loan.as_mut_slice().copy_from_slice(&bytes);
+        assert_unchangeable(loan.seal().unwrap().as_fd(), len);
+    }
+}
+
+#[test]
+fn nobody_but_the_author_can_change_a_segment() {
+    for stride in [64, 4096, HUGE] {
+        let segment = Segment::create(stride, 3).unwrap();
+        let len = 3 * stride;
+        let known = facts(segment.fd()).unwrap();
+        assert!(known.regular && known.seals.contains(Seals::POOLED));
+        assert!(!known.seals.contains(Seals::WRITE));
+        assert_eq!(known.size_bytes, len);
+        assert_unchangeable(segment.fd(), len);
+
+        let reader = Mapping::read_only(segment.fd(), len, true).unwrap();
+        let bytes = pattern(stride);
+        for slot in 0..3 {
+            // SAFETY: no other reference to a slot exists; the reader is not looked at.
+            unsafe { segment.slot_mut(slot, bytes.len()) }.copy_from_slice(&bytes);
+            assert!(reader.bytes(u64::from(slot) * stride, stride).unwrap() == bytes);
+            // SAFETY: the slice for writing is gone.
+            assert!(unsafe { segment.slot(slot, bytes.len()) } == bytes);
+        }
+        drop(segment);
+        assert!(
+            reader.bytes(2 * stride, stride).unwrap() == bytes,
+            "outlives its author"
+        );
+    }
+}
+
+#[test]
+fn segments_may_be_empty() {
+    for (stride, slots) in [(0, 0), (0, 5), (64, 0)] {
+        let segment = Segment::create(stride, slots).unwrap();
+        assert_eq!((segment.slots(), segment.len_bytes()), (slots, 0));
+        assert_eq!(segment.stride_bytes() as u64, stride);
+        assert_eq!(facts(segment.fd()).unwrap().size_bytes, 0);
+        for slot in 0..slots {
+            // SAFETY: there are no bytes that anybody could share.
+            assert!(unsafe { segment.slot_mut(slot, 0) }.is_empty());
+        }
+    }
+}
+
+#[test]
+#[should_panic(expected = "slot 2 of a segment with 2 slots")]
+fn a_slot_that_does_not_exist() {
+    let _ = Segment::create(64, 2).unwrap().slot_ptr(2);
+}
+
+#[test]
+#[should_panic(expected = "65 bytes of a slot of 64 bytes")]
+fn a_slot_that_is_too_small() {
+    let segment = Segment::create(64, 2).unwrap();
+    // SAFETY: panics before there is a reference.
+    let _ = unsafe { segment.slot(0, 65) };
+}
+
+#[test]
+fn mappings_hand_out_what_is_inside() {
+    let fd = sealed_from_bytes(b"0123456789").unwrap();
+    for populate in [false, true] {
+        let mapping = Mapping::read_only(fd.as_fd(), 10, populate).unwrap();
+        assert_eq!((mapping.len(), mapping.is_empty()), (10, false));
+        assert_eq!(mapping.bytes(0, 10).unwrap(), b"0123456789");
+        assert_eq!(mapping.bytes(3, 2).unwrap(), b"34");
+        assert_eq!(mapping.bytes(10, 0).unwrap(), b"");
+        for (start, len) in [(0, 11), (10, 1), (11, 0), (u64::MAX, 2), (2, u64::MAX)] {
+            assert!(mapping.bytes(start, len).is_none(), "{len} from {start}");
+        }
+        assert_eq!(mapping.as_slice().as_ptr(), mapping.as_ptr());
+        let empty = Mapping::read_only(fd.as_fd(), 0, populate).unwrap();
+        assert!(empty.is_empty() && empty.as_slice().is_empty());
+    }
+    let not_readable = OpenOptions::new()
+        .write(true)
+        .open(format!("/proc/self/fd/{}", fd.as_raw_fd()));
+    if let Ok(file) = not_readable {
+        let error = Mapping::read_only(file.as_fd(), 10, false).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::PermissionDenied);
+    }
+}
+
+#[test]
+fn facts_about_what_is_not_a_message() {
+    let nothing = FdFacts::default();
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("file");
+    std::fs::write(&path, "bytes").unwrap();
+    let path_only = OpenOptions::new()
+        .read(true)
+        .custom_flags(libc::O_PATH)
+        .open(&path);
+    let fds: [(&str, OwnedFd); 7] = [
+        ("pipe", nix::unistd::pipe().unwrap().0),
+        ("directory", File::open(directory.path()).unwrap().into()),
+        ("device", File::open("/dev/zero").unwrap().into()),
+        ("path only", path_only.unwrap().into()),
+        ("socket", sm2_io::SeqPacket::pair().unwrap().0.into()),
+        (
+            "epoll",
+            sm2_io::Epoll::new()
+                .unwrap()
+                .as_fd()
+                .try_clone_to_owned()
+                .unwrap(),
+        ),
+        (
+            "eventfd",
+            sm2_io::Waker::new()
+                .unwrap()
+                .as_fd()
+                .try_clone_to_owned()
+                .unwrap(),
+        ),
+    ];
+    for (what, fd) in fds {
+        assert_eq!(facts(fd.as_fd()).unwrap(), nothing, "{what}");
+    }
+
+    // Some directories are kept in memory, so this file may be known; it has no seals that count.
+    let on_disk = facts(File::open(&path).unwrap().as_fd()).unwrap();
+    assert!(!on_disk.seals.contains(Seals::SHRINK));
+
+    if let Ok(file) = tempfile::tempfile_in("/dev/shm") {
+        file.set_len(9).unwrap();
+        let known = facts(file.as_fd()).unwrap();
+        assert_eq!(known.seals, Seals::SEAL, "answers, although it is no memfd");
+        assert_eq!((known.regular, known.size_bytes), (true, 9));
+    }
+}
+
+#[test]
+fn facts_about_memfds() {
+    let unsealed = File::from(memfd_create(c"test", MFdFlags::MFD_ALLOW_SEALING).unwrap());
+    unsealed.set_len(5000).unwrap();
+    let known = facts(unsealed.as_fd()).unwrap();
+    assert_eq!(
+        (known.regular, known.size_bytes, known.seals),
+        (true, 5000, Seals(0))
+    );
+
+    let not_sealable = memfd_create(c"test", MFdFlags::empty()).unwrap();
+    assert_eq!(facts(not_sealable.as_fd()).unwrap().seals, Seals::SEAL);
+
+    // Its mappings cannot be unmapped by their length.
+    let flags = MFdFlags::MFD_HUGETLB | MFdFlags::MFD_ALLOW_SEALING;
+    if let Ok(huge) = memfd_create(c"test", flags) {
+        assert!(!facts(huge.as_fd()).unwrap().regular);
+    }
+}
+
+#[test]
+fn a_message_is_not_a_program() {
+    const F_SEAL_EXEC: u32 = 0x20;
+    let fd = sealed_from_bytes(b"x").unwrap();
+    let fixed = facts(fd.as_fd())
+        .unwrap()
+        .seals
+        .contains(Seals(F_SEAL_EXEC));
+    let executable = File::from(fd).metadata().unwrap().mode() & 0o111 != 0;
+    // Kernels before 6.3 know no such seal, and make every memfd executable.
+    assert_eq!(fixed, !executable);
+}
+
+/// A child inherits mappings, and the kernel counts them before it seals.
+#[test]
+fn a_child_process_does_not_keep_a_loan_from_being_sealed() {
+    let (wait, end) = nix::unistd::pipe().unwrap();
+    let mut loan = SealedLoan::new(100).unwrap();
+    loan.as_mut_slice().fill(1);
+    // SAFETY: the child makes two system calls and exits; it touches nothing else.
+    let child = match unsafe { nix::unistd::fork() }.unwrap() {
+        nix::unistd::ForkResult::Child => {
+            // SAFETY: closing the inherited end makes `read` return when the parent is done.
+            unsafe {
+                libc::close(end.as_raw_fd());
+                let mut byte = 0_u8;
+                libc::read(wait.as_raw_fd(), (&raw mut byte).cast(), 1);
+                libc::_exit(0)
+            }
+        }
+        nix::unistd::ForkResult::Parent { child } => child,
+    };
+    let sealed = loan.seal();
+    drop(end);
+    nix::sys::wait::waitpid(child, None).unwrap();
+    assert_sealed(&sealed.unwrap(), &[1; 100]);
+}
+
+#[test]
+fn the_setting_for_huge_pages() {
+    let with = |chosen: &str| {
+        let line = "always within_size advise never deny force\n";
+        line.replace(chosen, &format!("[{chosen}]"))
+    };
+    for chosen in ["always", "within_size", "advise", "force"] {
+        assert!(huge_pages_allowed_by(&with(chosen)), "{chosen}");
+    }
+    for chosen in ["never", "deny", "something new"] {
+        assert!(!huge_pages_allowed_by(&with(chosen)), "{chosen}");
+    }
+    for text in ["", "always", "[", "[]", "[always"] {
+        assert!(!huge_pages_allowed_by(text), "{text:?}");
+    }
+}
+
+#[test]
+#[ignore = "takes more than 2 GiB of memory"]
+fn a_message_that_one_write_cannot_take() {
+    let mut bytes = vec![0; (2 << 30) + 5];
+    *bytes.last_mut().unwrap() = 9;
+    let fd = sealed_from_bytes(&bytes).unwrap();
+    let len = bytes.len() as u64;
+    assert_eq!(facts(fd.as_fd()).unwrap().size_bytes, len);
+    let mapping = Mapping::read_only(fd.as_fd(), len, false).unwrap();
+    assert_eq!(mapping.bytes(len - 2, 2).unwrap(), [0, 9]);
+}
