@@ -1,4 +1,37 @@
-//! SM2 wire formats and sans-IO state machines.
+//! SM2's protocols as pure state machines, and the frames that they speak.
+//!
+//! Nothing here does I/O, reads a clock, holds a descriptor or needs std. A
+//! driver feeds what happened and carries out what comes back; the drivers of
+//! this project are `sm2-manager` and `sm2-node`. What is legal is said by
+//! SPEC.md alone: comments that begin with `//=` cite its clauses.
+//!
+//! | machine | one for |
+//! | --- | --- |
+//! | [`manager::Manager`] | a domain: who is there, and who is linked with whom |
+//! | [`node::Node`] | a node's session with its Manager |
+//! | [`link::Link`] | one end of a link: topics and services alike |
+//!
+//! # The contract, the same for all
+//!
+//! 1. `handle(now, input)` takes one input. Time is a value, [`Instant`].
+//! 2. `poll()` gives what is to be done; call it until it gives nothing.
+//! 3. `deadline()` says when to call again if nothing happens until then.
+//!
+//! A received descriptor stays with the driver. The machine sees the kernel's
+//! [`FdFacts`] about it and answers with an output that asks for it, or not.
+//! A machine that has ended answers every input with its first reason.
+//!
+//! # Three kinds of wrong
+//!
+//! A [`Violation`] is the peer's: it broke SPEC, and its session or link ends.
+//! A *misuse* is the caller's: nothing was sent and nothing has changed. I/O
+//! errors are the driver's and unknown here. A [`Refusal`] is none of these:
+//! the request was legal, and the session goes on.
+//!
+//! # Peers are not trusted
+//!
+//! Decoders yield only what SPEC allows and leave nothing over. Everything a
+//! peer can make a machine keep is bounded by [`limits`].
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -9,8 +42,11 @@ mod contract;
 pub mod control;
 mod datagram;
 mod fd;
+#[cfg(feature = "fuzzing")]
+pub mod fuzz;
 mod ids;
 pub mod limits;
+pub mod link;
 pub mod manager;
 mod matching;
 mod name;

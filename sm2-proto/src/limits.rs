@@ -17,6 +17,8 @@ pub const WINDOW_MAX: u32 = 2_048;
 pub const CALLS_MAX: usize = 1_024;
 /// The most segments attached at a time, per link and direction.
 pub const SEGMENTS_MAX: usize = 256;
+/// The most links that one interface has at a time, whatever the Manager's quota.
+pub const LINKS_MAX: usize = 65_536;
 /// The largest segment or sealed file, in bytes.
 pub const SEGMENT_BYTES_MAX: u64 = 1 << 41;
 /// The most slots in one segment.

@@ -32,28 +32,17 @@ struct Channel {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Channels {
-    channels: BTreeMap<Key, Channel>,
-    ends: usize,
-}
+pub(super) struct Channels(BTreeMap<Key, Channel>);
 
 impl Channels {
     pub(super) const fn new() -> Self {
-        Self {
-            channels: BTreeMap::new(),
-            ends: 0,
-        }
-    }
-
-    /// How many interfaces stand on all channels together.
-    pub(super) const fn ends(&self) -> usize {
-        self.ends
+        Self(BTreeMap::new())
     }
 
     /// A channel has one type as long as anybody there states one.
     //= SM2-IFC-005
     pub(super) fn refuse_types(&self, contract: &Contract) -> Result<(), Refusal> {
-        let channel = self.channels.get(&key(contract));
+        let channel = self.0.get(&key(contract));
         let Some(theirs) = channel.and_then(|channel| channel.types.as_deref()) else {
             return Ok(());
         };
@@ -73,19 +62,18 @@ impl Channels {
 
     /// The interfaces that match, in ascending order.
     //= SM2-MAT-001
-    pub(super) fn matches(&self, contract: &Contract) -> Vec<End> {
-        let Some(channel) = self.channels.get(&key(contract)) else {
-            return Vec::new();
-        };
-        let others = channel.side(contract.kind().counterpart());
+    pub(super) fn matches(&self, contract: &Contract) -> impl Iterator<Item = End> {
+        let channel = self.0.get(&key(contract));
+        let others = channel.map(|channel| channel.side(contract.kind().counterpart()));
         let matching = others
-            .iter()
+            .into_iter()
+            .flatten()
             .filter(|(_, theirs)| match_contracts(contract, theirs).is_ok());
-        matching.map(|(&end, _)| end).collect()
+        matching.map(|(&end, _)| end)
     }
 
     pub(super) fn insert(&mut self, end: End, contract: &Contract) {
-        let channel = self.channels.entry(key(contract)).or_default();
+        let channel = self.0.entry(key(contract)).or_default();
         if let Some(types) = contract.types() {
             channel.typed += 1;
             channel.types.get_or_insert_with(|| types.to_vec());
@@ -93,18 +81,16 @@ impl Channels {
         channel
             .side_mut(contract.kind())
             .insert(end, contract.clone());
-        self.ends += 1;
     }
 
     pub(super) fn remove(&mut self, end: End, contract: &Contract) {
-        let Entry::Occupied(mut entry) = self.channels.entry(key(contract)) else {
+        let Entry::Occupied(mut entry) = self.0.entry(key(contract)) else {
             return;
         };
         let channel = entry.get_mut();
         if channel.side_mut(contract.kind()).remove(&end).is_none() {
             return;
         }
-        self.ends -= 1;
         if contract.types().is_some() {
             channel.typed -= 1;
         }
@@ -114,6 +100,24 @@ impl Channels {
         if channel.offering.is_empty() && channel.demanding.is_empty() {
             entry.remove();
         }
+    }
+
+    /// How many interfaces stand on all channels together, by a recount.
+    pub(super) fn ends(&self) -> usize {
+        let channels = self.0.values();
+        channels
+            .map(|it| it.offering.len() + it.demanding.len())
+            .sum()
+    }
+
+    /// Whether there is no more of a channel than its interfaces ask for.
+    pub(super) fn are_tight(&self) -> bool {
+        self.0.values().all(|it| {
+            let ends = it.offering.values().chain(it.demanding.values());
+            let typed = ends.filter(|contract| contract.types().is_some()).count();
+            let empty = it.offering.is_empty() && it.demanding.is_empty();
+            !empty && it.typed == typed && it.types.is_some() == (typed > 0)
+        })
     }
 }
 

@@ -38,38 +38,26 @@ impl Manager {
     /// Nodes and interfaces after a position, in ascending order.
     fn items(&self, after: Option<Cursor>) -> impl Iterator<Item = Item> {
         let from = after.map_or(Bound::Unbounded, |cursor| Bound::Included(cursor.node));
-        let ready = self.sessions.range((from, Bound::Unbounded));
-        ready
-            .filter(|(_, session)| session.is_ready())
-            .flat_map(move |(&node, session)| {
-                let known = after.filter(|cursor| cursor.node == node);
-                let itself = session
-                    .name()
-                    .filter(|_| known.is_none())
-                    .map(|name| Item::Node {
-                        node,
-                        name: name.clone(),
-                        uid: session.credentials().uid,
-                        pid: session.credentials().pid,
-                    });
-                let after = known.map_or(InterfaceId(0), |cursor| cursor.interface);
-                let interfaces = session
-                    .after(after)
-                    .map(move |(interface, contract, links)| {
-                        let live = links
-                            .iter()
-                            .filter(|&&serial| self.links.is_live(serial))
-                            .count();
-                        let links = u32::try_from(live).unwrap_or(u32::MAX);
-                        Item::Interface {
-                            node,
-                            interface,
-                            contract: contract.clone(),
-                            links,
-                        }
-                    });
-                itself.into_iter().chain(interfaces)
-            })
+        let rest = self.sessions.range((from, Bound::Unbounded));
+        rest.flat_map(move |(&node, session)| {
+            let within = after.filter(|cursor| cursor.node == node);
+            let name = session.name().filter(|_| within.is_none());
+            let itself = name.map(|name| Item::Node {
+                node,
+                name: name.clone(),
+                uid: session.credentials().uid,
+                pid: session.credentials().pid,
+            });
+            let after = within.map_or(InterfaceId(0), |cursor| cursor.interface);
+            let interfaces = session.after(after);
+            let interfaces = interfaces.map(move |(interface, contract, links)| Item::Interface {
+                node,
+                interface,
+                contract: contract.clone(),
+                links: u32::try_from(links).unwrap_or(u32::MAX),
+            });
+            itself.into_iter().chain(interfaces)
+        })
     }
 }
 

@@ -4,6 +4,8 @@ use alloc::collections::BTreeMap;
 use core::time::Duration;
 
 use super::session::Session;
+#[cfg(doc)]
+use crate::limits::LINKS_MAX;
 use crate::{Quota, Refusal};
 
 /// The Manager's own limits (SPEC section 2) and its policy on integrity.
@@ -19,7 +21,7 @@ pub struct Policy {
     pub interfaces_per_session: usize,
     /// Interfaces of all sessions of one user.
     pub interfaces_per_user: usize,
-    /// Ends of links of one session.
+    /// Ends of links of one session; more than [`LINKS_MAX`] count as that.
     pub links_per_session: usize,
     /// Whether every link of the domain is sealed.
     pub seal_all: bool,
@@ -81,7 +83,7 @@ impl Users {
         usage.ready += 1;
     }
 
-    pub(super) fn leave(&mut self, uid: u32, ready: bool) {
+    pub(super) fn leave(&mut self, uid: u32, ready: bool, interfaces: usize) {
         let usage = self.0.entry(uid).or_default();
         let count = if ready {
             &mut usage.ready
@@ -89,7 +91,7 @@ impl Users {
             &mut usage.greeting
         };
         *count = count.saturating_sub(1);
-        self.drop_if_empty(uid);
+        self.withdraw(uid, interfaces);
     }
 
     pub(super) fn declare(&mut self, uid: u32) {
@@ -99,56 +101,42 @@ impl Users {
     pub(super) fn withdraw(&mut self, uid: u32, interfaces: usize) {
         let usage = self.0.entry(uid).or_default();
         usage.interfaces = usage.interfaces.saturating_sub(interfaces);
-        self.drop_if_empty(uid);
-    }
-
-    fn drop_if_empty(&mut self, uid: u32) {
-        if self.0.get(&uid) == Some(&Usage::default()) {
+        if *usage == Usage::default() {
             self.0.remove(&uid);
         }
     }
 
-    pub(super) fn refuse_session(&self, uid: u32, policy: &Policy) -> Option<Refusal> {
+    pub(super) fn refuse_session(&self, uid: u32, policy: &Policy) -> Result<(), Refusal> {
         let ready = self.0.get(&uid).map_or(0, |usage| usage.ready);
-        exceeded(ready, policy.sessions_per_user, Quota::SessionsPerUser).err()
+        within(policy.sessions_per_user, ready + 1, Quota::SessionsPerUser)
     }
 
     pub(super) fn refuse_interface(&self, uid: u32, policy: &Policy) -> Result<(), Refusal> {
         let interfaces = self.0.get(&uid).map_or(0, |usage| usage.interfaces);
-        exceeded(
-            interfaces,
-            policy.interfaces_per_user,
-            Quota::InterfacesPerUser,
-        )
+        let limit = policy.interfaces_per_user;
+        within(limit, interfaces + 1, Quota::InterfacesPerUser)
     }
 
-    /// Every charge is what a recount says.
-    pub(super) fn check<'a>(
-        &self,
-        sessions: impl Iterator<Item = &'a Session>,
-    ) -> Result<(), &'static str> {
+    /// Whether every charge is what a recount says.
+    pub(super) fn are<'a>(&self, sessions: impl Iterator<Item = &'a Session>) -> bool {
         let mut recount: BTreeMap<u32, Usage> = BTreeMap::new();
         for session in sessions {
             let usage = recount.entry(session.credentials().uid).or_default();
-            *(if session.is_ready() {
-                &mut usage.ready
+            if session.is_ready() {
+                usage.ready += 1;
             } else {
-                &mut usage.greeting
-            }) += 1;
+                usage.greeting += 1;
+            }
             usage.interfaces += session.interfaces();
         }
-        if recount == self.0 {
-            Ok(())
-        } else {
-            Err("charges per user equal a recount")
-        }
+        recount == self.0
     }
 }
 
-/// One more is refused when `used` has reached `limit`.
+/// More than `limit` is refused.
 //= SM2-IFC-006
-pub(super) fn exceeded(used: usize, limit: usize, quota: Quota) -> Result<(), Refusal> {
-    if used < limit {
+pub(super) fn within(limit: usize, wanted: usize, quota: Quota) -> Result<(), Refusal> {
+    if wanted <= limit {
         return Ok(());
     }
     Err(Refusal::Quota {

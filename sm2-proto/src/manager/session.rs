@@ -4,9 +4,10 @@ use alloc::{
     collections::{BTreeMap, BTreeSet},
     vec::Vec,
 };
+use core::ops::Bound;
 
-use super::{Credentials, Policy, phase::Phase, policy::exceeded};
-use crate::{Contract, InterfaceId, Name, Quota, Refusal, Violation};
+use super::{Credentials, Policy, phase::Phase, policy::within};
+use crate::{Contract, InterfaceId, LinkId, Name, Quota, Refusal, Violation};
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Session {
@@ -22,8 +23,20 @@ pub(super) struct Session {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Interface {
     contract: Contract,
-    /// The links of which this end has not been taken leave of on both sides.
-    links: BTreeSet<u64>,
+    /// The links of which nobody has taken leave.
+    live: BTreeSet<LinkId>,
+    /// Those for which UNLINK was sent and UNLINKED has not come.
+    told: BTreeSet<LinkId>,
+}
+
+/// How far the farewells of a link's end have come when the node says its own
+/// (SM2-LNK-003).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Farewells {
+    /// The node is first and has to be answered.
+    First,
+    /// UNLINK was sent before: both are said.
+    Both,
 }
 
 impl Session {
@@ -73,29 +86,7 @@ impl Session {
 
     pub(super) fn refuse_interface(&self, policy: &Policy) -> Result<(), Refusal> {
         let limit = policy.interfaces_per_session;
-        exceeded(self.interfaces.len(), limit, Quota::InterfacesPerSession)
-    }
-
-    pub(super) fn declare(&mut self, interface: InterfaceId, contract: Contract) {
-        self.interfaces.insert(
-            interface,
-            Interface {
-                contract,
-                links: BTreeSet::new(),
-            },
-        );
-    }
-
-    /// The interface's contract and links, which are not this session's any more.
-    pub(super) fn withdraw(&mut self, interface: InterfaceId) -> Option<(Contract, BTreeSet<u64>)> {
-        let Interface { contract, links } = self.interfaces.remove(&interface)?;
-        self.link_ends -= links.len();
-        Some((contract, links))
-    }
-
-    pub(super) fn into_interfaces(self) -> Vec<(InterfaceId, Contract, BTreeSet<u64>)> {
-        let each = |(id, Interface { contract, links })| (id, contract, links);
-        self.interfaces.into_iter().map(each).collect()
+        within(limit, self.interfaces() + 1, Quota::InterfacesPerSession)
     }
 
     pub(super) fn interfaces(&self) -> usize {
@@ -103,57 +94,107 @@ impl Session {
     }
 
     pub(super) fn contract(&self, interface: InterfaceId) -> Option<&Contract> {
-        self.interfaces
-            .get(&interface)
-            .map(|interface| &interface.contract)
+        let interface = self.interfaces.get(&interface)?;
+        Some(&interface.contract)
     }
 
-    /// The interfaces after a position, with their links.
+    /// The interfaces after a position, each with its number of live links.
     pub(super) fn after(
         &self,
         after: InterfaceId,
-    ) -> impl Iterator<Item = (InterfaceId, &Contract, &BTreeSet<u64>)> {
-        let from = (
-            core::ops::Bound::Excluded(after),
-            core::ops::Bound::Unbounded,
-        );
-        self.interfaces
-            .range(from)
-            .map(|(&id, it)| (id, &it.contract, &it.links))
+    ) -> impl Iterator<Item = (InterfaceId, &Contract, usize)> {
+        let rest = (Bound::Excluded(after), Bound::Unbounded);
+        let rest = self.interfaces.range(rest);
+        rest.map(|(&id, it)| (id, &it.contract, it.live.len()))
     }
 
+    pub(super) fn declare(&mut self, interface: InterfaceId, contract: Contract) {
+        let interfaces = &mut self.interfaces;
+        interfaces.insert(
+            interface,
+            Interface {
+                contract,
+                live: BTreeSet::new(),
+                told: BTreeSet::new(),
+            },
+        );
+    }
+
+    /// The interface's contract and live links, which are gone from here.
+    pub(super) fn withdraw(
+        &mut self,
+        interface: InterfaceId,
+    ) -> Option<(Contract, BTreeSet<LinkId>)> {
+        let interface = self.interfaces.remove(&interface)?;
+        self.link_ends -= interface.live.len() + interface.told.len();
+        Some((interface.contract, interface.live))
+    }
+
+    /// All interfaces with their contracts and live links.
+    pub(super) fn into_interfaces(self) -> Vec<(InterfaceId, Contract, BTreeSet<LinkId>)> {
+        let each = |(id, it): (InterfaceId, Interface)| (id, it.contract, it.live);
+        self.interfaces.into_iter().map(each).collect()
+    }
+
+    /// How many ends of links have not been taken leave of on both sides.
     pub(super) const fn link_ends(&self) -> usize {
         self.link_ends
     }
 
-    pub(super) fn link(&mut self, interface: InterfaceId, serial: u64) {
-        let Some(interface) = self.interfaces.get_mut(&interface) else {
-            return;
-        };
-        if interface.links.insert(serial) {
+    /// How many of them are live.
+    pub(super) fn live_ends(&self) -> usize {
+        self.interfaces.values().map(|it| it.live.len()).sum()
+    }
+
+    /// Whether the count of ends is what a recount says.
+    pub(super) fn counts_its_ends(&self) -> bool {
+        let told: usize = self.interfaces.values().map(|it| it.told.len()).sum();
+        self.link_ends == self.live_ends() + told
+    }
+
+    pub(super) fn link(&mut self, interface: InterfaceId, link: LinkId) {
+        if let Some(interface) = self.interfaces.get_mut(&interface)
+            && interface.live.insert(link)
+        {
             self.link_ends += 1;
         }
     }
 
-    /// Whether the interface has an end of this link.
-    pub(super) fn knows_link(
-        &self,
-        interface: InterfaceId,
-        serial: u64,
-    ) -> Result<bool, Violation> {
-        let interface = self
-            .interfaces
-            .get(&interface)
-            .ok_or(Violation::UnknownInterface)?;
-        Ok(interface.links.contains(&serial))
-    }
-
-    pub(super) fn forget_link(&mut self, interface: InterfaceId, serial: u64) {
-        let Some(interface) = self.interfaces.get_mut(&interface) else {
-            return;
-        };
-        if interface.links.remove(&serial) {
+    /// A link was never made.
+    pub(super) fn unlink(&mut self, interface: InterfaceId, link: LinkId) {
+        if let Some(interface) = self.interfaces.get_mut(&interface)
+            && interface.live.remove(&link)
+        {
             self.link_ends -= 1;
         }
+    }
+
+    /// UNLINK is sent for a live link.
+    pub(super) fn tell(&mut self, interface: InterfaceId, link: LinkId) {
+        if let Some(interface) = self.interfaces.get_mut(&interface)
+            && interface.live.remove(&link)
+        {
+            interface.told.insert(link);
+        }
+    }
+
+    /// UNLINKED has come: the end is never named again.
+    //= SM2-LNK-003
+    pub(super) fn farewell(
+        &mut self,
+        interface: InterfaceId,
+        link: LinkId,
+    ) -> Result<Farewells, Violation> {
+        let interface = self.interfaces.get_mut(&interface);
+        let interface = interface.ok_or(Violation::UnknownInterface)?;
+        let farewells = if interface.live.remove(&link) {
+            Farewells::First
+        } else if interface.told.remove(&link) {
+            Farewells::Both
+        } else {
+            return Err(Violation::UnknownLink);
+        };
+        self.link_ends -= 1;
+        Ok(farewells)
     }
 }

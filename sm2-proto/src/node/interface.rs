@@ -2,7 +2,8 @@
 
 use alloc::collections::BTreeMap;
 
-use crate::{Contract, LinkId, Violation, matching::match_contracts};
+use super::Misuse;
+use crate::{Contract, LinkId, Terms, VERSION, Violation, limits::LINKS_MAX, match_contracts};
 
 /// Where an interface stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -53,13 +54,15 @@ impl Interface {
         self.state = State::Live;
     }
 
-    /// WITHDRAW goes out; none if the interface is not live.
-    pub(super) fn drop_it(&mut self) -> Option<()> {
-        if self.state != State::Live {
-            return None;
+    /// WITHDRAW goes out.
+    pub(super) fn withdraw(&mut self) -> Result<(), Misuse> {
+        match self.state {
+            State::Live => {
+                self.state = State::Dropping;
+                Ok(())
+            }
+            State::Declaring | State::Dropping => Err(Misuse::NotLive),
         }
-        self.state = State::Dropping;
-        Some(())
     }
 
     /// WITHDRAWN came in.
@@ -76,8 +79,8 @@ impl Interface {
     pub(super) fn link(
         &mut self,
         link: LinkId,
-        reliable: bool,
-        sealed: bool,
+        version: u16,
+        terms: Terms,
         theirs: &Contract,
     ) -> Result<bool, Violation> {
         if self.state == State::Declaring {
@@ -86,8 +89,10 @@ impl Interface {
         if self.links.contains_key(&link) {
             return Err(Violation::LinkNumber);
         }
-        let terms = match_contracts(&self.contract, theirs).map_err(|_| Violation::BadLink)?;
-        if terms.reliable != reliable || (terms.sealed && !sealed) {
+        let asked = match_contracts(&self.contract, theirs).map_err(|_| Violation::BadLink)?;
+        // The Manager seals for reasons of its own too; no other term is its choice.
+        let fits = asked.reliable == terms.reliable && asked.sealed <= terms.sealed;
+        if !fits || version != VERSION || self.links.len() == LINKS_MAX {
             return Err(Violation::BadLink);
         }
         self.links.insert(link, Farewell::None);

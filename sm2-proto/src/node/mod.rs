@@ -11,177 +11,18 @@
 //! which closes it unless the output that follows is [`Output::Linked`].
 //! The end of the session ends no link: that is the driver's to honour.
 
+mod event;
 mod interface;
 
-use alloc::{
-    collections::{BTreeMap, VecDeque},
-    vec::Vec,
-};
+use alloc::collections::{BTreeMap, VecDeque};
 
+pub use self::event::{End, Error, Input, Misuse, Output};
 use self::interface::{Answer, Interface};
 use crate::{
-    Code, Contract, Datagram, Instant, InterfaceId, LinkId, Name, NodeId, QosError, Refusal,
-    VERSION, Violation,
-    control::{Cursor, Item, Peer, ToManager, ToNode, decode_to_node, encode_to_manager},
+    Code, Contract, Datagram, Instant, InterfaceId, LinkId, Name, NodeId, Terms, VERSION,
+    Violation,
+    control::{Peer, ToManager, ToNode, decode_to_node, encode_to_manager},
 };
-
-/// What happens to a node.
-#[derive(Clone, Debug)]
-pub enum Input<'a> {
-    /// The Manager sent a datagram.
-    Datagram(Datagram<'a>),
-    /// The Manager's end of the connection is gone.
-    Eof,
-    /// After [`Output::HelloRefused`]: greet again, under this name.
-    Greet(Name),
-    /// Drop a live interface, and all its links with it.
-    Withdraw {
-        /// Which.
-        interface: InterfaceId,
-    },
-    /// The machine of a link has ended. Harmless if the Manager said so first.
-    Unlinked {
-        /// Of which interface.
-        interface: InterfaceId,
-        /// Which link.
-        link: LinkId,
-        /// Why.
-        code: Code,
-    },
-    /// Ask for a page of the domain's state.
-    Query {
-        /// The last item that is known.
-        after: Option<Cursor>,
-    },
-    /// End the session.
-    Close(Code),
-}
-
-/// What the driver has to do, or to know.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub enum Output {
-    /// Send these bytes as one datagram.
-    Transmit(Vec<u8>),
-    /// The session is ready.
-    Welcomed {
-        /// Our number.
-        node: NodeId,
-        /// The Manager's incarnation.
-        epoch: u64,
-    },
-    /// The Manager did not grant the greeting: greet again or close.
-    HelloRefused(Refusal),
-    /// The interface is live.
-    Declared {
-        /// Which.
-        interface: InterfaceId,
-        /// How many interfaces it matched.
-        matches: u32,
-    },
-    /// The interface was not granted; its number is spent.
-    DeclareRefused {
-        /// Which.
-        interface: InterfaceId,
-        /// Why.
-        reason: Refusal,
-    },
-    /// A link: its socket is the descriptor of the datagram just handled.
-    Linked {
-        /// Of which interface.
-        interface: InterfaceId,
-        /// Which link.
-        link: LinkId,
-        /// The version to speak on it.
-        version: u16,
-        /// Whether nothing on it may be displaced.
-        reliable: bool,
-        /// Whether every message on it is inline or sealed.
-        sealed: bool,
-        /// The other side.
-        peer: Peer,
-    },
-    /// The Manager ended a link: end its machine with this code.
-    Unlink {
-        /// Of which interface.
-        interface: InterfaceId,
-        /// Which link.
-        link: LinkId,
-        /// Why.
-        code: Code,
-    },
-    /// The interface is gone at the Manager too.
-    Withdrawn {
-        /// Which.
-        interface: InterfaceId,
-    },
-    /// A page of the domain's state.
-    Page {
-        /// Of which revision.
-        revision: u64,
-        /// Nodes and interfaces in ascending order.
-        items: Vec<Item>,
-        /// Where to go on, if more follow.
-        next: Option<Cursor>,
-    },
-    /// The session is over: close the connection. Always the last output.
-    Ended(End),
-}
-
-/// Why a session is over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum End {
-    /// We closed it.
-    #[error("closed by this node ({0})")]
-    Local(Code),
-    /// The Manager said goodbye.
-    #[error("the Manager hung up: {0}")]
-    Peer(Code),
-    /// The Manager's end is gone without a word.
-    #[error("the Manager is gone")]
-    Eof,
-    /// The Manager broke SPEC.
-    #[error("the Manager broke the protocol: {0}")]
-    Violation(Violation),
-}
-
-/// Why an input was not taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum Error {
-    /// The session is over.
-    #[error(transparent)]
-    Ended(#[from] End),
-    /// The caller did what this state does not allow.
-    #[error(transparent)]
-    Misuse(#[from] Misuse),
-}
-
-/// What a caller did wrong. Nothing was sent and nothing has changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum Misuse {
-    /// The session is not ready.
-    #[error("the Manager has not welcomed this node yet")]
-    NotReady,
-    /// A greeting is legal only after a refusal.
-    #[error("the Manager has not refused a greeting")]
-    NotRefused,
-    /// The interface is not live.
-    #[error("no live interface has that number")]
-    NotLive,
-    /// The contract is out of range.
-    #[error("{field} is {value}, which is out of range (SM2-FRM-003)")]
-    Qos {
-        /// Which value.
-        field: &'static str,
-        /// What it is.
-        value: u16,
-    },
-}
-
-impl From<QosError> for Error {
-    fn from(QosError { field, value, .. }: QosError) -> Self {
-        Misuse::Qos { field, value }.into()
-    }
-}
 
 /// How far the session has come: the rows of the table in SPEC section 4.2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -336,8 +177,8 @@ impl Node {
 
     fn withdraw(&mut self, interface: InterfaceId) -> Result<(), Error> {
         self.check_ready()?;
-        let state = self.interfaces.get_mut(&interface).ok_or(Misuse::NotLive)?;
-        state.drop_it().ok_or(Misuse::NotLive)?;
+        let ours = self.interfaces.get_mut(&interface);
+        ours.ok_or(Misuse::NotLive)?.withdraw()?;
         self.send(&ToManager::Withdraw { interface });
         Ok(())
     }
@@ -356,24 +197,30 @@ impl Node {
 
     //= SM2-NOD-001
     fn receive(&mut self, datagram: &Datagram<'_>) -> Result<(), End> {
-        let frame = decode_to_node(datagram).and_then(|frame| self.step(frame));
-        frame.map_err(|violation| {
-            self.send(&ToManager::Goodbye {
-                code: violation.code(),
-            });
-            let end = End::Violation(violation);
-            self.finish(end);
-            end
-        })
+        let step = decode_to_node(datagram).and_then(|frame| self.step(frame));
+        match step {
+            Ok(output) => {
+                self.outputs.extend(output);
+                Ok(())
+            }
+            Err(violation) => {
+                let code = violation.code();
+                self.send(&ToManager::Goodbye { code });
+                let end = End::Violation(violation);
+                self.finish(end);
+                Err(end)
+            }
+        }
     }
 
-    /// One frame in the session's phase: the table of SPEC section 4.2.
-    fn step(&mut self, frame: ToNode) -> Result<(), Violation> {
+    /// One frame in the session's phase, and what the driver has to know of it:
+    /// the table of SPEC section 4.2.
+    fn step(&mut self, frame: ToNode) -> Result<Option<Output>, Violation> {
         match (self.phase, frame) {
-            (Phase::Ended(_), _) => Ok(()),
+            (Phase::Ended(_), _) => Ok(None),
             (_, ToNode::Goodbye { code }) => {
                 self.finish(End::Peer(code));
-                Ok(())
+                Ok(None)
             }
             (
                 Phase::Greeting,
@@ -385,94 +232,99 @@ impl Node {
             ) => self.welcome(version, epoch, node),
             (Phase::Greeting, ToNode::HelloRefused { reason }) => {
                 self.phase = Phase::Refused;
-                self.outputs.push_back(Output::HelloRefused(reason));
-                Ok(())
+                Ok(Some(Output::HelloRefused(reason)))
             }
             (_, ToNode::Welcome { .. } | ToNode::HelloRefused { .. }) => {
                 Err(Violation::UnexpectedWelcome)
             }
             (Phase::Greeting | Phase::Refused, _) => Err(Violation::ExpectedWelcome),
-            (Phase::Ready(..), frame) => self.step_ready(frame),
+            (Phase::Ready(..), ToNode::Declared { interface, matches }) => {
+                self.answered(interface)?.declared();
+                Ok(Some(Output::Declared { interface, matches }))
+            }
+            (Phase::Ready(..), ToNode::DeclareRefused { interface, reason }) => {
+                self.answered(interface)?;
+                self.interfaces.remove(&interface);
+                Ok(Some(Output::DeclareRefused { interface, reason }))
+            }
+            (
+                Phase::Ready(..),
+                ToNode::Link {
+                    interface,
+                    link,
+                    version,
+                    reliable,
+                    sealed,
+                    peer,
+                },
+            ) => self.link(interface, link, version, Terms { reliable, sealed }, peer),
+            (
+                Phase::Ready(..),
+                ToNode::Unlink {
+                    interface,
+                    link,
+                    code,
+                },
+            ) => self.unlink(interface, link, code),
+            (Phase::Ready(..), ToNode::Withdrawn { interface }) => {
+                self.interface(interface)?.withdrawn()?;
+                self.interfaces.remove(&interface);
+                Ok(Some(Output::Withdrawn { interface }))
+            }
+            (
+                Phase::Ready(..),
+                ToNode::Page {
+                    revision,
+                    items,
+                    next,
+                },
+            ) => {
+                let queries = self.queries.checked_sub(1);
+                self.queries = queries.ok_or(Violation::UnexpectedPage)?;
+                Ok(Some(Output::Page {
+                    revision,
+                    items,
+                    next,
+                }))
+            }
         }
     }
 
     //= SM2-NOD-002
-    fn welcome(&mut self, version: u16, epoch: u64, node: NodeId) -> Result<(), Violation> {
+    fn welcome(
+        &mut self,
+        version: u16,
+        epoch: u64,
+        node: NodeId,
+    ) -> Result<Option<Output>, Violation> {
         if version != VERSION {
             return Err(Violation::BadVersion);
         }
         self.phase = Phase::Ready(node, epoch);
-        self.outputs.push_back(Output::Welcomed { node, epoch });
-        Ok(())
+        Ok(Some(Output::Welcomed { node, epoch }))
     }
 
-    fn step_ready(&mut self, frame: ToNode) -> Result<(), Violation> {
-        match frame {
-            ToNode::Declared { interface, matches } => {
-                self.answered(interface)?.declared();
-                self.outputs
-                    .push_back(Output::Declared { interface, matches });
-            }
-            ToNode::DeclareRefused { interface, reason } => {
-                self.answered(interface)?;
-                self.interfaces.remove(&interface);
-                self.outputs
-                    .push_back(Output::DeclareRefused { interface, reason });
-            }
-            ToNode::Link {
-                interface,
-                link,
-                version,
-                reliable,
-                sealed,
-                peer,
-            } => {
-                let ours = self.interface(interface)?;
-                if version != VERSION {
-                    return Err(Violation::BadLink);
-                }
-                if ours.link(link, reliable, sealed, &peer.contract)? {
-                    let linked = Output::Linked {
-                        interface,
-                        link,
-                        version,
-                        reliable,
-                        sealed,
-                        peer,
-                    };
-                    self.outputs.push_back(linked);
-                }
-            }
-            ToNode::Unlink {
-                interface,
-                link,
-                code,
-            } => self.unlink(interface, link, code)?,
-            ToNode::Withdrawn { interface } => {
-                self.interface(interface)?.withdrawn()?;
-                self.interfaces.remove(&interface);
-                self.outputs.push_back(Output::Withdrawn { interface });
-            }
-            ToNode::Page {
-                revision,
-                items,
-                next,
-            } => {
-                self.queries = self
-                    .queries
-                    .checked_sub(1)
-                    .ok_or(Violation::UnexpectedPage)?;
-                self.outputs.push_back(Output::Page {
-                    revision,
-                    items,
-                    next,
-                });
-            }
-            ToNode::Welcome { .. } | ToNode::HelloRefused { .. } | ToNode::Goodbye { .. } => {
-                return Err(Violation::UnexpectedWelcome);
-            }
+    fn link(
+        &mut self,
+        interface: InterfaceId,
+        link: LinkId,
+        version: u16,
+        terms: Terms,
+        peer: Peer,
+    ) -> Result<Option<Output>, Violation> {
+        let ours = self.interface(interface)?;
+        if !ours.link(link, version, terms, &peer.contract)? {
+            return Ok(None);
         }
-        Ok(())
+        let Terms { reliable, sealed } = terms;
+        Ok(Some(Output::Linked {
+            interface,
+            link,
+            version,
+            reliable,
+            sealed,
+            peer,
+        }))
     }
 
     //= SM2-LNK-003
@@ -481,23 +333,22 @@ impl Node {
         interface: InterfaceId,
         link: LinkId,
         code: Code,
-    ) -> Result<(), Violation> {
+    ) -> Result<Option<Output>, Violation> {
         match self.interface(interface)?.unlink(link)? {
+            Answer::Nothing => Ok(None),
             Answer::Unlinked => {
                 self.send(&ToManager::Unlinked {
                     interface,
                     link,
                     code,
                 });
-                self.outputs.push_back(Output::Unlink {
+                Ok(Some(Output::Unlink {
                     interface,
                     link,
                     code,
-                });
+                }))
             }
-            Answer::Nothing => {}
         }
-        Ok(())
     }
 
     //= SM2-FRM-004

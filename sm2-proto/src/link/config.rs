@@ -1,0 +1,133 @@
+//! What a link is told when it is made.
+
+use crate::{
+    Contract, Kind, LinkId,
+    limits::{QOS_MAX, WINDOW_MAX},
+};
+
+/// Which end of which link this is. Each role has one counterpart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Role {
+    /// A publisher's end: sends DATA.
+    Sender = 0,
+    /// A subscriber's end: receives DATA.
+    Receiver = 1,
+    /// A client's end: sends REQUEST, receives REPLY.
+    Caller = 2,
+    /// A server's end: receives REQUEST, sends REPLY.
+    Server = 3,
+}
+
+impl Role {
+    /// Every role, in the order of their numbers.
+    pub const ALL: [Self; 4] = [Self::Sender, Self::Receiver, Self::Caller, Self::Server];
+
+    /// The role that an interface of this kind has on its links.
+    #[must_use]
+    pub const fn of(kind: Kind) -> Self {
+        match kind {
+            Kind::Publisher => Self::Sender,
+            Kind::Subscriber => Self::Receiver,
+            Kind::Client => Self::Caller,
+            Kind::Server => Self::Server,
+        }
+    }
+
+    /// The role of the other end.
+    #[must_use]
+    pub const fn counterpart(self) -> Self {
+        match self {
+            Self::Sender => Self::Receiver,
+            Self::Receiver => Self::Sender,
+            Self::Caller => Self::Server,
+            Self::Server => Self::Caller,
+        }
+    }
+
+    /// Whether this end sends messages.
+    #[must_use]
+    pub const fn sends(self) -> bool {
+        !matches!(self, Self::Receiver)
+    }
+
+    /// Whether this end receives messages.
+    #[must_use]
+    pub const fn receives(self) -> bool {
+        !matches!(self, Self::Sender)
+    }
+}
+
+/// One end of one link: the terms that LINK named, and what its own side declared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Config {
+    /// The link's id, from LINK.
+    pub id: LinkId,
+    /// The link's version, from LINK.
+    pub version: u16,
+    /// Which end this is.
+    pub role: Role,
+    /// Whether nothing may be displaced, from LINK. Links of services always are.
+    pub reliable: bool,
+    /// Whether pooled messages are illegal, from LINK.
+    pub sealed: bool,
+    /// How many messages are kept, 1 to 1,024. A sender: of those that the
+    /// window does not admit; all others: of those that the application has not taken.
+    pub depth: u16,
+    /// How many messages the application may hold at a time, 1 to 1,024.
+    /// Unused by a sender.
+    pub max_borrowed: u16,
+}
+
+impl Config {
+    /// The end of `link` that belongs to the interface with this contract.
+    #[must_use]
+    pub const fn new(
+        contract: &Contract,
+        link: LinkId,
+        version: u16,
+        reliable: bool,
+        sealed: bool,
+    ) -> Self {
+        let (depth, max_borrowed) = match contract {
+            Contract::Publisher { offer, .. } => (offer.depth, 1),
+            Contract::Subscriber { demand, .. } => (demand.depth, demand.max_borrowed),
+            Contract::Server { qos, .. } | Contract::Client { qos, .. } => {
+                (qos.depth, qos.max_borrowed)
+            }
+        };
+        let role = Role::of(contract.kind());
+        Self {
+            id: link,
+            version,
+            role,
+            reliable,
+            sealed,
+            depth,
+            max_borrowed,
+        }
+    }
+
+    /// How many unreleased messages this end accepts (its `window`, SM2-OPN-003).
+    #[must_use]
+    pub const fn window(&self) -> u32 {
+        match self.role {
+            Role::Sender => 0,
+            Role::Receiver | Role::Caller | Role::Server => {
+                self.depth as u32 + self.max_borrowed as u32
+            }
+        }
+    }
+
+    /// The same with every value in its range, so that all below can count on it.
+    pub(super) fn in_range(self) -> Self {
+        Self {
+            reliable: self.reliable || matches!(self.role, Role::Caller | Role::Server),
+            depth: self.depth.clamp(1, QOS_MAX),
+            max_borrowed: self.max_borrowed.clamp(1, QOS_MAX),
+            ..self
+        }
+    }
+}
+
+const _: () = assert!(2 * QOS_MAX as u32 <= WINDOW_MAX);

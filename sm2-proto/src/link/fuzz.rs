@@ -1,0 +1,372 @@
+//! One end of a link under operations and frames that bytes decide: the body
+//! of the fuzz target `link_frames` and of a unit test.
+//!
+//! Most frames are made legal but for what the bytes change, so that a run
+//! gets past the first check. Whatever happens, what [`World`] asserts holds.
+
+mod world;
+
+use alloc::{vec, vec::Vec};
+
+use bytes::Bytes;
+
+use self::world::World;
+use super::{
+    Body, Input, Message, Role, SegmentInfo, Status,
+    wire::{Carrier, Form, Frame, Given, LANE_SOCKET, MessageFrame, Open},
+};
+use crate::{Code, Datagram, FdFacts, Instant, LinkId, Seals};
+
+const LINK: LinkId = LinkId {
+    epoch: 1,
+    serial: 2,
+};
+const NOW: Instant = Instant(0);
+
+/// Runs what the bytes say. Panics if the machine broke a promise.
+//= SM2-WIR-001, SM2-QOS-004 fuzz
+pub(crate) fn frames(data: &[u8]) {
+    check_round_trip(data, &[]);
+    check_round_trip(data, &[FdFacts::default()]);
+    let mut script = Script(data);
+    let mut world = World::new(&mut script);
+    while !script.0.is_empty() {
+        world.step(&mut script);
+    }
+    world.input(Input::Eof);
+    assert!(world.link.end().is_some() && world.pending.is_empty());
+}
+
+/// A datagram that is a frame encodes to itself.
+fn check_round_trip(bytes: &[u8], fds: &[FdFacts]) {
+    if let Ok(frame) = Frame::decode(&Datagram {
+        bytes,
+        fds,
+        ..Datagram::default()
+    }) && frame.check_length().is_ok()
+    {
+        assert_eq!(frame.to_vec(), bytes);
+    }
+}
+
+/// The bytes, spent from the front; zeros when they are used up.
+struct Script<'a>(&'a [u8]);
+
+impl Script<'_> {
+    fn byte(&mut self) -> u8 {
+        let Some((first, rest)) = self.0.split_first() else {
+            return 0;
+        };
+        self.0 = rest;
+        *first
+    }
+
+    /// True once in 256 bytes: what rarely happens.
+    fn rarely(&mut self) -> bool {
+        self.byte() == 0xff
+    }
+
+    fn small(&mut self, bound: u8) -> u64 {
+        u64::from(self.byte() % bound)
+    }
+
+    /// Mostly `right`; sometimes near it, sometimes anything.
+    fn near(&mut self, right: u64) -> u64 {
+        match self.byte() {
+            0xff => right.wrapping_add(1),
+            0xfe => right.wrapping_sub(1),
+            0xfd => 0,
+            0xfc => u64::MAX,
+            _ => right,
+        }
+    }
+
+    fn bytes(&mut self, count: usize) -> Vec<u8> {
+        (0..count).map(|_| self.byte()).collect()
+    }
+}
+
+impl World {
+    fn step(&mut self, script: &mut Script<'_>) {
+        match script.byte() % 20 {
+            0 => {
+                let len = usize::from(script.byte());
+                let bytes = script.bytes(len);
+                self.datagram(&bytes, &[]);
+            }
+            1 | 2 => self.peer_open(script),
+            3 => self.peer_attach(script),
+            4 => self.frame(
+                &Frame::Detach {
+                    segment: script.small(4) as u32,
+                },
+                &[],
+            ),
+            5..=7 => self.peer_message(script),
+            8 => self.peer_release(script),
+            9 => {
+                let call = self.call(script);
+                self.frame(&Frame::Cancel { call }, &[]);
+            }
+            10..=12 => self.send(script),
+            13 | 14 => self.take(),
+            15 => {
+                let held = self.held.iter().nth(script.small(4) as usize).copied();
+                let sequence = script.near(held.unwrap_or(1));
+                self.held.remove(&sequence);
+                self.input(Input::Release { sequence });
+            }
+            16 => self.input(Input::Blocked),
+            17 => self.input(Input::Writable),
+            18 => self.wish(script),
+            _ if script.rarely() => self.end(script),
+            _ => {}
+        }
+    }
+
+    fn peer_open(&mut self, script: &mut Script<'_>) {
+        let config = *self.link.config();
+        let window = if config.role == Role::Receiver {
+            0
+        } else {
+            1 + script.small(6)
+        };
+        self.frame(
+            &Frame::Open(Open {
+                role: script.near(config.role.counterpart() as u64) as u8,
+                version: script.near(1) as u16,
+                window: script.near(window) as u32,
+                link: LINK,
+                lanes: script.near(u64::from(LANE_SOCKET)) as u32,
+            }),
+            &[],
+        );
+    }
+
+    fn peer_attach(&mut self, script: &mut Script<'_>) {
+        let (id, stride, slots) = (script.small(4) as u32, script.near(4096), script.near(2));
+        let facts = FdFacts {
+            regular: !script.rarely(),
+            size_bytes: script.near(stride.wrapping_mul(slots)),
+            seals: Seals(script.near(u64::from(Seals::POOLED.0)) as u32),
+        };
+        self.frame(
+            &Frame::Attach(SegmentInfo {
+                id,
+                stride,
+                slots: slots as u32,
+            }),
+            &[facts],
+        );
+    }
+
+    fn peer_message(&mut self, script: &mut Script<'_>) {
+        let carrier = match script.byte() {
+            0xff => Carrier::Data,
+            0xfe => Carrier::Reply,
+            _ => match self.link.config().role {
+                Role::Sender | Role::Receiver => Carrier::Data,
+                Role::Caller => Carrier::Reply,
+                Role::Server => Carrier::Request,
+            },
+        };
+        let is_reply = carrier == Carrier::Reply;
+        let sequence = script.near(self.peer.0 + 1);
+        let id = if is_reply {
+            self.call(script)
+        } else {
+            self.peer.1 + 1 + script.small(3)
+        };
+        let status = if is_reply {
+            Status::ALL[script.small(4) as usize]
+        } else {
+            Status::Ok
+        };
+        let rest = if status.has_payload() {
+            vec![7; script.small(5) as usize]
+        } else {
+            vec![]
+        };
+        let len = script.near(rest.len() as u64);
+        let (form, rest) = match script.byte() % 3 {
+            0 => (Form::Inline, &rest[..]),
+            1 => {
+                let (segment, slot) = (script.small(4) as u32, script.small(3) as u32);
+                (Form::Pooled { segment, slot }, &[][..])
+            }
+            _ => (Form::Sealed, &[][..]),
+        };
+        let facts = FdFacts {
+            regular: true,
+            size_bytes: script.near(4096),
+            seals: Seals(script.near(u64::from(Seals::SEALED.0)) as u32),
+        };
+        let time = Instant(9);
+        let frame = Frame::Message(MessageFrame {
+            carrier,
+            form,
+            status,
+            sequence,
+            id,
+            time,
+            len,
+            rest,
+        });
+        self.frame(&frame, &[facts][..frame.fds()]);
+        if self.link.end().is_none() {
+            self.peer = (sequence, id.max(self.peer.1));
+            if carrier == Carrier::Request {
+                self.calls.push(id);
+            }
+        }
+    }
+
+    fn peer_release(&mut self, script: &mut Script<'_>) {
+        let count = 1 + script.small(3) as usize;
+        let named: Vec<u64> = self.sent.iter().copied().take(count).collect();
+        let named: Vec<u64> = named
+            .into_iter()
+            .map(|sequence| script.near(sequence))
+            .collect();
+        let rest: Vec<u8> = named
+            .iter()
+            .flat_map(|sequence| sequence.to_le_bytes())
+            .collect();
+        let given = if script.byte() & 1 == 0 {
+            Given::Consumed
+        } else {
+            Given::Discarded
+        };
+        self.frame(
+            &Frame::Release {
+                given,
+                count: named.len() as u16,
+                rest: &rest,
+            },
+            &[],
+        );
+        for sequence in named {
+            self.sent.remove(&sequence);
+        }
+    }
+
+    fn send(&mut self, script: &mut Script<'_>) {
+        self.own += 1;
+        let role = self.link.config().role;
+        let id = if role == Role::Server {
+            self.call(script)
+        } else {
+            script.near(self.own)
+        };
+        let status = if role == Role::Server && script.byte() % 4 == 3 {
+            Status::Cancelled
+        } else {
+            Status::Ok
+        };
+        let content = if status.has_payload() {
+            script.bytes(3)
+        } else {
+            Vec::new()
+        };
+        let body = match script.byte() % 3 {
+            0 => Body::Inline(Bytes::from(content.clone())),
+            1 => {
+                let (id, stride, slots) = (script.small(4) as u32, script.near(4096), 2);
+                let segment = SegmentInfo { id, stride, slots };
+                Body::Pooled {
+                    segment,
+                    slot: script.small(3) as u32,
+                }
+            }
+            _ => Body::Sealed,
+        };
+        let len = script.near(content.len() as u64);
+        let key = self.own;
+        self.pending.insert(key);
+        let message = Message {
+            key,
+            id,
+            time: NOW,
+            status,
+            len,
+            body,
+        };
+        if self.feed(Input::Send(message)).is_err() {
+            self.pending.remove(&key);
+        } else if role == Role::Caller {
+            self.calls.push(id);
+        }
+        self.drain();
+    }
+
+    fn take(&mut self) {
+        let limit = usize::from(self.link.config().max_borrowed);
+        match self.link.take() {
+            Ok(Some(delivery)) => {
+                self.check_delivery(&delivery);
+                assert!(self.held.insert(delivery.sequence));
+                assert!(self.held.len() <= limit);
+            }
+            Ok(None) => assert_eq!(self.link.ready(), 0),
+            Err(_) => assert!(self.held.len() == limit && self.link.ready() > 0),
+        }
+        self.drain();
+    }
+
+    fn wish(&mut self, script: &mut Script<'_>) {
+        match script.byte() % 3 {
+            0 => self.input(Input::Skip),
+            1 => {
+                let call = self.call(script);
+                self.input(Input::Cancel { call });
+            }
+            _ => self.input(Input::Retire {
+                segment: script.small(4) as u32,
+            }),
+        }
+    }
+
+    fn end(&mut self, script: &mut Script<'_>) {
+        let code = Code(u16::from(script.byte()));
+        match script.byte() % 3 {
+            0 => self.input(Input::Close(code)),
+            1 => self.frame(&Frame::Close(code), &[]),
+            _ => self.input(Input::Eof),
+        }
+    }
+
+    /// One of the last calls, or none.
+    fn call(&self, script: &mut Script<'_>) -> u64 {
+        let back = script.small(4) as usize;
+        let call = self.calls.iter().rev().nth(back).copied();
+        script.near(call.unwrap_or(1))
+    }
+
+    fn frame(&mut self, frame: &Frame<'_>, fds: &[FdFacts]) {
+        let bytes = frame.to_vec();
+        check_round_trip(&bytes, fds);
+        self.datagram(&bytes, fds);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::frames;
+    use alloc::vec::Vec;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 2_000, ..ProptestConfig::default() })]
+
+        #[test]
+        fn bytes_decide(data: Vec<u8>) {
+            frames(&data);
+        }
+
+        /// No byte that changes much, so that runs get long.
+        #[test]
+        fn calm_bytes_decide(data in prop::collection::vec(0_u8..0xfc, 0..600)) {
+            frames(&data);
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! The driver and the peer of one machine, reduced to what they can notice.
+
+use alloc::{
+    collections::{BTreeMap, BTreeSet},
+    vec,
+    vec::Vec,
+};
+
+use super::{
+    super::{
+        Config, Delivery, End, Error, Input, Link, Misuse, Output, Packet, Payload, Role,
+        wire::Frame,
+    },
+    LINK, NOW, Script,
+};
+use crate::{Datagram, FdFacts};
+
+/// One machine, and what its driver and its peer must know of it.
+pub(super) struct World {
+    pub(super) link: Link,
+    pub(super) blocked: bool,
+    pub(super) end: Option<End>,
+    /// The keys of the messages that were taken and are not settled.
+    pub(super) pending: BTreeSet<u64>,
+    /// The sequence numbers that the machine sent and the peer has not released.
+    pub(super) sent: BTreeSet<u64>,
+    /// The sequence numbers that the application holds.
+    pub(super) held: BTreeSet<u64>,
+    /// The sizes of the segments that the driver has mapped.
+    pub(super) mapped: BTreeMap<u32, u64>,
+    /// The last sequence number and id that the peer used.
+    pub(super) peer: (u64, u64),
+    /// The last key and id that the application used.
+    pub(super) own: u64,
+    /// The calls that the machine was asked, or has asked.
+    pub(super) calls: Vec<u64>,
+}
+
+impl World {
+    pub(super) fn new(script: &mut Script<'_>) -> Self {
+        let flags = script.byte();
+        let config = Config {
+            id: LINK,
+            version: 1,
+            role: Role::ALL[usize::from(flags & 3)],
+            reliable: flags & 4 != 0,
+            sealed: flags & 8 != 0,
+            depth: u16::from(script.byte() % 4),
+            max_borrowed: u16::from(script.byte() % 4),
+        };
+        let mut world = Self {
+            link: Link::new(config),
+            blocked: false,
+            end: None,
+            pending: BTreeSet::new(),
+            sent: BTreeSet::new(),
+            held: BTreeSet::new(),
+            mapped: BTreeMap::new(),
+            peer: (0, 0),
+            own: 0,
+            calls: Vec::new(),
+        };
+        world.drain();
+        world
+    }
+
+    pub(super) fn datagram(&mut self, bytes: &[u8], fds: &[FdFacts]) {
+        self.input(Input::Datagram(Datagram {
+            bytes,
+            fds,
+            ..Datagram::default()
+        }));
+    }
+
+    pub(super) fn input(&mut self, input: Input<'_>) {
+        match input {
+            Input::Blocked => self.blocked = true,
+            Input::Writable => self.blocked = false,
+            _ => {}
+        }
+        let _ = self.feed(input);
+        self.drain();
+    }
+
+    pub(super) fn feed(&mut self, input: Input<'_>) -> Result<(), Error> {
+        let before = self.link.clone();
+        let result = self.link.handle(NOW, input);
+        match result {
+            Ok(()) => {}
+            Err(Error::Misuse(misuse)) => {
+                assert_eq!(self.link, before, "misuse changes nothing: {misuse}");
+                assert_ne!(misuse, Misuse::Undrained);
+            }
+            Err(Error::Ended(end)) => {
+                assert_eq!(self.link.end(), Some(end));
+                assert!(before.end().is_none_or(|first| first == end));
+            }
+        }
+        result
+    }
+
+    pub(super) fn drain(&mut self) {
+        while let Some(output) = self.link.poll() {
+            assert!(self.end.is_none(), "nothing comes after Ended");
+            self.observe(output);
+        }
+        assert_eq!(self.end, self.link.end());
+        assert_eq!(self.link.in_flight(), self.pending.len());
+        let it = self.link.counters();
+        let dropped = it.overwritten + it.discarded + it.deadline + it.closed;
+        assert_eq!(it.offered, it.delivered + dropped + it.in_flight);
+        assert_eq!(it.in_flight, self.pending.len() as u64);
+    }
+
+    fn observe(&mut self, output: Output) {
+        match output {
+            Output::Transmit(packet) => self.observe_packet(&packet),
+            Output::Settled { key, .. } => assert!(self.pending.remove(&key), "settled once"),
+            Output::Attach {
+                segment,
+                stride,
+                slots,
+            } => {
+                assert!(
+                    self.mapped
+                        .insert(segment, stride * u64::from(slots))
+                        .is_none()
+                );
+            }
+            Output::Detach { segment } => assert!(self.mapped.remove(&segment).is_some()),
+            Output::Ended(end) => {
+                assert!(self.pending.is_empty());
+                self.end = Some(end);
+            }
+            Output::Opened
+            | Output::Keep { .. }
+            | Output::Discard { .. }
+            | Output::Cancelled { .. }
+            | Output::CallFailed { .. } => {}
+        }
+    }
+
+    /// What the machine sends is a frame that its peer may receive.
+    fn observe_packet(&mut self, packet: &Packet) {
+        assert!(!self.blocked, "nothing is sent while the socket is blocked");
+        let bytes = packet.to_vec();
+        assert_eq!(bytes.len(), packet.len_bytes());
+        let fds = vec![FdFacts::default(); usize::from(packet.attachment.is_some())];
+        let datagram = Datagram {
+            bytes: &bytes,
+            fds: &fds,
+            ..Datagram::default()
+        };
+        let frame = Frame::decode(&datagram).expect("what is sent is a frame");
+        assert_eq!(frame.check_length(), Ok(()));
+        assert!(
+            frame
+                .kind()
+                .is_received_by(self.link.config().role.counterpart())
+        );
+        assert!(self.link.end().is_none() || matches!(frame, Frame::Close(_)));
+        if let Frame::Message(message) = frame {
+            assert!(self.sent.insert(message.sequence));
+        }
+    }
+
+    pub(super) fn check_delivery(&self, delivery: &Delivery) {
+        match &delivery.payload {
+            Payload::Inline(bytes) => assert_eq!(bytes.len() as u64, delivery.len),
+            Payload::Pooled { segment, offset } => {
+                assert!(!self.link.config().sealed);
+                assert!(
+                    self.mapped
+                        .get(segment)
+                        .is_some_and(|size| offset + delivery.len <= *size)
+                );
+            }
+            Payload::Sealed => {}
+        }
+    }
+}

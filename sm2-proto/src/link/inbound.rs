@@ -1,0 +1,351 @@
+//! The messages that one end receives: SPEC section 8 as the receiver sees it.
+//!
+//! A message is *ready* until the application takes it, *borrowed* until the
+//! application gives it back, and then waits for the RELEASE that names it.
+//! Up to there it is unreleased: it counts against the window and keeps its slot.
+
+use alloc::{
+    collections::{BTreeMap, BTreeSet, VecDeque},
+    vec::Vec,
+};
+
+use bytes::Bytes;
+
+use super::{
+    Config, Delivery, Frame, Packet, Payload, SegmentInfo, TooManyBorrowed,
+    segments::{Geometry, Slot, Verified, is_legal_len},
+    wire::{Carrier, Form, Given, MessageFrame},
+};
+use crate::{
+    FdFacts, Violation,
+    limits::{INLINE_MAX, RELEASE_MAX, SEGMENTS_MAX},
+};
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Inbound {
+    /// Whether one more ready message than `depth` displaces the oldest.
+    displaces: bool,
+    /// Whether pooled messages are illegal.
+    sealed: bool,
+    depth: usize,
+    max_borrowed: u16,
+    window: usize,
+    /// The number of the last message that came.
+    sequence: u64,
+    /// The id of the last DATA that came.
+    last_id: Option<u64>,
+    /// The id of DATA that the application would see next if none were lost.
+    next_id: Option<u64>,
+    segments: BTreeMap<u32, Segment>,
+    ready: VecDeque<Ready>,
+    /// By sequence, as all below.
+    borrowed: BTreeMap<u64, Option<Slot>>,
+    consumed: BTreeMap<u64, Option<Slot>>,
+    discarded: BTreeMap<u64, Option<Slot>>,
+}
+
+/// A segment of the other end's.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Segment {
+    geometry: Geometry,
+    /// The slots that unreleased messages are in.
+    busy: BTreeSet<u32>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Ready {
+    delivery: Delivery,
+    slot: Option<Slot>,
+}
+
+/// A message that SPEC section 8 allows at this moment. Only
+/// [`Inbound::check`] makes one, and only [`Inbound::accept`] spends it.
+pub(super) struct Admitted {
+    ready: Ready,
+    carrier: Carrier,
+}
+
+impl Admitted {
+    /// Whether the descriptor that came along belongs to the message.
+    pub(super) const fn is_sealed(&self) -> bool {
+        matches!(self.ready.delivery.payload, Payload::Sealed)
+    }
+
+    /// The number of the message.
+    pub(super) const fn sequence(&self) -> u64 {
+        self.ready.delivery.sequence
+    }
+}
+
+impl Inbound {
+    pub(super) const fn new(config: &Config) -> Self {
+        Self {
+            displaces: !config.reliable,
+            sealed: config.sealed,
+            depth: config.depth as usize,
+            max_borrowed: config.max_borrowed,
+            window: config.window() as usize,
+            sequence: 0,
+            last_id: None,
+            next_id: None,
+            segments: BTreeMap::new(),
+            ready: VecDeque::new(),
+            borrowed: BTreeMap::new(),
+            consumed: BTreeMap::new(),
+            discarded: BTreeMap::new(),
+        }
+    }
+
+    /// ATTACH came.
+    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
+    pub(super) fn attach(&mut self, info: &SegmentInfo, fds: &[FdFacts]) -> Result<(), Violation> {
+        let verified = Verified::pooled(fds.first().ok_or(Violation::FdCount)?)?;
+        if self.segments.contains_key(&info.id) {
+            return Err(Violation::SegmentNumber);
+        }
+        let geometry = Geometry::new(info.stride, info.slots).ok_or(Violation::BadSegment)?;
+        verified.check_segment(geometry)?;
+        if self.segments.len() >= SEGMENTS_MAX {
+            return Err(Violation::SegmentLimit);
+        }
+        self.segments.insert(
+            info.id,
+            Segment {
+                geometry,
+                busy: BTreeSet::new(),
+            },
+        );
+        Ok(())
+    }
+
+    /// DETACH came.
+    //= SM2-SEG-005
+    pub(super) fn detach(&mut self, segment: u32) -> Result<(), Violation> {
+        let attached = self
+            .segments
+            .get(&segment)
+            .ok_or(Violation::UnknownSegment)?;
+        if !attached.busy.is_empty() {
+            return Err(Violation::SegmentBusy);
+        }
+        self.segments.remove(&segment);
+        Ok(())
+    }
+
+    /// Whether a message may come now, by the clauses of SPEC section 8 in their order.
+    pub(super) fn check(
+        &self,
+        message: &MessageFrame<'_>,
+        fds: &[FdFacts],
+    ) -> Result<Admitted, Violation> {
+        self.check_flow(message)?;
+        let (payload, slot) = self.check_form(message)?;
+        if !is_legal_len(message.len) {
+            return Err(Violation::BadLength);
+        }
+        if message.form == Form::Sealed {
+            let verified = Verified::sealed(fds.first().ok_or(Violation::FdCount)?)?;
+            verified.check_message(message.len)?;
+        }
+        let MessageFrame {
+            carrier,
+            status,
+            sequence,
+            id,
+            time,
+            len,
+            ..
+        } = *message;
+        let delivery = Delivery {
+            sequence,
+            id,
+            time,
+            status,
+            lost: 0,
+            len,
+            payload,
+        };
+        Ok(Admitted {
+            ready: Ready { delivery, slot },
+            carrier,
+        })
+    }
+
+    //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003
+    fn check_flow(&self, message: &MessageFrame<'_>) -> Result<(), Violation> {
+        if self.sequence.checked_add(1) != Some(message.sequence) {
+            return Err(Violation::BadSequence);
+        }
+        let is_data = message.carrier == Carrier::Data;
+        if is_data && self.last_id.is_some_and(|last| message.id <= last) {
+            return Err(Violation::BadId);
+        }
+        if self.unreleased() >= self.window {
+            return Err(Violation::WindowExceeded);
+        }
+        Ok(())
+    }
+
+    fn check_form(&self, message: &MessageFrame<'_>) -> Result<(Payload, Option<Slot>), Violation> {
+        match message.form {
+            //= SM2-PAY-001
+            Form::Inline if message.len > INLINE_MAX as u64 => Err(Violation::BadLength),
+            Form::Inline => Ok((Payload::Inline(Bytes::copy_from_slice(message.rest)), None)),
+            Form::Pooled { segment, slot } => {
+                let offset = self.check_slot(segment, slot, message.len)?;
+                Ok((
+                    Payload::Pooled { segment, offset },
+                    Some(Slot { segment, slot }),
+                ))
+            }
+            //= SM2-PAY-003
+            Form::Sealed => Ok((Payload::Sealed, None)),
+        }
+    }
+
+    /// Where the payload of a pooled message begins.
+    //= SM2-PAY-002, SM2-PAY-004, SM2-PAY-005
+    fn check_slot(&self, segment: u32, slot: u32, len: u64) -> Result<u64, Violation> {
+        let segment = self
+            .segments
+            .get(&segment)
+            .ok_or(Violation::UnknownSegment)?;
+        let offset = segment.geometry.offset(slot).ok_or(Violation::BadSlot)?;
+        if len > segment.geometry.stride() {
+            return Err(Violation::BadLength);
+        }
+        if self.sealed {
+            return Err(Violation::NotSealed);
+        }
+        if segment.busy.contains(&slot) {
+            return Err(Violation::SlotBusy);
+        }
+        Ok(offset)
+    }
+
+    /// Takes a message. Gives the sequence number of the one that it displaced.
+    //= SM2-QOS-001, SM2-QOS-002
+    pub(super) fn accept(&mut self, admitted: Admitted) -> Option<u64> {
+        let Admitted { ready, carrier } = admitted;
+        self.sequence = ready.delivery.sequence;
+        if carrier == Carrier::Data {
+            self.last_id = Some(ready.delivery.id);
+            self.next_id.get_or_insert(ready.delivery.id);
+        }
+        if let Some(Slot { segment, slot }) = ready.slot
+            && let Some(segment) = self.segments.get_mut(&segment)
+        {
+            segment.busy.insert(slot);
+        }
+        self.ready.push_back(ready);
+        if !self.displaces || self.ready.len() <= self.depth {
+            return None;
+        }
+        let oldest = self.ready.pop_front()?;
+        self.discarded.insert(oldest.delivery.sequence, oldest.slot);
+        Some(oldest.delivery.sequence)
+    }
+
+    /// The next message for the application, the oldest first.
+    //= SM2-MSG-005
+    pub(super) fn take(&mut self) -> Result<Option<Delivery>, TooManyBorrowed> {
+        let max_borrowed = self.max_borrowed;
+        if self.ready.is_empty() {
+            return Ok(None);
+        }
+        if self.borrowed.len() >= usize::from(max_borrowed) {
+            return Err(TooManyBorrowed { max_borrowed });
+        }
+        let Some(Ready { mut delivery, slot }) = self.ready.pop_front() else {
+            return Ok(None);
+        };
+        if let Some(next_id) = &mut self.next_id {
+            delivery.lost = delivery.id.saturating_sub(*next_id);
+            *next_id = delivery.id.saturating_add(1);
+        }
+        self.borrowed.insert(delivery.sequence, slot);
+        Ok(Some(delivery))
+    }
+
+    /// The application gave a message back; whether it had it.
+    pub(super) fn release(&mut self, sequence: u64) -> bool {
+        let Some(slot) = self.borrowed.remove(&sequence) else {
+            return false;
+        };
+        self.consumed.insert(sequence, slot);
+        true
+    }
+
+    /// The next RELEASE to send.
+    //= SM2-MSG-004, SM2-MSG-005
+    pub(super) fn poll(&mut self) -> Option<Packet> {
+        let (given, pending) = if self.discarded.is_empty() {
+            (Given::Consumed, &mut self.consumed)
+        } else {
+            (Given::Discarded, &mut self.discarded)
+        };
+        let count = pending.len().min(RELEASE_MAX) as u16;
+        if count == 0 {
+            return None;
+        }
+        let mut head = Frame::Release {
+            given,
+            count,
+            rest: &[],
+        }
+        .head();
+        let mut list = Vec::new();
+        for _ in 0..count {
+            let Some((sequence, slot)) = pending.pop_first() else {
+                break;
+            };
+            if !head.push(sequence.to_le_bytes()) {
+                list.extend_from_slice(&sequence.to_le_bytes());
+            }
+            if let Some(Slot { segment, slot }) = slot
+                && let Some(segment) = self.segments.get_mut(&segment)
+            {
+                segment.busy.remove(&slot);
+            }
+        }
+        Some(Packet {
+            payload: list.into(),
+            ..Packet::bare(head)
+        })
+    }
+
+    /// The link is over. What is ready stays valid, all else counts as given back.
+    //= SM2-OPN-005, SM2-OPN-007
+    pub(super) fn end(&mut self) {
+        self.consumed.clear();
+        self.discarded.clear();
+        self.segments.clear();
+    }
+
+    /// After the end: the application gave a message back.
+    pub(super) fn forget(&mut self, sequence: u64) {
+        self.borrowed.remove(&sequence);
+    }
+
+    /// How many messages the application has not taken.
+    pub(super) fn ready(&self) -> usize {
+        self.ready.len()
+    }
+
+    fn unreleased(&self) -> usize {
+        self.ready.len() + self.borrowed.len() + self.consumed.len() + self.discarded.len()
+    }
+
+    /// What must hold between any two calls.
+    pub(super) fn invariants(&self) {
+        debug_assert!(self.unreleased() <= self.window);
+        debug_assert!(!self.displaces || self.ready.len() <= self.depth);
+        debug_assert!(self.borrowed.len() <= usize::from(self.max_borrowed));
+        debug_assert!(self.segments.len() <= SEGMENTS_MAX);
+        let all = [&self.borrowed, &self.consumed, &self.discarded];
+        let slots = all.into_iter().flat_map(BTreeMap::values).flatten().count();
+        let slots = slots + self.ready.iter().filter_map(|it| it.slot).count();
+        let busy: usize = self.segments.values().map(|it| it.busy.len()).sum();
+        debug_assert!(slots == busy || self.segments.is_empty());
+    }
+}

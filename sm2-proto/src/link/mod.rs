@@ -1,0 +1,402 @@
+//! One end of a link: SPEC sections 6 to 9, for all four roles.
+//!
+//! | to do | call |
+//! | --- | --- |
+//! | feed | [`Link::handle`] with each datagram, each wish of the application, each change of the socket |
+//! | drain | [`Link::poll`] until it gives nothing, after every feed |
+//! | take | [`Link::take`], whenever [`Link::ready`] is not zero |
+//! | deadline | [`Link::deadline`]: a link has no timer in version 1 |
+//! | inspect | [`Link::is_open`], [`Link::end`], [`Link::has_room`], [`Link::counters`], … |
+//!
+//! The machine never does I/O, reads no clock and sees no descriptor. Its driver
+//! owns the socket, the mappings and the payloads; one place in the driver
+//! matches [`Output`].
+//!
+//! * A datagram is handled and then drained before the next one:
+//!   [`Output::Attach`] and [`Output::Keep`] speak of the descriptor of *the
+//!   datagram just handled*, and what no output asks for is closed.
+//!   [`Input::Datagram`] and [`Input::Send`] are refused until that is done.
+//! * A packet that the socket does not take stays with the driver, which says
+//!   [`Input::Blocked`]; all else stays here, where keep-last can still displace
+//!   it, until [`Input::Writable`].
+//! * Each [`Input::Send`] that was taken comes back as one [`Output::Settled`].
+//!   Until then the driver leaves the payload alone.
+//! * The first reason to end is the last: whatever is fed after it is answered
+//!   with [`Error::Ended`] and that reason. Before [`Output::Ended`], everything that is not
+//!   settled is, and a CLOSE goes out if one is due and the socket is not blocked.
+//!   Messages that were ready can still be taken, and a taken one still has to be
+//!   released before another can be taken in its stead; nothing of it is sent.
+//!
+//! Whoever embeds this without `sm2-node` finds all that it needs here and in
+//! [`wire`]; which links there are is the business of [`node`](crate::node).
+
+mod attachments;
+mod calls;
+mod config;
+#[cfg(any(test, feature = "fuzzing"))]
+pub(crate) mod fuzz;
+mod inbound;
+mod outbound;
+mod packet;
+mod phase;
+mod receive;
+mod segments;
+mod types;
+pub mod wire;
+
+use alloc::collections::VecDeque;
+
+use self::{
+    calls::{Placed, Served},
+    inbound::Inbound,
+    outbound::{Outbound, Sent},
+    phase::Phase,
+    wire::{Frame, LANE_SOCKET, Open},
+};
+pub use self::{
+    config::{Config, Role},
+    packet::{Attachment, Head, Packet},
+    phase::FrameKind,
+    types::{
+        Body, Counters, Delivery, End, Error, Fate, Input, Message, Misuse, Output, Payload,
+        SegmentInfo, Status, TooManyBorrowed,
+    },
+};
+use crate::{Code, Instant, Violation};
+
+/// One end of one link. The module's page says in which order to call what.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Link {
+    config: Config,
+    /// Where it stands, or why it is over.
+    state: Result<Phase, End>,
+    /// Whether our OPEN was handed out.
+    greeted: bool,
+    /// Whether the driver keeps a packet.
+    blocked: bool,
+    /// The code of a CLOSE that has to be handed out.
+    farewell: Option<Code>,
+    /// All outputs but those to transmit, which are made when they are polled.
+    events: VecDeque<Output>,
+    outbound: Outbound,
+    inbound: Inbound,
+    placed: Placed,
+    served: Served,
+}
+
+impl Link {
+    /// A new end; its first output is the packet with OPEN.
+    ///
+    /// A `depth` or `max_borrowed` out of range is brought into it, and links of
+    /// services are reliable whatever `config` says.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let config = config.in_range();
+        Self {
+            config,
+            state: Ok(Phase::Opening),
+            greeted: false,
+            blocked: false,
+            farewell: None,
+            events: VecDeque::new(),
+            outbound: Outbound::new(&config),
+            inbound: Inbound::new(&config),
+            placed: Placed::default(),
+            served: Served::default(),
+        }
+    }
+
+    /// Feeds what has happened. `now` is not used in version 1.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`]: the input was not one that may come now; nothing has
+    /// changed. [`Error::Ended`]: the link is over, perhaps by a violation in
+    /// this very input; the outputs say the rest. After the end,
+    /// [`Input::Release`] still makes room for [`Link::take`], although it is
+    /// answered like all else.
+    pub fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
+        let result = match self.state {
+            Ok(phase) => self.handle_live(phase, input),
+            Err(end) => {
+                self.handle_ended(&input);
+                Err(Error::Ended(end))
+            }
+        };
+        self.invariants();
+        result
+    }
+
+    fn handle_live(&mut self, phase: Phase, input: Input<'_>) -> Result<(), Error> {
+        match input {
+            Input::Datagram(datagram) => {
+                self.check_drained()?;
+                //= SM2-TRN-003
+                if datagram.bytes.is_empty() {
+                    self.finish(End::Eof);
+                    return Ok(());
+                }
+                self.receive(phase, &datagram)
+                    .map_err(|violation| self.violated(violation))?;
+            }
+            Input::Eof => self.finish(End::Eof),
+            Input::Send(message) => self.send(message)?,
+            Input::Skip => self.skip()?,
+            Input::Release { sequence } => self.release(sequence)?,
+            Input::Cancel { call } => self.cancel(call)?,
+            Input::Retire { segment } => self.retire(segment)?,
+            Input::Blocked => self.blocked = true,
+            Input::Writable => self.blocked = false,
+            Input::Close(code) => self.finish(End::Local(code)),
+        }
+        Ok(())
+    }
+
+    fn handle_ended(&mut self, input: &Input<'_>) {
+        match input {
+            Input::Release { sequence } => self.inbound.forget(*sequence),
+            Input::Blocked => self.farewell = None,
+            _ => {}
+        }
+    }
+
+    fn check_drained(&self) -> Result<(), Misuse> {
+        if self.events.is_empty() {
+            Ok(())
+        } else {
+            Err(Misuse::Undrained)
+        }
+    }
+
+    fn send(&mut self, message: Message) -> Result<(), Misuse> {
+        self.check_drained()?;
+        match self.config.role {
+            Role::Sender => {}
+            Role::Receiver => return Err(Misuse::WrongRole),
+            Role::Caller => self.placed.check()?,
+            Role::Server => self.served.check(message.id)?,
+        }
+        self.outbound.check(&message)?;
+        let id = message.id;
+        let displaced = self.outbound.send(message)?;
+        match self.config.role {
+            Role::Sender | Role::Receiver => {}
+            Role::Caller => self.placed.place(id),
+            Role::Server => self.served.reply(id),
+        }
+        if let Some(key) = displaced {
+            self.events.push_back(Output::Settled {
+                key,
+                fate: Fate::Overwritten,
+            });
+        }
+        Ok(())
+    }
+
+    fn skip(&mut self) -> Result<(), Misuse> {
+        if self.config.role != Role::Sender || !self.config.reliable {
+            return Err(Misuse::WrongRole);
+        }
+        self.outbound.skip()
+    }
+
+    fn release(&mut self, sequence: u64) -> Result<(), Misuse> {
+        if !self.config.role.receives() {
+            return Err(Misuse::WrongRole);
+        }
+        if self.inbound.release(sequence) {
+            Ok(())
+        } else {
+            Err(Misuse::NotBorrowed)
+        }
+    }
+
+    fn cancel(&mut self, call: u64) -> Result<(), Misuse> {
+        if self.config.role != Role::Caller {
+            return Err(Misuse::WrongRole);
+        }
+        self.placed.cancel(call, self.outbound.last_id())
+    }
+
+    fn retire(&mut self, segment: u32) -> Result<(), Misuse> {
+        if !self.config.role.sends() {
+            return Err(Misuse::WrongRole);
+        }
+        self.outbound.retire(segment)
+    }
+
+    /// The one place where a link breaks off.
+    //= SM2-OPN-006
+    fn violated(&mut self, violation: Violation) -> Error {
+        let end = End::Violation(violation);
+        self.finish(end);
+        Error::Ended(end)
+    }
+
+    /// The one place where a link ends.
+    //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005
+    fn finish(&mut self, end: End) {
+        self.state = Err(end);
+        let code = match end {
+            End::Local(code) => Some(code),
+            End::Violation(violation) => Some(violation.code()),
+            End::Peer(_) | End::Eof => None,
+        };
+        self.farewell = code.filter(|_| !self.blocked);
+        let events = &mut self.events;
+        self.outbound.end(|key| {
+            events.push_back(Output::Settled {
+                key,
+                fate: Fate::Closed,
+            })
+        });
+        events.extend(self.placed.end().map(|call| Output::CallFailed { call }));
+        self.served.end();
+        self.inbound.end();
+        self.events.push_back(Output::Ended(end));
+    }
+
+    /// The next thing to do; call it until it gives nothing.
+    pub fn poll(&mut self) -> Option<Output> {
+        let output = self.next_output();
+        self.invariants();
+        output
+    }
+
+    fn next_output(&mut self) -> Option<Output> {
+        if let Some(code) = self.farewell.take() {
+            return Some(Output::Transmit(Packet::bare(Frame::Close(code).head())));
+        }
+        if let Some(event) = self.events.pop_front() {
+            return Some(event);
+        }
+        if self.blocked || self.state.is_err() {
+            return None;
+        }
+        self.transmit().map(Output::Transmit)
+    }
+
+    /// The next frame, made of what is there at this moment: OPEN before all
+    /// else, what gives back before what asks.
+    //= SM2-OPN-001
+    fn transmit(&mut self) -> Option<Packet> {
+        if !self.greeted {
+            self.greeted = true;
+            return Some(Packet::bare(self.open().head()));
+        }
+        if let Some(release) = self.inbound.poll() {
+            return Some(release);
+        }
+        if let Some(call) = self.placed.poll() {
+            return Some(Packet::bare(Frame::Cancel { call }.head()));
+        }
+        let Sent { packet, id } = self.outbound.poll()?;
+        match (self.config.role, id) {
+            (Role::Caller, Some(call)) => self.placed.sent(call),
+            (Role::Server, Some(call)) => self.served.sent(call),
+            _ => {}
+        }
+        Some(packet)
+    }
+
+    /// Our OPEN.
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004
+    fn open(&self) -> Frame<'static> {
+        Frame::Open(Open {
+            role: self.config.role as u8,
+            version: self.config.version,
+            window: self.config.window(),
+            link: self.config.id,
+            lanes: LANE_SOCKET,
+        })
+    }
+
+    /// When to call [`Link::handle`] at the latest: never in version 1.
+    #[must_use]
+    pub const fn deadline(&self) -> Option<Instant> {
+        None
+    }
+
+    /// The next message for the application, the oldest first; none if none is
+    /// ready. It is the application's until [`Input::Release`].
+    ///
+    /// # Errors
+    /// A message is ready, but the application holds all that it may.
+    pub fn take(&mut self) -> Result<Option<Delivery>, TooManyBorrowed> {
+        let taken = self.inbound.take();
+        self.invariants();
+        taken
+    }
+
+    /// Whether both OPEN were exchanged and the link is not over.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.state == Ok(Phase::Open)
+    }
+
+    /// Why the link is over, if it is.
+    #[must_use]
+    pub fn end(&self) -> Option<End> {
+        self.state.err()
+    }
+
+    /// The terms of this end.
+    #[must_use]
+    pub const fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What became of the messages that this end was given to send.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        self.outbound.counters()
+    }
+
+    /// Whether one more [`Input::Send`] would neither displace a message nor be
+    /// refused for want of room or for too many calls.
+    #[must_use]
+    pub fn has_room(&self) -> bool {
+        self.state.is_ok()
+            && self.config.role.sends()
+            && self.placed.check().is_ok()
+            && self.outbound.has_room()
+    }
+
+    /// Whether a deadline passed ([`Input::Skip`]) and the other end has
+    /// released nothing since: such a link is not waited for (SM2-QOS-002).
+    #[must_use]
+    pub const fn is_stalled(&self) -> bool {
+        self.outbound.is_stalled()
+    }
+
+    /// How many messages of this end are not settled.
+    #[must_use]
+    pub fn in_flight(&self) -> usize {
+        self.outbound.in_flight()
+    }
+
+    /// How many calls have no reply: of a caller those that it made, of a
+    /// server those whose reply has not left.
+    #[must_use]
+    pub fn calls(&self) -> usize {
+        self.placed.len() + self.served.len()
+    }
+
+    /// How many messages the application has not taken.
+    #[must_use]
+    pub fn ready(&self) -> usize {
+        self.inbound.ready()
+    }
+
+    /// What must hold between any two calls. Free in release.
+    fn invariants(&self) {
+        if cfg!(debug_assertions) {
+            self.outbound.invariants();
+            self.inbound.invariants();
+            self.placed.invariants();
+            self.served.invariants();
+            let is_over = self.state.is_err();
+            debug_assert!(is_over || self.farewell.is_none());
+            debug_assert!(!is_over || (self.in_flight() == 0 && self.calls() == 0));
+        }
+    }
+}

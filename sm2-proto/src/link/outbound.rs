@@ -1,0 +1,406 @@
+//! The messages that one end sends: SPEC section 8 as the sender sees it.
+//!
+//! A message *waits* while the window does not admit it, is *admitted* until
+//! it is sent, and then *unreleased* until RELEASE names it. Only waiting
+//! messages are displaced or counted against `depth`.
+
+use alloc::collections::{BTreeMap, VecDeque};
+use core::mem;
+
+use bytes::Bytes;
+
+use super::{
+    Attachment, Body, Config, Counters, Fate, Frame, Message, Misuse, Packet, Role, SegmentInfo,
+    Status,
+    attachments::{Attachments, Step},
+    segments::{Slot, is_legal_len},
+    wire::{Carrier, Form, Given, MessageFrame},
+};
+use crate::{
+    Violation,
+    limits::{CALLS_MAX, INLINE_MAX, RELEASE_MAX},
+};
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Outbound {
+    carrier: Carrier,
+    /// Whether one more waiting message than `depth` displaces the oldest.
+    displaces: bool,
+    /// Whether pooled messages are illegal.
+    sealed: bool,
+    /// How many messages may wait.
+    depth: usize,
+    /// How many may be unreleased: zero until OPEN comes.
+    window: usize,
+    waiting: VecDeque<Message>,
+    admitted: VecDeque<Message>,
+    unreleased: BTreeMap<u64, Unreleased>,
+    attachments: Attachments,
+    /// The number of the last message that was sent.
+    sequence: u64,
+    /// The id of the last message that was offered.
+    last_id: Option<u64>,
+    stalled: bool,
+    /// `in_flight` is not kept here: see [`Self::counters`].
+    counters: Counters,
+}
+
+/// What is remembered of a message that was sent.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Unreleased {
+    key: u64,
+    id: u64,
+    slot: Option<Slot>,
+}
+
+/// A message that the other end has released.
+pub(super) struct Released {
+    pub(super) key: u64,
+    pub(super) id: u64,
+    pub(super) fate: Fate,
+}
+
+/// What [`Outbound::poll`] sends.
+pub(super) struct Sent {
+    pub(super) packet: Packet,
+    /// The id of the message, if the packet is one.
+    pub(super) id: Option<u64>,
+}
+
+impl Outbound {
+    pub(super) fn new(config: &Config) -> Self {
+        let (carrier, depth) = match config.role {
+            Role::Sender | Role::Receiver => (Carrier::Data, usize::from(config.depth)),
+            // The limit of calls bounds what can wait; no reply is ever refused.
+            Role::Caller => (Carrier::Request, CALLS_MAX),
+            Role::Server => (Carrier::Reply, CALLS_MAX),
+        };
+        Self {
+            carrier,
+            displaces: !config.reliable,
+            sealed: config.sealed,
+            depth,
+            window: 0,
+            waiting: VecDeque::new(),
+            admitted: VecDeque::new(),
+            unreleased: BTreeMap::new(),
+            attachments: Attachments::default(),
+            sequence: 0,
+            last_id: None,
+            stalled: false,
+            counters: Counters::default(),
+        }
+    }
+
+    /// OPEN came, with the other end's window.
+    pub(super) fn open(&mut self, window: u32) {
+        self.window = window as usize;
+        self.admit();
+    }
+
+    /// Whether the machine may be given this message.
+    pub(super) fn check(&self, message: &Message) -> Result<(), Misuse> {
+        let is_reply = self.carrier == Carrier::Reply;
+        if (!is_reply && message.status != Status::Ok)
+            || (!message.status.has_payload() && message.len != 0)
+        {
+            return Err(Misuse::Status);
+        }
+        if !is_reply && self.last_id.is_some_and(|last| message.id <= last) {
+            return Err(Misuse::IdNotGrowing);
+        }
+        if !is_legal_len(message.len) {
+            return Err(Misuse::TooLong);
+        }
+        match &message.body {
+            Body::Inline(bytes) if bytes.len() as u64 != message.len => Err(Misuse::Length),
+            Body::Inline(bytes) if bytes.len() > INLINE_MAX => Err(Misuse::TooLong),
+            Body::Pooled { .. } if self.sealed => Err(Misuse::NotSealed),
+            Body::Pooled { segment, slot } => {
+                self.attachments.check(segment, *slot)?;
+                if message.len > segment.stride {
+                    Err(Misuse::TooLong)
+                } else {
+                    Ok(())
+                }
+            }
+            Body::Inline(_) | Body::Sealed => Ok(()),
+        }
+    }
+
+    /// Takes a message that `check` has allowed. Gives the key of the one that
+    /// it displaced.
+    //= SM2-QOS-001, SM2-QOS-002
+    pub(super) fn send(&mut self, message: Message) -> Result<Option<u64>, Misuse> {
+        let displaced = if self.has_room() {
+            None
+        } else if self.displaces {
+            self.waiting.pop_front()
+        } else {
+            return Err(Misuse::NoRoom);
+        };
+        if let Some(displaced) = &displaced {
+            self.counters.overwritten += 1;
+            self.settle(slot_of(&displaced.body), false);
+        }
+        self.counters.offered += 1;
+        if self.carrier != Carrier::Reply {
+            self.last_id = Some(message.id);
+        }
+        if let Body::Pooled { segment, slot } = &message.body {
+            self.attachments.queue(segment, *slot);
+        }
+        self.waiting.push_back(message);
+        self.admit();
+        Ok(displaced.map(|displaced| displaced.key))
+    }
+
+    /// A deadline passed while the application waited for room.
+    //= SM2-QOS-002
+    pub(super) fn skip(&mut self) -> Result<(), Misuse> {
+        if self.has_room() {
+            return Err(Misuse::RoomLeft);
+        }
+        self.counters.offered += 1;
+        self.counters.deadline += 1;
+        self.stalled = true;
+        Ok(())
+    }
+
+    /// Moves what the window admits.
+    //= SM2-MSG-003
+    fn admit(&mut self) {
+        while self.admitted.len() + self.unreleased.len() < self.window {
+            let Some(message) = self.waiting.pop_front() else {
+                break;
+            };
+            self.admitted.push_back(message);
+        }
+    }
+
+    /// RELEASE came. It counts as a whole or, if any of it is illegal, not at all.
+    //= SM2-MSG-004
+    pub(super) fn release(
+        &mut self,
+        frame: &Frame<'_>,
+        given: Given,
+        mut each: impl FnMut(Released),
+    ) -> Result<(), Violation> {
+        let mut count = 0;
+        let mut last = 0;
+        for sequence in frame.sequences() {
+            count += 1;
+            if sequence <= last || count > RELEASE_MAX || !self.unreleased.contains_key(&sequence) {
+                return Err(Violation::BadRelease);
+            }
+            last = sequence;
+        }
+        if count == 0 {
+            return Err(Violation::BadRelease);
+        }
+        for sequence in frame.sequences() {
+            if let Some(released) = self.take_unreleased(sequence, given) {
+                each(released);
+            }
+        }
+        self.stalled = false;
+        self.admit();
+        Ok(())
+    }
+
+    //= SM2-QOS-004
+    fn take_unreleased(&mut self, sequence: u64, given: Given) -> Option<Released> {
+        let Unreleased { key, id, slot } = self.unreleased.remove(&sequence)?;
+        self.settle(slot, true);
+        let fate = match given {
+            Given::Consumed => {
+                self.counters.delivered += 1;
+                Fate::Delivered
+            }
+            Given::Discarded => {
+                self.counters.discarded += 1;
+                Fate::Discarded
+            }
+        };
+        Some(Released { key, id, fate })
+    }
+
+    fn settle(&mut self, slot: Option<Slot>, sent: bool) {
+        if let Some(slot) = slot {
+            self.attachments.settle(slot, sent);
+        }
+    }
+
+    /// The application will not use this segment again.
+    pub(super) fn retire(&mut self, segment: u32) -> Result<(), Misuse> {
+        self.attachments.retire(segment)
+    }
+
+    /// The next frame to send: DETACH, ATTACH or a message.
+    pub(super) fn poll(&mut self) -> Option<Sent> {
+        if let Some(segment) = self.attachments.poll_retired() {
+            return Some(Sent::bare(&Frame::Detach { segment }));
+        }
+        let message = self.admitted.front()?;
+        if let Body::Pooled { segment, .. } = &message.body {
+            match self.attachments.prepare(segment.id) {
+                Some(Step::Detach(segment)) => return Some(Sent::bare(&Frame::Detach { segment })),
+                Some(Step::Attach(segment)) => return Some(Sent::attach(segment)),
+                None => {}
+            }
+        }
+        self.send_admitted()
+    }
+
+    //= SM2-MSG-001
+    fn send_admitted(&mut self) -> Option<Sent> {
+        let sequence = self.sequence.checked_add(1)?;
+        let message = self.admitted.pop_front()?;
+        self.sequence = sequence;
+        let slot = slot_of(&message.body);
+        if let Some(slot) = slot {
+            self.attachments.sent(slot);
+        }
+        self.unreleased.insert(
+            sequence,
+            Unreleased {
+                key: message.key,
+                id: message.id,
+                slot,
+            },
+        );
+        Some(Sent {
+            id: Some(message.id),
+            packet: packet(self.carrier, sequence, message),
+        })
+    }
+
+    /// The link is over: everything counts as given back. Gives the keys of
+    /// what was not settled, the oldest first.
+    //= SM2-OPN-007
+    pub(super) fn end(&mut self, mut each: impl FnMut(u64)) {
+        let before = self.counters();
+        self.counters = Counters {
+            closed: before.closed + before.in_flight,
+            in_flight: 0,
+            ..before
+        };
+        let sent = mem::take(&mut self.unreleased)
+            .into_values()
+            .map(|sent| sent.key);
+        let admitted = self.admitted.drain(..).map(|message| message.key);
+        let waiting = self.waiting.drain(..).map(|message| message.key);
+        sent.chain(admitted).chain(waiting).for_each(&mut each);
+        self.attachments = Attachments::default();
+        self.stalled = false;
+    }
+
+    /// Whether one more message would neither displace another nor be refused.
+    pub(super) fn has_room(&self) -> bool {
+        self.waiting.len() < self.depth || self.admitted.len() + self.unreleased.len() < self.window
+    }
+
+    pub(super) const fn is_stalled(&self) -> bool {
+        self.stalled
+    }
+
+    /// The id of the last message that was offered.
+    pub(super) const fn last_id(&self) -> Option<u64> {
+        self.last_id
+    }
+
+    pub(super) fn in_flight(&self) -> usize {
+        self.waiting.len() + self.admitted.len() + self.unreleased.len()
+    }
+
+    //= SM2-QOS-004
+    pub(super) fn counters(&self) -> Counters {
+        Counters {
+            in_flight: self.in_flight() as u64,
+            ..self.counters
+        }
+    }
+
+    /// What must hold between any two calls.
+    pub(super) fn invariants(&self) {
+        let it = self.counters();
+        let dropped = it.overwritten + it.discarded + it.deadline + it.closed;
+        debug_assert_eq!(it.offered, it.delivered + dropped + it.in_flight);
+        debug_assert!(self.waiting.len() <= self.depth);
+        let used = self.admitted.len() + self.unreleased.len();
+        debug_assert!(used <= self.window);
+        debug_assert!(self.waiting.is_empty() || used == self.window);
+        self.attachments.invariants();
+    }
+}
+
+impl Sent {
+    fn bare(frame: &Frame<'_>) -> Self {
+        Self {
+            packet: Packet::bare(frame.head()),
+            id: None,
+        }
+    }
+
+    fn attach(segment: SegmentInfo) -> Self {
+        let head = Frame::Attach(segment).head();
+        let attachment = Some(Attachment::Segment(segment.id));
+        Self {
+            packet: Packet {
+                attachment,
+                ..Packet::bare(head)
+            },
+            id: None,
+        }
+    }
+}
+
+fn slot_of(body: &Body) -> Option<Slot> {
+    match body {
+        Body::Pooled { segment, slot } => Some(Slot {
+            segment: segment.id,
+            slot: *slot,
+        }),
+        Body::Inline(_) | Body::Sealed => None,
+    }
+}
+
+/// The frame of a message.
+//= SM2-MSG-002, SM2-PAY-001, SM2-PAY-002, SM2-PAY-003
+fn packet(carrier: Carrier, sequence: u64, message: Message) -> Packet {
+    let Message {
+        key,
+        id,
+        time,
+        status,
+        len,
+        body,
+    } = message;
+    let (form, payload, attachment) = match body {
+        Body::Inline(bytes) => (Form::Inline, bytes, None),
+        Body::Pooled { segment, slot } => (
+            Form::Pooled {
+                segment: segment.id,
+                slot,
+            },
+            Bytes::new(),
+            None,
+        ),
+        Body::Sealed => (Form::Sealed, Bytes::new(), Some(Attachment::Message(key))),
+    };
+    let frame = MessageFrame {
+        carrier,
+        form,
+        status,
+        sequence,
+        id,
+        time,
+        len,
+        rest: &[],
+    };
+    Packet {
+        head: Frame::Message(frame).head(),
+        payload,
+        attachment,
+    }
+}

@@ -1,0 +1,89 @@
+//! Which frames are legal when, and for whom: SPEC section 6 and the table of
+//! section 7, as tables.
+//!
+//! Only the lifecycle and the kinds of frames are decided here, on values that
+//! can be counted through; what a legal frame says is for the others.
+
+use super::Role;
+use crate::Violation;
+
+/// Where a link stands as long as it is not over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) enum Phase {
+    /// The other end's OPEN has not come yet.
+    Opening,
+    /// It has.
+    Open,
+}
+
+/// The kinds of link frames, by their numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum FrameKind {
+    /// The first frame of each side.
+    Open = 1,
+    /// Registers a segment.
+    Attach = 2,
+    /// Ends a segment.
+    Detach = 3,
+    /// A publication.
+    Data = 4,
+    /// A call.
+    Request = 5,
+    /// The answer to a call.
+    Reply = 6,
+    /// Gives messages back.
+    Release = 7,
+    /// The caller no longer wants a reply.
+    Cancel = 8,
+    /// The last frame of each side.
+    Close = 9,
+}
+
+impl FrameKind {
+    /// Every kind, in the order of their numbers.
+    pub const ALL: [Self; 9] = [
+        Self::Open,
+        Self::Attach,
+        Self::Detach,
+        Self::Data,
+        Self::Request,
+        Self::Reply,
+        Self::Release,
+        Self::Cancel,
+        Self::Close,
+    ];
+
+    /// The kind with this number.
+    #[must_use]
+    pub fn from_number(number: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| *kind as u8 == number)
+    }
+
+    /// The column *received by* of the table in SPEC section 7.
+    //= SM2-WIR-002
+    #[must_use]
+    pub const fn is_received_by(self, role: Role) -> bool {
+        use Role::{Caller, Receiver, Sender, Server};
+        match self {
+            Self::Open | Self::Close => true,
+            Self::Attach | Self::Detach => matches!(role, Receiver | Caller | Server),
+            Self::Data => matches!(role, Receiver),
+            Self::Request | Self::Cancel => matches!(role, Server),
+            Self::Reply => matches!(role, Caller),
+            Self::Release => matches!(role, Sender | Caller | Server),
+        }
+    }
+}
+
+/// Whether a frame of this kind may come now.
+//= SM2-OPN-001, SM2-WIR-002
+pub(super) const fn admit(phase: Phase, role: Role, kind: FrameKind) -> Result<(), Violation> {
+    match (phase, kind) {
+        (Phase::Opening, FrameKind::Open) | (_, FrameKind::Close) => Ok(()),
+        (Phase::Opening, _) => Err(Violation::ExpectedOpen),
+        (Phase::Open, FrameKind::Open) => Err(Violation::UnexpectedOpen),
+        (Phase::Open, kind) if kind.is_received_by(role) => Ok(()),
+        (Phase::Open, _) => Err(Violation::WrongRole),
+    }
+}

@@ -1,0 +1,117 @@
+//! What may be mapped: seals, sizes, strides and slots, checked on integers.
+//!
+//! Everything that ends up as the address of a payload passes through here.
+//! The types can only be made by their checks, so whoever holds one need not check again.
+
+use crate::{
+    FdFacts, Seals, Violation,
+    limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SLOTS_MAX, STRIDE_UNIT},
+};
+
+/// A descriptor that is a regular file and carries the seals that its use demands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Verified {
+    size_bytes: u64,
+}
+
+impl Verified {
+    /// For one sealed message.
+    pub(super) const fn sealed(facts: &FdFacts) -> Result<Self, Violation> {
+        Self::with(facts, Seals::SEALED)
+    }
+
+    /// For a segment of pooled messages.
+    pub(super) const fn pooled(facts: &FdFacts) -> Result<Self, Violation> {
+        Self::with(facts, Seals::POOLED)
+    }
+
+    //= SM2-SEG-001
+    const fn with(facts: &FdFacts, needed: Seals) -> Result<Self, Violation> {
+        if !facts.regular {
+            return Err(Violation::NotAMemfd);
+        }
+        if !facts.seals.contains(needed) {
+            return Err(Violation::SealsMissing);
+        }
+        Ok(Self {
+            size_bytes: facts.size_bytes,
+        })
+    }
+
+    /// Whether the file can hold a sealed message of this length.
+    //= SM2-SEG-002
+    pub(super) const fn check_message(self, len: u64) -> Result<(), Violation> {
+        if self.size_bytes < len || self.size_bytes > SEGMENT_BYTES_MAX {
+            return Err(Violation::BadSize);
+        }
+        Ok(())
+    }
+
+    /// Whether the file is exactly this large.
+    //= SM2-SEG-003
+    pub(super) const fn check_segment(self, geometry: Geometry) -> Result<(), Violation> {
+        if self.size_bytes != geometry.size_bytes() {
+            return Err(Violation::BadSize);
+        }
+        Ok(())
+    }
+}
+
+/// The slots of a segment that SPEC allows: nothing computed from one overflows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Geometry {
+    stride: u64,
+    slots: u32,
+}
+
+impl Geometry {
+    /// None if stride, slots or their product are out of range.
+    //= SM2-SEG-003
+    pub(super) const fn new(stride: u64, slots: u32) -> Option<Self> {
+        if stride == 0 || !stride.is_multiple_of(STRIDE_UNIT) || slots == 0 || slots > SLOTS_MAX {
+            return None;
+        }
+        match stride.checked_mul(slots as u64) {
+            Some(size) if size <= SEGMENT_BYTES_MAX => Some(Self { stride, slots }),
+            _ => None,
+        }
+    }
+
+    /// The size of a slot, and the longest message that it holds.
+    pub(super) const fn stride(self) -> u64 {
+        self.stride
+    }
+
+    /// How many slots there are.
+    pub(super) const fn slots(self) -> u32 {
+        self.slots
+    }
+
+    /// The size of the whole segment.
+    pub(super) const fn size_bytes(self) -> u64 {
+        self.stride * self.slots as u64
+    }
+
+    /// Where a slot begins; the whole slot is within the segment.
+    //= SM2-PAY-002
+    pub(super) const fn offset(self, slot: u32) -> Option<u64> {
+        if slot < self.slots {
+            Some(self.stride * slot as u64)
+        } else {
+            None
+        }
+    }
+}
+
+/// The length of any message, whatever its form.
+//= SM2-PAY-008
+pub(super) const fn is_legal_len(len: u64) -> bool {
+    len <= MESSAGE_MAX
+}
+
+/// One slot of one segment of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct Slot {
+    pub(super) segment: u32,
+    pub(super) slot: u32,
+}

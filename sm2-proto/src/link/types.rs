@@ -1,0 +1,352 @@
+//! What goes into the machine and what comes out of it.
+
+use bytes::Bytes;
+
+use super::Packet;
+use crate::{Code, Datagram, Instant, Violation};
+
+/// What happens to a link.
+#[derive(Clone, Debug)]
+pub enum Input<'a> {
+    /// The other end sent a datagram. One without bytes is the end of the stream.
+    Datagram(Datagram<'a>),
+    /// The stream ended: the other end's process is gone, or it closed the socket.
+    Eof,
+    /// The application sends a message: DATA, REQUEST or REPLY by the role.
+    Send(Message),
+    /// A reliable publisher's deadline passed while it waited for room: one
+    /// message is dropped for this link alone.
+    Skip,
+    /// The application gives back a message that it took.
+    Release {
+        /// The message's [`Delivery::sequence`].
+        sequence: u64,
+    },
+    /// The caller no longer wants the reply. Sent once, however often it is
+    /// asked for; a call that has its reply is left alone.
+    Cancel {
+        /// The [`Message::id`] of the request.
+        call: u64,
+    },
+    /// The application will not use this segment again: DETACH, if it is attached.
+    Retire {
+        /// The [`SegmentInfo::id`].
+        segment: u32,
+    },
+    /// The socket did not take a packet, and the driver keeps it: no
+    /// [`Output::Transmit`] until [`Input::Writable`]. A CLOSE not yet polled is dropped.
+    Blocked,
+    /// The socket took the packet that the driver kept.
+    Writable,
+    /// Ends the link from this side.
+    Close(Code),
+}
+
+/// What a driver has to do. Outputs that speak of *the datagram just handled*
+/// come before the next one may be fed.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Output {
+    /// Hand this packet to the socket, or keep it and feed [`Input::Blocked`].
+    Transmit(Packet),
+    /// Both ends have sent OPEN.
+    Opened,
+    /// Map the descriptor of the datagram just handled, for reading only: its
+    /// seals and its size are as SPEC demands.
+    Attach {
+        /// The number by which messages name the segment.
+        segment: u32,
+        /// The size of a slot, in bytes.
+        stride: u64,
+        /// How many slots there are; `stride * slots` is the size of the file.
+        slots: u32,
+    },
+    /// No message of this link uses the segment any more: unmap it.
+    Detach {
+        /// The segment's number.
+        segment: u32,
+    },
+    /// Keep the descriptor of the datagram just handled for this sealed message:
+    /// its seals and its size are as SPEC demands.
+    Keep {
+        /// The message's sequence number.
+        sequence: u64,
+    },
+    /// The message was displaced before it was taken: forget what was kept for it.
+    Discard {
+        /// The message's sequence number.
+        sequence: u64,
+    },
+    /// The link is done with a message. Exactly one for each [`Input::Send`] that was taken.
+    Settled {
+        /// The [`Message::key`].
+        key: u64,
+        /// What became of the message.
+        fate: Fate,
+    },
+    /// A server's client no longer wants this reply, but still expects one.
+    Cancelled {
+        /// The id of the request.
+        call: u64,
+    },
+    /// A caller will not get the reply: the link ended before it.
+    CallFailed {
+        /// The id of the request.
+        call: u64,
+    },
+    /// The link is over: nothing comes after this.
+    Ended(End),
+}
+
+/// One message to send.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Message {
+    /// The driver's own name for it, as it comes back in [`Output::Settled`]
+    /// and [`Attachment::Message`](super::Attachment::Message). The machine only carries it.
+    pub key: u64,
+    /// DATA: the publisher's count of its publications. REQUEST: the number of
+    /// the call. Both grow on a link. REPLY: the id of the request.
+    pub id: u64,
+    /// DATA: the moment of publication. REQUEST: the deadline, 0 for none.
+    pub time: Instant,
+    /// REPLY: how the call went. All others: [`Status::Ok`].
+    pub status: Status,
+    /// The length of the payload, in bytes.
+    pub len: u64,
+    /// Where the payload is.
+    pub body: Body,
+}
+
+/// Where the payload of a message to send is.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Body {
+    /// In the datagram: at most [`INLINE_MAX`](crate::limits::INLINE_MAX) bytes.
+    Inline(Bytes),
+    /// In a slot of a shared segment.
+    Pooled {
+        /// The segment. It is attached when the link first needs it.
+        segment: SegmentInfo,
+        /// The slot, from 0.
+        slot: u32,
+    },
+    /// In a file of its own, which the driver keeps under [`Message::key`].
+    Sealed,
+}
+
+/// A shared segment: equal slots, one behind the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SegmentInfo {
+    /// Its number on the link.
+    pub id: u32,
+    /// The size of a slot in bytes: a multiple of 4,096, not zero.
+    pub stride: u64,
+    /// How many slots, 1 to 65,536.
+    pub slots: u32,
+}
+
+/// One received message.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Delivery {
+    /// Its number on this link, by which it is released.
+    pub sequence: u64,
+    /// DATA: the publisher's count of its publications. REQUEST and REPLY: the call.
+    pub id: u64,
+    /// DATA: the moment of publication. REQUEST: the deadline, 0 for none.
+    pub time: Instant,
+    /// REPLY: how the call went. All others: [`Status::Ok`].
+    pub status: Status,
+    /// How many publications the application will never see that came after
+    /// the one it took before this (or since the first that reached this
+    /// link). Always zero on links of services.
+    pub lost: u64,
+    /// The length of the payload, in bytes.
+    pub len: u64,
+    /// Where the payload is.
+    pub payload: Payload,
+}
+
+/// Where the payload of a received message is.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Payload {
+    /// Here: exactly `len` bytes.
+    Inline(Bytes),
+    /// In an attached segment: `offset + len` is within it.
+    Pooled {
+        /// The segment's number.
+        segment: u32,
+        /// Where the slot begins, in bytes.
+        offset: u64,
+    },
+    /// At the start of the file that [`Output::Keep`] spoke of.
+    Sealed,
+}
+
+/// How a call went (SM2-SRV-003).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u16)]
+pub enum Status {
+    /// The payload is the reply.
+    #[default]
+    Ok = 0,
+    /// The server failed; the payload says why, in UTF-8.
+    Failed = 1,
+    /// The client cancelled the call; no payload.
+    Cancelled = 2,
+    /// The call's deadline passed; no payload.
+    DeadlinePassed = 3,
+}
+
+impl Status {
+    /// Every status, in the order of their numbers.
+    pub const ALL: [Self; 4] = [
+        Self::Ok,
+        Self::Failed,
+        Self::Cancelled,
+        Self::DeadlinePassed,
+    ];
+
+    /// Whether a reply with this status may have a payload.
+    #[must_use]
+    pub const fn has_payload(self) -> bool {
+        matches!(self, Self::Ok | Self::Failed)
+    }
+}
+
+/// What became of a message that was sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Fate {
+    /// Released as consumed: the application had it.
+    Delivered,
+    /// Displaced by a later one before it left this side.
+    Overwritten,
+    /// Displaced by a later one on the other side.
+    Discarded,
+    /// Never sent, because a deadline passed. Counted only: see [`Input::Skip`].
+    Deadline,
+    /// The link ended first.
+    Closed,
+}
+
+/// What became of all messages of one link:
+/// `offered = delivered + overwritten + discarded + deadline + closed + in_flight`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Counters {
+    /// Every [`Input::Send`] that was taken, and every [`Input::Skip`].
+    pub offered: u64,
+    /// See [`Fate::Delivered`].
+    pub delivered: u64,
+    /// See [`Fate::Overwritten`].
+    pub overwritten: u64,
+    /// See [`Fate::Discarded`].
+    pub discarded: u64,
+    /// See [`Fate::Deadline`].
+    pub deadline: u64,
+    /// See [`Fate::Closed`].
+    pub closed: u64,
+    /// Queued on this side, or sent and not released yet.
+    pub in_flight: u64,
+}
+
+/// Why a link is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
+pub enum End {
+    /// [`Input::Close`] with this code.
+    #[error("this side closed the link: {0}")]
+    Local(Code),
+    /// The other end's CLOSE with this code.
+    #[error("the other side closed the link: {0}")]
+    Peer(Code),
+    /// The stream ended without CLOSE.
+    #[error("the other side is gone")]
+    Eof,
+    /// The other end broke SPEC.
+    #[error("the other side broke the protocol: {0}")]
+    Violation(Violation),
+}
+
+/// Why [`Link::handle`](super::Link::handle) did not do what it was told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
+pub enum Error {
+    /// The link is over; the reason is the first one, for ever.
+    #[error(transparent)]
+    Ended(End),
+    /// The caller of the machine broke its contract; nothing has changed.
+    #[error(transparent)]
+    Misuse(Misuse),
+}
+
+impl From<Misuse> for Error {
+    fn from(misuse: Misuse) -> Self {
+        Self::Misuse(misuse)
+    }
+}
+
+/// How a caller of the machine can break its contract.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
+pub enum Misuse {
+    /// Outputs of the last input are still there.
+    #[error("outputs are waiting: call poll until it gives none, then go on")]
+    Undrained,
+    /// This role, or this kind of link, has no such input.
+    #[error("an end with this role does not do that")]
+    WrongRole,
+    /// `len` is not the length of the inline payload.
+    #[error("len differs from the length of the inline payload")]
+    Length,
+    /// The payload is longer than its form allows.
+    #[error(
+        "the payload is longer than its form allows: inline 61,440 bytes, pooled one slot, all 2^40"
+    )]
+    TooLong,
+    /// The link is sealed.
+    #[error("pooled messages are illegal on a sealed link: send it sealed or inline")]
+    NotSealed,
+    /// The segment's stride or slots are out of range.
+    #[error(
+        "a segment's stride is a multiple of 4,096, its slots are 1 to 65,536, its size is at most 2^41"
+    )]
+    BadSegment,
+    /// A segment of this number is in use with another stride or other slots.
+    #[error("the segment of that number has another stride or other slots: retire it first")]
+    SegmentChanged,
+    /// The slot is not one of the segment's.
+    #[error("the segment has no such slot")]
+    SlotOutside,
+    /// A message of this link that is not settled uses the slot.
+    #[error("the slot holds a message of this link that is not settled")]
+    SlotBusy,
+    /// Messages of this link that are not settled use 256 other segments.
+    #[error("unsettled messages of this link use 256 other segments: wait until some are settled")]
+    SegmentLimit,
+    /// Messages of this link that are not settled use the segment.
+    #[error("the segment holds messages of this link that are not settled")]
+    SegmentBusy,
+    /// The id is not greater than the one before.
+    #[error("ids grow with every message of a link")]
+    IdNotGrowing,
+    /// DATA or REQUEST with a status, or a payload where the status allows none.
+    #[error("only replies have a status, and only ok and failed ones a payload")]
+    Status,
+    /// Window and queue are full and the link is reliable.
+    #[error("there is no room: wait until has_room, or skip the message")]
+    NoRoom,
+    /// [`Input::Skip`] while there is room.
+    #[error("there is room: send the message")]
+    RoomLeft,
+    /// 1,024 calls have no reply yet.
+    #[error("1,024 calls of this link have no reply yet: wait for some")]
+    CallLimit,
+    /// Server: the call is not open, or has its reply. Caller: it was never made.
+    #[error("no such call is open")]
+    UnknownCall,
+    /// The application does not hold the message.
+    #[error("no such message is taken and unreleased")]
+    NotBorrowed,
+}
+
+/// The application holds as many messages of this link as it may (SM2-MSG-005).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
+#[error("{max_borrowed} messages of this link are taken and unreleased: release one first")]
+pub struct TooManyBorrowed {
+    /// How many it may hold.
+    pub max_borrowed: u16,
+}
