@@ -1,2 +1,71 @@
-//! The `sm2` command.
-fn main() {}
+//! `sm2`: an SM2 domain from a shell.
+//!
+//! One module per group of commands: [`topic`], [`node`], [`demo`]; `sm2 manager` is
+//! [`sm2_manager::program`]. A command returns how it ended or a [`error::CliError`]; only this
+//! file turns that into an exit status and a line on standard error.
+#![forbid(unsafe_code)]
+
+mod args;
+mod columns;
+mod connect;
+mod demo;
+mod domain;
+mod error;
+mod interrupt;
+mod node;
+mod output;
+mod size;
+mod text;
+mod topic;
+mod usage;
+mod wait;
+
+use std::{env, io, process::ExitCode};
+
+use crate::{args::Command, interrupt::Stopped};
+
+/// How a command ended that did not fail.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ended {
+    /// All was done, or it was stopped where that is how it ends.
+    Done,
+    /// A signal came before all was done.
+    Stopped(Stopped),
+}
+
+fn main() -> ExitCode {
+    let command = match usage::parse(env::args_os().collect()) {
+        Ok(command) => command,
+        Err(status) => return status,
+    };
+    if !matches!(command, Command::Manager(_)) {
+        log_errors();
+    }
+    let result = match command {
+        Command::Manager(arguments) => return sm2_manager::program::main(&arguments),
+        Command::Topic(command) => topic::run(&command),
+        Command::Node(command) => node::run(&command),
+        Command::Demo(arguments) => demo::run(&arguments),
+        Command::DemoPart(arguments) => demo::run_part(&arguments),
+    };
+    match result {
+        Ok(Ended::Done) => ExitCode::SUCCESS,
+        Ok(Ended::Stopped(signal)) => ExitCode::from(signal.status()),
+        Err(error) if error.is_broken_pipe() => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("sm2: {error}");
+            ExitCode::from(error.status())
+        }
+    }
+}
+
+/// Logs go to standard error; `SM2_LOG` says which. By default only errors, since what
+/// a command has to say it says itself.
+fn log_errors() {
+    let filter = tracing_subscriber::EnvFilter::try_from_env("SM2_LOG")
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(io::stderr)
+        .init();
+}

@@ -23,7 +23,7 @@
 //!
 //! All of it that SM2 has is in this crate. Every block says what makes it true.
 //!
-//! - `socket`, `listener`: `sendmsg`, `recvmsg`, and owning the descriptors that
+//! - `socket`, `listener`: `sendmsg`, `recvmsg`, `ioctl(SIOCOUTQ)`, and owning the descriptors that
 //!   `recvmsg` and `accept4` return. (Control messages are built and parsed in
 //!   safe code.)
 //! - `epoll`: `epoll_pwait2`.

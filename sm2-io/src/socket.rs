@@ -100,6 +100,21 @@ impl SeqPacket {
         Ok(socket::setsockopt(&self.fd, sockopt::SndBuf, &bytes)?)
     }
 
+    /// How much of what was sent here the peer has not read, in the kernel's own
+    /// bytes (`SIOCOUTQ`): several hundred for each datagram, 0 if all is read.
+    ///
+    /// # Errors
+    ///
+    /// None is expected of a connected socket.
+    pub fn unread_bytes(&self) -> io::Result<usize> {
+        let mut bytes: libc::c_int = 0;
+        // SAFETY: the request writes one int, to a place that outlives the call; the
+        // descriptor is open as long as `self` lives.
+        let result = unsafe { libc::ioctl(self.fd.as_raw_fd(), libc::TIOCOUTQ, &raw mut bytes) };
+        Errno::result(result)?;
+        Ok(usize::try_from(bytes).unwrap_or(0))
+    }
+
     /// Ends the connection in both directions, also for duplicates of this
     /// descriptor elsewhere. What is queued for the peer is still delivered.
     ///

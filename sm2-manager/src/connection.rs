@@ -2,7 +2,7 @@
 
 use std::{collections::VecDeque, io::IoSlice, os::fd::AsFd, os::fd::OwnedFd};
 
-use sm2_io::{SendError, SeqPacket};
+use sm2_io::{Interest, SendError, SeqPacket};
 
 /// What a socket has to carry: a frame, and the descriptor that goes with it.
 #[derive(Debug)]
@@ -14,8 +14,24 @@ struct Parcel {
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) socket: SeqPacket,
+    /// What the socket is watched for.
+    pub(crate) interest: Interest,
     waiting: VecDeque<Parcel>,
     waiting_bytes: usize,
+    /// Nothing is kept for it any more: it is about to be closed.
+    given_up: bool,
+}
+
+/// What became of a frame that is not lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sent {
+    /// The socket has it.
+    Taken,
+    /// It waits until the socket has room.
+    Full,
+    /// It waits until fewer of our descriptors are in flight, to whomever: the
+    /// kernel counts them for their sender (`ETOOMANYREFS`).
+    Crowded,
 }
 
 /// Why a node is given up.
@@ -31,9 +47,24 @@ impl Connection {
     pub(crate) const fn new(socket: SeqPacket) -> Self {
         Self {
             socket,
+            interest: Interest::READABLE,
             waiting: VecDeque::new(),
             waiting_bytes: 0,
+            given_up: false,
         }
+    }
+
+    /// How many descriptors are kept for it.
+    pub(crate) fn waiting_fds(&self) -> usize {
+        let with_fd = self.waiting.iter().filter(|parcel| parcel.fd.is_some());
+        with_fd.count()
+    }
+
+    /// Lets go of all that is kept for it, and keeps nothing from now on.
+    pub(crate) fn give_up(&mut self) {
+        self.given_up = true;
+        self.waiting = VecDeque::new();
+        self.waiting_bytes = 0;
     }
 
     /// Whether the socket has to be watched for room.
@@ -42,61 +73,73 @@ impl Connection {
     }
 
     /// Sends a frame now, or keeps it within `limit_bytes`.
-    //= SM2-TRN-009, SM2-TRN-010
+    //= SM2-TRN-009
     pub(crate) fn send(
         &mut self,
         frame: Vec<u8>,
         fd: Option<OwnedFd>,
         limit_bytes: usize,
-    ) -> Result<(), Lost> {
+    ) -> Result<Sent, Lost> {
+        if self.given_up {
+            return Ok(Sent::Taken);
+        }
         let parcel = Parcel { frame, fd };
-        if self.waiting.is_empty() && transmit(&self.socket, &parcel)? {
-            return Ok(());
+        let sent = match self.is_waiting() {
+            true => Sent::Full,
+            false => transmit(&self.socket, &parcel)?,
+        };
+        if sent == Sent::Taken {
+            return Ok(sent);
         }
         self.waiting_bytes += parcel.frame.len();
         if self.waiting_bytes > limit_bytes {
             return Err(Lost::Stalled);
         }
         self.waiting.push_back(parcel);
-        Ok(())
+        Ok(sent)
     }
 
     /// Sends what was kept, as far as the socket takes it.
-    pub(crate) fn flush(&mut self) -> Result<(), Lost> {
+    pub(crate) fn flush(&mut self) -> Result<Sent, Lost> {
         while let Some(parcel) = self.waiting.front() {
-            if !transmit(&self.socket, parcel)? {
-                return Ok(());
+            match transmit(&self.socket, parcel)? {
+                Sent::Taken => {}
+                not_now => return Ok(not_now),
             }
             self.waiting_bytes -= parcel.frame.len();
             self.waiting.pop_front();
         }
-        Ok(())
+        Ok(Sent::Taken)
+    }
+
+    /// How much of what was sent to it the node has not read, in the kernel's bytes.
+    pub(crate) fn unread_bytes(&self) -> usize {
+        self.socket.unread_bytes().unwrap_or(0)
     }
 
     /// The last frame, if the socket takes it.
     //= SM2-SES-005
     pub(crate) fn say_goodbye(mut self, frame: Option<Vec<u8>>) {
         let Some(frame) = frame else { return };
-        if self.flush().is_ok() && self.waiting.is_empty() {
+        if self.flush() == Ok(Sent::Taken) {
             // Whoever does not take its goodbye finds the connection closed.
             let _ = transmit(&self.socket, &Parcel { frame, fd: None });
         }
     }
 }
 
-/// Whether the socket took it; `false` if it has no room.
-fn transmit(socket: &SeqPacket, parcel: &Parcel) -> Result<bool, Lost> {
+fn transmit(socket: &SeqPacket, parcel: &Parcel) -> Result<Sent, Lost> {
     let parts = [IoSlice::new(&parcel.frame)];
     let result = match &parcel.fd {
         Some(fd) => socket.send(&parts, &[fd.as_fd()]),
         None => socket.send(&parts, &[]),
     };
     match result {
-        Ok(()) => Ok(true),
-        Err(SendError::WouldBlock) => Ok(false),
+        Ok(()) => Ok(Sent::Taken),
+        Err(SendError::WouldBlock) => Ok(Sent::Full),
+        //= SM2-TRN-010
+        Err(SendError::TooManyInFlight) => Ok(Sent::Crowded),
         Err(SendError::Closed) => Err(Lost::Closed),
-        Err(SendError::TooManyInFlight | SendError::TooLong | SendError::Io(_)) => {
-            Err(Lost::Stalled)
-        }
+        Err(SendError::TooLong | SendError::Io(_)) => Err(Lost::Stalled),
     }
 }

@@ -10,6 +10,7 @@ use std::{
     time::Duration,
 };
 
+use nix::libc;
 use sm2_io::{
     Claim, Endpoint, EndpointError, Epoll, Event, Events, Interest, RecvError, SeqPacket, Waker,
     clock,
@@ -21,7 +22,7 @@ use sm2_proto::{
 };
 use tracing::{debug, info, warn};
 
-use crate::connection::{Connection, Lost};
+use crate::connection::{Connection, Lost, Sent};
 
 /// How a Manager serves its domain.
 #[derive(Clone, Copy, Debug)]
@@ -83,6 +84,14 @@ const STOP: u64 = u64::MAX - 1;
 /// How many connections are accepted, and datagrams read from one node, before others
 /// have their turn.
 const TURN: usize = 32;
+/// How many descriptors may wait for one node while descriptors are short: what a node
+/// that is busy for a moment needs.
+const HOARD: usize = 64;
+/// How much a node may have left unread while too many descriptors are in flight, in the
+/// kernel's bytes: some forty frames.
+const UNREAD: usize = 32 << 10;
+/// After how long sending is tried again when too many descriptors are in flight.
+const CROWDED_PAUSE: Duration = Duration::from_millis(10);
 /// How long accepting pauses when the process has no descriptor to spare.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
@@ -98,6 +107,7 @@ pub struct Manager {
     /// Nodes that were found not to read while outputs were carried out.
     given_up: VecDeque<NodeId>,
     accept_again: Option<Instant>,
+    send_again: Option<Instant>,
     queue_bytes: usize,
     buffer: Vec<u8>,
 }
@@ -133,6 +143,7 @@ impl Manager {
             last_session: 0,
             given_up: VecDeque::new(),
             accept_again: None,
+            send_again: None,
             queue_bytes: options.queue_bytes,
             // One byte more than a datagram may have, so that a longer one shows.
             buffer: vec![0; DATAGRAM_MAX + 1],
@@ -181,11 +192,12 @@ impl Manager {
             }
             self.feed(Input::Tick);
             self.resume_accepting();
+            self.resume_sending();
         }
     }
 
     fn timeout(&self) -> Option<Duration> {
-        let due = [self.machine.deadline(), self.accept_again]
+        let due = [self.machine.deadline(), self.accept_again, self.send_again]
             .into_iter()
             .flatten()
             .min()?;
@@ -197,6 +209,7 @@ impl Manager {
             match self.endpoint.listener().accept() {
                 Ok(Some(socket)) => self.connect(socket),
                 Ok(None) => return,
+                Err(error) if self.make_descriptors(&error) => self.feed(Input::Tick),
                 Err(error) => {
                     warn!(%error, "cannot accept a connection: raise the limit of open files");
                     // The connection stays in the queue, and would wake the loop at once.
@@ -222,6 +235,35 @@ impl Manager {
             {
                 self.accept_again = None;
             }
+        }
+    }
+
+    fn resume_sending(&mut self) {
+        if self.send_again.is_none_or(|again| clock::now() < again) {
+            return;
+        }
+        self.send_again = None;
+        let all = self.connections.iter();
+        let waiting = all.filter(|(_, connection)| connection.is_waiting());
+        let waiting: Vec<NodeId> = waiting.map(|(&session, _)| session).collect();
+        for session in waiting {
+            self.make_room(session);
+        }
+        self.feed(Input::Tick);
+    }
+
+    /// Descriptors in flight are counted for us, whoever does not take them. So whoever
+    /// left most unread is given up, if it is much, and all others wait a moment.
+    //= SM2-TRN-010
+    fn crowded(&mut self) {
+        self.send_again = Some(clock::now().after(CROWDED_PAUSE));
+        let all = self.connections.iter_mut();
+        let most = all.max_by_key(|(_, connection)| connection.unread_bytes());
+        if let Some((&session, deaf)) = most
+            && deaf.unread_bytes() > UNREAD
+        {
+            deaf.give_up();
+            self.given_up.push_back(session);
         }
     }
 
@@ -251,6 +293,7 @@ impl Manager {
     fn serve(&mut self, session: NodeId, event: Event) {
         if event.writable {
             self.make_room(session);
+            self.feed(Input::Tick);
         }
         // Whoever hung up is read to the end, which the kernel's buffer bounds.
         let turns = if event.hangup { usize::MAX } else { TURN };
@@ -300,15 +343,29 @@ impl Manager {
         let Some(connection) = self.connections.get_mut(&session) else {
             return;
         };
-        match connection.flush() {
-            Ok(()) if !connection.is_waiting() => {
-                // Cannot fail for a socket that is in the set.
-                let _ = self
-                    .epoll
-                    .modify(&connection.socket, session.0, Interest::READABLE);
+        let flushed = connection.flush();
+        self.sent(session, flushed);
+    }
+
+    /// Watches a socket for room exactly as long as frames wait for that.
+    fn sent(&mut self, session: NodeId, sent: Result<Sent, Lost>) {
+        let interest = match sent {
+            Ok(Sent::Taken) => Interest::READABLE,
+            Ok(Sent::Full) => Interest::BOTH,
+            Ok(Sent::Crowded) => {
+                self.crowded();
+                Interest::READABLE
             }
-            Ok(()) | Err(Lost::Closed) => {}
-            Err(Lost::Stalled) => self.feed(Input::Stalled { session }),
+            // A closed socket is readable, and reading says what became of it.
+            Err(Lost::Closed) => return,
+            Err(Lost::Stalled) => return self.given_up.push_back(session),
+        };
+        if let Some(connection) = self.connections.get_mut(&session)
+            && connection.interest != interest
+        {
+            connection.interest = interest;
+            // Cannot fail for a socket that is in the set.
+            let _ = self.epoll.modify(&connection.socket, session.0, interest);
         }
     }
 
@@ -327,7 +384,7 @@ impl Manager {
         while let Some(output) = self.machine.poll() {
             match output {
                 Output::Send { session, frame } => self.send(session, frame, None),
-                Output::Link { link, ends } => match SeqPacket::pair() {
+                Output::Link { link, ends } => match self.pair() {
                     Ok((one, other)) => {
                         let [(a, to_a), (b, to_b)] = ends;
                         debug!(%link, %a, %b, "linked");
@@ -353,23 +410,44 @@ impl Manager {
         }
     }
 
+    fn pair(&mut self) -> io::Result<(SeqPacket, SeqPacket)> {
+        loop {
+            match SeqPacket::pair() {
+                Err(error) if self.make_descriptors(&error) => {}
+                result => return result,
+            }
+        }
+    }
+
+    /// Where descriptors ran out, gives up the node that makes us keep the most of them:
+    /// one that does not read shall not keep others from being served. Whether there
+    /// are more now.
+    //= SM2-TRN-009
+    fn make_descriptors(&mut self, error: &io::Error) -> bool {
+        let short = [libc::EMFILE, libc::ENFILE].map(Some);
+        if !short.contains(&error.raw_os_error()) {
+            return false;
+        }
+        let all = self.connections.iter_mut();
+        let most = all.max_by_key(|(_, connection)| connection.waiting_fds());
+        let Some((&session, hoarder)) = most else {
+            return false;
+        };
+        if hoarder.waiting_fds() <= HOARD {
+            return false;
+        }
+        hoarder.give_up();
+        self.given_up.push_back(session);
+        true
+    }
+
     //= SM2-LNK-001
     fn send(&mut self, session: NodeId, frame: Vec<u8>, link: Option<SeqPacket>) {
         let Some(connection) = self.connections.get_mut(&session) else {
             return;
         };
-        let was_waiting = connection.is_waiting();
-        match connection.send(frame, link.map(Into::into), self.queue_bytes) {
-            Ok(()) if connection.is_waiting() && !was_waiting => {
-                // Cannot fail for a socket that is in the set.
-                let _ = self
-                    .epoll
-                    .modify(&connection.socket, session.0, Interest::BOTH);
-            }
-            // A closed socket is readable, and reading says what became of it.
-            Ok(()) | Err(Lost::Closed) => {}
-            Err(Lost::Stalled) => self.given_up.push_back(session),
-        }
+        let sent = connection.send(frame, link.map(Into::into), self.queue_bytes);
+        self.sent(session, sent);
     }
 
     /// Where every session ends.

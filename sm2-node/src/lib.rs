@@ -1,1 +1,123 @@
-//! Placeholder.
+//! SM2 nodes: the library that robot programs use.
+//!
+//! A *node* is a program's session with the Manager of a *domain*. It publishes and
+//! subscribes to *topics*, and serves and calls *services*. The Manager introduces nodes
+//! to each other; messages go from node to node through shared memory and never pass it.
+//!
+//! A publisher:
+//!
+//! ```no_run
+//! # use std::time::Duration;
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let node = sm2_node::Node::new("talker")?;
+//! let publisher = node.publisher::<str>("chatter")?;
+//! publisher.wait_for_subscribers(1, Some(Duration::from_secs(5)))?;
+//! publisher.publish("hello")?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! A subscriber:
+//!
+//! ```no_run
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let node = sm2_node::Node::new("listener")?;
+//! let subscriber = node.subscriber::<str>("chatter")?;
+//! let sample = subscriber.recv()?;
+//! println!("{}: {}", sample.publisher(), &*sample);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! A service, and a call of it:
+//!
+//! ```no_run
+//! # use std::time::Duration;
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let node = sm2_node::Node::new("adder")?;
+//! let server = node.server::<[f64], f64>("sum")?;
+//! let request = server.recv()?;
+//! let sum = request.iter().sum();
+//! request.reply(&sum)?;
+//!
+//! let client = node.client::<[f64], f64>("sum")?;
+//! let sum = client.call(&[1.0, 2.0], Duration::from_secs(1))?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # What can be sent
+//!
+//! Bytes, text, numbers, plain old data that is read in place, and whatever serde can
+//! encode: see [`Message`]. Two programs talk only if they mean the same type; the first
+//! that declares another one gets a [`DeclareError::TypeMismatch`] that names both.
+//!
+//! # How it moves
+//!
+//! The library is synchronous and has no hidden threads. Every call of any handle of a node
+//! first moves all of the node's sockets on, as far as is possible without waiting; calls
+//! that wait move it on while they wait. No call waits for one particular peer, unless that is
+//! what it was asked for. [`Node::spin`] is for programs that have nothing to call.
+//! For a loop of one's own there are descriptors: [`Node`], [`Subscriber`], [`Server`] and
+//! [`Client`] implement `AsFd`.
+//!
+//! # How a message travels
+//!
+//! | form | which messages | costs |
+//! | --- | --- | --- |
+//! | inline | up to `inline_max` bytes | a copy for each receiver |
+//! | pooled | longer ones | one copy into a slot that all receivers read; none for a [`Loan`] |
+//! | sealed | longer ones, if publisher, subscriber or the domain's policy say so | new memory for each message, which nobody can change any more |
+//!
+//! # Where to read on
+//!
+//! [`Node`], [`Publisher`], [`Subscriber`], [`Server`], [`Client`] and their builders;
+//! the examples; `SPEC.md` for the protocol, whose clauses are named here as `SM2-QOS-002`.
+#![forbid(unsafe_code)]
+
+// For the derive macros, which speak of `::sm2_node`.
+extern crate self as sm2_node;
+
+mod buffer;
+mod client;
+mod driver;
+pub mod encoding;
+mod error;
+mod handle;
+mod loan;
+mod message;
+mod node;
+mod payload;
+mod plain;
+mod pool;
+mod publisher;
+mod sample;
+pub mod schema;
+mod server;
+mod subscriber;
+
+pub use client::{Call, Client, ClientBuilder, Reply};
+pub use driver::LinkStatus;
+pub use error::{
+    CallError, ConnectError, DeclareError, PublishError, QueryError, RecvError, ReplyError,
+    StoreError, WaitError,
+};
+pub use loan::Loan;
+pub use message::{EncodeError, Message, PayloadError};
+pub use node::{Graph, Node, NodeBuilder};
+pub use payload::Payload;
+pub use plain::{InPlace, Plain};
+pub use publisher::{Published, Publisher, PublisherBuilder};
+pub use sample::Sample;
+pub use schema::Schema;
+pub use server::{Request, Server, ServerBuilder};
+pub use sm2_io::clock::now;
+pub use sm2_node_derive::{Message, Schema};
+pub use sm2_proto::control::{Item, Peer};
+pub use sm2_proto::link::{Counters, End};
+pub use sm2_proto::{
+    Contract, Demand, Instant, InterfaceId, Kind, LinkId, Name, NameError, NodeId, Offer,
+    ServiceQos, TypeId,
+};
+pub use subscriber::{Subscriber, SubscriberBuilder};
+pub use {serde, zerocopy};

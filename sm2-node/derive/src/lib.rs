@@ -1,1 +1,33 @@
-//! Placeholder.
+//! `#[derive(Message)]` and `#[derive(Schema)]` of `sm2_node`, where they are
+//! documented. Use them from there.
+
+mod message;
+mod schema;
+
+use proc_macro::TokenStream;
+use syn::{DeriveInput, parse_macro_input};
+
+/// Makes a type a message: see `sm2_node::Message`.
+///
+/// ```text
+/// #[message(name = "sensor/Imu")]                       // plain old data, read in place
+/// #[message(name = "nav/Path", encoding = "postcard")]  // any serde type
+/// ```
+///
+/// Also derives `Schema`.
+#[proc_macro_derive(Message, attributes(message))]
+pub fn derive_message(input: TokenStream) -> TokenStream {
+    let input = parse_macro_input!(input as DeriveInput);
+    message::expand(&input)
+        .unwrap_or_else(|error| error.to_compile_error())
+        .into()
+}
+
+/// Makes a type a part of messages: see `sm2_node::Schema`.
+#[proc_macro_derive(Schema)]
+pub fn derive_schema(input: TokenStream) -> TokenStream {
+    let input = parse_macro_input!(input as DeriveInput);
+    schema::expand(&input)
+        .unwrap_or_else(|error| error.to_compile_error())
+        .into()
+}

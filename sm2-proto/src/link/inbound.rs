@@ -176,8 +176,8 @@ impl Inbound {
         if self.sequence.checked_add(1) != Some(message.sequence) {
             return Err(Violation::BadSequence);
         }
-        let is_data = message.carrier == Carrier::Data;
-        if is_data && self.last_id.is_some_and(|last| message.id <= last) {
+        // Only DATA sets it: the ids of calls are checked with the calls.
+        if self.last_id.is_some_and(|last| message.id <= last) {
             return Err(Violation::BadId);
         }
         if self.unreleased() >= self.window {

@@ -1,6 +1,6 @@
 //! Interfaces and who is linked with whom (SPEC sections 4.3, 4.4 and 5).
 
-use alloc::vec::Vec;
+use alloc::{sync::Arc, vec::Vec};
 
 use super::{
     Manager, Output,
@@ -40,20 +40,27 @@ impl Manager {
         session.refuse_interface(&self.policy)?;
         self.users
             .refuse_interface(session.credentials().uid, &self.policy)?;
-        self.channels.refuse_types(contract)?;
-        self.admit_links(id, contract)
+        let Some(channel) = self.channels.get(contract) else {
+            return Ok(Vec::new());
+        };
+        channel.refuse_types(contract)?;
+        self.admit_links(id, channel.matches(contract))
     }
 
-    /// The matches that the quotas of links leave.
+    /// The matches that the quotas of links leave, out of some in ascending order.
     //= SM2-MAT-002
-    fn admit_links(&self, id: NodeId, contract: &Contract) -> Result<Vec<End>, Refusal> {
+    fn admit_links(
+        &self,
+        id: NodeId,
+        matches: impl Iterator<Item = End>,
+    ) -> Result<Vec<End>, Refusal> {
         let limit = self.policy.links_per_session.min(LINKS_MAX);
         let used = |node: NodeId| self.sessions.get(&node).map_or(0, Session::link_ends);
         let mut ours = used(id);
         // A session's interfaces stand together, so one other count is enough.
         let mut theirs = (id, 0);
-        let mut matches = Vec::new();
-        for other in self.channels.matches(contract) {
+        let mut admitted = Vec::new();
+        for other in matches {
             if other.node == id {
                 // Both ends of the link are ours.
                 ours += 1;
@@ -68,9 +75,9 @@ impl Manager {
             }
             ours += 1;
             within(limit, ours, Quota::LinksPerSession)?;
-            matches.push(other);
+            admitted.push(other);
         }
-        Ok(matches)
+        Ok(admitted)
     }
 
     //= SM2-IFC-002
@@ -79,6 +86,7 @@ impl Manager {
             return;
         };
         self.users.declare(session.credentials().uid);
+        let contract = Arc::new(contract);
         self.channels.insert(end, &contract);
         session.declare(end.interface, contract);
         self.revision += 1;
@@ -96,14 +104,14 @@ impl Manager {
 
     //= SM2-LNK-001, SM2-MAT-002, SM2-MAT-003, SM2-VER-002
     fn link(&mut self, one: End, other: End) {
-        let (Some(ours), Some(theirs)) = (self.peer(one), self.peer(other)) else {
+        let (Some((uid, ours)), Some((their_uid, theirs))) = (self.peer(one), self.peer(other))
+        else {
             return;
         };
         let Ok(terms) = match_contracts(&ours.contract, &theirs.contract) else {
             return;
         };
-        let uid = |end: End| self.sessions.get(&end.node).map(|it| it.credentials().uid);
-        let sealed = terms.sealed || self.policy.seals(uid(one) == uid(other));
+        let sealed = terms.sealed || self.policy.seals(uid == their_uid);
         let link = self.links.insert([one, other]);
         for end in [one, other] {
             if let Some(session) = self.sessions.get_mut(&end.node) {
@@ -127,25 +135,30 @@ impl Manager {
         self.outputs.push_back(Output::Link { link, ends });
     }
 
-    fn peer(&self, end: End) -> Option<Peer> {
-        let session = self.sessions.get(&end.node)?;
-        Some(Peer {
-            node: end.node,
+    /// An interface as the other side of a link gets to know it, and whose it is.
+    fn peer(&self, End { node, interface }: End) -> Option<(u32, Peer)> {
+        let session = self.sessions.get(&node)?;
+        let peer = Peer {
+            node,
             name: session.name()?.clone(),
-            interface: end.interface,
-            contract: session.contract(end.interface)?.clone(),
-        })
+            interface,
+            contract: session.contract(interface)?.clone(),
+        };
+        Some((session.credentials().uid, peer))
     }
 
     /// A link was never made: neither end is to be told of it.
     //= SM2-IFC-002
     pub(super) fn link_failed(&mut self, link: LinkId) {
-        for end in self.links.remove(link).into_iter().flatten() {
+        let Some(ends) = self.links.remove(link) else {
+            return;
+        };
+        for end in ends {
             if let Some(session) = self.sessions.get_mut(&end.node) {
                 session.unlink(end.interface, link);
             }
-            self.revision += 1;
         }
+        self.revision += 1;
     }
 
     //= SM2-IFC-003

@@ -2,7 +2,7 @@
 
 use alloc::{
     collections::{BTreeMap, btree_map::Entry},
-    vec::Vec,
+    sync::Arc,
 };
 
 use super::links::End;
@@ -20,15 +20,22 @@ type Key = (Space, Name);
 
 /// The interfaces on one topic or service.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
-struct Channel {
+pub(super) struct Channel {
     /// Publishers or servers.
-    offering: BTreeMap<End, Contract>,
+    offering: BTreeMap<End, Arc<Contract>>,
     /// Subscribers or clients.
-    demanding: BTreeMap<End, Contract>,
+    demanding: BTreeMap<End, Arc<Contract>>,
     /// How many of them state a type.
     typed: usize,
     /// The type that all of those state.
-    types: Option<Vec<TypeId>>,
+    types: Option<Stated>,
+}
+
+/// The types of a topic or service.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+enum Stated {
+    Topic(TypeId),
+    Service(TypeId, TypeId),
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -39,48 +46,20 @@ impl Channels {
         Self(BTreeMap::new())
     }
 
-    /// A channel has one type as long as anybody there states one.
-    //= SM2-IFC-005
-    pub(super) fn refuse_types(&self, contract: &Contract) -> Result<(), Refusal> {
-        let channel = self.0.get(&key(contract));
-        let Some(theirs) = channel.and_then(|channel| channel.types.as_deref()) else {
-            return Ok(());
-        };
-        let same = contract.types().is_none_or(|ours| ours.to_vec() == theirs);
-        match theirs {
-            _ if same => Ok(()),
-            [request, reply] => Err(Refusal::ServiceType {
-                request: request.clone(),
-                reply: reply.clone(),
-            }),
-            [theirs, ..] => Err(Refusal::TopicType {
-                theirs: theirs.clone(),
-            }),
-            [] => Ok(()),
-        }
+    /// Where an interface with this contract stands, if anybody stands there.
+    pub(super) fn get(&self, contract: &Contract) -> Option<&Channel> {
+        self.0.get(&key(contract))
     }
 
-    /// The interfaces that match, in ascending order.
-    //= SM2-MAT-001
-    pub(super) fn matches(&self, contract: &Contract) -> impl Iterator<Item = End> {
-        let channel = self.0.get(&key(contract));
-        let others = channel.map(|channel| channel.side(contract.kind().counterpart()));
-        let matching = others
-            .into_iter()
-            .flatten()
-            .filter(|(_, theirs)| match_contracts(contract, theirs).is_ok());
-        matching.map(|(&end, _)| end)
-    }
-
-    pub(super) fn insert(&mut self, end: End, contract: &Contract) {
+    pub(super) fn insert(&mut self, end: End, contract: &Arc<Contract>) {
         let channel = self.0.entry(key(contract)).or_default();
         if let Some(types) = contract.types() {
             channel.typed += 1;
-            channel.types.get_or_insert_with(|| types.to_vec());
+            channel.types.get_or_insert_with(|| types.into());
         }
         channel
             .side_mut(contract.kind())
-            .insert(end, contract.clone());
+            .insert(end, Arc::clone(contract));
     }
 
     pub(super) fn remove(&mut self, end: End, contract: &Contract) {
@@ -122,14 +101,43 @@ impl Channels {
 }
 
 impl Channel {
-    const fn side(&self, kind: Kind) -> &BTreeMap<End, Contract> {
+    /// A channel has one type as long as anybody there states one.
+    //= SM2-IFC-005
+    pub(super) fn refuse_types(&self, contract: &Contract) -> Result<(), Refusal> {
+        match (&self.types, contract.types()) {
+            (Some(Stated::Topic(theirs)), Some(ours)) if ours != Types::Topic(theirs) => {
+                Err(Refusal::TopicType {
+                    theirs: theirs.clone(),
+                })
+            }
+            (Some(Stated::Service(request, reply)), Some(ours))
+                if ours != Types::Service(request, reply) =>
+            {
+                Err(Refusal::ServiceType {
+                    request: request.clone(),
+                    reply: reply.clone(),
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The interfaces that match, in ascending order.
+    //= SM2-MAT-001
+    pub(super) fn matches(&self, contract: &Contract) -> impl Iterator<Item = End> {
+        let others = self.side(contract.kind().counterpart()).iter();
+        let matching = others.filter(|(_, theirs)| match_contracts(contract, theirs).is_ok());
+        matching.map(|(&end, _)| end)
+    }
+
+    const fn side(&self, kind: Kind) -> &BTreeMap<End, Arc<Contract>> {
         match kind {
             Kind::Publisher | Kind::Server => &self.offering,
             Kind::Subscriber | Kind::Client => &self.demanding,
         }
     }
 
-    const fn side_mut(&mut self, kind: Kind) -> &mut BTreeMap<End, Contract> {
+    const fn side_mut(&mut self, kind: Kind) -> &mut BTreeMap<End, Arc<Contract>> {
         match kind {
             Kind::Publisher | Kind::Server => &mut self.offering,
             Kind::Subscriber | Kind::Client => &mut self.demanding,
@@ -145,11 +153,11 @@ fn key(contract: &Contract) -> Key {
     (space, contract.name().clone())
 }
 
-impl Types<'_> {
-    fn to_vec(&self) -> Vec<TypeId> {
-        match *self {
-            Self::Topic(data) => [data].map(TypeId::clone).into(),
-            Self::Service(request, reply) => [request, reply].map(TypeId::clone).into(),
+impl From<Types<'_>> for Stated {
+    fn from(types: Types<'_>) -> Self {
+        match types {
+            Types::Topic(data) => Self::Topic(data.clone()),
+            Types::Service(request, reply) => Self::Service(request.clone(), reply.clone()),
         }
     }
 }

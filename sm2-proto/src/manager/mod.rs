@@ -18,6 +18,8 @@
 mod broker;
 mod channel;
 mod event;
+#[cfg(feature = "fuzzing")]
+pub(crate) mod fuzz;
 mod links;
 mod page;
 mod phase;

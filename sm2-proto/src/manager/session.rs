@@ -2,6 +2,7 @@
 
 use alloc::{
     collections::{BTreeMap, BTreeSet},
+    sync::Arc,
     vec::Vec,
 };
 use core::ops::Bound;
@@ -22,7 +23,8 @@ pub(super) struct Session {
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Interface {
-    contract: Contract,
+    /// Shared with its channel.
+    contract: Arc<Contract>,
     /// The links of which nobody has taken leave.
     live: BTreeSet<LinkId>,
     /// Those for which UNLINK was sent and UNLINKED has not come.
@@ -105,10 +107,10 @@ impl Session {
     ) -> impl Iterator<Item = (InterfaceId, &Contract, usize)> {
         let rest = (Bound::Excluded(after), Bound::Unbounded);
         let rest = self.interfaces.range(rest);
-        rest.map(|(&id, it)| (id, &it.contract, it.live.len()))
+        rest.map(|(&id, it)| (id, &*it.contract, it.live.len()))
     }
 
-    pub(super) fn declare(&mut self, interface: InterfaceId, contract: Contract) {
+    pub(super) fn declare(&mut self, interface: InterfaceId, contract: Arc<Contract>) {
         let interfaces = &mut self.interfaces;
         interfaces.insert(
             interface,
@@ -124,14 +126,14 @@ impl Session {
     pub(super) fn withdraw(
         &mut self,
         interface: InterfaceId,
-    ) -> Option<(Contract, BTreeSet<LinkId>)> {
+    ) -> Option<(Arc<Contract>, BTreeSet<LinkId>)> {
         let interface = self.interfaces.remove(&interface)?;
         self.link_ends -= interface.live.len() + interface.told.len();
         Some((interface.contract, interface.live))
     }
 
     /// All interfaces with their contracts and live links.
-    pub(super) fn into_interfaces(self) -> Vec<(InterfaceId, Contract, BTreeSet<LinkId>)> {
+    pub(super) fn into_interfaces(self) -> Vec<(InterfaceId, Arc<Contract>, BTreeSet<LinkId>)> {
         let each = |(id, it): (InterfaceId, Interface)| (id, it.contract, it.live);
         self.interfaces.into_iter().map(each).collect()
     }

@@ -1,0 +1,67 @@
+//! What the demo and its processes say to each other: lines of JSON on a part's standard output.
+//! A part's standard input says when to start (a line) and when to end (its end of file,
+//! which also comes when the demo dies).
+
+use std::io::{self, Write};
+
+use serde::{Deserialize, Serialize};
+
+use super::statistics::Percentiles;
+
+/// The line that starts the publisher.
+pub(super) const START: &[u8] = b"start\n";
+
+/// One line of a part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Said {
+    /// Connected and declared; the publisher also has all its subscribers.
+    Ready,
+    /// About every second: totals, and the rate and latencies of that second.
+    Progress(Figures),
+    /// At the end, of the whole run.
+    Done(Figures),
+    /// It cannot go on.
+    Failed {
+        /// Why, in one line.
+        reason: String,
+    },
+}
+
+/// What a part has counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Figures {
+    /// Messages published, or received.
+    pub(super) messages: u64,
+    /// Messages that are missing between those received.
+    pub(super) lost: u64,
+    /// Received messages that are not what was published.
+    pub(super) damaged: u64,
+    /// Where the first of these is damaged.
+    pub(super) first_damage: Option<Spot>,
+    /// Messages per second.
+    pub(super) hz: f64,
+    /// From publishing to receiving.
+    pub(super) latency_us: Percentiles,
+}
+
+/// A place in a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Spot {
+    /// The count of the received message, from 1 on.
+    pub(super) message: u64,
+    /// The byte.
+    pub(super) offset: u64,
+}
+
+/// Says it.
+///
+/// # Errors
+///
+/// What standard output says: the demo is gone.
+pub(super) fn say(said: &Said) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    serde_json::to_writer(&mut out, said)?;
+    out.write_all(b"\n")?;
+    out.flush()
+}

@@ -1,0 +1,111 @@
+//! The publishing process of the demo.
+
+use std::{
+    io::{self, Read},
+    os::fd::AsFd,
+    time::Duration,
+};
+
+use sm2_io::clock;
+use sm2_node::{Node, Publisher};
+use sm2_proto::Instant;
+
+use super::{
+    DEPTH, PartArguments, TOPIC,
+    part::{Figures, START, Said, say},
+    pattern,
+    statistics::hundredths,
+};
+use crate::{
+    args::Integrity,
+    connect::{pause, step},
+    error::CliError,
+    wait::For,
+};
+
+/// How long subscribers may take to be linked.
+const GATHERING: Duration = Duration::from_secs(20);
+
+/// How long subscribers may take to check what is published, at the end.
+const SETTLING: Duration = Duration::from_secs(5);
+
+/// How often it reports.
+const SECOND: Duration = Duration::from_secs(1);
+
+/// Publishes when it is told to start, all messages or until standard input ends; stays until then.
+pub(super) fn run(arguments: &PartArguments) -> Result<(), CliError> {
+    let node = Node::builder(&arguments.name)
+        .socket(&arguments.socket)
+        .connect()?;
+    let publisher = node
+        .publisher_builder::<[u8]>(TOPIC)
+        .depth(DEPTH)
+        .sealed(arguments.integrity == Integrity::Sealed)
+        .declare()?;
+    publisher.wait_for_subscribers(arguments.subscribers as usize, Some(GATHERING))?;
+    say(&Said::Ready).map_err(CliError::Output)?;
+    let mut stdin = io::stdin();
+    let mut line = [0; START.len()];
+    if stdin.read_exact(&mut line).is_err() {
+        return Ok(());
+    }
+    let figures = publish(arguments, &node, &publisher)?;
+    settle(&node, &publisher)?;
+    say(&Said::Done(figures)).map_err(CliError::Output)?;
+    // Its memory is measured, and its messages are read, as long as it is there.
+    let end = |_| CliError::Output(io::ErrorKind::BrokenPipe.into());
+    stdin.read(&mut line).map_err(end)?;
+    Ok(())
+}
+
+/// Publishes each message when it is due, counted from the first one: being late once makes
+/// none of the others late.
+fn publish(
+    arguments: &PartArguments,
+    node: &Node,
+    publisher: &Publisher<[u8]>,
+) -> Result<Figures, CliError> {
+    let start = clock::now();
+    let due = |number: u64| {
+        Instant(
+            start
+                .0
+                .saturating_add(arguments.period.saturating_mul(number)),
+        )
+    };
+    let end = due(arguments.count);
+    let mut figures = Figures::default();
+    let (mut report_at, mut reported) = (start.after(SECOND), (start, 0));
+    for number in 0..arguments.count {
+        // A machine that is too slow publishes less, but not longer.
+        if pause(node, io::stdin().as_fd(), due(number))? || clock::now() >= end {
+            break;
+        }
+        let mut loan = publisher.loan_slice(arguments.size as usize)?;
+        pattern::fill(number, &mut loan);
+        loan.publish()?;
+        figures.messages += 1;
+        let now = clock::now();
+        if now >= report_at {
+            let (since, before) = reported;
+            figures.hz = (figures.messages - before) as f64 / now.since(since).as_secs_f64();
+            (report_at, reported) = (now.after(SECOND), (now, figures.messages));
+            say(&Said::Progress(figures)).map_err(CliError::Output)?;
+        }
+    }
+    let seconds = clock::now().since(start).as_secs_f64();
+    figures.hz = hundredths(figures.messages as f64 / seconds);
+    Ok(figures)
+}
+
+/// Waits until all that was published was given back, or nothing happens any more.
+fn settle(node: &Node, publisher: &Publisher<[u8]>) -> Result<(), CliError> {
+    let until = clock::now().after(SETTLING);
+    while publisher.counters().in_flight > 0 && clock::now() < until {
+        let ready = step(node, &[(io::stdin().as_fd(), For::Reading)], Some(until))?;
+        if ready == [true] {
+            break;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,134 @@
+//! What the demo found: the object that `--json` prints, and the verdict.
+
+use serde::Serialize;
+
+use super::{
+    child::{Outcome, Part, Stage},
+    meter::Total,
+    part::Figures,
+    statistics::{Percentiles, hundredths},
+};
+use crate::{args::Integrity, error::CliError};
+
+/// The whole run. Field names are part of the command's interface.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Report {
+    /// Messages published.
+    pub(super) published: u64,
+    /// Bytes of each.
+    pub(super) size_bytes: u64,
+    /// `pooled` or `sealed`.
+    pub(super) integrity: &'static str,
+    /// One for each subscriber.
+    pub(super) subscribers: Vec<Subscriber>,
+    /// Processor time of all processes, Manager included, over the wall time: 200 are two
+    /// whole processors.
+    pub(super) cpu_percent_total: f64,
+    /// Proportional set size of all processes, the largest sum seen; null if it cannot be read.
+    pub(super) pss_bytes_total: Option<u64>,
+    /// Seconds from the first message until all were received.
+    pub(super) wall_s: f64,
+}
+
+/// What one subscriber has seen.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(super) struct Subscriber {
+    /// Messages received.
+    pub(super) received: u64,
+    /// Messages published that it has not received.
+    pub(super) lost: u64,
+    /// Messages received that differ from what was published.
+    pub(super) damaged: u64,
+    /// Messages per second, from the first to the last.
+    pub(super) hz: f64,
+    /// From publishing to receiving, in microseconds.
+    pub(super) latency_us: Percentiles,
+}
+
+impl Report {
+    pub(super) fn new(
+        size_bytes: u64,
+        integrity: Integrity,
+        outcomes: &[Outcome<'_>],
+        total: Total,
+    ) -> Self {
+        let is_publisher = |it: &&Outcome<'_>| it.part == Part::Publisher;
+        let publisher = outcomes.iter().filter(is_publisher);
+        let published = publisher.map(|it| it.figures.messages).sum();
+        let subscribers = outcomes.iter().filter(|it| !is_publisher(it));
+        let subscribers = subscribers
+            .map(|it| Subscriber::new(published, it.figures))
+            .collect();
+        Self {
+            published,
+            size_bytes,
+            integrity: integrity.as_str(),
+            subscribers,
+            cpu_percent_total: hundredths(total.cpu_percent),
+            pss_bytes_total: total.pss_bytes,
+            wall_s: hundredths(total.wall.as_secs_f64()),
+        }
+    }
+}
+
+impl Subscriber {
+    fn new(published: u64, figures: Figures) -> Self {
+        Self {
+            received: figures.messages,
+            // All were linked before the first message: what did not come is lost, also after
+            // the last that came.
+            lost: published.saturating_sub(figures.messages),
+            damaged: figures.damaged,
+            hz: figures.hz,
+            latency_us: figures.latency_us,
+        }
+    }
+}
+
+/// Whether the run is a success: nothing was damaged, every process came to its end, and every
+/// subscriber received something.
+///
+/// # Errors
+///
+/// [`CliError::Damaged`], [`CliError::PartFailed`], [`CliError::NothingReceived`]; the first in this
+/// order.
+pub(super) fn verdict(outcomes: &[Outcome<'_>]) -> Result<(), CliError> {
+    let checks = [damage, failure, silence];
+    let errors = checks
+        .iter()
+        .flat_map(|check| outcomes.iter().filter_map(|it| check(it)));
+    errors.take(1).try_for_each(Err)
+}
+
+fn damage(outcome: &Outcome<'_>) -> Option<CliError> {
+    let spot = outcome.figures.first_damage?;
+    Some(CliError::Damaged {
+        part: outcome.part.to_string(),
+        messages: outcome.figures.damaged,
+        message: spot.message,
+        offset: spot.offset,
+    })
+}
+
+fn failure(outcome: &Outcome<'_>) -> Option<CliError> {
+    let part = outcome.part.to_string();
+    match outcome.stage {
+        Stage::Done(_) => None,
+        Stage::Failed(reason) => Some(CliError::PartFailed {
+            part,
+            reason: reason.clone(),
+        }),
+        Stage::Starting | Stage::Ready => Some(CliError::PartFailed {
+            part,
+            reason: "does not come to an end".into(),
+        }),
+    }
+}
+
+fn silence(outcome: &Outcome<'_>) -> Option<CliError> {
+    let part = outcome.part.to_string();
+    (outcome.figures.messages == 0).then_some(CliError::NothingReceived { part })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,139 @@
+//! A receiving process of the demo: checks every byte.
+
+use std::{io, os::fd::AsFd, time::Duration};
+
+use sm2_io::clock;
+use sm2_node::{Node, Sample};
+use sm2_proto::Instant;
+
+use super::{
+    DEPTH, PartArguments, TOPIC,
+    part::{Figures, Said, Spot, say},
+    pattern,
+    statistics::{Latencies, rate},
+};
+use crate::{connect::step, error::CliError, wait::For};
+
+/// How often it reports.
+const SECOND: Duration = Duration::from_secs(1);
+
+/// Receives until standard input ends, and then what is still there.
+pub(super) fn run(arguments: &PartArguments) -> Result<(), CliError> {
+    let node = Node::builder(&arguments.name)
+        .socket(&arguments.socket)
+        .connect()?;
+    let subscriber = node
+        .subscriber_builder::<[u8]>(TOPIC)
+        .depth(DEPTH)
+        .declare()?;
+    let stdin = io::stdin();
+    let fds = [
+        (subscriber.as_fd(), For::Reading),
+        (stdin.as_fd(), For::Reading),
+    ];
+    let mut tally = Tally::new(arguments.size);
+    say(&Said::Ready).map_err(CliError::Output)?;
+    let mut ending = false;
+    loop {
+        match subscriber.try_recv()? {
+            Some(sample) => tally.take(&sample),
+            None if ending => break,
+            // What was published before standard input ended is there already, or lost.
+            None => ending = step(&node, &fds, Some(tally.report_at))?[1],
+        }
+        tally.report()?;
+    }
+    say(&Said::Done(tally.total())).map_err(CliError::Output)
+}
+
+/// What was received.
+struct Tally {
+    size_bytes: u64,
+    figures: Figures,
+    latencies: Latencies,
+    /// The number in the last intact message.
+    number: Option<u64>,
+    first: Instant,
+    last: Instant,
+    report_at: Instant,
+    reported: (Instant, u64),
+}
+
+impl Tally {
+    fn new(size_bytes: u64) -> Self {
+        let now = clock::now();
+        Self {
+            size_bytes,
+            figures: Figures::default(),
+            latencies: Latencies::default(),
+            number: None,
+            first: now,
+            last: now,
+            report_at: now.after(SECOND),
+            reported: (now, 0),
+        }
+    }
+
+    fn take(&mut self, sample: &Sample<[u8]>) {
+        let now = clock::now();
+        if self.figures.messages == 0 {
+            self.first = now;
+        }
+        self.last = now;
+        self.figures.messages += 1;
+        self.figures.lost += sample.lost();
+        let latency = now.since(sample.source_time());
+        self.latencies.record(latency.as_nanos() as u64);
+        if let Err(offset) = self.check(sample) {
+            self.figures.damaged += 1;
+            self.figures.first_damage.get_or_insert(Spot {
+                message: self.figures.messages,
+                offset,
+            });
+        }
+    }
+
+    /// Compares every byte, and the message's number with the one before: a message that was there
+    /// already is whole, and yet not what was published. Where it differs.
+    fn check(&mut self, message: &[u8]) -> Result<(), u64> {
+        if message.len() as u64 != self.size_bytes {
+            return Err(self.size_bytes.min(message.len() as u64));
+        }
+        let number = pattern::check(message).map_err(|damage| damage.offset as u64)?;
+        if self
+            .number
+            .replace(number)
+            .is_some_and(|last| number <= last)
+        {
+            return Err(0);
+        }
+        Ok(())
+    }
+
+    /// Says how the last second was, when it is over.
+    fn report(&mut self) -> Result<(), CliError> {
+        let now = clock::now();
+        if now < self.report_at {
+            return Ok(());
+        }
+        let (since, before) = self.reported;
+        let passed = now.since(since).as_secs_f64();
+        let figures = Figures {
+            hz: (self.figures.messages - before) as f64 / passed,
+            latency_us: self.latencies.take_second(),
+            ..self.figures
+        };
+        self.reported = (now, self.figures.messages);
+        self.report_at = now.after(SECOND);
+        say(&Said::Progress(figures)).map_err(CliError::Output)
+    }
+
+    /// The whole run.
+    fn total(&self) -> Figures {
+        Figures {
+            hz: rate(self.figures.messages, self.first, self.last),
+            latency_us: self.latencies.total(),
+            ..self.figures
+        }
+    }
+}

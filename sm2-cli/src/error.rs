@@ -1,0 +1,198 @@
+//! Everything that can end a command badly, each as one line: what, where, what to do.
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
+
+use sm2_io::EndpointError;
+use sm2_manager::StartError;
+use sm2_node::{
+    ConnectError, DeclareError, PublishError, QueryError, RecvError, StoreError, WaitError,
+};
+
+use crate::{size::Size, usage};
+
+/// Why a command failed. Its text is what `sm2: …` says.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum CliError {
+    /// Nobody listens at the domain's socket.
+    #[error(
+        "no Manager answers at {}: start one with `sm2 manager{option}`, or name another domain",
+        path.display()
+    )]
+    NoManager {
+        /// Where it should be.
+        path: PathBuf,
+        /// How the command was told so, as `sm2 manager` takes it.
+        option: String,
+    },
+    /// The domain's socket cannot be named.
+    #[error(transparent)]
+    Endpoint(#[from] EndpointError),
+    /// The Manager does not take the command's node.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The Manager does not take the command's interface.
+    #[error(transparent)]
+    Declare(#[from] DeclareError),
+    /// The command's counterparts do not come.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    /// A message cannot be published.
+    #[error(transparent)]
+    Publish(#[from] PublishError),
+    /// A message has no memory.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Messages cannot be received.
+    #[error(transparent)]
+    Receive(#[from] RecvError),
+    /// The Manager does not say what there is.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// A file or folder cannot be used.
+    #[error("cannot {action} {}: {source}{}", path.display(), advice(source))]
+    File {
+        /// What was tried.
+        action: &'static str,
+        /// With what.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// Nothing to publish.
+    #[error("folder {} holds no file to publish: put some in, or name another", path.display())]
+    EmptyFolder {
+        /// Which folder.
+        path: PathBuf,
+    },
+    /// Nothing to publish, again and again.
+    #[error("there is no message to publish with --loop: what --from names is empty")]
+    NothingToLoop,
+    /// What cannot be read twice.
+    #[error("standard input cannot be read again: use --loop with a file or folder")]
+    LoopOfInput,
+    /// Subscribers that want every message do not take them.
+    #[error(
+        "{messages} messages were not taken within {seconds} s by subscribers that want every one: \
+         are they stopped, or too slow?"
+    )]
+    TooSlow {
+        /// How many, on all links together.
+        messages: u64,
+        /// How long was waited.
+        seconds: u64,
+    },
+    /// A message that is read does not end.
+    #[error(
+        "{} holds a message longer than {}: split it with --chunk",
+        path.display(),
+        Size(crate::topic::MESSAGE_MAX_BYTES)
+    )]
+    MessageTooLong {
+        /// Where it is.
+        path: PathBuf,
+    },
+    /// Messages would mix with older ones.
+    #[error("folder {} holds messages already ({found}): name an empty one", path.display())]
+    FolderInUse {
+        /// Which folder.
+        path: PathBuf,
+        /// A file in it.
+        found: String,
+    },
+    /// Standard output does not take more.
+    #[error("cannot write to standard output: {}{}", .0, advice(.0))]
+    Output(#[source] io::Error),
+    /// The demo's Manager did not start.
+    #[error("the demo's Manager does not start: {0}")]
+    DemoManager(#[from] StartError),
+    /// More latencies than are kept.
+    #[error(
+        "the demo would publish {count} messages, and {limit} is the most: lower --rate or --seconds"
+    )]
+    DemoTooLong {
+        /// How many messages it would be.
+        count: u64,
+        /// How many it may be.
+        limit: u64,
+    },
+    /// A process of the demo came to no good end.
+    #[error("the demo's {part} failed: {reason}")]
+    PartFailed {
+        /// Which.
+        part: String,
+        /// What it said.
+        reason: String,
+    },
+    /// What SM2 is for did not hold.
+    #[error(
+        "{part} received {messages} damaged messages, the first as its {message}., at byte {offset}"
+    )]
+    Damaged {
+        /// Who.
+        part: String,
+        /// How many.
+        messages: u64,
+        /// The count of the first.
+        message: u64,
+        /// Where in it.
+        offset: u64,
+    },
+    /// A subscriber without a message.
+    #[error("{part} received nothing: this machine may be too busy for that rate or size")]
+    NothingReceived {
+        /// Who.
+        part: String,
+    },
+    /// The operating system refuses what the command needs.
+    #[error("cannot {action}: {source}")]
+    System {
+        /// What was tried.
+        action: &'static str,
+        /// What it said.
+        source: io::Error,
+    },
+}
+
+impl CliError {
+    pub(crate) fn file(action: &'static str, path: &Path, source: io::Error) -> Self {
+        let path = path.to_owned();
+        Self::File {
+            action,
+            path,
+            source,
+        }
+    }
+
+    pub(crate) fn system(action: &'static str) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::System { action, source }
+    }
+
+    /// The exit status: whether the command line is wrong, or what it asks for failed.
+    pub(crate) const fn status(&self) -> u8 {
+        match self {
+            Self::LoopOfInput | Self::DemoTooLong { .. } => usage::STATUS,
+            _ => 1,
+        }
+    }
+
+    /// Whether it only says that nobody reads our output any more, which is no failure: `… | head`.
+    pub(crate) fn is_broken_pipe(&self) -> bool {
+        matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
+    }
+}
+
+/// What a person can do about an error of the file system.
+fn advice(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::NotFound => ": check the path",
+        io::ErrorKind::PermissionDenied => ": give this user the right to, or take another",
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            ": free some space, or name a folder elsewhere"
+        }
+        io::ErrorKind::ReadOnlyFilesystem => ": name a folder elsewhere",
+        _ => "",
+    }
+}

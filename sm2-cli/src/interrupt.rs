@@ -1,0 +1,80 @@
+//! Ctrl-C and SIGTERM: asked for, seen in a wait, obeyed at the next step.
+
+use std::{
+    io,
+    os::{
+        fd::{AsFd, BorrowedFd},
+        unix::net::UnixStream,
+    },
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+};
+
+use signal_hook::{
+    consts::{SIGINT, SIGTERM},
+    flag,
+    low_level::pipe,
+};
+
+/// The exit status of a program that a signal ended is this much more than the signal.
+const STATUS_OF_SIGNALS: i32 = 128;
+
+/// Whether the command was asked to end, and a descriptor that becomes readable when it is.
+///
+/// A command looks here between two steps and ends cleanly. For one that is stuck, a
+/// second signal ends the process at once.
+#[derive(Debug)]
+pub(crate) struct Interrupt {
+    signal: Arc<AtomicUsize>,
+    /// Never read: once readable, it stays so.
+    pipe: UnixStream,
+}
+
+/// The signal that ended a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Stopped(usize);
+
+impl Interrupt {
+    /// Catches SIGINT and SIGTERM from now on. Once per process.
+    ///
+    /// # Errors
+    ///
+    /// What the operating system says.
+    pub(crate) fn install() -> io::Result<Self> {
+        let signal = Arc::new(AtomicUsize::new(0));
+        let again = Arc::new(AtomicBool::new(false));
+        let (pipe, written_by_handler) = UnixStream::pair()?;
+        for (number, value) in [(SIGINT, SIGINT as usize), (SIGTERM, SIGTERM as usize)] {
+            // They run in this order: who wakes up sees the signal.
+            let status = STATUS_OF_SIGNALS + number;
+            flag::register_conditional_shutdown(number, status, Arc::clone(&again))?;
+            flag::register(number, Arc::clone(&again))?;
+            flag::register_usize(number, Arc::clone(&signal), value)?;
+            pipe::register(number, written_by_handler.try_clone()?)?;
+        }
+        Ok(Self { signal, pipe })
+    }
+
+    /// The signal that came, if one did.
+    pub(crate) fn signal(&self) -> Option<Stopped> {
+        match self.signal.load(Ordering::Acquire) {
+            0 => None,
+            number => Some(Stopped(number)),
+        }
+    }
+}
+
+impl AsFd for Interrupt {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.pipe.as_fd()
+    }
+}
+
+impl Stopped {
+    /// What a shell expects of a program that this signal ended: 130 or 143.
+    pub(crate) fn status(self) -> u8 {
+        u8::try_from(STATUS_OF_SIGNALS as usize + self.0).unwrap_or(u8::MAX)
+    }
+}

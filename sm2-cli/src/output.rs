@@ -1,0 +1,61 @@
+//! Standard output: buffered, and its errors as ours.
+
+use std::{
+    fmt,
+    io::{self, BufWriter, IsTerminal, StdoutLock, Write},
+    os::fd::{AsFd, BorrowedFd},
+};
+
+use serde::Serialize;
+
+use crate::error::CliError;
+
+/// Standard output, locked for as long as a command runs.
+pub(crate) struct Output(BufWriter<StdoutLock<'static>>);
+
+impl Output {
+    pub(crate) fn new() -> Self {
+        Self(BufWriter::new(io::stdout().lock()))
+    }
+
+    /// Whether a person looks at it.
+    pub(crate) fn is_terminal(&self) -> bool {
+        self.0.get_ref().is_terminal()
+    }
+
+    /// Writes with `write`.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Output`], here and below.
+    pub(crate) fn write(
+        &mut self,
+        write: impl FnOnce(&mut BufWriter<StdoutLock<'static>>) -> io::Result<()>,
+    ) -> Result<(), CliError> {
+        write(&mut self.0).map_err(CliError::Output)
+    }
+
+    /// Writes a line.
+    pub(crate) fn line(&mut self, line: impl fmt::Display) -> Result<(), CliError> {
+        self.write(|out| writeln!(out, "{line}"))
+    }
+
+    /// Writes a value as one line of JSON.
+    pub(crate) fn json(&mut self, value: &impl Serialize) -> Result<(), CliError> {
+        self.write(|out| {
+            serde_json::to_writer(&mut *out, value)?;
+            writeln!(out)
+        })
+    }
+
+    /// Hands over all that was written.
+    pub(crate) fn flush(&mut self) -> Result<(), CliError> {
+        self.write(Write::flush)
+    }
+}
+
+impl AsFd for Output {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.get_ref().as_fd()
+    }
+}

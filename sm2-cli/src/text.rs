@@ -1,0 +1,51 @@
+//! Messages as a person reads them: text as it is, anything else as a hex head.
+
+use std::{fmt, io, io::Write};
+
+/// How many bytes of a message that is no text are shown.
+const HEAD_BYTES: usize = 32;
+
+/// The message as text, if printing it does to a terminal what one expects: UTF-8 whose only
+/// control characters are newline and tab.
+pub(crate) fn as_text(message: &[u8]) -> Option<&str> {
+    let text = str::from_utf8(message).ok()?;
+    let plain = |c: char| !c.is_control() || matches!(c, '\n' | '\t');
+    text.chars().all(plain).then_some(text)
+}
+
+/// Writes the message as lines of its own: text, or its length and first bytes.
+///
+/// # Errors
+///
+/// What `out` says.
+pub(crate) fn write_message(out: &mut impl Write, message: &[u8]) -> io::Result<()> {
+    match as_text(message) {
+        Some(text) if text.ends_with('\n') => out.write_all(text.as_bytes()),
+        Some(text) => writeln!(out, "{text}"),
+        None => {
+            let head = &message[..message.len().min(HEAD_BYTES)];
+            let more = if head.len() < message.len() {
+                " …"
+            } else {
+                ""
+            };
+            writeln!(out, "{} bytes: {}{more}", message.len(), Hex(head, " "))
+        }
+    }
+}
+
+/// Bytes as two hex digits each, with a separator between them.
+pub(crate) struct Hex<'a>(pub(crate) &'a [u8], pub(crate) &'a str);
+
+impl fmt::Display for Hex<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (at, byte) in self.0.iter().enumerate() {
+            let separator = if at == 0 { "" } else { self.1 };
+            write!(f, "{separator}{byte:02x}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,69 @@
+//! Waiting for subscribers that want every message, in steps that a signal can end.
+//!
+//! A publisher's own wait for room ends with room or with its patience. A command has to end when
+//! a person wants it to: it looks before it publishes, and publishes without patience.
+
+use std::{collections::HashMap, time::Duration};
+
+use sm2_proto::{Instant, LinkId, link::Counters};
+
+/// How many messages one link may have under way. A publisher of this depth has room on it then,
+/// however little the subscriber's window admits.
+pub(super) const DEPTH: u16 = 64;
+
+/// How long a subscriber may take nothing, before the others go on without it.
+pub(super) const PATIENCE: Duration = Duration::from_secs(10);
+
+/// What is known of links without room.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Room {
+    full: HashMap<LinkId, Full>,
+    /// So many messages have room whatever happens.
+    sure: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Full {
+    delivered: u64,
+    /// Since when it has taken nothing.
+    since: Instant,
+}
+
+impl Room {
+    /// Whether the next message is known to have room; it counts as published then.
+    pub(super) fn take(&mut self) -> bool {
+        let sure = self.sure > 0;
+        self.sure = self.sure.saturating_sub(1);
+        sure
+    }
+
+    /// Looks at all open reliable links; whether a message has room on each, or is not waited for there
+    /// any longer.
+    pub(super) fn look(
+        &mut self,
+        now: Instant,
+        links: impl IntoIterator<Item = (LinkId, Counters)>,
+    ) -> bool {
+        let before = std::mem::take(&mut self.full);
+        let mut least = u64::from(DEPTH);
+        for (id, counters) in links {
+            let room = u64::from(DEPTH).saturating_sub(counters.in_flight);
+            if room > 0 {
+                least = least.min(room);
+                continue;
+            }
+            let delivered = counters.delivered;
+            let known = before.get(&id).filter(|it| it.delivered == delivered);
+            let since = known.map_or(now, |known| known.since);
+            self.full.insert(id, Full { delivered, since });
+            if now.since(since) < PATIENCE {
+                least = 0;
+            }
+        }
+        self.sure = least;
+        least > 0
+    }
+}
+
+#[cfg(test)]
+mod tests;

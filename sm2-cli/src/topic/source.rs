@@ -1,0 +1,229 @@
+//! Where published messages come from: files, folders, standard input; whole or in parts.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io::{self, BufRead, BufReader, Read},
+    os::{
+        fd::{AsFd, BorrowedFd},
+        unix::fs::OpenOptionsExt,
+    },
+    path::{Path, PathBuf},
+    vec,
+};
+
+use nix::libc;
+
+use crate::error::CliError;
+
+/// The longest message that is read: it is held in memory as a whole.
+pub(crate) const MESSAGE_MAX_BYTES: u64 = 4 << 30;
+
+/// What `--from` names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Input {
+    /// `-`.
+    StandardInput,
+    /// A file or folder.
+    Path(PathBuf),
+}
+
+/// What of an input is one message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Split {
+    /// All of it, also when it is empty.
+    Whole,
+    /// Each line, without its newline.
+    Lines,
+    /// So many bytes; fewer at the end.
+    Chunks(u64),
+}
+
+/// Who is asked before each read, since a read may have to wait for a pipe or a person.
+pub(crate) trait Gate {
+    /// Waits until `input` can be read without blocking; false if the command is to end instead.
+    ///
+    /// # Errors
+    ///
+    /// What waiting says.
+    fn pass(&self, input: BorrowedFd<'_>) -> Result<bool, CliError>;
+}
+
+/// The messages of one round through an input.
+pub(crate) struct Messages<'a, G> {
+    inputs: vec::IntoIter<Input>,
+    split: Split,
+    gate: &'a G,
+    open: Option<(Input, BufReader<Gated<'a, G>>)>,
+}
+
+impl Input {
+    /// The inputs that this names: a folder's are its regular files in the order of their names,
+    /// without hidden ones.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::File`] if it cannot be read, [`CliError::EmptyFolder`].
+    pub(crate) fn inputs(&self) -> Result<Vec<Self>, CliError> {
+        let path = match self {
+            Self::Path(path) => path,
+            Self::StandardInput => return Ok(vec![self.clone()]),
+        };
+        let failed = |source| CliError::file("read", path, source);
+        if !fs::metadata(path).map_err(failed)?.is_dir() {
+            return Ok(vec![self.clone()]);
+        }
+        let mut files = Vec::new();
+        for entry in fs::read_dir(path).map_err(failed)? {
+            let file = entry.map_err(failed)?.path();
+            if is_published(&file) {
+                files.push(file);
+            }
+        }
+        files.sort_unstable();
+        match files.is_empty() {
+            true => Err(CliError::EmptyFolder { path: path.clone() }),
+            false => Ok(files.into_iter().map(Self::Path).collect()),
+        }
+    }
+
+    fn open(&self) -> io::Result<File> {
+        match self {
+            Self::StandardInput => Ok(io::stdin().as_fd().try_clone_to_owned()?.into()),
+            // A pipe that nobody writes to yet: wait in the gate, not here.
+            Self::Path(path) => OpenOptions::new()
+                .read(true)
+                .custom_flags(libc::O_NONBLOCK)
+                .open(path),
+        }
+    }
+
+    fn failed(&self, source: io::Error) -> CliError {
+        match self {
+            Self::StandardInput => CliError::file("read", Path::new("standard input"), source),
+            Self::Path(path) => CliError::file("read", path, source),
+        }
+    }
+}
+
+/// A regular file, or a link to one, that is not hidden.
+fn is_published(path: &Path) -> bool {
+    let hidden = path
+        .file_name()
+        .is_none_or(|name| name.as_encoded_bytes().starts_with(b"."));
+    !hidden && fs::metadata(path).is_ok_and(|found| found.is_file())
+}
+
+impl<'a, G: Gate> Messages<'a, G> {
+    pub(crate) fn new(inputs: Vec<Input>, split: Split, gate: &'a G) -> Self {
+        Self {
+            inputs: inputs.into_iter(),
+            split,
+            gate,
+            open: None,
+        }
+    }
+
+    /// Puts the next message in `message`; false when there is none. When the gate says that the
+    /// command is to end, what is in `message` may be part of one.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::File`], [`CliError::MessageTooLong`], what the gate says.
+    pub(crate) fn next(&mut self, message: &mut Vec<u8>) -> Result<bool, CliError> {
+        loop {
+            if self.open.is_none() {
+                let Some(input) = self.inputs.next() else {
+                    return Ok(false);
+                };
+                let file = input.open().map_err(|source| input.failed(source))?;
+                let gate = self.gate;
+                self.open = Some((input, BufReader::new(Gated { file, gate })));
+            }
+            if let Some((input, reader)) = &mut self.open
+                && read(reader, self.split, message).map_err(|error| error.of(input))?
+            {
+                if self.split == Split::Whole {
+                    self.open = None;
+                }
+                return Ok(true);
+            }
+            self.open = None;
+        }
+    }
+}
+
+/// Reads one message; false at the end of the input.
+fn read(reader: &mut impl BufRead, split: Split, message: &mut Vec<u8>) -> Result<bool, ReadError> {
+    message.clear();
+    let limit = match split {
+        Split::Chunks(size) => size,
+        Split::Whole | Split::Lines => MESSAGE_MAX_BYTES + 1,
+    };
+    let mut part = reader.take(limit);
+    match split {
+        Split::Lines => part.read_until(b'\n', message)?,
+        Split::Whole | Split::Chunks(_) => part.read_to_end(message)?,
+    };
+    if message.len() as u64 > MESSAGE_MAX_BYTES {
+        return Err(ReadError::TooLong);
+    }
+    let found = split == Split::Whole || !message.is_empty();
+    if split == Split::Lines && message.last() == Some(&b'\n') {
+        message.pop();
+    }
+    Ok(found)
+}
+
+enum ReadError {
+    Io(io::Error),
+    TooLong,
+}
+
+impl From<io::Error> for ReadError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+impl ReadError {
+    fn of(self, input: &Input) -> CliError {
+        match (self, input) {
+            (Self::Io(source), input) => match source.downcast::<CliError>() {
+                // What the gate said.
+                Ok(error) => error,
+                Err(source) => input.failed(source),
+            },
+            (Self::TooLong, Input::StandardInput) => CliError::MessageTooLong {
+                path: "standard input".into(),
+            },
+            (Self::TooLong, Input::Path(path)) => CliError::MessageTooLong { path: path.clone() },
+        }
+    }
+}
+
+/// A file that is read only when its gate lets pass; it ends where the gate says so.
+struct Gated<'a, G> {
+    file: File,
+    gate: &'a G,
+}
+
+impl<G: Gate> Read for Gated<'_, G> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        loop {
+            if !self
+                .gate
+                .pass(self.file.as_fd())
+                .map_err(io::Error::other)?
+            {
+                return Ok(0);
+            }
+            match self.file.read(buffer) {
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                result => return result,
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

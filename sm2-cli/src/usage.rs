@@ -1,0 +1,71 @@
+//! What is wrong with a command line, in one line.
+
+use std::{ffi::OsString, process::ExitCode};
+
+use clap::{
+    CommandFactory, Parser,
+    error::{Error, ErrorKind},
+};
+
+use crate::args::{Cli, Command};
+
+/// The exit status of a command line that is not understood.
+pub(crate) const STATUS: u8 = 2;
+
+/// Reads a command line, its program first.
+///
+/// # Errors
+///
+/// The exit status, when all is done already: the help or version that was asked for is
+/// printed, or what is wrong is said.
+pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
+    let error = match Cli::try_parse_from(&arguments) {
+        Ok(cli) => return Ok(cli.command),
+        Err(error) => error,
+    };
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+            // Nobody is left to tell if standard output is closed.
+            let _ = error.print();
+            Err(ExitCode::SUCCESS)
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            let _ = error.print();
+            Err(ExitCode::from(STATUS))
+        }
+        _ => {
+            eprintln!("sm2: {}", one_line(&error, &arguments));
+            Err(ExitCode::from(STATUS))
+        }
+    }
+}
+
+/// The error without its prefix, usage and line breaks, and with the command to ask for help.
+fn one_line(error: &Error, arguments: &[OsString]) -> String {
+    let rendered = error.render().to_string();
+    let lines = rendered
+        .lines()
+        .map(str::trim)
+        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more information"))
+        .filter(|line| !line.is_empty());
+    let message = lines.collect::<Vec<_>>().join(" ");
+    let message = message.strip_prefix("error: ").unwrap_or(&message);
+    format!("{message} (see `{} --help`)", command_of(arguments))
+}
+
+/// The command that the arguments start with, such as `sm2 topic pub`.
+fn command_of(arguments: &[OsString]) -> String {
+    let mut command = Cli::command();
+    let mut words = vec![command.get_name().to_owned()];
+    for argument in arguments.iter().skip(1) {
+        let Some(next) = command.find_subcommand(argument).cloned() else {
+            break;
+        };
+        words.push(next.get_name().to_owned());
+        command = next;
+    }
+    words.join(" ")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,263 @@
+//! Real `sm2` processes in a domain of the test's own.
+
+use std::{
+    fs,
+    io::Read,
+    path::{Path, PathBuf},
+    process::{Child, Command, ExitStatus, Stdio},
+    sync::{Arc, Mutex},
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Nothing here takes long; a test that waits so long has failed.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The `sm2` command, in an environment without a domain.
+pub(crate) fn sm2(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sm2"));
+    command.args(arguments).stdin(Stdio::null());
+    for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG"] {
+        command.env_remove(variable);
+    }
+    command
+}
+
+/// A Manager with its own folder; both are gone when it is dropped.
+pub(crate) struct Domain {
+    folder: TempDir,
+    manager: Running,
+}
+
+impl Domain {
+    pub(crate) fn new() -> Self {
+        Self::with(&[])
+    }
+
+    /// With these arguments of `sm2 manager`.
+    pub(crate) fn with(arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("sm2.sock");
+        let mut command = sm2(&["manager", "--socket"]);
+        let manager = Running::start(command.arg(&socket).args(arguments));
+        until("the Manager listens", || socket.exists());
+        Self { folder, manager }
+    }
+
+    /// The test's folder.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// A command that talks to this domain.
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = sm2(arguments);
+        command.arg("--socket").arg(self.path("sm2.sock"));
+        command
+    }
+
+    /// Runs a command to its end.
+    pub(crate) fn run(&self, arguments: &[&str]) -> Finished {
+        Running::start(&mut self.command(arguments)).finish()
+    }
+
+    /// Starts a command.
+    pub(crate) fn start(&self, arguments: &[&str]) -> Running {
+        Running::start(&mut self.command(arguments))
+    }
+
+    /// What a list prints as JSON.
+    pub(crate) fn list(&self, what: &str) -> Value {
+        let list = self.run(&[what, "list", "--json"]);
+        assert_eq!(list.code(), 0, "{list:?}");
+        serde_json::from_str(&list.stdout()).unwrap()
+    }
+
+    /// Waits until so many interfaces of `kind` (`publishers`, `subscribers`) are on a topic.
+    pub(crate) fn wait_for(&self, topic: &str, kind: &str, count: u64) {
+        until(&format!("{count} {kind} of {topic}"), || {
+            let topics = self.list("topic");
+            let mut topics = topics["topics"].as_array().unwrap().iter();
+            topics.any(|it| it["name"] == topic && it[kind] == count)
+        });
+    }
+
+    pub(crate) fn stop_manager(&mut self) {
+        self.manager.signal(Signal::SIGTERM);
+        self.manager.wait();
+    }
+}
+
+/// A process that is killed when it is dropped, and whose output is read all the time.
+pub(crate) struct Running {
+    child: Child,
+    stdout: Option<Reader>,
+    stderr: Option<Reader>,
+}
+
+/// Collects what a process writes.
+struct Reader {
+    bytes: Arc<Mutex<Vec<u8>>>,
+    thread: JoinHandle<()>,
+}
+
+/// A process that has ended.
+#[derive(Debug)]
+pub(crate) struct Finished {
+    pub(crate) status: ExitStatus,
+    pub(crate) output: Vec<u8>,
+    pub(crate) errors: Vec<u8>,
+}
+
+impl Running {
+    pub(crate) fn start(command: &mut Command) -> Self {
+        let command = command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let stdout = child.stdout.take().map(Reader::new);
+        let stderr = child.stderr.take().map(Reader::new);
+        Self {
+            child,
+            stdout,
+            stderr,
+        }
+    }
+
+    pub(crate) fn child(&mut self) -> &mut Child {
+        &mut self.child
+    }
+
+    pub(crate) fn pid(&self) -> i32 {
+        self.child.id().try_into().unwrap()
+    }
+
+    pub(crate) fn signal(&self, signal: Signal) {
+        kill(Pid::from_raw(self.pid()), signal).unwrap();
+    }
+
+    fn wait(&mut self) -> ExitStatus {
+        let mut status = None;
+        until("a process ends", || {
+            status = self.child.try_wait().unwrap();
+            status.is_some()
+        });
+        status.unwrap()
+    }
+
+    /// Waits for its end.
+    pub(crate) fn finish(mut self) -> Finished {
+        let status = self.wait();
+        let read = |reader: Option<Reader>| reader.unwrap().finish();
+        Finished {
+            status,
+            output: read(self.stdout.take()),
+            errors: read(self.stderr.take()),
+        }
+    }
+
+    /// What it has written to standard output so far.
+    pub(crate) fn stdout(&self) -> String {
+        self.stdout.as_ref().unwrap().so_far()
+    }
+
+    /// What it has written to standard error so far.
+    pub(crate) fn stderr(&self) -> String {
+        self.stderr.as_ref().unwrap().so_far()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Finished {
+    /// The exit status.
+    pub(crate) fn code(&self) -> i32 {
+        self.status.code().unwrap_or(-1)
+    }
+
+    pub(crate) fn stdout(&self) -> String {
+        String::from_utf8(self.output.clone()).unwrap()
+    }
+
+    pub(crate) fn stderr(&self) -> String {
+        String::from_utf8(self.errors.clone()).unwrap()
+    }
+
+    /// That it failed with this status, and one line on standard error that has all of `parts`.
+    pub(crate) fn failed(&self, code: i32, parts: &[&str]) {
+        let stderr = self.stderr();
+        assert_eq!(self.code(), code, "{stderr}");
+        assert!(stderr.starts_with("sm2"), "{stderr}");
+        assert_eq!(stderr.lines().count(), 1, "{stderr}");
+        for part in parts {
+            assert!(stderr.contains(part), "{part:?} is not in {stderr:?}");
+        }
+    }
+}
+
+impl Reader {
+    fn new(mut from: impl Read + Send + 'static) -> Self {
+        let bytes = Arc::new(Mutex::new(Vec::new()));
+        let written = Arc::clone(&bytes);
+        let thread = thread::spawn(move || {
+            let mut buffer = [0; 65_536];
+            while let Ok(len @ 1..) = from.read(&mut buffer) {
+                written.lock().unwrap().extend_from_slice(&buffer[..len]);
+            }
+        });
+        Self { bytes, thread }
+    }
+
+    fn so_far(&self) -> String {
+        String::from_utf8_lossy(&self.bytes.lock().unwrap()).into_owned()
+    }
+
+    fn finish(self) -> Vec<u8> {
+        self.thread.join().unwrap();
+        std::mem::take(&mut self.bytes.lock().unwrap())
+    }
+}
+
+/// Waits until something is true.
+pub(crate) fn until(what: &str, mut is: impl FnMut() -> bool) {
+    let end = Instant::now() + PATIENCE;
+    while !is() {
+        assert!(Instant::now() < end, "waited in vain until {what}");
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// The files of a folder, in the order of their names: names and content.
+pub(crate) fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    let mut files: Vec<_> = entries
+        .map(|entry| {
+            let name = entry.file_name().into_string().unwrap();
+            (name, fs::read(entry.path()).unwrap())
+        })
+        .collect();
+    files.sort_unstable();
+    files
+}
+
+/// Bytes that look like nothing in particular.
+pub(crate) fn noise(seed: u64, len: usize) -> Vec<u8> {
+    let mut state = seed | 1;
+    let step = || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 32) as u8
+    };
+    std::iter::repeat_with(step).take(len).collect()
+}

@@ -1,0 +1,318 @@
+//! Bad input, and a world that does not play along: one line that says what to do, and the right
+//! exit status.
+
+use std::{fs, path::Path, process::Command};
+
+use crate::common::{Domain, Finished, Running, files, noise, sm2, until};
+
+fn run(arguments: &[&str]) -> Finished {
+    Running::start(&mut sm2(arguments)).finish()
+}
+
+#[test]
+fn no_manager_is_told_with_its_socket_and_the_cure() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("none.sock");
+    let socket = socket.to_str().unwrap();
+    let start = format!("start one with `sm2 manager --socket {socket}`");
+    for command in [
+        &["topic", "list"][..],
+        &["node", "list"],
+        &["topic", "echo", "a"],
+        &["topic", "pub", "a", "--from", "/dev/null"],
+    ] {
+        let finished = run(&[command, &["--socket", socket]].concat());
+        finished.failed(1, &["no Manager answers at", socket, &start]);
+    }
+
+    let mut named = sm2(&["topic", "list", "--domain", "robot-1"]);
+    let named = Running::start(named.env("XDG_RUNTIME_DIR", folder.path())).finish();
+    named.failed(1, &["sm2/robot-1.sock", "`sm2 manager --domain robot-1`"]);
+
+    // A Manager that died without a word leaves its socket.
+    let listener = std::os::unix::net::UnixListener::bind(socket).unwrap();
+    drop(listener);
+    run(&["node", "list", "--socket", socket]).failed(1, &["sm2: ", socket]);
+}
+
+#[test]
+fn bad_names_show_the_grammar() {
+    let grammar = "segments of A-Z a-z 0-9 _ - joined by single /, at most 255 bytes";
+    let long = "x".repeat(256);
+    for name in ["two words", "", "a//b", "//a", "a/", "ünïcode", &long] {
+        run(&["topic", "echo", name])
+            .failed(2, &["invalid value", grammar, "sm2 topic echo --help"]);
+        let publish = ["topic", "pub", name, "--from", "-"];
+        run(&publish).failed(2, &["invalid value", grammar]);
+    }
+    run(&["topic", "pub", "a", "--from", "-", "--type", "a b"]).failed(2, &[grammar]);
+    run(&["topic", "pub", "a", "--from", "-", "--type", "a:xyz"]).failed(2, &["16 hex digits"]);
+    run(&["topic", "list", "--domain", "no/slash"]).failed(1, &["no/slash"]);
+}
+
+#[test]
+fn wrong_usage_is_one_line_and_status_2() {
+    for (arguments, parts) in [
+        (&["topic", "pub", "a"][..], &["--from"][..]),
+        (
+            &["topic", "pub", "a", "--from", ""],
+            &["--from", "standard input"],
+        ),
+        (
+            &["topic", "pub", "a", "--from", "-", "--rate", "0"],
+            &["--rate", "above 0"],
+        ),
+        (
+            &["topic", "pub", "a", "--from", "-", "--chunk", "0"],
+            &["--chunk", "1 byte"],
+        ),
+        (
+            &["topic", "pub", "a", "--from", "-", "--chunk", "9 parsecs"],
+            &["such as 10MB"],
+        ),
+        (
+            &["topic", "pub", "a", "--from", "-", "--chunk", "8GiB"],
+            &["at most 4"],
+        ),
+        (
+            &[
+                "topic", "pub", "a", "--from", "-", "--chunk", "8", "--lines",
+            ],
+            &["--lines"],
+        ),
+        (
+            &["topic", "pub", "a", "--from", "-", "--loop"],
+            &["standard input", "a file or folder"],
+        ),
+        (
+            &["topic", "pub", "a", "--from", "-", "--integrity", "none"],
+            &["pooled", "sealed"],
+        ),
+        (&["topic", "echo", "a", "--count", "0"], &["--count"]),
+        (
+            &["topic", "echo", "a", "--domain", "b", "--socket", "c"],
+            &["--domain", "--socket"],
+        ),
+        (&["topic", "ecko", "a"], &["echo"]),
+        (&["demo", "--subscribers", "0"], &["--subscribers"]),
+        (&["demo", "--size", "8"], &["--size", "16 bytes"]),
+        (&["demo", "--seconds", "-1"], &["--seconds"]),
+        (
+            &["demo", "--rate", "100000", "--seconds", "100"],
+            &["--rate", "1000000 is the most"],
+        ),
+    ] {
+        run(arguments).failed(2, parts);
+    }
+}
+
+#[test]
+fn a_topic_of_another_type_names_both() {
+    let domain = Domain::new();
+    let first = ["topic", "pub", "imu", "--from", "/dev/null", "--wait", "1"];
+    let _first = domain.start(&[&first[..], &["--type", "sensor/Imu:ab"]].concat());
+    domain.wait_for("imu", "publishers", 1);
+    let wrong = domain.run(&first);
+    wrong.failed(
+        1,
+        &["topic imu", "sensor/Imu (schema 00000000000000ab)", "bytes"],
+    );
+    // Without a hash a type is the one in use, if the names agree.
+    let hashless = [&first[..5], &["--type", "sensor/Imu", "--wait", "0"]].concat();
+    assert_eq!(domain.run(&hashless).code(), 0);
+}
+
+#[test]
+fn a_used_up_quota_is_named() {
+    let domain = Domain::with(&["--max-interfaces", "0"]);
+    let echo = domain.run(&["topic", "echo", "a"]);
+    echo.failed(1, &["quota of 0 interfaces per session", "operator"]);
+
+    let domain = Domain::with(&["--max-sessions", "1"]);
+    let first = domain.start(&["topic", "echo", "a"]);
+    until("the first waits", || first.stderr().contains("waiting"));
+    let second = domain.run(&["node", "list"]);
+    second.failed(1, &["quota of 1 sessions per user"]);
+}
+
+#[test]
+fn inputs_that_cannot_be_read_are_named() {
+    let domain = Domain::new();
+    let folder = domain.path("empty");
+    fs::create_dir(&folder).unwrap();
+    let folder = folder.to_str().unwrap();
+    let publish = |from: &str| domain.run(&["topic", "pub", "a", "--from", from]);
+    publish("/no/such/file").failed(
+        1,
+        &[
+            "cannot read /no/such/file",
+            "No such file",
+            "check the path",
+        ],
+    );
+    publish(folder).failed(1, &[folder, "holds no file"]);
+
+    let unreadable = domain.path("unreadable");
+    fs::write(&unreadable, "secret").unwrap();
+    let mode = std::os::unix::fs::PermissionsExt::from_mode(0o000);
+    fs::set_permissions(&unreadable, mode).unwrap();
+    let from = unreadable.to_str().unwrap();
+    if fs::read(&unreadable).is_ok() {
+        eprintln!("not tried: this user (root) may read every file");
+    } else {
+        publish(from).failed(1, &[from, "Permission denied", "give this user the right"]);
+    }
+
+    // One that opens, and fails when it is read.
+    let _echo = domain.start(&["topic", "echo", "a"]);
+    publish("/proc/self/mem").failed(1, &["cannot read /proc/self/mem", "Input/output error"]);
+    let looped = [
+        "topic",
+        "pub",
+        "a",
+        "--from",
+        "/dev/null",
+        "--lines",
+        "--loop",
+    ];
+    domain
+        .run(&looped)
+        .failed(1, &["no message to publish", "empty"]);
+}
+
+#[test]
+fn folders_that_cannot_be_written_are_named() {
+    let domain = Domain::new();
+    let echo = |to: &Path| {
+        let to = to.to_str().unwrap();
+        domain.run(&["topic", "echo", "a", "--to-dir", to])
+    };
+    let file = domain.path("file");
+    fs::write(&file, "").unwrap();
+    echo(&file).failed(1, &["cannot create folder", file.to_str().unwrap()]);
+
+    let used = domain.path("used");
+    fs::create_dir(&used).unwrap();
+    fs::write(used.join("000003.bin"), "old").unwrap();
+    echo(&used).failed(1, &["000003.bin", "name an empty one"]);
+}
+
+/// A small file system, as long as it lives.
+struct SmallDisk<'a>(&'a Path);
+
+impl<'a> SmallDisk<'a> {
+    fn mount(path: &'a Path) -> Option<Self> {
+        fs::create_dir(path).unwrap();
+        let mut mount = Command::new("mount");
+        mount
+            .args(["-t", "tmpfs", "-o", "size=64k", "tmpfs"])
+            .arg(path);
+        let mounted = mount.output().is_ok_and(|output| output.status.success());
+        mounted.then_some(Self(path))
+    }
+}
+
+impl Drop for SmallDisk<'_> {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(self.0).status();
+    }
+}
+
+#[test]
+fn a_full_disk_is_told_and_keeps_what_is_whole() {
+    let domain = Domain::new();
+    let path = domain.path("disk");
+    let Some(disk) = SmallDisk::mount(&path) else {
+        eprintln!("not tried: this user cannot mount a small file system");
+        return;
+    };
+    let input = domain.path("input");
+    fs::write(&input, noise(3, 100_000)).unwrap();
+    let to = disk.0.to_str().unwrap();
+    let echo = domain.start(&["topic", "echo", "a", "--reliable", "--to-dir", to]);
+    let from = input.to_str().unwrap();
+    let publish = [
+        "topic",
+        "pub",
+        "a",
+        "--reliable",
+        "--from",
+        from,
+        "--chunk",
+        "25KB",
+    ];
+    let published = domain.run(&publish);
+    assert_eq!(published.code(), 0, "{}", published.stderr());
+    let echo = echo.finish();
+    echo.failed(
+        1,
+        &[
+            "cannot write",
+            "000002.bin",
+            "No space left on device",
+            "free some space",
+        ],
+    );
+    let files = files(disk.0);
+    let sizes: Vec<_> = files
+        .iter()
+        .map(|(name, content)| (name.as_str(), content.len()))
+        .collect();
+    assert_eq!(sizes, [("000000.bin", 25_000), ("000001.bin", 25_000)]);
+}
+
+#[test]
+fn a_file_too_large_to_be_written_is_told() {
+    let domain = Domain::new();
+    let to = domain.path("to");
+    let input = domain.path("input");
+    fs::write(&input, noise(4, 2_000_000)).unwrap();
+    // A limit of the shell's for file sizes, and the error instead of the signal.
+    let mut limited = Command::new("sh");
+    limited
+        .args(["-c", "trap '' XFSZ; ulimit -f 100; exec \"$0\" \"$@\""])
+        .arg(env!("CARGO_BIN_EXE_sm2"))
+        .args([
+            "topic",
+            "echo",
+            "a",
+            "--to-dir",
+            to.to_str().unwrap(),
+            "--socket",
+        ])
+        .arg(domain.path("sm2.sock"));
+    let echo = Running::start(&mut limited);
+    domain.run(&["topic", "pub", "a", "--from", input.to_str().unwrap()]);
+    echo.finish()
+        .failed(1, &["cannot write", "000000.bin", "File too large"]);
+    assert!(files(&to).is_empty());
+}
+
+#[test]
+fn waiting_in_vain_says_what_for() {
+    let domain = Domain::new();
+    let publish = domain.start(&["topic", "pub", "a", "--from", "/dev/null"]);
+    domain.wait_for("a", "publishers", 1);
+    let echo = domain.start(&["topic", "echo", "a", "--reliable"]);
+    domain.wait_for("a", "subscribers", 1);
+    // They see each other, and say so.
+    let told = |running: &Running, parts: [&str; 2]| {
+        let stderr = running.stderr();
+        until(&format!("{parts:?} is said"), || {
+            parts.iter().all(|part| running.stderr().contains(part))
+        });
+        assert!(stderr.lines().count() <= 1, "{stderr}");
+    };
+    let echo_hint = "echo without --reliable";
+    told(&echo, ["waiting for 1 publisher of a", echo_hint]);
+    told(&publish, ["waiting for 1 subscriber of a", ""]);
+}
+
+#[test]
+fn the_end_of_the_manager_is_told_when_nothing_can_come() {
+    let mut domain = Domain::new();
+    let echo = domain.start(&["topic", "echo", "a"]);
+    domain.wait_for("a", "subscribers", 1);
+    domain.stop_manager();
+    echo.finish().failed(1, &["no link is left", "Manager"]);
+}

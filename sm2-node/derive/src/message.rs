@@ -1,0 +1,144 @@
+//! `impl Message`, by way of `Plain` or of an encoding.
+
+use proc_macro2::TokenStream;
+use quote::quote;
+use sm2_proto::Name;
+use syn::{DeriveInput, Error, Generics, LitStr, Result, parse_quote};
+
+use crate::schema;
+
+pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
+    let options = Options::of(input)?;
+    if let Some(lifetime) = input.generics.lifetimes().next() {
+        let message = "a message owns its data: it cannot have a lifetime";
+        return Err(Error::new_spanned(lifetime, message));
+    }
+    let schema = schema::expand(input)?;
+    let message = match options.encoding {
+        Encoding::Plain => plain(input, &options.name),
+        Encoding::Postcard => postcard(input, &options.name),
+    };
+    Ok(quote!(#schema #message))
+}
+
+fn plain(input: &DeriveInput, name: &LitStr) -> TokenStream {
+    let ident = &input.ident;
+    // For a generic type: where zerocopy's derives apply.
+    let generics = bounded(
+        &input.generics,
+        &quote! {
+            ::sm2_node::zerocopy::FromBytes
+                + ::sm2_node::zerocopy::IntoBytes
+                + ::sm2_node::zerocopy::Immutable
+                + ::sm2_node::zerocopy::KnownLayout
+        },
+    );
+    let (params, arguments, bounds) = generics.split_for_impl();
+    quote! {
+        #[automatically_derived]
+        impl #params ::sm2_node::Plain for #ident #arguments #bounds {
+            const NAME: &'static str = #name;
+        }
+    }
+}
+
+fn postcard(input: &DeriveInput, name: &LitStr) -> TokenStream {
+    let ident = &input.ident;
+    let generics = bounded(
+        &input.generics,
+        &quote!(::sm2_node::serde::Serialize + ::sm2_node::serde::de::DeserializeOwned),
+    );
+    let (params, arguments, bounds) = generics.split_for_impl();
+    quote! {
+        #[automatically_derived]
+        impl #params ::sm2_node::Message for #ident #arguments #bounds {
+            const NAME: &'static str = #name;
+            const HASH: u64 =
+                ::sm2_node::schema::message("postcard", <Self as ::sm2_node::Schema>::HASH);
+            type View = ::std::boxed::Box<Self>;
+
+            fn bytes(
+                &self,
+            ) -> ::core::result::Result<::std::borrow::Cow<'_, [u8]>, ::sm2_node::EncodeError> {
+                ::sm2_node::encoding::to_postcard(self)
+            }
+
+            fn view(
+                payload: ::sm2_node::Payload,
+            ) -> ::core::result::Result<Self::View, ::sm2_node::PayloadError> {
+                ::sm2_node::encoding::from_postcard(&payload)
+            }
+        }
+    }
+}
+
+fn bounded(generics: &Generics, traits: &TokenStream) -> Generics {
+    let mut generics = generics.clone();
+    if generics.type_params().next().is_some() {
+        let bounds = generics.make_where_clause();
+        let this = quote!(Self: #traits + ::sm2_node::Schema);
+        bounds.predicates.push(parse_quote!(#this));
+        bounds
+            .predicates
+            .push(parse_quote!(Self: ::core::marker::Send + ::core::marker::Sync + 'static));
+    }
+    generics
+}
+
+#[derive(Clone, Copy)]
+enum Encoding {
+    Plain,
+    Postcard,
+}
+
+struct Options {
+    name: LitStr,
+    encoding: Encoding,
+}
+
+impl Options {
+    fn of(input: &DeriveInput) -> Result<Self> {
+        let mut name = None;
+        let mut encoding = Encoding::Plain;
+        for attribute in input
+            .attrs
+            .iter()
+            .filter(|it| it.path().is_ident("message"))
+        {
+            attribute.parse_nested_meta(|meta| {
+                if meta.path.is_ident("name") {
+                    name = Some(checked_name(meta.value()?.parse()?)?);
+                } else if meta.path.is_ident("encoding") {
+                    encoding = encoding_of(&meta.value()?.parse()?)?;
+                } else {
+                    return Err(meta.error("unknown option: `name` and `encoding` are known"));
+                }
+                Ok(())
+            })?;
+        }
+        let name = name.ok_or_else(|| {
+            let message = "a message type needs a name that does not depend on where it is \
+                           defined: #[message(name = \"sensor/Imu\")]";
+            Error::new_spanned(&input.ident, message)
+        })?;
+        Ok(Self { name, encoding })
+    }
+}
+
+fn checked_name(name: LitStr) -> Result<LitStr> {
+    match Name::new(&name.value()) {
+        Ok(_) => Ok(name),
+        Err(error) => Err(Error::new_spanned(name, error)),
+    }
+}
+
+fn encoding_of(name: &LitStr) -> Result<Encoding> {
+    match name.value().as_str() {
+        "plain" => Ok(Encoding::Plain),
+        "postcard" => Ok(Encoding::Postcard),
+        _ => {
+            let message = "unknown encoding: \"plain\" (the default) and \"postcard\" are known";
+            Err(Error::new_spanned(name, message))
+        }
+    }
+}

@@ -1,0 +1,383 @@
+//! Calling a service.
+
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::Deref;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+use std::time::Duration;
+
+use sm2_proto::control::Peer;
+use sm2_proto::limits::INLINE_MAX;
+use sm2_proto::link::Status;
+use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
+
+use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Taken, Topic};
+use crate::handle::{Handle, Receipt, until};
+use crate::publisher::{INLINE_DEFAULT, checked_name};
+use crate::{CallError, DeclareError, LinkStatus, Message, StoreError, WaitError};
+
+/// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
+///
+/// A call goes to one server: the one that has the fewest calls of this client without a reply,
+/// and of several such ones the one that is linked for the longest time (SM2-SRV-001). A server
+/// that ends fails its calls at once (SM2-SRV-005); they are not repeated elsewhere, since
+/// they may have had their effect.
+///
+/// Its [descriptor](AsFd) is readable when a [`Call::try_wait`] may have an answer.
+#[derive(Debug)]
+pub struct Client<Q: Message + ?Sized, R: Message + ?Sized> {
+    handle: Arc<Handle>,
+    inline_max: usize,
+    calls: PhantomData<fn(&Q) -> Box<R>>,
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
+    /// Calls, and waits for the reply at most this long.
+    ///
+    /// # Errors
+    ///
+    /// See [`CallError`].
+    pub fn call(&self, request: &Q, timeout: Duration) -> Result<Reply<R>, CallError> {
+        self.send(request, Some(timeout))?.wait()
+    }
+
+    /// Makes a call whose reply is waited for later. With a timeout, the server is told the
+    /// moment from which on nobody wants the reply.
+    ///
+    /// Waits only while the link to the first server is being opened, and no longer than
+    /// the timeout.
+    ///
+    /// # Errors
+    ///
+    /// See [`CallError`].
+    pub fn send(&self, request: &Q, timeout: Option<Duration>) -> Result<Call<R>, CallError> {
+        let deadline = until(timeout);
+        let bytes = request.bytes().map_err(StoreError::Encode)?;
+        let len = bytes.len() as u64;
+        let needs = self.server(deadline)?;
+        let forms = self.handle.store(bytes, self.inline_max, needs)?;
+        // The choice is made again: what was sent meanwhile counts.
+        let call = self
+            .handle
+            .with_idle(|interface, tools| match interface.choose_server() {
+                Choice::Link { token, .. } => {
+                    Ok(interface.call(token, forms, len, deadline, tools))
+                }
+                other => {
+                    interface.drop_forms(forms, tools);
+                    Err(other)
+                }
+            });
+        Ok(Call {
+            call: call.map_err(|choice| self.no_server(choice))?,
+            handle: Arc::clone(&self.handle),
+            deadline,
+            done: false,
+            replies: PhantomData,
+        })
+    }
+
+    /// Waits until the service has an open server; which form it needs.
+    fn server(&self, deadline: Option<Instant>) -> Result<Needs, CallError> {
+        let Handle { shared, id, .. } = &*self.handle;
+        let found = shared.wait(Topic::Interface(*id), deadline, |inner| {
+            match inner.interfaces.get(id)?.choose_server() {
+                Choice::Opening => None,
+                choice => Some(choice),
+            }
+        });
+        match found.map_err(|error| failed(&self.handle.name, error))? {
+            Some(Choice::Link { needs, .. }) => Ok(needs),
+            Some(choice) => Err(self.no_server(choice)),
+            None => Err(CallError::DeadlineExceeded {
+                service: self.handle.name.clone(),
+            }),
+        }
+    }
+
+    fn no_server(&self, choice: Choice) -> CallError {
+        let service = self.handle.name.clone();
+        match choice {
+            Choice::TooMany { limit } => CallError::TooManyCalls { service, limit },
+            Choice::Link { .. } | Choice::Opening | Choice::NoServer => {
+                CallError::NoServer { service }
+            }
+        }
+    }
+
+    /// How many servers matched when it was declared (SM2-IFC-002).
+    #[must_use]
+    pub fn matched(&self) -> usize {
+        self.handle.matched()
+    }
+
+    /// Waits until at least this many servers' links are open; without a timeout, as long as it
+    /// takes.
+    ///
+    /// # Errors
+    ///
+    /// See [`WaitError`].
+    pub fn wait_for_servers(
+        &self,
+        count: usize,
+        timeout: Option<Duration>,
+    ) -> Result<(), WaitError> {
+        self.handle.wait_open(count, timeout)
+    }
+
+    /// Its links: those that ended (the last 64 of them), then those that are there.
+    pub fn links(&self) -> Vec<LinkStatus> {
+        self.handle.links()
+    }
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> AsFd for Client<Q, R> {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.handle.descriptor()
+    }
+}
+
+/// A call under way. Dropping it cancels it.
+#[must_use = "a call that is dropped is cancelled"]
+pub struct Call<R: Message + ?Sized> {
+    handle: Arc<Handle>,
+    call: CallId,
+    deadline: Option<Instant>,
+    /// Whether its outcome was seen.
+    done: bool,
+    replies: PhantomData<fn() -> Box<R>>,
+}
+
+impl<R: Message + ?Sized> Call<R> {
+    /// Waits for the reply, until the call's deadline if it has one. At the deadline the
+    /// server is told that nobody wants the reply any more.
+    ///
+    /// # Errors
+    ///
+    /// See [`CallError`].
+    pub fn wait(mut self) -> Result<Reply<R>, CallError> {
+        match self.look(self.deadline)? {
+            Some(reply) => Ok(reply),
+            None => Err(CallError::DeadlineExceeded {
+                service: self.handle.name.clone(),
+            }),
+        }
+    }
+
+    /// The reply, if it is there. After it, or an error, there is nothing more to come.
+    ///
+    /// # Errors
+    ///
+    /// See [`CallError`].
+    pub fn try_wait(&mut self) -> Result<Option<Reply<R>>, CallError> {
+        let reply = self.look(Some(Instant(0)))?;
+        let late = self.deadline.is_some_and(|it| it <= sm2_io::clock::now());
+        if reply.is_none() && !self.done && late {
+            self.forget();
+            return Err(CallError::DeadlineExceeded {
+                service: self.handle.name.clone(),
+            });
+        }
+        Ok(reply)
+    }
+
+    /// Tells the server that nobody wants the reply any more. Waiting then ends with
+    /// [`CallError::Cancelled`], or with the reply if that was quicker.
+    pub fn cancel(&self) {
+        let call = self.call;
+        self.handle
+            .with(|interface, tools| interface.cancel(call, tools));
+    }
+
+    fn look(&mut self, until: Option<Instant>) -> Result<Option<Reply<R>>, CallError> {
+        let Handle { shared, id, .. } = &*self.handle;
+        let call = self.call;
+        let outcome = shared.wait(Topic::Interface(*id), until, |inner| {
+            let found = inner.interfaces.get_mut(id)?.outcome(call);
+            if found.is_none() {
+                self.handle.silence(inner);
+            }
+            found
+        });
+        let outcome = outcome.map_err(|error| failed(&self.handle.name, error))?;
+        self.done |= outcome.is_some();
+        let service = self.handle.name.clone();
+        match outcome {
+            None => Ok(None),
+            Some(Outcome::Reply(taken)) => Reply::new(service, taken, &self.handle).map(Some),
+            Some(Outcome::ServerGone) => Err(CallError::ServerGone { service }),
+            Some(Outcome::Unreadable(source)) => Err(CallError::Io { service, source }),
+        }
+    }
+
+    fn forget(&mut self) {
+        if !self.done {
+            self.done = true;
+            let call = self.call;
+            self.handle
+                .with(|interface, tools| interface.forget(call, tools));
+        }
+    }
+}
+
+impl<R: Message + ?Sized> Drop for Call<R> {
+    fn drop(&mut self) {
+        self.forget();
+    }
+}
+
+impl<R: Message + ?Sized> fmt::Debug for Call<R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Call")
+            .field("service", &self.handle.name)
+            .field("id", &self.call.id)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A reply. Dereferences to the message; dropping it gives it back.
+pub struct Reply<R: Message + ?Sized> {
+    /// Before the receipt: what is given back is not looked at any more.
+    view: R::View,
+    peer: Arc<Peer>,
+    _receipt: Receipt,
+}
+
+impl<R: Message + ?Sized> Reply<R> {
+    fn new(service: Name, taken: Taken, handle: &Handle) -> Result<Self, CallError> {
+        let receipt = handle.receipt(&taken);
+        let Taken {
+            peer,
+            delivery,
+            payload,
+            ..
+        } = taken;
+        match delivery.status {
+            Status::Ok => match R::view(payload) {
+                Ok(view) => Ok(Self {
+                    view,
+                    peer,
+                    _receipt: receipt,
+                }),
+                Err(reason) => Err(CallError::Payload { service, reason }),
+            },
+            Status::Failed => {
+                let reason = String::from_utf8_lossy(&payload.stable()).into_owned();
+                Err(CallError::Failed { service, reason })
+            }
+            Status::Cancelled => Err(CallError::Cancelled { service }),
+            Status::DeadlinePassed => Err(CallError::DeadlineExceeded { service }),
+        }
+    }
+
+    /// The name of the server's node.
+    #[must_use]
+    pub fn server(&self) -> &Name {
+        &self.peer.name
+    }
+}
+
+impl<R: Message + ?Sized> Deref for Reply<R> {
+    type Target = R;
+
+    fn deref(&self) -> &R {
+        &self.view
+    }
+}
+
+impl<R: Message + ?Sized + fmt::Debug> fmt::Debug for Reply<R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Reply")
+            .field("server", &self.peer.name)
+            .field("message", &&**self)
+            .finish()
+    }
+}
+
+fn failed(service: &Name, source: std::io::Error) -> CallError {
+    CallError::Io {
+        service: service.clone(),
+        source,
+    }
+}
+
+/// A client's limits.
+#[derive(Debug)]
+#[must_use = "a builder does nothing until declare is called"]
+pub struct ClientBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
+    shared: Arc<Shared>,
+    service: String,
+    /// None takes every pair.
+    types: Option<(TypeId, TypeId)>,
+    qos: ServiceQos,
+    inline_max: usize,
+    calls: PhantomData<fn(&Q) -> Box<R>>,
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
+    pub(crate) fn new(shared: &Arc<Shared>, service: &str) -> Self {
+        Self {
+            shared: Arc::clone(shared),
+            service: service.to_owned(),
+            types: Some((Q::type_id(), R::type_id())),
+            qos: ServiceQos {
+                depth: 1,
+                max_borrowed: 64,
+                sealed: false,
+            },
+            inline_max: INLINE_DEFAULT,
+            calls: PhantomData,
+        }
+    }
+
+    /// How many calls and replies the program may hold at a time, of each server: 1 to 1,024;
+    /// 64 by default.
+    pub const fn max_borrowed(mut self, calls: u16) -> Self {
+        self.qos.max_borrowed = calls;
+        self
+    }
+
+    /// Every request and reply has to be sealed: nobody can change it once it is sent.
+    pub const fn sealed(mut self, sealed: bool) -> Self {
+        self.qos.sealed = sealed;
+        self
+    }
+
+    /// Requests up to this many bytes are copied into the datagram; longer ones go through
+    /// shared memory. At most 61,440; 4,096 by default.
+    pub const fn inline_max(mut self, bytes: usize) -> Self {
+        self.inline_max = if bytes > INLINE_MAX {
+            INLINE_MAX
+        } else {
+            bytes
+        };
+        self
+    }
+
+    /// Declares it, and waits for the Manager's word.
+    ///
+    /// # Errors
+    ///
+    /// See [`DeclareError`].
+    pub fn declare(self) -> Result<Client<Q, R>, DeclareError> {
+        let contract = Contract::Client {
+            service: checked_name(Kind::Client, self.service)?,
+            types: self.types,
+            qos: self.qos,
+        };
+        Ok(Client {
+            handle: Arc::new(Handle::declare(&self.shared, contract, u64::MAX)?),
+            inline_max: self.inline_max,
+            calls: PhantomData,
+        })
+    }
+}
+
+impl ClientBuilder<[u8], [u8]> {
+    /// Calls servers of every pair of types, in bytes.
+    pub fn any_types(mut self) -> Self {
+        self.types = None;
+        self
+    }
+}

@@ -1,0 +1,483 @@
+//! One end of one link: socket, machine, and what was mapped for it.
+//!
+//! Nothing here waits. A socket that takes no more keeps one packet here and stops
+//! the machine's transmitting; whatever fails ends this link and no other.
+
+use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::fmt::Display;
+use std::io::{self, IoSlice};
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::Arc;
+
+use sm2_io::{Epoll, Event, Interest, Mapping, RecvError, SendError, SeqPacket};
+use sm2_proto::control::Peer;
+use sm2_proto::link::{
+    self, Counters, Delivery, End, Input, Link, Output, Packet, Role, Status, TooManyBorrowed,
+};
+use sm2_proto::{Code, Datagram, Farewell, LinkId};
+
+use super::BURST;
+use super::datagram::{Incoming, receive};
+use super::outbox::Outbox;
+use crate::Payload;
+
+/// How many datagrams are read from a link whose other side is gone: more than a window
+/// full of messages, each with its segment.
+const LAST_WORDS: usize = 8_192;
+
+#[derive(Debug)]
+pub(crate) struct LinkDriver {
+    pub(crate) id: LinkId,
+    pub(crate) peer: Arc<Peer>,
+    token: u64,
+    socket: Option<SeqPacket>,
+    machine: Link,
+    /// The packet that the socket did not take.
+    unsent: Option<Packet>,
+    /// The other side's segments.
+    segments: HashMap<u32, Arc<Mapping>>,
+    /// Sealed files of messages that were not taken yet, by sequence.
+    kept: HashMap<u64, OwnedFd>,
+    /// Messages of the latched store that have not been sent on this link yet.
+    pub(super) backlog: VecDeque<u64>,
+    /// Whether the interface knows that the link is open.
+    pub(super) greeted: bool,
+    /// Whether the interface knows that the link is over.
+    pub(super) buried: bool,
+    /// Messages that the application holds.
+    held: usize,
+    /// Caller: the number of the last call.
+    pub(super) last_call: u64,
+    /// Caller: calls that failed with the link, not reported yet.
+    pub(super) failed: Vec<u64>,
+    /// Server: calls that their client no longer wants.
+    pub(super) cancelled: BTreeSet<u64>,
+    /// Why the link has to be ended from this side.
+    failing: Option<Code>,
+}
+
+/// What the methods of a link need of the node.
+pub(crate) struct Tools<'a> {
+    pub(crate) epoll: &'a Epoll,
+    pub(crate) buffer: &'a mut [u8],
+}
+
+impl LinkDriver {
+    pub(super) fn new(
+        token: u64,
+        peer: Arc<Peer>,
+        socket: SeqPacket,
+        config: link::Config,
+    ) -> Self {
+        Self {
+            id: config.id,
+            peer,
+            token,
+            socket: Some(socket),
+            machine: Link::new(config),
+            unsent: None,
+            segments: HashMap::new(),
+            kept: HashMap::new(),
+            backlog: VecDeque::new(),
+            greeted: false,
+            buried: false,
+            held: 0,
+            last_call: 0,
+            failed: Vec::new(),
+            cancelled: BTreeSet::new(),
+            failing: None,
+        }
+    }
+
+    pub(crate) const fn token(&self) -> u64 {
+        self.token
+    }
+
+    pub(crate) fn is_open(&self) -> bool {
+        self.machine.is_open()
+    }
+
+    pub(crate) fn end(&self) -> Option<End> {
+        self.machine.end()
+    }
+
+    pub(crate) fn counters(&self) -> Counters {
+        self.machine.counters()
+    }
+
+    pub(crate) fn is_reliable(&self) -> bool {
+        self.machine.config().reliable
+    }
+
+    pub(crate) fn is_sealed(&self) -> bool {
+        self.machine.config().sealed
+    }
+
+    pub(crate) fn is_stalled(&self) -> bool {
+        self.machine.is_stalled()
+    }
+
+    /// Whether this end makes calls.
+    pub(super) fn is_caller(&self) -> bool {
+        self.machine.config().role == Role::Caller
+    }
+
+    /// Whether one more message would be sent or queued without loss.
+    pub(crate) fn has_room(&self) -> bool {
+        self.backlog.is_empty() && self.has_room_for_backlog()
+    }
+
+    /// The same for what is to be sent before all else.
+    pub(super) fn has_room_for_backlog(&self) -> bool {
+        self.machine.has_room()
+    }
+
+    /// Calls without a reply, and messages that the application holds.
+    pub(crate) fn calls(&self) -> usize {
+        self.machine.calls()
+    }
+
+    pub(crate) const fn held(&self) -> usize {
+        self.held
+    }
+
+    pub(crate) fn max_borrowed(&self) -> usize {
+        usize::from(self.machine.config().max_borrowed)
+    }
+
+    /// Whether all is sent that the other side's window admits, and on a reliable link also
+    /// given back.
+    pub(crate) fn is_flushed(&self) -> bool {
+        // More are in flight than the window admits as long as one waits for it.
+        let admitted = match self.is_reliable() {
+            true => 0,
+            false => self.peer.contract.window() as usize,
+        };
+        !self.is_open()
+            || (self.backlog.is_empty()
+                && self.unsent.is_none()
+                && self.machine.in_flight() <= admitted)
+    }
+
+    /// Messages that the application has not taken. They outlive the link.
+    pub(crate) fn ready(&self) -> usize {
+        self.machine.ready()
+    }
+
+    /// Sends the first packet.
+    pub(super) fn start(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+        self.drain(Incoming::default(), epoll, outbox);
+    }
+
+    /// The socket is readable, writable, or both.
+    pub(super) fn on_event(&mut self, event: Event, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        if event.writable {
+            self.flush(tools.epoll, outbox);
+        }
+        if event.readable {
+            self.receive(BURST, tools, outbox);
+        }
+    }
+
+    /// Reads at most `most` datagrams.
+    fn receive(&mut self, most: usize, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        for _ in 0..most {
+            let Some(socket) = &self.socket else { return };
+            match receive(socket, tools.buffer) {
+                Ok(incoming) => {
+                    let bytes = &tools.buffer[..incoming.len];
+                    self.datagram(bytes, incoming, tools.epoll, outbox);
+                }
+                Err(RecvError::WouldBlock) => return,
+                //= SM2-TRN-006
+                // Only now: `Closed` comes after all that was queued.
+                Err(RecvError::Closed) => return self.feed(Input::Eof, tools.epoll, outbox),
+                Err(RecvError::Io(error)) => {
+                    tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");
+                    return self.feed(Input::Eof, tools.epoll, outbox);
+                }
+            }
+        }
+    }
+
+    fn datagram(&mut self, bytes: &[u8], came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
+        let datagram = Datagram {
+            bytes,
+            fds: &came.facts,
+            data_truncated: came.data_truncated,
+            control_truncated: came.control_truncated,
+        };
+        // What is wrong with it is said by the outputs.
+        let _ = self
+            .machine
+            .handle(sm2_io::clock::now(), Input::Datagram(datagram));
+        self.drain(came, epoll, outbox);
+    }
+
+    /// Gives the machine an input, and does what it says.
+    pub(super) fn feed(&mut self, input: Input<'_>, epoll: &Epoll, outbox: &mut Outbox) {
+        let result = self.machine.handle(sm2_io::clock::now(), input);
+        debug_assert!(
+            !matches!(result, Err(link::Error::Misuse(_))),
+            "{result:?} on {}",
+            self.id
+        );
+        self.drain(Incoming::default(), epoll, outbox);
+    }
+
+    /// This message goes without this link, which was waited for in vain.
+    //= SM2-QOS-002
+    pub(super) fn skip(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+        debug_assert!(
+            !self.has_room_for_backlog(),
+            "what is latched fills all room"
+        );
+        if !self.has_room_for_backlog() && self.is_open() {
+            self.feed(Input::Skip, epoll, outbox);
+        }
+    }
+
+    /// Sends a message that the outbox holds. If it cannot be put in the form that this
+    /// link needs, the link ends: it would miss what others get.
+    pub(super) fn send(&mut self, key: u64, status: Status, epoll: &Epoll, outbox: &mut Outbox) {
+        match outbox.message(key, status, self.is_sealed()) {
+            Ok(message) => {
+                outbox.hold(key);
+                self.feed(Input::Send(message), epoll, outbox);
+            }
+            Err(error) => {
+                tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "cannot seal");
+                self.feed(Input::Close(Farewell::Resources.code()), epoll, outbox);
+            }
+        }
+    }
+
+    /// The other side is gone, says the Manager: what it sent before counts.
+    //= SM2-TRN-006
+    pub(super) fn unlink(&mut self, code: Code, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        self.receive(LAST_WORDS, tools, outbox);
+        if self.end().is_none() {
+            self.feed(Input::Close(code), tools.epoll, outbox);
+        }
+    }
+
+    /// Does all that the machine says: the one place where its outputs are matched.
+    fn drain(&mut self, mut came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
+        loop {
+            while let Some(output) = self.machine.poll() {
+                match output {
+                    Output::Transmit(packet) => self.transmit(packet, epoll, outbox),
+                    Output::Opened => {}
+                    Output::Attach {
+                        segment,
+                        stride,
+                        slots,
+                    } => self.attach(segment, stride * u64::from(slots), came.take_fd()),
+                    Output::Detach { segment } => {
+                        self.segments.remove(&segment);
+                    }
+                    Output::Keep { sequence } => {
+                        if let Some(fd) = came.take_fd() {
+                            self.kept.insert(sequence, fd);
+                        }
+                    }
+                    Output::Discard { sequence } => {
+                        self.kept.remove(&sequence);
+                    }
+                    Output::Settled { key, fate } => outbox.settle(key, fate),
+                    Output::Cancelled { call } => {
+                        self.cancelled.insert(call);
+                    }
+                    Output::CallFailed { call } => self.failed.push(call),
+                    Output::Ended(end) => self.hang_up(end, epoll),
+                }
+            }
+            match self.failing.take() {
+                Some(code) if self.end().is_none() => {
+                    let _ = self
+                        .machine
+                        .handle(sm2_io::clock::now(), Input::Close(code));
+                }
+                _ => return,
+            }
+        }
+    }
+
+    fn transmit(&mut self, packet: Packet, epoll: &Epoll, outbox: &Outbox) {
+        match self.offer(&packet, outbox) {
+            // Whoever closed has sent all it will: that is read first, and then the end of
+            // the stream (SM2-TRN-006).
+            Ok(()) | Err(SendError::Closed) => {}
+            Err(SendError::WouldBlock) => {
+                let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
+                self.unsent = Some(packet);
+                self.watch(Interest::BOTH, epoll);
+            }
+            //= SM2-TRN-010
+            Err(SendError::TooManyInFlight) => {
+                self.fail(Farewell::Stalled, &SendError::TooManyInFlight)
+            }
+            Err(error @ (SendError::TooLong | SendError::Io(_))) => {
+                self.fail(Farewell::Resources, &error);
+            }
+        }
+    }
+
+    fn offer(&self, packet: &Packet, outbox: &Outbox) -> Result<(), SendError> {
+        let socket = self.socket.as_ref().ok_or(SendError::Closed)?;
+        let parts = [IoSlice::new(&packet.head), IoSlice::new(&packet.payload)];
+        let parts = &parts[..if packet.payload.is_empty() { 1 } else { 2 }];
+        let Some(attachment) = packet.attachment else {
+            return socket.send(parts, &[]);
+        };
+        let Some(fd) = outbox.descriptor(attachment) else {
+            debug_assert!(false, "no descriptor for {attachment:?}");
+            return Err(SendError::Io(io::ErrorKind::NotFound.into()));
+        };
+        socket.send(parts, &[fd])
+    }
+
+    /// The socket takes packets again.
+    fn flush(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+        let Some(packet) = self.unsent.take() else {
+            return;
+        };
+        let _ = self.machine.handle(sm2_io::clock::now(), Input::Writable);
+        self.watch(Interest::READABLE, epoll);
+        self.transmit(packet, epoll, outbox);
+        self.drain(Incoming::default(), epoll, outbox);
+    }
+
+    fn watch(&mut self, interest: Interest, epoll: &Epoll) {
+        if let Some(socket) = &self.socket
+            && let Err(error) = epoll.modify(socket, self.token, interest)
+        {
+            self.fail(Farewell::Resources, &error);
+        }
+    }
+
+    /// Maps a segment of the other side, once and for all of its messages.
+    //= SM2-PAY-007
+    fn attach(&mut self, segment: u32, len: u64, fd: Option<OwnedFd>) {
+        let mapped = fd
+            .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
+            .and_then(|fd| Mapping::read_only(fd.as_fd(), len, false));
+        match mapped {
+            Ok(mapping) => {
+                self.segments.insert(segment, Arc::new(mapping));
+            }
+            Err(error) => self.fail(Farewell::Resources, &error),
+        }
+    }
+
+    /// The link has to be ended, as soon as the machine's outputs are done.
+    fn fail(&mut self, code: Farewell, error: &dyn Display) {
+        tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link given up: {code}");
+        self.failing = Some(code.code());
+    }
+
+    //= SM2-OPN-006, SM2-OPN-007
+    fn hang_up(&mut self, end: End, epoll: &Epoll) {
+        let (link, peer) = (self.id, &self.peer.name);
+        match end {
+            End::Violation(rule) => tracing::warn!(
+                %link, %peer,
+                rule = rule.name(),
+                clause = rule.clause(),
+                "the other side broke the protocol; the link is over"
+            ),
+            End::Peer(code) if code != Farewell::Done.code() => {
+                tracing::warn!(%link, %peer, %code, "the other side ended the link");
+            }
+            End::Peer(_) | End::Eof | End::Local(_) => tracing::debug!(%link, %peer, %end),
+        }
+        self.unsent = None;
+        self.failing = None;
+        if let Some(socket) = self.socket.take() {
+            let _ = epoll.remove(&socket);
+            // A child process may have inherited it: the other side must learn of the end.
+            let _ = socket.shutdown();
+        }
+        self.forget_unused();
+    }
+
+    /// What messages that are still to be taken do not need goes now.
+    fn forget_unused(&mut self) {
+        if self.machine.ready() == 0 {
+            self.segments.clear();
+            self.kept.clear();
+        }
+    }
+
+    /// The next message for the application, with its payload.
+    pub(super) fn take(&mut self) -> Result<Option<(Delivery, Payload)>, TakeError> {
+        let Some(delivery) = self.machine.take()? else {
+            return Ok(None);
+        };
+        self.held += 1;
+        let payload = self.payload(&delivery);
+        if self.end().is_some() {
+            self.forget_unused();
+        }
+        match payload {
+            Ok(payload) => Ok(Some((delivery, payload))),
+            Err(error) => Err(TakeError::Map {
+                sequence: delivery.sequence,
+                call: delivery.id,
+                error,
+            }),
+        }
+    }
+
+    fn payload(&mut self, delivery: &Delivery) -> io::Result<Payload> {
+        let missing = || io::Error::from(io::ErrorKind::NotFound);
+        match &delivery.payload {
+            link::Payload::Inline(bytes) => Ok(Payload::inline(bytes.clone())),
+            link::Payload::Pooled { segment, offset } => {
+                let mapping = self.segments.get(segment).ok_or_else(missing)?;
+                Payload::pooled(Arc::clone(mapping), *offset, delivery.len).ok_or_else(missing)
+            }
+            link::Payload::Sealed => {
+                let fd = self.kept.remove(&delivery.sequence).ok_or_else(missing)?;
+                // All pages at once: whoever takes a message is about to read it.
+                let mapping = Mapping::read_only(fd.as_fd(), delivery.len, true)?;
+                Ok(Payload::sealed(mapping))
+            }
+        }
+    }
+
+    /// The application gives a message back.
+    //= SM2-MSG-005
+    pub(super) fn release(&mut self, sequence: u64, epoll: &Epoll, outbox: &mut Outbox) {
+        self.held = self.held.saturating_sub(1);
+        self.feed(Input::Release { sequence }, epoll, outbox);
+    }
+
+    /// The code that the Manager is told, once the link is over.
+    pub(super) fn farewell(&self) -> Option<Code> {
+        Some(match self.end()? {
+            End::Local(code) | End::Peer(code) => code,
+            End::Eof => Farewell::PeerGone.code(),
+            End::Violation(violation) => violation.code(),
+        })
+    }
+}
+
+/// Why a message could not be taken.
+#[derive(Debug)]
+pub(crate) enum TakeError {
+    /// The application holds all that it may.
+    TooManyBorrowed(TooManyBorrowed),
+    /// The message was taken, but cannot be shown.
+    Map {
+        sequence: u64,
+        call: u64,
+        error: io::Error,
+    },
+}
+
+impl From<TooManyBorrowed> for TakeError {
+    fn from(error: TooManyBorrowed) -> Self {
+        Self::TooManyBorrowed(error)
+    }
+}

@@ -1,0 +1,85 @@
+//! Messages that are encoded and decoded: text, and serde types by postcard.
+
+use std::borrow::Cow;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::schema::{self, Schema};
+use crate::{EncodeError, Message, Payload, PayloadError};
+
+/// Encodes a serde type in the postcard format.
+///
+/// # Errors
+///
+/// [`EncodeError`] with what postcard says, such as a list whose length is not known.
+pub fn to_postcard<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, EncodeError> {
+    match postcard::to_allocvec(value) {
+        Ok(bytes) => Ok(Cow::Owned(bytes)),
+        Err(error) => Err(EncodeError {
+            type_name: T::NAME,
+            reason: error.to_string(),
+        }),
+    }
+}
+
+/// Decodes a serde type from the postcard format, all bytes of it.
+///
+/// # Errors
+///
+/// [`PayloadError::Encoding`] if it does not decode, or bytes are left over.
+pub fn from_postcard<T: Message + DeserializeOwned>(
+    payload: &Payload,
+) -> Result<Box<T>, PayloadError> {
+    // A decoder checks bytes and then uses them: both times it must see the same.
+    let bytes = payload.stable();
+    let broken = |reason| PayloadError::Encoding {
+        type_name: T::NAME,
+        len: bytes.len(),
+        reason,
+    };
+    match postcard::take_from_bytes(&bytes) {
+        Ok((value, [])) => Ok(Box::new(value)),
+        Ok((_, rest)) => Err(broken(format!("{} bytes are left over", rest.len()))),
+        Err(error) => Err(broken(error.to_string())),
+    }
+}
+
+/// Text, UTF-8. A sample holds a copy, since UTF-8 is checked before it is believed.
+impl Message for str {
+    const NAME: &'static str = "text";
+    const HASH: u64 = schema::message("plain", <Self as Schema>::HASH);
+    type View = Box<Self>;
+
+    fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError> {
+        Ok(Cow::Borrowed(self.as_bytes()))
+    }
+
+    fn view(payload: Payload) -> Result<Box<Self>, PayloadError> {
+        text(&payload).map(String::into_boxed_str)
+    }
+}
+
+/// The same type as `str`.
+impl Message for String {
+    const NAME: &'static str = str::NAME;
+    const HASH: u64 = <str as Message>::HASH;
+    type View = Box<Self>;
+
+    fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError> {
+        Ok(Cow::Borrowed(self.as_bytes()))
+    }
+
+    fn view(payload: Payload) -> Result<Box<Self>, PayloadError> {
+        text(&payload).map(Box::new)
+    }
+}
+
+fn text(payload: &Payload) -> Result<String, PayloadError> {
+    let bytes = payload.stable().into_owned();
+    String::from_utf8(bytes).map_err(|error| PayloadError::Encoding {
+        type_name: str::NAME,
+        len: error.as_bytes().len(),
+        reason: error.utf8_error().to_string(),
+    })
+}

@@ -1,0 +1,342 @@
+//! What all four kinds of interface have in common.
+
+use std::borrow::Cow;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::{Arc, OnceLock, Weak};
+use std::time::Duration;
+
+use bytes::Bytes;
+use sm2_proto::limits::MESSAGE_MAX;
+use sm2_proto::node::{self, Misuse};
+use sm2_proto::{Contract, Instant, InterfaceId, Name, Refusal};
+
+use crate::driver::{
+    Bell, Forms, Inner, Interface, LinkStatus, Needs, NoSlot, NotTaken, Shared, State, Taken,
+    Tools, Topic, seal,
+};
+use crate::pool::Lease;
+use crate::{DeclareError, RecvError, StoreError, WaitError};
+
+/// A declared interface, until it is dropped.
+#[derive(Debug)]
+pub(crate) struct Handle {
+    pub(crate) shared: Arc<Shared>,
+    pub(crate) id: InterfaceId,
+    pub(crate) name: Name,
+    matched: usize,
+    pool_limit_bytes: u64,
+    /// Made when somebody asks for a descriptor; none if that failed.
+    bell: OnceLock<Option<Bell>>,
+}
+
+impl Handle {
+    /// Declares an interface, and waits for the Manager's word.
+    pub(crate) fn declare(
+        shared: &Arc<Shared>,
+        contract: Contract,
+        pool_limit_bytes: u64,
+    ) -> Result<Self, DeclareError> {
+        contract.check_qos()?;
+        let name = contract.name().clone();
+        let gone = |end| DeclareError::ManagerGone {
+            name: name.clone(),
+            end,
+        };
+        let declared = shared
+            .driven()
+            .declare(contract.clone(), pool_limit_bytes, &shared.epoll);
+        let id = match declared {
+            Ok(id) => id,
+            Err(node::Error::Ended(end)) => return Err(gone(end)),
+            Err(node::Error::Misuse(misuse)) => return Err(refused_here(misuse, contract)),
+        };
+        // From here on dropping it tells the Manager.
+        let mut handle = Self {
+            shared: Arc::clone(shared),
+            id,
+            name: name.clone(),
+            matched: 0,
+            pool_limit_bytes,
+            bell: OnceLock::new(),
+        };
+        let answer = shared.wait(Topic::Interface(id), None, |inner| {
+            match &inner.interfaces.get(&id)?.state {
+                State::Declaring => inner.session_end().map(|end| Err(gone(end))),
+                state => Some(Ok(state.clone())),
+            }
+        });
+        match answer.map_err(DeclareError::Io)? {
+            Some(Ok(State::Live { matches })) => {
+                handle.matched = matches as usize;
+                Ok(handle)
+            }
+            Some(Ok(State::Refused(reason))) => Err(refused(reason, contract)),
+            Some(Err(error)) => Err(error),
+            Some(Ok(State::Declaring)) | None => unreachable!("waited until it was answered"),
+        }
+    }
+
+    pub(crate) const fn matched(&self) -> usize {
+        self.matched
+    }
+
+    /// Drives the node and changes the interface.
+    pub(crate) fn with<R>(&self, change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R) -> R {
+        (self.shared.with(self.id, change)).expect("the interface lives as long as its handle")
+    }
+
+    /// Changes the interface, without driving the node.
+    pub(crate) fn with_idle<R>(
+        &self,
+        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+    ) -> R {
+        (self.shared.with_idle(self.id, change)).expect("the interface lives as long as its handle")
+    }
+
+    pub(crate) fn links(&self) -> Vec<LinkStatus> {
+        self.with(|interface, _| interface.statuses())
+    }
+
+    /// Waits until `wanted` links are open.
+    pub(crate) fn wait_open(
+        &self,
+        wanted: usize,
+        timeout: Option<Duration>,
+    ) -> Result<(), WaitError> {
+        let mut found = 0;
+        let mut kind = None;
+        let waited = self
+            .shared
+            .wait(Topic::Interface(self.id), until(timeout), |inner| {
+                let interface = inner.interfaces.get(&self.id)?;
+                kind = Some(interface.contract.kind().counterpart());
+                found = interface.open_links();
+                let opening = interface.is_opening();
+                match inner.session_end() {
+                    _ if found >= wanted => Some(None),
+                    Some(end) if !opening => Some(Some(end)),
+                    _ => None,
+                }
+            });
+        let waited = waited.map_err(WaitError::Io)?;
+        match (waited, kind) {
+            (Some(None), _) => Ok(()),
+            (Some(Some(end)), Some(kind)) => Err(WaitError::ManagerGone {
+                kind,
+                found,
+                wanted,
+                end,
+            }),
+            (_, kind) => Err(WaitError::TimedOut {
+                kind: kind.expect("the interface lives as long as its handle"),
+                found,
+                wanted,
+            }),
+        }
+    }
+
+    /// Waits until there is a message. `None`: the time is over.
+    pub(crate) fn receive(
+        &self,
+        until: Option<Instant>,
+        take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, NotTaken>,
+    ) -> Result<Option<Taken>, RecvError> {
+        let epoll = &self.shared.epoll;
+        let found = self.shared.wait(Topic::Interface(self.id), until, |inner| {
+            match inner.with(self.id, epoll, &take)? {
+                Ok(Some(taken)) => return Some(Ok(taken)),
+                Ok(None) => {}
+                Err(error) => return Some(Err(error.into())),
+            }
+            self.silence(inner);
+            let end = inner.session_end()?;
+            let left = inner.interfaces.get(&self.id)?.links().next().is_some();
+            (!left).then_some(Err(RecvError::Disconnected(end)))
+        });
+        found.map_err(RecvError::Io)?.transpose()
+    }
+
+    /// Puts a message where the links that need it can have it.
+    pub(crate) fn store(
+        &self,
+        bytes: Cow<'_, [u8]>,
+        inline_max: usize,
+        needs: Needs,
+    ) -> Result<Forms, StoreError> {
+        let mut forms = Forms::default();
+        if needs.nobody() {
+            return Ok(forms);
+        }
+        if bytes.len() <= inline_max {
+            forms.inline = Some(match bytes {
+                Cow::Borrowed(bytes) => Bytes::copy_from_slice(bytes),
+                Cow::Owned(bytes) => bytes.into(),
+            });
+            return Ok(forms);
+        }
+        // First what can fail and needs no undoing.
+        if needs.sealed {
+            check_len(bytes.len() as u64)?;
+            forms.sealed = Some(seal(&bytes)?);
+        }
+        if needs.pooled {
+            let mut lease = self.lease(bytes.len())?;
+            lease.memory.bytes_mut(bytes.len()).copy_from_slice(&bytes);
+            forms.pooled = Some(lease);
+        }
+        Ok(forms)
+    }
+
+    /// A slot for `len` bytes.
+    pub(crate) fn lease(&self, len: usize) -> Result<Lease<sm2_io::Slot>, StoreError> {
+        let len = len as u64;
+        check_len(len)?;
+        let lease = self.with_idle(|interface, tools| {
+            let lease = interface.outbox.lease(len);
+            interface.detach_segments(tools);
+            lease
+        });
+        lease.map_err(|error| match error {
+            NoSlot::Full => StoreError::PoolFull {
+                len,
+                limit_bytes: self.pool_limit_bytes,
+            },
+            NoSlot::Io(error) => StoreError::Io(error),
+        })
+    }
+
+    pub(crate) fn receipt(&self, taken: &Taken) -> Receipt {
+        Receipt {
+            shared: Arc::downgrade(&self.shared),
+            interface: self.id,
+            token: taken.token,
+            sequence: taken.delivery.sequence,
+        }
+    }
+
+    /// Nothing is there: the descriptor is readable again when something comes.
+    pub(crate) fn silence(&self, inner: &mut Inner) {
+        if let Some(Some(bell)) = self.bell.get() {
+            bell.silence(inner);
+        }
+    }
+
+    /// What a program can poll: see [`Bell`].
+    pub(crate) fn descriptor(&self) -> BorrowedFd<'_> {
+        let make = || match Bell::new(&self.shared, self.id) {
+            Ok(bell) => Some(bell),
+            Err(error) => {
+                tracing::warn!(%error, name = %self.name, "no descriptor of its own: the node's is used");
+                None
+            }
+        };
+        match self.bell.get_or_init(make) {
+            Some(bell) => bell.as_fd(),
+            None => self.shared.epoll.as_fd(),
+        }
+    }
+}
+
+impl Drop for Handle {
+    fn drop(&mut self) {
+        let mut inner = self.shared.driven();
+        if let Some(Some(bell)) = self.bell.get() {
+            bell.remove(&mut inner);
+        }
+        inner.withdraw(self.id, &self.shared.epoll);
+    }
+}
+
+/// That a message is to be given back. It neither keeps the node alive nor its interface.
+#[derive(Debug)]
+pub(crate) struct Receipt {
+    shared: Weak<Shared>,
+    interface: InterfaceId,
+    token: u64,
+    sequence: u64,
+}
+
+impl Drop for Receipt {
+    //= SM2-MSG-005
+    fn drop(&mut self) {
+        if let Some(shared) = self.shared.upgrade() {
+            shared.with_idle(self.interface, |interface, tools| {
+                interface.give_back(self.token, self.sequence, tools);
+            });
+        }
+    }
+}
+
+/// The moment `timeout` from now.
+pub(crate) fn until(timeout: Option<Duration>) -> Option<Instant> {
+    timeout.map(|timeout| sm2_io::clock::now().after(timeout))
+}
+
+const fn check_len(len: u64) -> Result<(), StoreError> {
+    if len > MESSAGE_MAX {
+        return Err(StoreError::TooLong { len });
+    }
+    Ok(())
+}
+
+/// The Manager did not grant a declaration.
+fn refused(reason: Refusal, contract: Contract) -> DeclareError {
+    let kind = contract.kind();
+    let name = contract.name().clone();
+    match (reason, contract) {
+        (
+            Refusal::TopicType { theirs },
+            Contract::Publisher { data: ours, .. }
+            | Contract::Subscriber {
+                data: Some(ours), ..
+            },
+        ) => DeclareError::TypeMismatch {
+            topic: name,
+            kind,
+            ours,
+            theirs,
+        },
+        (
+            Refusal::ServiceType {
+                request: theirs,
+                reply: their_reply,
+            },
+            Contract::Server { request, reply, .. }
+            | Contract::Client {
+                types: Some((request, reply)),
+                ..
+            },
+        ) => DeclareError::ServiceMismatch {
+            service: name,
+            kind,
+            ours: Box::new((request, reply)),
+            theirs: Box::new((theirs, their_reply)),
+        },
+        (Refusal::Quota { quota, limit }, _) => DeclareError::Quota { name, quota, limit },
+        (reason, _) => DeclareError::Refused { name, reason },
+    }
+}
+
+/// The session's machine did not take a declaration. What it could object to was checked.
+fn refused_here(misuse: Misuse, contract: Contract) -> DeclareError {
+    debug_assert!(false, "{misuse}");
+    DeclareError::ManagerGone {
+        name: contract.name().clone(),
+        end: node::End::Eof,
+    }
+}
+
+impl From<NotTaken> for RecvError {
+    fn from(error: NotTaken) -> Self {
+        match error {
+            NotTaken::TooManyBorrowed(error, peer) => Self::TooManyBorrowed {
+                held: error.max_borrowed,
+                publisher: peer.name.clone(),
+            },
+            NotTaken::Map(source, peer) => Self::Map {
+                publisher: peer.name.clone(),
+                source,
+            },
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! Messages that are written where their receivers read them.
+
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::{Deref, DerefMut};
+
+use bytes::Bytes;
+use sm2_io::{SealedLoan, Slot};
+
+use crate::buffer::AlignedBuffer;
+use crate::driver::{Forms, seal};
+use crate::plain::check;
+use crate::pool::Lease;
+use crate::publisher::Core;
+use crate::{Plain, PublishError, Published, StoreError};
+
+/// One message being written in place. Dereferences to it.
+///
+/// What it holds at first is unspecified: zero, or what an earlier message of this publisher
+/// left there. [`publish`](Self::publish) sends it; dropping it instead gives the memory back.
+pub struct Loan<'p, T: Plain + ?Sized> {
+    publisher: &'p Core,
+    /// None only when it is spent.
+    memory: Option<Memory>,
+    len: usize,
+    holds: PhantomData<T>,
+}
+
+enum Memory {
+    /// So short that it will travel in the datagram.
+    Heap(AlignedBuffer),
+    Slot(Lease<Slot>),
+    /// All links are sealed.
+    Sealed(SealedLoan),
+}
+
+impl<'p, T: Plain + ?Sized> Loan<'p, T> {
+    pub(crate) fn new(publisher: &'p Core, len: usize) -> Result<Self, StoreError> {
+        let memory = if len <= publisher.inline_max {
+            Memory::Heap(AlignedBuffer::zeroed(len))
+        } else {
+            let sealed = publisher.handle.with(|interface, _| {
+                let needs = interface.needs();
+                let nobody = needs.nobody() && interface.contract.sealed();
+                nobody || (needs.sealed && !needs.pooled)
+            });
+            match sealed {
+                true => Memory::Sealed(SealedLoan::new(len as u64)?),
+                false => Memory::Slot(publisher.handle.lease(len)?),
+            }
+        };
+        let loan = Self {
+            publisher,
+            memory: Some(memory),
+            len,
+            holds: PhantomData,
+        };
+        check::<T>(loan.bytes()).map_err(StoreError::Layout)?;
+        Ok(loan)
+    }
+
+    /// Sends the message. If a link needs it in another form than the one it was written in,
+    /// since that link opened meanwhile, this costs a copy.
+    ///
+    /// # Errors
+    ///
+    /// As [`Publisher::publish`](crate::Publisher::publish).
+    pub fn publish(mut self) -> Result<Published, PublishError> {
+        let Some(memory) = self.memory.take() else {
+            unreachable!("only publishing and dropping spend a loan");
+        };
+        let needs = self
+            .publisher
+            .handle
+            .with_idle(|interface, _| interface.needs());
+        let mut forms = Forms::default();
+        match memory {
+            Memory::Heap(buffer) => forms.inline = Some(Bytes::from_owner(buffer)),
+            Memory::Slot(lease) => {
+                let bytes = lease.memory.bytes(self.len);
+                // Better here than under the node's lock.
+                let sealed = needs.sealed.then(|| seal(bytes)).transpose();
+                forms.pooled = Some(lease);
+                match sealed {
+                    Ok(sealed) => forms.sealed = sealed,
+                    Err(error) => {
+                        self.memory = forms.pooled.map(Memory::Slot);
+                        return Err(StoreError::Io(error).into());
+                    }
+                }
+            }
+            Memory::Sealed(loan) => forms.sealed = Some(loan.seal().map_err(StoreError::Io)?),
+        }
+        self.publisher.publish_forms(forms, self.len as u64)
+    }
+
+    fn bytes(&self) -> &[u8] {
+        match &self.memory {
+            Some(Memory::Heap(buffer)) => buffer.as_slice(),
+            Some(Memory::Slot(lease)) => lease.memory.bytes(self.len),
+            Some(Memory::Sealed(loan)) => loan.as_slice(),
+            None => &[],
+        }
+    }
+
+    fn bytes_mut(&mut self) -> &mut [u8] {
+        match &mut self.memory {
+            Some(Memory::Heap(buffer)) => buffer.as_mut_slice(),
+            Some(Memory::Slot(lease)) => lease.memory.bytes_mut(self.len),
+            Some(Memory::Sealed(loan)) => loan.as_mut_slice(),
+            None => &mut [],
+        }
+    }
+}
+
+impl<T: Plain + ?Sized> Deref for Loan<'_, T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        match T::ref_from_bytes(self.bytes()) {
+            Ok(value) => value,
+            Err(_) => unreachable!("length and alignment were checked and do not change"),
+        }
+    }
+}
+
+impl<T: Plain + ?Sized> DerefMut for Loan<'_, T> {
+    fn deref_mut(&mut self) -> &mut T {
+        match T::mut_from_bytes(self.bytes_mut()) {
+            Ok(value) => value,
+            Err(_) => unreachable!("length and alignment were checked and do not change"),
+        }
+    }
+}
+
+impl<T: Plain + ?Sized> Drop for Loan<'_, T> {
+    fn drop(&mut self) {
+        if let Some(Memory::Slot(lease)) = self.memory.take() {
+            let forms = Forms {
+                pooled: Some(lease),
+                ..Forms::default()
+            };
+            (self.publisher.handle)
+                .with_idle(|interface, tools| interface.drop_forms(forms, tools));
+        }
+    }
+}
+
+impl<T: Plain + ?Sized> fmt::Debug for Loan<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let form = match &self.memory {
+            Some(Memory::Heap(_)) => "inline",
+            Some(Memory::Slot(_)) => "pooled",
+            Some(Memory::Sealed(_)) => "sealed",
+            None => "spent",
+        };
+        write!(f, "Loan({form}, {} bytes)", self.len)
+    }
+}

@@ -1,0 +1,338 @@
+//! Sending the messages of a topic.
+
+use std::borrow::Cow;
+use std::marker::PhantomData;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use sm2_proto::limits::INLINE_MAX;
+use sm2_proto::link::Counters;
+use sm2_proto::{Contract, Kind, Name, Offer, TypeId};
+use zerocopy::KnownLayout;
+
+use crate::driver::{Forms, Label, Shared, Topic};
+use crate::handle::{Handle, until};
+use crate::loan::Loan;
+use crate::plain::size_for;
+use crate::{DeclareError, LinkStatus, Message, Plain, PublishError, StoreError, WaitError};
+
+/// Payloads up to this length travel in the datagram itself, unless a builder says otherwise.
+pub(crate) const INLINE_DEFAULT: usize = 4_096;
+
+/// Sends messages of type `T` to all subscribers of a topic.
+///
+/// Each message is stored once, however many subscribers there are. A subscriber that is slow,
+/// or stopped, or dead costs the others nothing: what happens to messages that it does not take
+/// is its own link's affair, and is counted there ([`links`](Self::links)).
+///
+/// - *keep-last*, the default: up to `depth` messages wait for each subscriber, and one more
+///   displaces the oldest (SM2-QOS-001).
+/// - *reliable*, for subscribers that demand it: see [`PublisherBuilder::reliable`].
+/// - *latched*: see [`PublisherBuilder::latched`].
+///
+/// Dropping it withdraws it. What was sent can still be received; what still waited for a
+/// subscriber is lost, so [`flush`](Self::flush) first if that matters.
+#[derive(Debug)]
+pub struct Publisher<T: Message + ?Sized> {
+    pub(crate) core: Core,
+    sends: PhantomData<fn(&T)>,
+}
+
+/// What does not depend on the type.
+#[derive(Debug)]
+pub(crate) struct Core {
+    pub(crate) handle: Handle,
+    /// Held while a message is published: on each link, publications come in their order.
+    turn: Mutex<()>,
+    pub(crate) inline_max: usize,
+    /// How long a reliable publication waits.
+    patience: Duration,
+}
+
+/// What became of one publication.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Published {
+    /// How many links took it.
+    pub links: usize,
+    /// How many reliable links had no room for it until the deadline. They go
+    /// without this message, and are not waited for again until they give something back
+    /// (SM2-QOS-002).
+    pub missed: usize,
+}
+
+impl Published {
+    /// That no reliable subscriber missed the message.
+    ///
+    /// # Errors
+    ///
+    /// [`PublishError::DeadlineExceeded`] if one did.
+    pub const fn complete(self) -> Result<Self, PublishError> {
+        match self {
+            Self { missed: 0, .. } => Ok(self),
+            Self { links, missed } => Err(PublishError::DeadlineExceeded { links, missed }),
+        }
+    }
+}
+
+impl<T: Message + ?Sized> Publisher<T> {
+    /// Sends one message to all subscribers whose links are open.
+    ///
+    /// Waits only if a subscriber demands reliability and has no room, and then at most
+    /// as long as the builder said. That it has no room even then is no error, since
+    /// all others have the message: see [`Published`].
+    ///
+    /// # Errors
+    ///
+    /// See [`PublishError`].
+    pub fn publish(&self, message: &T) -> Result<Published, PublishError> {
+        let bytes = message.bytes().map_err(StoreError::Encode)?;
+        self.core.publish_bytes(bytes)
+    }
+
+    /// How many subscribers matched when it was declared (SM2-IFC-002).
+    #[must_use]
+    pub const fn matched(&self) -> usize {
+        self.core.handle.matched()
+    }
+
+    /// Waits until at least this many subscribers' links are open; without a timeout,
+    /// as long as it takes.
+    ///
+    /// # Errors
+    ///
+    /// See [`WaitError`].
+    pub fn wait_for_subscribers(
+        &self,
+        count: usize,
+        timeout: Option<Duration>,
+    ) -> Result<(), WaitError> {
+        self.core.handle.wait_open(count, timeout)
+    }
+
+    /// Waits until all that was published is given back on reliable links, and sent as far
+    /// as the subscriber's window admits on the others. `false`: the time is over.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::Io`].
+    pub fn flush(&self, timeout: Duration) -> Result<bool, WaitError> {
+        let handle = &self.core.handle;
+        let flushed =
+            handle
+                .shared
+                .wait(Topic::Interface(handle.id), until(Some(timeout)), |inner| {
+                    let interface = inner.interfaces.get(&handle.id)?;
+                    interface
+                        .links()
+                        .all(|link| link.is_flushed())
+                        .then_some(())
+                });
+        Ok(flushed.map_err(WaitError::Io)?.is_some())
+    }
+
+    /// Its links: those that ended (the last 64 of them), then those that are there.
+    pub fn links(&self) -> Vec<LinkStatus> {
+        self.core.handle.links()
+    }
+
+    /// What became of all messages on all links that ever were:
+    /// `offered = delivered + overwritten + discarded + deadline + closed + in_flight` (SM2-QOS-004).
+    pub fn counters(&self) -> Counters {
+        self.core.handle.with(|interface, _| interface.counters())
+    }
+
+    /// The size of the shared memory that its messages have, in bytes. Pages that were
+    /// never written take no memory.
+    pub fn pool_bytes(&self) -> u64 {
+        (self.core.handle).with(|interface, _| interface.outbox.pool_bytes())
+    }
+}
+
+impl<T: Plain> Publisher<T> {
+    /// Memory for one message, to be written in place: no copy is made of it.
+    ///
+    /// # Errors
+    ///
+    /// See [`StoreError`].
+    pub fn loan(&self) -> Result<Loan<'_, T>, StoreError> {
+        Loan::new(&self.core, size_of::<T>())
+    }
+}
+
+impl<T: Plain + ?Sized + KnownLayout<PointerMetadata = usize>> Publisher<T> {
+    /// Memory for one message of which `count` elements are at the end: a slice of so many,
+    /// or a structure that ends with such a slice. It is written in place.
+    ///
+    /// # Errors
+    ///
+    /// See [`StoreError`].
+    pub fn loan_slice(&self, count: usize) -> Result<Loan<'_, T>, StoreError> {
+        let len = size_for::<T>(count).ok_or(StoreError::TooLong { len: u64::MAX })?;
+        Loan::new(&self.core, len)
+    }
+}
+
+impl Core {
+    fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
+        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let needs = self.handle.with(|interface, _| interface.needs());
+        let len = bytes.len() as u64;
+        let forms = self.handle.store(bytes, self.inline_max, needs)?;
+        self.send(forms, len)
+    }
+
+    /// Publishes what a loan holds.
+    pub(crate) fn publish_forms(&self, forms: Forms, len: u64) -> Result<Published, PublishError> {
+        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        drop(self.handle.shared.driven());
+        self.send(forms, len)
+    }
+
+    //= SM2-QOS-002
+    fn send(&self, forms: Forms, len: u64) -> Result<Published, PublishError> {
+        let Handle { shared, id, .. } = &self.handle;
+        let now = sm2_io::clock::now();
+        let label = Label {
+            id: 0,
+            time: now,
+            len,
+        };
+        let mut offered = self
+            .handle
+            .with_idle(|interface, tools| interface.publish(forms, label, tools));
+        let mut waited = Ok(None);
+        if !offered.waiting.is_empty() {
+            let deadline = now.after(self.patience);
+            waited = shared.wait(Topic::Interface(*id), Some(deadline), |inner| {
+                let done = inner.with(*id, &shared.epoll, |interface, tools| {
+                    interface.publish_more(&mut offered, tools)
+                });
+                (done == Some(true)).then_some(())
+            });
+        }
+        let published = self
+            .handle
+            .with_idle(|interface, tools| interface.finish(offered, tools));
+        waited.map_err(PublishError::Io)?;
+        Ok(published)
+    }
+}
+
+/// A publisher's quality of service.
+#[derive(Debug)]
+#[must_use = "a builder does nothing until declare is called"]
+pub struct PublisherBuilder<T: Message + ?Sized> {
+    shared: Arc<Shared>,
+    topic: String,
+    data: Option<TypeId>,
+    offer: Offer,
+    patience: Duration,
+    inline_max: usize,
+    pool_limit_bytes: u64,
+    sends: PhantomData<fn(&T)>,
+}
+
+impl<T: Message + ?Sized> PublisherBuilder<T> {
+    pub(crate) fn new(shared: &Arc<Shared>, topic: &str) -> Self {
+        Self {
+            shared: Arc::clone(shared),
+            topic: topic.to_owned(),
+            data: None,
+            offer: Offer {
+                depth: 8,
+                reliable: false,
+                latched: 0,
+                sealed: false,
+            },
+            patience: Duration::ZERO,
+            inline_max: INLINE_DEFAULT,
+            pool_limit_bytes: u64::MAX,
+            sends: PhantomData,
+        }
+    }
+
+    /// How many messages wait for each subscriber that has not taken those before:
+    /// 1 to 1,024; 8 by default.
+    pub const fn depth(mut self, messages: u16) -> Self {
+        self.offer.depth = messages;
+        self
+    }
+
+    /// Nothing is displaced for subscribers that demand it: when one has no room, the
+    /// publisher waits up to `patience`, and then drops the message for this subscriber alone
+    /// (SM2-QOS-002). For other subscribers nothing changes.
+    pub const fn reliable(mut self, patience: Duration) -> Self {
+        self.offer.reliable = true;
+        self.patience = patience;
+        self
+    }
+
+    /// The last `messages` are kept, and sent to every new subscriber before any other
+    /// (SM2-QOS-003): 0 to 1,024; 0 by default.
+    pub const fn latched(mut self, messages: u16) -> Self {
+        self.offer.latched = messages;
+        self
+    }
+
+    /// Every message is sealed: nobody, this program included, can change it once it is
+    /// sent. Costs new memory for each message. A subscriber, and the domain's policy,
+    /// can demand it as well.
+    pub const fn sealed(mut self, sealed: bool) -> Self {
+        self.offer.sealed = sealed;
+        self
+    }
+
+    /// Messages up to this many bytes are copied into the datagram; longer ones go through
+    /// shared memory. At most 61,440; 4,096 by default.
+    pub const fn inline_max(mut self, bytes: usize) -> Self {
+        self.inline_max = if bytes > INLINE_MAX {
+            INLINE_MAX
+        } else {
+            bytes
+        };
+        self
+    }
+
+    /// How much shared memory messages may have, in bytes; without a limit by default, since
+    /// the need is limited by depth and by what subscribers may hold.
+    pub const fn pool_limit(mut self, bytes: u64) -> Self {
+        self.pool_limit_bytes = bytes;
+        self
+    }
+
+    /// Declares it, and waits for the Manager's word.
+    ///
+    /// # Errors
+    ///
+    /// See [`DeclareError`].
+    pub fn declare(self) -> Result<Publisher<T>, DeclareError> {
+        let contract = Contract::Publisher {
+            topic: checked_name(Kind::Publisher, self.topic)?,
+            data: self.data.unwrap_or_else(T::type_id),
+            offer: self.offer,
+        };
+        Ok(Publisher {
+            core: Core {
+                handle: Handle::declare(&self.shared, contract, self.pool_limit_bytes)?,
+                turn: Mutex::new(()),
+                inline_max: self.inline_max,
+                patience: self.patience,
+            },
+            sends: PhantomData,
+        })
+    }
+}
+
+impl PublisherBuilder<[u8]> {
+    /// The messages are of this type, whose encoding the program knows: for tools that
+    /// handle types which they were not built with.
+    pub fn type_id(mut self, data: TypeId) -> Self {
+        self.data = Some(data);
+        self
+    }
+}
+
+/// A topic's or service's name, as a person wrote it.
+pub(crate) fn checked_name(kind: Kind, name: String) -> Result<Name, DeclareError> {
+    Name::typed(&name).map_err(|reason| DeclareError::Name { kind, name, reason })
+}

@@ -1,0 +1,351 @@
+//! Answering the calls of a service.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::Deref;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+use std::time::Duration;
+
+use sm2_proto::control::Peer;
+use sm2_proto::limits::INLINE_MAX;
+use sm2_proto::link::Status;
+use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos};
+
+use crate::driver::{CallId, Interface, Needs, Shared};
+use crate::handle::{Handle, Receipt, until};
+use crate::publisher::{INLINE_DEFAULT, checked_name};
+use crate::{DeclareError, LinkStatus, Message, RecvError, ReplyError, StoreError, WaitError};
+
+/// What a client is told whose request was dropped.
+const DROPPED: &str = "the server dropped the request without an answer";
+
+/// Receives requests of type `Q` and replies with messages of type `R`.
+///
+/// Several may serve one service; each call goes to one of them. Requests are taken from each
+/// client in turn. Those that were cancelled, or whose deadline passed, before they were taken
+/// are answered without bothering the program (SM2-SRV-003).
+///
+/// Its [descriptor](AsFd) is readable when [`try_recv`](Self::try_recv) may have a request.
+#[derive(Debug)]
+pub struct Server<Q: Message + ?Sized, R: Message + ?Sized> {
+    handle: Arc<Handle>,
+    inline_max: usize,
+    serves: PhantomData<fn(&Q) -> Box<R>>,
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
+    /// The next request; waits for it.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`].
+    pub fn recv(&self) -> Result<Request<Q, R>, RecvError> {
+        loop {
+            if let Some(request) = self.take(None)? {
+                return Ok(request);
+            }
+        }
+    }
+
+    /// The next request, if one is there.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`].
+    pub fn try_recv(&self) -> Result<Option<Request<Q, R>>, RecvError> {
+        self.take(Some(Instant(0)))
+    }
+
+    /// The next request; waits for it at most this long.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`].
+    pub fn recv_timeout(&self, timeout: Duration) -> Result<Option<Request<Q, R>>, RecvError> {
+        self.take(until(Some(timeout)))
+    }
+
+    fn take(&self, until: Option<Instant>) -> Result<Option<Request<Q, R>>, RecvError> {
+        let Some(taken) = self.handle.receive(until, Interface::take_request)? else {
+            return Ok(None);
+        };
+        let receipt = self.handle.receipt(&taken);
+        let pending = Pending {
+            handle: Arc::clone(&self.handle),
+            call: CallId {
+                token: taken.token,
+                id: taken.delivery.id,
+            },
+            client: taken.peer,
+            inline_max: self.inline_max,
+            answered: false,
+        };
+        match Q::view(taken.payload) {
+            Ok(view) => Ok(Some(Request {
+                pending,
+                view,
+                deadline: Some(taken.delivery.time).filter(|time| time.0 != 0),
+                _receipt: receipt,
+                replies: PhantomData,
+            })),
+            Err(reason) => {
+                let publisher = pending.client.name.clone();
+                // The client of a request that is none still gets a reply.
+                let _ = pending.fail(&reason.to_string());
+                Err(RecvError::Payload { publisher, reason })
+            }
+        }
+    }
+
+    /// How many clients matched when it was declared (SM2-IFC-002).
+    #[must_use]
+    pub fn matched(&self) -> usize {
+        self.handle.matched()
+    }
+
+    /// Waits until at least this many clients' links are open; without a timeout, as long as it
+    /// takes.
+    ///
+    /// # Errors
+    ///
+    /// See [`WaitError`].
+    pub fn wait_for_clients(
+        &self,
+        count: usize,
+        timeout: Option<Duration>,
+    ) -> Result<(), WaitError> {
+        self.handle.wait_open(count, timeout)
+    }
+
+    /// Its links: those that ended (the last 64 of them), then those that are there.
+    pub fn links(&self) -> Vec<LinkStatus> {
+        self.handle.links()
+    }
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> AsFd for Server<Q, R> {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.handle.descriptor()
+    }
+}
+
+/// A request. Dereferences to the message. Its client waits until it is answered; one
+/// that is dropped is answered as failed.
+pub struct Request<Q: Message + ?Sized, R: Message + ?Sized> {
+    /// First: the reply goes out before the request is given back.
+    pending: Pending,
+    view: Q::View,
+    deadline: Option<Instant>,
+    _receipt: Receipt,
+    replies: PhantomData<fn() -> Box<R>>,
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
+    /// Answers it. Never waits: what the client does not take at once waits for it.
+    ///
+    /// # Errors
+    ///
+    /// See [`ReplyError`].
+    pub fn reply(self, reply: &R) -> Result<(), ReplyError> {
+        let Self {
+            pending,
+            view,
+            _receipt,
+            ..
+        } = self;
+        // The request's memory stays until the reply is out: it may be what the reply is.
+        let result = match reply.bytes() {
+            Ok(bytes) => pending.reply(bytes, Status::Ok),
+            Err(error) => {
+                let _ = pending.fail(&error.to_string());
+                Err(StoreError::Encode(error).into())
+            }
+        };
+        drop(view);
+        result
+    }
+
+    /// Answers that it cannot be done, and why.
+    ///
+    /// # Errors
+    ///
+    /// See [`ReplyError`].
+    pub fn fail(self, reason: &str) -> Result<(), ReplyError> {
+        self.pending.fail(reason)
+    }
+
+    /// Whether nobody wants the reply any more: the client cancelled the call, or is gone, or
+    /// the deadline passed. A server that works for long asks this now and then.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        let call = self.pending.call;
+        let late = self.deadline.is_some_and(|it| it <= sm2_io::clock::now());
+        late || self
+            .pending
+            .handle
+            .with(|interface, _| interface.is_cancelled(call))
+    }
+
+    /// The moment from which on nobody wants the reply, in nanoseconds of the host's
+    /// monotonic clock ([`now`](crate::now)).
+    #[must_use]
+    pub const fn deadline(&self) -> Option<Instant> {
+        self.deadline
+    }
+
+    /// The name of the client's node.
+    #[must_use]
+    pub fn client(&self) -> &Name {
+        &self.pending.client.name
+    }
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> Deref for Request<Q, R> {
+    type Target = Q;
+
+    fn deref(&self) -> &Q {
+        &self.view
+    }
+}
+
+impl<Q: Message + ?Sized + fmt::Debug, R: Message + ?Sized> fmt::Debug for Request<Q, R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Request")
+            .field("client", &self.pending.client.name)
+            .field("message", &&**self)
+            .finish()
+    }
+}
+
+/// A call that has no reply yet: whatever happens to this value, it will get one.
+struct Pending {
+    handle: Arc<Handle>,
+    call: CallId,
+    client: Arc<Peer>,
+    inline_max: usize,
+    answered: bool,
+}
+
+impl Pending {
+    fn reply(mut self, bytes: Cow<'_, [u8]>, status: Status) -> Result<(), ReplyError> {
+        let call = self.call;
+        let needs = self.handle.with(|interface, _| {
+            let link = interface.link(call.token).filter(|link| link.is_open());
+            link.map(|link| Needs::of(link.is_sealed()))
+        });
+        let gone = || ReplyError::ClientGone {
+            client: self.client.name.clone(),
+        };
+        let Some(needs) = needs else {
+            let error = gone();
+            self.answered = true;
+            return Err(error);
+        };
+        let len = bytes.len() as u64;
+        let forms = self.handle.store(bytes, self.inline_max, needs)?;
+        let sent = self
+            .handle
+            .with_idle(|interface, tools| interface.reply(call, forms, len, status, tools));
+        let result = if sent { Ok(()) } else { Err(gone()) };
+        self.answered = true;
+        result
+    }
+
+    fn fail(self, reason: &str) -> Result<(), ReplyError> {
+        self.reply(Cow::Borrowed(reason.as_bytes()), Status::Failed)
+    }
+}
+
+impl Drop for Pending {
+    fn drop(&mut self) {
+        if self.answered {
+            return;
+        }
+        let call = self.call;
+        self.handle.with(|interface, tools| {
+            if interface.is_cancelled(call) {
+                interface.reply_bare(call, Status::Cancelled, tools);
+            } else {
+                interface.reply_failed(call, DROPPED, tools);
+            }
+        });
+    }
+}
+
+/// A server's limits.
+#[derive(Debug)]
+#[must_use = "a builder does nothing until declare is called"]
+pub struct ServerBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
+    shared: Arc<Shared>,
+    service: String,
+    qos: ServiceQos,
+    inline_max: usize,
+    serves: PhantomData<fn(&Q) -> Box<R>>,
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
+    pub(crate) fn new(shared: &Arc<Shared>, service: &str) -> Self {
+        Self {
+            shared: Arc::clone(shared),
+            service: service.to_owned(),
+            qos: ServiceQos {
+                depth: 64,
+                max_borrowed: 16,
+                sealed: false,
+            },
+            inline_max: INLINE_DEFAULT,
+            serves: PhantomData,
+        }
+    }
+
+    /// How many requests of each client wait here to be taken: 1 to 1,024; 64 by default. Further
+    /// ones wait at the client.
+    pub const fn depth(mut self, requests: u16) -> Self {
+        self.qos.depth = requests;
+        self
+    }
+
+    /// How many requests of each client the program may hold: 1 to 1,024; 16 by default.
+    pub const fn max_borrowed(mut self, requests: u16) -> Self {
+        self.qos.max_borrowed = requests;
+        self
+    }
+
+    /// Every request and reply has to be sealed: nobody can change it once it is sent.
+    pub const fn sealed(mut self, sealed: bool) -> Self {
+        self.qos.sealed = sealed;
+        self
+    }
+
+    /// Replies up to this many bytes are copied into the datagram; longer ones go through
+    /// shared memory. At most 61,440; 4,096 by default.
+    pub const fn inline_max(mut self, bytes: usize) -> Self {
+        self.inline_max = if bytes > INLINE_MAX {
+            INLINE_MAX
+        } else {
+            bytes
+        };
+        self
+    }
+
+    /// Declares it, and waits for the Manager's word.
+    ///
+    /// # Errors
+    ///
+    /// See [`DeclareError`].
+    pub fn declare(self) -> Result<Server<Q, R>, DeclareError> {
+        let contract = Contract::Server {
+            service: checked_name(Kind::Server, self.service)?,
+            request: Q::type_id(),
+            reply: R::type_id(),
+            qos: self.qos,
+        };
+        Ok(Server {
+            handle: Arc::new(Handle::declare(&self.shared, contract, u64::MAX)?),
+            inline_max: self.inline_max,
+            serves: PhantomData,
+        })
+    }
+}

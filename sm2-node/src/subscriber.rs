@@ -1,0 +1,195 @@
+//! Receiving the messages of a topic.
+
+use std::marker::PhantomData;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+use std::time::Duration;
+
+use sm2_proto::{Contract, Demand, Instant, Kind, TypeId};
+
+use crate::driver::{Interface, Shared};
+use crate::handle::{Handle, until};
+use crate::publisher::checked_name;
+use crate::{DeclareError, LinkStatus, Message, RecvError, Sample, WaitError};
+
+/// Receives messages of type `T` from all publishers of a topic, from each in turn.
+///
+/// What the program has not taken waits: up to `depth` messages of each publisher, of which the
+/// oldest gives way to a new one (SM2-QOS-001), or as many as there are if the subscriber
+/// is reliable. What it has taken is lent to it until it drops the [`Sample`]; one
+/// that holds `max_borrowed` of them gets no further ones (SM2-MSG-005), and harms nobody else.
+///
+/// Its [descriptor](AsFd) is readable when [`try_recv`](Self::try_recv) may have a message: take
+/// until there is none, then poll again.
+#[derive(Debug)]
+pub struct Subscriber<T: Message + ?Sized> {
+    handle: Handle,
+    receives: PhantomData<fn(&T)>,
+}
+
+impl<T: Message + ?Sized> Subscriber<T> {
+    /// The next message; waits for it.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`].
+    pub fn recv(&self) -> Result<Sample<T>, RecvError> {
+        loop {
+            if let Some(sample) = self.take(None)? {
+                return Ok(sample);
+            }
+        }
+    }
+
+    /// The next message, if one is there.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`].
+    pub fn try_recv(&self) -> Result<Option<Sample<T>>, RecvError> {
+        self.take(Some(Instant(0)))
+    }
+
+    /// The next message; waits for it at most this long.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`].
+    pub fn recv_timeout(&self, timeout: Duration) -> Result<Option<Sample<T>>, RecvError> {
+        self.take(until(Some(timeout)))
+    }
+
+    fn take(&self, until: Option<Instant>) -> Result<Option<Sample<T>>, RecvError> {
+        let Some(taken) = self.handle.receive(until, Interface::take)? else {
+            return Ok(None);
+        };
+        let publisher = taken.peer.name.clone();
+        let receipt = self.handle.receipt(&taken);
+        match Sample::new(taken, receipt) {
+            Ok(sample) => Ok(Some(sample)),
+            Err(reason) => Err(RecvError::Payload { publisher, reason }),
+        }
+    }
+
+    /// How many messages were lost before those that were taken, of all publishers together.
+    pub fn lost(&self) -> u64 {
+        self.handle.with(|interface, _| interface.lost)
+    }
+
+    /// How many publishers matched when it was declared (SM2-IFC-002).
+    #[must_use]
+    pub const fn matched(&self) -> usize {
+        self.handle.matched()
+    }
+
+    /// Waits until at least this many publishers' links are open; without a timeout, as long as
+    /// it takes.
+    ///
+    /// # Errors
+    ///
+    /// See [`WaitError`].
+    pub fn wait_for_publishers(
+        &self,
+        count: usize,
+        timeout: Option<Duration>,
+    ) -> Result<(), WaitError> {
+        self.handle.wait_open(count, timeout)
+    }
+
+    /// Its links: those that ended (the last 64 of them), then those that are there. The
+    /// counters are all zero: they are the publishers'.
+    pub fn links(&self) -> Vec<LinkStatus> {
+        self.handle.links()
+    }
+}
+
+impl<T: Message + ?Sized> AsFd for Subscriber<T> {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.handle.descriptor()
+    }
+}
+
+/// A subscriber's quality of service.
+#[derive(Debug)]
+#[must_use = "a builder does nothing until declare is called"]
+pub struct SubscriberBuilder<T: Message + ?Sized> {
+    shared: Arc<Shared>,
+    topic: String,
+    /// None takes every type.
+    data: Option<TypeId>,
+    demand: Demand,
+    receives: PhantomData<fn(&T)>,
+}
+
+impl<T: Message + ?Sized> SubscriberBuilder<T> {
+    pub(crate) fn new(shared: &Arc<Shared>, topic: &str) -> Self {
+        Self {
+            shared: Arc::clone(shared),
+            topic: topic.to_owned(),
+            data: Some(T::type_id()),
+            demand: Demand {
+                depth: 8,
+                reliable: false,
+                max_borrowed: 4,
+                sealed: false,
+            },
+            receives: PhantomData,
+        }
+    }
+
+    /// How many messages of each publisher wait to be taken: 1 to 1,024; 8 by default.
+    pub const fn depth(mut self, messages: u16) -> Self {
+        self.demand.depth = messages;
+        self
+    }
+
+    /// Nothing may be displaced: the publisher has to wait for this subscriber, as long as it
+    /// is willing to (SM2-QOS-002). Matches publishers that are reliable only.
+    pub const fn reliable(mut self, reliable: bool) -> Self {
+        self.demand.reliable = reliable;
+        self
+    }
+
+    /// How many samples of each publisher the program may hold: 1 to 1,024; 4 by default.
+    pub const fn max_borrowed(mut self, messages: u16) -> Self {
+        self.demand.max_borrowed = messages;
+        self
+    }
+
+    /// Every message has to be sealed: its publisher cannot change it any more.
+    pub const fn sealed(mut self, sealed: bool) -> Self {
+        self.demand.sealed = sealed;
+        self
+    }
+
+    /// Declares it, and waits for the Manager's word.
+    ///
+    /// # Errors
+    ///
+    /// See [`DeclareError`].
+    pub fn declare(self) -> Result<Subscriber<T>, DeclareError> {
+        let contract = Contract::Subscriber {
+            topic: checked_name(Kind::Subscriber, self.topic)?,
+            data: self.data,
+            demand: self.demand,
+        };
+        Ok(Subscriber {
+            handle: Handle::declare(&self.shared, contract, 0)?,
+            receives: PhantomData,
+        })
+    }
+}
+
+impl SubscriberBuilder<[u8]> {
+    /// Takes messages of every type, as bytes; [`Sample::type_id`] says which it is.
+    pub fn any_type(mut self) -> Self {
+        self.data = None;
+        self
+    }
+
+    /// Takes messages of this type, as bytes.
+    pub fn type_id(mut self, data: TypeId) -> Self {
+        self.data = Some(data);
+        self
+    }
+}

@@ -1,0 +1,328 @@
+//! Services, with a real Manager, all in one process.
+
+mod common;
+
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use common::{Domain, SOON, pattern};
+use sm2_node::{CallError, Client, DeclareError, Message, Node, ReplyError, Server};
+
+/// A server on a thread of its own, until it is told to stop by a request of one byte `0`.
+fn echo(node: &Node, name: &'static str) -> JoinHandle<usize> {
+    let server = node.server::<[u8], [u8]>("echo").unwrap();
+    thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(move || {
+            let mut served = 0;
+            loop {
+                let request = server.recv().unwrap();
+                if *request == [0] {
+                    request.reply(&[]).unwrap();
+                    return served;
+                }
+                served += 1;
+                let reply = request.to_vec();
+                request.reply(&reply).unwrap();
+            }
+        })
+        .unwrap()
+}
+
+fn client(node: &Node, servers: usize) -> Client<[u8], [u8]> {
+    let client = node.client("echo").unwrap();
+    client.wait_for_servers(servers, Some(SOON)).unwrap();
+    client
+}
+
+/// A client and a server in one thread: each is called in turn until the link is open.
+fn pair<Q: Message + ?Sized, R: Message + ?Sized>(domain: &Domain) -> (Server<Q, R>, Client<Q, R>) {
+    let server = domain.node("server").server::<Q, R>("service").unwrap();
+    let client = domain.node("client").client::<Q, R>("service").unwrap();
+    while client
+        .wait_for_servers(1, Some(Duration::from_millis(1)))
+        .is_err()
+    {
+        let _ = server.wait_for_clients(1, Some(Duration::from_millis(1)));
+    }
+    server.wait_for_clients(1, Some(SOON)).unwrap();
+    (server, client)
+}
+
+#[test]
+fn requests_and_replies_of_every_size_and_form() {
+    for sealed in [false, true] {
+        let domain = Domain::new();
+        let server = echo(&domain.node("server"), "echo");
+        let builder = domain.node("client").client_builder::<[u8], [u8]>("echo");
+        let client = builder.sealed(sealed).declare().unwrap();
+        for (seed, size) in (1..).zip([0, 2, 4095, 4096, 4097, 1 << 20]) {
+            let bytes = pattern(size, seed);
+            let reply = client.call(&bytes, SOON).unwrap();
+            assert!(*reply == *bytes, "{size} bytes, sealed {sealed}");
+            assert_eq!(reply.server().as_str(), "server");
+        }
+        drop(client.call(&[0], SOON).unwrap());
+        assert_eq!(server.join().unwrap(), 6);
+    }
+}
+
+#[test]
+fn many_calls_at_once_are_answered_each_by_its_own_reply() {
+    let domain = Domain::new();
+    let server = echo(&domain.node("server"), "echo");
+    let client = client(&domain.node("client"), 1);
+    let calls: Vec<_> = (0..64_u64)
+        .map(|seed| client.send(&pattern(5000, seed), Some(SOON)).unwrap())
+        .collect();
+    let error = client.send(b"one more", Some(SOON)).unwrap_err();
+    assert!(
+        matches!(error, CallError::TooManyCalls { limit: 64, .. }),
+        "{error}"
+    );
+    // The last first: replies that came before wait for their turn.
+    for (seed, call) in calls.into_iter().enumerate().rev() {
+        assert!(*call.wait().unwrap() == *pattern(5000, seed as u64));
+    }
+    drop(client.call(&[0], SOON).unwrap());
+    assert_eq!(server.join().unwrap(), 64);
+}
+
+//= SM2-SRV-001 test
+#[test]
+fn a_call_goes_to_the_server_with_the_fewest_calls_and_to_the_oldest_among_equals() {
+    let domain = Domain::new();
+    let servers: Vec<_> = ["one", "two", "three"]
+        .iter()
+        .map(|name| domain.node(name).server::<[u8], str>("service").unwrap())
+        .collect();
+    let client = domain
+        .node("client")
+        .client::<[u8], str>("service")
+        .unwrap();
+    assert_eq!(client.matched(), 3);
+    while client
+        .wait_for_servers(3, Some(Duration::from_millis(1)))
+        .is_err()
+    {
+        for server in &servers {
+            let _ = server.try_recv().unwrap();
+        }
+    }
+    let calls: Vec<_> = (0..6)
+        .map(|id| client.send(&[id], Some(SOON)).unwrap())
+        .collect();
+    let mut requests: Vec<_> = servers
+        .iter()
+        .map(|server| [server.recv().unwrap(), server.recv().unwrap()])
+        .collect();
+    let got: Vec<_> = requests.iter().map(|[a, b]| [a[0], b[0]]).collect();
+    assert_eq!(got, [[0, 3], [1, 4], [2, 5]]);
+    // The third becomes free: the next call is its.
+    let [first, _second] = requests.pop().unwrap();
+    first.reply("done").unwrap();
+    let mut calls = calls.into_iter();
+    assert_eq!(&*calls.nth(2).unwrap().wait().unwrap(), "done");
+    let _call = client.send(&[6], Some(SOON)).unwrap();
+    assert_eq!(servers[2].recv().unwrap()[0], 6);
+}
+
+#[test]
+fn several_clients_and_servers() {
+    let domain = Domain::new();
+    let servers = [
+        echo(&domain.node("s1"), "s1"),
+        echo(&domain.node("s2"), "s2"),
+    ];
+    let clients: Vec<_> = (0..3)
+        .map(|number| {
+            let node = domain.node(&format!("c{number}"));
+            thread::spawn(move || {
+                let client = client(&node, 2);
+                for seed in 0..100 {
+                    let bytes = pattern(100 + seed as usize, seed + 1000 * number);
+                    assert!(*client.call(&bytes, SOON).unwrap() == *bytes);
+                }
+            })
+        })
+        .collect();
+    for client in clients {
+        client.join().unwrap();
+    }
+    // Two calls at once go to both of them.
+    let client = client(&domain.node("last"), 2);
+    let stop = [0, 0].map(|byte| client.send(&[byte], Some(SOON)).unwrap());
+    for call in stop {
+        drop(call.wait().unwrap());
+    }
+    let served: usize = servers.map(|server| server.join().unwrap()).iter().sum();
+    assert_eq!(served, 300);
+}
+
+#[test]
+fn types_must_agree() {
+    let domain = Domain::new();
+    let node = domain.node("server");
+    let _server = node.server::<[f64], f64>("sum").unwrap();
+    let error = domain
+        .node("client")
+        .client::<[f64], f32>("sum")
+        .unwrap_err();
+    let text = error.to_string();
+    assert!(matches!(error, DeclareError::ServiceMismatch { .. }));
+    assert!(text.contains("f64-list") && text.contains("f32 "), "{text}");
+}
+
+#[test]
+fn a_call_without_a_server_fails_at_once() {
+    let domain = Domain::new();
+    let client = domain
+        .node("client")
+        .client::<[u8], [u8]>("nobody")
+        .unwrap();
+    let start = Instant::now();
+    let error = client.call(b"?", SOON).unwrap_err();
+    assert!(matches!(error, CallError::NoServer { .. }), "{error}");
+    assert!(start.elapsed() < SOON / 2);
+}
+
+#[test]
+fn a_deadline_ends_the_call_on_both_sides() {
+    let domain = Domain::new();
+    let (server, client) = pair::<[u8], [u8]>(&domain);
+    let timeout = Duration::from_millis(30);
+    let start = Instant::now();
+    let call = client.send(b"slow", Some(timeout)).unwrap();
+    let request = server.recv().unwrap();
+    assert!(!request.is_cancelled());
+    assert!(request.deadline().unwrap() > sm2_node::now());
+    let error = call.wait().unwrap_err();
+    assert!(
+        matches!(error, CallError::DeadlineExceeded { .. }),
+        "{error}"
+    );
+    assert!(start.elapsed() >= timeout);
+    assert!(request.is_cancelled());
+    // Too late; nobody is harmed.
+    request.reply(b"late").unwrap();
+    // A request that is not taken in time is answered by itself.
+    let call = client.send(b"untaken", Some(timeout)).unwrap();
+    let mut patient = client.send(b"patient", None).unwrap();
+    thread::sleep(timeout);
+    let request = server.recv().unwrap();
+    assert_eq!(&*request, b"patient");
+    assert!(matches!(
+        call.wait().unwrap_err(),
+        CallError::DeadlineExceeded { .. }
+    ));
+    assert!(patient.try_wait().unwrap().is_none());
+    request.reply(b"here").unwrap();
+    assert_eq!(&*patient.wait().unwrap(), b"here");
+    assert_eq!(client.links()[0].counters.in_flight, 0);
+}
+
+#[test]
+fn a_cancelled_call_is_known_to_both_sides() {
+    let domain = Domain::new();
+    let (server, client) = pair::<[u8], [u8]>(&domain);
+    let call = client.send(b"a", Some(SOON)).unwrap();
+    let request = server.recv().unwrap();
+    call.cancel();
+    assert!(request.is_cancelled());
+    drop(request);
+    let error = call.wait().unwrap_err();
+    assert!(matches!(error, CallError::Cancelled { .. }), "{error}");
+    // Cancelled before it was taken: the server never sees it.
+    let call = client.send(b"b", Some(SOON)).unwrap();
+    drop(call);
+    let call = client.send(b"c", Some(SOON)).unwrap();
+    let request = server.recv().unwrap();
+    assert_eq!(&*request, b"c");
+    // A reply that was quicker than the cancelling counts.
+    request.reply(b"quick").unwrap();
+    call.cancel();
+    assert_eq!(&*call.wait().unwrap(), b"quick");
+}
+
+#[test]
+fn a_request_that_is_refused_or_dropped_is_answered_all_the_same() {
+    let domain = Domain::new();
+    let (server, client) = pair::<[u8], [u8]>(&domain);
+    let call = client.send(b"x", Some(SOON)).unwrap();
+    server.recv().unwrap().fail("no can do").unwrap();
+    let error = call.wait().unwrap_err();
+    assert!(
+        matches!(&error, CallError::Failed { reason, .. } if reason == "no can do"),
+        "{error}"
+    );
+    let call = client.send(b"x", Some(SOON)).unwrap();
+    drop(server.recv().unwrap());
+    let error = call.wait().unwrap_err();
+    assert!(
+        matches!(&error, CallError::Failed { reason, .. } if reason.contains("dropped")),
+        "{error}"
+    );
+    let call = client.send(b"x", Some(SOON)).unwrap();
+    let long = "ü".repeat(50_000);
+    server.recv().unwrap().fail(&long).unwrap();
+    let error = call.wait().unwrap_err();
+    assert!(matches!(&error, CallError::Failed { reason, .. } if *reason == long));
+}
+
+//= SM2-SRV-005 test
+#[test]
+fn a_server_that_ends_fails_its_calls_at_once() {
+    let domain = Domain::new();
+    let (server, client) = pair::<[u8], [u8]>(&domain);
+    let calls = [b"a", b"b"].map(|it| client.send(it, None).unwrap());
+    let request = server.recv().unwrap();
+    drop(server);
+    drop(request);
+    let [first, second] = calls;
+    // The one that was taken is answered by its drop; the server lives until then.
+    assert!(matches!(
+        first.wait().unwrap_err(),
+        CallError::Failed { .. }
+    ));
+    assert!(matches!(
+        second.wait().unwrap_err(),
+        CallError::ServerGone { .. }
+    ));
+    assert!(matches!(
+        client.call(b"c", SOON).unwrap_err(),
+        CallError::NoServer { .. }
+    ));
+}
+
+#[test]
+fn a_client_that_ends_is_known_to_the_server() {
+    let domain = Domain::new();
+    let (server, client) = pair::<[u8], [u8]>(&domain);
+    let call = client.send(b"a", None).unwrap();
+    let request = server.recv().unwrap();
+    drop(call);
+    drop(client);
+    assert!(request.is_cancelled());
+    let error = request.reply(b"anybody?").unwrap_err();
+    assert!(matches!(error, ReplyError::ClientGone { .. }), "{error}");
+}
+
+#[test]
+fn a_descriptor_is_readable_when_there_may_be_a_reply() {
+    use std::os::fd::AsFd;
+    let domain = Domain::new();
+    let (server, client) = pair::<[u8], [u8]>(&domain);
+    let readable = |timeout| sm2_io::wait_readable(&[client.as_fd()], Some(timeout)).unwrap();
+    let mut call = client.send(b"a", Some(SOON)).unwrap();
+    assert!(readable(SOON));
+    assert!(call.try_wait().unwrap().is_none());
+    assert!(!readable(Duration::from_millis(5)));
+    server.recv().unwrap().reply(b"b").unwrap();
+    assert!(readable(SOON));
+    let reply = loop {
+        if let Some(reply) = call.try_wait().unwrap() {
+            break reply;
+        }
+    };
+    assert_eq!(&*reply, b"b");
+}

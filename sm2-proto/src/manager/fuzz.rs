@@ -1,0 +1,279 @@
+//! The body of the fuzz target `manager_session`.
+//!
+//! The bytes are a list of operations on a few connections to a Manager with
+//! small quotas. An operation is a byte, its kind in the lower half and the
+//! connection in the upper one, and then what [`Fuzz::step`] reads for it.
+
+use alloc::{collections::BTreeSet, vec::Vec};
+use core::time::Duration;
+
+use super::{Credentials, Input, Manager, Output, Policy};
+use crate::{
+    Code, Contract, Datagram, Demand, FdFacts, Instant, InterfaceId, LinkId, Name, NodeId, Offer,
+    ServiceQos, TypeId,
+    control::{Cursor, ToManager, decode_to_node, encode_to_manager},
+};
+
+const EPOCH: u64 = 1;
+const POLICY: Policy = Policy {
+    greeting: Duration::from_secs(2),
+    greetings_per_user: 3,
+    sessions_per_user: 3,
+    interfaces_per_session: 6,
+    interfaces_per_user: 10,
+    links_per_session: 8,
+    seal_all: false,
+    waive_user_boundary: false,
+};
+const CONNECTIONS: usize = 8;
+const FDS: [FdFacts; 2] = [FdFacts {
+    regular: false,
+    size_bytes: 0,
+    seals: crate::Seals(0),
+}; 2];
+
+/// The Manager takes whatever comes, sends only what a node accepts, never more
+/// than its links call for, and never to whom it hung up on.
+//= SM2-FRM-001, SM2-SES-005, SM2-SES-006 fuzz
+pub(crate) fn session(data: &[u8]) {
+    let mut fuzz = Fuzz {
+        data,
+        manager: Manager::new(EPOCH, POLICY),
+        now: Instant(0),
+        connections: [NodeId(0); CONNECTIONS],
+        connected: 0,
+        open: BTreeSet::new(),
+        shortage: 0,
+    };
+    while fuzz.step().is_some() {}
+    for session in fuzz.connections {
+        fuzz.feed(Input::Closed { session });
+    }
+    for session in fuzz.open.clone() {
+        fuzz.feed(Input::Closed { session });
+    }
+    assert_eq!((fuzz.manager.sessions(), fuzz.manager.links()), (0, 0));
+    assert_eq!(fuzz.manager.deadline(), None);
+}
+
+struct Fuzz<'a> {
+    data: &'a [u8],
+    manager: Manager,
+    now: Instant,
+    connections: [NodeId; CONNECTIONS],
+    connected: u64,
+    /// Who has connected and was not hung up on.
+    open: BTreeSet<NodeId>,
+    /// How many of the next links find no descriptors.
+    shortage: u8,
+}
+
+impl<'a> Fuzz<'a> {
+    fn byte(&mut self) -> Option<u8> {
+        let (&byte, rest) = self.data.split_first()?;
+        self.data = rest;
+        Some(byte)
+    }
+
+    fn bytes(&mut self) -> Option<&'a [u8]> {
+        let len = usize::from(self.byte()?).min(self.data.len());
+        let (bytes, rest) = self.data.split_at(len);
+        self.data = rest;
+        Some(bytes)
+    }
+
+    /// One operation; none when the bytes are used up.
+    fn step(&mut self) -> Option<()> {
+        let operation = self.byte()?;
+        let at = usize::from(operation >> 4) % CONNECTIONS;
+        let session = self.connections[at];
+        match operation & 0xf {
+            0 => self.connect(at),
+            1 => {
+                let bytes = self.bytes()?;
+                self.datagram(session, Datagram::new(bytes));
+            }
+            2 => {
+                let flags = self.byte()?;
+                let datagram = Datagram {
+                    bytes: self.bytes()?,
+                    fds: &FDS[..usize::from(flags & 3) % FDS.len()],
+                    data_truncated: flags & 4 != 0,
+                    control_truncated: flags & 8 != 0,
+                };
+                self.datagram(session, datagram);
+            }
+            3 => self.feed(Input::Closed { session }),
+            4 => self.feed(Input::Stalled { session }),
+            5 => {
+                let pause = Duration::from_millis(u64::from(self.byte()?) * 20);
+                self.now = self.now.after(pause);
+                self.feed(Input::Tick);
+            }
+            6 => self.shortage = self.byte()? % 8,
+            7 => self.feed(Input::Shutdown),
+            _ => {
+                let frame = encode_to_manager(&self.frame()?);
+                self.datagram(session, Datagram::new(&frame));
+            }
+        }
+        Some(())
+    }
+
+    fn connect(&mut self, at: usize) {
+        self.connected += 1;
+        let session = NodeId(self.connected);
+        self.connections[at] = session;
+        self.open.insert(session);
+        let uid = u32::from(at & 3 == 0);
+        let credentials = Credentials {
+            uid,
+            gid: 0,
+            pid: 1,
+        };
+        self.feed(Input::Connected {
+            session,
+            credentials,
+        });
+    }
+
+    /// A frame that is legal as such, of few names and small numbers.
+    fn frame(&mut self) -> Option<ToManager> {
+        let interface = |byte: u8| InterfaceId(byte.into());
+        Some(match self.byte()? % 6 {
+            0 => ToManager::Hello {
+                min_version: u16::from(self.byte()? % 4),
+                max_version: 2,
+                name: self.name()?,
+            },
+            1 => ToManager::Declare {
+                interface: interface(self.byte()?),
+                contract: self.contract()?,
+            },
+            2 => ToManager::Withdraw {
+                interface: interface(self.byte()?),
+            },
+            3 => ToManager::Unlinked {
+                interface: interface(self.byte()?),
+                link: LinkId {
+                    epoch: EPOCH,
+                    serial: self.byte()?.into(),
+                },
+                code: Code(0),
+            },
+            4 => ToManager::Query {
+                after: Some(Cursor {
+                    node: NodeId(self.byte()?.into()),
+                    interface: interface(self.byte()?),
+                }),
+            },
+            _ => ToManager::Goodbye { code: Code(0) },
+        })
+    }
+
+    fn name(&mut self) -> Option<Name> {
+        let names = ["a", "b", "c", "d/e"];
+        Name::new(names[usize::from(self.byte()?) % names.len()]).ok()
+    }
+
+    fn contract(&mut self) -> Option<Contract> {
+        let choice = self.byte()?;
+        let [reliable, sealed, stated] = [4, 8, 16].map(|bit| choice & bit != 0);
+        let name = self.name()?;
+        let data = TypeId {
+            name: self.name()?,
+            hash: 0,
+        };
+        let (depth, max_borrowed) = (1, 1);
+        let qos = ServiceQos {
+            depth,
+            max_borrowed,
+            sealed,
+        };
+        Some(match choice % 4 {
+            0 => Contract::Publisher {
+                topic: name,
+                data,
+                offer: Offer {
+                    depth,
+                    reliable,
+                    latched: 0,
+                    sealed,
+                },
+            },
+            1 => Contract::Subscriber {
+                topic: name,
+                data: stated.then_some(data),
+                demand: Demand {
+                    depth,
+                    reliable,
+                    max_borrowed,
+                    sealed,
+                },
+            },
+            2 => Contract::Server {
+                service: name,
+                request: data.clone(),
+                reply: data,
+                qos,
+            },
+            _ => Contract::Client {
+                service: name,
+                types: stated.then(|| (data.clone(), data)),
+                qos,
+            },
+        })
+    }
+
+    fn datagram(&mut self, session: NodeId, datagram: Datagram<'_>) {
+        self.feed(Input::Datagram { session, datagram });
+    }
+
+    fn feed(&mut self, input: Input<'_>) {
+        // One answer, one hang-up, whoever did not greet in time, and the links.
+        let links = self.manager.links() + POLICY.links_per_session;
+        let most = 2 + self.manager.sessions() + links;
+        let taken = self.manager.handle(self.now, input);
+        taken.expect("session numbers grow");
+        let outputs: Vec<Output> = core::iter::from_fn(|| self.manager.poll()).collect();
+        assert!(outputs.len() <= most, "{} outputs", outputs.len());
+        for output in outputs {
+            self.carry_out(output);
+        }
+    }
+
+    fn carry_out(&mut self, output: Output) {
+        match output {
+            Output::Send { session, frame } => self.send(session, &frame, 0),
+            Output::Link { link, ends } if self.shortage > 0 => {
+                self.shortage -= 1;
+                for (session, frame) in &ends {
+                    self.send(*session, frame, 1);
+                }
+                self.feed(Input::LinkFailed { link });
+            }
+            Output::Link { ends, .. } => {
+                for (session, frame) in &ends {
+                    self.send(*session, frame, 1);
+                }
+            }
+            Output::HangUp {
+                session, goodbye, ..
+            } => {
+                if let Some(goodbye) = goodbye {
+                    self.send(session, &goodbye, 0);
+                }
+                assert!(self.open.remove(&session), "{session} is hung up on once");
+            }
+        }
+    }
+
+    fn send(&self, session: NodeId, frame: &[u8], fds: usize) {
+        assert!(self.open.contains(&session), "{session} is over");
+        let datagram = Datagram {
+            fds: &FDS[..fds],
+            ..Datagram::new(frame)
+        };
+        decode_to_node(&datagram).expect("a node accepts what a Manager sends");
+    }
+}

@@ -1,0 +1,485 @@
+//! The codec of control frames: every frame there and back, every other datagram
+//! refused by its name, and a second decoder that agrees on both.
+
+#[path = "support/frames.rs"]
+mod frames;
+#[path = "support/naive_control.rs"]
+mod naive;
+mod support;
+
+use proptest::{collection::vec, prelude::*};
+use serde_json::Value;
+use sm2_proto::{
+    Contract, Datagram, FdFacts, Name, Violation,
+    control::{
+        ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
+    },
+    limits::{DATAGRAM_MAX, NAME_MAX},
+};
+use support::{bench::hello, cases};
+
+const FDS: [FdFacts; 3] = [FdFacts {
+    regular: false,
+    size_bytes: 0,
+    seals: sm2_proto::Seals(0),
+}; 3];
+
+/// What a frame means, and its bytes again.
+type Decoded = Result<(Value, Vec<u8>), Violation>;
+
+/// One of the two directions, so that each property is written once.
+struct Direction {
+    decode: fn(&Datagram<'_>) -> Decoded,
+    naive: fn(&[u8], usize) -> Result<Value, &'static str>,
+    fds: fn(&[u8]) -> usize,
+}
+
+const TO_MANAGER: Direction = Direction {
+    decode: |datagram| {
+        let frame = decode_to_manager(datagram)?;
+        Ok((json(&frame), encode_to_manager(&frame)))
+    },
+    naive: naive::to_manager,
+    fds: |_| 0,
+};
+
+const TO_NODE: Direction = Direction {
+    decode: |datagram| {
+        let frame = decode_to_node(datagram)?;
+        Ok((json(&frame), encode_to_node(&frame)))
+    },
+    naive: naive::to_node,
+    fds: |bytes| usize::from(bytes.first() == Some(&4)),
+};
+
+fn json(frame: &impl serde::Serialize) -> Value {
+    serde_json::to_value(frame).expect("a frame has a meaning")
+}
+
+fn datagram(bytes: &[u8], fds: usize) -> Datagram<'_> {
+    Datagram {
+        fds: &FDS[..fds],
+        ..Datagram::new(bytes)
+    }
+}
+
+impl Direction {
+    /// Both decoders say the same, and what is accepted has this one encoding.
+    fn agrees(&self, bytes: &[u8], fds: usize) -> Result<(), TestCaseError> {
+        let decoded = (self.decode)(&datagram(bytes, fds));
+        if let Ok((_, again)) = &decoded {
+            prop_assert_eq!(again, bytes);
+        }
+        let decoded = decoded.map(|(meaning, _)| meaning);
+        let naive = (self.naive)(bytes, fds);
+        prop_assert_eq!(decoded.map_err(Violation::name), naive);
+        Ok(())
+    }
+
+    fn violation(&self, bytes: &[u8]) -> Option<Violation> {
+        let fds = (self.fds)(bytes);
+        let violation = (self.decode)(&datagram(bytes, fds)).err();
+        assert_eq!(
+            (self.naive)(bytes, fds).err(),
+            violation.map(Violation::name)
+        );
+        violation
+    }
+
+    /// What breaks one byte of a frame, or two, or its length.
+    fn mutants_agree(&self, frame: &[u8], edits: &[(u16, u8, u8)]) -> Result<(), TestCaseError> {
+        let mut bytes = frame.to_vec();
+        let fds = (self.fds)(frame);
+        self.agrees(&bytes, fds)?;
+        for &(at, byte, edit) in edits {
+            let at = usize::from(at) % (bytes.len() + 1);
+            match edit % 6 {
+                0 => bytes.insert(at, byte),
+                1 if at < bytes.len() => drop(bytes.remove(at)),
+                2 => bytes.truncate(at),
+                // A longer varint of the same value, if one ends here.
+                3 if at < bytes.len() && bytes[at] < 0x80 => {
+                    bytes[at] |= 0x80;
+                    bytes.insert(at + 1, 0);
+                }
+                4 if at < bytes.len() => bytes[at] ^= 1 << (byte % 8),
+                _ if at < bytes.len() => bytes[at] = byte,
+                _ => {}
+            }
+            self.agrees(&bytes, fds)?;
+        }
+        Ok(())
+    }
+}
+
+proptest! {
+    #![proptest_config(cases(400))]
+
+    //= SM2-FRM-001, SM2-FRM-002 test
+    #[test]
+    fn there_and_back_to_the_manager(frame in frames::to_manager()) {
+        let bytes = encode_to_manager(&frame);
+        prop_assert!(bytes.len() < DATAGRAM_MAX);
+        prop_assert_eq!(decode_to_manager(&Datagram::new(&bytes)), Ok(frame.clone()));
+        prop_assert_eq!(naive::to_manager(&bytes, 0), Ok(json(&frame)));
+        for fds in 1..=3 {
+            let decoded = decode_to_manager(&datagram(&bytes, fds));
+            prop_assert_eq!(decoded, Err(Violation::FdCount));
+        }
+    }
+
+    //= SM2-FRM-001, SM2-FRM-002, SM2-TRN-005 test
+    #[test]
+    fn there_and_back_to_the_node(frame in frames::to_node()) {
+        let bytes = encode_to_node(&frame);
+        let own = usize::from(matches!(frame, ToNode::Link { .. }));
+        for fds in 0..=3 {
+            let decoded = decode_to_node(&datagram(&bytes, fds));
+            let expected = if fds == own { Ok(frame.clone()) } else { Err(Violation::FdCount) };
+            prop_assert_eq!(decoded, expected);
+        }
+        prop_assert_eq!(naive::to_node(&bytes, own), Ok(json(&frame)));
+    }
+
+    //= SM2-FRM-001, SM2-FRM-002, SM2-FRM-003, SM2-NAM-001 test
+    #[test]
+    fn arbitrary_bytes(bytes in vec(any::<u8>(), 0..200), number in 0..10_u8, fds in 0..3_usize) {
+        TO_MANAGER.agrees(&bytes, fds)?;
+        TO_NODE.agrees(&bytes, fds)?;
+        let framed = [&[number][..], &bytes].concat();
+        TO_MANAGER.agrees(&framed, fds)?;
+        TO_NODE.agrees(&framed, fds)?;
+    }
+
+    /// Small numbers are lengths and variants that exist.
+    //= SM2-FRM-001, SM2-FRM-002 test
+    #[test]
+    fn likely_bytes(bytes in vec(prop_oneof![0..6_u8, Just(b'a'), Just(b'/'), Just(0x80)], 1..60)) {
+        TO_MANAGER.agrees(&bytes, 0)?;
+        TO_NODE.agrees(&bytes, (TO_NODE.fds)(&bytes))?;
+    }
+
+    //= SM2-FRM-001, SM2-FRM-002, SM2-FRM-003, SM2-NAM-001 test
+    #[test]
+    fn mutants(
+        one in frames::to_manager(),
+        other in frames::to_node(),
+        edits in vec(any::<(u16, u8, u8)>(), 1..4),
+    ) {
+        TO_MANAGER.mutants_agree(&encode_to_manager(&one), &edits)?;
+        TO_NODE.mutants_agree(&encode_to_node(&other), &edits)?;
+    }
+
+    //= SM2-FRM-001 test
+    #[test]
+    fn cut_short_anywhere(one in frames::to_manager(), other in frames::to_node()) {
+        for (direction, bytes) in [
+            (TO_MANAGER, encode_to_manager(&one)),
+            (TO_NODE, encode_to_node(&other)),
+        ] {
+            for len in 1..bytes.len() {
+                prop_assert_eq!(direction.violation(&bytes[..len]), Some(Violation::Malformed));
+            }
+            prop_assert_eq!(direction.violation(&[]), Some(Violation::UnknownFrame));
+            let longer = [&bytes[..], &[0]].concat();
+            prop_assert_eq!(direction.violation(&longer), Some(Violation::TrailingBytes));
+        }
+    }
+}
+
+fn hello_named(text: &[u8]) -> Vec<u8> {
+    let mut len = Vec::new();
+    let mut rest = text.len();
+    while rest >= 0x80 {
+        len.push(u8::try_from(rest % 0x80).expect("seven bits") | 0x80);
+        rest /= 0x80;
+    }
+    len.push(u8::try_from(rest).expect("seven bits"));
+    [&[0, 1, 1], &len[..], text].concat()
+}
+
+//= SM2-NAM-001 test
+#[test]
+fn names() {
+    let longest = "a".repeat(NAME_MAX);
+    let too_long = "a".repeat(NAME_MAX + 1);
+    let good = [
+        "a",
+        "A",
+        "0",
+        "_",
+        "-",
+        "a/b",
+        "-/_",
+        "a/b/c/d",
+        "Arm_2/joint-7",
+        &longest,
+    ];
+    for text in good {
+        assert_eq!(
+            TO_MANAGER.violation(&hello_named(text.as_bytes())),
+            None,
+            "{text}"
+        );
+        assert_eq!(
+            Name::new(text).map(|name| name.to_string()),
+            Ok(text.to_owned())
+        );
+        assert_eq!(Name::typed(&format!("/{text}")), Name::new(text));
+    }
+    let bad: [&[u8]; 29] = [
+        b"",
+        b"/",
+        b"//",
+        b"/a",
+        b"a/",
+        b"a//b",
+        b"a/b/",
+        b".",
+        b"..",
+        b"a/../b",
+        b"a/./b",
+        b"a\0",
+        b"\0",
+        b"a b",
+        b" a",
+        b"a\n",
+        b"a.b",
+        b"a~",
+        b"a:b",
+        b"a\\b",
+        b"a*",
+        b"{a}",
+        "\u{e4}".as_bytes(),
+        "a\u{308}".as_bytes(),
+        "\u{2215}".as_bytes(),
+        b"\xff",
+        b"a\xc0\xafb",
+        b"a\x80",
+        too_long.as_bytes(),
+    ];
+    for text in bad {
+        let frame = hello_named(text);
+        assert_eq!(
+            TO_MANAGER.violation(&frame),
+            Some(Violation::BadName),
+            "{text:?}"
+        );
+        if let Ok(text) = std::str::from_utf8(text) {
+            assert!(Name::new(text).is_err(), "{text:?}");
+        }
+    }
+    // Names are equal when their bytes are: no case, no normal form.
+    assert_ne!(Name::new("Arm"), Name::new("arm"));
+    assert!(
+        Name::typed("//arm").is_err(),
+        "one slash is dropped, not two"
+    );
+}
+
+//= SM2-FRM-002 test
+#[test]
+fn only_the_shortest_varint() {
+    let withdraw = |number: &[u8]| TO_MANAGER.violation(&[&[2], number].concat());
+    assert_eq!(withdraw(&[0x7f]), None);
+    assert_eq!(withdraw(&[0x80, 1]), None);
+    assert_eq!(
+        withdraw(&[0xff; 9].iter().copied().chain([1]).collect::<Vec<_>>()),
+        None
+    );
+    for longer in [&[0x80, 0][..], &[0xff, 0], &[0x81, 0x80, 0], &[0x80; 9]] {
+        let longer = if longer.len() == 9 {
+            [longer, &[0]].concat()
+        } else {
+            longer.to_vec()
+        };
+        assert_eq!(
+            withdraw(&longer),
+            Some(Violation::NotCanonical),
+            "{longer:?}"
+        );
+    }
+    // More bytes than the type can need, or bits beyond it, are out of range.
+    let too_long = [[0x80; 10].as_slice(), &[0]].concat();
+    let too_large = [[0xff; 9].as_slice(), &[2]].concat();
+    for number in [too_long, too_large] {
+        assert_eq!(withdraw(&number), Some(Violation::Malformed), "{number:?}");
+    }
+    let goodbye = |number: &[u8]| TO_MANAGER.violation(&[&[5], number].concat());
+    assert_eq!(goodbye(&[0xff, 0xff, 3]), None);
+    assert_eq!(goodbye(&[0x80, 0x80, 0]), Some(Violation::NotCanonical));
+    assert_eq!(goodbye(&[0xff, 0xff, 4]), Some(Violation::Malformed));
+    assert_eq!(goodbye(&[0x80, 0x80, 0x80, 0]), Some(Violation::Malformed));
+    // The number of the frame, the length of a name and of a list as well.
+    for frame in [&[0x82, 0, 7][..], &[0, 1, 1, 0x81, 0, b'a']] {
+        assert_eq!(TO_MANAGER.violation(frame), Some(Violation::NotCanonical));
+    }
+    assert_eq!(
+        TO_NODE.violation(&[7, 1, 0x80, 0, 0]),
+        Some(Violation::NotCanonical)
+    );
+}
+
+//= SM2-FRM-001 test
+#[test]
+fn unknown_numbers() {
+    for (frames, direction) in [(6_u8, TO_MANAGER), (9, TO_NODE)] {
+        for number in frames..=0xff {
+            // From 0x80 on the number is cut short; with one more byte it is large.
+            assert_eq!(
+                direction.violation(&[number]),
+                Some(Violation::UnknownFrame)
+            );
+            assert_eq!(
+                direction.violation(&[number, 1]),
+                Some(Violation::UnknownFrame)
+            );
+        }
+        let numbers = [
+            &[0xff, 0xff, 0xff, 0xff, 0x0f][..],
+            &[0xff, 0xff, 0xff, 0xff, 0x1f],
+        ];
+        for number in numbers {
+            assert_eq!(direction.violation(number), Some(Violation::UnknownFrame));
+        }
+    }
+    for (direction, frame) in [
+        (TO_MANAGER, &[1, 1, 4][..]),         // a contract
+        (TO_MANAGER, &[4, 2]),                // an optional value
+        (TO_NODE, &[1, 5]),                   // a refusal
+        (TO_NODE, &[1, 4, 4, 0]),             // a quota
+        (TO_NODE, &[7, 0, 1, 2]),             // an item
+        (TO_NODE, &[4, 1, 1, 1, 1, 2, 0]),    // a boolean
+        (TO_NODE, &[7, 0, 0x80, 0x80, 4, 0]), // a list longer than the datagram
+    ] {
+        assert_eq!(
+            direction.violation(frame),
+            Some(Violation::Malformed),
+            "{frame:?}"
+        );
+    }
+}
+
+fn declare(alter: impl Fn(&mut Contract)) -> Vec<u8> {
+    let mut contract = support::contracts::publisher("t", &support::contracts::data("T"));
+    alter(&mut contract);
+    encode_to_manager(&ToManager::Declare {
+        interface: sm2_proto::InterfaceId(1),
+        contract,
+    })
+}
+
+//= SM2-FRM-003 test
+#[test]
+fn quality_of_service() {
+    let t = support::contracts::data("T");
+    let contract = |kind, depth, second| match kind {
+        0 => {
+            let mut contract = support::contracts::publisher("t", &t);
+            if let Contract::Publisher { offer, .. } = &mut contract {
+                (offer.depth, offer.latched) = (depth, second);
+            }
+            contract
+        }
+        1 => {
+            let mut contract = support::contracts::subscriber("t", None);
+            if let Contract::Subscriber { demand, .. } = &mut contract {
+                (demand.depth, demand.max_borrowed) = (depth, second);
+            }
+            contract
+        }
+        _ => {
+            let mut contract = if kind == 2 {
+                support::contracts::server("t", &t, &t)
+            } else {
+                support::contracts::client("t", None)
+            };
+            if let Contract::Server { qos, .. } | Contract::Client { qos, .. } = &mut contract {
+                (qos.depth, qos.max_borrowed) = (depth, second);
+            }
+            contract
+        }
+    };
+    for kind in 0..4 {
+        for depth in [0, 1, 1_024, 1_025, u16::MAX] {
+            for second in [0, 1, 1_024, 1_025, u16::MAX] {
+                let bytes = declare(|it| *it = contract(kind, depth, second));
+                let least = u16::from(kind != 0);
+                let good = (1..=1_024).contains(&depth) && (least..=1_024).contains(&second);
+                let expected = (!good).then_some(Violation::BadQos);
+                assert_eq!(
+                    TO_MANAGER.violation(&bytes),
+                    expected,
+                    "{kind} {depth} {second}"
+                );
+            }
+        }
+    }
+}
+
+/// When several rules are broken, the first of SPEC section 10's order is named.
+//= SM2-COD-001 test
+#[test]
+fn precedence() {
+    let too_deep = declare(|contract| {
+        if let Contract::Publisher { offer, .. } = contract {
+            offer.depth = 0;
+        }
+    });
+    let mut not_canonical = too_deep.clone();
+    not_canonical.splice(1..2, [0x81, 0]);
+    let mut trailing = not_canonical.clone();
+    trailing.push(0);
+    // The bool after the bad depth: bytes are read before ranges are judged.
+    let mut malformed = trailing.clone();
+    let at = malformed.len() - 2;
+    malformed[at] = 2;
+    // The name comes before it.
+    let mut bad_name = malformed.clone();
+    bad_name[5] = b'.';
+    let mut unknown = bad_name.clone();
+    unknown[0] = 6;
+    for (bytes, violation) in [
+        (too_deep, Violation::BadQos),
+        (not_canonical, Violation::NotCanonical),
+        (trailing, Violation::TrailingBytes),
+        (malformed, Violation::Malformed),
+        (bad_name, Violation::BadName),
+        (unknown.clone(), Violation::UnknownFrame),
+    ] {
+        let decoded = decode_to_manager(&datagram(&bytes, 1));
+        assert_eq!(decoded, Err(violation));
+        assert_eq!(naive::to_manager(&bytes, 1), Err(violation.name()));
+    }
+    let hello = encode_to_manager(&hello("a"));
+    let decoded = decode_to_manager(&datagram(&hello, 1));
+    assert_eq!(decoded, Err(Violation::FdCount));
+    for (data_truncated, violation) in [
+        (true, Violation::FrameTooLong),
+        (false, Violation::ControlTruncated),
+    ] {
+        let datagram = Datagram {
+            data_truncated,
+            control_truncated: true,
+            ..datagram(&unknown, 1)
+        };
+        assert_eq!(decode_to_manager(&datagram), Err(violation));
+        assert_eq!(decode_to_node(&datagram), Err(violation));
+    }
+}
+
+//= SM2-TRN-004 test
+#[test]
+fn the_longest_datagram() {
+    for (len, violation) in [
+        (DATAGRAM_MAX, Violation::TrailingBytes),
+        (DATAGRAM_MAX + 1, Violation::FrameTooLong),
+    ] {
+        let mut bytes = encode_to_manager(&hello("a"));
+        bytes.resize(len, 0);
+        assert_eq!(TO_MANAGER.violation(&bytes), Some(violation));
+        let mut bytes = vec![8, 0];
+        bytes.resize(len, 0);
+        assert_eq!(TO_NODE.violation(&bytes), Some(violation));
+    }
+}

@@ -1,0 +1,232 @@
+//! What the tests of the link machine share: frames of a peer, and shorthand.
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+use sm2_proto::{
+    Datagram, FdFacts, Instant, LinkId, Seals, Violation,
+    link::{
+        Body, Config, End, Error, Fate, Input, Link, Message, Output, Packet, Role, SegmentInfo,
+        Status,
+        wire::{Carrier, Form, Frame, Given, LANE_SOCKET, MessageFrame, Open},
+    },
+};
+
+pub(crate) const NOW: Instant = Instant(0);
+pub(crate) const LINK: LinkId = LinkId {
+    epoch: 7,
+    serial: 3,
+};
+pub(crate) const SEGMENT: SegmentInfo = SegmentInfo {
+    id: 5,
+    stride: 4096,
+    slots: 2,
+};
+
+/// Depth 2, one borrowed at a time: a window of three.
+pub(crate) fn config(role: Role) -> Config {
+    Config {
+        id: LINK,
+        version: 1,
+        role,
+        reliable: false,
+        sealed: false,
+        depth: 2,
+        max_borrowed: 1,
+    }
+}
+
+pub(crate) fn reliable(role: Role) -> Config {
+    Config {
+        reliable: true,
+        ..config(role)
+    }
+}
+
+/// The OPEN that an end with this config expects; the other end's window is three.
+pub(crate) fn open_to(config: &Config) -> Frame<'static> {
+    let window = if config.role == Role::Receiver { 0 } else { 3 };
+    open_with(config, window)
+}
+
+pub(crate) fn open_with(config: &Config, window: u32) -> Frame<'static> {
+    let role = config.role.counterpart() as u8;
+    let lanes = LANE_SOCKET;
+    Frame::Open(Open {
+        role,
+        version: 1,
+        window,
+        link: LINK,
+        lanes,
+    })
+}
+
+/// A link that has said OPEN and got one, with nothing left to poll.
+pub(crate) fn opened(config: Config) -> Link {
+    opened_with(config, &open_to(&config))
+}
+
+pub(crate) fn opened_with(config: Config, open: &Frame<'_>) -> Link {
+    let mut link = Link::new(config);
+    drain(&mut link);
+    accept(&mut link, open);
+    link
+}
+
+pub(crate) fn drain(link: &mut Link) -> Vec<Output> {
+    std::iter::from_fn(|| link.poll()).collect()
+}
+
+/// The datagrams among the outputs.
+pub(crate) fn sent(outputs: &[Output]) -> Vec<Packet> {
+    let packet = |output: &Output| match output {
+        Output::Transmit(packet) => Some(packet.clone()),
+        _ => None,
+    };
+    outputs.iter().filter_map(packet).collect()
+}
+
+/// The messages that the outputs settle.
+pub(crate) fn settled(outputs: &[Output]) -> Vec<(u64, Fate)> {
+    let settled = |output: &Output| match output {
+        Output::Settled { key, fate } => Some((*key, *fate)),
+        _ => None,
+    };
+    outputs.iter().filter_map(settled).collect()
+}
+
+pub(crate) fn feed(link: &mut Link, bytes: &[u8], fds: &[FdFacts]) -> Result<(), Error> {
+    link.handle(
+        NOW,
+        Input::Datagram(Datagram {
+            bytes,
+            fds,
+            ..Datagram::default()
+        }),
+    )
+}
+
+/// Descriptors as the frame wants them, large enough for anything in these tests.
+pub(crate) fn fds_for(frame: &Frame<'_>) -> Vec<FdFacts> {
+    match frame {
+        Frame::Attach(segment) => vec![pooled(segment.stride * u64::from(segment.slots))],
+        Frame::Message(MessageFrame {
+            form: Form::Sealed, ..
+        }) => vec![sealed(1 << 20)],
+        _ => vec![],
+    }
+}
+
+/// Feeds a frame that the link must take.
+pub(crate) fn accept(link: &mut Link, frame: &Frame<'_>) -> Vec<Output> {
+    assert_eq!(
+        feed(link, &frame.to_vec(), &fds_for(frame)),
+        Ok(()),
+        "{frame:?}"
+    );
+    drain(link)
+}
+
+/// Feeds a frame that ends the link.
+pub(crate) fn reject(link: &mut Link, frame: &Frame<'_>) -> Violation {
+    match feed(link, &frame.to_vec(), &fds_for(frame)) {
+        Err(Error::Ended(End::Violation(violation))) => violation,
+        other => panic!("{frame:?}: {other:?}"),
+    }
+}
+
+pub(crate) fn sealed(size_bytes: u64) -> FdFacts {
+    FdFacts {
+        regular: true,
+        size_bytes,
+        seals: Seals::SEALED,
+    }
+}
+
+pub(crate) fn pooled(size_bytes: u64) -> FdFacts {
+    FdFacts {
+        regular: true,
+        size_bytes,
+        seals: Seals::POOLED,
+    }
+}
+
+/// A message without payload that a peer sends.
+pub(crate) fn from_peer(carrier: Carrier, sequence: u64, id: u64) -> MessageFrame<'static> {
+    MessageFrame {
+        carrier,
+        form: Form::Inline,
+        status: Status::Ok,
+        sequence,
+        id,
+        time: Instant(9),
+        len: 0,
+        rest: &[],
+    }
+}
+
+pub(crate) fn data(sequence: u64, id: u64) -> Frame<'static> {
+    Frame::Message(from_peer(Carrier::Data, sequence, id))
+}
+
+pub(crate) fn data_pooled(sequence: u64, id: u64, slot: u32) -> Frame<'static> {
+    let form = Form::Pooled {
+        segment: SEGMENT.id,
+        slot,
+    };
+    Frame::Message(MessageFrame {
+        form,
+        len: 100,
+        ..from_peer(Carrier::Data, sequence, id)
+    })
+}
+
+pub(crate) fn request(sequence: u64, id: u64) -> Frame<'static> {
+    Frame::Message(from_peer(Carrier::Request, sequence, id))
+}
+
+pub(crate) fn reply(sequence: u64, id: u64) -> Frame<'static> {
+    Frame::Message(from_peer(Carrier::Reply, sequence, id))
+}
+
+/// A RELEASE as a peer sends it.
+pub(crate) fn release(given: Given, sequences: &[u64]) -> Vec<u8> {
+    let rest: Vec<u8> = sequences.iter().flat_map(|it| it.to_le_bytes()).collect();
+    Frame::Release {
+        given,
+        count: sequences.len() as u16,
+        rest: &rest,
+    }
+    .to_vec()
+}
+
+/// A RELEASE that the link must take.
+pub(crate) fn release_all(link: &mut Link, given: Given, sequences: &[u64]) -> Vec<Output> {
+    assert_eq!(feed(link, &release(given, sequences), &[]), Ok(()));
+    drain(link)
+}
+
+/// A message without payload to send; its key is its id.
+pub(crate) fn message(id: u64) -> Message {
+    let body = Body::Inline(bytes::Bytes::new());
+    Message {
+        key: id,
+        id,
+        time: Instant(9),
+        status: Status::Ok,
+        len: 0,
+        body,
+    }
+}
+
+pub(crate) fn pooled_message(id: u64, segment: SegmentInfo, slot: u32) -> Message {
+    Message {
+        len: 100,
+        body: Body::Pooled { segment, slot },
+        ..message(id)
+    }
+}
+
+/// Sends a message that the link must take.
+pub(crate) fn send(link: &mut Link, message: Message) -> Vec<Output> {
+    assert_eq!(link.handle(NOW, Input::Send(message)), Ok(()));
+    drain(link)
+}

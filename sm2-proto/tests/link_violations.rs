@@ -1,0 +1,372 @@
+//! One row for each violation by the other end: the least that is wrong, the
+//! CLOSE that answers it, and that the link is over for good.
+
+mod link_support;
+
+use std::collections::BTreeSet;
+
+use link_support::*;
+use sm2_proto::{
+    Code, Datagram, FdFacts, Seals, Violation,
+    link::{
+        Config, End, Error, Input, Link, Output, Role, SegmentInfo, Status,
+        wire::{Carrier, Form, Frame, Given, MessageFrame, Open},
+    },
+};
+
+/// What comes, and in which state of which end.
+#[derive(Clone)]
+struct Row {
+    violation: Violation,
+    link: Link,
+    bytes: Vec<u8>,
+    fds: Vec<FdFacts>,
+}
+
+fn row(violation: Violation, link: Link, frame: &Frame<'_>) -> Row {
+    Row {
+        violation,
+        link,
+        bytes: frame.to_vec(),
+        fds: fds_for(frame),
+    }
+}
+
+fn rows() -> Vec<Row> {
+    [
+        datagram_rows(),
+        open_rows(),
+        flow_rows(),
+        segment_rows(),
+        service_rows(),
+    ]
+    .concat()
+}
+
+fn receiver() -> Link {
+    opened(config(Role::Receiver))
+}
+
+fn sender() -> Link {
+    opened(config(Role::Sender))
+}
+
+fn attached() -> Link {
+    let mut link = receiver();
+    accept(&mut link, &Frame::Attach(SEGMENT));
+    link
+}
+
+fn datagram_rows() -> Vec<Row> {
+    let raw = |violation, link, bytes: &[u8], fds: &[FdFacts]| Row {
+        violation,
+        link,
+        bytes: bytes.to_vec(),
+        fds: fds.to_vec(),
+    };
+    let mut reserved = data(1, 1).to_vec();
+    reserved[12] = 1;
+    vec![
+        raw(Violation::FrameTooLong, sender(), &[9; 65_537], &[]),
+        raw(Violation::UnknownFrame, sender(), &[0], &[]),
+        raw(Violation::BadLength, sender(), &[9], &[]),
+        raw(Violation::ReservedNotZero, receiver(), &reserved, &[]),
+        raw(
+            Violation::Malformed,
+            sender(),
+            &[7, 2, 0, 0, 0, 0, 0, 0],
+            &[],
+        ),
+        raw(
+            Violation::FdCount,
+            sender(),
+            &[9, 0, 0, 0, 0, 0, 0, 0],
+            &[sealed(1)],
+        ),
+    ]
+}
+
+fn open_rows() -> Vec<Row> {
+    let fresh = || Link::new(config(Role::Sender));
+    let Frame::Open(open) = open_to(&config(Role::Sender)) else {
+        unreachable!()
+    };
+    let changed = |change: &dyn Fn(&mut Open)| {
+        let mut open = open;
+        change(&mut open);
+        Frame::Open(open)
+    };
+    vec![
+        row(
+            Violation::ExpectedOpen,
+            fresh(),
+            &Frame::Detach { segment: 1 },
+        ),
+        row(Violation::UnexpectedOpen, sender(), &Frame::Open(open)),
+        row(Violation::BadOpen, fresh(), &changed(&|it| it.role = 0)),
+        row(Violation::BadOpen, fresh(), &changed(&|it| it.lanes = 0)),
+        row(Violation::BadWindow, fresh(), &changed(&|it| it.window = 0)),
+        row(Violation::WrongRole, sender(), &data(1, 1)),
+    ]
+}
+
+fn flow_rows() -> Vec<Row> {
+    let mut one = receiver();
+    accept(&mut one, &data(1, 1));
+    let mut with_slot = attached();
+    accept(&mut with_slot, &data_pooled(1, 1, 0));
+    let long = MessageFrame {
+        len: 4097,
+        ..pooled_frame(0)
+    };
+    let mut sealed_link = opened(Config {
+        sealed: true,
+        ..config(Role::Receiver)
+    });
+    accept(&mut sealed_link, &Frame::Attach(SEGMENT));
+    vec![
+        row(Violation::BadSequence, receiver(), &data(2, 1)),
+        row(Violation::BadId, one, &data(2, 1)),
+        row(Violation::WindowExceeded, blocked_full(), &data(4, 4)),
+        row(
+            Violation::BadRelease,
+            sender(),
+            &Frame::Release {
+                given: Given::Consumed,
+                count: 0,
+                rest: &[],
+            },
+        ),
+        row(Violation::UnknownSegment, receiver(), &data_pooled(1, 1, 0)),
+        row(Violation::BadSlot, attached(), &data_pooled(1, 1, 2)),
+        row(Violation::BadLength, attached(), &Frame::Message(long)),
+        row(Violation::SlotBusy, with_slot, &data_pooled(2, 2, 0)),
+        row(Violation::NotSealed, sealed_link, &data_pooled(1, 1, 0)),
+    ]
+}
+
+/// Three of three unreleased: the RELEASE of the displaced one cannot leave.
+fn blocked_full() -> Link {
+    let mut link = receiver();
+    link.handle(NOW, Input::Blocked).unwrap();
+    for id in 1..=3 {
+        accept(&mut link, &data(id, id));
+    }
+    link.handle(NOW, Input::Writable).unwrap();
+    link
+}
+
+fn pooled_frame(slot: u32) -> MessageFrame<'static> {
+    let form = Form::Pooled {
+        segment: SEGMENT.id,
+        slot,
+    };
+    MessageFrame {
+        form,
+        len: 1,
+        ..from_peer(Carrier::Data, 1, 1)
+    }
+}
+
+fn segment_rows() -> Vec<Row> {
+    let attach = Frame::Attach(SEGMENT);
+    let facts = pooled(8192);
+    let with = |violation, facts| Row {
+        violation,
+        link: receiver(),
+        bytes: attach.to_vec(),
+        fds: vec![facts],
+    };
+    let mut busy = attached();
+    accept(&mut busy, &data_pooled(1, 1, 0));
+    let mut full = receiver();
+    for id in 0..256 {
+        accept(&mut full, &Frame::Attach(SegmentInfo { id, ..SEGMENT }));
+    }
+    vec![
+        with(
+            Violation::NotAMemfd,
+            FdFacts {
+                regular: false,
+                ..facts
+            },
+        ),
+        with(
+            Violation::SealsMissing,
+            FdFacts {
+                seals: Seals::SEALED,
+                ..facts
+            },
+        ),
+        with(
+            Violation::BadSize,
+            FdFacts {
+                size_bytes: 8191,
+                ..facts
+            },
+        ),
+        row(Violation::SegmentNumber, attached(), &attach),
+        row(
+            Violation::BadSegment,
+            receiver(),
+            &Frame::Attach(SegmentInfo {
+                slots: 0,
+                ..SEGMENT
+            }),
+        ),
+        row(
+            Violation::SegmentLimit,
+            full,
+            &Frame::Attach(SegmentInfo { id: 256, ..SEGMENT }),
+        ),
+        row(
+            Violation::UnknownSegment,
+            receiver(),
+            &Frame::Detach { segment: 5 },
+        ),
+        row(Violation::SegmentBusy, busy, &Frame::Detach { segment: 5 }),
+    ]
+}
+
+fn service_rows() -> Vec<Row> {
+    let large = Config {
+        depth: 1024,
+        max_borrowed: 1024,
+        ..config(Role::Server)
+    };
+    let mut full = opened(large);
+    for call in 1..=1024 {
+        accept(&mut full, &request(call, call));
+    }
+    let mut cancelled = opened(config(Role::Server));
+    accept(&mut cancelled, &request(1, 1));
+    accept(&mut cancelled, &Frame::Cancel { call: 1 });
+    let mut called = opened(config(Role::Caller));
+    send(&mut called, message(1));
+    let late = MessageFrame {
+        status: Status::DeadlinePassed,
+        len: 1,
+        rest: b"x",
+        ..from_peer(Carrier::Reply, 1, 1)
+    };
+    vec![
+        row(Violation::CallLimit, full, &request(1025, 1025)),
+        row(Violation::BadCancel, cancelled, &Frame::Cancel { call: 1 }),
+        row(
+            Violation::UnknownCall,
+            opened(config(Role::Caller)),
+            &reply(1, 1),
+        ),
+        row(
+            Violation::UnknownCall,
+            opened(config(Role::Server)),
+            &Frame::Cancel { call: 1 },
+        ),
+        row(Violation::BadLength, called, &Frame::Message(late)),
+    ]
+}
+
+//= SM2-OPN-006, SM2-TRN-004, SM2-TRN-005, SM2-WIR-001 test
+//= SM2-PAY-002, SM2-PAY-004, SM2-PAY-005, SM2-MSG-003 test
+//= SM2-SEG-001, SM2-SEG-002, SM2-SEG-003, SM2-SEG-004, SM2-SEG-005 test
+#[test]
+fn each_violation_ends_the_link_for_good() {
+    for Row {
+        violation,
+        mut link,
+        bytes,
+        fds,
+    } in rows()
+    {
+        let end = End::Violation(violation);
+        assert_eq!(
+            feed(&mut link, &bytes, &fds),
+            Err(Error::Ended(end)),
+            "{violation}"
+        );
+        let outputs = drain(&mut link);
+        let close = Frame::Close(violation.code()).to_vec();
+        assert_eq!(
+            sent(&outputs[..1])[0].to_vec(),
+            close,
+            "{violation}: CLOSE is first"
+        );
+        assert_eq!(sent(&outputs).len(), 1, "{violation}: nothing else is sent");
+        assert_eq!(outputs.last(), Some(&Output::Ended(end)), "{violation}");
+        assert_dead(link, end);
+    }
+}
+
+fn assert_dead(mut link: Link, end: End) {
+    let close = Frame::Close(Code(0)).to_vec();
+    let inputs = [
+        Input::Datagram(Datagram::new(&close)),
+        Input::Eof,
+        Input::Send(message(9)),
+        Input::Skip,
+        Input::Release { sequence: 1 },
+        Input::Cancel { call: 1 },
+        Input::Retire { segment: 1 },
+        Input::Blocked,
+        Input::Writable,
+        Input::Close(Code(0)),
+    ];
+    for input in inputs {
+        assert_eq!(
+            link.handle(NOW, input.clone()),
+            Err(Error::Ended(end)),
+            "{input:?}"
+        );
+        assert_eq!(link.poll(), None, "{input:?}");
+        assert_eq!(link.end(), Some(end), "{input:?}");
+    }
+}
+
+/// While the driver keeps a packet, CLOSE cannot be sent in its stead.
+//= SM2-OPN-006 test
+#[test]
+fn a_blocked_link_ends_without_close() {
+    for Row {
+        violation,
+        mut link,
+        bytes,
+        fds,
+    } in rows()
+    {
+        link.handle(NOW, Input::Blocked).unwrap();
+        let end = End::Violation(violation);
+        assert_eq!(feed(&mut link, &bytes, &fds), Err(Error::Ended(end)));
+        let outputs = drain(&mut link);
+        assert_eq!(sent(&outputs), [], "{violation}");
+        assert_eq!(outputs.last(), Some(&Output::Ended(end)), "{violation}");
+    }
+}
+
+#[test]
+fn truncated_control_data() {
+    let mut link = sender();
+    let bytes = Frame::Close(Code(0)).to_vec();
+    let datagram = Datagram {
+        bytes: &bytes,
+        control_truncated: true,
+        ..Datagram::default()
+    };
+    let end = End::Violation(Violation::ControlTruncated);
+    assert_eq!(
+        link.handle(NOW, Input::Datagram(datagram)),
+        Err(Error::Ended(end))
+    );
+}
+
+#[test]
+fn no_violation_of_links_is_without_a_row() {
+    let links = Violation::ALL
+        .iter()
+        .filter(|it| (16..=20).contains(&it.code().0) || it.code().0 >= 64);
+    let mut missing: BTreeSet<_> = links.copied().collect();
+    missing.remove(&Violation::ControlTruncated); // a test of its own, above
+    for row in rows() {
+        missing.remove(&row.violation);
+    }
+    assert!(missing.is_empty(), "{missing:?}");
+}

@@ -1,0 +1,308 @@
+//! SPEC 4.1, cell by cell: what each state makes of each frame, and that a
+//! violation hurts nobody but whoever committed it.
+
+mod support;
+
+use sm2_proto::{
+    Code, Contract, Datagram, FdFacts, InterfaceId, LinkId, NodeId, Violation,
+    control::{ToManager, ToNode, encode_to_manager},
+    manager::{Cause, PHASES, Phase, Policy, REQUESTS, Request, legal},
+};
+use support::{
+    bench::{Bench, EPOCH, Event, hello, seen_by, unlink, unlinked, withdraw},
+    contracts::{data, publisher, subscriber},
+};
+
+/// Rows are states, columns are frames.
+const TABLE: &str = "
+    -         Hello             Declare         Withdraw        Unlinked        Query           Goodbye
+    Greeting  ok                expected-hello  expected-hello  expected-hello  expected-hello  ok
+    Ready     unexpected-hello  ok              ok              ok              ok              ok
+";
+
+fn cells(table: &str) -> Vec<Vec<String>> {
+    let rows = table.lines().map(str::split_whitespace);
+    let rows = rows.map(|row| row.map(str::to_owned).collect::<Vec<_>>());
+    rows.filter(|row| !row.is_empty()).collect()
+}
+
+fn cell(outcome: Result<(), Violation>) -> String {
+    outcome.err().map_or("ok", Violation::name).to_owned()
+}
+
+//= SM2-SES-001 test
+#[test]
+fn every_state_and_frame() {
+    let mut actual = vec![vec!["-".to_owned()]];
+    actual[0].extend(REQUESTS.map(|request| format!("{request:?}")));
+    for phase in PHASES {
+        let mut row = vec![format!("{phase:?}")];
+        row.extend(REQUESTS.map(|request| cell(legal(phase, request))));
+        actual.push(row);
+    }
+    assert_eq!(actual, cells(TABLE));
+}
+
+/// A domain with an honest pair, and one more session: the offender.
+struct Scene {
+    bench: Bench,
+    publisher: NodeId,
+    subscriber: NodeId,
+    offender: NodeId,
+    /// The offender's link with the honest publisher, if it is ready.
+    link: Option<LinkId>,
+}
+
+fn contract() -> Contract {
+    subscriber("scan", Some(&data("Scan")))
+}
+
+fn scene(phase: Phase) -> Scene {
+    let mut bench = Bench::new(Policy::default());
+    let publisher_node = bench.node(1000, "lidar");
+    bench.declared(publisher_node, 1, &publisher("scan", &data("Scan")));
+    let subscriber_node = bench.node(1000, "planner");
+    bench.declared(subscriber_node, 1, &contract());
+    let offender = bench.connect(1000);
+    let link = (phase == Phase::Ready).then(|| {
+        bench.hello(offender, "offender");
+        bench.declared(offender, 7, &contract())[0]
+    });
+    Scene {
+        bench,
+        publisher: publisher_node,
+        subscriber: subscriber_node,
+        offender,
+        link,
+    }
+}
+
+/// A frame that is legal if the state allows its kind at all.
+fn frame(request: Request, link: Option<LinkId>) -> ToManager {
+    let nowhere = LinkId {
+        epoch: EPOCH,
+        serial: 99,
+    };
+    match request {
+        Request::Hello => hello("newcomer"),
+        Request::Declare => ToManager::Declare {
+            interface: InterfaceId(8),
+            contract: contract(),
+        },
+        Request::Withdraw => withdraw(7),
+        Request::Unlinked => unlinked(7, link.unwrap_or(nowhere)),
+        Request::Query => ToManager::Query { after: None },
+        Request::Goodbye => ToManager::Goodbye { code: Code(0) },
+    }
+}
+
+//= SM2-SES-001, SM2-SES-005 test
+#[test]
+fn end_to_end() {
+    for phase in PHASES {
+        for request in REQUESTS {
+            let mut scene = scene(phase);
+            let events = scene
+                .bench
+                .send(scene.offender, &frame(request, scene.link));
+            let hang_up = events.iter().find_map(|event| match event {
+                Event::HungUp(session, code, cause) => Some((*session, *code, *cause)),
+                _ => None,
+            });
+            let expected = match (legal(phase, request), request) {
+                (Err(violation), _) => Some((
+                    scene.offender,
+                    Some(violation.code()),
+                    Cause::Violation(violation),
+                )),
+                // Whoever said goodbye is not answered.
+                (Ok(()), Request::Goodbye) => Some((scene.offender, None, Cause::Goodbye(Code(0)))),
+                (Ok(()), _) => None,
+            };
+            assert_eq!(hang_up, expected, "{phase:?} {request:?}: {events:?}");
+            assert_eq!(
+                scene.bench.is_known(scene.offender),
+                expected.is_none(),
+                "{phase:?} {request:?}"
+            );
+        }
+    }
+}
+
+/// Every way for a ready session to break SPEC, as the datagram that does it.
+fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
+    let other_epoch = LinkId {
+        epoch: EPOCH + 1,
+        ..link
+    };
+    let other_serial = LinkId {
+        serial: link.serial + 1,
+        ..link
+    };
+    let declare = |interface| ToManager::Declare {
+        interface: InterfaceId(interface),
+        contract: contract(),
+    };
+    let frames = [
+        (Violation::UnexpectedHello, hello("x")),
+        (Violation::InterfaceNumber, declare(0)),
+        (Violation::InterfaceNumber, declare(6)),
+        (Violation::InterfaceNumber, declare(7)),
+        (Violation::UnknownInterface, withdraw(0)),
+        (Violation::UnknownInterface, withdraw(8)),
+        (Violation::UnknownInterface, unlinked(8, link)),
+        (Violation::UnknownLink, unlinked(7, other_epoch)),
+        (Violation::UnknownLink, unlinked(7, other_serial)),
+    ];
+    let mut breaches: Vec<_> = frames
+        .iter()
+        .map(|(violation, frame)| (*violation, encode_to_manager(frame), 0))
+        .collect();
+    breaches.extend([
+        (Violation::FrameTooLong, vec![0; 65_537], 0),
+        (Violation::UnknownFrame, vec![6], 0),
+        (Violation::Malformed, vec![2], 0),
+        (Violation::TrailingBytes, vec![2, 7, 0], 0),
+        (Violation::NotCanonical, vec![2, 0x87, 0], 0),
+        (Violation::BadName, vec![0, 1, 1, 1, b' '], 0),
+        (Violation::FdCount, vec![2, 7], 1),
+    ]);
+    breaches
+}
+
+fn offend(scene: &mut Scene, bytes: &[u8], fds: usize) -> Vec<Event> {
+    let fds = vec![FdFacts::default(); fds];
+    let datagram = Datagram {
+        fds: &fds,
+        ..Datagram::new(bytes)
+    };
+    scene.bench.datagram(scene.offender, datagram)
+}
+
+//= SM2-SES-005, SM2-SES-006, SM2-FRM-001, SM2-IFC-001, SM2-IFC-003, SM2-LNK-003 test
+#[test]
+fn a_violation_ends_its_session_alone() {
+    let link = scene(Phase::Ready).link.expect("it is linked");
+    for (violation, bytes, fds) in breaches(link) {
+        let mut scene = scene(Phase::Ready);
+        let mut left = scene.bench.clone();
+        let events = offend(&mut scene, &bytes, fds);
+        // The other side of its link is told once; then it is hung up on, once.
+        let goodbye = Event::HungUp(
+            scene.offender,
+            Some(violation.code()),
+            Cause::Violation(violation),
+        );
+        let told = Event::Sent(scene.publisher, unlink(1, link, 5));
+        assert_eq!(events, [told.clone(), goodbye], "{violation}");
+        // For everybody else it is as if the offender had just gone.
+        let gone = left.close(scene.offender);
+        let gone_silently = Event::HungUp(scene.offender, None, Cause::Gone);
+        assert_eq!(gone, [told, gone_silently]);
+        assert_eq!(left.manager, scene.bench.manager, "{violation}");
+    }
+}
+
+/// Whoever broke SPEC while greeting leaves no trace at all.
+//= SM2-SES-005, SM2-SES-006 test
+#[test]
+fn a_violation_before_the_greeting_leaves_no_trace() {
+    let link = scene(Phase::Ready).link.expect("it is linked");
+    for (_, bytes, fds) in breaches(link) {
+        let mut scene = scene(Phase::Greeting);
+        let revision = scene.bench.manager.revision();
+        let mut without = scene.bench.clone();
+        let events = offend(&mut scene, &bytes, fds);
+        if matches!(events[..], [Event::HungUp(..)]) {
+            without.close(scene.offender);
+            assert_eq!(without.manager, scene.bench.manager);
+            assert_eq!(scene.bench.manager.revision(), revision);
+        } else {
+            // A HELLO is the one legal thing here.
+            assert!(matches!(
+                events[..],
+                [Event::Sent(_, ToNode::Welcome { .. })]
+            ));
+        }
+    }
+}
+
+/// After the hang-up nothing that comes is answered, whatever it is.
+//= SM2-SES-005 test
+#[test]
+fn an_ended_session_is_not_answered() {
+    let mut scene = scene(Phase::Ready);
+    offend(&mut scene, &[6], 0);
+    let before = scene.bench.manager.clone();
+    for request in REQUESTS {
+        let events = scene
+            .bench
+            .send(scene.offender, &frame(request, scene.link));
+        assert_eq!(events, [], "{request:?}");
+    }
+    assert_eq!(scene.bench.close(scene.offender), []);
+    assert_eq!(scene.bench.manager, before);
+}
+
+/// What the honest pair sees of the rest of its session does not depend on
+/// how the offender ended.
+//= SM2-SES-006 test
+#[test]
+fn the_others_go_on_alike() {
+    let goes_on = |scene: &mut Scene| {
+        let mut seen = Vec::new();
+        for frame in [
+            ToManager::Query { after: None },
+            withdraw(1),
+            ToManager::Declare {
+                interface: InterfaceId(2),
+                contract: contract(),
+            },
+        ] {
+            let events = scene.bench.send(scene.subscriber, &frame);
+            seen.push(seen_by(&events, scene.subscriber));
+            seen.push(seen_by(&events, scene.publisher));
+        }
+        seen
+    };
+    let mut calm = scene(Phase::Ready);
+    calm.bench.close(calm.offender);
+    let calm = goes_on(&mut calm);
+    let link = scene(Phase::Ready).link.expect("it is linked");
+    for (violation, bytes, fds) in breaches(link) {
+        let mut scene = scene(Phase::Ready);
+        offend(&mut scene, &bytes, fds);
+        assert_eq!(goes_on(&mut scene), calm, "{violation}");
+    }
+}
+
+//= SM2-TRN-004, SM2-TRN-005 test
+#[test]
+fn what_the_kernel_truncated_is_a_violation() {
+    for (datagram, violation) in [
+        (
+            Datagram {
+                data_truncated: true,
+                control_truncated: true,
+                ..Datagram::new(&[6])
+            },
+            Violation::FrameTooLong,
+        ),
+        (
+            Datagram {
+                control_truncated: true,
+                ..Datagram::new(&[6])
+            },
+            Violation::ControlTruncated,
+        ),
+    ] {
+        let mut scene = scene(Phase::Greeting);
+        let events = scene.bench.datagram(scene.offender, datagram);
+        let hung_up = Event::HungUp(
+            scene.offender,
+            Some(violation.code()),
+            Cause::Violation(violation),
+        );
+        assert_eq!(events, [hung_up]);
+    }
+}

@@ -1,0 +1,24 @@
+//! What several tests share.
+#![allow(dead_code, reason = "each test uses a part")]
+
+pub(crate) mod bench;
+pub(crate) mod contracts;
+pub(crate) mod oracle;
+pub(crate) mod world;
+
+use proptest::test_runner::Config;
+
+/// So many cases, unless `PROPTEST_CASES` says otherwise.
+pub(crate) fn cases(default: u32) -> Config {
+    let chosen = std::env::var_os("PROPTEST_CASES").is_some();
+    let cases = if chosen {
+        Config::default().cases
+    } else {
+        default
+    };
+    Config {
+        cases,
+        failure_persistence: None,
+        ..Config::default()
+    }
+}

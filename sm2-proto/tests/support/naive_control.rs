@@ -1,0 +1,307 @@
+//! A second decoder of control frames, written from SPEC section 3 alone: by
+//! hand, one byte after the other. It yields what a frame means as JSON, or the
+//! name of the violation.
+
+use serde_json::{Value, json};
+
+type Read<T> = Result<T, &'static str>;
+
+pub(crate) fn to_manager(bytes: &[u8], fds: usize) -> Read<Value> {
+    frame(bytes, fds, |reader, number| {
+        let meaning = match number {
+            0 => json!({"Hello": {
+                "min_version": reader.u16()?,
+                "max_version": reader.u16()?,
+                "name": reader.name()?,
+            }}),
+            1 => json!({"Declare": {
+                "interface": reader.u64()?,
+                "contract": reader.contract()?,
+            }}),
+            2 => json!({"Withdraw": {"interface": reader.u64()?}}),
+            3 => json!({"Unlinked": {
+                "interface": reader.u64()?,
+                "link": reader.link_id()?,
+                "code": reader.u16()?,
+            }}),
+            4 => json!({"Query": {"after": reader.option(Reader::cursor)?}}),
+            5 => json!({"Goodbye": {"code": reader.u16()?}}),
+            _ => return Ok(None),
+        };
+        Ok(Some((meaning, 0)))
+    })
+}
+
+pub(crate) fn to_node(bytes: &[u8], fds: usize) -> Read<Value> {
+    frame(bytes, fds, |reader, number| {
+        let meaning = match number {
+            0 => json!({"Welcome": {
+                "version": reader.u16()?,
+                "epoch": reader.u64()?,
+                "node": reader.u64()?,
+            }}),
+            1 => json!({"HelloRefused": {"reason": reader.refusal()?}}),
+            2 => json!({"Declared": {
+                "interface": reader.u64()?,
+                "matches": reader.u32()?,
+            }}),
+            3 => json!({"DeclareRefused": {
+                "interface": reader.u64()?,
+                "reason": reader.refusal()?,
+            }}),
+            4 => {
+                let meaning = json!({"Link": {
+                    "interface": reader.u64()?,
+                    "link": reader.link_id()?,
+                    "version": reader.u16()?,
+                    "reliable": reader.bool()?,
+                    "sealed": reader.bool()?,
+                    "peer": {
+                        "node": reader.u64()?,
+                        "name": reader.name()?,
+                        "interface": reader.u64()?,
+                        "contract": reader.contract()?,
+                    },
+                }});
+                return Ok(Some((meaning, 1)));
+            }
+            5 => json!({"Unlink": {
+                "interface": reader.u64()?,
+                "link": reader.link_id()?,
+                "code": reader.u16()?,
+            }}),
+            6 => json!({"Withdrawn": {"interface": reader.u64()?}}),
+            7 => {
+                let revision = reader.u64()?;
+                let mut items = Vec::new();
+                for _ in 0..reader.u64()? {
+                    items.push(reader.item()?);
+                }
+                let next = reader.option(Reader::cursor)?;
+                json!({"Page": {"revision": revision, "items": items, "next": next}})
+            }
+            8 => json!({"Goodbye": {"code": reader.u16()?}}),
+            _ => return Ok(None),
+        };
+        Ok(Some((meaning, 0)))
+    })
+}
+
+/// `body` reads a frame of a known number; how many descriptors go with it.
+fn frame(
+    bytes: &[u8],
+    fds: usize,
+    body: impl Fn(&mut Reader<'_>, u32) -> Read<Option<(Value, usize)>>,
+) -> Read<Value> {
+    if bytes.len() > 65_536 {
+        return Err("frame-too-long");
+    }
+    let mut reader = Reader {
+        rest: bytes,
+        longer_than_needed: false,
+        bad_qos: false,
+    };
+    let number = reader.u32().map_err(|_| "unknown-frame")?;
+    let (meaning, fds_expected) = body(&mut reader, number)?.ok_or("unknown-frame")?;
+    if !reader.rest.is_empty() {
+        return Err("trailing-bytes");
+    }
+    if reader.longer_than_needed {
+        return Err("not-canonical");
+    }
+    if reader.bad_qos {
+        return Err("bad-qos");
+    }
+    if fds != fds_expected {
+        return Err("fd-count");
+    }
+    Ok(meaning)
+}
+
+struct Reader<'a> {
+    rest: &'a [u8],
+    longer_than_needed: bool,
+    bad_qos: bool,
+}
+
+impl Reader<'_> {
+    fn byte(&mut self) -> Read<u8> {
+        let (&byte, rest) = self.rest.split_first().ok_or("malformed")?;
+        self.rest = rest;
+        Ok(byte)
+    }
+
+    fn varint(&mut self, bits: u32) -> Read<u64> {
+        let mut value = 0_u128;
+        for group in 0..bits.div_ceil(7) {
+            let byte = self.byte()?;
+            value |= u128::from(byte & 0x7f) << (7 * group);
+            if byte < 0x80 {
+                // Only the number 0 may end in a group of zeros.
+                self.longer_than_needed |= byte == 0 && group > 0;
+                let fits = value < 1 << bits;
+                let value = u64::try_from(value).map_err(|_| "malformed")?;
+                return if fits { Ok(value) } else { Err("malformed") };
+            }
+        }
+        Err("malformed")
+    }
+
+    fn u16(&mut self) -> Read<u16> {
+        Ok(self.varint(16)? as u16)
+    }
+
+    fn u32(&mut self) -> Read<u32> {
+        Ok(self.varint(32)? as u32)
+    }
+
+    fn u64(&mut self) -> Read<u64> {
+        self.varint(64)
+    }
+
+    fn i32(&mut self) -> Read<i32> {
+        let zigzag = self.u32()?;
+        let half = (zigzag / 2) as i32;
+        Ok(if zigzag % 2 == 0 { half } else { -half - 1 })
+    }
+
+    fn bool(&mut self) -> Read<bool> {
+        match self.byte()? {
+            0 => Ok(false),
+            1 => Ok(true),
+            _ => Err("malformed"),
+        }
+    }
+
+    fn option<T>(&mut self, read: impl Fn(&mut Self) -> Read<T>) -> Read<Option<T>> {
+        match self.byte()? {
+            0 => Ok(None),
+            1 => Ok(Some(read(self)?)),
+            _ => Err("malformed"),
+        }
+    }
+
+    fn name(&mut self) -> Read<String> {
+        let len = self.u64()?;
+        if len > self.rest.len() as u64 {
+            return Err("malformed");
+        }
+        let (text, rest) = self.rest.split_at(len as usize);
+        self.rest = rest;
+        let segment = |segment: &[u8]| {
+            let legal =
+                |byte: &u8| matches!(byte, b'A'..=b'Z' | b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
+            !segment.is_empty() && segment.iter().all(legal)
+        };
+        if text.len() > 255 || !text.split(|&byte| byte == b'/').all(segment) {
+            return Err("bad-name");
+        }
+        Ok(text.iter().map(|&byte| char::from(byte)).collect())
+    }
+
+    fn type_id(&mut self) -> Read<Value> {
+        Ok(json!({"name": self.name()?, "hash": self.u64()?}))
+    }
+
+    fn link_id(&mut self) -> Read<Value> {
+        Ok(json!({"epoch": self.u64()?, "serial": self.u64()?}))
+    }
+
+    fn cursor(&mut self) -> Read<Value> {
+        Ok(json!({"node": self.u64()?, "interface": self.u64()?}))
+    }
+
+    /// `depth` and `max_borrowed` are at least 1, `latched` is not.
+    fn qos(&mut self, least: u16) -> Read<u16> {
+        let value = self.u16()?;
+        self.bad_qos |= value < least || value > 1_024;
+        Ok(value)
+    }
+
+    fn service_qos(&mut self) -> Read<Value> {
+        Ok(json!({
+            "depth": self.qos(1)?,
+            "max_borrowed": self.qos(1)?,
+            "sealed": self.bool()?,
+        }))
+    }
+
+    fn contract(&mut self) -> Read<Value> {
+        Ok(match self.u32()? {
+            0 => json!({"Publisher": {
+                "topic": self.name()?,
+                "data": self.type_id()?,
+                "offer": {
+                    "depth": self.qos(1)?,
+                    "reliable": self.bool()?,
+                    "latched": self.qos(0)?,
+                    "sealed": self.bool()?,
+                },
+            }}),
+            1 => json!({"Subscriber": {
+                "topic": self.name()?,
+                "data": self.option(Self::type_id)?,
+                "demand": {
+                    "depth": self.qos(1)?,
+                    "reliable": self.bool()?,
+                    "max_borrowed": self.qos(1)?,
+                    "sealed": self.bool()?,
+                },
+            }}),
+            2 => json!({"Server": {
+                "service": self.name()?,
+                "request": self.type_id()?,
+                "reply": self.type_id()?,
+                "qos": self.service_qos()?,
+            }}),
+            3 => json!({"Client": {
+                "service": self.name()?,
+                "types": self.option(|it| Ok([it.type_id()?, it.type_id()?]))?,
+                "qos": self.service_qos()?,
+            }}),
+            _ => return Err("malformed"),
+        })
+    }
+
+    fn refusal(&mut self) -> Read<Value> {
+        Ok(match self.u32()? {
+            0 => json!("NameTaken"),
+            1 => json!({"Version": {"min": self.u16()?, "max": self.u16()?}}),
+            2 => json!({"TopicType": {"theirs": self.type_id()?}}),
+            3 => json!({"ServiceType": {
+                "request": self.type_id()?,
+                "reply": self.type_id()?,
+            }}),
+            4 => json!({"Quota": {"quota": self.quota()?, "limit": self.u32()?}}),
+            _ => return Err("malformed"),
+        })
+    }
+
+    fn quota(&mut self) -> Read<&'static str> {
+        Ok(match self.u32()? {
+            0 => "SessionsPerUser",
+            1 => "InterfacesPerSession",
+            2 => "InterfacesPerUser",
+            3 => "LinksPerSession",
+            _ => return Err("malformed"),
+        })
+    }
+
+    fn item(&mut self) -> Read<Value> {
+        Ok(match self.u32()? {
+            0 => json!({"Node": {
+                "node": self.u64()?,
+                "name": self.name()?,
+                "uid": self.u32()?,
+                "pid": self.i32()?,
+            }}),
+            1 => json!({"Interface": {
+                "node": self.u64()?,
+                "interface": self.u64()?,
+                "contract": self.contract()?,
+                "links": self.u32()?,
+            }}),
+            _ => return Err("malformed"),
+        })
+    }
+}

@@ -1,0 +1,493 @@
+//! The shipped Manager and shipped nodes, joined by queues that behave as
+//! seqpacket sockets do: first in, first out, and the end of the stream last.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use sm2_proto::{
+    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Name, NodeId, Seals,
+    control::{Item, ToManager, ToNode, decode_to_manager, encode_to_manager},
+    manager::{Cause, Credentials, Input, Manager, Output, Policy},
+    node::{self, Node},
+};
+
+use super::{
+    bench::{EPOCH, Event, read},
+    oracle::{End, Oracle, Terms, pair},
+};
+
+const NOW: Instant = Instant(1);
+
+/// What the kernel says of one end of a link's socket pair.
+const SOCKET: FdFacts = FdFacts {
+    regular: false,
+    size_bytes: 0,
+    seals: Seals(0),
+};
+
+/// One connection's two directions. What a closed end still had to read is lost.
+#[derive(Clone, Debug, Default)]
+struct Socket {
+    to_manager: VecDeque<Vec<u8>>,
+    /// Each with its descriptors.
+    to_node: VecDeque<(Vec<u8>, &'static [FdFacts])>,
+    /// The node's end is closed, and the Manager has not read that far.
+    node_is_gone: bool,
+    /// The Manager's end is closed, and the node has not read that far.
+    manager_is_gone: bool,
+}
+
+/// A program with one node, which does all that it is told to.
+#[derive(Clone, Debug)]
+struct Process {
+    session: NodeId,
+    node: Node,
+    live: Vec<InterfaceId>,
+    links: BTreeMap<(InterfaceId, LinkId), (End, Terms)>,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct World {
+    manager: Manager,
+    oracle: Oracle,
+    sockets: BTreeMap<NodeId, Socket>,
+    processes: Vec<Option<Process>>,
+    connections: u64,
+    last_link: u64,
+    /// How many of the next links find no descriptors.
+    shortage: u8,
+    /// Links that found none and that the oracle has not heard of.
+    failed: Vec<LinkId>,
+    /// What a page said last, and at which revision.
+    listed: (u64, Vec<Item>),
+    /// What each node got to read, over all time.
+    trace: Vec<(NodeId, Vec<u8>)>,
+    /// Whether rogues send their bytes, or just go.
+    rogues: bool,
+}
+
+impl World {
+    pub(crate) fn new(slots: usize, rogues: bool) -> Self {
+        Self {
+            manager: Manager::new(EPOCH, Policy::default()),
+            oracle: Oracle::default(),
+            sockets: BTreeMap::new(),
+            processes: vec![None; slots],
+            connections: 0,
+            last_link: 0,
+            shortage: 0,
+            failed: Vec::new(),
+            listed: (0, Vec::new()),
+            trace: Vec::new(),
+            rogues,
+        }
+    }
+
+    fn slot(&self, slot: usize) -> usize {
+        slot % self.processes.len()
+    }
+
+    fn connect(&mut self, uid: u32) -> NodeId {
+        self.connections += 1;
+        let session = NodeId(self.connections);
+        self.sockets.insert(session, Socket::default());
+        self.oracle.connected(session, uid);
+        let credentials = Credentials {
+            uid,
+            gid: uid,
+            pid: 0,
+        };
+        let events = self.feed(Input::Connected {
+            session,
+            credentials,
+        });
+        assert_eq!(events, []);
+        session
+    }
+
+    // What programs do.
+
+    pub(crate) fn start(&mut self, slot: usize, name: Name, uid: u32) {
+        let slot = self.slot(slot);
+        if self.processes[slot].is_none() {
+            self.processes[slot] = Some(Process {
+                session: self.connect(uid),
+                node: Node::new(name),
+                live: Vec::new(),
+                links: BTreeMap::new(),
+            });
+            self.drain(slot);
+        }
+    }
+
+    pub(crate) fn declare(&mut self, slot: usize, contract: Contract) {
+        let slot = self.slot(slot);
+        if let Some(process) = &mut self.processes[slot]
+            && process.node.is_ready()
+        {
+            process.node.declare(contract).expect("the node is ready");
+            self.drain(slot);
+        }
+    }
+
+    pub(crate) fn withdraw(&mut self, slot: usize, pick: usize) {
+        let slot = self.slot(slot);
+        if let Some(process) = &mut self.processes[slot]
+            && !process.live.is_empty()
+        {
+            let interface = process.live.remove(pick % process.live.len());
+            process.links.retain(|&(it, _), _| it != interface);
+            self.tell(slot, node::Input::Withdraw { interface });
+        }
+    }
+
+    /// A link's machine ends: by CLOSE, its peer's death, or a violation there.
+    pub(crate) fn end_link(&mut self, slot: usize, pick: usize) {
+        let slot = self.slot(slot);
+        let process = self.processes[slot].as_mut();
+        let key = process.and_then(|process| {
+            let pick = pick % process.links.len().max(1);
+            let (&key, _) = process.links.iter().nth(pick)?;
+            process.links.remove(&key);
+            Some(key)
+        });
+        if let Some((interface, link)) = key {
+            let code = Code(5);
+            self.tell(
+                slot,
+                node::Input::Unlinked {
+                    interface,
+                    link,
+                    code,
+                },
+            );
+        }
+    }
+
+    pub(crate) fn query(&mut self, slot: usize) {
+        let slot = self.slot(slot);
+        let process = self.processes[slot].as_ref();
+        if process.is_some_and(|process| process.node.is_ready()) {
+            self.tell(slot, node::Input::Query { after: None });
+        }
+    }
+
+    pub(crate) fn say_goodbye(&mut self, slot: usize) {
+        let slot = self.slot(slot);
+        if self.processes[slot].is_some() {
+            self.tell(slot, node::Input::Close(Code(0)));
+        }
+    }
+
+    pub(crate) fn crash(&mut self, slot: usize) {
+        let slot = self.slot(slot);
+        if let Some(process) = self.processes[slot].take() {
+            self.node_closes(process.session);
+        }
+    }
+
+    /// A program turns on the Manager, then dies; or comes only to do so.
+    pub(crate) fn go_rogue(&mut self, slot: usize, bytes: &[u8]) {
+        let slot = self.slot(slot);
+        let session = match self.processes[slot].take() {
+            Some(process) => process.session,
+            None => self.connect(1000),
+        };
+        match self.sockets.get_mut(&session) {
+            Some(socket) if self.rogues && !socket.manager_is_gone => {
+                socket.to_manager.push_back(bytes.to_vec());
+                socket.to_node.clear();
+                // So that nothing of it is left once the Manager hangs up.
+                socket.node_is_gone = true;
+            }
+            _ => self.node_closes(session),
+        }
+    }
+
+    pub(crate) fn run_short(&mut self, links: u8) {
+        self.shortage = links;
+    }
+
+    fn tell(&mut self, slot: usize, input: node::Input<'_>) {
+        let process = self.processes[slot].as_mut().expect("it runs");
+        let taken = process.node.handle(NOW, input);
+        taken.expect("no Manager breaks SPEC, and no program misuses its node");
+        self.drain(slot);
+    }
+
+    fn drain(&mut self, slot: usize) {
+        while let Some(process) = &mut self.processes[slot]
+            && let Some(output) = process.node.poll()
+        {
+            match output {
+                node::Output::Transmit(bytes) => {
+                    if let Some(socket) = self.sockets.get_mut(&process.session)
+                        && !socket.manager_is_gone
+                    {
+                        socket.to_manager.push_back(bytes);
+                    }
+                }
+                node::Output::HelloRefused(_) => {
+                    let name = format!("again-{}", process.session.0);
+                    let name = Name::new(&name).expect("legal");
+                    let greeted = process.node.handle(NOW, node::Input::Greet(name));
+                    greeted.expect("it was refused");
+                }
+                node::Output::Declared { interface, .. } => process.live.push(interface),
+                node::Output::Linked {
+                    interface,
+                    link,
+                    reliable,
+                    sealed,
+                    peer,
+                    ..
+                } => {
+                    let terms = Terms { reliable, sealed };
+                    let link = (interface, link);
+                    let other = ((peer.node, peer.interface), terms);
+                    assert_eq!(process.links.insert(link, other), None);
+                }
+                node::Output::Unlink {
+                    interface, link, ..
+                } => {
+                    let known = process.links.remove(&(interface, link));
+                    assert!(known.is_some(), "told once, of what it knows");
+                }
+                node::Output::Ended(_) => {
+                    let session = process.session;
+                    self.processes[slot] = None;
+                    self.node_closes(session);
+                }
+                node::Output::Welcomed { .. }
+                | node::Output::DeclareRefused { .. }
+                | node::Output::Withdrawn { .. }
+                | node::Output::Page { .. } => {}
+            }
+        }
+    }
+
+    // What the kernel does.
+
+    fn node_closes(&mut self, session: NodeId) {
+        if let Some(socket) = self.sockets.get_mut(&session) {
+            socket.to_node.clear();
+            socket.node_is_gone = true;
+            if socket.manager_is_gone {
+                self.sockets.remove(&session);
+            }
+        }
+    }
+
+    fn manager_closes(&mut self, session: NodeId) {
+        if let Some(socket) = self.sockets.get_mut(&session) {
+            socket.to_manager.clear();
+            socket.manager_is_gone = true;
+            if socket.node_is_gone {
+                self.sockets.remove(&session);
+            }
+        }
+    }
+
+    /// The Manager reads from one of the sockets that have something. Whether one had.
+    pub(crate) fn manager_reads(&mut self, pick: usize) -> bool {
+        let readable = self.sockets.iter().filter(|(_, socket)| {
+            !socket.manager_is_gone && (!socket.to_manager.is_empty() || socket.node_is_gone)
+        });
+        let readable: Vec<NodeId> = readable.map(|(&session, _)| session).collect();
+        let Some(&session) = readable.get(pick % readable.len().max(1)) else {
+            return false;
+        };
+        let socket = self.sockets.get_mut(&session).expect("it is readable");
+        match socket.to_manager.pop_front() {
+            Some(bytes) => {
+                let datagram = Datagram::new(&bytes);
+                let events = self.feed(Input::Datagram { session, datagram });
+                if let Some(Event::HungUp(_, _, Cause::Violation(rule))) = events.last() {
+                    let mut processes = self.processes.iter().flatten();
+                    let correct = processes.any(|process| process.session == session);
+                    assert!(!correct, "{session} keeps to SPEC, but: {rule}");
+                    self.oracle.gone(session);
+                } else {
+                    let frame = decode_to_manager(&datagram).expect("it was legal");
+                    self.oracle.handled(session, frame, &events);
+                }
+                for link in std::mem::take(&mut self.failed) {
+                    self.oracle.link_failed(link);
+                }
+            }
+            None => {
+                self.feed(Input::Closed { session });
+                self.oracle.gone(session);
+            }
+        }
+        self.check_listing();
+        true
+    }
+
+    /// One of the nodes that have something to read does. Whether one had.
+    pub(crate) fn node_reads(&mut self, pick: usize) -> bool {
+        let mut readable = Vec::new();
+        for (slot, process) in self.processes.iter().enumerate() {
+            let socket = process.as_ref().map(|it| (it, &self.sockets[&it.session]));
+            if let Some((process, socket)) = socket
+                && (!socket.to_node.is_empty() || socket.manager_is_gone)
+            {
+                readable.push((slot, process.session));
+            }
+        }
+        let Some(&(slot, session)) = readable.get(pick % readable.len().max(1)) else {
+            return false;
+        };
+        let socket = self.sockets.get_mut(&session).expect("it is readable");
+        let Some((bytes, fds)) = socket.to_node.pop_front() else {
+            self.tell(slot, node::Input::Eof);
+            return true;
+        };
+        self.trace.push((session, bytes.clone()));
+        let datagram = Datagram {
+            fds,
+            ..Datagram::new(&bytes)
+        };
+        self.tell(slot, node::Input::Datagram(datagram));
+        true
+    }
+
+    /// Everything that is under way arrives.
+    pub(crate) fn settle(&mut self) {
+        while self.manager_reads(0) | self.node_reads(0) {}
+        self.check_links();
+    }
+
+    fn feed(&mut self, input: Input<'_>) -> Vec<Event> {
+        let taken = self.manager.handle(NOW, input);
+        taken.expect("the driver keeps the contract");
+        let mut events = Vec::new();
+        let mut outputs = Vec::new();
+        while let Some(output) = self.manager.poll() {
+            outputs.push(output);
+        }
+        for output in outputs {
+            events.push(read(output.clone()));
+            self.carry_out(output);
+        }
+        events
+    }
+
+    fn carry_out(&mut self, output: Output) {
+        match output {
+            Output::Send { session, frame } => self.send(session, frame, &[]),
+            Output::Link { link, ends } => {
+                assert!(
+                    link.epoch == EPOCH && link.serial > self.last_link,
+                    "{link}"
+                );
+                self.last_link = link.serial;
+                if self.shortage > 0 {
+                    self.shortage -= 1;
+                    let failed = self.manager.handle(NOW, Input::LinkFailed { link });
+                    failed.expect("the driver keeps the contract");
+                    assert_eq!(self.manager.poll(), None);
+                    self.failed.push(link);
+                    return;
+                }
+                for (session, frame) in ends {
+                    self.send(session, frame, &[SOCKET]);
+                }
+            }
+            Output::HangUp {
+                session, goodbye, ..
+            } => {
+                if let Some(goodbye) = goodbye {
+                    self.send(session, goodbye, &[]);
+                }
+                self.manager_closes(session);
+            }
+        }
+    }
+
+    fn send(&mut self, session: NodeId, frame: Vec<u8>, fds: &'static [FdFacts]) {
+        if let Some(socket) = self.sockets.get_mut(&session)
+            && !socket.node_is_gone
+        {
+            socket.to_node.push_back((frame, fds));
+        }
+    }
+
+    // What has to hold.
+
+    /// Pages show exactly what the oracle says, and a revision is one state.
+    fn check_listing(&mut self) {
+        assert_eq!(self.manager.sessions(), self.oracle.sessions());
+        let expected = self.oracle.listing();
+        let items = self.list();
+        assert_eq!(items, expected);
+        let revision = self.manager.revision();
+        let changed = items != self.listed.1;
+        assert!(revision > self.listed.0 || !changed, "revision {revision}");
+        self.listed = (revision, items);
+    }
+
+    /// All pages together, without disturbing anybody.
+    fn list(&self) -> Vec<Item> {
+        let mut items = Vec::new();
+        let Some(session) = self.oracle.a_ready_session() else {
+            return items;
+        };
+        let mut aside = self.manager.clone();
+        let mut after = None;
+        loop {
+            let bytes = encode_to_manager(&ToManager::Query { after });
+            let datagram = Datagram::new(&bytes);
+            let asked = aside.handle(NOW, Input::Datagram { session, datagram });
+            asked.expect("the driver keeps the contract");
+            let Some(Event::Sent(
+                _,
+                ToNode::Page {
+                    items: more, next, ..
+                },
+            )) = aside.poll().map(read)
+            else {
+                panic!("QUERY is answered with PAGE");
+            };
+            items.extend(more);
+            after = next;
+            if after.is_none() {
+                return items;
+            }
+        }
+    }
+
+    /// When nothing is under way, both sides of each link know of it, alike,
+    /// and there is a link for each pair that is to have one.
+    fn check_links(&self) {
+        let mut known: BTreeMap<[End; 2], Vec<(LinkId, Terms)>> = BTreeMap::new();
+        for process in self.processes.iter().flatten() {
+            for (&(interface, link), &(other, terms)) in &process.links {
+                let ends = pair((process.session, interface), other);
+                known.entry(ends).or_default().push((link, terms));
+            }
+        }
+        for (ends, sides) in &known {
+            assert!(
+                matches!(sides[..], [one, other] if one == other),
+                "{ends:?}: {sides:?}"
+            );
+        }
+        let known: BTreeMap<_, _> = known.iter().map(|(ends, it)| (*ends, it[0].1)).collect();
+        assert_eq!(known, self.oracle.pairs());
+        assert_eq!(self.manager.links(), known.len());
+    }
+
+    /// Nothing is kept of whoever is gone; the machine's own invariants, which
+    /// are checked after each input, say the rest.
+    pub(crate) fn end(mut self) -> (Manager, Vec<(NodeId, Vec<u8>)>) {
+        self.settle();
+        let last = (self.manager.clone(), std::mem::take(&mut self.trace));
+        for slot in 0..self.processes.len() {
+            self.crash(slot);
+        }
+        self.settle();
+        assert_eq!((self.manager.sessions(), self.manager.links()), (0, 0));
+        assert!(self.sockets.is_empty());
+        last
+    }
+}

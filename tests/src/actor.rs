@@ -1,0 +1,191 @@
+//! A node in a process of its own that does what a test tells it, one command at a time,
+//! and drives its sockets in between. `src/bin/sm2-test-actor/node.rs` says which
+//! commands there are.
+
+use std::path::Path;
+
+use nix::sys::signal::Signal;
+
+use crate::{
+    census::Census,
+    process::{Exit, Process, actor},
+};
+
+/// A node of the library `sm2-node`, told what to do.
+#[derive(Debug)]
+pub struct Actor {
+    process: Process,
+    name: String,
+}
+
+impl Actor {
+    /// A node that has its session with the Manager.
+    #[must_use]
+    #[track_caller]
+    pub fn start(socket: &Path, name: &str) -> Self {
+        let actor = Self::launch(socket, name, &[]);
+        assert_eq!(actor.process.expect_line(), "ready", "{name}");
+        actor
+    }
+
+    /// A node that is about to greet, with these options of the `node` actor. What comes of
+    /// it is its first [answer](Self::answer): `ready` or `failed …`.
+    #[must_use]
+    pub fn launch(socket: &Path, name: &str, options: &[&str]) -> Self {
+        let mut command = actor("node");
+        command.arg("--socket").arg(socket).args(["--name", name]);
+        command.args(options);
+        Self {
+            process: Process::start(command),
+            name: name.to_owned(),
+        }
+    }
+
+    /// The node's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its process id.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.process.pid()
+    }
+
+    /// What it has open now.
+    #[must_use]
+    pub fn census(&self) -> Census {
+        self.process.census()
+    }
+
+    /// Gives it a command, whose answer has to be fetched.
+    pub fn say(&mut self, command: &str) {
+        self.process.say(command);
+    }
+
+    /// The answer to the oldest command that has none.
+    #[track_caller]
+    pub fn answer(&self) -> String {
+        self.process.expect_line()
+    }
+
+    /// Gives it a command; its answer.
+    #[track_caller]
+    pub fn ask(&mut self, command: &str) -> String {
+        self.say(command);
+        self.answer()
+    }
+
+    /// Gives it a command that succeeds; what it says besides `ok`.
+    #[track_caller]
+    pub fn tell(&mut self, command: &str) -> String {
+        let answer = self.ask(command);
+        let Some(rest) = answer.strip_prefix("ok") else {
+            panic!("{}: {command}: {answer}", self.name);
+        };
+        rest.trim_start().to_owned()
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&mut self, signal: Signal) {
+        self.process.signal(signal);
+    }
+
+    /// Kills it (SIGKILL) and waits for its end.
+    pub fn kill(&mut self) {
+        self.process.kill();
+    }
+
+    /// Waits for its end.
+    #[track_caller]
+    pub fn wait(&mut self) -> Exit {
+        self.process.wait()
+    }
+
+    /// What it wrote to standard error so far.
+    #[must_use]
+    pub fn stderr(&self) -> String {
+        self.process.stderr()
+    }
+}
+
+/// The number after `key=` in an answer.
+#[must_use]
+#[track_caller]
+pub fn number(answer: &str, key: &str) -> u64 {
+    let words = answer.split_whitespace();
+    let mut values = words.filter_map(|word| word.strip_prefix(key)?.strip_prefix('='));
+    let value = values.next().and_then(|value| value.parse().ok());
+    value.unwrap_or_else(|| panic!("no number {key} in {answer:?}"))
+}
+
+/// What became of the messages of one link, as its sender counts (SM2-QOS-004).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Counted {
+    /// The node at the other end.
+    pub peer: String,
+    /// Whether the link is open.
+    pub open: bool,
+    /// Messages that were to be sent.
+    pub offered: u64,
+    /// Messages that the application gave back.
+    pub delivered: u64,
+    /// Messages that were lost, whatever the reason.
+    pub dropped: u64,
+    /// Messages that are neither.
+    pub in_flight: u64,
+    text: String,
+}
+
+impl Counted {
+    fn parse(text: &str) -> Self {
+        let of = |key| number(text, key);
+        let mut words = text.split_whitespace();
+        let peer = words.find_map(|word| word.strip_prefix("peer="));
+        Self {
+            peer: peer.expect("a peer").to_owned(),
+            open: text.contains("open=true"),
+            offered: of("offered"),
+            delivered: of("delivered"),
+            dropped: of("overwritten") + of("discarded") + of("deadline") + of("closed"),
+            in_flight: of("in_flight"),
+            text: text.to_owned(),
+        }
+    }
+
+    /// The number of this kind alone: `overwritten`, `discarded`, `deadline`, `closed`.
+    #[must_use]
+    #[track_caller]
+    pub fn of(&self, kind: &str) -> u64 {
+        number(&self.text, kind)
+    }
+
+    /// Offered is delivered and dropped and in flight, exactly.
+    #[track_caller]
+    pub fn adds_up(&self) {
+        let sum = self.delivered + self.dropped + self.in_flight;
+        assert_eq!(self.offered, sum, "{}", self.text);
+    }
+}
+
+impl Actor {
+    /// The counters of all links of a publisher or client; each adds up.
+    #[track_caller]
+    pub fn counted(&mut self, key: &str) -> Vec<Counted> {
+        let answer = self.tell(&format!("counters {key}"));
+        let links = answer.split('|').skip(1).map(Counted::parse);
+        let links: Vec<Counted> = links.collect();
+        links.iter().for_each(Counted::adds_up);
+        links
+    }
+
+    /// The counters of the one link with this node.
+    #[track_caller]
+    pub fn counted_with(&mut self, key: &str, peer: &str) -> Counted {
+        let links = self.counted(key);
+        let mut with = links.iter().filter(|link| link.peer == peer);
+        let link = with.next().cloned();
+        link.unwrap_or_else(|| panic!("no link of {key} with {peer}: {links:?}"))
+    }
+}

@@ -1,0 +1,28 @@
+//! `sm2-test-actor ROLE [--OPTION VALUE]...`: the processes of the end-to-end tests.
+//!
+//! An actor ends when its standard input does, so that none outlives the tests.
+
+mod connect;
+mod input;
+mod manager;
+mod node;
+mod options;
+mod storm;
+
+use std::process::ExitCode;
+
+use options::Options;
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args().skip(1);
+    let role = arguments.next().unwrap_or_default();
+    let options = Options::parse(arguments);
+    options.limit_files();
+    match role.as_str() {
+        "connect" => connect::run(&options),
+        "manager" => manager::run(&options),
+        "storm" => storm::run(&options),
+        "node" => node::run(&options),
+        other => panic!("no role {other:?}"),
+    }
+}

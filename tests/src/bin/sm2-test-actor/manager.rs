@@ -1,0 +1,29 @@
+//! `manager`: the Manager as the `sm2 manager` command runs it.
+
+use std::{io, process::ExitCode, thread};
+
+use sm2_manager::{Policy, program};
+
+use crate::options::Options;
+
+pub(crate) fn run(options: &Options) -> ExitCode {
+    thread::spawn(|| {
+        // The tests are gone: end without a trace of order, as they did.
+        let _ = io::copy(&mut io::stdin(), &mut io::sink());
+        std::process::abort();
+    });
+    let policy = Policy::default();
+    let mode: String = options.get_or("--socket-mode", "600".to_owned());
+    let arguments = program::Arguments {
+        domain: options.get("--domain"),
+        socket: options.get("--socket"),
+        socket_mode: u32::from_str_radix(&mode, 8).expect("octal digits"),
+        seal_all: options.get_or("--seal-all", false),
+        waive_user_boundary: options.get_or("--waive-user-boundary", false),
+        max_sessions: options.get_or("--max-sessions", policy.sessions_per_user),
+        max_interfaces: options.get_or("--max-interfaces", policy.interfaces_per_session),
+        max_links: options.get_or("--max-links", policy.links_per_session),
+        greeting_timeout: options.get_or("--greeting-timeout", 2),
+    };
+    program::main(&arguments)
+}

@@ -1,0 +1,286 @@
+//! What a node can be told.
+//!
+//! | command | answer |
+//! | --- | --- |
+//! | `pub`, `sub`, `server`, `client` `KEY NAME WORDS…` | `ok matched=N` |
+//! | `wait KEY N` | `ok` when N links are open |
+//! | `publish KEY COUNT SIZE` | `ok took=N missed=N`: over all of them |
+//! | `take KEY COUNT` | `ok got=N first=N last=N lost=N damaged=N`, when so many have come |
+//! | `drain KEY` | the same, of what is there |
+//! | `hold KEY COUNT` | the same, and they are not given back until `free KEY` |
+//! | `counters KEY` | `ok`, and for each link ` \| peer=… open=… offered=… …` |
+//! | `call KEY SIZE` | `ok` when the request is on its way |
+//! | `reply KEY` | `ok got=1 …` for the oldest call |
+//! | `serve KEY COUNT` | `ok` when so many requests have been answered with themselves |
+//! | `close KEY` | `ok` when it is withdrawn |
+
+use std::{
+    collections::{HashMap, VecDeque},
+    fmt::{Debug, Display, Write as _},
+};
+
+use sm2_node::{Call, Client, LinkStatus, Node, Publisher, Sample, Server, Subscriber};
+use sm2_tests::{PATIENCE, pattern};
+
+use super::declare::{self, Words};
+
+pub(super) struct Stage {
+    node: Node,
+    publishers: HashMap<String, (Publisher<[u8]>, u64)>,
+    subscribers: HashMap<String, Subscriber<[u8]>>,
+    servers: HashMap<String, Server<[u8], [u8]>>,
+    clients: HashMap<String, (Client<[u8], [u8]>, u64)>,
+    samples: HashMap<String, Vec<Sample<[u8]>>>,
+    calls: HashMap<String, VecDeque<(Call<[u8]>, u64)>>,
+}
+
+/// What a command came to.
+type Answer = Result<String, String>;
+
+impl Stage {
+    pub(super) fn new(node: Node) -> Self {
+        Self {
+            node,
+            publishers: HashMap::new(),
+            subscribers: HashMap::new(),
+            servers: HashMap::new(),
+            clients: HashMap::new(),
+            samples: HashMap::new(),
+            calls: HashMap::new(),
+        }
+    }
+
+    pub(super) fn execute(&mut self, line: &str) -> String {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let answer = match *words.as_slice() {
+            [
+                kind @ ("pub" | "sub" | "server" | "client"),
+                key,
+                name,
+                ref rest @ ..,
+            ] => self.declare(kind, key, name, &Words(rest)),
+            ["wait", key, count] => self.wait(key, number(count)),
+            ["publish", key, count, size] => self.publish(key, number(count), number(size)),
+            ["take", key, count] => self.receive(key, Some(number(count)), false),
+            ["drain", key] => self.receive(key, None, false),
+            ["hold", key, count] => self.receive(key, Some(number(count)), true),
+            ["free", key] => Ok(self.free(key)),
+            ["counters", key] => self.counters(key),
+            ["call", key, size] => self.call(key, number(size)),
+            ["reply", key] => self.reply(key),
+            ["serve", key, count] => self.serve(key, number(count)),
+            ["close", key] => Ok(self.close(key)),
+            _ => Err(format!("no such command: {line}")),
+        };
+        match answer {
+            Ok(text) if text.is_empty() => "ok".to_owned(),
+            Ok(text) => format!("ok {text}"),
+            Err(text) => format!("error {text}"),
+        }
+    }
+
+    fn declare(&mut self, kind: &str, key: &str, name: &str, words: &Words<'_>) -> Answer {
+        let node = &self.node;
+        let key = key.to_owned();
+        let matched;
+        match kind {
+            "pub" => {
+                let publisher = declare::publisher(node, name, words).map_err(text)?;
+                matched = publisher.matched();
+                self.publishers.insert(key, (publisher, 0));
+            }
+            "sub" => {
+                let subscriber = declare::subscriber(node, name, words).map_err(text)?;
+                matched = subscriber.matched();
+                self.subscribers.insert(key, subscriber);
+            }
+            "server" => {
+                let server = declare::server(node, name, words).map_err(text)?;
+                matched = server.matched();
+                self.servers.insert(key, server);
+            }
+            _ => {
+                let client = declare::client(node, name, words).map_err(text)?;
+                matched = client.matched();
+                self.clients.insert(key, (client, 0));
+            }
+        }
+        Ok(format!("matched={matched}"))
+    }
+
+    fn wait(&self, key: &str, count: usize) -> Answer {
+        let time = Some(PATIENCE);
+        let done = if let Some((publisher, _)) = self.publishers.get(key) {
+            publisher.wait_for_subscribers(count, time)
+        } else if let Some(subscriber) = self.subscribers.get(key) {
+            subscriber.wait_for_publishers(count, time)
+        } else if let Some(server) = self.servers.get(key) {
+            server.wait_for_clients(count, time)
+        } else if let Some((client, _)) = self.clients.get(key) {
+            client.wait_for_servers(count, time)
+        } else {
+            return Err(format!("no interface {key}"));
+        };
+        done.map(|()| String::new()).map_err(text)
+    }
+
+    fn publish(&mut self, key: &str, count: usize, size: usize) -> Answer {
+        let (publisher, published) = self.publishers.get_mut(key).ok_or("no publisher")?;
+        let (mut took, mut missed) = (0, 0);
+        for _ in 0..count {
+            *published += 1;
+            let message = pattern::message(*published, size);
+            let result = publisher.publish(&message).map_err(text)?;
+            took += result.links;
+            missed += result.missed;
+        }
+        Ok(format!("took={took} missed={missed}"))
+    }
+
+    /// Without a count: what is there.
+    fn receive(&mut self, key: &str, count: Option<usize>, hold: bool) -> Answer {
+        let subscriber = self.subscribers.get(key).ok_or("no subscriber")?;
+        let mut seen = Seen::default();
+        let mut held = Vec::new();
+        while count.is_none_or(|count| seen.got < count) {
+            let sample = match count {
+                Some(_) => subscriber.recv_timeout(PATIENCE),
+                None => subscriber.try_recv(),
+            };
+            let Some(sample) = sample.map_err(text)? else {
+                break;
+            };
+            seen.note(sample.sequence(), sample.lost(), &sample);
+            if hold {
+                held.push(sample);
+            }
+        }
+        self.samples.entry(key.to_owned()).or_default().extend(held);
+        match count {
+            Some(count) if seen.got < count => Err(format!("in vain after {seen}")),
+            _ => Ok(seen.to_string()),
+        }
+    }
+
+    fn free(&mut self, key: &str) -> String {
+        let freed = self.samples.remove(key).unwrap_or_default();
+        format!("freed={}", freed.len())
+    }
+
+    fn counters(&self, key: &str) -> Answer {
+        let links = if let Some((publisher, _)) = self.publishers.get(key) {
+            publisher.links()
+        } else if let Some((client, _)) = self.clients.get(key) {
+            client.links()
+        } else {
+            return Err(format!("no publisher or client {key}"));
+        };
+        Ok(links.iter().map(describe).collect())
+    }
+
+    fn call(&mut self, key: &str, size: usize) -> Answer {
+        let (client, called) = self.clients.get_mut(key).ok_or("no client")?;
+        *called += 1;
+        let request = pattern::message(*called, size);
+        let call = client.send(&request, Some(PATIENCE)).map_err(text)?;
+        let calls = self.calls.entry(key.to_owned()).or_default();
+        calls.push_back((call, *called));
+        Ok(String::new())
+    }
+
+    fn reply(&mut self, key: &str) -> Answer {
+        let calls = self.calls.get_mut(key).ok_or("no call")?;
+        let (call, number) = calls.pop_front().ok_or("no call")?;
+        let reply = call.wait().map_err(text)?;
+        let mut seen = Seen::default();
+        seen.note(number, 0, &reply);
+        Ok(format!("{seen} server={}", reply.server()))
+    }
+
+    fn serve(&self, key: &str, count: usize) -> Answer {
+        let server = self.servers.get(key).ok_or("no server")?;
+        for served in 0..count {
+            let request = server.recv_timeout(PATIENCE).map_err(text)?;
+            let request = request.ok_or_else(|| format!("in vain after {served}"))?;
+            let reply = request.to_vec();
+            request.reply(&reply).map_err(text)?;
+        }
+        Ok(String::new())
+    }
+
+    fn close(&mut self, key: &str) -> String {
+        self.calls.remove(key);
+        self.samples.remove(key);
+        self.publishers.remove(key);
+        self.subscribers.remove(key);
+        self.servers.remove(key);
+        self.clients.remove(key);
+        String::new()
+    }
+}
+
+/// What was received.
+#[derive(Default)]
+struct Seen {
+    got: usize,
+    first: u64,
+    last: u64,
+    lost: u64,
+    damaged: usize,
+}
+
+impl Seen {
+    fn note(&mut self, number: u64, lost: u64, payload: &[u8]) {
+        if self.got == 0 {
+            self.first = number;
+        }
+        self.got += 1;
+        self.last = number;
+        self.lost += lost;
+        self.damaged += usize::from(!pattern::is_intact(payload, number));
+    }
+}
+
+impl Display for Seen {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            got,
+            first,
+            last,
+            lost,
+            damaged,
+        } = self;
+        write!(
+            f,
+            "got={got} first={first} last={last} lost={lost} damaged={damaged}"
+        )
+    }
+}
+
+fn describe(link: &LinkStatus) -> String {
+    let counters = &link.counters;
+    let mut text = format!(
+        " | peer={} open={} reliable={} sealed={}",
+        link.peer.name, link.open, link.reliable, link.sealed
+    );
+    let _ = write!(
+        text,
+        " offered={} delivered={} overwritten={} discarded={} deadline={} closed={} in_flight={}",
+        counters.offered,
+        counters.delivered,
+        counters.overwritten,
+        counters.discarded,
+        counters.deadline,
+        counters.closed,
+        counters.in_flight,
+    );
+    text
+}
+
+fn number(word: &str) -> usize {
+    word.parse().unwrap_or_else(|_| panic!("no number: {word}"))
+}
+
+fn text(error: impl Debug + Display) -> String {
+    format!("{error:?}: {error}")
+}

@@ -1,0 +1,37 @@
+//! `node`: a node that does what standard input says, a command in each line, and answers each
+//! with a line: `ok …` or `error …`. In between it drives its sockets.
+
+mod commands;
+mod declare;
+
+use std::{os::fd::AsFd, process::ExitCode};
+
+use commands::Stage;
+use sm2_node::Node;
+
+use crate::{input::Input, options::Options};
+
+pub(crate) fn run(options: &Options) -> ExitCode {
+    let name: String = options.get("--name").expect("--name");
+    let socket: String = options.get("--socket").expect("--socket");
+    let node = match Node::builder(&name).socket(socket).connect() {
+        Ok(node) => node,
+        Err(error) => {
+            println!("failed {error:?}: {error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    println!("ready");
+    let mut stage = Stage::new(node.clone());
+    let mut input = Input::new();
+    loop {
+        sm2_io::wait_readable(&[input.as_fd(), node.as_fd()], None).expect("poll");
+        node.spin_once(None).expect("the node's own wait");
+        match input.lines() {
+            Ok(lines) => lines
+                .iter()
+                .for_each(|line| println!("{}", stage.execute(line))),
+            Err(_) => return ExitCode::SUCCESS,
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! The command line of an actor: names with values.
+
+use std::{collections::HashMap, fmt::Debug, str::FromStr};
+
+use nix::sys::resource::{Resource, setrlimit};
+
+/// Options by name.
+pub(crate) struct Options(HashMap<String, String>);
+
+impl Options {
+    pub(crate) fn parse(mut arguments: impl Iterator<Item = String>) -> Self {
+        let mut options = HashMap::new();
+        while let Some(name) = arguments.next() {
+            let value = arguments.next();
+            let value = value.unwrap_or_else(|| panic!("{name} takes a value"));
+            options.insert(name, value);
+        }
+        Self(options)
+    }
+
+    /// The value of an option, if it was given.
+    pub(crate) fn get<T: FromStr<Err: Debug>>(&self, name: &str) -> Option<T> {
+        let value = self.0.get(name)?;
+        Some(value.parse().unwrap_or_else(|_| panic!("{name} {value}")))
+    }
+
+    /// The value of an option, or what it is without.
+    pub(crate) fn get_or<T: FromStr<Err: Debug>>(&self, name: &str, default: T) -> T {
+        self.get(name).unwrap_or(default)
+    }
+
+    /// With `--nofile N`, this process can have no more than N descriptors.
+    pub(crate) fn limit_files(&self) {
+        if let Some(files) = self.get("--nofile") {
+            setrlimit(Resource::RLIMIT_NOFILE, files, files).expect("a limit of files");
+        }
+    }
+}

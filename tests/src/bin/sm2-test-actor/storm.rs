@@ -1,0 +1,213 @@
+//! `storm --role ROLE`: a node that does one thing without pause, among others that are killed
+//! at any moment. Whatever goes wrong but for a peer's death ends it with a panic.
+//!
+//! It does what standard input says, in this order:
+//!
+//! | line | what | answer |
+//! | --- | --- | --- |
+//! | | connects | `connected` |
+//! | `go` | declares its interface, and works | `working` |
+//! | `stop [N]` | ends the work; a subscriber once it has publication N of the survivor | a report |
+//! | `close` | withdraws its interface, and only drives its node from then on | `closed` |
+//!
+//! With `--go true` it does not wait for the first.
+
+use std::{
+    collections::{HashMap, VecDeque},
+    os::fd::AsFd,
+    process::ExitCode,
+    thread,
+    time::Duration,
+};
+
+use sm2_node::{CallError, Node, Sample};
+use sm2_tests::{PATIENCE, pattern, random::Random};
+
+use crate::{input::Input, options::Options};
+
+/// The node whose messages must all arrive.
+const SURVIVOR: &str = "survivor-pub";
+/// From empty to what takes a segment of its own.
+const SIZES: [usize; 6] = [0, 1, 1_000, 5_000, 70_000, 300_000];
+const PAUSE: Duration = Duration::from_micros(300);
+
+/// How many calls a client has under way.
+const CALLS: usize = 4;
+
+pub(crate) fn run(options: &Options) -> ExitCode {
+    let name: String = options.get("--name").expect("--name");
+    let socket: String = options.get("--socket").expect("--socket");
+    let builder = Node::builder(&name).socket(socket);
+    let node = builder.connect().expect("a session");
+    println!("connected");
+    let mut control = Control {
+        input: Input::new(),
+        random: Random::new(u64::from(std::process::id())),
+    };
+    if !options.get_or("--go", false) {
+        control.idle(&node, "go");
+    }
+    let role: String = options.get("--role").expect("--role");
+    match role.as_str() {
+        "pub" => publish(&node, &mut control),
+        "sub" => subscribe(&node, &mut control),
+        "server" => serve(&node, &mut control),
+        "client" => call(&node, &mut control),
+        other => panic!("no role {other:?}"),
+    }
+    println!("closed");
+    control.idle(&node, "never");
+    ExitCode::SUCCESS
+}
+
+struct Control {
+    input: Input,
+    random: Random,
+}
+
+impl Control {
+    /// What follows `word` in the line that is there now, if there is one.
+    fn heard(&mut self, word: &str) -> Option<String> {
+        let Ok(lines) = self.input.lines() else {
+            std::process::exit(0);
+        };
+        let line = lines.into_iter().next()?;
+        let rest = line.strip_prefix(word);
+        let rest = rest.unwrap_or_else(|| panic!("{word} expected: {line}"));
+        Some(rest.trim().to_owned())
+    }
+
+    fn message(&mut self, number: u64) -> Vec<u8> {
+        pattern::message(number, self.random.choose(&SIZES))
+    }
+
+    /// Only drives the node, until it hears `word`.
+    fn idle(&mut self, node: &Node, word: &str) {
+        self.drain(node, word, || {});
+    }
+
+    /// Drives the node and drops what `take` takes, until it hears `word`: what a peer sent
+    /// before it died would keep its memory else.
+    fn drain(&mut self, node: &Node, word: &str, take: impl Fn()) {
+        while self.heard(word).is_none() {
+            let both = [self.input.as_fd(), node.as_fd()];
+            sm2_io::wait_readable(&both, None).expect("poll");
+            node.spin_once(None).expect("the node's own wait");
+            take();
+        }
+    }
+}
+
+fn publish(node: &Node, control: &mut Control) {
+    let builder = node.publisher_builder::<[u8]>("storm").depth(16);
+    let publisher = builder.reliable(PATIENCE).declare().expect("a publisher");
+    let linked = publisher.wait_for_subscribers(1, Some(PATIENCE));
+    linked.expect("a subscriber");
+    println!("working");
+    let mut published = 0;
+    while control.heard("stop").is_none() {
+        published += 1;
+        let message = control.message(published);
+        let result = publisher.publish(&message).expect("published");
+        // Whoever died is not waited for.
+        assert_eq!(result.missed, 0, "publication {published}");
+        thread::sleep(PAUSE);
+    }
+    let counters = publisher.counters();
+    println!("published={published} {counters:?}");
+    control.idle(node, "close");
+}
+
+fn subscribe(node: &Node, control: &mut Control) {
+    let builder = node.subscriber_builder::<[u8]>("storm").depth(16);
+    let subscriber = builder.reliable(true).declare().expect("a subscriber");
+    println!("working");
+    let mut last: HashMap<String, u64> = HashMap::new();
+    let mut until = None;
+    let mut received = 0_u64;
+    while until.is_none_or(|until| last.get(SURVIVOR).copied().unwrap_or(0) < until) {
+        if let Some(stop) = control.heard("stop") {
+            until = Some(stop.parse().expect("a number"));
+        }
+        let wait = Duration::from_millis(20);
+        if let Some(sample) = subscriber.recv_timeout(wait).expect("received") {
+            check(&sample, &mut last);
+            received += 1;
+        }
+    }
+    println!("received={received} last={}", until.unwrap_or(0));
+    control.drain(node, "close", || {
+        while let Ok(Some(_)) = subscriber.try_recv() {}
+    });
+}
+
+/// Every byte is right, and of a publisher that lives nothing is lost.
+fn check(sample: &Sample<[u8]>, last: &mut HashMap<String, u64>) {
+    let (number, publisher) = (sample.sequence(), sample.publisher().as_str());
+    assert!(
+        pattern::is_intact(sample, number),
+        "{publisher}: message {number}"
+    );
+    assert_eq!(sample.lost(), 0, "{publisher}: before message {number}");
+    let before = last.insert(publisher.to_owned(), number);
+    if publisher == SURVIVOR && before.is_some() {
+        assert_eq!(before, Some(number - 1), "{publisher}");
+    }
+}
+
+fn serve(node: &Node, control: &mut Control) {
+    let server = node.server::<[u8], [u8]>("storm").expect("a server");
+    println!("working");
+    let mut served = 0_u64;
+    while control.heard("stop").is_none() {
+        let wait = Duration::from_millis(20);
+        let Some(request) = server.recv_timeout(wait).expect("received") else {
+            continue;
+        };
+        let reply = request.to_vec();
+        // A client that died needs no reply.
+        let _ = request.reply(&reply);
+        served += 1;
+    }
+    println!("served={served}");
+    control.drain(
+        node,
+        "close",
+        || while let Ok(Some(_)) = server.try_recv() {},
+    );
+}
+
+fn call(node: &Node, control: &mut Control) {
+    let client = node.client::<[u8], [u8]>("storm").expect("a client");
+    client
+        .wait_for_servers(1, Some(PATIENCE))
+        .expect("a server");
+    println!("working");
+    let (mut replied, mut failed) = (0_u64, 0_u64);
+    let mut calls = VecDeque::new();
+    for number in 0.. {
+        let request = control.message(number);
+        let call = client.send(&request, Some(PATIENCE));
+        calls.push_back((request, call.expect("a server that lives")));
+        let stopped = control.heard("stop").is_some();
+        // Each goes to the server with the fewest, so all servers have one now and then.
+        while calls.len() >= CALLS || (stopped && !calls.is_empty()) {
+            let (request, call) = calls.pop_front().expect("a call");
+            match call.wait() {
+                Ok(reply) => {
+                    assert!(*reply == *request, "reply {number}");
+                    replied += 1;
+                }
+                // At once, not when the time is over.
+                Err(CallError::ServerGone { .. }) => failed += 1,
+                Err(error) => panic!("call {number}: {error:?}"),
+            }
+        }
+        if stopped {
+            break;
+        }
+        thread::sleep(PAUSE);
+    }
+    println!("replied={replied} failed={failed}");
+    control.idle(node, "close");
+}

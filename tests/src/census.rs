@@ -1,0 +1,89 @@
+//! What a process holds, by the kernel's word.
+
+use std::{collections::BTreeMap, fmt, fs};
+
+use crate::in_time;
+
+/// Open descriptors by kind, and mappings of memory files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Census {
+    kinds: BTreeMap<String, usize>,
+    mappings: usize,
+}
+
+impl Census {
+    /// What the process `pid` has open now.
+    #[must_use]
+    pub fn of(pid: u32) -> Self {
+        Self {
+            kinds: descriptors(pid),
+            mappings: mappings(pid),
+        }
+    }
+
+    /// How many descriptors are open.
+    #[must_use]
+    pub fn descriptors(&self) -> usize {
+        self.kinds.values().sum()
+    }
+
+    /// How many descriptors of this kind are open: `socket`, `memfd:sm2-segment`, …
+    #[must_use]
+    pub fn of_kind(&self, kind: &str) -> usize {
+        self.kinds.get(kind).copied().unwrap_or(0)
+    }
+
+    /// How many memory files of SM2 are mapped.
+    #[must_use]
+    pub const fn mappings(&self) -> usize {
+        self.mappings
+    }
+
+    /// Waits until the process `pid` holds exactly this again.
+    #[track_caller]
+    pub fn restored(&self, pid: u32) {
+        let mut last = self.clone();
+        let restored = in_time(|| {
+            last = Self::of(pid);
+            last == *self
+        });
+        assert!(
+            restored,
+            "process {pid} left something behind: {self} before, {last} after"
+        );
+    }
+}
+
+impl fmt::Display for Census {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?} and {} mappings", self.kinds, self.mappings)
+    }
+}
+
+/// Descriptors by kind. One that closes while we look is not counted.
+fn descriptors(pid: u32) -> BTreeMap<String, usize> {
+    let mut kinds = BTreeMap::new();
+    let Ok(entries) = fs::read_dir(format!("/proc/{pid}/fd")) else {
+        return kinds;
+    };
+    for entry in entries.flatten() {
+        if let Ok(target) = fs::read_link(entry.path()) {
+            *kinds.entry(kind(&target.to_string_lossy())).or_insert(0) += 1;
+        }
+    }
+    kinds
+}
+
+/// `socket:[4711]` is a `socket`, `/memfd:sm2-segment (deleted)` a `memfd:sm2-segment`.
+fn kind(target: &str) -> String {
+    let name = target.split(":[").next().unwrap_or(target);
+    let name = name.trim_end_matches(" (deleted)");
+    name.strip_prefix('/').unwrap_or(name).to_owned()
+}
+
+fn mappings(pid: u32) -> usize {
+    let maps = fs::read_to_string(format!("/proc/{pid}/maps")).unwrap_or_default();
+    maps.lines()
+        .filter(|line| line.contains("memfd:sm2"))
+        .count()
+}

@@ -1,0 +1,292 @@
+//! Control frames written by hand, from SPEC section 3 alone: nothing here calls the
+//! encoder of `sm2-proto`, so that the two check each other.
+
+use sm2_proto::LinkId;
+
+/// Bytes of a control frame, field by field.
+#[derive(Clone, Debug, Default)]
+pub struct Fields(Vec<u8>);
+
+impl Fields {
+    /// No field yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    /// An integer wider than 8 bits: a varint.
+    #[must_use]
+    pub fn int(mut self, value: u64) -> Self {
+        let mut rest = value;
+        while rest >= 0x80 {
+            self.0.push((rest & 0x7f) as u8 | 0x80);
+            rest >>= 7;
+        }
+        self.0.push(rest as u8);
+        self
+    }
+
+    /// A `bool`.
+    #[must_use]
+    pub fn flag(self, value: bool) -> Self {
+        self.raw(&[u8::from(value)])
+    }
+
+    /// A string.
+    #[must_use]
+    pub fn text(self, text: impl AsRef<[u8]>) -> Self {
+        let text = text.as_ref();
+        self.int(text.len() as u64).raw(text)
+    }
+
+    /// A link's id.
+    #[must_use]
+    pub fn link(self, link: LinkId) -> Self {
+        self.int(link.epoch).int(link.serial)
+    }
+
+    /// These bytes.
+    #[must_use]
+    pub fn raw(mut self, bytes: impl AsRef<[u8]>) -> Self {
+        self.0.extend_from_slice(bytes.as_ref());
+        self
+    }
+
+    /// All of them.
+    #[must_use]
+    pub fn bytes(self) -> Vec<u8> {
+        self.0
+    }
+}
+
+fn frame(number: u64) -> Fields {
+    Fields::new().int(number)
+}
+
+/// HELLO for version 1.
+#[must_use]
+pub fn hello(name: impl AsRef<[u8]>) -> Vec<u8> {
+    hello_versions(1, 1, name)
+}
+
+/// HELLO for a range of versions.
+#[must_use]
+pub fn hello_versions(min: u16, max: u16, name: impl AsRef<[u8]>) -> Vec<u8> {
+    let versions = frame(0).int(min.into()).int(max.into());
+    versions.text(name).bytes()
+}
+
+/// DECLARE.
+#[must_use]
+pub fn declare(interface: u64, contract: &[u8]) -> Vec<u8> {
+    frame(1).int(interface).raw(contract).bytes()
+}
+
+/// WITHDRAW.
+#[must_use]
+pub fn withdraw(interface: u64) -> Vec<u8> {
+    frame(2).int(interface).bytes()
+}
+
+/// UNLINKED.
+#[must_use]
+pub fn unlinked(interface: u64, link: LinkId, code: u16) -> Vec<u8> {
+    frame(3).int(interface).link(link).int(code.into()).bytes()
+}
+
+/// QUERY from the start.
+#[must_use]
+pub fn query() -> Vec<u8> {
+    frame(4).flag(false).bytes()
+}
+
+/// GOODBYE of a node.
+#[must_use]
+pub fn goodbye(code: u16) -> Vec<u8> {
+    frame(5).int(code.into()).bytes()
+}
+
+/// The quality of service of a contract, whatever its kind.
+#[derive(Clone, Copy, Debug)]
+pub struct Qos {
+    /// `depth`
+    pub depth: u16,
+    /// `reliable`
+    pub reliable: bool,
+    /// `latched`
+    pub latched: u16,
+    /// `max_borrowed`
+    pub max_borrowed: u16,
+    /// `sealed`
+    pub sealed: bool,
+}
+
+impl Qos {
+    /// What a plain interface wants.
+    pub const PLAIN: Self = Self {
+        depth: 4,
+        reliable: false,
+        latched: 0,
+        max_borrowed: 2,
+        sealed: false,
+    };
+    /// The same, without losses.
+    pub const RELIABLE: Self = Self {
+        reliable: true,
+        ..Self::PLAIN
+    };
+    /// Plain and sealed.
+    pub const SEALED: Self = Self {
+        sealed: true,
+        ..Self::PLAIN
+    };
+
+    /// As the field `qos` of a server or client.
+    fn of_service(self) -> Vec<u8> {
+        let fields = Fields::new().int(self.depth.into());
+        fields
+            .int(self.max_borrowed.into())
+            .flag(self.sealed)
+            .bytes()
+    }
+}
+
+/// The type of raw bytes.
+#[must_use]
+pub fn bytes_type() -> Vec<u8> {
+    type_id("bytes", 0)
+}
+
+/// A type.
+#[must_use]
+pub fn type_id(name: &str, hash: u64) -> Vec<u8> {
+    Fields::new().text(name).int(hash).bytes()
+}
+
+/// A publisher of raw bytes.
+#[must_use]
+pub fn publisher(topic: impl AsRef<[u8]>, qos: Qos) -> Vec<u8> {
+    typed_publisher(topic, &bytes_type(), qos)
+}
+
+/// A publisher of this type.
+#[must_use]
+pub fn typed_publisher(topic: impl AsRef<[u8]>, data: &[u8], qos: Qos) -> Vec<u8> {
+    let head = Fields::new().int(0).text(topic).raw(data);
+    let offer = head.int(qos.depth.into()).flag(qos.reliable);
+    offer.int(qos.latched.into()).flag(qos.sealed).bytes()
+}
+
+/// A subscriber of raw bytes.
+#[must_use]
+pub fn subscriber(topic: impl AsRef<[u8]>, qos: Qos) -> Vec<u8> {
+    let head = Fields::new().int(1).text(topic);
+    let demand = head.flag(true).raw(bytes_type()).int(qos.depth.into());
+    let demand = demand.flag(qos.reliable).int(qos.max_borrowed.into());
+    demand.flag(qos.sealed).bytes()
+}
+
+/// A server of raw bytes.
+#[must_use]
+pub fn server(service: impl AsRef<[u8]>, qos: Qos) -> Vec<u8> {
+    let head = Fields::new().int(2).text(service);
+    let types = head.raw(bytes_type()).raw(bytes_type());
+    types.raw(qos.of_service()).bytes()
+}
+
+/// A client of raw bytes.
+#[must_use]
+pub fn client(service: impl AsRef<[u8]>, qos: Qos) -> Vec<u8> {
+    let head = Fields::new().int(3).text(service).flag(true);
+    let types = head.raw(bytes_type()).raw(bytes_type());
+    types.raw(qos.of_service()).bytes()
+}
+
+/// What a Manager sends.
+pub mod to_node {
+    use super::{Fields, LinkId, frame};
+
+    /// WELCOME.
+    #[must_use]
+    pub fn welcome(version: u16, epoch: u64, node: u64) -> Vec<u8> {
+        frame(0).int(version.into()).int(epoch).int(node).bytes()
+    }
+
+    /// HELLO_REFUSED because the name is taken.
+    #[must_use]
+    pub fn hello_refused() -> Vec<u8> {
+        frame(1).int(0).bytes()
+    }
+
+    /// DECLARED.
+    #[must_use]
+    pub fn declared(interface: u64, matches: u32) -> Vec<u8> {
+        frame(2).int(interface).int(matches.into()).bytes()
+    }
+
+    /// DECLARE_REFUSED: a topic of another type.
+    #[must_use]
+    pub fn declare_refused(interface: u64, theirs: &[u8]) -> Vec<u8> {
+        frame(3).int(interface).int(2).raw(theirs).bytes()
+    }
+
+    /// LINK, whose fields a test may change.
+    #[derive(Clone, Debug)]
+    pub struct Link {
+        /// The node's interface.
+        pub interface: u64,
+        /// The link.
+        pub link: LinkId,
+        /// Its version.
+        pub version: u16,
+        /// Whether nothing on it may be displaced.
+        pub reliable: bool,
+        /// Whether pooled payloads are forbidden.
+        pub sealed: bool,
+        /// The peer's contract.
+        pub contract: Vec<u8>,
+    }
+
+    impl Link {
+        /// Its bytes; the peer is interface 1 of node 77, `peer`.
+        #[must_use]
+        pub fn bytes(&self) -> Vec<u8> {
+            let head = frame(4).int(self.interface).link(self.link);
+            let terms = head.int(self.version.into());
+            let peer = terms.flag(self.reliable).flag(self.sealed).int(77);
+            peer.text("peer").int(1).raw(&self.contract).bytes()
+        }
+    }
+
+    /// UNLINK.
+    #[must_use]
+    pub fn unlink(interface: u64, link: LinkId, code: u16) -> Vec<u8> {
+        frame(5).int(interface).link(link).int(code.into()).bytes()
+    }
+
+    /// WITHDRAWN.
+    #[must_use]
+    pub fn withdrawn(interface: u64) -> Vec<u8> {
+        frame(6).int(interface).bytes()
+    }
+
+    /// PAGE with these items, and nothing after them.
+    #[must_use]
+    pub fn page(items: &[Vec<u8>]) -> Vec<u8> {
+        let head = frame(7).int(1).int(items.len() as u64);
+        let all = items.iter().fold(head, Fields::raw);
+        all.flag(false).bytes()
+    }
+
+    /// A node on a page.
+    #[must_use]
+    pub fn node_item(name: impl AsRef<[u8]>) -> Vec<u8> {
+        Fields::new().int(0).int(1).text(name).int(0).int(2).bytes()
+    }
+
+    /// GOODBYE of a Manager.
+    #[must_use]
+    pub fn goodbye(code: u16) -> Vec<u8> {
+        frame(8).int(code.into()).bytes()
+    }
+}

@@ -1,0 +1,177 @@
+//! Domains of their own: a temporary folder, and Managers that serve in it.
+
+use std::{
+    fs,
+    os::unix::process::CommandExt,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use nix::{
+    sys::signal::Signal,
+    unistd::{Uid, chown},
+};
+use tempfile::TempDir;
+
+use crate::{
+    census::Census,
+    process::{Exit, Process, actor},
+    raw::RawNode,
+};
+
+/// A domain in a folder of its own. The folder goes when this is dropped.
+#[derive(Debug)]
+pub struct TempDomain {
+    folder: TempDir,
+}
+
+impl TempDomain {
+    /// A domain without a Manager.
+    #[must_use]
+    pub fn new() -> Self {
+        // Short: a socket's path has at most 106 bytes.
+        let folder = tempfile::Builder::new().prefix("sm2-").tempdir();
+        Self {
+            folder: folder.expect("a temporary folder"),
+        }
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Where the Manager's socket is.
+    #[must_use]
+    pub fn socket(&self) -> PathBuf {
+        self.folder().join("domain.sock")
+    }
+
+    /// The names of the files in the folder, sorted.
+    #[must_use]
+    pub fn files(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.folder()).expect("the folder");
+        let mut names: Vec<String> = entries
+            .map(|entry| entry.expect("an entry").file_name())
+            .map(|name| name.to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+
+    /// A Manager with its defaults, ready to serve.
+    #[must_use]
+    pub fn manager(&self) -> ManagerProcess {
+        self.manager_with(&[])
+    }
+
+    /// A Manager with these options of the `manager` actor, ready to serve.
+    #[must_use]
+    pub fn manager_with(&self, options: &[&str]) -> ManagerProcess {
+        let manager = self.manager_start(options);
+        manager.process.stderr_says("serving");
+        manager
+    }
+
+    /// A Manager that runs as this user. Only root can start one.
+    #[must_use]
+    pub fn manager_as(&self, user: Uid, options: &[&str]) -> ManagerProcess {
+        chown(self.folder(), Some(user), None).expect("chown of the folder");
+        let mut command = self.command(options);
+        command.uid(user.as_raw()).gid(user.as_raw());
+        let manager = self.start(command);
+        manager.process.stderr_says("serving");
+        manager
+    }
+
+    /// A Manager that may or may not come up.
+    #[must_use]
+    pub fn manager_start(&self, options: &[&str]) -> ManagerProcess {
+        self.start(self.command(options))
+    }
+
+    fn command(&self, options: &[&str]) -> Command {
+        let mut command = actor("manager");
+        command.arg("--socket").arg(self.socket()).args(options);
+        command
+    }
+
+    fn start(&self, command: Command) -> ManagerProcess {
+        ManagerProcess {
+            process: Process::start(command),
+            socket: self.socket(),
+        }
+    }
+}
+
+impl Default for TempDomain {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A Manager in a process of its own. Killed when dropped.
+#[derive(Debug)]
+pub struct ManagerProcess {
+    process: Process,
+    socket: PathBuf,
+}
+
+impl ManagerProcess {
+    /// Its process id.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.process.pid()
+    }
+
+    /// What it has open now.
+    #[must_use]
+    pub fn census(&self) -> Census {
+        Census::of(self.pid())
+    }
+
+    /// A raw node that has not greeted.
+    #[must_use]
+    pub fn connect(&self) -> RawNode {
+        RawNode::connect(&self.socket)
+    }
+
+    /// A raw node, welcomed under `name`.
+    #[must_use]
+    pub fn node(&self, name: &str) -> RawNode {
+        RawNode::welcomed(&self.socket, name)
+    }
+
+    /// Waits until a line of its log has this text.
+    #[track_caller]
+    pub fn log_says(&self, text: &str) {
+        self.process.stderr_says(text);
+    }
+
+    /// Everything that it logged so far.
+    #[must_use]
+    pub fn log(&self) -> String {
+        self.process.stderr()
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&mut self, signal: Signal) {
+        self.process.signal(signal);
+    }
+
+    /// Kills it (SIGKILL) and waits for its end.
+    pub fn kill(&mut self) {
+        self.process.kill();
+    }
+
+    /// Whether it has ended.
+    pub fn has_ended(&mut self) -> bool {
+        self.process.has_ended()
+    }
+
+    /// Waits for its end.
+    pub fn wait(&mut self) -> Exit {
+        self.process.wait()
+    }
+}

@@ -1,0 +1,49 @@
+//! Files to attach: memory files with just the seals that a test wants, and what is no
+//! memory file at all.
+
+use std::{fs::File, io, os::fd::OwnedFd};
+
+use nix::{
+    fcntl::{FcntlArg, SealFlag, fcntl},
+    sys::memfd::{MFdFlags, memfd_create},
+};
+use sm2_proto::Seals;
+
+/// A memory file of `len` zeroes with these seals.
+#[must_use]
+pub fn memfd(len: u64, seals: Seals) -> OwnedFd {
+    try_memfd(len, seals).expect("a memory file")
+}
+
+fn try_memfd(len: u64, seals: Seals) -> io::Result<OwnedFd> {
+    let flags = MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING;
+    let file = File::from(memfd_create(c"sm2-test", flags)?);
+    file.set_len(len)?;
+    let seals = SealFlag::from_bits_retain(seals.0.cast_signed());
+    fcntl(&file, FcntlArg::F_ADD_SEALS(seals))?;
+    Ok(file.into())
+}
+
+/// `seals` without those in `missing`.
+#[must_use]
+pub const fn without(seals: Seals, missing: Seals) -> Seals {
+    Seals(seals.0 & !missing.0)
+}
+
+/// A file that can be passed for a sealed payload of `len` bytes.
+#[must_use]
+pub fn sealed(len: u64) -> OwnedFd {
+    memfd(len, Seals::SEALED)
+}
+
+/// A file that can be attached as a segment of `len` bytes.
+#[must_use]
+pub fn segment(len: u64) -> OwnedFd {
+    memfd(len, Seals::POOLED)
+}
+
+/// Something open that can never be mapped as a payload.
+#[must_use]
+pub fn null() -> OwnedFd {
+    File::open("/dev/null").expect("/dev/null").into()
+}

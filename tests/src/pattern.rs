@@ -1,0 +1,68 @@
+//! Payloads that can be checked: what message number n of some length must hold.
+
+/// Fills `payload` with what message `number` holds.
+pub fn fill(payload: &mut [u8], number: u64) {
+    let mut words = Words::of(number);
+    let mut chunks = payload.chunks_exact_mut(8);
+    for chunk in &mut chunks {
+        chunk.copy_from_slice(&words.next());
+    }
+    let rest = chunks.into_remainder();
+    let len = rest.len();
+    rest.copy_from_slice(&words.next()[..len]);
+}
+
+/// Message `number` with this length.
+#[must_use]
+pub fn message(number: u64, len: usize) -> Vec<u8> {
+    let mut payload = vec![0; len];
+    fill(&mut payload, number);
+    payload
+}
+
+/// Whether `payload` is what message `number` holds, in every byte.
+#[must_use]
+pub fn is_intact(payload: &[u8], number: u64) -> bool {
+    let mut words = Words::of(number);
+    let mut chunks = payload.chunks_exact(8);
+    let intact = chunks.by_ref().all(|chunk| chunk == words.next());
+    let rest = chunks.remainder();
+    intact && *rest == words.next()[..rest.len()]
+}
+
+/// Knuth's linear congruential generator.
+const FACTOR: u64 = 6_364_136_223_846_793_005;
+const INCREMENT: u64 = 1_442_695_040_888_963_407;
+
+/// Words that depend on the message's number and on their place.
+struct Words(u64);
+
+impl Words {
+    const fn of(number: u64) -> Self {
+        Self(number.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5356_4d32)
+    }
+
+    const fn next(&mut self) -> [u8; 8] {
+        self.0 = self.0.wrapping_mul(FACTOR).wrapping_add(INCREMENT);
+        self.0.to_le_bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{is_intact, message};
+
+    #[test]
+    fn every_bit_counts() {
+        for len in [1, 7, 8, 9, 4097] {
+            let good = message(5, len);
+            assert!(is_intact(&good, 5));
+            assert!(!is_intact(&good, 6), "{len} bytes of another message");
+            for byte in 0..len {
+                let mut bad = good.clone();
+                bad[byte] ^= 0x10;
+                assert!(!is_intact(&bad, 5), "byte {byte} of {len}");
+            }
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Child processes: started from the actor binary, watched, and never left behind.
+
+use std::{
+    io::{BufRead, BufReader, Read, Write},
+    os::unix::process::ExitStatusExt,
+    path::{Path, PathBuf},
+    process::{Child, ChildStdin, Command, ExitStatus, Stdio},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        mpsc::{Receiver, RecvTimeoutError, channel},
+    },
+    thread,
+};
+
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+
+use crate::{PATIENCE, census::Census, eventually};
+
+/// A command that runs the actor in `role`.
+///
+/// # Panics
+///
+/// If the actor has not been built, which Cargo does for the tests of this package.
+#[must_use]
+pub fn actor(role: &str) -> Command {
+    let mut command = Command::new(actor_path());
+    command.arg(role);
+    // Nothing of the caller's domain may leak into a test.
+    for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG", "XDG_RUNTIME_DIR"] {
+        command.env_remove(variable);
+    }
+    command
+}
+
+/// Where Cargo says, or beside the folder of the test that is running.
+fn actor_path() -> PathBuf {
+    if let Some(path) = std::env::var_os("CARGO_BIN_EXE_sm2-test-actor") {
+        return path.into();
+    }
+    let test = std::env::current_exe().expect("the test's own path");
+    let folder = test.parent().and_then(Path::parent).expect("target folder");
+    let path = folder.join("sm2-test-actor");
+    assert!(path.exists(), "{path:?} is missing: run cargo test");
+    path
+}
+
+/// How a process ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// By itself, with this status.
+    Status(i32),
+    /// By this signal.
+    Signal(i32),
+}
+
+impl From<ExitStatus> for Exit {
+    fn from(status: ExitStatus) -> Self {
+        match (status.code(), status.signal()) {
+            (Some(code), _) => Self::Status(code),
+            (None, signal) => Self::Signal(signal.unwrap_or(0)),
+        }
+    }
+}
+
+/// A child. Its output is collected; it is killed when this is dropped.
+#[derive(Debug)]
+pub struct Process {
+    child: Child,
+    stdin: Option<ChildStdin>,
+    lines: Receiver<String>,
+    stderr: Arc<Mutex<String>>,
+}
+
+impl Process {
+    /// Starts `command`.
+    #[must_use]
+    pub fn start(mut command: Command) -> Self {
+        command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        let mut child = command.spawn().expect("a child process");
+        let (sender, lines) = channel();
+        let stdout = BufReader::new(child.stdout.take().expect("its output"));
+        thread::spawn(move || {
+            for line in stdout.lines().map_while(Result::ok) {
+                if sender.send(line).is_err() {
+                    return;
+                }
+            }
+        });
+        let stderr = Arc::new(Mutex::new(String::new()));
+        let collected = Arc::clone(&stderr);
+        let source = child.stderr.take().expect("its errors");
+        thread::spawn(move || collect(source, &collected));
+        Self {
+            stdin: child.stdin.take(),
+            child,
+            lines,
+            stderr,
+        }
+    }
+
+    /// Its process id.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// What it has open now.
+    #[must_use]
+    pub fn census(&self) -> Census {
+        Census::of(self.pid())
+    }
+
+    /// Writes a line to it. A child that is gone does not hear it.
+    pub fn say(&mut self, line: &str) {
+        if let Some(stdin) = &mut self.stdin {
+            let _ = writeln!(stdin, "{line}").and_then(|()| stdin.flush());
+        }
+    }
+
+    /// The next line of its output; none when it has ended.
+    #[must_use]
+    #[track_caller]
+    pub fn line(&self) -> Option<String> {
+        match self.lines.recv_timeout(PATIENCE) {
+            Ok(line) => Some(line),
+            Err(RecvTimeoutError::Disconnected) => None,
+            Err(RecvTimeoutError::Timeout) => {
+                panic!("process {} says nothing: {}", self.pid(), self.stderr())
+            }
+        }
+    }
+
+    /// The next line of its output, which must come.
+    #[track_caller]
+    pub fn expect_line(&self) -> String {
+        let Some(line) = self.line() else {
+            panic!("process {} ended: {}", self.pid(), self.stderr());
+        };
+        line
+    }
+
+    /// What it wrote to standard error so far.
+    #[must_use]
+    pub fn stderr(&self) -> String {
+        lock(&self.stderr).clone()
+    }
+
+    /// Waits until its standard error has this text.
+    #[track_caller]
+    pub fn stderr_says(&self, text: &str) {
+        eventually(text, || lock(&self.stderr).contains(text));
+    }
+
+    /// Sends it a signal; none if it is gone already.
+    pub fn signal(&mut self, signal: Signal) {
+        // Until we have waited for it, its number is nobody else's.
+        if !self.has_ended() {
+            let _ = kill(Pid::from_raw(self.pid().cast_signed()), signal);
+        }
+    }
+
+    /// Kills it (SIGKILL) and waits for its end.
+    pub fn kill(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// Whether it has ended.
+    pub fn has_ended(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(Some(_)))
+    }
+
+    /// Waits for its end.
+    #[track_caller]
+    pub fn wait(&mut self) -> Exit {
+        let mut exit = None;
+        eventually("the end of a process", || {
+            exit = self.child.try_wait().expect("a child of ours");
+            exit.is_some()
+        });
+        exit.map_or(Exit::Status(0), Exit::from)
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+fn collect(mut source: impl Read, into: &Mutex<String>) {
+    let mut buffer = [0; 4096];
+    while let Ok(len @ 1..) = source.read(&mut buffer) {
+        lock(into).push_str(&String::from_utf8_lossy(&buffer[..len]));
+    }
+}
+
+fn lock(text: &Mutex<String>) -> MutexGuard<'_, String> {
+    text.lock().unwrap_or_else(PoisonError::into_inner)
+}

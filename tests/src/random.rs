@@ -1,0 +1,52 @@
+//! Random choices that can be made again: a seed, printed, that `SM2_TEST_SEED` sets.
+
+use std::{
+    hash::{BuildHasher, Hasher, RandomState},
+    ops::Range,
+};
+
+/// A generator (SplitMix64).
+#[derive(Clone, Debug)]
+pub struct Random(u64);
+
+impl Random {
+    /// Seeded by `SM2_TEST_SEED`, or anew. Prints the seed.
+    ///
+    /// # Panics
+    ///
+    /// If the variable holds no number.
+    #[must_use]
+    pub fn seeded() -> Self {
+        let seed = match std::env::var("SM2_TEST_SEED") {
+            Ok(seed) => seed.parse().expect("SM2_TEST_SEED is a number"),
+            Err(_) => RandomState::new().build_hasher().finish(),
+        };
+        println!("SM2_TEST_SEED={seed}");
+        Self(seed)
+    }
+
+    /// The generator with this seed.
+    #[must_use]
+    pub const fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// The next number.
+    pub const fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut mixed = self.0;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        mixed ^ (mixed >> 31)
+    }
+
+    /// A number in `range`, which is not empty.
+    pub const fn within(&mut self, range: Range<u64>) -> u64 {
+        range.start + self.next() % (range.end - range.start)
+    }
+
+    /// One of `choices`, of which there is at least one.
+    pub const fn choose<T: Copy>(&mut self, choices: &[T]) -> T {
+        choices[(self.next() % choices.len() as u64) as usize]
+    }
+}

@@ -1,0 +1,213 @@
+//! What one end of a link can do wrong towards the other.
+//!
+//! The real end is an interface of a real node, and the raw one belongs to a raw node
+//! of the same domain.
+
+mod flow;
+mod frames;
+mod memory;
+
+use std::{
+    cell::RefCell,
+    os::fd::{AsFd, OwnedFd},
+    rc::Rc,
+};
+
+use sm2_proto::Violation;
+
+use super::Row;
+use crate::{
+    actor::Actor,
+    control::{self, Qos},
+    link::{Open, inline, kind, role},
+    raw::RawLink,
+};
+
+/// The real end of a link: an interface that the victim declares for each row anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Real {
+    /// A reliable subscriber that takes nothing by itself: window 6.
+    Subscriber,
+    /// The same, whose links are sealed.
+    SealedSubscriber,
+    /// A publisher with depth 8.
+    Publisher,
+    /// A server that takes nothing by itself: window 6.
+    Server,
+    /// A server with room for 2,048 requests.
+    WideServer,
+    /// A client.
+    Client,
+}
+
+/// The window that [`Real::Subscriber`], [`Real::Server`] and [`Real::Client`] announce.
+pub const WINDOW: u64 = 6;
+
+impl Real {
+    /// The command that declares it, as `x`.
+    #[must_use]
+    pub const fn command(self) -> &'static str {
+        match self {
+            Self::Subscriber => "sub x x depth=4 borrow=2 reliable",
+            Self::SealedSubscriber => "sub x x depth=4 borrow=2 reliable sealed",
+            Self::Publisher => "pub x x depth=8",
+            Self::Server => "server x x depth=4 borrow=2",
+            Self::WideServer => "server x x depth=1024 borrow=1024",
+            Self::Client => "client x x borrow=5",
+        }
+    }
+
+    /// What the raw node declares to be linked with it.
+    #[must_use]
+    pub fn counterpart(self) -> Vec<u8> {
+        match self {
+            Self::Subscriber | Self::SealedSubscriber => control::publisher("x", Qos::RELIABLE),
+            Self::Publisher => control::subscriber("x", Qos::PLAIN),
+            Self::Server | Self::WideServer => control::client("x", Qos::PLAIN),
+            Self::Client => control::server("x", Qos::PLAIN),
+        }
+    }
+
+    /// The role of the raw end, and the window that it announces.
+    #[must_use]
+    pub const fn raw_role(self) -> (u8, u32) {
+        match self {
+            Self::Subscriber | Self::SealedSubscriber => (role::SENDER, 0),
+            Self::Publisher => (role::RECEIVER, 6),
+            Self::Server | Self::WideServer => (role::CALLER, 6),
+            Self::Client => (role::SERVER, 6),
+        }
+    }
+
+    /// What the real end must say in OPEN.
+    #[must_use]
+    pub const fn real_role(self) -> (u8, u32) {
+        match self {
+            Self::Subscriber | Self::SealedSubscriber => (role::RECEIVER, 6),
+            Self::Publisher => (role::SENDER, 0),
+            Self::Server => (role::SERVER, 6),
+            Self::WideServer => (role::SERVER, 2048),
+            Self::Client => (role::CALLER, 6),
+        }
+    }
+
+    /// The kind of message that it receives; a publisher receives none.
+    #[must_use]
+    pub const fn receives(self) -> u8 {
+        match self {
+            Self::Subscriber | Self::SealedSubscriber => kind::DATA,
+            Self::Server | Self::WideServer => kind::REQUEST,
+            Self::Client | Self::Publisher => kind::REPLY,
+        }
+    }
+}
+
+/// A link that was just made, and its real end's node.
+pub struct LinkStage {
+    /// The raw end; neither side's OPEN has been read.
+    pub link: RawLink,
+    /// The real end.
+    pub real: Real,
+    /// The node of the real end.
+    pub victim: Rc<RefCell<Actor>>,
+}
+
+impl LinkStage {
+    /// Sends a datagram.
+    pub fn send(&self, bytes: impl AsRef<[u8]>) {
+        self.link.end.send(bytes);
+    }
+
+    /// Sends a datagram with a descriptor.
+    pub fn send_fd(&self, bytes: impl AsRef<[u8]>, fd: &OwnedFd) {
+        self.link.end.send_fds(bytes, &[fd.as_fd()]);
+    }
+
+    /// The OPEN that the raw end has to say.
+    #[must_use]
+    pub fn greeting(&self) -> Open {
+        let (role, window) = self.real.raw_role();
+        Open::new(role, self.link.id, window)
+    }
+
+    /// Both sides say OPEN.
+    pub fn open(&self) {
+        self.send(self.greeting().bytes());
+        let (role, window) = self.real.real_role();
+        let theirs = Open::new(role, self.link.id, window).bytes();
+        assert_eq!(self.link.end.expect().bytes, theirs, "the real end's OPEN");
+    }
+
+    /// Opens, and sends the first messages of the kind that the real end receives.
+    pub fn messages(&self, count: u64) {
+        self.open();
+        for n in 1..=count {
+            self.send(inline(self.real.receives(), n, b"payload"));
+        }
+    }
+
+    /// Opens, and has the publisher send as many messages.
+    pub fn published(&self, count: u64) {
+        self.open();
+        self.victim.borrow_mut().tell("wait x 1");
+        let command = format!("publish x {count} 8");
+        self.victim.borrow_mut().tell(&command);
+        for n in 1..=count {
+            let head = self.link.end.expect().bytes;
+            assert_eq!((head[0], head[16]), (kind::DATA, n as u8), "DATA");
+        }
+    }
+
+    /// Opens, and has the client call; the call's number.
+    pub fn called(&self) -> u64 {
+        self.open();
+        self.victim.borrow_mut().tell("wait x 1");
+        self.victim.borrow_mut().tell("call x 8");
+        let head = self.link.end.expect().bytes;
+        assert_eq!(head[0], kind::REQUEST, "REQUEST");
+        u64::from_le_bytes(head[24..32].try_into().expect("8 bytes"))
+    }
+}
+
+/// What has to be done to which real end.
+pub struct LinkRow {
+    /// The real end that has to notice.
+    pub real: Real,
+    /// How it is provoked.
+    pub row: Row<LinkStage>,
+}
+
+type Rows = Vec<LinkRow>;
+
+fn row(
+    real: Real,
+    violation: Violation,
+    clause: &'static str,
+    what: impl Into<String>,
+    commit: impl Fn(&LinkStage) + 'static,
+) -> LinkRow {
+    let row = Row::new(violation, clause, what, commit);
+    LinkRow { real, row }
+}
+
+/// The rows.
+#[must_use]
+pub fn rows() -> Rows {
+    let mut rows = frames::rows();
+    rows.extend(memory::rows());
+    rows.extend(flow::rows());
+    rows
+}
+
+/// The rows for a victim that has few descriptors to spare.
+#[must_use]
+pub fn starved_rows() -> Rows {
+    frames::starved()
+}
+
+/// Frames that would break two rules at once, with the rule that SPEC section 10 names
+/// first.
+#[must_use]
+pub fn precedence() -> Rows {
+    frames::precedence()
+}

@@ -1,0 +1,56 @@
+//! The table of everything that SPEC forbids: for each way to break it the least
+//! bytes and descriptors that do.
+//!
+//! A [`Row`] is run against the side that has to notice: a Manager ([`manager`]),
+//! a node that hears from its Manager ([`node`]), or one end of a link ([`link`]).
+//! `tests/violations.rs` runs them, and holds them against [`spec`].
+
+mod frames;
+pub mod link;
+pub mod manager;
+pub mod node;
+pub mod spec;
+
+use std::fmt;
+
+use sm2_proto::Violation;
+
+/// One way to break SPEC, told to a `Stage` that has all that it takes.
+pub struct Row<Stage: ?Sized> {
+    /// What has to come back.
+    pub violation: Violation,
+    /// The clause that is broken (`SM2-TRN-004`), or the section.
+    pub clause: &'static str,
+    /// How.
+    pub what: String,
+    /// Does it.
+    pub commit: Box<dyn Fn(&Stage)>,
+}
+
+impl<Stage: ?Sized> Row<Stage> {
+    fn new(
+        violation: Violation,
+        clause: &'static str,
+        what: impl Into<String>,
+        commit: impl Fn(&Stage) + 'static,
+    ) -> Self {
+        Self {
+            violation,
+            clause,
+            what: what.into(),
+            commit: Box::new(commit),
+        }
+    }
+}
+
+impl<Stage: ?Sized> fmt::Display for Row<Stage> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} ({}): {}",
+            self.violation.name(),
+            self.clause,
+            self.what
+        )
+    }
+}

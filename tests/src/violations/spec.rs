@@ -1,0 +1,71 @@
+//! Reads what SPEC.md forbids, to hold the tables against it.
+
+use std::collections::BTreeSet;
+
+use sm2_proto::{Code, Violation};
+
+const SPEC: &str = include_str!("../../../SPEC.md");
+
+/// One row of the table of codes in SPEC section 10.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// The code.
+    pub code: u16,
+    /// Its name.
+    pub name: String,
+    /// The clauses and sections that the table names for it.
+    pub clauses: BTreeSet<String>,
+}
+
+/// The violations of SPEC section 10: the codes from 16 on.
+#[must_use]
+pub fn entries() -> Vec<Entry> {
+    let section = SPEC.split("## 10. Codes").nth(1).expect("section 10");
+    let rows = section.lines().filter(|line| line.starts_with("| "));
+    let entries = rows.filter_map(|line| {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        let code = cells.get(1)?.parse().ok()?;
+        let clauses = cells.get(3)?.split(", ").filter(|cell| is_reference(cell));
+        Some(Entry {
+            code,
+            name: cells.get(2)?.trim_matches('`').to_owned(),
+            clauses: clauses.map(str::to_owned).collect(),
+        })
+    });
+    entries.filter(|entry| entry.code >= 16).collect()
+}
+
+fn is_reference(cell: &str) -> bool {
+    cell.starts_with("SM2-") || cell.starts_with("section ")
+}
+
+/// The text of a clause or of a section.
+#[must_use]
+pub fn text_of(reference: &str) -> Option<&'static str> {
+    if let Some(number) = reference.strip_prefix("section ") {
+        let start = SPEC.find(&format!("# {number} "))?;
+        let section = &SPEC[start..];
+        let end = section[1..]
+            .find("\n#")
+            .map_or(section.len(), |end| end + 1);
+        return Some(&section[..end]);
+    }
+    let head = format!("**{reference}**");
+    SPEC.lines().find(|line| line.starts_with(&head))
+}
+
+/// Whether the clause speaks of this violation, or the table of codes of the clause.
+#[must_use]
+pub fn names(reference: &str, violation: Violation) -> bool {
+    let name = format!("`{}`", violation.name());
+    let text = text_of(reference).unwrap_or_default();
+    let listed =
+        |entry: &Entry| entry.code == violation.code().0 && entry.clauses.contains(reference);
+    text.contains(&name) || entries().iter().any(listed)
+}
+
+/// The violation of an entry.
+#[must_use]
+pub fn violation(entry: &Entry) -> Option<Violation> {
+    Violation::from_code(Code(entry.code)).filter(|violation| violation.name() == entry.name)
+}

@@ -1,0 +1,192 @@
+//! Processes that are killed at random moments: the others carry on or hear of it at once,
+//! and nothing is left behind.
+
+use std::{thread, time::Duration};
+
+use sm2_tests::{
+    actor::{Actor, number},
+    census::Census,
+    domain::TempDomain,
+    in_time,
+    process::{Process, actor},
+    random::Random,
+};
+
+const ROLES: [&str; 4] = ["pub", "sub", "server", "client"];
+const KILLS: usize = 200;
+
+/// A node that works without pause, once it is told to go.
+fn storm(domain: &TempDomain, name: &str, role: &str, go: &str) -> Process {
+    let mut command = actor("storm");
+    command.arg("--socket").arg(domain.socket());
+    command.args(["--name", name, "--role", role, "--go", go]);
+    Process::start(command)
+}
+
+/// The nodes that are not killed: one of each role.
+struct Survivors {
+    all: [Process; 4],
+    /// What each held before it declared anything.
+    baseline: [Census; 4],
+}
+
+impl Survivors {
+    fn connect(domain: &TempDomain) -> Self {
+        let all = ROLES.map(|role| storm(domain, &format!("survivor-{role}"), role, "false"));
+        for survivor in &all {
+            assert_eq!(survivor.expect_line(), "connected");
+        }
+        let baseline = all.each_ref().map(Process::census);
+        Self { all, baseline }
+    }
+
+    fn go(&mut self) {
+        self.all.iter_mut().for_each(|survivor| survivor.say("go"));
+        for survivor in &self.all {
+            assert_eq!(survivor.expect_line(), "working");
+        }
+    }
+
+    /// Ends their work; what each reports.
+    fn stop(&mut self) -> [String; 4] {
+        let [publisher, subscriber, server, client] = &mut self.all;
+        publisher.say("stop");
+        let published = publisher.expect_line();
+        // All of them arrive, also those that were published during the last kill.
+        subscriber.say(&format!("stop {}", number(&published, "published")));
+        let received = subscriber.expect_line();
+        client.say("stop");
+        let called = client.expect_line();
+        server.say("stop");
+        [published, received, server.expect_line(), called]
+    }
+
+    /// Only what the survivors share with each other is open and mapped: the publisher's
+    /// segments at the subscriber, those of server and client at both.
+    fn share_only_their_own(&self, sockets: usize) {
+        let mut last = self.baseline.clone();
+        let done = in_time(|| {
+            last = self.all.each_ref().map(Process::census);
+            let [publisher, subscriber, server, client] = &last;
+            let segments = |census: &Census| census.of_kind("memfd:sm2-segment");
+            let served = segments(server) + segments(client);
+            publisher.mappings() == segments(publisher)
+                && subscriber.mappings() == segments(publisher)
+                && segments(subscriber) == 0
+                && [server.mappings(), client.mappings()] == [served, served]
+                && last
+                    .iter()
+                    .all(|census| census.of_kind("socket") == sockets)
+        });
+        let [publisher, subscriber, server, client] = last;
+        assert!(
+            done,
+            "more is shared than among them:\n{publisher}\n{subscriber}\n{server}\n{client}"
+        );
+    }
+
+    /// Withdraws their interfaces: each holds what it held at first.
+    fn close(&mut self) {
+        for survivor in &mut self.all {
+            survivor.say("close");
+            assert_eq!(survivor.expect_line(), "closed");
+        }
+        for (survivor, baseline) in self.all.iter().zip(&self.baseline) {
+            baseline.restored(survivor.pid());
+        }
+    }
+}
+
+/// A publisher and a client whose peers die go on at once: each wait of theirs would
+/// otherwise end in an error that is none of the expected ones.
+//= SM2-SES-003 sys, SM2-SES-006 sys, SM2-OPN-007 sys, SM2-SRV-005 sys, SM2-LNK-004 sys
+//= SM2-TRN-006 sys, SM2-QOS-002 sys, SM2-SRV-001 sys
+#[test]
+fn processes_killed_at_random_moments_leave_the_others_alone() {
+    let mut random = Random::seeded();
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let mut survivors = Survivors::connect(&domain);
+    let baseline = manager.census();
+    survivors.go();
+    let victim = |role| storm(&domain, &format!("victim-{role}"), role, "true");
+    let mut victims = ROLES.map(victim);
+    for _ in 0..KILLS {
+        // From before it has a session to the middle of its work.
+        let most = random.choose(&[1, 3, 10, 20, 60]);
+        thread::sleep(Duration::from_millis(random.within(0..most)));
+        let index = random.within(0..ROLES.len() as u64) as usize;
+        victims[index].kill();
+        victims[index] = victim(ROLES[index]);
+    }
+    drop(victims);
+    let reports = survivors.stop();
+    println!("{}", reports.join("\n"));
+    assert!(
+        number(&reports[3], "failed") > 0,
+        "no server died in a call"
+    );
+    // The session and the one link of each.
+    survivors.share_only_their_own(2);
+    survivors.close();
+    baseline.restored(manager.pid());
+    assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
+}
+
+//= SM2-NOD-003 sys
+#[test]
+fn work_goes_on_without_the_manager() {
+    let domain = TempDomain::new();
+    let mut manager = domain.manager();
+    let mut survivors = Survivors::connect(&domain);
+    survivors.go();
+    thread::sleep(Duration::from_millis(50));
+    manager.kill();
+    thread::sleep(Duration::from_millis(150));
+    let [published, received, served, called] = survivors.stop();
+    println!("{published}\n{received}\n{served}\n{called}");
+    assert_eq!(number(&called, "failed"), 0);
+    assert_eq!(number(&called, "replied"), number(&served, "served"));
+    assert_eq!(
+        number(&received, "received"),
+        number(&published, "published")
+    );
+    survivors.share_only_their_own(1);
+}
+
+/// Reliable and best-effort links, counted by the publications' numbers, with the Manager killed
+/// in the middle of them.
+//= SM2-NOD-003 sys, SM2-QOS-004 sys
+#[test]
+fn no_message_is_lost_when_the_manager_is_killed() {
+    const BATCH: u64 = 500;
+    let domain = TempDomain::new();
+    let mut manager = domain.manager();
+    let mut talker = Actor::start(&domain.socket(), "talker");
+    let mut listeners = ["reliable", "best-effort"].map(|name| {
+        let mut listener = Actor::start(&domain.socket(), name);
+        let demand = if name == "reliable" { "reliable" } else { "" };
+        listener.tell(&format!("sub t t depth=1024 {demand}"));
+        listener
+    });
+    talker.tell("pub t t depth=1024 reliable_ms=60000");
+    talker.tell("wait t 2");
+    for batch in 0..6 {
+        let size = [8, 100, 5_000, 70_000][batch as usize % 4];
+        talker.say(&format!("publish t {BATCH} {size}"));
+        if batch == 2 {
+            manager.kill();
+        }
+        for listener in &mut listeners {
+            listener.say(&format!("take t {BATCH}"));
+        }
+        assert_eq!(talker.answer(), format!("ok took={} missed=0", 2 * BATCH));
+        let (first, last) = (batch * BATCH + 1, (batch + 1) * BATCH);
+        for listener in &listeners {
+            let all = format!("ok got={BATCH} first={first} last={last} lost=0 damaged=0");
+            assert_eq!(listener.answer(), all, "{}", listener.name());
+        }
+    }
+    let refused = talker.ask("sub new new");
+    assert!(refused.starts_with("error ManagerGone"), "{refused}");
+}

@@ -1,0 +1,268 @@
+//! A Manager under attack: half-open connections, floods, nodes that do not read.
+//! Whoever behaves is served all the while.
+
+use std::{
+    os::fd::{AsFd, OwnedFd},
+    time::Duration,
+};
+
+use nix::unistd::{Uid, geteuid};
+use sm2_io::SendError;
+use sm2_proto::{
+    Farewell, Violation,
+    control::{Item, ToNode},
+};
+use sm2_tests::{
+    control::{self, Qos},
+    domain::TempDomain,
+    eventually, memory,
+    raw::RawNode,
+};
+
+//= SM2-SES-004 sys
+#[test]
+fn whoever_does_not_greet_is_ended_and_a_silent_node_is_not() {
+    let domain = TempDomain::new();
+    let manager = domain.manager_with(&["--greeting-timeout", "1"]);
+    let honest = manager.node("honest");
+    honest.nodes();
+    let baseline = manager.census();
+    let silent: Vec<RawNode> = (0..20).map(|_| manager.connect()).collect();
+    // Refused is not ready.
+    let refused = manager.connect();
+    refused.send(control::hello("honest"));
+    assert_eq!(refused.peer().expect().bytes, [1, 0], "HELLO_REFUSED");
+    for node in silent.iter().chain([&refused]) {
+        assert_eq!(node.ended(), Some(Farewell::GreetingTimeout.code()));
+    }
+    // All of them timed out since, and this node was as silent.
+    assert_eq!(honest.nodes(), ["honest"]);
+    baseline.restored(manager.pid());
+}
+
+/// Twice the limit of connections that do not greet: the surplus is told so, whoever is
+/// in is served, and when the flood is over an honest node gets in.
+#[test]
+fn a_flood_of_connections_ends_at_the_limit() {
+    let domain = TempDomain::new();
+    let manager = domain.manager_with(&["--greeting-timeout", "600"]);
+    let honest = manager.node("honest");
+    honest.nodes();
+    let baseline = manager.census();
+    let flood: Vec<RawNode> = (0..512).map(|_| manager.connect()).collect();
+    let (within, beyond) = flood.split_at(256);
+    for node in beyond {
+        assert_eq!(node.ended(), Some(Farewell::Resources.code()));
+    }
+    assert!(within.iter().all(|node| node.peer().is_quiet()));
+    assert_eq!(honest.nodes(), ["honest"], "served during the flood");
+    let late = manager.connect();
+    assert_eq!(late.ended(), Some(Farewell::Resources.code()));
+    // One that greets makes room for one more.
+    within[0].greet("within");
+    manager.node("honest-too").close();
+    drop(flood);
+    eventually("the end of the flood", || honest.nodes() == ["honest"]);
+    manager.node("honest-again").close();
+    baseline.restored(manager.pid());
+}
+
+//= SM2-TRN-005 sys
+#[test]
+fn a_flood_of_descriptors_leaves_none_behind() {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let honest = manager.node("honest");
+    honest.nodes();
+    let baseline = manager.census();
+    let nulls: Vec<OwnedFd> = (0..253).map(|_| memory::null()).collect();
+    let nulls: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
+    for round in 0..200 {
+        let node = manager.connect();
+        // Several at once: what is queued behind a violation is closed, too.
+        for _ in 0..3 {
+            match node.peer().try_send(&control::hello("flood"), &nulls) {
+                Ok(()) | Err(SendError::Closed | SendError::WouldBlock) => {}
+                Err(error) => panic!("round {round}: {error}"),
+            }
+        }
+        assert_eq!(node.ended(), Some(Violation::FdCount.code()));
+    }
+    assert_eq!(honest.nodes(), ["honest"]);
+    baseline.restored(manager.pid());
+}
+
+//= SM2-TRN-009 sys
+#[test]
+fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let honest = manager.node("honest");
+    // Makes each page longer.
+    for interface in 1..=40 {
+        let topic = format!("{}/{interface}", "long".repeat(50));
+        honest.declare(interface, &control::publisher(topic, Qos::PLAIN));
+    }
+    honest.nodes();
+    let baseline = manager.census();
+    let deaf = manager.node("deaf");
+    let mut queries = 0;
+    eventually("the Manager to give up", || {
+        match deaf.peer().try_send(&control::query(), &[]) {
+            Ok(()) => queries += 1,
+            Err(SendError::WouldBlock) => {}
+            Err(SendError::Closed) => return true,
+            Err(error) => panic!("after {queries} queries: {error}"),
+        }
+        assert_eq!(honest.nodes()[0], "honest");
+        false
+    });
+    manager.log_says("stalled");
+    // What the socket took is still there, then the end: GOODBYE did not fit.
+    let mut pages = 0;
+    while deaf.peer().recv().is_some() {
+        pages += 1;
+    }
+    assert!(pages < queries, "{pages} pages for {queries} queries");
+    assert_eq!(honest.nodes(), ["honest"], "the deaf node is gone");
+    baseline.restored(manager.pid());
+}
+
+/// The ends of links that a deaf node does not take are descriptors of the Manager. They
+/// run out for nobody else: it is the deaf node that goes.
+//= SM2-TRN-009 sys, SM2-SES-006 sys, SM2-LNK-004 sys
+#[test]
+fn a_node_that_does_not_take_its_links_does_not_use_up_the_descriptors() {
+    let domain = TempDomain::new();
+    let manager = domain.manager_with(&["--nofile", "400"]);
+    let honest = manager.node("honest");
+    honest.nodes();
+    let baseline = manager.census();
+    let deaf = manager.node("deaf");
+    deaf.declare(1, &control::subscriber("t", Qos::PLAIN));
+    let mut links = Vec::new();
+    for interface in 1..=1024 {
+        let contract = control::publisher("t", Qos::PLAIN);
+        honest.send(control::declare(interface, &contract));
+        match honest.next() {
+            // Every link is made, although the other side does not take its end.
+            ToNode::Declared { matches: 1, .. } => links.push(honest.linked()),
+            // Until it is given up: UNLINK for each.
+            ToNode::Unlink { .. } => break,
+            other => panic!("{other:?}"),
+        }
+    }
+    manager.log_says("stalled");
+    assert!(links.len() > 400, "only {} links", links.len());
+    eventually("the deaf node's end", || names_now(&honest) == ["honest"]);
+    baseline.restored(manager.pid());
+    let late = manager.node("late");
+    late.declare(1, &control::subscriber("t", Qos::PLAIN));
+    late.linked();
+    drop(deaf);
+}
+
+/// The names on the first page, past the UNLINKs that may come before it.
+fn names_now(node: &RawNode) -> Vec<String> {
+    node.send(control::query());
+    loop {
+        match node.next() {
+            ToNode::Unlink { .. } | ToNode::Declared { .. } => {}
+            ToNode::Page { items, .. } => {
+                let names = items.into_iter().filter_map(|item| match item {
+                    Item::Node { name, .. } => Some(name.as_str().to_owned()),
+                    Item::Interface { .. } => None,
+                });
+                return names.collect();
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// Hundreds of nodes that come, do something, and crash, while one works.
+#[test]
+fn nodes_that_come_and_go_in_disorder_leave_nothing() {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let honest = manager.node("honest");
+    honest.nodes();
+    let baseline = manager.census();
+    for round in 0..300_u32 {
+        let node = manager.connect();
+        let steps = [
+            control::hello("churn"),
+            control::declare(1, &control::publisher("c", Qos::PLAIN)),
+            control::declare(2, &control::subscriber("c", Qos::RELIABLE)),
+            control::declare(3, &control::subscriber("c", Qos::PLAIN)),
+            control::withdraw(1),
+            control::query(),
+            control::goodbye(0),
+        ];
+        // Cut off after each number of steps, without reading an answer.
+        for step in &steps[..(round as usize % (steps.len() + 1))] {
+            node.send(step);
+        }
+        drop(node);
+        assert_eq!(honest.nodes()[0], "honest");
+    }
+    eventually("all of them gone", || honest.nodes() == ["honest"]);
+    baseline.restored(manager.pid());
+}
+
+/// Whoever has no descriptor left for a new connection serves those that it has, and
+/// takes the new one when it can.
+#[test]
+fn a_manager_that_runs_out_of_descriptors_recovers() {
+    let domain = TempDomain::new();
+    let manager = domain.manager_with(&["--nofile", "40"]);
+    let honest = manager.node("honest");
+    honest.nodes();
+    let baseline = manager.census();
+    let many: Vec<RawNode> = (0..60).map(|_| manager.connect()).collect();
+    manager.log_says("cannot accept a connection");
+    assert_eq!(honest.nodes(), ["honest"]);
+    // A link takes two descriptors for a moment; without them the pair is not linked.
+    assert_eq!(honest.declare(1, &control::publisher("t", Qos::PLAIN)), 0);
+    assert_eq!(honest.declare(2, &control::subscriber("t", Qos::PLAIN)), 1);
+    std::thread::sleep(Duration::from_millis(1));
+    assert!(honest.peer().is_quiet(), "no LINK without a socket");
+    drop(many);
+    eventually("a connection to be served", || honest.nodes() == ["honest"]);
+    let late = manager.node("late");
+    assert_eq!(late.declare(1, &control::subscriber("t", Qos::PLAIN)), 1);
+    assert_eq!(late.linked().id, honest.linked().id);
+    drop(late);
+    eventually("the late node's end", || names_now(&honest) == ["honest"]);
+    baseline.restored(manager.pid());
+}
+
+/// The kernel counts descriptors in flight for the user who sends them. Of a user without
+/// privileges it refuses more than its limit of open files: `ETOOMANYREFS`.
+//= SM2-TRN-010 sys
+#[test]
+fn descriptors_in_flight_that_nobody_takes_cost_the_one_who_does_not() {
+    if !geteuid().is_root() {
+        println!("skipped: only root can start a Manager for a user without privileges");
+        return;
+    }
+    let domain = TempDomain::new();
+    let manager = domain.manager_as(Uid::from_raw(61_001), &["--nofile", "64"]);
+    let honest = manager.node("honest");
+    let deaf = manager.node("deaf");
+    deaf.declare(1, &control::subscriber("t", Qos::PLAIN));
+    let mut links = Vec::new();
+    for interface in 1..=200 {
+        let contract = control::publisher("t", Qos::PLAIN);
+        honest.send(control::declare(interface, &contract));
+        match honest.next() {
+            ToNode::Declared { matches: 1, .. } => links.push(honest.linked()),
+            ToNode::Unlink { .. } => break,
+            other => panic!("after {} links: {other:?}", links.len()),
+        }
+    }
+    eprintln!("{} links\n{}", links.len(), manager.log());
+    manager.log_says("stalled");
+    eventually("the deaf node's end", || names_now(&honest) == ["honest"]);
+    drop(deaf);
+}

@@ -1,0 +1,276 @@
+//! Everything that SPEC forbids, done to real processes: the code that comes back, the
+//! others untouched, nothing left behind.
+
+use std::{
+    cell::{RefCell, RefMut},
+    rc::Rc,
+};
+
+use sm2_io::SendError;
+use sm2_proto::{Code, Violation};
+use sm2_tests::{
+    actor::Actor,
+    control::{self, Qos},
+    domain::{ManagerProcess, TempDomain},
+    eventually, link, pattern,
+    raw::{RawLink, RawManager, RawNode},
+    violations::{
+        Row,
+        link::{self as link_rows, LinkRow, LinkStage},
+        manager,
+        node::{self, NodeStage},
+        spec,
+    },
+};
+
+/// Two nodes of the domain that do nothing wrong, and the link between them.
+struct Bystanders {
+    one: RawNode,
+    _other: RawNode,
+    link: [RawLink; 2],
+}
+
+impl Bystanders {
+    fn new(manager: &ManagerProcess) -> Self {
+        let one = manager.node(manager::TAKEN);
+        let other = manager.node("bystander-2");
+        one.declare(1, &control::publisher("by", Qos::PLAIN));
+        assert_eq!(other.declare(1, &control::subscriber("by", Qos::PLAIN)), 1);
+        let link = [one.linked(), other.linked()];
+        Self {
+            one,
+            _other: other,
+            link,
+        }
+    }
+
+    /// The Manager answers them, knows nobody else any more, and their link is as it was.
+    #[track_caller]
+    fn are_untouched(&self) {
+        assert_eq!(self.one.nodes(), [manager::TAKEN, "bystander-2"]);
+        self.link[0].end.send(b"ping");
+        assert_eq!(self.link[1].end.expect().bytes, b"ping");
+        assert!(self.link[0].end.is_quiet(), "their link is quiet");
+    }
+}
+
+/// Each row with a new connection: GOODBYE with the code, the end, and nothing else.
+fn run_against(manager: &ManagerProcess, rows: &[Row<RawNode>]) {
+    let bystanders = Bystanders::new(manager);
+    // Its answer comes after all else that it was doing.
+    bystanders.are_untouched();
+    let baseline = manager.census();
+    for row in rows {
+        let node = manager.connect();
+        (row.commit)(&node);
+        // What comes after is not answered (SM2-SES-005).
+        let _: Result<(), SendError> = node.peer().try_send(&control::query(), &[]);
+        assert_eq!(node.ended(), Some(row.violation.code()), "{row}");
+        bystanders.are_untouched();
+        baseline.restored(manager.pid());
+        manager.log_says(row.violation.clause());
+    }
+}
+
+//= SM2-TRN-004 sys, SM2-TRN-005 sys, SM2-FRM-001 sys, SM2-FRM-002 sys
+//= SM2-FRM-003 sys, SM2-NAM-001 sys, SM2-SES-001 sys, SM2-SES-002 sys
+//= SM2-SES-005 sys, SM2-SES-006 sys, SM2-IFC-001 sys, SM2-IFC-003 sys
+//= SM2-LNK-003 sys, SM2-COD-001 sys
+#[test]
+fn a_node_that_breaks_spec_is_gone_and_nobody_else() {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    run_against(&manager, &manager::rows());
+    run_against(&manager, &manager::precedence());
+}
+
+//= SM2-TRN-005 sys
+#[test]
+fn a_manager_without_descriptors_to_spare_hangs_up_on_whoever_sends_too_many() {
+    let domain = TempDomain::new();
+    let manager = domain.manager_with(&["--nofile", "40"]);
+    run_against(&manager, &manager::starved_rows());
+}
+
+/// The node says GOODBYE with the code and hangs up; its link goes on.
+fn run_against_node(rows: &[Row<NodeStage>], options: &[&str]) {
+    for row in rows {
+        let domain = TempDomain::new();
+        let manager = RawManager::listen(&domain.socket());
+        let actor = Actor::launch(&domain.socket(), "victim", options);
+        let session = manager.accept();
+        assert_eq!(session.expect().bytes, control::hello("victim"));
+        let stage = NodeStage::new(session, actor);
+        (row.commit)(&stage);
+        // Between them what the node had to say before, such as UNLINKED.
+        let mut last = None;
+        while let Some(frame) = stage.session.recv() {
+            last = Some(frame.bytes);
+        }
+        let goodbye = control::goodbye(row.violation.code().0);
+        assert_eq!(last, Some(goodbye), "{row}");
+        let actor = stage.actor.borrow_mut();
+        if stage.waiting.get() {
+            let answer = actor.answer();
+            let named = answer.contains(&format!("Violation({:?})", row.violation));
+            assert!(named, "{row}: {answer}");
+        }
+        links_go_on(&stage, actor, row);
+    }
+}
+
+/// The open link carries a message, and no other is left.
+fn links_go_on(stage: &NodeStage, mut actor: RefMut<'_, Actor>, row: &Row<NodeStage>) {
+    let links = stage.links.borrow();
+    let open = usize::from(stage.linked.get());
+    for link in &links[open..] {
+        // Perhaps OPEN and CLOSE, and then the end.
+        while link.recv().is_some() {}
+    }
+    if stage.linked.get() {
+        let message = pattern::message(1, 100);
+        links[0].send(link::inline(link::kind::DATA, 1, &message));
+        let answer = actor.ask("take t 1");
+        assert_eq!(answer, "ok got=1 first=1 last=1 lost=0 damaged=0", "{row}");
+        eventually("everything else to be closed", || {
+            actor.census().of_kind("socket") == 1
+        });
+    }
+}
+
+//= SM2-NOD-001 sys, SM2-NOD-002 sys, SM2-NOD-003 sys, SM2-LNK-005 sys, SM2-IFC-002 sys
+//= SM2-IFC-007 sys, SM2-FRM-004 sys
+#[test]
+fn a_manager_that_breaks_spec_is_left_and_links_go_on() {
+    run_against_node(&node::rows(), &[]);
+    run_against_node(&node::starved_rows(), &["--nofile", "40"]);
+}
+
+/// CLOSE with the code, and the end of this link alone.
+fn run_against_link(rows: Vec<LinkRow>, options: &[&str]) {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let victim = Actor::launch(&domain.socket(), "victim", options);
+    assert_eq!(victim.answer(), "ready");
+    let victim = Rc::new(RefCell::new(victim));
+    let mut friend = Actor::start(&domain.socket(), "friend");
+    let tell = |command: &str| victim.borrow_mut().tell(command);
+    tell("sub by by reliable");
+    friend.tell("pub by by reliable_ms=60000");
+    friend.tell("wait by 1");
+    let raw = manager.node("observer");
+    raw.nodes();
+    let baseline = (manager.census(), victim.borrow().census());
+    for LinkRow { real, row } in rows {
+        tell(real.command());
+        let raw = manager.node("raw");
+        assert_eq!(raw.declare(1, &real.counterpart()), 1, "{row}");
+        let stage = LinkStage {
+            link: raw.linked(),
+            real,
+            victim: Rc::clone(&victim),
+        };
+        (row.commit)(&stage);
+        let id = stage.link.id;
+        assert_eq!(stage.link.closed(), Some(row.violation.code().0), "{row}");
+        drop(stage);
+        // The sessions go on, of which the offender's hears what became of the link.
+        assert_eq!(raw.unlinked(id), row.violation.code(), "{row}");
+        raw.send(control::unlinked(1, id, 0));
+        assert_eq!(
+            raw.nodes(),
+            ["victim", "friend", "observer", "raw"],
+            "{row}"
+        );
+        friend.tell("publish by 1 100");
+        let taken = tell("take by 1");
+        assert!(
+            taken.contains("got=1") && taken.contains("damaged=0"),
+            "{row}: {taken}"
+        );
+        tell("close x");
+        raw.close();
+        baseline.0.restored(manager.pid());
+        let pid = victim.borrow().pid();
+        baseline.1.restored(pid);
+    }
+    friend.tell("publish by 4 100000");
+    assert!(tell("take by 4").ends_with("lost=0 damaged=0"));
+}
+
+//= SM2-TRN-004 sys, SM2-TRN-005 sys, SM2-OPN-001 sys, SM2-OPN-002 sys, SM2-OPN-003 sys
+//= SM2-OPN-004 sys, SM2-OPN-005 sys, SM2-OPN-006 sys, SM2-OPN-007 sys, SM2-LNK-004 sys
+//= SM2-WIR-001 sys, SM2-WIR-002 sys, SM2-PAY-001 sys, SM2-PAY-002 sys, SM2-PAY-003 sys
+//= SM2-PAY-004 sys, SM2-PAY-005 sys, SM2-PAY-008 sys, SM2-SEG-001 sys, SM2-SEG-002 sys
+//= SM2-SEG-003 sys, SM2-SEG-004 sys, SM2-SEG-005 sys, SM2-MSG-001 sys, SM2-MSG-002 sys
+//= SM2-MSG-003 sys, SM2-MSG-004 sys, SM2-SRV-002 sys, SM2-SRV-003 sys, SM2-SRV-004 sys
+#[test]
+fn a_peer_that_breaks_spec_loses_its_link_and_nothing_else_happens() {
+    let mut rows = link_rows::rows();
+    rows.extend(link_rows::precedence());
+    run_against_link(rows, &[]);
+}
+
+//= SM2-TRN-005 sys
+#[test]
+fn a_node_without_descriptors_to_spare_closes_the_link_of_whoever_sends_too_many() {
+    run_against_link(link_rows::starved_rows(), &["--nofile", "40"]);
+}
+
+/// Fails when a violation is added, here or in SPEC, and no row shows it.
+#[test]
+fn every_violation_of_spec_has_its_rows() {
+    let mut done: Vec<(Violation, &str, String)> = Vec::new();
+    let mut note = |violation, clause, row: String| done.push((violation, clause, row));
+    for rows in [
+        manager::rows(),
+        manager::starved_rows(),
+        manager::precedence(),
+    ] {
+        rows.iter()
+            .for_each(|row| note(row.violation, row.clause, row.to_string()));
+    }
+    for rows in [node::rows(), node::starved_rows()] {
+        rows.iter()
+            .for_each(|row| note(row.violation, row.clause, row.to_string()));
+    }
+    for rows in [
+        link_rows::rows(),
+        link_rows::starved_rows(),
+        link_rows::precedence(),
+    ] {
+        let rows = rows.iter().map(|LinkRow { row, .. }| row);
+        rows.for_each(|row| note(row.violation, row.clause, row.to_string()));
+    }
+    let mut gaps = Vec::new();
+    for (violation, clause, row) in &done {
+        if !spec::names(clause, *violation) {
+            gaps.push(format!("{clause} does not speak of it: {row}"));
+        }
+    }
+    eprintln!("{} rows", done.len());
+    let entries = spec::entries();
+    for entry in &entries {
+        let Some(violation) = spec::violation(entry) else {
+            gaps.push(format!("sm2-proto has no violation {entry:?}"));
+            continue;
+        };
+        for clause in &entry.clauses {
+            if !done.iter().any(|(v, c, _)| *v == violation && c == clause) {
+                gaps.push(format!("no row for {} by {clause}", entry.name));
+            }
+        }
+    }
+    for violation in Violation::ALL {
+        if !entries
+            .iter()
+            .any(|entry| Code(entry.code) == violation.code())
+        {
+            gaps.push(format!("SPEC section 10 has no {violation}"));
+        }
+        if !done.iter().any(|(v, _, _)| v == violation) {
+            gaps.push(format!("no row for {violation}"));
+        }
+    }
+    assert!(gaps.is_empty(), "{}", gaps.join("\n"));
+}
