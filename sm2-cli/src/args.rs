@@ -23,6 +23,7 @@ pub(crate) struct Cli {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Serve a domain: the broker that every node of it needs
+    #[command(after_help = MANAGER_EXAMPLES)]
     Manager(sm2_manager::program::Arguments),
     /// Publish, print and list topics
     #[command(subcommand)]
@@ -50,6 +51,14 @@ SIGTERM before it was done.
 
 Environment: SM2_SOCKET, SM2_DOMAIN and XDG_RUNTIME_DIR say where the Manager is;
 SM2_LOG (error, warn, info, debug) what is logged on standard error.";
+
+const MANAGER_EXAMPLES: &str = "\
+It serves until Ctrl-C or SIGTERM. SM2_LOG (error, warn, info, debug) says what it logs on standard error.
+
+Examples:
+  sm2 manager
+  sm2 manager --domain arm --seal-all
+  sm2 manager --socket /run/robot/sm2.sock --socket-mode 660";
 
 /// Which domain a command talks to.
 #[derive(Args, Clone, Debug, Default)]

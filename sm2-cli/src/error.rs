@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use nix::libc;
 use sm2_io::EndpointError;
 use sm2_manager::StartError;
 use sm2_node::{
@@ -103,7 +104,7 @@ pub(crate) enum CliError {
         found: String,
     },
     /// Standard output does not take more.
-    #[error("cannot write to standard output: {}{}", .0, advice(.0))]
+    #[error("cannot write to standard output: {0}")]
     Output(#[source] io::Error),
     /// The demo's Manager did not start.
     #[error("the demo's Manager does not start: {0}")]
@@ -128,7 +129,7 @@ pub(crate) enum CliError {
     },
     /// What SM2 is for did not hold.
     #[error(
-        "{part} received {messages} damaged messages, the first as its {message}., at byte {offset}"
+        "{part} received {messages} damaged messages: the first is its message {message}, at byte {offset}"
     )]
     Damaged {
         /// Who.
@@ -147,7 +148,7 @@ pub(crate) enum CliError {
         part: String,
     },
     /// The operating system refuses what the command needs.
-    #[error("cannot {action}: {source}")]
+    #[error("cannot {action}: {source}{}", advice(source))]
     System {
         /// What was tried.
         action: &'static str,
@@ -173,7 +174,9 @@ impl CliError {
     /// The exit status: whether the command line is wrong, or what it asks for failed.
     pub(crate) const fn status(&self) -> u8 {
         match self {
-            Self::LoopOfInput | Self::DemoTooLong { .. } => usage::STATUS,
+            Self::LoopOfInput
+            | Self::DemoTooLong { .. }
+            | Self::Endpoint(EndpointError::DomainName { .. }) => usage::STATUS,
             _ => 1,
         }
     }
@@ -193,6 +196,7 @@ fn advice(error: &io::Error) -> &'static str {
             ": free some space, or name a folder elsewhere"
         }
         io::ErrorKind::ReadOnlyFilesystem => ": name a folder elsewhere",
+        _ if error.raw_os_error() == Some(libc::EMFILE) => ": raise the limit (ulimit -n)",
         _ => "",
     }
 }

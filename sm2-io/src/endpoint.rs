@@ -37,6 +37,7 @@ pub fn socket_path(domain: Option<&str>) -> Result<PathBuf, EndpointError> {
 /// # Errors
 ///
 /// As [`socket_path`].
+//= SM2-TRN-001
 pub fn socket_path_in(
     domain: Option<&str>,
     variable: impl Fn(&str) -> Option<OsString>,
@@ -55,6 +56,7 @@ pub fn socket_path_in(
     Ok(path)
 }
 
+//= SM2-TRN-002
 fn in_directory(domain: &str, runtime: Option<OsString>) -> Result<PathBuf, EndpointError> {
     let legal = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-');
     if domain.is_empty() || domain.len() > MAX_DOMAIN_BYTES || !domain.bytes().all(legal) {

@@ -31,17 +31,21 @@ use crate::Payload;
 /// }
 /// ```
 ///
-/// So is a header that is followed by as many elements as the message has:
+/// So is a header that is followed by as many elements as the message has. There must be no
+/// padding for any number of them, so the header's numbers are ones without alignment (or
+/// the structure is `repr(C, packed)`):
 ///
 /// ```
 /// # use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 /// # use sm2_node::Message;
+/// use sm2_node::zerocopy::little_endian::U32;
+///
 /// #[derive(Message, FromBytes, IntoBytes, Immutable, KnownLayout)]
 /// #[message(name = "sensor/Image")]
 /// #[repr(C)]
 /// struct Image {
-///     width: u32,
-///     height: u32,
+///     width: U32,
+///     height: U32,
 ///     pixels: [u8],
 /// }
 /// ```

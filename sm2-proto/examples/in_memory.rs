@@ -42,9 +42,12 @@ struct Program {
 
 /// A datagram on its way. Programs are numbered; their sessions count from 1.
 enum Wire {
-    ToManager(usize, Vec<u8>),
-    ToNode(usize, Vec<u8>, Vec<FdFacts>),
-    ToLink(usize, Vec<u8>),
+    /// To the Manager, from a program.
+    Manager(usize, Vec<u8>),
+    /// To a program's node.
+    Node(usize, Vec<u8>, Vec<FdFacts>),
+    /// To a program's link.
+    Link(usize, Vec<u8>),
 }
 
 /// Both programs, their Manager, and what is on its way between them.
@@ -110,11 +113,11 @@ impl World {
         while let Some(wire) = self.wires.pop_front() {
             let read = wire.to_string(&self.programs);
             match &wire {
-                Wire::ToManager(from, bytes) => self.feed_manager(manager::Input::Datagram {
+                Wire::Manager(from, bytes) => self.feed_manager(manager::Input::Datagram {
                     session: session(*from),
                     datagram: Datagram::new(bytes),
                 }),
-                Wire::ToNode(to, bytes, fds) => {
+                Wire::Node(to, bytes, fds) => {
                     let fds = &fds[..];
                     let datagram = Datagram {
                         fds,
@@ -122,7 +125,7 @@ impl World {
                     };
                     self.feed_node(*to, node::Input::Datagram(datagram));
                 }
-                Wire::ToLink(to, bytes) => {
+                Wire::Link(to, bytes) => {
                     self.feed_link(*to, link::Input::Datagram(Datagram::new(bytes)));
                 }
             }
@@ -137,20 +140,20 @@ impl World {
             match output {
                 manager::Output::Send { session, frame } => {
                     self.wires
-                        .push_back(Wire::ToNode(program(session), frame, vec![]));
+                        .push_back(Wire::Node(program(session), frame, vec![]));
                 }
                 // A driver makes a socket pair here, and sends one end with each.
                 manager::Output::Link { ends, .. } => {
                     for (session, frame) in ends {
                         let socket = vec![FdFacts::default()];
                         self.wires
-                            .push_back(Wire::ToNode(program(session), frame, socket));
+                            .push_back(Wire::Node(program(session), frame, socket));
                     }
                 }
                 manager::Output::HangUp {
                     session, goodbye, ..
                 } => {
-                    let goodbye = goodbye.map(|it| Wire::ToNode(program(session), it, vec![]));
+                    let goodbye = goodbye.map(|it| Wire::Node(program(session), it, vec![]));
                     self.wires.extend(goodbye);
                 }
             }
@@ -167,7 +170,7 @@ impl World {
         while let Some(output) = self.programs[at].node.poll() {
             let program = &mut self.programs[at];
             match output {
-                node::Output::Transmit(bytes) => self.wires.push_back(Wire::ToManager(at, bytes)),
+                node::Output::Transmit(bytes) => self.wires.push_back(Wire::Manager(at, bytes)),
                 node::Output::Welcomed { .. } => {
                     let interface = program.node.declare(program.contract.clone());
                     program.interface = Some(interface.expect("we are welcome"));
@@ -224,7 +227,7 @@ impl World {
         match output {
             link::Output::Transmit(packet) => {
                 let other = 1 - at;
-                self.wires.push_back(Wire::ToLink(other, packet.to_vec()));
+                self.wires.push_back(Wire::Link(other, packet.to_vec()));
             }
             link::Output::Opened if Role::of(program.contract.kind()) == Role::Sender => {
                 let message = Message {
@@ -263,11 +266,11 @@ impl World {
     /// How far whoever got the datagram has come by it.
     fn state(&self, wire: &Wire) -> String {
         match wire {
-            Wire::ToManager(..) => {
+            Wire::Manager(..) => {
                 let (sessions, links) = (self.manager.sessions(), self.manager.links());
                 format!("the Manager has {sessions} sessions and {links} links")
             }
-            Wire::ToNode(to, ..) => {
+            Wire::Node(to, ..) => {
                 let Program { name, node, .. } = &self.programs[*to];
                 match (node.is_ready(), node.end()) {
                     (_, Some(end)) => format!("{name}: {end}"),
@@ -275,7 +278,7 @@ impl World {
                     (false, None) => format!("{name} is greeting"),
                 }
             }
-            Wire::ToLink(to, _) => {
+            Wire::Link(to, _) => {
                 let Program { name, link, .. } = &self.programs[*to];
                 match link.as_ref().map(|link| (link.is_open(), link.end())) {
                     Some((_, Some(end))) => format!("{name}'s link: {end}"),
@@ -291,11 +294,11 @@ impl Wire {
     fn to_string(&self, programs: &[Program; 2]) -> String {
         let name = |at: &usize| programs[*at].name;
         match self {
-            Self::ToManager(from, bytes) => {
+            Self::Manager(from, bytes) => {
                 let frame = decode_to_manager(&Datagram::new(bytes));
                 format!("{} -> Manager: {}", name(from), readable(frame))
             }
-            Self::ToNode(to, bytes, fds) => {
+            Self::Node(to, bytes, fds) => {
                 let datagram = Datagram {
                     fds,
                     ..Datagram::new(bytes)
@@ -303,7 +306,7 @@ impl Wire {
                 let frame = decode_to_node(&datagram);
                 format!("Manager -> {}: {}", name(to), readable(frame))
             }
-            Self::ToLink(to, bytes) => {
+            Self::Link(to, bytes) => {
                 let frame = Frame::decode(&Datagram::new(bytes));
                 format!("{} -> {}: {}", name(&(1 - to)), name(to), readable(frame))
             }

@@ -32,6 +32,7 @@ enum Op {
     Query { slot: usize },
     Goodbye { slot: usize },
     Crash { slot: usize },
+    Stall { slot: usize },
     GoRogue { slot: usize, bytes: Vec<u8> },
     RunShort { links: u8 },
     ManagerReads { pick: usize },
@@ -102,6 +103,7 @@ fn op() -> impl Strategy<Value = Op> {
         1 => slot().prop_map(|slot| Op::Query { slot }),
         1 => slot().prop_map(|slot| Op::Goodbye { slot }),
         2 => slot().prop_map(|slot| Op::Crash { slot }),
+        1 => slot().prop_map(|slot| Op::Stall { slot }),
         2 => (slot(), breach()).prop_map(|(slot, bytes)| Op::GoRogue { slot, bytes }),
         1 => (1..4_u8).prop_map(|links| Op::RunShort { links }),
         20 => pick().prop_map(|pick| Op::ManagerReads { pick }),
@@ -121,6 +123,7 @@ fn run(slots: usize, ops: &[Op], rogues: bool) -> World {
             Op::Query { slot } => world.query(slot),
             Op::Goodbye { slot } => world.say_goodbye(slot),
             Op::Crash { slot } => world.crash(slot),
+            Op::Stall { slot } => world.stall(slot),
             Op::GoRogue { slot, bytes } => world.go_rogue(slot, &bytes),
             Op::RunShort { links } => world.run_short(links),
             Op::ManagerReads { pick } => drop(world.manager_reads(pick)),
@@ -132,7 +135,7 @@ fn run(slots: usize, ops: &[Op], rogues: bool) -> World {
 }
 
 proptest! {
-    #![proptest_config(cases(600))]
+    #![proptest_config(cases(300))]
 
     //= SM2-IFC-002, SM2-IFC-003, SM2-IFC-004, SM2-IFC-005, SM2-IFC-007 test
     //= SM2-MAT-001, SM2-MAT-002, SM2-MAT-003 test
@@ -153,7 +156,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(cases(80))]
+    #![proptest_config(cases(30))]
 
     //= SM2-MAT-002, SM2-LNK-003, SM2-IFC-007 test
     #[test]

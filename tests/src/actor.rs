@@ -2,7 +2,7 @@
 //! and drives its sockets in between. `src/bin/sm2-test-actor/node.rs` says which
 //! commands there are.
 
-use std::path::Path;
+use std::{path::Path, process::Command};
 
 use nix::sys::signal::Signal;
 
@@ -33,8 +33,21 @@ impl Actor {
     #[must_use]
     pub fn launch(socket: &Path, name: &str, options: &[&str]) -> Self {
         let mut command = actor("node");
-        command.arg("--socket").arg(socket).args(["--name", name]);
         command.args(options);
+        Self::spawn(command, socket, name)
+    }
+
+    /// As [`start`](Self::start), run by this command, which names the role.
+    #[must_use]
+    #[track_caller]
+    pub fn start_as(command: Command, socket: &Path, name: &str) -> Self {
+        let actor = Self::spawn(command, socket, name);
+        assert_eq!(actor.process.expect_line(), "ready", "{name}");
+        actor
+    }
+
+    fn spawn(mut command: Command, socket: &Path, name: &str) -> Self {
+        command.arg("--socket").arg(socket).args(["--name", name]);
         Self {
             process: Process::start(command),
             name: name.to_owned(),

@@ -100,6 +100,12 @@ pub fn query() -> Vec<u8> {
     frame(4).flag(false).bytes()
 }
 
+/// QUERY of what follows this position.
+#[must_use]
+pub fn query_after(node: u64, interface: u64) -> Vec<u8> {
+    frame(4).flag(true).int(node).int(interface).bytes()
+}
+
 /// GOODBYE of a node.
 #[must_use]
 pub fn goodbye(code: u16) -> Vec<u8> {

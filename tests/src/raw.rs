@@ -269,6 +269,24 @@ impl RawNode {
         }
     }
 
+    /// Asks for all pages, one after the other: their items.
+    #[track_caller]
+    pub fn query_all(&self) -> Vec<Item> {
+        let mut all = Vec::new();
+        let mut query = control::query();
+        loop {
+            self.send(query);
+            let ToNode::Page { items, next, .. } = self.next() else {
+                panic!("PAGE expected");
+            };
+            all.extend(items);
+            let Some(next) = next else {
+                return all;
+            };
+            query = control::query_after(next.node.0, next.interface.0);
+        }
+    }
+
     /// The names of the nodes on the first page.
     #[track_caller]
     pub fn nodes(&self) -> Vec<String> {

@@ -99,8 +99,8 @@ impl Survivors {
 
 /// A publisher and a client whose peers die go on at once: each wait of theirs would
 /// otherwise end in an error that is none of the expected ones.
-//= SM2-SES-003 sys, SM2-SES-006 sys, SM2-OPN-007 sys, SM2-SRV-005 sys, SM2-LNK-004 sys
-//= SM2-TRN-006 sys, SM2-QOS-002 sys, SM2-SRV-001 sys
+//= SM2-SES-003, SM2-SES-006, SM2-OPN-007, SM2-SRV-005, SM2-LNK-004 sys
+//= SM2-TRN-006, SM2-QOS-002, SM2-SRV-001 sys
 #[test]
 fn processes_killed_at_random_moments_leave_the_others_alone() {
     let mut random = Random::seeded();
@@ -156,7 +156,7 @@ fn work_goes_on_without_the_manager() {
 
 /// Reliable and best-effort links, counted by the publications' numbers, with the Manager killed
 /// in the middle of them.
-//= SM2-NOD-003 sys, SM2-QOS-004 sys
+//= SM2-NOD-003, SM2-QOS-004 sys
 #[test]
 fn no_message_is_lost_when_the_manager_is_killed() {
     const BATCH: u64 = 500;

@@ -32,7 +32,7 @@ fn talk(ends: &[RawLink; 2]) {
     assert_eq!(ends[0].end.expect().bytes, b"so am I");
 }
 
-//= SM2-SES-008 sys, SM2-TRN-008 sys
+//= SM2-SES-008, SM2-TRN-008 sys
 #[test]
 fn a_signal_ends_a_manager_in_order() {
     for signal in [Signal::SIGTERM, Signal::SIGINT] {
@@ -53,7 +53,7 @@ fn a_signal_ends_a_manager_in_order() {
     }
 }
 
-//= SM2-NOD-003 sys, SM2-SES-007 sys, SM2-TRN-008 sys
+//= SM2-NOD-003, SM2-SES-007, SM2-TRN-008 sys
 #[test]
 fn a_manager_that_was_killed_is_replaced_and_its_links_live() {
     let domain = TempDomain::new();
@@ -166,7 +166,7 @@ fn fails(domain: &TempDomain, advice: &str) {
     manager.log_says(advice);
 }
 
-//= SM2-TRN-001 sys, SM2-TRN-002 sys
+//= SM2-TRN-001, SM2-TRN-002 sys
 #[test]
 fn the_domain_decides_where_the_socket_is() {
     let home = TempDomain::new();

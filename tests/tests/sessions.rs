@@ -39,7 +39,7 @@ fn a_name_belongs_to_one_ready_session() {
 
 /// The kernel closes the sockets of a process that was killed before its parent hears of
 /// it: from then on the name is free, without any wait.
-//= SM2-SES-003 sys, SM2-SES-006 sys
+//= SM2-SES-003, SM2-SES-006 sys
 #[test]
 fn the_name_of_a_process_that_crashed_is_free_at_once() {
     let domain = TempDomain::new();
@@ -184,7 +184,7 @@ fn a_links_number_is_never_used_again() {
 }
 
 /// Both sides of a link, and a link that each end leaves at the same time.
-//= SM2-LNK-003 sys, SM2-LNK-004 sys
+//= SM2-LNK-003, SM2-LNK-004 sys
 #[test]
 fn each_end_of_a_link_has_one_farewell_in_each_direction() {
     let domain = TempDomain::new();

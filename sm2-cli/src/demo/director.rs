@@ -9,6 +9,7 @@ use std::{
 };
 
 use sm2_manager::{Background, Options};
+use tempfile::TempDir;
 
 use super::{
     Arguments,
@@ -28,6 +29,9 @@ use crate::{
 /// How long starting all processes, and ending them, may take.
 const PATIENCE: Duration = Duration::from_secs(30);
 
+/// The path of a socket is short, and this is what is left of it.
+const PARENT_MAX_BYTES: usize = 64;
+
 /// How often figures are shown.
 const TICK: Duration = Duration::from_secs(1);
 
@@ -41,10 +45,7 @@ const DELAY: Duration = Duration::from_millis(100);
 /// As [`super::run`].
 pub(super) fn direct(arguments: &Arguments, count: u64) -> Result<Ended, CliError> {
     let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
-    let folder = tempfile::Builder::new()
-        .prefix("sm2-demo-")
-        .tempdir()
-        .map_err(|source| CliError::file("create a folder in", &env::temp_dir(), source))?;
+    let folder = private_folder()?;
     let socket = folder.path().join("demo.sock");
     let _manager = Background::start(&socket, Options::default())?;
     let mut director = Director {
@@ -57,6 +58,8 @@ pub(super) fn direct(arguments: &Arguments, count: u64) -> Result<Ended, CliErro
         screen: Screen::new(arguments.json),
     };
     director.gather()?;
+    // Nobody else connects: whatever ends the demo, it leaves nothing behind.
+    drop(folder);
     if let Some(signal) = director.heeded {
         return Ok(Ended::Stopped(signal));
     }
@@ -69,6 +72,16 @@ pub(super) fn direct(arguments: &Arguments, count: u64) -> Result<Ended, CliErro
         }
         (verdict, _) => verdict.map(|()| Ended::Done),
     }
+}
+
+/// A folder for the socket, which goes with the demo.
+fn private_folder() -> Result<TempDir, CliError> {
+    let parent = env::temp_dir();
+    let fits = parent.as_os_str().len() <= PARENT_MAX_BYTES;
+    let parent = if fits { &parent } else { Path::new("/tmp") };
+    let mut builder = tempfile::Builder::new();
+    let folder = builder.prefix("sm2-demo-").tempdir_in(parent);
+    folder.map_err(|source| CliError::file("create a folder in", parent, source))
 }
 
 struct Director<'a> {

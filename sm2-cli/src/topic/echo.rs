@@ -1,6 +1,6 @@
 //! `sm2 topic echo`: the messages of a topic, printed or written to files.
 
-use std::{fmt, os::fd::AsFd, path::Path};
+use std::{borrow::Cow, fmt, os::fd::AsFd, path::Path};
 
 use serde::Serialize;
 use sm2_io::clock;
@@ -24,8 +24,8 @@ const DEPTH: u16 = 64;
 
 /// Echoes until a signal comes, or `--count` messages are there.
 pub(super) fn run(arguments: &EchoArguments) -> Result<Ended, CliError> {
-    let mut sink = Sink::new(arguments)?;
     let session = Session::open(&arguments.domain, "echo")?;
+    let mut sink = Sink::new(arguments)?;
     let subscriber = session
         .node
         .subscriber_builder::<[u8]>(arguments.topic.as_str())
@@ -111,7 +111,7 @@ struct Line<'a> {
 enum Content<'a> {
     Text(&'a str),
     Hex(String),
-    File(&'a Path),
+    File(Cow<'a, str>),
 }
 
 impl<'a> Sink<'a> {
@@ -142,7 +142,7 @@ impl<'a> Sink<'a> {
 impl<'a> Line<'a> {
     fn new(arguments: &'a EchoArguments, sample: &'a Sample<[u8]>, file: Option<&'a Path>) -> Self {
         let content = match (file, str::from_utf8(sample)) {
-            (Some(path), _) => Content::File(path),
+            (Some(path), _) => Content::File(path.to_string_lossy()),
             (None, Ok(text)) => Content::Text(text),
             (None, Err(_)) => Content::Hex(Hex(sample, "").to_string()),
         };

@@ -47,8 +47,10 @@ pub(super) fn run(arguments: &PubArguments) -> Result<Ended, CliError> {
     };
     let mut flushed = true;
     if feed.wait_for_subscribers()? {
-        feed.publish_all(&inputs)?;
+        let all = feed.publish_all(&inputs);
+        // Also what was published before an error.
         flushed = feed.flush()?;
+        all?;
         feed.settle()?;
     }
     let counters = publisher.counters();

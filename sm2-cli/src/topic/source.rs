@@ -58,7 +58,7 @@ pub(crate) struct Messages<'a, G> {
 
 impl Input {
     /// The inputs that this names: a folder's are its regular files in the order of their names,
-    /// without hidden ones.
+    /// without hidden ones. All files can be read, as far as one can know before doing so.
     ///
     /// # Errors
     ///
@@ -69,21 +69,23 @@ impl Input {
             Self::StandardInput => return Ok(vec![self.clone()]),
         };
         let failed = |source| CliError::file("read", path, source);
-        if !fs::metadata(path).map_err(failed)?.is_dir() {
-            return Ok(vec![self.clone()]);
-        }
-        let mut files = Vec::new();
-        for entry in fs::read_dir(path).map_err(failed)? {
-            let file = entry.map_err(failed)?.path();
-            if is_published(&file) {
-                files.push(file);
-            }
+        let found = fs::metadata(path).map_err(failed)?;
+        let mut files = match found.is_dir() {
+            true => files_of(path).map_err(failed)?,
+            false => vec![path.clone()],
+        };
+        if files.is_empty() {
+            return Err(CliError::EmptyFolder { path: path.clone() });
         }
         files.sort_unstable();
-        match files.is_empty() {
-            true => Err(CliError::EmptyFolder { path: path.clone() }),
-            false => Ok(files.into_iter().map(Self::Path).collect()),
+        let inputs: Vec<_> = files.into_iter().map(Self::Path).collect();
+        // A pipe must not be opened to try: its writer would take the end of that for its reader's.
+        if found.is_dir() || found.is_file() {
+            for input in &inputs {
+                input.open().map_err(|source| input.failed(source))?;
+            }
         }
+        Ok(inputs)
     }
 
     fn open(&self) -> io::Result<File> {
@@ -105,12 +107,18 @@ impl Input {
     }
 }
 
-/// A regular file, or a link to one, that is not hidden.
-fn is_published(path: &Path) -> bool {
-    let hidden = path
-        .file_name()
-        .is_none_or(|name| name.as_encoded_bytes().starts_with(b"."));
-    !hidden && fs::metadata(path).is_ok_and(|found| found.is_file())
+/// The regular files of a folder, and links to such, that are not hidden.
+fn files_of(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
+        let path = entry.path();
+        if !hidden && fs::metadata(&path).is_ok_and(|found| found.is_file()) {
+            files.push(path);
+        }
+    }
+    Ok(files)
 }
 
 impl<'a, G: Gate> Messages<'a, G> {

@@ -9,6 +9,7 @@ use std::{
 
 use crate::common::{Domain, Running, sm2, until};
 use nix::sys::signal::Signal;
+use tempfile::TempDir;
 
 #[test]
 fn an_echo_without_end_is_ended_by_a_signal() {
@@ -118,7 +119,9 @@ fn parent(pid: i32) -> Option<i32> {
     (fields.next()? != "Z").then_some(fields.next()?.parse().ok()?)
 }
 
-fn started_demo() -> (Running, Vec<i32>) {
+/// A demo that runs, its processes, and its folder for temporary files.
+fn started_demo() -> (Running, Vec<i32>, TempDir) {
+    let folder = tempfile::tempdir().unwrap();
     let demo = [
         "demo",
         "--subscribers",
@@ -128,17 +131,17 @@ fn started_demo() -> (Running, Vec<i32>) {
         "--seconds",
         "100",
     ];
-    let demo = Running::start(&mut sm2(&demo));
+    let demo = Running::start(sm2(&demo).env("TMPDIR", folder.path()));
     // A line each second.
     until("the demo runs", || demo.stdout().lines().count() > 1);
     let parts = children(demo.pid());
     assert_eq!(parts.len(), 3);
-    (demo, parts)
+    (demo, parts, folder)
 }
 
 #[test]
 fn a_demo_that_is_stopped_reports_what_it_has() {
-    let (demo, parts) = started_demo();
+    let (demo, parts, _folder) = started_demo();
     demo.signal(Signal::SIGINT);
     let demo = demo.finish();
     assert_eq!(demo.code(), 130, "{}", demo.stderr());
@@ -155,17 +158,18 @@ fn a_demo_that_is_stopped_reports_what_it_has() {
 
 #[test]
 fn a_demo_that_is_killed_takes_its_processes_along() {
-    let (demo, parts) = started_demo();
+    let (demo, parts, folder) = started_demo();
     demo.signal(Signal::SIGKILL);
     demo.finish();
     until("its processes are gone", || {
         parts.iter().all(|&pid| parent(pid).is_none())
     });
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
 #[test]
 fn a_demo_that_loses_a_process_says_which() {
-    let (demo, parts) = started_demo();
+    let (demo, parts, _folder) = started_demo();
     let subscriber = |pid: &&i32| {
         let arguments = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
         String::from_utf8_lossy(&arguments).contains("subscriber-2")

@@ -1,7 +1,11 @@
 //! Bad input, and a world that does not play along: one line that says what to do, and the right
 //! exit status.
 
-use std::{fs, path::Path, process::Command};
+use std::{
+    fs::{self, File},
+    path::Path,
+    process::Command,
+};
 
 use crate::common::{Domain, Finished, Running, files, noise, sm2, until};
 
@@ -47,7 +51,7 @@ fn bad_names_show_the_grammar() {
     }
     run(&["topic", "pub", "a", "--from", "-", "--type", "a b"]).failed(2, &[grammar]);
     run(&["topic", "pub", "a", "--from", "-", "--type", "a:xyz"]).failed(2, &["16 hex digits"]);
-    run(&["topic", "list", "--domain", "no/slash"]).failed(1, &["no/slash"]);
+    run(&["topic", "list", "--domain", "no/slash"]).failed(2, &["no/slash"]);
 }
 
 #[test]
@@ -197,6 +201,21 @@ fn folders_that_cannot_be_written_are_named() {
     echo(&used).failed(1, &["000003.bin", "name an empty one"]);
 }
 
+#[test]
+fn output_that_cannot_be_written_is_told() {
+    let domain = Domain::new();
+    let full = || File::options().write(true).open("/dev/full").unwrap();
+    for command in [&["node", "list"][..], &["topic", "list", "--json"]] {
+        let listed = domain.command(command).stdout(full()).output().unwrap();
+        assert_eq!(listed.status.code(), Some(1));
+        let errors = String::from_utf8(listed.stderr).unwrap();
+        assert!(
+            errors.starts_with("sm2: cannot write to standard output: No space"),
+            "{errors}"
+        );
+    }
+}
+
 /// A small file system, as long as it lives.
 struct SmallDisk<'a>(&'a Path);
 
@@ -208,7 +227,7 @@ impl<'a> SmallDisk<'a> {
             .args(["-t", "tmpfs", "-o", "size=64k", "tmpfs"])
             .arg(path);
         let mounted = mount.output().is_ok_and(|output| output.status.success());
-        mounted.then_some(Self(path))
+        mounted.then(|| Self(path))
     }
 }
 

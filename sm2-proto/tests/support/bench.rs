@@ -1,6 +1,8 @@
 //! A Manager on the bench: frames in, readable events out.
 #![allow(dead_code, reason = "each test uses a part")]
 
+use std::time::Duration;
+
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId,
     control::{ToManager, ToNode, decode_to_node, encode_to_manager},
@@ -10,6 +12,17 @@ use sm2_proto::{
 use super::contracts::name;
 
 pub(crate) const EPOCH: u64 = 0xE90C;
+
+pub(crate) const UNLIMITED: Policy = Policy {
+    greeting: Duration::from_secs(2),
+    greetings_per_user: usize::MAX,
+    sessions_per_user: usize::MAX,
+    interfaces_per_session: usize::MAX,
+    interfaces_per_user: usize::MAX,
+    links_per_session: usize::MAX,
+    seal_all: false,
+    waive_user_boundary: false,
+};
 
 /// One output of the Manager, its frames read.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -31,6 +31,10 @@ pub(crate) fn publisher_with(topic: &str, data: &TypeId, reliable: bool, sealed:
     }
 }
 
+pub(crate) fn scan() -> Contract {
+    publisher("scan", &data("Scan"))
+}
+
 /// Without a type it takes every one.
 pub(crate) fn subscriber(topic: &str, data: Option<&TypeId>) -> Contract {
     subscriber_with(topic, data, false, false)

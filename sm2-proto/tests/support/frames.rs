@@ -1,4 +1,5 @@
 //! Any control frame that SPEC allows.
+#![allow(dead_code, reason = "each test uses a part")]
 
 use proptest::{
     collection::vec,

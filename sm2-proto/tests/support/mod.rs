@@ -4,6 +4,7 @@
 pub(crate) mod bench;
 pub(crate) mod contracts;
 pub(crate) mod oracle;
+pub(crate) mod session;
 pub(crate) mod world;
 
 use proptest::test_runner::Config;

@@ -135,8 +135,21 @@ impl World {
             && !process.live.is_empty()
         {
             let interface = process.live.remove(pick % process.live.len());
+            let links: Vec<LinkId> = process.links.keys().map(|&(_, link)| link).collect();
             process.links.retain(|&(it, _), _| it != interface);
             self.tell(slot, node::Input::Withdraw { interface });
+            // Their machines end too; nobody is to hear of that.
+            let code = Code(0);
+            for link in links {
+                self.tell(
+                    slot,
+                    node::Input::Unlinked {
+                        interface,
+                        link,
+                        code,
+                    },
+                );
+            }
         }
     }
 
@@ -182,6 +195,19 @@ impl World {
         let slot = self.slot(slot);
         if let Some(process) = self.processes[slot].take() {
             self.node_closes(process.session);
+        }
+    }
+
+    /// The Manager gives up a program that does not read.
+    pub(crate) fn stall(&mut self, slot: usize) {
+        let slot = self.slot(slot);
+        let Some(session) = self.processes[slot].as_ref().map(|it| it.session) else {
+            return;
+        };
+        if !self.sockets[&session].manager_is_gone {
+            self.feed(Input::Stalled { session });
+            self.oracle.gone(session);
+            self.check_listing();
         }
     }
 

@@ -52,7 +52,8 @@ fn lost_messages_are_no_failure_and_damaged_ones_are() {
     let intact = [done(ONE, 300, 0), done(TWO, 1, 0), publisher.clone()];
     assert_eq!(verdict_of(&intact), "success");
     let damaged = [done(ONE, 300, 0), done(TWO, 300, 2), publisher];
-    let expected = "subscriber 2 received 2 damaged messages, the first as its 7., at byte 4096";
+    let expected =
+        "subscriber 2 received 2 damaged messages: the first is its message 7, at byte 4096";
     assert_eq!(verdict_of(&damaged), expected);
 }
 

@@ -3,6 +3,7 @@
 //! An actor ends when its standard input does, so that none outlives the tests.
 
 mod connect;
+mod crowd;
 mod input;
 mod manager;
 mod node;
@@ -20,6 +21,7 @@ fn main() -> ExitCode {
     options.limit_files();
     match role.as_str() {
         "connect" => connect::run(&options),
+        "crowd" => crowd::run(&options),
         "manager" => manager::run(&options),
         "storm" => storm::run(&options),
         "node" => node::run(&options),

@@ -39,11 +39,11 @@ pub(crate) fn run(options: &Options) -> ExitCode {
     let socket: String = options.get("--socket").expect("--socket");
     let builder = Node::builder(&name).socket(socket);
     let node = builder.connect().expect("a session");
-    println!("connected");
     let mut control = Control {
         input: Input::new(),
         random: Random::new(u64::from(std::process::id())),
     };
+    println!("connected");
     if !options.get_or("--go", false) {
         control.idle(&node, "go");
     }

@@ -13,10 +13,12 @@
 //! | `reply KEY` | `ok got=1 …` for the oldest call |
 //! | `serve KEY COUNT` | `ok` when so many requests have been answered with themselves |
 //! | `close KEY` | `ok` when it is withdrawn |
+//! | `eat` | `ok` when the process has no descriptor left, until `spit` |
 
 use std::{
     collections::{HashMap, VecDeque},
     fmt::{Debug, Display, Write as _},
+    fs::File,
 };
 
 use sm2_node::{Call, Client, LinkStatus, Node, Publisher, Sample, Server, Subscriber};
@@ -32,6 +34,7 @@ pub(super) struct Stage {
     clients: HashMap<String, (Client<[u8], [u8]>, u64)>,
     samples: HashMap<String, Vec<Sample<[u8]>>>,
     calls: HashMap<String, VecDeque<(Call<[u8]>, u64)>>,
+    eaten: Vec<File>,
 }
 
 /// What a command came to.
@@ -47,6 +50,7 @@ impl Stage {
             clients: HashMap::new(),
             samples: HashMap::new(),
             calls: HashMap::new(),
+            eaten: Vec::new(),
         }
     }
 
@@ -70,6 +74,11 @@ impl Stage {
             ["reply", key] => self.reply(key),
             ["serve", key, count] => self.serve(key, number(count)),
             ["close", key] => Ok(self.close(key)),
+            ["eat"] => Ok(self.eat()),
+            ["spit"] => {
+                self.eaten.clear();
+                Ok(String::new())
+            }
             _ => Err(format!("no such command: {line}")),
         };
         match answer {
@@ -128,9 +137,9 @@ impl Stage {
         let (publisher, published) = self.publishers.get_mut(key).ok_or("no publisher")?;
         let (mut took, mut missed) = (0, 0);
         for _ in 0..count {
-            *published += 1;
-            let message = pattern::message(*published, size);
+            let message = pattern::message(*published + 1, size);
             let result = publisher.publish(&message).map_err(text)?;
+            *published += 1;
             took += result.links;
             missed += result.missed;
         }
@@ -206,6 +215,12 @@ impl Stage {
             request.reply(&reply).map_err(text)?;
         }
         Ok(String::new())
+    }
+
+    fn eat(&mut self) -> String {
+        let more = std::iter::from_fn(|| File::open("/dev/null").ok());
+        self.eaten.extend(more);
+        format!("eaten={}", self.eaten.len())
     }
 
     fn close(&mut self, key: &str) -> String {

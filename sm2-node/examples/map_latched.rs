@@ -1,0 +1,45 @@
+//! A map that is published once, and reaches those who come late: `map_latched`.
+
+use std::error::Error;
+use std::thread;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use sm2_node::{Message, Node};
+
+#[derive(Message, Serialize, Deserialize)]
+#[message(name = "nav/Map", encoding = "postcard")]
+struct Map {
+    name: String,
+    landmarks: Vec<(String, f64, f64)>,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let node = Node::new("map-server")?;
+    let publisher = node.publisher_builder::<Map>("map").latched(1).declare()?;
+    publisher.publish(&Map {
+        name: "ground floor".to_owned(),
+        landmarks: vec![
+            ("door".to_owned(), 1.0, 2.5),
+            ("dock".to_owned(), 7.25, 0.0),
+        ],
+    })?;
+
+    let late = thread::spawn(|| navigate().map_err(|error| error.to_string()));
+    // Whoever comes late is served while the map server is called.
+    while !late.is_finished() {
+        node.spin_once(Some(Duration::from_millis(100)))?;
+    }
+    late.join().expect("the navigator does not panic")?;
+    Ok(())
+}
+
+fn navigate() -> Result<(), Box<dyn Error>> {
+    let node = Node::new("navigator")?;
+    let map = node.subscriber::<Map>("map")?.recv()?;
+    println!("{}:", map.name);
+    for (landmark, x, y) in &map.landmarks {
+        println!("  {landmark} at {x}, {y}");
+    }
+    Ok(())
+}

@@ -1,0 +1,88 @@
+//! Nothing stays behind: descriptors and mappings of this process, before and after. The only
+//! test of its file, since it counts what the whole process has.
+
+mod common;
+
+use std::time::Duration;
+
+use common::{Domain, SOON, pattern};
+use sm2_node::{Publisher, Subscriber};
+
+fn descriptors() -> usize {
+    std::fs::read_dir("/proc/self/fd").unwrap().count()
+}
+
+fn shared_mappings() -> usize {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    maps.lines()
+        .filter(|line| line.contains("memfd:sm2"))
+        .count()
+}
+
+//= SM2-OPN-007 test
+#[test]
+fn no_descriptor_and_no_mapping_stays_behind() {
+    let domain = Domain::new();
+    cycle(&domain, 0);
+    let before = (descriptors(), shared_mappings());
+    for round in 1..20 {
+        cycle(&domain, round);
+        assert_eq!((descriptors(), shared_mappings()), before, "round {round}");
+    }
+}
+
+/// Every form, every kind of end, in an order that differs from round to round.
+fn cycle(domain: &Domain, round: u64) {
+    let talker = domain.node("talker");
+    let listener = domain.node("listener");
+    let publisher = talker
+        .publisher_builder::<[u8]>("topic")
+        .latched(2)
+        .declare()
+        .unwrap();
+    let sealed = round % 2 == 0;
+    let builder = listener.subscriber_builder::<[u8]>("topic").sealed(sealed);
+    let subscriber = builder.declare().unwrap();
+    meet(&publisher, &subscriber);
+    for size in [10, 5000, 100_000, 3 << 20, 5000] {
+        publisher.publish(&pattern(size, round)).unwrap();
+    }
+    let loan = publisher.loan_slice(200_000).unwrap();
+    let samples: Vec<_> = (0..3)
+        .map(|_| subscriber.recv_timeout(SOON).unwrap())
+        .collect();
+    if round % 3 == 0 {
+        drop(samples);
+        drop((subscriber, loan));
+        drop(publisher);
+    } else {
+        drop(loan);
+        drop(publisher);
+        drop((listener, subscriber));
+        drop(samples);
+    }
+    drop(talker);
+    // The Manager may still have to close its ends: they are in this process.
+    wait_until_gone(domain);
+}
+
+fn meet(publisher: &Publisher<[u8]>, subscriber: &Subscriber<[u8]>) {
+    let step = Some(Duration::from_millis(1));
+    while publisher.wait_for_subscribers(1, step).is_err() {
+        let _ = subscriber.wait_for_publishers(1, step);
+    }
+}
+
+fn wait_until_gone(domain: &Domain) {
+    let watcher = domain.node("watcher");
+    while watcher.graph(SOON).unwrap().items.len() > 1 {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    drop(watcher);
+    while sm2_node::Node::builder("watcher")
+        .socket(domain.socket())
+        .connect()
+        .is_err()
+    {}
+    std::thread::sleep(Duration::from_millis(5));
+}

@@ -1,0 +1,149 @@
+//! Whom the Manager gives up, and what is left when a session, or the Manager, ends.
+
+mod support;
+
+use std::time::Duration;
+
+use sm2_proto::{
+    Code, Farewell, Instant, NodeId, Refusal,
+    control::ToNode,
+    manager::{Cause, Credentials, Input, Manager, Misuse},
+};
+use support::{
+    bench::{Bench, Event, UNLIMITED, hello, unlink, unlinked, withdraw},
+    contracts::{scan, subscriber},
+};
+
+//= SM2-TRN-009, SM2-SES-006 test
+#[test]
+fn whoever_does_not_read_is_given_up() {
+    let mut bench = Bench::new(UNLIMITED);
+    let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
+    bench.declared(a, 1, &scan());
+    let link = bench.declared(b, 1, &subscriber("scan", None))[0];
+    let events = bench.input(Input::Stalled { session: b });
+    let cause = Cause::Farewell(Farewell::Stalled);
+    let hung_up = Event::HungUp(b, Some(Code(2)), cause);
+    assert_eq!(events, [Event::Sent(a, unlink(1, link, 5)), hung_up]);
+    assert_eq!(bench.input(Input::Stalled { session: b }), []);
+}
+
+//= SM2-SES-004 test
+#[test]
+fn whoever_does_not_greet_in_time_is_given_up() {
+    let mut bench = Bench::new(UNLIMITED);
+    assert_eq!(bench.manager.deadline(), None);
+    let start = bench.now;
+    let first = bench.connect(1);
+    bench.now = start.after(Duration::from_millis(500));
+    let second = bench.connect(1);
+    let third = bench.connect(1);
+    let due = start.after(Duration::from_secs(2));
+    assert_eq!(bench.manager.deadline(), Some(due));
+    // A refusal does not buy time, a grant ends the wait.
+    bench.hello(third, "third");
+    let refused = ToNode::HelloRefused {
+        reason: Refusal::NameTaken,
+    };
+    let refused = Event::Sent(second, refused);
+    assert_eq!(bench.hello(second, "third"), [refused]);
+    let before = Instant(due.0 - 1);
+    bench.now = before;
+    assert_eq!(bench.input(Input::Tick), []);
+    let hung_up = |session| {
+        let cause = Cause::Farewell(Farewell::GreetingTimeout);
+        Event::HungUp(session, Some(Code(1)), cause)
+    };
+    bench.now = due;
+    // HELLO in the last moment comes too late.
+    let mut late = bench.clone();
+    assert_eq!(late.hello(first, "first"), [hung_up(first)]);
+    assert_eq!(bench.input(Input::Tick), [hung_up(first)]);
+    let due = start.after(Duration::from_millis(2_500));
+    assert_eq!(bench.manager.deadline(), Some(due));
+    bench.now = due.after(Duration::from_secs(1));
+    assert_eq!(bench.input(Input::Tick), [hung_up(second)]);
+    assert_eq!(bench.manager.deadline(), None);
+    assert!(bench.is_known(third));
+}
+
+/// Connections come and go; what is kept of them does not add up.
+//= SM2-SES-004 test
+#[test]
+fn the_deadline_is_that_of_a_session_that_waits() {
+    let mut bench = Bench::new(UNLIMITED);
+    for _ in 0..1_000 {
+        let session = bench.connect(1);
+        bench.now = bench.now.after(Duration::from_micros(1));
+        bench.close(session);
+    }
+    assert_eq!(bench.manager.deadline(), None);
+    assert_eq!(bench.manager.sessions(), 0);
+}
+
+//= SM2-SES-007 test
+#[test]
+fn session_numbers_grow() {
+    let mut manager = Manager::new(1, UNLIMITED);
+    let credentials = Credentials {
+        uid: 1,
+        gid: 1,
+        pid: 1,
+    };
+    let mut connect = |session| {
+        let session = NodeId(session);
+        manager.handle(
+            Instant(0),
+            Input::Connected {
+                session,
+                credentials,
+            },
+        )
+    };
+    let misuse = |session| Err(Misuse::SessionNumber(NodeId(session)));
+    assert_eq!(connect(0), misuse(0));
+    assert_eq!(connect(5), Ok(()));
+    assert_eq!(connect(5), misuse(5));
+    assert_eq!(connect(4), misuse(4));
+    assert_eq!(connect(6), Ok(()));
+    assert_eq!(manager.sessions(), 2);
+}
+
+//= SM2-SES-008, SM2-NOD-003 test
+#[test]
+fn a_manager_that_ends_leaves_the_links_alone() {
+    let mut bench = Bench::new(UNLIMITED);
+    let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
+    let greeting = bench.connect(2);
+    bench.declared(a, 1, &scan());
+    bench.declared(b, 1, &subscriber("scan", None));
+    let hung_up = |session| {
+        let cause = Cause::Farewell(Farewell::ShuttingDown);
+        Event::HungUp(session, Some(Code(3)), cause)
+    };
+    let events = bench.input(Input::Shutdown);
+    assert_eq!(events, [a, b, greeting].map(hung_up));
+    assert_eq!((bench.manager.sessions(), bench.manager.links()), (0, 0));
+    assert_eq!(bench.manager.deadline(), None);
+    assert_eq!(bench.hello(greeting, "late"), []);
+}
+
+/// HELLO, DECLARE and all else of one session do not reach another one's.
+//= SM2-TRN-007, SM2-IFC-003 test
+#[test]
+fn interfaces_belong_to_their_session() {
+    let mut bench = Bench::new(UNLIMITED);
+    let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
+    bench.declared(a, 1, &scan());
+    let link = bench.declared(b, 2, &subscriber("scan", None))[0];
+    for (frame, code) in [(withdraw(1), 36), (unlinked(1, link), 36), (hello("a"), 33)] {
+        let mut bench = bench.clone();
+        let events = bench.send(b, &frame);
+        assert!(
+            matches!(events.last(), Some(Event::HungUp(session, Some(Code(it)), _))
+                if *session == b && *it == code),
+            "{events:?}"
+        );
+        assert!(bench.is_known(a));
+    }
+}

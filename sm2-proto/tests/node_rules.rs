@@ -1,0 +1,380 @@
+//! What a node's session makes of a Manager that breaks the rules, and of one that does not.
+
+#[path = "support/frames.rs"]
+mod frames;
+mod support;
+
+use proptest::{collection::vec, prelude::*};
+use sm2_proto::{
+    Code, Contract, Datagram, InterfaceId, NodeId, Refusal, Violation,
+    control::{Peer, ToManager, ToNode},
+    limits::LINKS_MAX,
+    node::{End, Error, Input, Misuse, Node, Output},
+};
+use support::{
+    cases,
+    contracts::{data, name, publisher_with, subscriber},
+    session::{
+        EPOCH, NOW, contract, declared, drain, interface_in, link, link_id, page, ready, receive,
+        refused, sent, unlink, violation, welcome, withdrawn,
+    },
+};
+
+//= SM2-NOD-001 test
+#[test]
+fn a_violation_is_said_once_and_answers_for_ever() {
+    let mut node = ready();
+    let end = End::Violation(Violation::UnknownInterface);
+    assert_eq!(receive(&mut node, &declared(9)), Err(Error::Ended(end)));
+    let outputs = drain(&mut node);
+    assert_eq!(sent(&outputs), [ToManager::Goodbye { code: Code(36) }]);
+    assert_eq!(outputs.last(), Some(&Output::Ended(end)));
+    assert_eq!(node.end(), Some(end));
+    for input in [
+        Input::Eof,
+        Input::Greet(name("other")),
+        Input::Query { after: None },
+        Input::Close(Code(0)),
+        Input::Datagram(Datagram::new(&[8, 0])),
+    ] {
+        assert_eq!(node.handle(NOW, input), Err(Error::Ended(end)));
+    }
+    assert_eq!(node.declare(contract()), Err(Error::Ended(end)));
+    assert_eq!(drain(&mut node), []);
+    assert_eq!((node.id(), node.epoch()), (None, None));
+    assert_eq!(node.deadline(), None);
+}
+
+//= SM2-NOD-002, SM2-VER-001 test
+#[test]
+fn welcome_carries_a_version_of_the_range() {
+    for version in [0, 2, u16::MAX] {
+        let mut node = Node::new(name("lidar"));
+        let welcome = ToNode::Welcome {
+            version,
+            epoch: 1,
+            node: NodeId(1),
+        };
+        assert_eq!(violation(&mut node, &welcome), Violation::BadVersion);
+    }
+}
+
+//= SM2-SES-001, SM2-SES-003 test
+#[test]
+fn a_refused_node_greets_again() {
+    let mut node = Node::new(name("lidar"));
+    let hello = |text| ToManager::Hello {
+        min_version: 1,
+        max_version: 1,
+        name: name(text),
+    };
+    assert_eq!(sent(&drain(&mut node)), [hello("lidar")]);
+    let again = |node: &mut Node| node.handle(NOW, Input::Greet(name("lidar2")));
+    assert_eq!(again(&mut node), Err(Misuse::NotRefused.into()));
+    let refusal = ToNode::HelloRefused {
+        reason: Refusal::NameTaken,
+    };
+    receive(&mut node, &refusal).expect("legal");
+    assert!(!node.is_ready());
+    assert_eq!(again(&mut node), Ok(()));
+    assert_eq!(sent(&drain(&mut node)), [hello("lidar2")]);
+    receive(&mut node, &welcome()).expect("legal");
+    assert_eq!((node.id(), node.epoch()), (Some(NodeId(3)), Some(EPOCH)));
+    assert_eq!(again(&mut node), Err(Misuse::NotRefused.into()));
+}
+
+//= SM2-IFC-001 test
+#[test]
+fn interfaces_are_numbered_upwards() {
+    let mut node = interface_in("gone");
+    let numbers = [1, 2, 3].map(|_| node.declare(contract()).expect("ready").0);
+    assert_eq!(numbers, [2, 3, 4]);
+    receive(&mut node, &refused(2)).expect("legal");
+    assert_eq!(node.declare(contract()), Ok(InterfaceId(5)));
+}
+
+//= SM2-IFC-002 test
+#[test]
+fn declares_are_answered_in_their_order() {
+    let mut node = ready();
+    node.declare(contract()).expect("ready");
+    let unanswered = node.clone();
+    assert_eq!(
+        violation(&mut node, &declared(3)),
+        Violation::UnknownInterface
+    );
+    let mut node = unanswered;
+    receive(&mut node, &refused(2)).expect("the older one first");
+    receive(&mut node, &declared(3)).expect("then the younger one");
+}
+
+//= SM2-LNK-005, SM2-VER-002 test
+#[test]
+fn a_link_that_cannot_be() {
+    let altered = |alter: &dyn Fn(&mut u16, &mut bool, &mut Peer)| {
+        let mut frame = link(1, 2);
+        if let ToNode::Link {
+            version,
+            reliable,
+            peer,
+            ..
+        } = &mut frame
+        {
+            alter(version, reliable, peer);
+        }
+        frame
+    };
+    let frames = [
+        altered(&|version, _, _| *version = 0),
+        altered(&|version, _, _| *version = 2),
+        altered(&|_, reliable, _| *reliable = true),
+        altered(&|_, _, peer| peer.contract = contract()),
+        altered(&|_, _, peer| peer.contract = subscriber("image", None)),
+        altered(&|_, _, peer| peer.contract = subscriber("scan", Some(&data("Image")))),
+    ];
+    for frame in &frames {
+        assert_eq!(violation(&mut ready(), frame), Violation::BadLink);
+    }
+    assert_eq!(violation(&mut ready(), &link(1, 1)), Violation::LinkNumber);
+    // The id is judged before what the link is.
+    let mut both = frames[0].clone();
+    if let ToNode::Link { link, .. } = &mut both {
+        *link = link_id(1);
+    }
+    assert_eq!(violation(&mut ready(), &both), Violation::LinkNumber);
+}
+
+//= SM2-MAT-003 test
+#[test]
+fn the_manager_may_seal_what_nobody_asked_to_but_not_unseal() {
+    let sealed = |interface, sealed| {
+        let mut frame = link(interface, 2);
+        if let ToNode::Link { sealed: it, .. } = &mut frame {
+            *it = sealed;
+        }
+        frame
+    };
+    let mut node = ready();
+    receive(&mut node, &sealed(1, true)).expect("the policy may ask for it");
+    let mut node = Node::new(name("lidar"));
+    receive(&mut node, &welcome()).expect("legal");
+    let contract = publisher_with("scan", &data("Scan"), true, true);
+    node.declare(contract).expect("ready");
+    receive(&mut node, &declared(1)).expect("legal");
+    assert_eq!(violation(&mut node, &sealed(1, false)), Violation::BadLink);
+}
+
+/// Crossing farewells: each end has exactly one in each direction.
+//= SM2-LNK-003, SM2-LNK-004 test
+#[test]
+fn one_farewell_each() {
+    let over = |node: &mut Node| {
+        node.handle(
+            NOW,
+            Input::Unlinked {
+                interface: InterfaceId(1),
+                link: link_id(1),
+                code: Code(5),
+            },
+        )
+        .expect("harmless");
+        sent(&drain(node))
+    };
+    let unlinked = ToManager::Unlinked {
+        interface: InterfaceId(1),
+        link: link_id(1),
+        code: Code(5),
+    };
+    // The node is first; the Manager's own farewell is the answer, or crossed it.
+    let mut node = ready();
+    assert_eq!(over(&mut node), [unlinked]);
+    assert_eq!(over(&mut node), [], "once");
+    assert_eq!(receive(&mut node, &unlink(1, 1)), Ok(Vec::new()));
+    assert_eq!(over(&mut node), [], "nobody names it again");
+    assert_eq!(violation(&mut node, &unlink(1, 1)), Violation::UnknownLink);
+    // The Manager is first; the machine of the link ends later.
+    let mut node = ready();
+    receive(&mut node, &unlink(1, 1)).expect("legal");
+    assert_eq!(over(&mut node), []);
+    assert_eq!(violation(&mut node, &unlink(1, 1)), Violation::UnknownLink);
+}
+
+//= SM2-IFC-004 test
+#[test]
+fn nothing_is_answered_while_dropping() {
+    let mut node = interface_in("dropping");
+    node.handle(
+        NOW,
+        Input::Unlinked {
+            interface: InterfaceId(1),
+            link: link_id(1),
+            code: Code(0),
+        },
+    )
+    .expect("harmless");
+    assert_eq!(drain(&mut node), []);
+    // A LINK that crossed WITHDRAW, and its UNLINK.
+    assert_eq!(receive(&mut node, &link(1, 2)), Ok(Vec::new()));
+    assert_eq!(receive(&mut node, &unlink(1, 2)), Ok(Vec::new()));
+    assert_eq!(receive(&mut node, &unlink(1, 1)), Ok(Vec::new()));
+    let gone = Output::Withdrawn {
+        interface: InterfaceId(1),
+    };
+    assert_eq!(receive(&mut node, &withdrawn(1)), Ok(vec![gone]));
+}
+
+//= SM2-IFC-007 test
+#[test]
+fn one_page_for_each_query() {
+    let mut node = ready();
+    node.handle(NOW, Input::Query { after: None })
+        .expect("ready");
+    drain(&mut node);
+    for _ in 0..2 {
+        assert!(matches!(
+            receive(&mut node, &page()).as_deref(),
+            Ok([Output::Page { .. }])
+        ));
+    }
+    assert_eq!(violation(&mut node, &page()), Violation::UnexpectedPage);
+}
+
+/// A Manager cannot make a node keep more than this.
+//= SM2-LNK-005 test
+#[test]
+fn links_of_an_interface_are_bounded() {
+    let mut node = interface_in("live");
+    for serial in 2..=u64::try_from(LINKS_MAX).expect("small") {
+        receive(&mut node, &link(1, serial)).expect("legal");
+    }
+    let mut full = node.clone();
+    assert_eq!(violation(&mut full, &link(1, 0)), Violation::BadLink);
+    receive(&mut node, &unlink(1, 1)).expect("legal");
+    receive(&mut node, &link(1, 0)).expect("there is room again");
+}
+
+//= SM2-FRM-003 test
+#[test]
+fn misuse_changes_nothing() {
+    let mut node = ready();
+    let before = node.clone();
+    let mut too_deep = contract();
+    if let Contract::Publisher { offer, .. } = &mut too_deep {
+        offer.depth = 1_025;
+    }
+    let out_of_range = Misuse::Qos {
+        field: "depth",
+        value: 1_025,
+    };
+    assert_eq!(node.declare(too_deep), Err(out_of_range.into()));
+    for interface in [0, 2, 9].map(InterfaceId) {
+        let withdrawn = node.handle(NOW, Input::Withdraw { interface });
+        assert_eq!(withdrawn, Err(Misuse::NotLive.into()), "{interface}");
+    }
+    assert_eq!(node, before);
+    let mut early = Node::new(name("lidar"));
+    let before = early.clone();
+    assert_eq!(early.declare(contract()), Err(Misuse::NotReady.into()));
+    for input in [
+        Input::Query { after: None },
+        Input::Withdraw {
+            interface: InterfaceId(1),
+        },
+    ] {
+        assert_eq!(early.handle(NOW, input), Err(Misuse::NotReady.into()));
+    }
+    assert_eq!(early, before);
+}
+
+//= SM2-COD-001 test
+#[test]
+fn the_node_hangs_up() {
+    let mut node = ready();
+    node.handle(NOW, Input::Close(Code(0))).expect("legal");
+    let outputs = drain(&mut node);
+    assert_eq!(sent(&outputs), [ToManager::Goodbye { code: Code(0) }]);
+    assert_eq!(outputs.last(), Some(&Output::Ended(End::Local(Code(0)))));
+    // The Manager's goodbye is not answered, whatever its code.
+    let mut node = ready();
+    let goodbye = ToNode::Goodbye { code: Code(40_000) };
+    let ended = Output::Ended(End::Peer(Code(40_000)));
+    assert_eq!(receive(&mut node, &goodbye), Ok(vec![ended]));
+}
+
+/// What a Manager may send, and what it must not: any frame, or one about the
+/// few interfaces and links that the node has.
+fn any_frame() -> impl Strategy<Value = ToNode> {
+    let few = || 0..4_u64;
+    prop_oneof![
+        1 => frames::to_node(),
+        4 => few().prop_map(declared),
+        1 => few().prop_map(refused),
+        4 => (few(), few()).prop_map(|(interface, serial)| link(interface, serial)),
+        4 => (few(), few()).prop_map(|(interface, serial)| unlink(interface, serial)),
+        2 => few().prop_map(withdrawn),
+        1 => Just(page()),
+        1 => Just(welcome()),
+    ]
+}
+
+proptest! {
+    #![proptest_config(cases(400))]
+
+    /// Whatever a Manager sends, a node keeps to SPEC itself, and says why it leaves.
+    //= SM2-NOD-001, SM2-LNK-003, SM2-IFC-004 test
+    #[test]
+    fn a_hostile_manager(steps in vec((any_frame(), 0..8_u8, 0..4_u64), 1..60)) {
+        let mut node = Node::new(name("lidar"));
+        let mut outputs = drain(&mut node);
+        for (frame, own, number) in steps {
+            let interface = InterfaceId(number);
+            // Misuse and an end before this are answered; neither matters here.
+            let _ = match own {
+                0 | 1 => node.declare(contract()).map(drop),
+                2 => node.handle(NOW, Input::Withdraw { interface }),
+                3 => node.handle(
+                    NOW,
+                    Input::Unlinked {
+                        interface,
+                        link: link_id(number),
+                        code: Code(0),
+                    },
+                ),
+                4 => node.handle(NOW, Input::Query { after: None }),
+                _ => Ok(()),
+            };
+            outputs.extend(drain(&mut node));
+            let end = node.end();
+            let received = receive(&mut node, &frame);
+            match (end, received) {
+                (Some(end), received) => prop_assert_eq!(received, Err(Error::Ended(end))),
+                (None, Ok(more)) => outputs.extend(more),
+                (None, Err(error)) => prop_assert_eq!(Some(error), node.end().map(Error::Ended)),
+            }
+            outputs.extend(drain(&mut node));
+        }
+        let ended = outputs.iter().filter(|it| matches!(it, Output::Ended(_))).count();
+        prop_assert_eq!(ended, usize::from(node.end().is_some()));
+        let goodbye = sent(&outputs).iter().position(|it| matches!(it, ToManager::Goodbye { .. }));
+        let expected = matches!(node.end(), Some(End::Violation(_)));
+        prop_assert_eq!(goodbye.is_some(), expected);
+        if let Some(at) = goodbye {
+            prop_assert_eq!(at + 1, sent(&outputs).len(), "the last frame");
+        }
+        // Each end of a link is taken leave of once, as long as its number is not new.
+        let mut said = Vec::new();
+        for output in &outputs {
+            match output {
+                Output::Linked { interface, link, .. } => said.retain(|it| *it != (*interface, *link)),
+                Output::Transmit(_) => {
+                    let frame = sent(std::slice::from_ref(output)).remove(0);
+                    if let ToManager::Unlinked { interface, link, .. } = frame {
+                        prop_assert!(!said.contains(&(interface, link)));
+                        said.push((interface, link));
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! A process that has no descriptor left loses what would need one, and nobody else does.
+
+use sm2_tests::{actor::Actor, domain::TempDomain};
+
+/// A talker, a healthy listener, and one that has run out of descriptors.
+fn scene(domain: &TempDomain, demand: &str) -> (Actor, Actor, Actor) {
+    let socket = domain.socket();
+    let mut talker = Actor::start(&socket, "talker");
+    talker.tell("pub t t inline_max=0 reliable_ms=60000");
+    let mut healthy = Actor::start(&socket, "healthy");
+    healthy.tell(&format!("sub t t reliable {demand}"));
+    let mut starved = Actor::launch(&socket, "starved", &["--nofile", "64"]);
+    assert_eq!(starved.answer(), "ready");
+    starved.tell(&format!("sub t t reliable {demand}"));
+    talker.tell("wait t 2");
+    starved.tell("eat");
+    (talker, healthy, starved)
+}
+
+/// What both forms have in common: a descriptor comes with a segment, or with the message.
+fn starve(demand: &str) {
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    let (mut talker, mut healthy, mut starved) = scene(&domain, demand);
+    for _ in 0..20 {
+        talker.tell("publish t 1 10000");
+        let taken = healthy.tell("take t 1");
+        assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
+    }
+    let lost = talker.counted_with("t", "starved");
+    assert!(!lost.open, "{lost:?}");
+    assert_eq!(
+        (lost.offered, lost.in_flight),
+        (lost.dropped, 0),
+        "{lost:?}"
+    );
+    assert_eq!(talker.counted_with("t", "healthy").offered, 20);
+    // It knows, its session lives, and with descriptors to spare it can start anew.
+    starved.tell("spit");
+    starved.tell("close t");
+    starved.tell(&format!("sub t t reliable {demand}"));
+    talker.tell("wait t 2");
+    talker.tell("publish t 1 10000");
+    for listener in [&mut starved, &mut healthy] {
+        let taken = listener.tell("take t 1");
+        assert!(taken.contains("last=21 lost=0 damaged=0"), "{taken}");
+    }
+}
+
+//= SM2-TRN-005, SM2-OPN-006 sys
+#[test]
+fn a_subscriber_that_cannot_take_a_sealed_message_loses_its_link() {
+    starve("sealed");
+}
+
+//= SM2-TRN-005, SM2-OPN-006 sys
+#[test]
+fn a_subscriber_that_cannot_take_a_segment_loses_its_link() {
+    starve("");
+}
+
+/// A publisher that cannot make memory for a message says so and goes on when it can.
+#[test]
+fn a_publisher_without_descriptors_gets_an_error_and_recovers() {
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    for offer in ["", "sealed"] {
+        let mut talker = Actor::launch(&domain.socket(), "talker", &["--nofile", "64"]);
+        assert_eq!(talker.answer(), "ready");
+        let mut listener = Actor::start(&domain.socket(), "listener");
+        listener.tell("sub t t reliable");
+        talker.tell(&format!("pub t t inline_max=0 reliable_ms=60000 {offer}"));
+        talker.tell("wait t 1");
+        talker.tell("eat");
+        let refused = talker.ask("publish t 1 10000");
+        assert!(refused.starts_with("error Store(Io"), "{refused}");
+        talker.tell("spit");
+        talker.tell("publish t 1 10000");
+        let taken = listener.tell("take t 1");
+        assert!(
+            taken.contains("got=1") && taken.ends_with("damaged=0"),
+            "{taken}"
+        );
+        drop((talker, listener));
+    }
+}
+
+/// A new link needs a descriptor: whoever has none leaves the domain, and nobody else does.
+//= SM2-TRN-005 sys, SM2-SES-006 sys
+#[test]
+fn a_node_that_cannot_take_a_link_is_gone_alone() {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let (mut talker, mut healthy, mut starved) = scene(&domain, "");
+    let mut late = Actor::start(&domain.socket(), "late");
+    late.tell("pub t t reliable_ms=60000");
+    late.tell("wait t 1");
+    let gone = starved.ask("take t 1");
+    assert!(
+        gone.starts_with("error Disconnected(Violation(ControlTruncated))"),
+        "{gone}"
+    );
+    for sender in [&mut talker, &mut late] {
+        sender.tell("publish t 1 10000");
+        let taken = healthy.tell("take t 1");
+        assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
+    }
+    let names = manager.node("observer").nodes();
+    assert_eq!(names, ["talker", "healthy", "late", "observer"]);
+}

@@ -1,0 +1,61 @@
+//! 500 nodes with 10 interfaces each: all of them register, all links come up, and a message
+//! passes on each.
+
+use sm2_proto::control::Item;
+use sm2_tests::{
+    domain::TempDomain,
+    process::{Process, actor},
+};
+
+const NODES: usize = 500;
+const PROCESSES: usize = 10;
+
+#[test]
+fn five_hundred_nodes_register_and_link() {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let observer = manager.node("observer");
+    observer.nodes();
+    let baseline = manager.census();
+    let each = NODES / PROCESSES;
+    let mut crowds: Vec<Process> = (0..PROCESSES)
+        .map(|process| {
+            let mut command = actor("crowd");
+            command.arg("--socket").arg(domain.socket());
+            let numbers = [process * each, each, NODES].map(|number| number.to_string());
+            command.args(["--first", &numbers[0], "--count", &numbers[1]]);
+            command.args(["--total", &numbers[2]]);
+            Process::start(command)
+        })
+        .collect();
+    let start = std::time::Instant::now();
+    for word in ["declared", "linked", "passed"] {
+        for crowd in &crowds {
+            assert_eq!(crowd.expect_line(), word);
+        }
+        println!("{word} after {:?}", start.elapsed());
+        if word == "linked" {
+            // The observer, each node and each of its 10 interfaces.
+            assert_eq!(everything(&observer), (1 + NODES, 10 * NODES, 10 * NODES));
+        }
+        crowds.iter_mut().for_each(|crowd| crowd.say("on"));
+    }
+    drop(crowds);
+    baseline.restored(manager.pid());
+    assert_eq!(observer.nodes(), ["observer"]);
+}
+
+/// How many nodes, interfaces and ends of links the domain has, page by page.
+fn everything(observer: &sm2_tests::raw::RawNode) -> (usize, usize, usize) {
+    let (mut nodes, mut interfaces, mut ends) = (0, 0, 0);
+    for item in observer.query_all() {
+        match item {
+            Item::Node { .. } => nodes += 1,
+            Item::Interface { links, .. } => {
+                interfaces += 1;
+                ends += links as usize;
+            }
+        }
+    }
+    (nodes, interfaces, ends)
+}

@@ -1,0 +1,124 @@
+//! The boundary between users: what passes it is sealed.
+
+use std::{
+    fs::{self, Permissions},
+    os::unix::{fs::PermissionsExt, process::CommandExt},
+};
+
+use nix::unistd::geteuid;
+use sm2_proto::Violation;
+use sm2_tests::{
+    actor::Actor,
+    control::{self, Qos},
+    domain::TempDomain,
+    link::{attach, kind, pooled, role},
+    memory,
+    process::actor,
+    raw::RawNode,
+};
+use std::os::fd::AsFd;
+
+/// Nobody in particular.
+const STRANGER: u32 = 65_534;
+
+/// A domain that other users may connect to; none if this is not root, who alone can be two
+/// users.
+fn open_domain() -> Option<TempDomain> {
+    if !geteuid().is_root() {
+        println!("skipped: only root can start processes of another user");
+        return None;
+    }
+    let domain = TempDomain::new();
+    let passable = Permissions::from_mode(0o711);
+    fs::set_permissions(domain.folder(), passable).expect("chmod");
+    Some(domain)
+}
+
+/// A node of another user. Its program is a copy that this user can reach.
+fn stranger(domain: &TempDomain) -> Actor {
+    let program = domain.folder().join("actor");
+    if !program.exists() {
+        fs::copy(actor("node").get_program(), &program).expect("a copy");
+        fs::set_permissions(&program, Permissions::from_mode(0o755)).expect("chmod");
+    }
+    let mut command = std::process::Command::new(program);
+    command.arg("node").uid(STRANGER).gid(STRANGER);
+    Actor::start_as(command, &domain.socket(), "stranger")
+}
+
+/// Large messages both ways between two users, and whether their links are sealed.
+fn exchange(options: &[&str], sealed: bool) {
+    let Some(domain) = open_domain() else {
+        return;
+    };
+    let options = [&["--socket-mode", "666"], options].concat();
+    let _manager = domain.manager_with(&options);
+    let mut ours = Actor::start(&domain.socket(), "ours");
+    let mut theirs = stranger(&domain);
+    for node in [&mut ours, &mut theirs] {
+        let name = node.name().to_owned();
+        node.tell(&format!("pub out {name} reliable_ms=60000"));
+    }
+    ours.tell("sub in stranger reliable");
+    theirs.tell("sub in ours reliable");
+    for (from, to) in [(0, 1), (1, 0)] {
+        let pair = [&mut ours, &mut theirs];
+        let [one, other] = pair;
+        let (from, to) = if from < to {
+            (one, other)
+        } else {
+            (other, one)
+        };
+        from.tell("wait out 1");
+        for size in [0, 8, 5_000, 3_000_000] {
+            from.tell(&format!("publish out 1 {size}"));
+            let taken = to.tell("take in 1");
+            assert!(taken.ends_with("lost=0 damaged=0"), "{size}: {taken}");
+        }
+        let links = from.tell("counters out");
+        assert!(links.contains(&format!("sealed={sealed}")), "{links}");
+    }
+}
+
+//= SM2-MAT-003, SM2-TRN-007 sys
+#[test]
+fn links_between_users_are_sealed() {
+    exchange(&[], true);
+}
+
+//= SM2-MAT-003 sys
+#[test]
+fn a_domain_may_waive_the_boundary() {
+    exchange(&["--waive-user-boundary", "true"], false);
+}
+
+//= SM2-PAY-004 sys
+#[test]
+fn a_pooled_message_to_another_user_ends_the_link() {
+    let Some(domain) = open_domain() else {
+        return;
+    };
+    let _manager = domain.manager_with(&["--socket-mode", "666"]);
+    let mut theirs = stranger(&domain);
+    theirs.tell("sub t t");
+    let ours = RawNode::welcomed(&domain.socket(), "ours");
+    ours.declare(1, &control::publisher("t", Qos::PLAIN));
+    let link = ours.linked();
+    assert!(link.sealed);
+    link.open(role::SENDER, 0);
+    let segment = memory::segment(4096);
+    link.end.send_fds(attach(1, 4096, 1), &[segment.as_fd()]);
+    link.end.send(pooled(kind::DATA, 1, 1, 0, 1));
+    assert_eq!(link.closed(), Some(Violation::NotSealed.code().0));
+}
+
+//= SM2-MAT-003 sys
+#[test]
+fn a_domain_may_seal_everything() {
+    let domain = TempDomain::new();
+    let manager = domain.manager_with(&["--seal-all", "true"]);
+    let node = manager.node("n");
+    node.declare(1, &control::publisher("t", Qos::PLAIN));
+    node.declare(2, &control::subscriber("t", Qos::PLAIN));
+    assert!(node.linked().sealed && node.linked().sealed);
+}
