@@ -12,8 +12,8 @@ use sm2_proto::limits::INLINE_MAX;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Taken, Topic};
-use crate::handle::{Handle, Receipt, until};
+use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Topic};
+use crate::handle::{Handle, Receipt, Received, until};
 use crate::publisher::{INLINE_DEFAULT, checked_name};
 use crate::{CallError, DeclareError, LinkStatus, Message, StoreError, WaitError};
 
@@ -24,7 +24,8 @@ use crate::{CallError, DeclareError, LinkStatus, Message, StoreError, WaitError}
 /// that ends fails its calls at once (SM2-SRV-005); they are not repeated elsewhere, since
 /// they may have had their effect.
 ///
-/// Its [descriptor](AsFd) is readable when a [`Call::try_wait`] may have an answer.
+/// Its [descriptor](AsFd) is readable when a [`Call::try_wait`] may have an answer: ask all calls
+/// that are under way, then poll again.
 #[derive(Debug)]
 pub struct Client<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
@@ -205,9 +206,11 @@ impl<R: Message + ?Sized> Call<R> {
         let service = self.handle.name.clone();
         match outcome {
             None => Ok(None),
-            Some(Outcome::Reply(taken)) => Reply::new(service, taken, &self.handle).map(Some),
+            Some(Outcome::Reply(taken)) => match self.handle.open(taken) {
+                Ok(received) => Reply::new(service, received).map(Some),
+                Err(source) => Err(CallError::Io { service, source }),
+            },
             Some(Outcome::ServerGone) => Err(CallError::ServerGone { service }),
-            Some(Outcome::Unreadable(source)) => Err(CallError::Io { service, source }),
         }
     }
 
@@ -245,14 +248,13 @@ pub struct Reply<R: Message + ?Sized> {
 }
 
 impl<R: Message + ?Sized> Reply<R> {
-    fn new(service: Name, taken: Taken, handle: &Handle) -> Result<Self, CallError> {
-        let receipt = handle.receipt(&taken);
-        let Taken {
+    fn new(service: Name, received: Received) -> Result<Self, CallError> {
+        let Received {
             peer,
             delivery,
             payload,
-            ..
-        } = taken;
+            receipt,
+        } = received;
         match delivery.status {
             Status::Ok => match R::view(payload) {
                 Ok(view) => Ok(Self {

@@ -1,21 +1,24 @@
 //! What all four kinds of interface have in common.
 
 use std::borrow::Cow;
+use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
 
 use bytes::Bytes;
+use sm2_proto::control::Peer;
 use sm2_proto::limits::MESSAGE_MAX;
+use sm2_proto::link::Delivery;
 use sm2_proto::node::{self, Misuse};
 use sm2_proto::{Contract, Instant, InterfaceId, Name, Refusal};
 
 use crate::driver::{
-    Bell, Forms, Inner, Interface, LinkStatus, Needs, NoSlot, NotTaken, Shared, State, Taken,
-    Tools, Topic, seal,
+    Bell, Forms, Full, Inner, Interface, LinkStatus, Needs, NoSlot, Shared, State, Taken, Tools,
+    Topic, seal,
 };
 use crate::pool::Lease;
-use crate::{DeclareError, RecvError, StoreError, WaitError};
+use crate::{DeclareError, Payload, RecvError, StoreError, WaitError};
 
 /// A declared interface, until it is dropped.
 #[derive(Debug)]
@@ -139,8 +142,8 @@ impl Handle {
     pub(crate) fn receive(
         &self,
         until: Option<Instant>,
-        take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, NotTaken>,
-    ) -> Result<Option<Taken>, RecvError> {
+        take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, Full>,
+    ) -> Result<Option<Received>, RecvError> {
         let epoll = &self.shared.epoll;
         let found = self.shared.wait(Topic::Interface(self.id), until, |inner| {
             match inner.with(self.id, epoll, &take)? {
@@ -153,7 +156,14 @@ impl Handle {
             let left = inner.interfaces.get(&self.id)?.links().next().is_some();
             (!left).then_some(Err(RecvError::Disconnected(end)))
         });
-        found.map_err(RecvError::Io)?.transpose()
+        let Some(taken) = found.map_err(RecvError::Io)?.transpose()? else {
+            return Ok(None);
+        };
+        let publisher = taken.peer.name.clone();
+        match self.open(taken) {
+            Ok(received) => Ok(Some(received)),
+            Err(source) => Err(RecvError::Map { publisher, source }),
+        }
     }
 
     /// Puts a message where the links that need it can have it.
@@ -205,12 +215,31 @@ impl Handle {
         })
     }
 
-    pub(crate) fn receipt(&self, taken: &Taken) -> Receipt {
-        Receipt {
+    /// Makes a message readable that was taken. If that is not possible, its link is closed.
+    pub(crate) fn open(&self, taken: Taken) -> io::Result<Received> {
+        let Taken {
+            token,
+            peer,
+            delivery,
+            source,
+        } = taken;
+        let receipt = Receipt {
             shared: Arc::downgrade(&self.shared),
             interface: self.id,
-            token: taken.token,
-            sequence: taken.delivery.sequence,
+            token,
+            sequence: delivery.sequence,
+        };
+        match source.open() {
+            Ok(payload) => Ok(Received {
+                peer,
+                delivery,
+                payload,
+                receipt,
+            }),
+            Err(error) => {
+                self.with_idle(|interface, tools| interface.unreadable(token, tools));
+                Err(error)
+            }
         }
     }
 
@@ -247,6 +276,16 @@ impl Drop for Handle {
     }
 }
 
+/// A message that the program holds.
+#[derive(Debug)]
+pub(crate) struct Received {
+    pub(crate) peer: Arc<Peer>,
+    pub(crate) delivery: Delivery,
+    pub(crate) payload: Payload,
+    /// Last: what is given back is not looked at any more.
+    pub(crate) receipt: Receipt,
+}
+
 /// That a message is to be given back. It neither keeps the node alive nor its interface.
 #[derive(Debug)]
 pub(crate) struct Receipt {
@@ -254,6 +293,13 @@ pub(crate) struct Receipt {
     interface: InterfaceId,
     token: u64,
     sequence: u64,
+}
+
+impl Receipt {
+    /// The token of its link.
+    pub(crate) const fn token(&self) -> u64 {
+        self.token
+    }
 }
 
 impl Drop for Receipt {
@@ -326,17 +372,11 @@ fn refused_here(misuse: Misuse, contract: Contract) -> DeclareError {
     }
 }
 
-impl From<NotTaken> for RecvError {
-    fn from(error: NotTaken) -> Self {
-        match error {
-            NotTaken::TooManyBorrowed(error, peer) => Self::TooManyBorrowed {
-                held: error.max_borrowed,
-                publisher: peer.name.clone(),
-            },
-            NotTaken::Map(source, peer) => Self::Map {
-                publisher: peer.name.clone(),
-                source,
-            },
+impl From<Full> for RecvError {
+    fn from(Full { error, peer }: Full) -> Self {
+        Self::TooManyBorrowed {
+            held: error.max_borrowed,
+            publisher: peer.name.clone(),
         }
     }
 }

@@ -67,6 +67,46 @@ use crate::Payload;
 /// The derives of zerocopy and serde need these crates in your `Cargo.toml`. The name
 /// follows SM2-NAM-001: segments of `A-Z a-z 0-9 _ -`, joined by single `/`.
 ///
+/// What cannot be right does not compile: a field that not every bit pattern is a value of,
+///
+/// ```compile_fail,E0277
+/// # use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+/// # use sm2_node::Message;
+/// #[derive(Message, FromBytes, IntoBytes, Immutable, KnownLayout)]
+/// #[message(name = "robot/Brake")]
+/// #[repr(C)]
+/// struct Brake {
+///     engaged: bool,
+/// }
+/// ```
+///
+/// a name that is none, a type without a name,
+///
+/// ```compile_fail
+/// # use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+/// # use sm2_node::Message;
+/// #[derive(Message, FromBytes, IntoBytes, Immutable, KnownLayout)]
+/// #[message(name = "robot::Brake")]
+/// #[repr(C)]
+/// struct Brake {
+///     force: f64,
+/// }
+/// ```
+///
+/// or an encoding that differs from what the schema says.
+///
+/// ```compile_fail
+/// # use sm2_node::Message;
+/// # use serde::{Deserialize, Serialize};
+/// #[derive(Message, Serialize, Deserialize)]
+/// #[message(name = "nav/Goal", encoding = "postcard")]
+/// struct Goal {
+///     position: (f64, f64),
+///     #[serde(skip)]
+///     note: String,
+/// }
+/// ```
+///
 /// Implement it by hand for another encoding: `bytes` and `view` are all there is to it.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a message",

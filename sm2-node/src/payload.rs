@@ -2,7 +2,9 @@
 
 use std::borrow::Cow;
 use std::fmt;
+use std::io;
 use std::ops::Deref;
+use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -47,7 +49,7 @@ impl Payload {
         }))
     }
 
-    pub(crate) const fn sealed(mapping: Mapping) -> Self {
+    const fn sealed(mapping: Mapping) -> Self {
         Self(Place::Sealed(mapping))
     }
 
@@ -58,6 +60,35 @@ impl Payload {
         match self.0 {
             Place::Inline(_) | Place::Sealed(_) => Cow::Borrowed(self),
             Place::Pooled { .. } => Cow::Owned(self.to_vec()),
+        }
+    }
+}
+
+/// Where the bytes of a message are that was taken from its link.
+#[derive(Debug)]
+pub(crate) enum Source {
+    Ready(Payload),
+    /// In a sealed file that is not mapped yet: that takes long for large ones, and is not
+    /// done under the node's lock.
+    Sealed {
+        file: OwnedFd,
+        len: u64,
+    },
+    /// Its segment or file is not known. No machine lets such a message pass.
+    Missing,
+}
+
+impl Source {
+    /// Maps what is to be mapped.
+    //= SM2-PAY-007
+    pub(crate) fn open(self) -> io::Result<Payload> {
+        match self {
+            Self::Ready(payload) => Ok(payload),
+            // All pages at once: whoever takes a message is about to read it.
+            Self::Sealed { file, len } => {
+                Mapping::read_only(file.as_fd(), len, true).map(Payload::sealed)
+            }
+            Self::Missing => Err(io::ErrorKind::NotFound.into()),
         }
     }
 }

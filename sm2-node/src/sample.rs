@@ -7,8 +7,7 @@ use std::sync::Arc;
 use sm2_proto::control::Peer;
 use sm2_proto::{Contract, Instant, Name, TypeId};
 
-use crate::driver::Taken;
-use crate::handle::Receipt;
+use crate::handle::{Receipt, Received};
 use crate::{Message, PayloadError};
 
 /// One received message. Dereferences to it; dropping it gives it back.
@@ -28,13 +27,13 @@ pub struct Sample<T: Message + ?Sized> {
 }
 
 impl<T: Message + ?Sized> Sample<T> {
-    pub(crate) fn new(taken: Taken, receipt: Receipt) -> Result<Self, PayloadError> {
-        let Taken {
+    pub(crate) fn new(received: Received) -> Result<Self, PayloadError> {
+        let Received {
             peer,
             delivery,
             payload,
-            ..
-        } = taken;
+            receipt,
+        } = received;
         Ok(Self {
             view: T::view(payload)?,
             sequence: delivery.id,

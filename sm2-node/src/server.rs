@@ -14,7 +14,7 @@ use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos};
 
 use crate::driver::{CallId, Interface, Needs, Shared};
-use crate::handle::{Handle, Receipt, until};
+use crate::handle::{Handle, Receipt, Received, until};
 use crate::publisher::{INLINE_DEFAULT, checked_name};
 use crate::{DeclareError, LinkStatus, Message, RecvError, ReplyError, StoreError, WaitError};
 
@@ -27,7 +27,8 @@ const DROPPED: &str = "the server dropped the request without an answer";
 /// client in turn. Those that were cancelled, or whose deadline passed, before they were taken
 /// are answered without bothering the program (SM2-SRV-003).
 ///
-/// Its [descriptor](AsFd) is readable when [`try_recv`](Self::try_recv) may have a request.
+/// Its [descriptor](AsFd) is readable when [`try_recv`](Self::try_recv) may have a request. Dropping
+/// it withdraws it, once the requests that were taken are answered.
 #[derive(Debug)]
 pub struct Server<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
@@ -68,25 +69,30 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     }
 
     fn take(&self, until: Option<Instant>) -> Result<Option<Request<Q, R>>, RecvError> {
-        let Some(taken) = self.handle.receive(until, Interface::take_request)? else {
+        let Some(received) = self.handle.receive(until, Interface::take_request)? else {
             return Ok(None);
         };
-        let receipt = self.handle.receipt(&taken);
+        let Received {
+            peer,
+            delivery,
+            payload,
+            receipt,
+        } = received;
         let pending = Pending {
             handle: Arc::clone(&self.handle),
             call: CallId {
-                token: taken.token,
-                id: taken.delivery.id,
+                token: receipt.token(),
+                id: delivery.id,
             },
-            client: taken.peer,
+            client: peer,
             inline_max: self.inline_max,
             answered: false,
         };
-        match Q::view(taken.payload) {
+        match Q::view(payload) {
             Ok(view) => Ok(Some(Request {
                 pending,
                 view,
-                deadline: Some(taken.delivery.time).filter(|time| time.0 != 0),
+                deadline: Some(delivery.time).filter(|time| time.0 != 0),
                 _receipt: receipt,
                 replies: PhantomData,
             })),

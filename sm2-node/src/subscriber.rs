@@ -60,12 +60,11 @@ impl<T: Message + ?Sized> Subscriber<T> {
     }
 
     fn take(&self, until: Option<Instant>) -> Result<Option<Sample<T>>, RecvError> {
-        let Some(taken) = self.handle.receive(until, Interface::take)? else {
+        let Some(received) = self.handle.receive(until, Interface::take)? else {
             return Ok(None);
         };
-        let publisher = taken.peer.name.clone();
-        let receipt = self.handle.receipt(&taken);
-        match Sample::new(taken, receipt) {
+        let publisher = received.peer.name.clone();
+        match Sample::new(received) {
             Ok(sample) => Ok(Some(sample)),
             Err(reason) => Err(RecvError::Payload { publisher, reason }),
         }

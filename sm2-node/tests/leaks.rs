@@ -40,7 +40,7 @@ fn cycle(domain: &Domain, round: u64) {
         .latched(2)
         .declare()
         .unwrap();
-    let sealed = round % 2 == 0;
+    let sealed = round.is_multiple_of(2);
     let builder = listener.subscriber_builder::<[u8]>("topic").sealed(sealed);
     let subscriber = builder.declare().unwrap();
     meet(&publisher, &subscriber);
@@ -51,10 +51,10 @@ fn cycle(domain: &Domain, round: u64) {
     let samples: Vec<_> = (0..3)
         .map(|_| subscriber.recv_timeout(SOON).unwrap())
         .collect();
-    if round % 3 == 0 {
+    if round.is_multiple_of(3) {
         drop(samples);
         drop((subscriber, loan));
-        drop(publisher);
+        drop((publisher, listener));
     } else {
         drop(loan);
         drop(publisher);

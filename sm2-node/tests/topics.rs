@@ -617,3 +617,83 @@ fn without_a_manager_links_live_on_and_nothing_new_comes() {
     assert!(matches!(error, RecvError::Disconnected(_)), "{error}");
     b.spin().unwrap();
 }
+
+#[test]
+fn handles_can_be_used_from_any_thread() {
+    fn shared<T: Send + Sync>() {}
+    shared::<Node>();
+    shared::<Publisher<[u8]>>();
+    shared::<Subscriber<str>>();
+    shared::<sm2_node::Sample<Pose>>();
+    shared::<sm2_node::Loan<'_, Pose>>();
+    shared::<sm2_node::Server<str, [f64]>>();
+    shared::<sm2_node::Client<str, [f64]>>();
+    shared::<sm2_node::Request<str, [f64]>>();
+    shared::<sm2_node::Call<[f64]>>();
+    shared::<sm2_node::Reply<[f64]>>();
+}
+
+#[test]
+fn bad_names_and_values_are_errors_that_say_what_to_do() {
+    let domain = Domain::new();
+    let node = domain.node("node");
+    let error = node.publisher::<str>("two words").unwrap_err().to_string();
+    assert!(
+        error.contains("two words") && error.contains("A-Z"),
+        "{error}"
+    );
+    let error = node
+        .subscriber_builder::<str>("a")
+        .depth(0)
+        .declare()
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("depth is 0"), "{error}");
+    let error = Node::builder("node")
+        .socket(domain.socket())
+        .connect()
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("another node"), "{error}");
+    let error = Node::builder("a")
+        .socket("/nowhere/sm2.sock")
+        .connect()
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("sm2 manager"), "{error}");
+    let error = Node::builder("")
+        .socket(domain.socket())
+        .connect()
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("empty"), "{error}");
+    // A leading slash is a habit of many.
+    node.publisher::<str>("/chatter").unwrap();
+    let graph = node.graph(SOON).unwrap();
+    assert_eq!(
+        graph.items.len(),
+        1,
+        "what was dropped is withdrawn: {graph:?}"
+    );
+}
+
+#[test]
+fn a_pool_with_a_limit_says_when_it_is_full() {
+    let domain = Domain::new();
+    let node = domain.node("node");
+    let builder = node.publisher_builder::<[u8]>("topic").latched(2);
+    let publisher = builder.pool_limit(1 << 20).declare().unwrap();
+    publisher.publish(&pattern(300_000, 1)).unwrap();
+    publisher.publish(&pattern(300_000, 2)).unwrap();
+    let error = publisher
+        .publish(&pattern(300_000, 3))
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("pool_limit"), "{error}");
+    // Those that are kept are as they were.
+    let subscriber = domain.node("late").subscriber::<[u8]>("topic").unwrap();
+    meet(&publisher, &[&subscriber]);
+    for seed in 1..=2 {
+        assert!(*next(&subscriber) == *pattern(300_000, seed));
+    }
+}

@@ -35,6 +35,7 @@ fn whoever_does_not_greet_in_time_is_given_up() {
     assert_eq!(bench.manager.deadline(), None);
     let start = bench.now;
     let first = bench.connect(1);
+    let twin = bench.connect(1);
     bench.now = start.after(Duration::from_millis(500));
     let second = bench.connect(1);
     let third = bench.connect(1);
@@ -57,8 +58,9 @@ fn whoever_does_not_greet_in_time_is_given_up() {
     bench.now = due;
     // HELLO in the last moment comes too late.
     let mut late = bench.clone();
-    assert_eq!(late.hello(first, "first"), [hung_up(first)]);
-    assert_eq!(bench.input(Input::Tick), [hung_up(first)]);
+    let both = [hung_up(first), hung_up(twin)];
+    assert_eq!(late.hello(first, "first"), both);
+    assert_eq!(bench.input(Input::Tick), both);
     let due = start.after(Duration::from_millis(2_500));
     assert_eq!(bench.manager.deadline(), Some(due));
     bench.now = due.after(Duration::from_secs(1));

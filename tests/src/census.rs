@@ -82,8 +82,14 @@ fn kind(target: &str) -> String {
 }
 
 fn mappings(pid: u32) -> usize {
+    permissions(pid).len()
+}
+
+/// The permissions of each mapping of a memory file of SM2 or its tests: `r--s`, …
+#[must_use]
+pub fn permissions(pid: u32) -> Vec<String> {
     let maps = fs::read_to_string(format!("/proc/{pid}/maps")).unwrap_or_default();
-    maps.lines()
-        .filter(|line| line.contains("memfd:sm2"))
-        .count()
+    let ours = maps.lines().filter(|line| line.contains("memfd:sm2"));
+    let second = ours.filter_map(|line| line.split_whitespace().nth(1));
+    second.map(str::to_owned).collect()
 }

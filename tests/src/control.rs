@@ -29,7 +29,7 @@ impl Fields {
     /// A `bool`.
     #[must_use]
     pub fn flag(self, value: bool) -> Self {
-        self.raw(&[u8::from(value)])
+        self.raw([u8::from(value)])
     }
 
     /// A string.

@@ -12,11 +12,19 @@ use sm2_proto::Seals;
 /// A memory file of `len` zeroes with these seals.
 #[must_use]
 pub fn memfd(len: u64, seals: Seals) -> OwnedFd {
-    try_memfd(len, seals).expect("a memory file")
+    create(len, MFdFlags::empty(), seals).expect("a memory file")
 }
 
-fn try_memfd(len: u64, seals: Seals) -> io::Result<OwnedFd> {
-    let flags = MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING;
+/// A memory file of huge pages, with all seals that there are; if the kernel has none, then
+/// [`null`].
+#[must_use]
+pub fn huge() -> OwnedFd {
+    let all = Seals(Seals::SEALED.0 | Seals::POOLED.0);
+    create(0, MFdFlags::MFD_HUGETLB, all).unwrap_or_else(|_| null())
+}
+
+fn create(len: u64, kind: MFdFlags, seals: Seals) -> io::Result<OwnedFd> {
+    let flags = MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING | kind;
     let file = File::from(memfd_create(c"sm2-test", flags)?);
     file.set_len(len)?;
     let seals = SealFlag::from_bits_retain(seals.0.cast_signed());

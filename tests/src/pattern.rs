@@ -2,7 +2,7 @@
 
 /// Fills `payload` with what message `number` holds.
 pub fn fill(payload: &mut [u8], number: u64) {
-    let mut words = Words::of(number);
+    let mut words = Words::of(number, payload.len());
     let mut chunks = payload.chunks_exact_mut(8);
     for chunk in &mut chunks {
         chunk.copy_from_slice(&words.next());
@@ -23,7 +23,7 @@ pub fn message(number: u64, len: usize) -> Vec<u8> {
 /// Whether `payload` is what message `number` holds, in every byte.
 #[must_use]
 pub fn is_intact(payload: &[u8], number: u64) -> bool {
-    let mut words = Words::of(number);
+    let mut words = Words::of(number, payload.len());
     let mut chunks = payload.chunks_exact(8);
     let intact = chunks.by_ref().all(|chunk| chunk == words.next());
     let rest = chunks.remainder();
@@ -34,12 +34,12 @@ pub fn is_intact(payload: &[u8], number: u64) -> bool {
 const FACTOR: u64 = 6_364_136_223_846_793_005;
 const INCREMENT: u64 = 1_442_695_040_888_963_407;
 
-/// Words that depend on the message's number and on their place.
+/// Words that depend on the message's number, its length, and on their place.
 struct Words(u64);
 
 impl Words {
-    const fn of(number: u64) -> Self {
-        Self(number.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5356_4d32)
+    const fn of(number: u64, len: usize) -> Self {
+        Self(number.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ len as u64)
     }
 
     const fn next(&mut self) -> [u8; 8] {
@@ -58,6 +58,11 @@ mod tests {
             let good = message(5, len);
             assert!(is_intact(&good, 5));
             assert!(!is_intact(&good, 6), "{len} bytes of another message");
+            assert!(len == 1 || !is_intact(&good[1..], 5), "the end of {len}");
+            assert!(
+                len == 1 || !is_intact(&good[..len - 1], 5),
+                "a part of {len}"
+            );
             for byte in 0..len {
                 let mut bad = good.clone();
                 bad[byte] ^= 0x10;

@@ -7,7 +7,7 @@ use sm2_tests::{
     actor::{Actor, number},
     census::Census,
     domain::TempDomain,
-    in_time,
+    eventually, in_time,
     process::{Process, actor},
     random::Random,
 };
@@ -183,10 +183,73 @@ fn no_message_is_lost_when_the_manager_is_killed() {
         assert_eq!(talker.answer(), format!("ok took={} missed=0", 2 * BATCH));
         let (first, last) = (batch * BATCH + 1, (batch + 1) * BATCH);
         for listener in &listeners {
-            let all = format!("ok got={BATCH} first={first} last={last} lost=0 damaged=0");
+            let all = format!(
+                "ok got={BATCH} bytes={} first={first} last={last} lost=0 damaged=0",
+                BATCH * size
+            );
             assert_eq!(listener.answer(), all, "{}", listener.name());
         }
     }
     let refused = talker.ask("sub new new");
     assert!(refused.starts_with("error ManagerGone"), "{refused}");
+}
+
+/// Whoever waits for a process that dies hears of it: nothing here runs into a deadline.
+//= SM2-SRV-005, SM2-QOS-002, SM2-OPN-007 sys
+#[test]
+fn whoever_waits_for_the_dead_hears_of_it() {
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    let mut talker = Actor::start(&domain.socket(), "talker");
+    let mut victim = Actor::start(&domain.socket(), "victim");
+    talker.tell("pub t t depth=2 reliable_ms=60000");
+    talker.tell("client s s");
+    victim.tell("sub t t depth=2 borrow=1 reliable");
+    victim.tell("server s s");
+    victim.tell("client back back");
+    talker.tell("server back back");
+    for (interface, peers) in [("t", 1), ("s", 1), ("back", 1)] {
+        talker.tell(&format!("wait {interface} {peers}"));
+    }
+    // A call that nobody will answer, and one that nobody will hear the answer of.
+    talker.tell("call s 100");
+    victim.tell("call back 100");
+    // More messages than there is room for: the publisher waits.
+    talker.say("publish t 50 5000");
+    talker.say("reply s");
+    thread::sleep(Duration::from_millis(50));
+    victim.kill();
+    let published = talker.answer();
+    assert!(
+        published.starts_with("ok") && published.ends_with("missed=0"),
+        "{published}"
+    );
+    let replied = talker.answer();
+    assert!(replied.starts_with("error ServerGone"), "{replied}");
+    let refused = talker.ask("call s 100");
+    assert!(refused.starts_with("error NoServer"), "{refused}");
+    // Its request may have been taken before it died.
+    let link = talker.counted_with("t", "victim");
+    assert!(!link.open && link.in_flight == 0, "{link:?}");
+    assert_eq!(talker.tell("publish t 3 100"), "took=0 missed=0");
+}
+
+//= SM2-SRV-003 sys
+#[test]
+fn a_reply_to_a_dead_client_is_an_error_at_once() {
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    let mut server = Actor::start(&domain.socket(), "server");
+    server.tell("server s s");
+    let mut client = Actor::start(&domain.socket(), "client");
+    client.tell("client s s");
+    client.tell("wait s 1");
+    client.tell("call s 100");
+    server.tell("accept s");
+    client.kill();
+    eventually("the end of the link", || {
+        server.census().of_kind("socket") == 1
+    });
+    let replied = server.ask("answer s");
+    assert!(replied.starts_with("error ClientGone"), "{replied}");
 }

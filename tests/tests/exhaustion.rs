@@ -86,7 +86,7 @@ fn a_publisher_without_descriptors_gets_an_error_and_recovers() {
 }
 
 /// A new link needs a descriptor: whoever has none leaves the domain, and nobody else does.
-//= SM2-TRN-005 sys, SM2-SES-006 sys
+//= SM2-TRN-005, SM2-SES-006 sys
 #[test]
 fn a_node_that_cannot_take_a_link_is_gone_alone() {
     let domain = TempDomain::new();

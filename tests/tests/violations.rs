@@ -131,7 +131,10 @@ fn links_go_on(stage: &NodeStage, mut actor: RefMut<'_, Actor>, row: &Row<NodeSt
         let message = pattern::message(1, 100);
         links[0].send(link::inline(link::kind::DATA, 1, &message));
         let answer = actor.ask("take t 1");
-        assert_eq!(answer, "ok got=1 first=1 last=1 lost=0 damaged=0", "{row}");
+        assert_eq!(
+            answer, "ok got=1 bytes=100 first=1 last=1 lost=0 damaged=0",
+            "{row}"
+        );
         eventually("everything else to be closed", || {
             actor.census().of_kind("socket") == 1
         });

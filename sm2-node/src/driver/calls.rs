@@ -1,16 +1,16 @@
 //! Calls, from both ends: those that a client made, and the replies of a server.
 
 use std::collections::HashMap;
-use std::io;
 use std::sync::Arc;
 
 use bytes::Bytes;
 use sm2_proto::Instant;
 use sm2_proto::link::{Input, Status};
 
-use super::interface::{Interface, NotTaken, Taken};
-use super::link::{LinkDriver, TakeError, Tools};
+use super::interface::Interface;
+use super::link::{LinkDriver, Tools};
 use super::outbox::{Forms, Label, Needs, Outbox};
+use super::take::{Full, Taken};
 
 /// The calls of a client that the program has not seen the end of.
 #[derive(Debug, Default)]
@@ -30,7 +30,6 @@ pub(crate) struct CallId {
 pub(crate) enum Outcome {
     Reply(Taken),
     ServerGone,
-    Unreadable(io::Error),
 }
 
 /// Which server a call goes to.
@@ -58,39 +57,22 @@ impl Calls {
         if !link.is_caller() {
             return;
         }
-        loop {
-            match link.take() {
-                Ok(Some((delivery, payload))) => {
-                    let call = CallId {
-                        token,
-                        id: delivery.id,
-                    };
-                    let sequence = delivery.sequence;
-                    let reply = Taken {
-                        token,
-                        peer: Arc::clone(&link.peer),
-                        delivery,
-                        payload,
-                    };
-                    if !self.finish(call, Outcome::Reply(reply)) {
-                        // Nobody waits for it any more.
-                        link.release(sequence, tools.epoll, outbox);
-                    }
-                }
-                Ok(None) => break,
-                Err(TakeError::Map {
-                    sequence,
-                    call,
-                    error,
-                }) => {
-                    self.finish(CallId { token, id: call }, Outcome::Unreadable(error));
-                    link.release(sequence, tools.epoll, outbox);
-                }
-                // Not before the program gave a reply back: a client makes no more calls than
-                // it may hold replies.
-                Err(TakeError::TooManyBorrowed(_)) => break,
+        // No reply waits because too many are held: a client makes no more calls than it may
+        // hold replies.
+        while let Ok(Some((delivery, source))) = link.take() {
+            let (id, sequence) = (delivery.id, delivery.sequence);
+            let reply = Taken {
+                token,
+                peer: Arc::clone(&link.peer),
+                delivery,
+                source,
+            };
+            if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
+                // Nobody waits for it any more.
+                link.release(sequence, tools.epoll, outbox);
             }
         }
+        //= SM2-SRV-005
         for id in link.failed.drain(..) {
             self.finish(CallId { token, id }, Outcome::ServerGone);
         }
@@ -186,10 +168,7 @@ impl Interface {
     }
 
     /// The next request that is worth the server's time.
-    pub(crate) fn take_request(
-        &mut self,
-        tools: &mut Tools<'_>,
-    ) -> Result<Option<Taken>, NotTaken> {
+    pub(crate) fn take_request(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
         while let Some(taken) = self.take(tools)? {
             let (token, id) = (taken.token, taken.delivery.id);
             let deadline = taken.delivery.time;

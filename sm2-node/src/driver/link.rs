@@ -19,7 +19,7 @@ use sm2_proto::{Code, Datagram, Farewell, LinkId};
 use super::BURST;
 use super::datagram::{Incoming, receive};
 use super::outbox::Outbox;
-use crate::Payload;
+use crate::payload::{Payload, Source};
 
 /// How many datagrams are read from a link whose other side is gone: more than a window
 /// full of messages, each with its segment.
@@ -409,41 +409,34 @@ impl LinkDriver {
         }
     }
 
-    /// The next message for the application, with its payload.
-    pub(super) fn take(&mut self) -> Result<Option<(Delivery, Payload)>, TakeError> {
+    /// The next message for the application, and where it is.
+    pub(super) fn take(&mut self) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
         let Some(delivery) = self.machine.take()? else {
             return Ok(None);
         };
         self.held += 1;
-        let payload = self.payload(&delivery);
+        let source = self.source(&delivery);
         if self.end().is_some() {
             self.forget_unused();
         }
-        match payload {
-            Ok(payload) => Ok(Some((delivery, payload))),
-            Err(error) => Err(TakeError::Map {
-                sequence: delivery.sequence,
-                call: delivery.id,
-                error,
-            }),
-        }
+        Ok(Some((delivery, source)))
     }
 
-    fn payload(&mut self, delivery: &Delivery) -> io::Result<Payload> {
-        let missing = || io::Error::from(io::ErrorKind::NotFound);
-        match &delivery.payload {
-            link::Payload::Inline(bytes) => Ok(Payload::inline(bytes.clone())),
-            link::Payload::Pooled { segment, offset } => {
-                let mapping = self.segments.get(segment).ok_or_else(missing)?;
-                Payload::pooled(Arc::clone(mapping), *offset, delivery.len).ok_or_else(missing)
-            }
-            link::Payload::Sealed => {
-                let fd = self.kept.remove(&delivery.sequence).ok_or_else(missing)?;
-                // All pages at once: whoever takes a message is about to read it.
-                let mapping = Mapping::read_only(fd.as_fd(), delivery.len, true)?;
-                Ok(Payload::sealed(mapping))
-            }
-        }
+    fn source(&mut self, delivery: &Delivery) -> Source {
+        let found = match &delivery.payload {
+            link::Payload::Inline(bytes) => Some(Source::Ready(Payload::inline(bytes.clone()))),
+            link::Payload::Pooled { segment, offset } => self
+                .segments
+                .get(segment)
+                .and_then(|it| Payload::pooled(Arc::clone(it), *offset, delivery.len))
+                .map(Source::Ready),
+            link::Payload::Sealed => self.kept.remove(&delivery.sequence).map(|file| {
+                let len = delivery.len;
+                Source::Sealed { file, len }
+            }),
+        };
+        debug_assert!(found.is_some(), "{delivery:?}");
+        found.unwrap_or(Source::Missing)
     }
 
     /// The application gives a message back.
@@ -460,24 +453,5 @@ impl LinkDriver {
             End::Eof => Farewell::PeerGone.code(),
             End::Violation(violation) => violation.code(),
         })
-    }
-}
-
-/// Why a message could not be taken.
-#[derive(Debug)]
-pub(crate) enum TakeError {
-    /// The application holds all that it may.
-    TooManyBorrowed(TooManyBorrowed),
-    /// The message was taken, but cannot be shown.
-    Map {
-        sequence: u64,
-        call: u64,
-        error: io::Error,
-    },
-}
-
-impl From<TooManyBorrowed> for TakeError {
-    fn from(error: TooManyBorrowed) -> Self {
-        Self::TooManyBorrowed(error)
     }
 }

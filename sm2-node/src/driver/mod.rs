@@ -6,7 +6,8 @@
 //! - `session` is the connection with the Manager, `link` one end of one link; each is a
 //!   socket and a machine of `sm2-proto`, and the only place where that machine's outputs
 //!   are matched. `interface` holds the links of one publisher, subscriber, server or
-//!   client; `outbox` the messages on their way out; `calls` what is particular to services.
+//!   client; `publish`, `take` and `calls` are what it does with them; `outbox` holds the
+//!   messages on their way out.
 //! - `wait` is how threads wait without the lock.
 
 mod calls;
@@ -14,7 +15,10 @@ mod datagram;
 mod interface;
 mod link;
 mod outbox;
+mod publish;
 mod session;
+mod status;
+mod take;
 mod wait;
 
 use std::collections::{BTreeMap, HashMap};
@@ -31,13 +35,14 @@ use sm2_proto::{Contract, Farewell, InterfaceId, LinkId, Name};
 
 pub(crate) use self::calls::{CallId, Choice, Outcome};
 use self::datagram::Incoming;
-pub use self::interface::LinkStatus;
-pub(crate) use self::interface::{Interface, NotTaken, State, Taken};
+pub(crate) use self::interface::{Interface, State};
 use self::link::LinkDriver;
 pub(crate) use self::link::Tools;
 pub(crate) use self::outbox::{Forms, Label, Needs, NoSlot, seal};
 use self::session::Session;
 pub(crate) use self::session::{Greeting, Page};
+pub use self::status::LinkStatus;
+pub(crate) use self::take::{Full, Taken};
 use self::wait::Sleepers;
 pub(crate) use self::wait::{Bell, Topic};
 
@@ -96,8 +101,8 @@ impl Shared {
         })
     }
 
-    /// The node, as it is. What a thread left behind that panicked is consistent: no user's
-    /// code runs under the lock.
+    /// The node, as it is. What a thread that panicked left behind is consistent: of a user's
+    /// code, only a `tracing` subscriber runs under the lock (and must not call this node).
     pub(crate) fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,9 +1,17 @@
 //! Datagrams from a node that are no frames, whatever the session's state.
 
-use sm2_proto::Violation;
+use sm2_proto::Violation::{
+    BadName, BadQos, FdCount, FrameTooLong, Malformed, NotCanonical, TrailingBytes, UnknownFrame,
+};
 
-use super::manager::{Rows, row};
-use crate::control::{self, Qos};
+use super::{
+    Rule,
+    manager::{Rows, all},
+};
+use crate::{
+    control::{self, Qos},
+    raw::RawNode,
+};
 
 /// The rows; each starts with a new connection that has not greeted.
 pub(super) fn rows() -> Rows {
@@ -14,257 +22,112 @@ pub(super) fn rows() -> Rows {
     rows
 }
 
+impl Rule<RawNode> {
+    /// A datagram before anything else.
+    fn sent(self, what: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
+        let bytes = bytes.into();
+        self.row(what, move |node| node.send(&bytes))
+    }
+}
+
 fn transport() -> Rows {
-    use Violation::{FdCount, FrameTooLong};
-    vec![
-        row(FrameTooLong, "SM2-TRN-004", "65,537 bytes", |node| {
-            node.send([0; 65_537]);
-        }),
-        row(
-            FrameTooLong,
-            "SM2-TRN-004",
-            "65,537 bytes and descriptors",
-            |node| {
-                node.ready();
-                node.send_nulls([0; 65_537], 3);
-            },
-        ),
-        row(FdCount, "SM2-TRN-005", "HELLO with a descriptor", |node| {
+    let long = Rule::new(FrameTooLong, "SM2-TRN-004")
+        .sent("65,537 bytes", [0; 65_537])
+        .row("65,537 bytes and descriptors", |node: &RawNode| {
+            node.ready();
+            node.send_nulls([0; 65_537], 3);
+        });
+    let count = Rule::new(FdCount, "SM2-TRN-005")
+        .row("HELLO with a descriptor", |node: &RawNode| {
             node.send_nulls(control::hello("offender"), 1);
-        }),
-        row(
-            FdCount,
-            "SM2-TRN-005",
-            "QUERY with 253 descriptors",
-            |node| {
-                node.ready();
-                node.send_nulls(control::query(), 253);
-            },
-        ),
-        row(
-            FdCount,
-            "SM2-TRN-005",
-            "GOODBYE with a descriptor",
-            |node| {
-                node.ready();
-                node.send_nulls(control::goodbye(0), 1);
-            },
-        ),
-    ]
+        })
+        .row("QUERY with 253 descriptors", |node| {
+            node.ready();
+            node.send_nulls(control::query(), 253);
+        })
+        .row("GOODBYE with a descriptor", |node| {
+            node.ready();
+            node.send_nulls(control::goodbye(0), 1);
+        });
+    all([long, count])
 }
 
 fn encoding() -> Rows {
-    use Violation::{Malformed, NotCanonical, TrailingBytes, UnknownFrame};
-    let datagrams: [(Violation, &'static str, &'static str, &'static [u8]); 12] = [
-        (UnknownFrame, "SM2-FRM-001", "frame 6", &[6]),
-        (UnknownFrame, "SM2-FRM-001", "frame 16,383", &[0xff, 0x7f]),
-        (Malformed, "SM2-FRM-001", "HELLO without fields", &[0]),
-        (Malformed, "SM2-FRM-001", "QUERY with option 2", &[4, 2]),
-        (
-            Malformed,
-            "SM2-FRM-001",
-            "DECLARE with contract 4",
-            &[1, 1, 4],
-        ),
-        (
-            Malformed,
-            "SM2-FRM-001",
-            "GOODBYE with code 65,536",
-            &[5, 0x80, 0x80, 0x04],
-        ),
-        (
-            Malformed,
-            "SM2-FRM-001",
-            "HELLO whose name is cut short",
-            &[0, 1, 1, 5, b'n'],
-        ),
-        (
-            Malformed,
-            "SM2-FRM-001",
-            "UNLINKED whose link is cut short",
-            &[3, 1, 1],
-        ),
-        (
-            TrailingBytes,
-            "SM2-FRM-001",
-            "GOODBYE and a byte",
-            &[5, 0, 0],
-        ),
-        (
-            NotCanonical,
-            "SM2-FRM-002",
-            "GOODBYE with 0 in two bytes",
-            &[5, 0x80, 0],
-        ),
-        (
-            NotCanonical,
-            "SM2-FRM-002",
-            "GOODBYE numbered in two bytes",
-            &[0x85, 0, 0],
-        ),
-        (
-            NotCanonical,
-            "SM2-FRM-002",
-            "HELLO with a name's length in two bytes",
-            &[0, 1, 1, 0x81, 0, b'n'],
-        ),
-    ];
-    let to_row = |(violation, clause, what, bytes): (_, _, &str, &'static [u8])| {
-        row(violation, clause, what, move |node| {
-            node.send(bytes);
-        })
-    };
-    datagrams.into_iter().map(to_row).collect()
+    all([
+        Rule::new(UnknownFrame, "SM2-FRM-001")
+            .sent("frame 6", [6])
+            .sent("frame 16,383", [0xff, 0x7f])
+            .sent("a number cut short", [0x80]),
+        Rule::new(Malformed, "SM2-FRM-001")
+            .sent("HELLO without fields", [0])
+            .sent("QUERY with option 2", [4, 2])
+            .sent("DECLARE with contract 4", [1, 1, 4])
+            .sent("GOODBYE with code 65,536", [5, 0x80, 0x80, 0x04])
+            .sent("HELLO whose name is cut short", [0, 1, 1, 5, b'n'])
+            .sent("UNLINKED whose link is cut short", [3, 1, 1]),
+        Rule::new(TrailingBytes, "SM2-FRM-001").sent("GOODBYE and a byte", [5, 0, 0]),
+        Rule::new(NotCanonical, "SM2-FRM-002")
+            .sent("GOODBYE with 0 in two bytes", [5, 0x80, 0])
+            .sent("GOODBYE numbered in two bytes", [0x85, 0, 0])
+            .sent("HELLO with a length in two bytes", [0, 1, 1, 0x81, 0, b'n']),
+    ])
 }
 
 fn names() -> Rows {
     const LONG: [u8; 256] = [b'a'; 256];
+    let accents = "\u{e9}t\u{e9}".as_bytes();
     let names: [&[u8]; 14] = [
-        b"",
-        b"/",
-        b"/a",
-        b"a/",
-        b"a//b",
-        b"..",
-        b"a/../b",
-        b"a.b",
-        b"a b",
-        b"a\0",
-        b"a\n",
-        "\u{e9}t\u{e9}".as_bytes(),
-        &[0xff],
-        &LONG,
+        b"", b"/", b"/a", b"a/", b"a//b", b"..", b"a/../b", b"a.b", b"a b", b"a\0", b"a\n",
+        accents, &[0xff], &LONG,
     ];
-    let hello = |name: &'static [u8]| {
+    let mut rule = Rule::new(BadName, "SM2-NAM-001");
+    for name in names {
         let what = format!("HELLO as {:?}", String::from_utf8_lossy(name));
-        row(Violation::BadName, "SM2-NAM-001", what, move |node| {
-            node.send(control::hello(name));
-        })
-    };
-    let mut rows: Rows = names.into_iter().map(hello).collect();
-    rows.push(row(
-        Violation::BadName,
-        "SM2-NAM-001",
-        "DECLARE of topic `..`",
-        |node| {
+        rule = rule.sent(what, control::hello(name));
+    }
+    let rule = rule
+        .row("DECLARE of topic `..`", |node| {
             node.ready();
             node.send(control::declare(1, &control::publisher("..", Qos::PLAIN)));
-        },
-    ));
-    rows.push(row(
-        Violation::BadName,
-        "SM2-NAM-001",
-        "DECLARE of type ``",
-        |node| {
+        })
+        .row("DECLARE of type ``", |node| {
             node.ready();
             let contract = control::typed_publisher("t", &control::type_id("", 0), Qos::PLAIN);
             node.send(control::declare(1, &contract));
-        },
-    ));
-    rows
+        });
+    all([rule])
 }
 
 fn quality() -> Rows {
-    let plain = Qos::PLAIN;
-    let contracts = [
-        (
-            "publisher, depth 0",
-            control::publisher("t", Qos { depth: 0, ..plain }),
-        ),
-        (
-            "publisher, depth 1,025",
-            control::publisher(
-                "t",
-                Qos {
-                    depth: 1025,
-                    ..plain
-                },
-            ),
-        ),
-        (
-            "publisher, latched 1,025",
-            control::publisher(
-                "t",
-                Qos {
-                    latched: 1025,
-                    ..plain
-                },
-            ),
-        ),
-        (
-            "subscriber, depth 0",
-            control::subscriber("t", Qos { depth: 0, ..plain }),
-        ),
-        (
-            "subscriber, depth 1,025",
-            control::subscriber(
-                "t",
-                Qos {
-                    depth: 1025,
-                    ..plain
-                },
-            ),
-        ),
-        (
-            "subscriber, max_borrowed 0",
-            control::subscriber(
-                "t",
-                Qos {
-                    max_borrowed: 0,
-                    ..plain
-                },
-            ),
-        ),
-        (
-            "subscriber, max_borrowed 1,025",
-            control::subscriber(
-                "t",
-                Qos {
-                    max_borrowed: 1025,
-                    ..plain
-                },
-            ),
-        ),
-        (
-            "server, depth 0",
-            control::server("s", Qos { depth: 0, ..plain }),
-        ),
-        (
-            "server, max_borrowed 0",
-            control::server(
-                "s",
-                Qos {
-                    max_borrowed: 0,
-                    ..plain
-                },
-            ),
-        ),
-        (
-            "client, depth 1,025",
-            control::client(
-                "s",
-                Qos {
-                    depth: 1025,
-                    ..plain
-                },
-            ),
-        ),
-        (
-            "client, max_borrowed 1,025",
-            control::client(
-                "s",
-                Qos {
-                    max_borrowed: 1025,
-                    ..plain
-                },
-            ),
-        ),
+    let publisher: fn(Qos) -> Vec<u8> = |qos| control::publisher("t", qos);
+    let subscriber: fn(Qos) -> Vec<u8> = |qos| control::subscriber("t", qos);
+    let server: fn(Qos) -> Vec<u8> = |qos| control::server("s", qos);
+    let client: fn(Qos) -> Vec<u8> = |qos| control::client("s", qos);
+    let changes: [(&str, fn(&mut Qos)); 5] = [
+        ("depth 0", |qos| qos.depth = 0),
+        ("depth 1,025", |qos| qos.depth = 1025),
+        ("latched 1,025", |qos| qos.latched = 1025),
+        ("max_borrowed 0", |qos| qos.max_borrowed = 0),
+        ("max_borrowed 1,025", |qos| qos.max_borrowed = 1025),
     ];
-    let to_row = |(what, contract): (&str, Vec<u8>)| {
-        row(Violation::BadQos, "SM2-FRM-003", what, move |node| {
-            node.ready();
-            node.send(control::declare(1, &contract));
-        })
-    };
-    contracts.into_iter().map(to_row).collect()
+    let [few, many, latched, none, more] = changes;
+    let kinds = [
+        ("publisher", publisher, vec![few, many, latched]),
+        ("subscriber", subscriber, vec![few, many, none, more]),
+        ("server", server, vec![few, many, none, more]),
+        ("client", client, vec![few, many, none, more]),
+    ];
+    let mut rule = Rule::new(BadQos, "SM2-FRM-003");
+    for (kind, contract, changes) in kinds {
+        for (what, change) in changes {
+            let mut qos = Qos::PLAIN;
+            change(&mut qos);
+            let declare = control::declare(1, &contract(qos));
+            rule = rule.row(format!("{kind}, {what}"), move |node: &RawNode| {
+                node.ready();
+                node.send(&declare);
+            });
+        }
+    }
+    all([rule])
 }

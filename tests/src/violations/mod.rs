@@ -27,19 +27,39 @@ pub struct Row<Stage: ?Sized> {
     pub commit: Box<dyn Fn(&Stage)>,
 }
 
-impl<Stage: ?Sized> Row<Stage> {
-    fn new(
-        violation: Violation,
-        clause: &'static str,
-        what: impl Into<String>,
-        commit: impl Fn(&Stage) + 'static,
-    ) -> Self {
+/// The rows of one rule, put down one after the other.
+struct Rule<Stage: ?Sized> {
+    violation: Violation,
+    clause: &'static str,
+    rows: Vec<Row<Stage>>,
+}
+
+impl<Stage: ?Sized> Rule<Stage> {
+    const fn new(violation: Violation, clause: &'static str) -> Self {
         Self {
             violation,
             clause,
+            rows: Vec::new(),
+        }
+    }
+
+    fn row(mut self, what: impl Into<String>, commit: impl Fn(&Stage) + 'static) -> Self {
+        self.rows.push(Row {
+            violation: self.violation,
+            clause: self.clause,
             what: what.into(),
             commit: Box::new(commit),
-        }
+        });
+        self
+    }
+}
+
+impl<Stage: ?Sized> IntoIterator for Rule<Stage> {
+    type Item = Row<Stage>;
+    type IntoIter = std::vec::IntoIter<Self::Item>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.rows.into_iter()
     }
 }
 

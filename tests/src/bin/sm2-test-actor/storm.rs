@@ -90,10 +90,10 @@ impl Control {
     /// before it died would keep its memory else.
     fn drain(&mut self, node: &Node, word: &str, take: impl Fn()) {
         while self.heard(word).is_none() {
+            take();
             let both = [self.input.as_fd(), node.as_fd()];
             sm2_io::wait_readable(&both, None).expect("poll");
             node.spin_once(None).expect("the node's own wait");
-            take();
         }
     }
 }

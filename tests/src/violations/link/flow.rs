@@ -1,12 +1,18 @@
 //! Messages out of order, beyond the window, released wrongly; calls that are none.
 
-use sm2_proto::Violation;
+use sm2_proto::Violation::{
+    BadCancel, BadId, BadLength, BadRelease, BadSequence, CallLimit, UnknownCall, WindowExceeded,
+};
 
-use super::{LinkStage, Real, Rows, WINDOW, row};
+use super::{
+    Real::{Client, Publisher, SealedSubscriber, Server, Subscriber, WideServer},
+    Rows, Rule, WINDOW, all,
+};
 use crate::link::{Head, cancel, inline, kind, release};
 
 pub(super) fn rows() -> Rows {
     let mut rows = order();
+    rows.extend(ids());
     rows.extend(windows());
     rows.extend(releases());
     rows.extend(replies());
@@ -14,118 +20,73 @@ pub(super) fn rows() -> Rows {
     rows
 }
 
+/// A message with this number.
+fn numbered(kind: u8, sequence: u64) -> Vec<u8> {
+    let head = Head::nth(kind, 1);
+    Head { sequence, ..head }.bytes()
+}
+
+/// A message with this number and this id.
+fn identified(kind: u8, n: u64, id: u64) -> Vec<u8> {
+    let head = Head::nth(kind, n);
+    Head { id, ..head }.bytes()
+}
+
 fn order() -> Rows {
-    use Violation::{BadId, BadSequence};
-    let mut rows = Rows::new();
-    let ends = [
-        (Real::Subscriber, kind::DATA, "SM2-MSG-002"),
-        (Real::Server, kind::REQUEST, "SM2-SRV-002"),
-    ];
-    for (real, kind, clause) in ends {
-        for sequence in [0, 2, u64::MAX] {
-            let what = format!("{real:?}: the first message has number {sequence}");
-            rows.push(row(real, BadSequence, "SM2-MSG-001", what, move |stage| {
-                stage.open();
-                stage.send(
-                    Head {
-                        sequence,
-                        ..Head::nth(kind, 1)
-                    }
-                    .bytes(),
-                );
-            }));
+    let mut rule = Rule::new(BadSequence, "SM2-MSG-001");
+    for (real, kind) in [(Subscriber, kind::DATA), (Server, kind::REQUEST)] {
+        for n in [0, 2, u64::MAX] {
+            let what = format!("{real:?}: the first message has number {n}");
+            rule = rule.sent(real, what, numbered(kind, n));
         }
-        for sequence in [1, 3] {
-            let what = format!("{real:?}: the second message has number {sequence}");
-            rows.push(row(real, BadSequence, "SM2-MSG-001", what, move |stage| {
+        for n in [1, 3] {
+            let what = format!("{real:?}: the second message has number {n}");
+            rule = rule.fresh(real, what, move |stage| {
                 stage.messages(1);
-                stage.send(
-                    Head {
-                        sequence,
-                        ..Head::nth(kind, 2)
-                    }
-                    .bytes(),
-                );
-            }));
-        }
-        for id in [0, 6, 7] {
-            let what = format!("{real:?}: id {id} after 7");
-            rows.push(row(real, BadId, clause, what, move |stage| {
-                stage.open();
-                stage.send(
-                    Head {
-                        id: 7,
-                        ..Head::nth(kind, 1)
-                    }
-                    .bytes(),
-                );
-                stage.send(
-                    Head {
-                        id,
-                        ..Head::nth(kind, 2)
-                    }
-                    .bytes(),
-                );
-            }));
+                stage.send(numbered(kind, n));
+            });
         }
     }
-    let what = "Client: the first reply has number 2";
-    rows.push(row(
-        Real::Client,
-        BadSequence,
-        "SM2-MSG-001",
-        what,
-        |stage| {
-            let id = stage.called();
-            stage.send(
-                Head {
-                    id,
-                    ..Head::nth(kind::REPLY, 2)
-                }
-                .bytes(),
-            );
-        },
-    ));
-    rows
+    all([rule.fresh(Client, "Client: the first reply has number 2", |stage| {
+        let id = stage.called();
+        stage.send(identified(kind::REPLY, 2, id));
+    })])
+}
+
+fn ids() -> Rows {
+    let mut of_data = Rule::new(BadId, "SM2-MSG-002");
+    let mut of_calls = Rule::new(BadId, "SM2-SRV-002");
+    for id in [0, 6, 7] {
+        of_data = of_data.open(Subscriber, format!("publication {id} after 7"), move |stage| {
+            stage.send(identified(kind::DATA, 1, 7));
+            stage.send(identified(kind::DATA, 2, id));
+        });
+        of_calls = of_calls.open(Server, format!("call {id} after 7"), move |stage| {
+            stage.send(identified(kind::REQUEST, 1, 7));
+            stage.send(identified(kind::REQUEST, 2, id));
+        });
+    }
+    all([of_data, of_calls])
 }
 
 fn windows() -> Rows {
-    use Violation::{CallLimit, WindowExceeded};
-    let mut rows = Rows::new();
-    for real in [Real::Subscriber, Real::SealedSubscriber, Real::Server] {
+    let mut exceeded = Rule::new(WindowExceeded, "SM2-MSG-003");
+    for real in [Subscriber, SealedSubscriber, Server] {
         let what = format!("{real:?}: one message more than the window");
-        rows.push(row(real, WindowExceeded, "SM2-MSG-003", what, |stage| {
-            stage.messages(WINDOW + 1);
-        }));
+        exceeded = exceeded.fresh(real, what, |stage| stage.messages(WINDOW + 1));
     }
     let what = "one message more while the application holds some";
-    rows.push(row(
-        Real::Subscriber,
-        WindowExceeded,
-        "SM2-MSG-003",
-        what,
-        |stage| {
-            stage.messages(WINDOW);
-            stage.victim.borrow_mut().tell("hold x 2");
-            stage.send(inline(kind::DATA, WINDOW + 1, b"x"));
-        },
-    ));
+    let exceeded = exceeded.fresh(Subscriber, what, |stage| {
+        stage.messages(WINDOW);
+        stage.victim.borrow_mut().tell("hold x 2");
+        stage.send(inline(kind::DATA, WINDOW + 1, b"x"));
+    });
+    let calls = Rule::new(CallLimit, "SM2-SRV-002");
     let what = "1,025 calls without a reply";
-    rows.push(row(
-        Real::WideServer,
-        CallLimit,
-        "SM2-SRV-002",
-        what,
-        |stage| {
-            stage.messages(1025);
-        },
-    ));
-    rows
+    all([exceeded, calls.fresh(WideServer, what, |stage| stage.messages(1025))])
 }
 
 fn releases() -> Rows {
-    let violation = Violation::BadRelease;
-    let mut rows = Rows::new();
     let lists: [(&str, Vec<u64>); 8] = [
         ("nothing", vec![]),
         ("a message that was never sent", vec![4]),
@@ -136,149 +97,73 @@ fn releases() -> Rows {
         ("513 messages", (1..=513).collect()),
         ("the last possible number", vec![u64::MAX]),
     ];
+    let mut rule = Rule::new(BadRelease, "SM2-MSG-004");
     for (what, sequences) in lists {
-        let what = format!("RELEASE of {what}");
-        rows.push(row(
-            Real::Publisher,
-            violation,
-            "SM2-MSG-004",
-            what,
-            move |stage| {
-                stage.published(3);
-                stage.send(release(0, &sequences));
-            },
-        ));
+        rule = rule.fresh(Publisher, format!("RELEASE of {what}"), move |stage| {
+            stage.published(3);
+            stage.send(release(0, &sequences));
+        });
     }
     for fates in [[0, 0], [0, 1], [1, 0]] {
         let what = format!("RELEASE of the same message again, fates {fates:?}");
-        rows.push(row(
-            Real::Publisher,
-            violation,
-            "SM2-MSG-004",
-            what,
-            move |stage| {
-                stage.published(3);
-                fates
-                    .iter()
-                    .for_each(|&fate| stage.send(release(fate, &[2])));
-            },
-        ));
+        rule = rule.fresh(Publisher, what, move |stage| {
+            stage.published(3);
+            fates.iter().for_each(|&fate| stage.send(release(fate, &[2])));
+        });
     }
-    let what = "RELEASE of a request that was never sent";
-    rows.push(row(
-        Real::Client,
-        violation,
-        "SM2-MSG-004",
-        what,
-        |stage: &LinkStage| {
+    let rule = rule
+        .fresh(Client, "RELEASE of a request that was never sent", |stage| {
             stage.called();
             stage.send(release(0, &[2]));
-        },
-    ));
-    let what = "RELEASE of a reply that was never sent";
-    rows.push(row(Real::Server, violation, "SM2-MSG-004", what, |stage| {
-        stage.messages(1);
-        stage.send(release(0, &[1]));
-    }));
-    rows
+        })
+        .fresh(Server, "RELEASE of a reply that was never sent", |stage| {
+            stage.messages(1);
+            stage.send(release(0, &[1]));
+        });
+    all([rule])
 }
 
 fn replies() -> Rows {
-    use Violation::{BadLength, UnknownCall};
-    let mut rows = Rows::new();
-    let what = "REPLY without a call";
-    rows.push(row(
-        Real::Client,
-        UnknownCall,
-        "SM2-SRV-003",
-        what,
-        |stage| {
-            stage.open();
-            stage.send(inline(kind::REPLY, 1, b"x"));
-        },
-    ));
-    let what = "REPLY for another call";
-    rows.push(row(
-        Real::Client,
-        UnknownCall,
-        "SM2-SRV-003",
-        what,
-        |stage| {
+    let unknown = Rule::new(UnknownCall, "SM2-SRV-003")
+        .sent(Client, "REPLY without a call", inline(kind::REPLY, 1, b"x"))
+        .fresh(Client, "REPLY for another call", |stage| {
             let id = stage.called() + 1;
-            stage.send(
-                Head {
-                    id,
-                    ..Head::nth(kind::REPLY, 1)
-                }
-                .bytes(),
-            );
-        },
-    ));
-    let what = "REPLY twice";
-    rows.push(row(
-        Real::Client,
-        UnknownCall,
-        "SM2-SRV-003",
-        what,
-        |stage| {
+            stage.send(identified(kind::REPLY, 1, id));
+        })
+        .fresh(Client, "REPLY twice", |stage| {
             let id = stage.called();
-            for n in 1..=2 {
-                stage.send(
-                    Head {
-                        id,
-                        ..Head::nth(kind::REPLY, n)
-                    }
-                    .bytes(),
-                );
-            }
-        },
-    ));
+            stage.send(identified(kind::REPLY, 1, id));
+            stage.send(identified(kind::REPLY, 2, id));
+        });
+    let mut length = Rule::new(BadLength, "SM2-SRV-003");
     for status in [2, 3] {
         let what = format!("REPLY with status {status} and a payload");
-        rows.push(row(
-            Real::Client,
-            BadLength,
-            "SM2-SRV-003",
-            what,
-            move |stage| {
-                let id = stage.called();
-                let head = Head::nth(kind::REPLY, 1);
-                stage.send(
-                    Head {
-                        id,
-                        status,
-                        len: 1,
-                        ..head
-                    }
-                    .with(b"x"),
-                );
-            },
-        ));
+        length = length.fresh(Client, what, move |stage| {
+            let head = Head {
+                status,
+                id: stage.called(),
+                len: 1,
+                ..Head::nth(kind::REPLY, 1)
+            };
+            stage.send(head.with(b"x"));
+        });
     }
-    rows
+    all([unknown, length])
 }
 
 fn cancels() -> Rows {
-    use Violation::{BadCancel, UnknownCall};
-    let mut rows = Rows::new();
+    let mut unknown = Rule::new(UnknownCall, "SM2-SRV-004");
     for call in [0, 2, u64::MAX] {
         let what = format!("CANCEL of call {call}, which was never made");
-        rows.push(row(
-            Real::Server,
-            UnknownCall,
-            "SM2-SRV-004",
-            what,
-            move |stage| {
-                stage.messages(1);
-                stage.send(cancel(call));
-            },
-        ));
+        unknown = unknown.fresh(Server, what, move |stage| {
+            stage.messages(1);
+            stage.send(cancel(call));
+        });
     }
-    let what = "CANCEL twice";
-    rows.push(row(Real::Server, BadCancel, "SM2-SRV-004", what, |stage| {
+    let twice = Rule::new(BadCancel, "SM2-SRV-004").fresh(Server, "CANCEL twice", |stage| {
         stage.messages(1);
         stage.send(cancel(1));
         stage.send(cancel(1));
-    }));
-    rows
+    });
+    all([unknown, twice])
 }

@@ -5,14 +5,28 @@ use std::{
     os::fd::{AsFd, OwnedFd},
 };
 
-use nix::sys::{
-    epoll::{Epoll, EpollCreateFlags},
-    eventfd::EventFd,
+use nix::{
+    fcntl::{OFlag, open},
+    sys::{
+        epoll::{Epoll, EpollCreateFlags},
+        eventfd::EventFd,
+        stat::Mode,
+    },
 };
 use sm2_io::SeqPacket;
-use sm2_proto::{Seals, Violation};
+use sm2_proto::{
+    Seals,
+    Violation::{
+        BadLength, BadSegment, BadSize, BadSlot, NotAMemfd, NotSealed, SealsMissing, SegmentBusy,
+        SegmentLimit, SegmentNumber, SlotBusy, UnknownSegment,
+    },
+};
 
-use super::{LinkStage, Real, Rows, row};
+use super::{
+    LinkStage,
+    Real::{SealedSubscriber, Server, Subscriber},
+    Rows, Rule, all,
+};
 use crate::{
     link::{Head, attach, detach, form, kind, pooled, sealed},
     memory,
@@ -22,8 +36,10 @@ const PAGE: u64 = 4096;
 
 pub(super) fn rows() -> Rows {
     let mut rows = kinds();
-    rows.extend(seals());
+    rows.extend(seals_of_messages());
+    rows.extend(seals_of_segments());
     rows.extend(sizes());
+    rows.extend(geometries());
     rows.extend(segments());
     rows.extend(slots());
     rows.extend(lengths());
@@ -41,177 +57,110 @@ impl LinkStage {
 
 /// Everything that can be open and is no memory file.
 fn kinds() -> Rows {
-    type Make = fn() -> OwnedFd;
-    let kinds: [(&str, Make); 9] = [
+    let kinds: [(&str, fn() -> OwnedFd); 10] = [
         ("/dev/null", memory::null),
-        ("/dev/zero", || {
-            File::open("/dev/zero").expect("a device").into()
-        }),
-        ("a folder", || File::open("/").expect("a folder").into()),
-        ("a file on a disk", || {
-            tempfile::tempfile().expect("a file").into()
-        }),
+        ("/dev/zero", || file("/dev/zero")),
+        ("a folder", || file("/")),
+        ("a file of another file system", || file("/proc/self/status")),
+        ("a file of huge pages", memory::huge),
         ("a pipe", || std::io::pipe().expect("a pipe").0.into()),
         ("a socket", || SeqPacket::pair().expect("sockets").0.into()),
         ("an eventfd", || {
-            EventFd::new()
-                .expect("an eventfd")
-                .as_fd()
-                .try_clone_to_owned()
-                .expect("a copy")
+            let eventfd = EventFd::new().expect("an eventfd");
+            let copy = eventfd.as_fd().try_clone_to_owned();
+            copy.expect("a copy")
         }),
         ("an epoll set", || {
-            let set = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).expect("a set");
-            set.0
+            Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).expect("a set").0
         }),
         ("a path only", || {
-            let flags = nix::fcntl::OFlag::O_PATH | nix::fcntl::OFlag::O_CLOEXEC;
-            nix::fcntl::open("/dev/null", flags, nix::sys::stat::Mode::empty()).expect("a path")
+            let flags = OFlag::O_PATH | OFlag::O_CLOEXEC;
+            open("/dev/null", flags, Mode::empty()).expect("a path")
         }),
     ];
-    let mut rows = Rows::new();
-    let violation = Violation::NotAMemfd;
+    let mut rule = Rule::new(NotAMemfd, "SM2-SEG-001");
     for (what, make) in kinds {
-        let named = format!("{what} for a sealed payload");
-        rows.push(row(
-            Real::Subscriber,
-            violation,
-            "SM2-SEG-001",
-            named,
-            move |stage| {
-                stage.open();
+        rule = rule
+            .open(Subscriber, format!("{what} for a sealed payload"), move |stage| {
                 stage.send_fd(sealed(kind::DATA, 1, 0), &make());
-            },
-        ));
-        let named = format!("{what} for a segment");
-        rows.push(row(
-            Real::Subscriber,
-            violation,
-            "SM2-SEG-001",
-            named,
-            move |stage| {
-                stage.open();
+            })
+            .open(Subscriber, format!("{what} for a segment"), move |stage| {
                 stage.send_fd(attach(1, PAGE, 1), &make());
-            },
-        ));
+            });
     }
-    rows
+    all([rule])
 }
 
-/// Every seal missing alone, all of them, and the one that looks like another.
-fn seals() -> Rows {
-    let violation = Violation::SealsMissing;
-    let mut rows = Rows::new();
-    let common = [
-        ("SEAL", Seals::SEAL),
-        ("SHRINK", Seals::SHRINK),
-        ("GROW", Seals::GROW),
-    ];
-    let of_message = common
-        .into_iter()
-        .chain([("WRITE", Seals::WRITE), ("all", Seals::SEALED)]);
-    for (name, missing) in of_message {
-        for real in [Real::Subscriber, Real::SealedSubscriber] {
+fn file(path: &str) -> OwnedFd {
+    File::open(path).expect("something to open").into()
+}
+
+const COMMON: [(&str, Seals); 3] = [
+    ("SEAL", Seals::SEAL),
+    ("SHRINK", Seals::SHRINK),
+    ("GROW", Seals::GROW),
+];
+
+/// Each seal missing alone, all of them, and one that looks like another.
+fn seals_of_messages() -> Rows {
+    let mut rule = Rule::new(SealsMissing, "SM2-SEG-001");
+    let others = [("WRITE", Seals::WRITE), ("all", Seals::SEALED)];
+    for (name, missing) in COMMON.into_iter().chain(others) {
+        for real in [Subscriber, SealedSubscriber] {
             let what = format!("a payload without {name} ({real:?})");
-            rows.push(row(real, violation, "SM2-SEG-001", what, move |stage| {
-                stage.open();
+            rule = rule.open(real, what, move |stage| {
                 let file = memory::memfd(PAGE, memory::without(Seals::SEALED, missing));
                 stage.send_fd(sealed(kind::DATA, 1, 1), &file);
-            }));
+            });
         }
     }
-    let future = ("FUTURE_WRITE", Seals::FUTURE_WRITE);
-    for (name, missing) in common.into_iter().chain([future, ("all", Seals::POOLED)]) {
-        let what = format!("a segment without {name}");
-        rows.push(row(
-            Real::Subscriber,
-            violation,
-            "SM2-SEG-001",
-            what,
-            move |stage| {
-                stage.open();
-                let file = memory::memfd(PAGE, memory::without(Seals::POOLED, missing));
-                stage.send_fd(attach(1, PAGE, 1), &file);
-            },
-        ));
-    }
     let what = "a payload with FUTURE_WRITE instead of WRITE";
-    rows.push(row(
-        Real::SealedSubscriber,
-        violation,
-        "SM2-SEG-001",
-        what,
-        |stage| {
-            stage.open();
+    let rule = rule
+        .open(SealedSubscriber, what, |stage| {
             stage.send_fd(sealed(kind::DATA, 1, 1), &memory::segment(PAGE));
-        },
-    ));
+        })
+        .open(Subscriber, "a file in /dev/shm", |stage| {
+            let file = tempfile::tempfile_in("/dev/shm").expect("a file");
+            stage.send_fd(sealed(kind::DATA, 1, 0), &file.into());
+        });
+    all([rule])
+}
+
+fn seals_of_segments() -> Rows {
+    let mut rule = Rule::new(SealsMissing, "SM2-SEG-001");
+    let others = [("FUTURE_WRITE", Seals::FUTURE_WRITE), ("all", Seals::POOLED)];
+    for (name, missing) in COMMON.into_iter().chain(others) {
+        let what = format!("a segment without {name}");
+        rule = rule.open(Subscriber, what, move |stage| {
+            let file = memory::memfd(PAGE, memory::without(Seals::POOLED, missing));
+            stage.send_fd(attach(1, PAGE, 1), &file);
+        });
+    }
     let what = "a segment with WRITE instead of FUTURE_WRITE";
-    rows.push(row(
-        Real::Subscriber,
-        violation,
-        "SM2-SEG-001",
-        what,
-        |stage| {
-            stage.open();
-            stage.send_fd(attach(1, PAGE, 1), &memory::sealed(PAGE));
-        },
-    ));
-    let what = "a file in /dev/shm";
-    rows.push(row(
-        Real::Subscriber,
-        violation,
-        "SM2-SEG-001",
-        what,
-        |stage| {
-            stage.open();
-            let file: OwnedFd = tempfile::tempfile_in("/dev/shm").expect("a file").into();
-            stage.send_fd(sealed(kind::DATA, 1, 0), &file);
-        },
-    ));
-    rows
+    all([rule.open(Subscriber, what, |stage| {
+        stage.send_fd(attach(1, PAGE, 1), &memory::sealed(PAGE));
+    })])
 }
 
 fn sizes() -> Rows {
-    let violation = Violation::BadSize;
-    let mut rows = Rows::new();
-    for (file, len) in [
-        (0, 1),
-        (PAGE, PAGE + 1),
-        (PAGE, 1 << 40),
-        ((1 << 41) + PAGE, 1),
-    ] {
+    let mut of_messages = Rule::new(BadSize, "SM2-SEG-002");
+    for (file, len) in [(0, 1), (PAGE, PAGE + 1), (PAGE, 1 << 40), ((1 << 41) + PAGE, 1)] {
         let what = format!("a file of {file} bytes for {len}");
-        rows.push(row(
-            Real::SealedSubscriber,
-            violation,
-            "SM2-SEG-002",
-            what,
-            move |stage| {
-                stage.open();
-                stage.send_fd(sealed(kind::DATA, 1, len), &memory::sealed(file));
-            },
-        ));
+        of_messages = of_messages.open(SealedSubscriber, what, move |stage| {
+            stage.send_fd(sealed(kind::DATA, 1, len), &memory::sealed(file));
+        });
     }
+    let mut of_segments = Rule::new(BadSize, "SM2-SEG-003");
     for file in [0, PAGE, 3 * PAGE, 2 * PAGE + 1, 2 * PAGE - 1] {
         let what = format!("a file of {file} bytes for two pages");
-        rows.push(row(
-            Real::Subscriber,
-            violation,
-            "SM2-SEG-003",
-            what,
-            move |stage| {
-                stage.open();
-                stage.send_fd(attach(1, PAGE, 2), &memory::segment(file));
-            },
-        ));
+        of_segments = of_segments.open(Subscriber, what, move |stage| {
+            stage.send_fd(attach(1, PAGE, 2), &memory::segment(file));
+        });
     }
-    rows
+    all([of_messages, of_segments])
 }
 
-fn segments() -> Rows {
-    use Violation::{BadSegment, SegmentBusy, SegmentLimit, SegmentNumber, UnknownSegment};
-    let mut rows = Rows::new();
+fn geometries() -> Rows {
     let geometries = [
         ("stride 0", 0, 1),
         ("stride 1", 1, 4096),
@@ -221,191 +170,97 @@ fn segments() -> Rows {
         ("2^41 bytes and a page", (1 << 41) + PAGE, 1),
         ("2^64 bytes", 1 << 60, 16),
     ];
+    let mut rule = Rule::new(BadSegment, "SM2-SEG-003");
     for (what, stride, slots) in geometries {
-        let what = format!("ATTACH with {what}");
-        rows.push(row(
-            Real::Subscriber,
-            BadSegment,
-            "SM2-SEG-003",
-            what,
-            move |stage| {
-                stage.open();
-                stage.send_fd(attach(1, stride, slots), &memory::segment(PAGE));
-            },
-        ));
+        rule = rule.open(Subscriber, format!("ATTACH with {what}"), move |stage| {
+            stage.send_fd(attach(1, stride, slots), &memory::segment(PAGE));
+        });
     }
-    let what = "ATTACH of a number in use";
-    rows.push(row(
-        Real::Subscriber,
-        SegmentNumber,
-        "SM2-SEG-003",
-        what,
-        |stage| {
+    all([rule])
+}
+
+fn segments() -> Rows {
+    let number = Rule::new(SegmentNumber, "SM2-SEG-003")
+        .fresh(Subscriber, "ATTACH of a number in use", |stage| {
             stage.attached(1);
             stage.send_fd(attach(1, PAGE, 1), &memory::segment(PAGE));
-        },
-    ));
-    let what = "257 segments";
-    rows.push(row(
-        Real::Subscriber,
-        SegmentLimit,
-        "SM2-SEG-004",
-        what,
-        |stage| {
-            stage.open();
+        });
+    let limit = Rule::new(SegmentLimit, "SM2-SEG-004")
+        .open(Subscriber, "257 segments", |stage| {
             let file = memory::segment(PAGE);
             (0..257).for_each(|segment| stage.send_fd(attach(segment, PAGE, 1), &file));
-        },
-    ));
-    let what = "DETACH of no segment";
-    rows.push(row(
-        Real::Subscriber,
-        UnknownSegment,
-        "SM2-SEG-005",
-        what,
-        |stage| {
-            stage.open();
-            stage.send(detach(1));
-        },
-    ));
-    let what = "DETACH twice";
-    rows.push(row(
-        Real::Server,
-        UnknownSegment,
-        "SM2-SEG-005",
-        what,
-        |stage| {
+        });
+    let unknown = Rule::new(UnknownSegment, "SM2-SEG-005")
+        .sent(Subscriber, "DETACH of no segment", detach(1))
+        .fresh(Server, "DETACH twice", |stage| {
             stage.attached(1);
             stage.send(detach(1));
             stage.send(detach(1));
-        },
-    ));
-    let what = "DETACH with an unreleased message";
-    rows.push(row(
-        Real::Subscriber,
-        SegmentBusy,
-        "SM2-SEG-005",
-        what,
-        |stage| {
+        });
+    let busy = Rule::new(SegmentBusy, "SM2-SEG-005")
+        .fresh(Subscriber, "DETACH with an unreleased message", |stage| {
             stage.attached(1);
             stage.send(pooled(kind::DATA, 1, 1, 0, 1));
             stage.send(detach(1));
-        },
-    ));
-    rows
+        });
+    all([number, limit, unknown, busy])
 }
 
 fn slots() -> Rows {
-    use Violation::{BadSlot, NotSealed, SlotBusy, UnknownSegment};
-    let mut rows = Rows::new();
-    let what = "a slot of no segment";
-    rows.push(row(
-        Real::Subscriber,
-        UnknownSegment,
-        "SM2-PAY-002",
-        what,
-        |stage| {
-            stage.open();
-            stage.send(pooled(kind::DATA, 1, 1, 0, 1));
-        },
-    ));
-    let what = "a slot of a segment that is detached";
-    rows.push(row(
-        Real::Subscriber,
-        UnknownSegment,
-        "SM2-PAY-002",
-        what,
-        |stage| {
+    let unknown = Rule::new(UnknownSegment, "SM2-PAY-002")
+        .sent(Subscriber, "a slot of no segment", pooled(kind::DATA, 1, 1, 0, 1))
+        .fresh(Subscriber, "a slot of a segment that is detached", |stage| {
             stage.attached(1);
             stage.send(detach(1));
             stage.send(pooled(kind::DATA, 1, 1, 0, 1));
-        },
-    ));
+        });
+    let mut bad = Rule::new(BadSlot, "SM2-PAY-002");
     for slot in [2, u32::MAX] {
-        let what = format!("slot {slot} of two");
-        rows.push(row(
-            Real::Subscriber,
-            BadSlot,
-            "SM2-PAY-002",
-            what,
-            move |stage| {
-                stage.attached(2);
-                stage.send(pooled(kind::DATA, 1, 1, slot, 1));
-            },
-        ));
+        bad = bad.fresh(Subscriber, format!("slot {slot} of two"), move |stage| {
+            stage.attached(2);
+            stage.send(pooled(kind::DATA, 1, 1, slot, 1));
+        });
     }
-    let what = "a slot twice";
-    rows.push(row(
-        Real::Subscriber,
-        SlotBusy,
-        "SM2-PAY-005",
-        what,
-        |stage| {
+    let busy = Rule::new(SlotBusy, "SM2-PAY-005")
+        .fresh(Subscriber, "a slot twice", |stage| {
             stage.attached(2);
             stage.send(pooled(kind::DATA, 1, 1, 1, 1));
             stage.send(pooled(kind::DATA, 2, 1, 1, 1));
-        },
-    ));
-    let what = "a slot of a message that the application holds";
-    rows.push(row(
-        Real::Subscriber,
-        SlotBusy,
-        "SM2-PAY-005",
-        what,
-        |stage| {
+        })
+        .fresh(Subscriber, "a slot that the application holds", |stage| {
             stage.attached(2);
             stage.send(pooled(kind::DATA, 1, 1, 0, 1));
             stage.victim.borrow_mut().tell("hold x 1");
             stage.send(pooled(kind::DATA, 2, 1, 0, 1));
-        },
-    ));
-    let what = "a slot on a sealed link";
-    rows.push(row(
-        Real::SealedSubscriber,
-        NotSealed,
-        "SM2-PAY-004",
-        what,
-        |stage| {
+        });
+    let sealed = Rule::new(NotSealed, "SM2-PAY-004")
+        .fresh(SealedSubscriber, "a slot on a sealed link", |stage| {
             stage.attached(1);
             stage.send(pooled(kind::DATA, 1, 1, 0, 1));
-        },
-    ));
-    rows
+        });
+    all([unknown, bad, busy, sealed])
 }
 
 fn lengths() -> Rows {
-    let violation = Violation::BadLength;
-    let mut rows = Rows::new();
+    let mut of_slots = Rule::new(BadLength, "SM2-PAY-002");
     for len in [PAGE + 1, u64::MAX] {
         let what = format!("{len} bytes in a slot of a page");
-        rows.push(row(
-            Real::Subscriber,
-            violation,
-            "SM2-PAY-002",
-            what,
-            move |stage| {
-                stage.attached(1);
-                stage.send(pooled(kind::DATA, 1, 1, 0, len));
-            },
-        ));
+        of_slots = of_slots.fresh(Subscriber, what, move |stage| {
+            stage.attached(1);
+            stage.send(pooled(kind::DATA, 1, 1, 0, len));
+        });
     }
+    let mut of_messages = Rule::new(BadLength, "SM2-PAY-008");
     for len in [(1 << 40) + 1, u64::MAX] {
         let what = format!("a sealed message of {len} bytes");
-        rows.push(row(
-            Real::Subscriber,
-            violation,
-            "SM2-PAY-008",
-            what,
-            move |stage| {
-                stage.open();
-                let head = Head {
-                    form: form::SEALED,
-                    len,
-                    ..Head::nth(kind::DATA, 1)
-                };
-                stage.send_fd(head.bytes(), &memory::sealed(PAGE));
-            },
-        ));
+        of_messages = of_messages.open(Subscriber, what, move |stage| {
+            let head = Head {
+                form: form::SEALED,
+                len,
+                ..Head::nth(kind::DATA, 1)
+            };
+            stage.send_fd(head.bytes(), &memory::sealed(PAGE));
+        });
     }
-    rows
+    all([of_slots, of_messages])
 }

@@ -5,7 +5,9 @@
 
 mod flow;
 mod frames;
+mod layout;
 mod memory;
+mod opening;
 
 use std::{
     cell::RefCell,
@@ -179,21 +181,84 @@ pub struct LinkRow {
 
 type Rows = Vec<LinkRow>;
 
-fn row(
-    real: Real,
+/// The rows of one rule, put down one after the other.
+struct Rule {
     violation: Violation,
     clause: &'static str,
-    what: impl Into<String>,
-    commit: impl Fn(&LinkStage) + 'static,
-) -> LinkRow {
-    let row = Row::new(violation, clause, what, commit);
-    LinkRow { real, row }
+    rows: Rows,
+}
+
+impl Rule {
+    const fn new(violation: Violation, clause: &'static str) -> Self {
+        let rows = Rows::new();
+        Self {
+            violation,
+            clause,
+            rows,
+        }
+    }
+
+    /// What is done on a link on which nothing was said.
+    fn fresh(
+        mut self,
+        real: Real,
+        what: impl Into<String>,
+        commit: impl Fn(&LinkStage) + 'static,
+    ) -> Self {
+        let Self {
+            violation, clause, ..
+        } = self;
+        let (what, commit) = (what.into(), Box::new(commit));
+        let row = Row {
+            violation,
+            clause,
+            what,
+            commit,
+        };
+        self.rows.push(LinkRow { real, row });
+        self
+    }
+
+    /// What is done on an open link.
+    fn open(
+        self,
+        real: Real,
+        what: impl Into<String>,
+        commit: impl Fn(&LinkStage) + 'static,
+    ) -> Self {
+        self.fresh(real, what, move |stage| {
+            stage.open();
+            commit(stage);
+        })
+    }
+
+    /// A datagram on an open link.
+    fn sent(self, real: Real, what: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
+        let bytes = bytes.into();
+        self.open(real, what, move |stage| stage.send(&bytes))
+    }
+}
+
+impl IntoIterator for Rule {
+    type Item = LinkRow;
+    type IntoIter = std::vec::IntoIter<Self::Item>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.rows.into_iter()
+    }
+}
+
+/// The rows of several rules.
+fn all<const N: usize>(rules: [Rule; N]) -> Rows {
+    rules.into_iter().flatten().collect()
 }
 
 /// The rows.
 #[must_use]
 pub fn rows() -> Rows {
     let mut rows = frames::rows();
+    rows.extend(opening::rows());
+    rows.extend(layout::rows());
     rows.extend(memory::rows());
     rows.extend(flow::rows());
     rows

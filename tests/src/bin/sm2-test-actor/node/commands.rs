@@ -5,14 +5,17 @@
 //! | `pub`, `sub`, `server`, `client` `KEY NAME WORDS…` | `ok matched=N` |
 //! | `wait KEY N` | `ok` when N links are open |
 //! | `publish KEY COUNT SIZE` | `ok took=N missed=N`: over all of them |
-//! | `take KEY COUNT` | `ok got=N first=N last=N lost=N damaged=N`, when so many have come |
+//! | `take KEY COUNT` | `ok got=N bytes=N first=N last=N lost=N damaged=N`, when so many have come |
 //! | `drain KEY` | the same, of what is there |
 //! | `hold KEY COUNT` | the same, and they are not given back until `free KEY` |
+//! | `check KEY` | `ok got=N damaged=N`, of those that are held |
 //! | `counters KEY` | `ok`, and for each link ` \| peer=… open=… offered=… …` |
 //! | `call KEY SIZE` | `ok` when the request is on its way |
 //! | `reply KEY` | `ok got=1 …` for the oldest call |
 //! | `serve KEY COUNT` | `ok` when so many requests have been answered with themselves |
-//! | `close KEY` | `ok` when it is withdrawn |
+//! | `accept KEY` | `ok` when a request was taken, which is not answered until `answer KEY` |
+//! | `withdraw KEY` | `ok` when the interface is dropped; what is held of it stays |
+//! | `close KEY` | `ok` when that is dropped, too |
 //! | `eat` | `ok` when the process has no descriptor left, until `spit` |
 
 use std::{
@@ -21,7 +24,7 @@ use std::{
     fs::File,
 };
 
-use sm2_node::{Call, Client, LinkStatus, Node, Publisher, Sample, Server, Subscriber};
+use sm2_node::{Call, Client, LinkStatus, Node, Publisher, Request, Sample, Server, Subscriber};
 use sm2_tests::{PATIENCE, pattern};
 
 use super::declare::{self, Words};
@@ -34,6 +37,7 @@ pub(super) struct Stage {
     clients: HashMap<String, (Client<[u8], [u8]>, u64)>,
     samples: HashMap<String, Vec<Sample<[u8]>>>,
     calls: HashMap<String, VecDeque<(Call<[u8]>, u64)>>,
+    requests: HashMap<String, Request<[u8], [u8]>>,
     eaten: Vec<File>,
 }
 
@@ -50,6 +54,7 @@ impl Stage {
             clients: HashMap::new(),
             samples: HashMap::new(),
             calls: HashMap::new(),
+            requests: HashMap::new(),
             eaten: Vec::new(),
         }
     }
@@ -69,10 +74,14 @@ impl Stage {
             ["drain", key] => self.receive(key, None, false),
             ["hold", key, count] => self.receive(key, Some(number(count)), true),
             ["free", key] => Ok(self.free(key)),
+            ["check", key] => Ok(self.check(key)),
             ["counters", key] => self.counters(key),
             ["call", key, size] => self.call(key, number(size)),
             ["reply", key] => self.reply(key),
             ["serve", key, count] => self.serve(key, number(count)),
+            ["accept", key] => self.accept(key),
+            ["answer", key] => self.answer(key),
+            ["withdraw", key] => Ok(self.withdraw(key)),
             ["close", key] => Ok(self.close(key)),
             ["eat"] => Ok(self.eat()),
             ["spit"] => {
@@ -176,6 +185,13 @@ impl Stage {
         format!("freed={}", freed.len())
     }
 
+    fn check(&self, key: &str) -> String {
+        let samples = self.samples.get(key).map_or(&[][..], Vec::as_slice);
+        let damaged = |sample: &&Sample<[u8]>| !pattern::is_intact(sample, sample.sequence());
+        let damaged = samples.iter().filter(damaged).count();
+        format!("got={} damaged={damaged}", samples.len())
+    }
+
     fn counters(&self, key: &str) -> Answer {
         let links = if let Some((publisher, _)) = self.publishers.get(key) {
             publisher.links()
@@ -211,10 +227,21 @@ impl Stage {
         for served in 0..count {
             let request = server.recv_timeout(PATIENCE).map_err(text)?;
             let request = request.ok_or_else(|| format!("in vain after {served}"))?;
-            let reply = request.to_vec();
-            request.reply(&reply).map_err(text)?;
+            echo(request)?;
         }
         Ok(String::new())
+    }
+
+    fn accept(&mut self, key: &str) -> Answer {
+        let server = self.servers.get(key).ok_or("no server")?;
+        let request = server.recv_timeout(PATIENCE).map_err(text)?;
+        let request = request.ok_or("in vain")?;
+        self.requests.insert(key.to_owned(), request);
+        Ok(String::new())
+    }
+
+    fn answer(&mut self, key: &str) -> Answer {
+        echo(self.requests.remove(key).ok_or("no request")?)
     }
 
     fn eat(&mut self) -> String {
@@ -226,6 +253,11 @@ impl Stage {
     fn close(&mut self, key: &str) -> String {
         self.calls.remove(key);
         self.samples.remove(key);
+        self.requests.remove(key);
+        self.withdraw(key)
+    }
+
+    fn withdraw(&mut self, key: &str) -> String {
         self.publishers.remove(key);
         self.subscribers.remove(key);
         self.servers.remove(key);
@@ -238,6 +270,7 @@ impl Stage {
 #[derive(Default)]
 struct Seen {
     got: usize,
+    bytes: usize,
     first: u64,
     last: u64,
     lost: u64,
@@ -250,6 +283,7 @@ impl Seen {
             self.first = number;
         }
         self.got += 1;
+        self.bytes += payload.len();
         self.last = number;
         self.lost += lost;
         self.damaged += usize::from(!pattern::is_intact(payload, number));
@@ -260,6 +294,7 @@ impl Display for Seen {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self {
             got,
+            bytes,
             first,
             last,
             lost,
@@ -267,9 +302,16 @@ impl Display for Seen {
         } = self;
         write!(
             f,
-            "got={got} first={first} last={last} lost={lost} damaged={damaged}"
+            "got={got} bytes={bytes} first={first} last={last} lost={lost} damaged={damaged}"
         )
     }
+}
+
+/// Answers a request with itself.
+fn echo(request: Request<[u8], [u8]>) -> Answer {
+    let reply = request.to_vec();
+    request.reply(&reply).map_err(text)?;
+    Ok(String::new())
 }
 
 fn describe(link: &LinkStatus) -> String {

@@ -1,0 +1,160 @@
+//! Publishing: one message, all links of a publisher, and what is kept for late ones.
+
+use sm2_proto::Contract;
+use sm2_proto::link::Status;
+
+use super::interface::Interface;
+use super::link::Tools;
+use super::outbox::{Forms, Label, Needs};
+use crate::Published;
+
+/// A message that was published, but not sent to all links yet.
+#[derive(Debug, Default)]
+pub(crate) struct Offered {
+    key: u64,
+    links: usize,
+    missed: usize,
+    /// Reliable links without room.
+    pub(crate) waiting: Vec<u64>,
+}
+
+impl Interface {
+    /// Which forms the open links need, and those that will open and be given what is latched.
+    pub(crate) fn needs(&self) -> Needs {
+        let mut needs = Needs::default();
+        for link in self.links().filter(|link| link.is_open()) {
+            needs.add(link.is_sealed());
+        }
+        if needs.nobody() && self.latches() > 0 {
+            needs.add(self.contract.sealed());
+        }
+        needs
+    }
+
+    fn latches(&self) -> usize {
+        match &self.contract {
+            Contract::Publisher { offer, .. } => usize::from(offer.latched),
+            _ => 0,
+        }
+    }
+
+    /// Offers a message to every open link. What is left to do is in the result; its
+    /// `key` must be [finished](Self::finish).
+    pub(crate) fn publish(
+        &mut self,
+        forms: Forms,
+        mut label: Label,
+        tools: &mut Tools<'_>,
+    ) -> Offered {
+        self.published += 1;
+        label.id = self.published;
+        if forms.is_empty() {
+            return Offered::default();
+        }
+        let key = self.outbox.store(forms, label);
+        self.latch(key);
+        let mut offered = Offered {
+            key,
+            links: 0,
+            missed: 0,
+            waiting: Vec::new(),
+        };
+        for (&token, link) in &mut self.links {
+            if !link.is_open() {
+                continue;
+            }
+            //= SM2-QOS-002
+            // Those with room first; one that was waited for in vain is not waited for again.
+            if !link.is_reliable() || link.has_room() {
+                link.send(key, Status::Ok, tools.epoll, &mut self.outbox);
+                offered.links += usize::from(link.is_open());
+            } else if link.is_stalled() {
+                link.skip(tools.epoll, &mut self.outbox);
+                offered.missed += 1;
+            } else {
+                offered.waiting.push(token);
+            }
+        }
+        self.detach_segments(tools);
+        offered
+    }
+
+    /// Sends to the links that have room by now; whether none is left to wait for.
+    pub(crate) fn publish_more(&mut self, offered: &mut Offered, tools: &mut Tools<'_>) -> bool {
+        let (key, links) = (offered.key, &mut offered.links);
+        offered.waiting.retain(|token| {
+            let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
+                return false;
+            };
+            let room = link.has_room();
+            if room {
+                link.send(key, Status::Ok, tools.epoll, &mut self.outbox);
+                *links += usize::from(link.is_open());
+            }
+            !room
+        });
+        offered.waiting.is_empty()
+    }
+
+    /// Takes back what was stored for a message that is not sent.
+    pub(crate) fn drop_forms(&mut self, forms: Forms, tools: &mut Tools<'_>) {
+        if let Some(lease) = forms.pooled {
+            self.outbox.unlease(lease);
+            self.detach_segments(tools);
+        }
+    }
+
+    /// The waiting is over: links that are left go without this message.
+    pub(crate) fn finish(&mut self, mut offered: Offered, tools: &mut Tools<'_>) -> Published {
+        self.publish_more(&mut offered, tools);
+        for token in offered.waiting.drain(..) {
+            if let Some(link) = self.links.get_mut(&token) {
+                link.skip(tools.epoll, &mut self.outbox);
+                offered.missed += 1;
+            }
+        }
+        self.outbox.release(offered.key);
+        self.bury_ended(tools);
+        Published {
+            links: offered.links,
+            missed: offered.missed,
+        }
+    }
+
+    fn latch(&mut self, key: u64) {
+        if self.latches() == 0 {
+            return;
+        }
+        self.outbox.hold(key);
+        self.latched.push_back(key);
+        if self.latched.len() > self.latches()
+            && let Some(oldest) = self.latched.pop_front()
+        {
+            self.outbox.release(oldest);
+        }
+    }
+
+    /// Sends what is latched on a link that has just opened, before all else; a reliable link
+    /// gets as much at a time as it has room for.
+    //= SM2-QOS-003
+    pub(super) fn replay(&mut self, token: u64, tools: &mut Tools<'_>) {
+        let Some(link) = self.links.get_mut(&token).filter(|link| link.is_open()) else {
+            return;
+        };
+        if !link.greeted {
+            link.greeted = true;
+            for &key in &self.latched {
+                self.outbox.hold(key);
+                link.backlog.push_back(key);
+            }
+        }
+        while let Some(&key) = link.backlog.front() {
+            if link.is_reliable() && !link.has_room_for_backlog() {
+                break;
+            }
+            link.backlog.pop_front();
+            link.send(key, Status::Ok, tools.epoll, &mut self.outbox);
+            self.outbox.release(key);
+        }
+    }
+}

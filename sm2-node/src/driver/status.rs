@@ -1,0 +1,78 @@
+//! What a program is told of its links.
+
+use std::sync::Arc;
+
+use sm2_proto::LinkId;
+use sm2_proto::control::Peer;
+use sm2_proto::link::{Counters, End};
+
+use super::interface::Interface;
+use super::link::LinkDriver;
+
+/// One link of an interface, now or in the past.
+#[derive(Clone, Debug)]
+pub struct LinkStatus {
+    /// Its id.
+    pub id: LinkId,
+    /// The interface at its other end: node, name, contract.
+    pub peer: Arc<Peer>,
+    /// Whether both sides have opened it.
+    pub open: bool,
+    /// Whether nothing on it may be displaced.
+    pub reliable: bool,
+    /// Whether every message on it is inline or sealed.
+    pub sealed: bool,
+    /// What became of the messages that this side sent on it (SM2-QOS-004).
+    pub counters: Counters,
+    /// Why it is over, if it is.
+    pub end: Option<End>,
+}
+
+impl LinkStatus {
+    pub(super) fn of(link: &LinkDriver) -> Self {
+        Self {
+            id: link.id,
+            peer: Arc::clone(&link.peer),
+            open: link.is_open(),
+            reliable: link.is_reliable(),
+            sealed: link.is_sealed(),
+            counters: link.counters(),
+            end: link.end(),
+        }
+    }
+
+    pub(super) fn add_to(&self, sum: &mut Counters) {
+        add(sum, &self.counters);
+    }
+}
+
+/// Adds `more` to `sum`.
+fn add(sum: &mut Counters, more: &Counters) {
+    sum.offered += more.offered;
+    sum.delivered += more.delivered;
+    sum.overwritten += more.overwritten;
+    sum.discarded += more.discarded;
+    sum.deadline += more.deadline;
+    sum.closed += more.closed;
+    sum.in_flight += more.in_flight;
+}
+
+impl Interface {
+    // ---- accounts ----
+
+    /// All links, those that ended first.
+    pub(crate) fn statuses(&self) -> Vec<LinkStatus> {
+        let live = self.links().filter(|link| !link.buried).map(LinkStatus::of);
+        self.ended.iter().cloned().chain(live).collect()
+    }
+
+    /// The sum over all links that ever were.
+    //= SM2-QOS-004
+    pub(crate) fn counters(&self) -> Counters {
+        let mut sum = self.ended_sum;
+        for link in self.links().filter(|link| !link.buried) {
+            add(&mut sum, &link.counters());
+        }
+        sum
+    }
+}

@@ -1,0 +1,85 @@
+//! Receiving: the messages of all links, in turn.
+
+use std::ops::Bound::{Excluded, Included, Unbounded};
+use std::sync::Arc;
+
+use sm2_proto::Farewell;
+use sm2_proto::control::Peer;
+use sm2_proto::link::{Delivery, Input, TooManyBorrowed};
+
+use super::interface::Interface;
+use super::link::Tools;
+use crate::payload::Source;
+
+/// A message that the application holds.
+#[derive(Debug)]
+pub(crate) struct Taken {
+    pub(crate) token: u64,
+    pub(crate) peer: Arc<Peer>,
+    pub(crate) delivery: Delivery,
+    pub(crate) source: Source,
+}
+
+/// There is a message, but the application holds all that it may of this peer.
+#[derive(Debug)]
+pub(crate) struct Full {
+    pub(crate) error: TooManyBorrowed,
+    pub(crate) peer: Arc<Peer>,
+}
+
+impl Interface {
+    /// The next message of any link, in turn.
+    pub(crate) fn take(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
+        let start = self.last_taken;
+        let (mut position, mut wrapped, mut full) = (start, false, None);
+        loop {
+            let end = if wrapped { Included(start) } else { Unbounded };
+            let mut links = self.links.range((Excluded(position), end));
+            match links.find(|(_, link)| link.ready() > 0) {
+                Some((&token, _)) => {
+                    position = token;
+                    match self.take_from(token, tools) {
+                        Err(error) => full = Some(error),
+                        taken => return taken,
+                    }
+                }
+                None if wrapped => break,
+                // Tokens of links are greater than zero.
+                None => (position, wrapped) = (0, true),
+            }
+        }
+        full.map_or(Ok(None), Err)
+    }
+
+    fn take_from(&mut self, token: u64, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
+        let Some(link) = self.links.get_mut(&token) else {
+            return Ok(None);
+        };
+        let peer = Arc::clone(&link.peer);
+        let (delivery, source) = match link.take() {
+            Ok(Some(taken)) => taken,
+            Ok(None) => return Ok(None),
+            Err(error) => return Err(Full { error, peer }),
+        };
+        self.last_taken = token;
+        self.lost += delivery.lost;
+        // The last message of a link that is over was all that kept it.
+        self.settle_link(token, tools);
+        Ok(Some(Taken {
+            token,
+            peer,
+            delivery,
+            source,
+        }))
+    }
+
+    /// A message that was taken cannot be shown: this machine is out of memory, and the link
+    /// is closed for it.
+    pub(crate) fn unreadable(&mut self, token: u64, tools: &mut Tools<'_>) {
+        self.lost += 1;
+        self.with_link(token, tools, |link, outbox, tools| {
+            let code = Farewell::Resources.code();
+            link.feed(Input::Close(code), tools.epoll, outbox);
+        });
+    }
+}

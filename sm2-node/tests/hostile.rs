@@ -1,0 +1,265 @@
+//! Peers that break the protocol: their link ends, and nothing else does.
+
+mod common;
+
+use std::fs::File;
+use std::io::IoSlice;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::time::{Duration, Instant};
+
+use common::{Domain, SOON, pattern};
+use sm2_io::{RecvError, SeqPacket, wait_readable};
+use sm2_node::{Demand, End, LinkId, Message, Name, Offer, Publisher, Subscriber};
+use sm2_proto::node::{Input, Node, Output};
+use sm2_proto::{Contract, Datagram, Violation};
+
+const SENDER: u8 = 0;
+const RECEIVER: u8 = 1;
+
+/// A node that keeps to the protocol with the Manager, and has its link in its own hands.
+struct Raw {
+    _session: SeqPacket,
+    link: SeqPacket,
+    id: LinkId,
+}
+
+impl Raw {
+    fn declare(domain: &Domain, name: &str, contract: &Contract) -> Self {
+        let session = SeqPacket::connect(&domain.socket()).unwrap();
+        let mut node = Node::new(Name::new(name).unwrap());
+        let mut buffer = vec![0; 65_536];
+        loop {
+            let mut fd = None;
+            while let Some(output) = node.poll() {
+                match output {
+                    Output::Transmit(frame) => session.send(&[IoSlice::new(&frame)], &[]).unwrap(),
+                    Output::Welcomed { .. } => drop(node.declare(contract.clone()).unwrap()),
+                    Output::Declared { .. } => {}
+                    other => panic!("{other:?}"),
+                }
+            }
+            wait_readable(&[session.as_fd()], Some(SOON)).unwrap();
+            let received = session.recv(&mut buffer).unwrap();
+            fd = received.fds.into_iter().next().or(fd);
+            let bytes = &buffer[..received.len];
+            let facts = vec![Default::default(); usize::from(fd.is_some())];
+            let datagram = Datagram {
+                fds: &facts,
+                ..Datagram::new(bytes)
+            };
+            let _ = node.handle(sm2_node::now(), Input::Datagram(datagram));
+            if let Some(fd) = fd {
+                let link = SeqPacket::from_fd(fd).unwrap();
+                let Some(Output::Linked { link: id, .. }) = node.poll() else {
+                    panic!("a descriptor without a link");
+                };
+                return Self {
+                    _session: session,
+                    link,
+                    id,
+                };
+            }
+        }
+    }
+
+    fn open(&self, role: u8, window: u32) {
+        let mut frame = vec![1, role, 1, 0];
+        frame.extend(window.to_le_bytes());
+        frame.extend(self.id.epoch.to_le_bytes());
+        frame.extend(self.id.serial.to_le_bytes());
+        frame.extend([1, 0, 0, 0, 0, 0, 0, 0]);
+        self.send(&frame, &[]);
+    }
+
+    fn send(&self, frame: &[u8], fds: &[BorrowedFd<'_>]) {
+        self.link.send(&[IoSlice::new(frame)], fds).unwrap();
+    }
+
+    /// The code of the CLOSE that comes, and that nothing comes after it.
+    fn closed(&self, mut drive: impl FnMut()) -> u16 {
+        let deadline = Instant::now() + SOON;
+        let mut buffer = vec![0; 65_536];
+        let mut code = None;
+        while Instant::now() < deadline {
+            drive();
+            wait_readable(&[self.link.as_fd()], Some(Duration::from_millis(1))).unwrap();
+            match self.link.recv(&mut buffer) {
+                Ok(received) if buffer[0] == 9 => {
+                    assert_eq!((code, received.len), (None, 8));
+                    code = Some(u16::from_le_bytes([buffer[2], buffer[3]]));
+                }
+                Ok(_) => assert_eq!(code, None, "nothing follows CLOSE"),
+                Err(RecvError::WouldBlock) => {}
+                Err(RecvError::Closed) => return code.expect("CLOSE"),
+                Err(error) => panic!("{error}"),
+            }
+        }
+        panic!("the link is not closed");
+    }
+}
+
+fn topic() -> Name {
+    Name::new("topic").unwrap()
+}
+
+/// A publisher and an honest subscriber, on whom the hostile one has no effect.
+fn honest(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]>) {
+    let publisher = domain.node("talker").publisher::<[u8]>("topic").unwrap();
+    let subscriber = domain.node("listener").subscriber::<[u8]>("topic").unwrap();
+    while publisher
+        .wait_for_subscribers(1, Some(Duration::from_millis(1)))
+        .is_err()
+    {
+        let _ = subscriber.links();
+    }
+    (publisher, subscriber)
+}
+
+//= SM2-OPN-006 test
+#[test]
+fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = honest(&domain);
+    let contract = Contract::Subscriber {
+        topic: topic(),
+        data: None,
+        demand: Demand {
+            depth: 2,
+            reliable: false,
+            max_borrowed: 1,
+            sealed: false,
+        },
+    };
+    let raw = Raw::declare(&domain, "raw", &contract);
+    raw.open(RECEIVER, 3);
+    publisher.wait_for_subscribers(2, Some(SOON)).unwrap();
+    publisher.publish(&pattern(5000, 0)).unwrap();
+    // It gives back what it never got.
+    let mut release = vec![7, 0, 1, 0, 0, 0, 0, 0];
+    release.extend(99_u64.to_le_bytes());
+    raw.send(&release, &[]);
+    let code = raw.closed(|| drop(publisher.links()));
+    assert_eq!(code, Violation::BadRelease.code().0);
+    let links = publisher.links();
+    let ended = &links[0];
+    assert_eq!(ended.end, Some(End::Violation(Violation::BadRelease)));
+    assert_eq!(ended.peer.name.as_str(), "raw");
+    assert_eq!((ended.counters.offered, ended.counters.closed), (1, 1));
+    assert_eq!(publisher.counters().offered, 2);
+    for seed in 1..20 {
+        publisher.publish(&pattern(5000, seed)).unwrap();
+        let expected = pattern(5000, seed - 1);
+        assert!(*subscriber.recv_timeout(SOON).unwrap().unwrap() == *expected);
+    }
+    assert!(
+        publisher
+            .wait_for_subscribers(2, Some(Duration::from_millis(5)))
+            .is_err()
+    );
+}
+
+fn raw_publisher(domain: &Domain) -> (Raw, Subscriber<[u8]>) {
+    let subscriber = domain.node("listener").subscriber::<[u8]>("topic").unwrap();
+    let contract = Contract::Publisher {
+        topic: topic(),
+        data: <[u8]>::type_id(),
+        offer: Offer {
+            depth: 1,
+            reliable: false,
+            latched: 0,
+            sealed: false,
+        },
+    };
+    let raw = Raw::declare(domain, "raw", &contract);
+    raw.open(SENDER, 0);
+    (raw, subscriber)
+}
+
+fn attach(segment: u32, stride: u64, slots: u32) -> Vec<u8> {
+    let mut frame = vec![2, 0, 0, 0];
+    frame.extend(segment.to_le_bytes());
+    frame.extend(stride.to_le_bytes());
+    frame.extend(slots.to_le_bytes());
+    frame.extend([0; 4]);
+    frame
+}
+
+fn pooled(segment: u32, slot: u32, sequence: u64, len: u64) -> Vec<u8> {
+    let mut frame = vec![4, 1, 0, 0];
+    frame.extend(segment.to_le_bytes());
+    frame.extend(slot.to_le_bytes());
+    frame.extend([0; 4]);
+    for word in [sequence, sequence, 0, len] {
+        frame.extend(word.to_le_bytes());
+    }
+    frame
+}
+
+//= SM2-SEG-001 test
+#[test]
+fn what_is_no_sealed_memory_is_never_mapped() {
+    let domain = Domain::new();
+    let (raw, subscriber) = raw_publisher(&domain);
+    let file = File::open("/dev/zero").unwrap();
+    raw.send(&attach(1, 4096, 1), &[file.as_fd()]);
+    let code = raw.closed(|| drop(subscriber.try_recv().unwrap()));
+    assert_eq!(code, Violation::NotAMemfd.code().0);
+    assert!(matches!(
+        subscriber.links()[0].end,
+        Some(End::Violation(Violation::NotAMemfd))
+    ));
+}
+
+/// A segment whose slot begins with a frame header of its own: what is received is what the
+/// datagram says, whatever stands in shared memory.
+//= SM2-PAY-006 test
+//= SM2-PAY-002 test
+#[test]
+fn lengths_and_places_come_from_the_datagram() {
+    let domain = Domain::new();
+    let (raw, subscriber) = raw_publisher(&domain);
+    let (fd, mut slots) = sm2_io::Segment::create(4096, 2).unwrap().split();
+    let lie = pooled(1, 0, 1, 1 << 30);
+    slots[1].bytes_mut(lie.len()).copy_from_slice(&lie);
+    raw.send(&attach(1, 4096, 2), &[fd.as_fd()]);
+    raw.send(&pooled(1, 1, 1, 20), &[]);
+    let sample = subscriber.recv_timeout(SOON).unwrap().unwrap();
+    assert_eq!(*sample, lie[..20]);
+    // A slot that is written again while it is lent: the length and the place stay, and
+    // nothing else than these bytes can change.
+    slots[1].bytes_mut(4096).fill(0xff);
+    assert_eq!(*sample, [0xff; 20]);
+    drop(sample);
+    raw.send(&pooled(1, 1, 2, 4097), &[]);
+    let code = raw.closed(|| drop(subscriber.try_recv().unwrap()));
+    assert_eq!(code, Violation::BadLength.code().0);
+}
+
+//= SM2-PAY-007 test
+#[test]
+fn a_receiver_cannot_write_what_it_maps() {
+    let domain = Domain::new();
+    let (raw, subscriber) = raw_publisher(&domain);
+    // A size that no other test's segments have.
+    let (stride, slots) = (4096 * 77, 3);
+    let (fd, _slots) = sm2_io::Segment::create(stride, slots).unwrap().split();
+    raw.send(&attach(1, stride, slots), &[fd.as_fd()]);
+    raw.send(&pooled(1, 0, 1, 100), &[]);
+    let sample = subscriber.recv_timeout(SOON).unwrap().unwrap();
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    let mut rights: Vec<_> = maps
+        .lines()
+        .filter(|line| line.contains("memfd:sm2-segment"))
+        .filter_map(|line| {
+            let (range, rest) = line.split_once(' ')?;
+            let (start, end) = range.split_once('-')?;
+            let address = |hex| u64::from_str_radix(hex, 16).ok();
+            let size = address(end)? - address(start)?;
+            (size == stride * u64::from(slots)).then_some(&rest[..4])
+        })
+        .collect();
+    rights.sort_unstable();
+    // Its author's, in this process too, and the receiver's.
+    assert_eq!(rights, ["r--s", "rw-s"]);
+    drop(sample);
+}

@@ -1,0 +1,158 @@
+//! What a receiver may rely on while others write, close and die: the memory that it looks at.
+
+use std::os::fd::AsFd;
+
+use nix::sys::signal::Signal;
+use sm2_io::Segment;
+use sm2_tests::{
+    actor::{Actor, number},
+    census,
+    control::{self, Qos},
+    domain::TempDomain,
+    eventually,
+    link::{attach, close, kind, pooled, role, sealed},
+    memory, pattern,
+    raw::{RawLink, RawNode},
+};
+
+const PAGE: u64 = 4096;
+
+/// A raw publisher, linked with a subscriber that is a real node.
+fn linked(domain: &TempDomain, demand: &str) -> (RawNode, RawLink, Actor) {
+    let mut listener = Actor::start(&domain.socket(), "listener");
+    listener.tell(&format!("sub t t {demand}"));
+    let talker = RawNode::welcomed(&domain.socket(), "talker");
+    talker.declare(1, &control::publisher("t", Qos::RELIABLE));
+    let link = talker.linked();
+    link.open(role::SENDER, 0);
+    (talker, link, listener)
+}
+
+//= SM2-PAY-007 sys
+#[test]
+fn a_receiver_maps_for_reading_only() {
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    let (_talker, link, mut listener) = linked(&domain, "borrow=4");
+    let segment = memory::segment(2 * PAGE);
+    let message = memory::sealed(PAGE);
+    link.end.send_fds(attach(1, PAGE, 2), &[segment.as_fd()]);
+    link.end.send(pooled(kind::DATA, 1, 1, 0, 10));
+    link.end
+        .send_fds(sealed(kind::DATA, 2, 10), &[message.as_fd()]);
+    listener.tell("hold t 2");
+    let permissions = census::permissions(listener.pid());
+    assert_eq!(permissions, ["r--s", "r--s"]);
+    // Nothing is left of them, and no descriptor.
+    let held = listener.census();
+    listener.tell("free t");
+    link.end.send(close(0));
+    eventually("the mappings to go", || listener.census().mappings() == 0);
+    assert_eq!(held.of_kind("memfd:sm2-test"), 0);
+}
+
+/// A publisher that breaks its promise and writes over what it lent: the receiver goes by
+/// what the datagram said, whatever stands in memory.
+//= SM2-PAY-006 sys
+#[test]
+fn lengths_come_from_the_datagram_whatever_stands_in_memory() {
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    let (_talker, link, mut listener) = linked(&domain, "borrow=4 reliable");
+    let (segment, mut slots) = Segment::create(PAGE, 2).expect("a segment").split();
+    link.end.send_fds(attach(1, PAGE, 2), &[segment.as_fd()]);
+    // What could be taken for a header, all around the message and in it.
+    slots
+        .iter_mut()
+        .for_each(|slot| slot.bytes_mut(4096).fill(0xff));
+    let message = pattern::message(1, 1000);
+    slots[1].bytes_mut(1000).copy_from_slice(&message);
+    link.end.send(pooled(kind::DATA, 1, 1, 1, 1000));
+    let taken = listener.tell("hold t 1");
+    assert_eq!(taken, "got=1 bytes=1000 first=1 last=1 lost=0 damaged=0");
+    // While somebody looks at them.
+    let mut damaged = 0;
+    for n in 2..200 {
+        link.end.send(pooled(kind::DATA, n, 1, 0, n));
+        listener.say("take t 1");
+        for byte in 0..=255 {
+            slots[0].bytes_mut(4096).fill(byte);
+        }
+        let taken = listener.answer();
+        assert!(
+            taken.contains(&format!("got=1 bytes={n} first={n} last={n}")),
+            "{taken}"
+        );
+        damaged += number(&taken, "damaged");
+    }
+    // That is all that it can do.
+    println!("{damaged} of 198 messages were overwritten in time");
+    assert_eq!(listener.tell("free t"), "freed=1");
+}
+
+//= SM2-OPN-005, SM2-OPN-007 sys
+#[test]
+fn what_was_received_outlives_its_publisher() {
+    for offer in ["", "sealed"] {
+        let domain = TempDomain::new();
+        let _manager = domain.manager();
+        let mut listener = Actor::start(&domain.socket(), "listener");
+        listener.tell("sub t t depth=8 borrow=8");
+        let before = listener.census();
+        let mut talker = Actor::start(&domain.socket(), "talker");
+        talker.tell(&format!("pub t t inline_max=0 {offer}"));
+        talker.tell("wait t 1");
+        talker.tell("publish t 4 100000");
+        listener.tell("hold t 2");
+        talker.signal(Signal::SIGKILL);
+        talker.wait();
+        // Held or not taken yet: it is all there.
+        eventually("the end of the link", || {
+            listener.census().of_kind("socket") == 1
+        });
+        let taken = listener.tell("take t 2");
+        assert_eq!(taken, "got=2 bytes=200000 first=3 last=4 lost=0 damaged=0");
+        assert_eq!(listener.tell("check t"), "got=2 damaged=0");
+        listener.tell("free t");
+        before.restored(listener.pid());
+    }
+}
+
+/// What a program holds stays as it is when its link ends, whoever ended it: its publisher
+/// does not write there again.
+//= SM2-PAY-005 sys
+#[test]
+fn what_is_held_is_not_written_anew_when_its_link_ends() {
+    for cause in ["dropped", "expelled"] {
+        let domain = TempDomain::new();
+        let _manager = domain.manager();
+        let mut talker = Actor::start(&domain.socket(), "talker");
+        talker.tell("pub t t inline_max=0 reliable_ms=60000");
+        let mut holder = Actor::launch(&domain.socket(), "holder", &["--nofile", "64"]);
+        assert_eq!(holder.answer(), "ready");
+        let mut other = Actor::start(&domain.socket(), "other");
+        holder.tell("sub t t borrow=8 reliable");
+        other.tell("sub t t reliable");
+        talker.tell("wait t 2");
+        talker.tell("publish t 4 10000");
+        other.tell("take t 4");
+        holder.tell("hold t 3");
+        if cause == "dropped" {
+            holder.tell("withdraw t");
+        } else {
+            // It cannot take the link with this node, and so ends its session.
+            holder.tell("eat");
+            let mut late = Actor::start(&domain.socket(), "late");
+            late.tell("pub t t reliable_ms=60000");
+            late.tell("wait t 1");
+        }
+        eventually("the end of the link", || {
+            !talker.counted_with("t", "holder").open
+        });
+        for _ in 0..40 {
+            talker.tell("publish t 1 10000");
+            other.tell("take t 1");
+        }
+        assert_eq!(holder.tell("check t"), "got=3 damaged=0", "{cause}");
+    }
+}
