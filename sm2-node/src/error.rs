@@ -134,6 +134,12 @@ pub enum DeclareError {
         /// Its reason.
         reason: Refusal,
     },
+    /// The Manager did not answer in time.
+    #[error("{name} was not declared, since the Manager did not answer in time: is it stopped?")]
+    TimedOut {
+        /// The topic or service.
+        name: Name,
+    },
     /// There is no Manager any more. Links that are open go on.
     #[error("{name} was not declared, since the session with the Manager is over: {end}")]
     ManagerGone {

@@ -62,7 +62,8 @@ impl Handle {
             pool_limit_bytes,
             bell: OnceLock::new(),
         };
-        let answer = shared.wait(Topic::Interface(id), None, |inner| {
+        let until = until(Some(shared.patience));
+        let answer = shared.wait(Topic::Interface(id), until, |inner| {
             match &inner.interfaces.get(&id)?.state {
                 State::Declaring => inner.session_end().map(|end| Err(gone(end))),
                 state => Some(Ok(state.clone())),
@@ -75,7 +76,7 @@ impl Handle {
             }
             Some(Ok(State::Refused(reason))) => Err(refused(reason, contract)),
             Some(Err(error)) => Err(error),
-            Some(Ok(State::Declaring)) | None => unreachable!("waited until it was answered"),
+            Some(Ok(State::Declaring)) | None => Err(DeclareError::TimedOut { name }),
         }
     }
 

@@ -283,7 +283,7 @@ impl NodeBuilder {
         self
     }
 
-    /// How long the Manager may take to answer; 5 s by default.
+    /// How long the Manager may take to answer, here and to each declaration; 5 s by default.
     pub const fn timeout(mut self, timeout: Duration) -> Self {
         self.timeout = timeout;
         self
@@ -309,7 +309,7 @@ impl NodeBuilder {
             path: path.clone(),
             source,
         };
-        let shared = Shared::new(socket, name.clone()).map_err(failed)?;
+        let shared = Shared::new(socket, name.clone(), self.timeout).map_err(failed)?;
         let answer = shared.wait(Topic::Session, Some(until), |inner| {
             match inner.greeting() {
                 Greeting::Sent => inner.session_end().map(Err),

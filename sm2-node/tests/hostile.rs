@@ -8,8 +8,8 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::time::{Duration, Instant};
 
 use common::{Domain, SOON, pattern};
-use sm2_io::{RecvError, SeqPacket, wait_readable};
-use sm2_node::{Demand, End, LinkId, Message, Name, Offer, Publisher, Subscriber};
+use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
+use sm2_node::{DeclareError, Demand, End, LinkId, Message, Name, Offer, Publisher, Subscriber};
 use sm2_proto::node::{Input, Node, Output};
 use sm2_proto::{Contract, Datagram, Violation};
 
@@ -96,6 +96,76 @@ impl Raw {
         }
         panic!("the link is not closed");
     }
+}
+
+/// A Manager that welcomes one node, and then does what it is told.
+fn manager(answer: &'static [u8]) -> (tempfile::TempDir, std::thread::JoinHandle<SeqPacket>) {
+    let folder = tempfile::tempdir().unwrap();
+    let listener = Listener::bind(&folder.path().join("test.sock"), 1).unwrap();
+    let thread = std::thread::spawn(move || {
+        let mut buffer = vec![0; 65_536];
+        wait_readable(&[listener.as_fd()], Some(SOON)).unwrap();
+        let session = listener.accept().unwrap().unwrap();
+        for frame in [&WELCOME[..], answer] {
+            wait_readable(&[session.as_fd()], Some(SOON)).unwrap();
+            session.recv(&mut buffer).unwrap();
+            if !frame.is_empty() {
+                session.send(&[IoSlice::new(frame)], &[]).unwrap();
+            }
+        }
+        session
+    });
+    (folder, thread)
+}
+
+/// Frame 0, version 1, epoch 1, node 1.
+const WELCOME: [u8; 4] = [0, 1, 1, 1];
+
+fn connect(folder: &tempfile::TempDir) -> sm2_node::Node {
+    let builder = sm2_node::Node::builder("node").socket(folder.path().join("test.sock"));
+    builder
+        .timeout(Duration::from_millis(200))
+        .connect()
+        .unwrap()
+}
+
+//= SM2-NOD-001 test
+#[test]
+fn a_manager_that_breaks_the_protocol_is_left() {
+    // WITHDRAWN for an interface that was never declared.
+    let (folder, manager) = manager(&[6, 9]);
+    let node = connect(&folder);
+    let error = node.publisher::<[u8]>("topic").unwrap_err();
+    let text = error.to_string();
+    assert!(matches!(error, DeclareError::ManagerGone { .. }));
+    assert!(text.contains("unknown-interface"), "{text}");
+    assert!(!node.is_connected());
+    let session = manager.join().unwrap();
+    let mut buffer = vec![0; 65_536];
+    let received = session.recv(&mut buffer).unwrap();
+    assert_eq!(
+        &buffer[..received.len],
+        [5, 36],
+        "GOODBYE unknown-interface"
+    );
+    assert!(matches!(session.recv(&mut buffer), Err(RecvError::Closed)));
+}
+
+#[test]
+fn a_manager_that_does_not_answer_is_not_waited_for_for_ever() {
+    let (folder, manager) = manager(&[]);
+    let node = connect(&folder);
+    let start = Instant::now();
+    let error = node.publisher::<[u8]>("topic").unwrap_err();
+    assert!(matches!(error, DeclareError::TimedOut { .. }), "{error}");
+    assert!(start.elapsed() < SOON / 2);
+    // It was slow, not dead: what it grants too late is withdrawn.
+    let session = manager.join().unwrap();
+    session.send(&[IoSlice::new(&[2, 1, 0])], &[]).unwrap();
+    node.spin_once(Some(SOON)).unwrap();
+    let mut buffer = vec![0; 65_536];
+    let received = session.recv(&mut buffer).unwrap();
+    assert_eq!(&buffer[..received.len], [2, 1], "WITHDRAW");
 }
 
 fn topic() -> Name {

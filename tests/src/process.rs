@@ -191,6 +191,9 @@ impl Process {
 impl Drop for Process {
     fn drop(&mut self) {
         self.kill();
+        if thread::panicking() {
+            eprintln!("process {} said: {}", self.pid(), self.stderr());
+        }
     }
 }
 

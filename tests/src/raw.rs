@@ -128,6 +128,14 @@ impl RawPeer {
     }
 }
 
+/// Closing alone could take a while: a child that another thread is just starting holds a
+/// copy of every descriptor until it runs its program.
+impl Drop for RawPeer {
+    fn drop(&mut self) {
+        let _ = self.socket.shutdown();
+    }
+}
+
 /// A node that is no node: it sends what a test wants to its Manager.
 #[derive(Debug)]
 pub struct RawNode {

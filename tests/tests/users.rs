@@ -2,7 +2,11 @@
 
 use std::{
     fs::{self, Permissions},
-    os::unix::{fs::PermissionsExt, process::CommandExt},
+    os::{
+        fd::AsFd,
+        unix::{fs::PermissionsExt, process::CommandExt},
+    },
+    process::Command,
 };
 
 use nix::unistd::geteuid;
@@ -16,8 +20,6 @@ use sm2_tests::{
     process::actor,
     raw::RawNode,
 };
-use std::os::fd::AsFd;
-
 /// Nobody in particular.
 const STRANGER: u32 = 65_534;
 
@@ -38,10 +40,13 @@ fn open_domain() -> Option<TempDomain> {
 fn stranger(domain: &TempDomain) -> Actor {
     let program = domain.folder().join("actor");
     if !program.exists() {
-        fs::copy(actor("node").get_program(), &program).expect("a copy");
-        fs::set_permissions(&program, Permissions::from_mode(0o755)).expect("chmod");
+        // Not written by this process: a child that another thread is just starting would
+        // hold it open for writing, and no such file can be run.
+        let mut copy = Command::new("cp");
+        copy.arg(actor("node").get_program()).arg(&program);
+        assert!(copy.status().expect("cp").success());
     }
-    let mut command = std::process::Command::new(program);
+    let mut command = Command::new(program);
     command.arg("node").uid(STRANGER).gid(STRANGER);
     Actor::start_as(command, &domain.socket(), "stranger")
 }

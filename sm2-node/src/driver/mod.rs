@@ -58,6 +58,8 @@ const SESSION: u64 = 0;
 pub(crate) struct Shared {
     pub(crate) epoll: Epoll,
     pub(crate) name: Name,
+    /// How long the Manager may take to answer.
+    pub(crate) patience: Duration,
     inner: Mutex<Inner>,
     /// One query at a time: pages carry no number.
     pub(crate) querying: Mutex<()>,
@@ -79,7 +81,7 @@ pub(crate) struct Inner {
 
 impl Shared {
     /// A node that has greeted the Manager behind `socket`.
-    pub(crate) fn new(socket: SeqPacket, name: Name) -> io::Result<Self> {
+    pub(crate) fn new(socket: SeqPacket, name: Name, patience: Duration) -> io::Result<Self> {
         let epoll = Epoll::new()?;
         epoll.add(&socket, SESSION, Interest::READABLE)?;
         let mut inner = Inner {
@@ -96,6 +98,7 @@ impl Shared {
         Ok(Self {
             epoll,
             name,
+            patience,
             inner: Mutex::new(inner),
             querying: Mutex::new(()),
         })
@@ -182,7 +185,8 @@ impl Inner {
             for (link, code) in std::mem::take(&mut interface.farewells) {
                 self.session.unlinked(id, link, code);
             }
-            self.sleepers.wake(Topic::Interface(id));
+            // Who spins waits for the end of all links.
+            self.sleepers.wake(Topic::Session);
             self.drain_session(Incoming::default(), epoll);
         }
         Some(result)
@@ -204,10 +208,9 @@ impl Inner {
 
     /// Does all that the session's machine says: the one place where its outputs are matched.
     fn drain_session(&mut self, mut came: Incoming, epoll: &Epoll) {
-        while let Some(output) = self.session.poll(epoll) {
+        while let Some(output) = self.session.poll() {
             match output {
-                // Sent by `Session::poll`, which flushes.
-                Output::Transmit(_) => {}
+                Output::Transmit(frame) => self.session.send(frame, epoll),
                 Output::Welcomed { .. } => self.greeted(Greeting::Welcomed),
                 Output::HelloRefused(reason) => self.greeted(Greeting::Refused(reason)),
                 Output::Declared { interface, matches } => {
@@ -252,7 +255,8 @@ impl Inner {
                 }
                 //= SM2-NOD-003
                 // Links are left alone. Coming back to the next Manager starts here.
-                Output::Ended(_) => {
+                Output::Ended(end) => {
+                    self.session.hang_up(end, epoll);
                     self.interfaces
                         .values_mut()
                         .for_each(Interface::expect_no_links);
@@ -268,8 +272,10 @@ impl Inner {
     }
 
     fn answered(&mut self, id: InterfaceId, state: State) {
-        if let Some(interface) = self.interfaces.get_mut(&id) {
-            interface.state = state;
+        match self.interfaces.get_mut(&id) {
+            Some(interface) => interface.state = state,
+            // Whoever declared it has given up waiting. Refused already, if it is not live.
+            None => self.session.tell(Input::Withdraw { interface: id }),
         }
         self.sleepers.wake(Topic::Interface(id));
     }
@@ -349,7 +355,7 @@ impl Inner {
         }
         self.session.tell(Input::Withdraw { interface: id });
         self.drain_session(Incoming::default(), epoll);
-        self.sleepers.wake(Topic::Interface(id));
+        self.sleepers.wake(Topic::Session);
     }
 
     /// Asks for a page; the answer is [taken](Self::take_page) later.

@@ -120,21 +120,15 @@ impl Session {
         Some(incoming)
     }
 
-    /// The next output that is not only for the socket.
-    pub(super) fn poll(&mut self, epoll: &Epoll) -> Option<Output> {
-        loop {
-            match self.machine.poll()? {
-                Output::Transmit(frame) => {
-                    self.unsent.push_back(frame);
-                    self.flush(epoll);
-                }
-                Output::Ended(end) => {
-                    self.hang_up(epoll, end);
-                    return Some(Output::Ended(end));
-                }
-                output => return Some(output),
-            }
-        }
+    /// What the machine wants done next.
+    pub(super) fn poll(&mut self) -> Option<Output> {
+        self.machine.poll()
+    }
+
+    /// Sends a frame, after those that wait.
+    pub(super) fn send(&mut self, frame: Vec<u8>, epoll: &Epoll) {
+        self.unsent.push_back(frame);
+        self.flush(epoll);
     }
 
     /// Sends what the socket takes.
@@ -165,7 +159,8 @@ impl Session {
         }
     }
 
-    fn hang_up(&mut self, epoll: &Epoll, end: End) {
+    /// The session is over: says why, and closes the connection.
+    pub(super) fn hang_up(&mut self, end: End, epoll: &Epoll) {
         match end {
             End::Violation(rule) => tracing::warn!(
                 rule = rule.name(),

@@ -1,10 +1,11 @@
 //! A domain of one's own, for each test.
 #![allow(dead_code, reason = "each test uses its own part")]
 
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use sm2_manager::{Background, Options, Policy};
-use sm2_node::Node;
+use sm2_node::{LinkStatus, Message, Node, Publisher, Sample, Subscriber};
 
 /// Long enough for a machine that is busy with other tests.
 pub(crate) const SOON: Duration = Duration::from_secs(10);
@@ -59,4 +60,60 @@ pub(crate) fn pattern(len: usize, seed: u64) -> Vec<u8> {
     let mut bytes: Vec<u8> = (0..len.div_ceil(8)).flat_map(word).collect();
     bytes.truncate(len);
     bytes
+}
+
+/// A publisher and a subscriber of two nodes, linked.
+pub(crate) fn pair<T: Message + ?Sized>(
+    domain: &Domain,
+    publisher: impl FnOnce(&Node) -> Publisher<T>,
+    subscriber: impl FnOnce(&Node) -> Subscriber<T>,
+) -> (Publisher<T>, Subscriber<T>) {
+    let publisher = publisher(&domain.node("talker"));
+    let subscriber = subscriber(&domain.node("listener"));
+    assert_eq!(subscriber.matched(), 1);
+    meet(&publisher, &[&subscriber]);
+    (publisher, subscriber)
+}
+
+/// One end of a topic, whatever its type.
+pub(crate) trait Endpoint {
+    fn links(&self) -> Vec<LinkStatus>;
+}
+
+impl<T: Message + ?Sized> Endpoint for Publisher<T> {
+    fn links(&self) -> Vec<LinkStatus> {
+        Publisher::links(self)
+    }
+}
+
+impl<T: Message + ?Sized> Endpoint for Subscriber<T> {
+    fn links(&self) -> Vec<LinkStatus> {
+        Subscriber::links(self)
+    }
+}
+
+/// Several nodes in one thread: each has to be called until all their links are open.
+pub(crate) fn meet(publisher: &dyn Endpoint, subscribers: &[&dyn Endpoint]) {
+    let deadline = Instant::now() + SOON;
+    let open = |end: &dyn Endpoint| end.links().iter().filter(|link| link.open).count();
+    loop {
+        let counts: Vec<_> = subscribers.iter().map(|it| open(*it)).collect();
+        if open(publisher) == subscribers.len() && counts.iter().all(|&count| count == 1) {
+            return;
+        }
+        assert!(Instant::now() < deadline, "a link did not open");
+        thread::sleep(Duration::from_micros(100));
+    }
+}
+
+pub(crate) fn default_pair(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]>) {
+    pair(
+        domain,
+        |node| node.publisher("topic").unwrap(),
+        |node| node.subscriber("topic").unwrap(),
+    )
+}
+
+pub(crate) fn next<T: Message + ?Sized>(subscriber: &Subscriber<T>) -> Sample<T> {
+    subscriber.recv_timeout(SOON).unwrap().expect("a message")
 }

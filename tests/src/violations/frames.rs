@@ -4,14 +4,8 @@ use sm2_proto::Violation::{
     BadName, BadQos, FdCount, FrameTooLong, Malformed, NotCanonical, TrailingBytes, UnknownFrame,
 };
 
-use super::{
-    Rule,
-    manager::{Rows, all},
-};
-use crate::{
-    control::{self, Qos},
-    raw::RawNode,
-};
+use super::manager::{Rows, Rule, all};
+use crate::control::{self, Qos};
 
 /// The rows; each starts with a new connection that has not greeted.
 pub(super) fn rows() -> Rows {
@@ -22,9 +16,9 @@ pub(super) fn rows() -> Rows {
     rows
 }
 
-impl Rule<RawNode> {
+impl Rule {
     /// A datagram before anything else.
-    fn sent(self, what: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
+    pub(super) fn sent(self, what: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
         let bytes = bytes.into();
         self.row(what, move |node| node.send(&bytes))
     }
@@ -33,12 +27,12 @@ impl Rule<RawNode> {
 fn transport() -> Rows {
     let long = Rule::new(FrameTooLong, "SM2-TRN-004")
         .sent("65,537 bytes", [0; 65_537])
-        .row("65,537 bytes and descriptors", |node: &RawNode| {
+        .row("65,537 bytes and descriptors", |node| {
             node.ready();
             node.send_nulls([0; 65_537], 3);
         });
     let count = Rule::new(FdCount, "SM2-TRN-005")
-        .row("HELLO with a descriptor", |node: &RawNode| {
+        .row("HELLO with a descriptor", |node| {
             node.send_nulls(control::hello("offender"), 1);
         })
         .row("QUERY with 253 descriptors", |node| {
@@ -77,8 +71,20 @@ fn names() -> Rows {
     const LONG: [u8; 256] = [b'a'; 256];
     let accents = "\u{e9}t\u{e9}".as_bytes();
     let names: [&[u8]; 14] = [
-        b"", b"/", b"/a", b"a/", b"a//b", b"..", b"a/../b", b"a.b", b"a b", b"a\0", b"a\n",
-        accents, &[0xff], &LONG,
+        b"",
+        b"/",
+        b"/a",
+        b"a/",
+        b"a//b",
+        b"..",
+        b"a/../b",
+        b"a.b",
+        b"a b",
+        b"a\0",
+        b"a\n",
+        accents,
+        &[0xff],
+        &LONG,
     ];
     let mut rule = Rule::new(BadName, "SM2-NAM-001");
     for name in names {
@@ -103,7 +109,8 @@ fn quality() -> Rows {
     let subscriber: fn(Qos) -> Vec<u8> = |qos| control::subscriber("t", qos);
     let server: fn(Qos) -> Vec<u8> = |qos| control::server("s", qos);
     let client: fn(Qos) -> Vec<u8> = |qos| control::client("s", qos);
-    let changes: [(&str, fn(&mut Qos)); 5] = [
+    type Change = (&'static str, fn(&mut Qos));
+    let changes: [Change; 5] = [
         ("depth 0", |qos| qos.depth = 0),
         ("depth 1,025", |qos| qos.depth = 1025),
         ("latched 1,025", |qos| qos.latched = 1025),
@@ -123,7 +130,7 @@ fn quality() -> Rows {
             let mut qos = Qos::PLAIN;
             change(&mut qos);
             let declare = control::declare(1, &contract(qos));
-            rule = rule.row(format!("{kind}, {what}"), move |node: &RawNode| {
+            rule = rule.row(format!("{kind}, {what}"), move |node| {
                 node.ready();
                 node.send(&declare);
             });

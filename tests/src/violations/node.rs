@@ -6,7 +6,14 @@ use std::{
 };
 
 use sm2_io::SeqPacket;
-use sm2_proto::{LinkId, Violation};
+use sm2_proto::{
+    LinkId,
+    Violation::{
+        BadLink, BadName, BadQos, BadVersion, ControlTruncated, ExpectedWelcome, FdCount,
+        FrameTooLong, LinkNumber, Malformed, NotCanonical, TrailingBytes, UnexpectedPage,
+        UnexpectedWelcome, UnknownFrame, UnknownInterface, UnknownLink,
+    },
+};
 
 use super::Row;
 use crate::{
@@ -118,14 +125,43 @@ fn link() -> Link {
 }
 
 type Rows = Vec<Row<NodeStage>>;
+type Rule = super::Rule<NodeStage>;
 
-fn row(
-    violation: Violation,
-    clause: &'static str,
-    what: impl Into<String>,
-    commit: impl Fn(&NodeStage) + 'static,
-) -> Row<NodeStage> {
-    Row::new(violation, clause, what, commit)
+impl Rule {
+    /// A frame to a node that has not been welcomed.
+    fn greeting(self, what: impl Into<String>, bytes: Vec<u8>) -> Self {
+        self.row(what, move |stage| stage.send(&bytes))
+    }
+
+    /// A frame to a node with an interface that is being declared.
+    fn declaring(self, what: impl Into<String>, bytes: Vec<u8>) -> Self {
+        self.row(what, move |stage| {
+            stage.declare("");
+            stage.send(&bytes);
+        })
+    }
+
+    /// A frame to a node with a link.
+    fn linked(self, what: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
+        let bytes = bytes.into();
+        self.row(what, move |stage| {
+            stage.linked();
+            stage.send(&bytes);
+        })
+    }
+
+    /// LINK to a node whose subscriber has these options.
+    fn link(self, what: &str, options: &'static str, link: Link) -> Self {
+        self.row(format!("LINK {what}"), move |stage| {
+            stage.live(options);
+            stage.send_link(&link);
+        })
+    }
+}
+
+/// The rows of several rules.
+fn all<const N: usize>(rules: [Rule; N]) -> Rows {
+    rules.into_iter().flatten().collect()
 }
 
 /// The rows; each starts with a node that has sent HELLO.
@@ -143,316 +179,178 @@ pub fn rows() -> Rows {
 /// The rows for a node that has few descriptors to spare.
 #[must_use]
 pub fn starved_rows() -> Rows {
-    use Violation::ControlTruncated;
     let what = "LINK with more descriptors than the node can take";
-    vec![row(ControlTruncated, "SM2-TRN-005", what, |stage| {
-        stage.live("");
-        let nulls: Vec<_> = (0..200).map(|_| memory::null()).collect();
-        let fds: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
-        stage.session.send_fds(link().bytes(), &fds);
-    })]
+    all([
+        Rule::new(ControlTruncated, "SM2-TRN-005").row(what, |stage| {
+            stage.live("");
+            let nulls: Vec<_> = (0..200).map(|_| memory::null()).collect();
+            let fds: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
+            stage.session.send_fds(link().bytes(), &fds);
+        }),
+    ])
 }
 
 fn transport() -> Rows {
-    use Violation::{FdCount, FrameTooLong};
-    vec![
-        row(FrameTooLong, "SM2-TRN-004", "65,537 bytes", |stage| {
-            stage.ready();
-            stage.send([0; 65_537]);
-        }),
-        row(
-            FdCount,
-            "SM2-TRN-005",
-            "WELCOME with a descriptor",
-            |stage| {
-                let null = memory::null();
-                stage.session.send_fds(welcome(1, 9, 1), &[null.as_fd()]);
-            },
-        ),
-        row(
-            FdCount,
-            "SM2-TRN-005",
-            "LINK without a descriptor",
-            |stage| {
-                stage.live("");
-                stage.send(link().bytes());
-            },
-        ),
-        row(FdCount, "SM2-TRN-005", "LINK with two", |stage| {
+    let long = Rule::new(FrameTooLong, "SM2-TRN-004").linked("65,537 bytes", [0; 65_537]);
+    let count = Rule::new(FdCount, "SM2-TRN-005")
+        .row("WELCOME with a descriptor", |stage| {
+            let null = memory::null();
+            stage.session.send_fds(welcome(1, 9, 1), &[null.as_fd()]);
+        })
+        .row("LINK without a descriptor", |stage| {
+            stage.live("");
+            stage.send(link().bytes());
+        })
+        .row("LINK with two", |stage| {
             stage.live("");
             let (one, two) = SeqPacket::pair().expect("a socket pair");
             let fds = [one.as_fd(), two.as_fd()];
             stage.session.send_fds(link().bytes(), &fds);
-        }),
-        row(FdCount, "SM2-TRN-005", "GOODBYE with one", |stage| {
+        })
+        .row("GOODBYE with one", |stage| {
             stage.linked();
             let null = memory::null();
             stage.session.send_fds(goodbye(0), &[null.as_fd()]);
-        }),
-    ]
+        });
+    all([long, count])
 }
 
 fn encoding() -> Rows {
-    use Violation::{BadName, BadQos, Malformed, NotCanonical, TrailingBytes, UnknownFrame};
-    let long = "x".repeat(256);
-    let bad_qos = Link {
-        contract: publisher(
-            "t",
-            Qos {
-                depth: 0,
-                ..Qos::PLAIN
-            },
-        ),
-        ..link()
-    };
-    let bad_topic = Link {
-        contract: publisher("a//b", Qos::PLAIN),
-        ..link()
-    };
-    let datagrams: Vec<(Violation, &str, &str, Vec<u8>)> = vec![
-        (UnknownFrame, "SM2-FRM-001", "frame 9", vec![9]),
-        (Malformed, "SM2-FRM-001", "DECLARED without fields", vec![2]),
-        (Malformed, "SM2-FRM-001", "refusal 5", vec![1, 5]),
-        (
-            TrailingBytes,
-            "SM2-FRM-001",
-            "GOODBYE and a byte",
-            vec![8, 0, 0],
-        ),
-        (
-            NotCanonical,
-            "SM2-FRM-002",
-            "GOODBYE with 0 in two bytes",
-            vec![8, 0x80, 0],
-        ),
-        (
-            BadName,
-            "SM2-NAM-001",
-            "PAGE with a long name",
-            page(&[node_item(long)]),
-        ),
-        (
-            BadName,
-            "SM2-NAM-001",
-            "LINK with a bad topic",
-            bad_topic.bytes(),
-        ),
-        (BadQos, "SM2-FRM-003", "LINK with depth 0", bad_qos.bytes()),
-    ];
-    let to_row = |(violation, clause, what, bytes): (_, _, &str, Vec<u8>)| {
-        row(violation, clause, what, move |stage| {
-            stage.linked();
-            if bytes[0] == 4 {
-                let null = memory::null();
-                stage.session.send_fds(&bytes, &[null.as_fd()]);
-            } else {
-                stage.send(&bytes);
-            }
-        })
-    };
-    datagrams.into_iter().map(to_row).collect()
+    let long = page(&[node_item("x".repeat(256))]);
+    let with = |contract| Link { contract, ..link() };
+    let topic = with(publisher("a//b", Qos::PLAIN));
+    let mut qos = Qos::PLAIN;
+    qos.depth = 0;
+    let depth = with(publisher("t", qos));
+    all([
+        Rule::new(UnknownFrame, "SM2-FRM-001").linked("frame 9", [9]),
+        Rule::new(Malformed, "SM2-FRM-001")
+            .linked("DECLARED without fields", [2])
+            .linked("HELLO_REFUSED for reason 5", [1, 5]),
+        Rule::new(TrailingBytes, "SM2-FRM-001").linked("GOODBYE and a byte", [8, 0, 0]),
+        Rule::new(NotCanonical, "SM2-FRM-002").linked("GOODBYE with 0 in two bytes", [8, 0x80, 0]),
+        Rule::new(BadName, "SM2-NAM-001")
+            .linked("PAGE with a long name", long)
+            .link("with a bad topic", "", topic),
+        Rule::new(BadQos, "SM2-FRM-003").link("with depth 0", "", depth),
+    ])
 }
 
 fn greeting() -> Rows {
-    use Violation::{BadVersion, ExpectedWelcome, UnexpectedWelcome};
-    let early = [
-        ("DECLARED", declared(1, 0)),
-        ("DECLARE_REFUSED", declare_refused(1, &bytes_type())),
-        ("UNLINK", unlink(1, LINK, 0)),
-        ("WITHDRAWN", withdrawn(1)),
-        ("PAGE", page(&[])),
-    ];
-    let mut rows = Rows::new();
-    for (frame, bytes) in early {
-        let what = format!("{frame} before WELCOME");
-        rows.push(row(ExpectedWelcome, "section 4.2", what, move |stage| {
-            stage.send(&bytes);
-        }));
-    }
-    rows.push(row(
-        ExpectedWelcome,
-        "section 4.2",
-        "LINK before WELCOME",
-        |stage| stage.send_link(&link()),
-    ));
-    for (frame, bytes) in [
-        ("WELCOME", welcome(1, 9, 1)),
-        ("HELLO_REFUSED", hello_refused()),
-    ] {
-        let what = format!("{frame} after WELCOME");
-        rows.push(row(UnexpectedWelcome, "section 4.2", what, move |stage| {
-            stage.linked();
-            stage.send(&bytes);
-        }));
-    }
-    for version in [0, 2] {
-        let what = format!("WELCOME with version {version}");
-        rows.push(row(BadVersion, "SM2-NOD-002", what, move |stage| {
-            stage.send(welcome(version, 9, 1));
-        }));
-    }
-    rows
+    let expected = Rule::new(ExpectedWelcome, "section 4.2")
+        .greeting("DECLARED before WELCOME", declared(1, 0))
+        .greeting(
+            "DECLARE_REFUSED before WELCOME",
+            declare_refused(1, &bytes_type()),
+        )
+        .greeting("UNLINK before WELCOME", unlink(1, LINK, 0))
+        .greeting("WITHDRAWN before WELCOME", withdrawn(1))
+        .greeting("PAGE before WELCOME", page(&[]))
+        .row("LINK before WELCOME", |stage| stage.send_link(&link()));
+    let unexpected = Rule::new(UnexpectedWelcome, "section 4.2")
+        .linked("WELCOME after WELCOME", welcome(1, 9, 1))
+        .linked("HELLO_REFUSED after WELCOME", hello_refused());
+    let version = Rule::new(BadVersion, "SM2-NOD-002")
+        .greeting("WELCOME with version 0", welcome(0, 9, 1))
+        .greeting("WELCOME with version 2", welcome(2, 9, 1));
+    all([expected, unexpected, version])
 }
 
 fn interfaces() -> Rows {
-    use Violation::{UnexpectedPage, UnknownInterface};
-    let of_nobody = [
-        ("DECLARED", declared(7, 0)),
-        ("DECLARE_REFUSED", declare_refused(7, &bytes_type())),
-        ("WITHDRAWN", withdrawn(7)),
-        ("UNLINK", unlink(7, LINK, 0)),
-    ];
-    let of_live = [
-        ("DECLARED", declared(SUBSCRIBER, 0)),
-        (
-            "DECLARE_REFUSED",
-            declare_refused(SUBSCRIBER, &bytes_type()),
-        ),
-        ("WITHDRAWN", withdrawn(SUBSCRIBER)),
-    ];
-    let of_declaring = [
-        ("UNLINK", unlink(SUBSCRIBER, LINK, 0)),
-        ("WITHDRAWN", withdrawn(SUBSCRIBER)),
-    ];
-    let mut rows = Rows::new();
-    for (frame, bytes) in of_nobody {
-        let what = format!("{frame} for an interface that the node never had");
-        rows.push(row(UnknownInterface, "section 4.3", what, move |stage| {
-            stage.linked();
-            stage.send(&bytes);
-        }));
-    }
-    for (frame, bytes) in of_live {
-        let what = format!("{frame} for a live interface");
-        rows.push(row(UnknownInterface, "section 4.3", what, move |stage| {
-            stage.linked();
-            stage.send(&bytes);
-        }));
-    }
-    for (frame, bytes) in of_declaring {
-        let what = format!("{frame} for an interface that is being declared");
-        rows.push(row(UnknownInterface, "section 4.3", what, move |stage| {
-            stage.declare("");
-            stage.send(&bytes);
-        }));
-    }
-    let what = "DECLARED for another than was declared";
-    rows.push(row(UnknownInterface, "SM2-IFC-002", what, |stage| {
-        stage.declare("");
-        stage.send(declared(SUBSCRIBER + 1, 0));
-    }));
-    let what = "PAGE without a QUERY";
-    rows.push(row(UnexpectedPage, "SM2-IFC-007", what, |stage| {
-        stage.linked();
-        stage.send(page(&[]));
-    }));
-    rows
+    let refused = |interface| declare_refused(interface, &bytes_type());
+    let unknown = Rule::new(UnknownInterface, "section 4.3")
+        .linked("DECLARED for none", declared(7, 0))
+        .linked("DECLARE_REFUSED for none", refused(7))
+        .linked("WITHDRAWN for none", withdrawn(7))
+        .linked("UNLINK for none", unlink(7, LINK, 0))
+        .linked("DECLARED for a live one", declared(SUBSCRIBER, 0))
+        .linked("DECLARE_REFUSED for a live one", refused(SUBSCRIBER))
+        .linked("WITHDRAWN for a live one", withdrawn(SUBSCRIBER))
+        .declaring(
+            "UNLINK for one that is being declared",
+            unlink(SUBSCRIBER, LINK, 0),
+        )
+        .declaring(
+            "WITHDRAWN for one that is being declared",
+            withdrawn(SUBSCRIBER),
+        );
+    let order = Rule::new(UnknownInterface, "SM2-IFC-002").declaring(
+        "DECLARED for another than was declared",
+        declared(SUBSCRIBER + 1, 0),
+    );
+    let pages = Rule::new(UnexpectedPage, "SM2-IFC-007").linked("PAGE without a QUERY", page(&[]));
+    all([unknown, order, pages])
 }
 
 fn links() -> Rows {
-    use Violation::{LinkNumber, UnknownInterface, UnknownLink};
     let other = LinkId { serial: 2, ..LINK };
-    vec![
-        row(
-            UnknownLink,
-            "SM2-LNK-003",
-            "UNLINK of no link",
-            move |stage| {
-                stage.linked();
-                stage.send(unlink(SUBSCRIBER, other, 0));
-            },
-        ),
-        row(UnknownLink, "SM2-LNK-003", "UNLINK twice", move |stage| {
+    let unknown = Rule::new(UnknownLink, "SM2-LNK-003")
+        .linked("UNLINK of no link", unlink(SUBSCRIBER, other, 0))
+        .row("UNLINK twice", move |stage| {
             stage.linked();
-            stage.send_link(&Link {
+            let link = Link {
                 link: other,
                 ..link()
-            });
+            };
+            stage.send_link(&link);
             stage.send(unlink(SUBSCRIBER, other, 0));
             let answer = stage.session.expect().bytes;
             assert_eq!(answer[..2], [3, SUBSCRIBER as u8], "UNLINKED");
             stage.send(unlink(SUBSCRIBER, other, 0));
-        }),
-        row(LinkNumber, "SM2-LNK-005", "LINK twice", |stage| {
+        });
+    let twice = Rule::new(LinkNumber, "SM2-LNK-005").row("LINK twice", |stage| {
+        stage.linked();
+        stage.send_link(&link());
+    });
+    let interface = Rule::new(UnknownInterface, "SM2-LNK-005")
+        .row("LINK for an interface that the node never had", |stage| {
             stage.linked();
+            let interface = 7;
+            stage.send_link(&Link {
+                interface,
+                ..link()
+            });
+        })
+        .row("LINK for an interface that is being declared", |stage| {
+            stage.declare("");
             stage.send_link(&link());
-        }),
-        row(
-            UnknownInterface,
-            "SM2-LNK-005",
-            "LINK for an interface that the node never had",
-            |stage| {
-                stage.linked();
-                stage.send_link(&Link {
-                    interface: 7,
-                    ..link()
-                });
-            },
-        ),
-        row(
-            UnknownInterface,
-            "SM2-LNK-005",
-            "LINK for an interface that is being declared",
-            |stage| {
-                stage.declare("");
-                stage.send_link(&link());
-            },
-        ),
-    ]
+        });
+    all([unknown, twice, interface])
 }
 
 fn bad_links() -> Rows {
-    let typed = control::typed_publisher("t", &control::type_id("other", 1), Qos::PLAIN);
     let with = |contract| Link { contract, ..link() };
-    let links = [
-        (
+    let plain = with(publisher("t", Qos::PLAIN));
+    let willing = with(publisher("t", Qos::RELIABLE));
+    let typed = control::typed_publisher("t", &control::type_id("other", 1), Qos::PLAIN);
+    let reliable = |link| Link {
+        reliable: true,
+        ..link
+    };
+    let newer = Link {
+        version: 2,
+        ..link()
+    };
+    let rule = Rule::new(BadLink, "SM2-LNK-005")
+        .link(
             "whose peer subscribes too",
             "",
             with(subscriber("t", Qos::PLAIN)),
-        ),
-        (
-            "whose peer publishes another topic",
-            "",
-            with(publisher("u", Qos::PLAIN)),
-        ),
-        ("whose peer publishes another type", "", with(typed)),
-        (
-            "for version 2",
-            "",
-            Link {
-                version: 2,
-                ..link()
-            },
-        ),
-        (
+        )
+        .link("of another topic", "", with(publisher("u", Qos::PLAIN)))
+        .link("of another type", "", with(typed))
+        .link("for version 2", "", newer)
+        .link(
             "that is not reliable as demanded",
             "reliable",
-            with(publisher("t", Qos::RELIABLE)),
-        ),
-        (
-            "that is reliable although the publisher is not",
+            willing.clone(),
+        )
+        .link(
+            "that is reliable and cannot be",
             "reliable",
-            Link {
-                reliable: true,
-                ..link()
-            },
-        ),
-        (
-            "that is reliable undemanded",
-            "",
-            Link {
-                reliable: true,
-                ..with(publisher("t", Qos::RELIABLE))
-            },
-        ),
-        ("that is not sealed as demanded", "sealed", link()),
-    ];
-    let to_row = |(what, options, link): (&str, &'static str, Link)| {
-        let what = format!("LINK {what}");
-        row(Violation::BadLink, "SM2-LNK-005", what, move |stage| {
-            stage.live(options);
-            stage.send_link(&link);
-        })
-    };
-    links.into_iter().map(to_row).collect()
+            reliable(plain.clone()),
+        )
+        .link("that is reliable undemanded", "", reliable(willing))
+        .link("that is not sealed as demanded", "sealed", plain);
+    all([rule])
 }

@@ -47,20 +47,26 @@ fn order() -> Rows {
             });
         }
     }
-    all([rule.fresh(Client, "Client: the first reply has number 2", |stage| {
-        let id = stage.called();
-        stage.send(identified(kind::REPLY, 2, id));
-    })])
+    all([
+        rule.fresh(Client, "Client: the first reply has number 2", |stage| {
+            let id = stage.called();
+            stage.send(identified(kind::REPLY, 2, id));
+        }),
+    ])
 }
 
 fn ids() -> Rows {
     let mut of_data = Rule::new(BadId, "SM2-MSG-002");
     let mut of_calls = Rule::new(BadId, "SM2-SRV-002");
     for id in [0, 6, 7] {
-        of_data = of_data.open(Subscriber, format!("publication {id} after 7"), move |stage| {
-            stage.send(identified(kind::DATA, 1, 7));
-            stage.send(identified(kind::DATA, 2, id));
-        });
+        of_data = of_data.open(
+            Subscriber,
+            format!("publication {id} after 7"),
+            move |stage| {
+                stage.send(identified(kind::DATA, 1, 7));
+                stage.send(identified(kind::DATA, 2, id));
+            },
+        );
         of_calls = of_calls.open(Server, format!("call {id} after 7"), move |stage| {
             stage.send(identified(kind::REQUEST, 1, 7));
             stage.send(identified(kind::REQUEST, 2, id));
@@ -83,7 +89,10 @@ fn windows() -> Rows {
     });
     let calls = Rule::new(CallLimit, "SM2-SRV-002");
     let what = "1,025 calls without a reply";
-    all([exceeded, calls.fresh(WideServer, what, |stage| stage.messages(1025))])
+    all([
+        exceeded,
+        calls.fresh(WideServer, what, |stage| stage.messages(1025)),
+    ])
 }
 
 fn releases() -> Rows {
@@ -108,14 +117,20 @@ fn releases() -> Rows {
         let what = format!("RELEASE of the same message again, fates {fates:?}");
         rule = rule.fresh(Publisher, what, move |stage| {
             stage.published(3);
-            fates.iter().for_each(|&fate| stage.send(release(fate, &[2])));
+            fates
+                .iter()
+                .for_each(|&fate| stage.send(release(fate, &[2])));
         });
     }
     let rule = rule
-        .fresh(Client, "RELEASE of a request that was never sent", |stage| {
-            stage.called();
-            stage.send(release(0, &[2]));
-        })
+        .fresh(
+            Client,
+            "RELEASE of a request that was never sent",
+            |stage| {
+                stage.called();
+                stage.send(release(0, &[2]));
+            },
+        )
         .fresh(Server, "RELEASE of a reply that was never sent", |stage| {
             stage.messages(1);
             stage.send(release(0, &[1]));

@@ -9,7 +9,7 @@ use sm2_proto::Violation::{
 
 use super::{
     LinkStage,
-    Real::{self, Client, Publisher, Server, Subscriber},
+    Real::{Client, Publisher, Server, Subscriber},
     Rows, Rule, all,
 };
 use crate::{
@@ -38,8 +38,16 @@ fn transport() -> Rows {
             stage.send_nulls([0; 65_537], 2);
         });
     let with_fds = [
-        ("inline DATA with a descriptor", 1, inline(kind::DATA, 1, b"x")),
-        ("pooled DATA with a descriptor", 1, pooled(kind::DATA, 1, 0, 0, 1)),
+        (
+            "inline DATA with a descriptor",
+            1,
+            inline(kind::DATA, 1, b"x"),
+        ),
+        (
+            "pooled DATA with a descriptor",
+            1,
+            pooled(kind::DATA, 1, 0, 0, 1),
+        ),
         ("sealed DATA without", 0, sealed(kind::DATA, 1, 1)),
         ("sealed DATA with two", 2, sealed(kind::DATA, 1, 1)),
         ("ATTACH without", 0, attach(1, 4096, 1)),
@@ -47,8 +55,8 @@ fn transport() -> Rows {
         ("DETACH with one", 1, detach(1)),
         ("CLOSE with one", 1, close(0)),
     ];
-    let mut count = Rule::new(FdCount, "SM2-TRN-005")
-        .fresh(Subscriber, "OPEN with a descriptor", |stage| {
+    let mut count =
+        Rule::new(FdCount, "SM2-TRN-005").fresh(Subscriber, "OPEN with a descriptor", |stage| {
             stage.send_nulls(stage.greeting().bytes(), 1);
         });
     for (what, fds, bytes) in with_fds {
@@ -56,15 +64,22 @@ fn transport() -> Rows {
     }
     let unknown = Rule::new(UnknownFrame, "SM2-WIR-001");
     let unknown = [0, 10, 16, 255].into_iter().fold(unknown, |rule, number| {
-        rule.sent(Subscriber, format!("kind {number}"), [number, 0, 0, 0, 0, 0, 0, 0])
+        rule.sent(
+            Subscriber,
+            format!("kind {number}"),
+            [number, 0, 0, 0, 0, 0, 0, 0],
+        )
     });
     all([long, count, unknown])
 }
 
 pub(super) fn starved() -> Rows {
     let what = "more descriptors than the node can take";
-    all([Rule::new(ControlTruncated, "SM2-TRN-005")
-        .open(Subscriber, what, |stage| stage.send_nulls(sealed(kind::DATA, 1, 1), 200))])
+    all([
+        Rule::new(ControlTruncated, "SM2-TRN-005").open(Subscriber, what, |stage| {
+            stage.send_nulls(sealed(kind::DATA, 1, 1), 200)
+        }),
+    ])
 }
 
 fn roles() -> Rows {
@@ -74,9 +89,12 @@ fn roles() -> Rows {
     let release = || ("RELEASE", release(0, &[1]));
     let cancel = || ("CANCEL", cancel(1));
     let detach = || ("DETACH", detach(1));
-    let wrong: [(Real, Vec<(&str, Vec<u8>)>); 4] = [
+    let wrong = [
         (Subscriber, vec![request(), reply(), release(), cancel()]),
-        (Publisher, vec![data(), request(), reply(), detach(), cancel()]),
+        (
+            Publisher,
+            vec![data(), request(), reply(), detach(), cancel()],
+        ),
         (Server, vec![data(), reply()]),
         (Client, vec![data(), request(), cancel()]),
     ];
@@ -107,23 +125,41 @@ pub(super) fn precedence() -> Rows {
         ..data
     };
     all([
-        Rule::new(UnknownFrame, "SM2-WIR-001")
-            .open(Subscriber, "unknown, with a descriptor", |stage| stage.send_nulls([99; 7], 1)),
-        Rule::new(BadLength, "SM2-WIR-001")
-            .sent(Subscriber, "too short, and reserved", [kind::DETACH, 1, 1, 1]),
-        Rule::new(ReservedNotZero, "SM2-WIR-001")
-            .sent(Subscriber, "reserved, and form 3", reserved.bytes()),
-        Rule::new(Malformed, "SM2-PAY-004")
-            .open(Subscriber, "form 3, with a descriptor", move |stage| {
+        Rule::new(UnknownFrame, "SM2-WIR-001").open(
+            Subscriber,
+            "unknown, with a descriptor",
+            |stage| stage.send_nulls([99; 7], 1),
+        ),
+        Rule::new(BadLength, "SM2-WIR-001").sent(
+            Subscriber,
+            "too short, and reserved",
+            [kind::DETACH, 1, 1, 1],
+        ),
+        Rule::new(ReservedNotZero, "SM2-WIR-001").sent(
+            Subscriber,
+            "reserved, and form 3",
+            reserved.bytes(),
+        ),
+        Rule::new(Malformed, "SM2-PAY-004").open(
+            Subscriber,
+            "form 3, with a descriptor",
+            move |stage| {
                 stage.send_nulls(other_form.bytes(), 1);
-            }),
-        Rule::new(FdCount, "SM2-TRN-005")
-            .fresh(Subscriber, "a descriptor, before OPEN", move |stage| {
+            },
+        ),
+        Rule::new(FdCount, "SM2-TRN-005").fresh(
+            Subscriber,
+            "a descriptor, before OPEN",
+            move |stage| {
                 stage.send_nulls(data.bytes(), 1);
-            }),
-        Rule::new(ExpectedOpen, "SM2-OPN-001")
-            .fresh(Subscriber, "no seal, before OPEN", move |stage| {
+            },
+        ),
+        Rule::new(ExpectedOpen, "SM2-OPN-001").fresh(
+            Subscriber,
+            "no seal, before OPEN",
+            move |stage| {
                 stage.send_nulls(unsealed.bytes(), 1);
-            }),
+            },
+        ),
     ])
 }

@@ -43,11 +43,19 @@ fn lengths() -> Rows {
         .sent(Subscriber, "inline DATA shorter than it says", short)
         .sent(Subscriber, "inline DATA longer than it says", long)
         .sent(Subscriber, "pooled DATA with a byte behind it", pooled)
-        .sent(Publisher, "RELEASE shorter than it says", &release(0, &[1, 2])[..16])
+        .sent(
+            Publisher,
+            "RELEASE shorter than it says",
+            &release(0, &[1, 2])[..16],
+        )
         .sent(Publisher, "RELEASE longer than it says", more);
     let inline = inline(kind::DATA, 1, &vec![0; 61_441]);
     let too_long = Rule::new(BadLength, "SM2-PAY-001");
-    all([fixed, varying, too_long.sent(Subscriber, "61,441 inline bytes", inline)])
+    all([
+        fixed,
+        varying,
+        too_long.sent(Subscriber, "61,441 inline bytes", inline),
+    ])
 }
 
 fn reserved() -> Rows {
@@ -86,9 +94,20 @@ fn values() -> Rows {
     all([
         Rule::new(Malformed, "SM2-PAY-004")
             .sent(Subscriber, "form 3", Head { form: 3, ..data }.bytes())
-            .sent(Server, "form 255", Head { form: 255, ..request }.bytes()),
+            .sent(
+                Server,
+                "form 255",
+                Head {
+                    form: 255,
+                    ..request
+                }
+                .bytes(),
+            ),
         Rule::new(Malformed, "SM2-MSG-004").sent(Publisher, "fate 2", release(2, &[1])),
-        Rule::new(Malformed, "SM2-SRV-003")
-            .sent(Client, "status 4", Head { status: 4, ..reply }.bytes()),
+        Rule::new(Malformed, "SM2-SRV-003").sent(
+            Client,
+            "status 4",
+            Head { status: 4, ..reply }.bytes(),
+        ),
     ])
 }

@@ -57,11 +57,14 @@ impl LinkStage {
 
 /// Everything that can be open and is no memory file.
 fn kinds() -> Rows {
-    let kinds: [(&str, fn() -> OwnedFd); 10] = [
+    type Make = (&'static str, fn() -> OwnedFd);
+    let kinds: [Make; 10] = [
         ("/dev/null", memory::null),
         ("/dev/zero", || file("/dev/zero")),
         ("a folder", || file("/")),
-        ("a file of another file system", || file("/proc/self/status")),
+        ("a file of another file system", || {
+            file("/proc/self/status")
+        }),
         ("a file of huge pages", memory::huge),
         ("a pipe", || std::io::pipe().expect("a pipe").0.into()),
         ("a socket", || SeqPacket::pair().expect("sockets").0.into()),
@@ -71,7 +74,9 @@ fn kinds() -> Rows {
             copy.expect("a copy")
         }),
         ("an epoll set", || {
-            Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).expect("a set").0
+            Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)
+                .expect("a set")
+                .0
         }),
         ("a path only", || {
             let flags = OFlag::O_PATH | OFlag::O_CLOEXEC;
@@ -81,9 +86,13 @@ fn kinds() -> Rows {
     let mut rule = Rule::new(NotAMemfd, "SM2-SEG-001");
     for (what, make) in kinds {
         rule = rule
-            .open(Subscriber, format!("{what} for a sealed payload"), move |stage| {
-                stage.send_fd(sealed(kind::DATA, 1, 0), &make());
-            })
+            .open(
+                Subscriber,
+                format!("{what} for a sealed payload"),
+                move |stage| {
+                    stage.send_fd(sealed(kind::DATA, 1, 0), &make());
+                },
+            )
             .open(Subscriber, format!("{what} for a segment"), move |stage| {
                 stage.send_fd(attach(1, PAGE, 1), &make());
             });
@@ -128,7 +137,10 @@ fn seals_of_messages() -> Rows {
 
 fn seals_of_segments() -> Rows {
     let mut rule = Rule::new(SealsMissing, "SM2-SEG-001");
-    let others = [("FUTURE_WRITE", Seals::FUTURE_WRITE), ("all", Seals::POOLED)];
+    let others = [
+        ("FUTURE_WRITE", Seals::FUTURE_WRITE),
+        ("all", Seals::POOLED),
+    ];
     for (name, missing) in COMMON.into_iter().chain(others) {
         let what = format!("a segment without {name}");
         rule = rule.open(Subscriber, what, move |stage| {
@@ -144,7 +156,12 @@ fn seals_of_segments() -> Rows {
 
 fn sizes() -> Rows {
     let mut of_messages = Rule::new(BadSize, "SM2-SEG-002");
-    for (file, len) in [(0, 1), (PAGE, PAGE + 1), (PAGE, 1 << 40), ((1 << 41) + PAGE, 1)] {
+    for (file, len) in [
+        (0, 1),
+        (PAGE, PAGE + 1),
+        (PAGE, 1 << 40),
+        ((1 << 41) + PAGE, 1),
+    ] {
         let what = format!("a file of {file} bytes for {len}");
         of_messages = of_messages.open(SealedSubscriber, what, move |stage| {
             stage.send_fd(sealed(kind::DATA, 1, len), &memory::sealed(file));
@@ -180,16 +197,18 @@ fn geometries() -> Rows {
 }
 
 fn segments() -> Rows {
-    let number = Rule::new(SegmentNumber, "SM2-SEG-003")
-        .fresh(Subscriber, "ATTACH of a number in use", |stage| {
+    let number = Rule::new(SegmentNumber, "SM2-SEG-003").fresh(
+        Subscriber,
+        "ATTACH of a number in use",
+        |stage| {
             stage.attached(1);
             stage.send_fd(attach(1, PAGE, 1), &memory::segment(PAGE));
-        });
-    let limit = Rule::new(SegmentLimit, "SM2-SEG-004")
-        .open(Subscriber, "257 segments", |stage| {
-            let file = memory::segment(PAGE);
-            (0..257).for_each(|segment| stage.send_fd(attach(segment, PAGE, 1), &file));
-        });
+        },
+    );
+    let limit = Rule::new(SegmentLimit, "SM2-SEG-004").open(Subscriber, "257 segments", |stage| {
+        let file = memory::segment(PAGE);
+        (0..257).for_each(|segment| stage.send_fd(attach(segment, PAGE, 1), &file));
+    });
     let unknown = Rule::new(UnknownSegment, "SM2-SEG-005")
         .sent(Subscriber, "DETACH of no segment", detach(1))
         .fresh(Server, "DETACH twice", |stage| {
@@ -197,23 +216,34 @@ fn segments() -> Rows {
             stage.send(detach(1));
             stage.send(detach(1));
         });
-    let busy = Rule::new(SegmentBusy, "SM2-SEG-005")
-        .fresh(Subscriber, "DETACH with an unreleased message", |stage| {
+    let busy = Rule::new(SegmentBusy, "SM2-SEG-005").fresh(
+        Subscriber,
+        "DETACH with an unreleased message",
+        |stage| {
             stage.attached(1);
             stage.send(pooled(kind::DATA, 1, 1, 0, 1));
             stage.send(detach(1));
-        });
+        },
+    );
     all([number, limit, unknown, busy])
 }
 
 fn slots() -> Rows {
     let unknown = Rule::new(UnknownSegment, "SM2-PAY-002")
-        .sent(Subscriber, "a slot of no segment", pooled(kind::DATA, 1, 1, 0, 1))
-        .fresh(Subscriber, "a slot of a segment that is detached", |stage| {
-            stage.attached(1);
-            stage.send(detach(1));
-            stage.send(pooled(kind::DATA, 1, 1, 0, 1));
-        });
+        .sent(
+            Subscriber,
+            "a slot of no segment",
+            pooled(kind::DATA, 1, 1, 0, 1),
+        )
+        .fresh(
+            Subscriber,
+            "a slot of a segment that is detached",
+            |stage| {
+                stage.attached(1);
+                stage.send(detach(1));
+                stage.send(pooled(kind::DATA, 1, 1, 0, 1));
+            },
+        );
     let mut bad = Rule::new(BadSlot, "SM2-PAY-002");
     for slot in [2, u32::MAX] {
         bad = bad.fresh(Subscriber, format!("slot {slot} of two"), move |stage| {
@@ -233,11 +263,14 @@ fn slots() -> Rows {
             stage.victim.borrow_mut().tell("hold x 1");
             stage.send(pooled(kind::DATA, 2, 1, 0, 1));
         });
-    let sealed = Rule::new(NotSealed, "SM2-PAY-004")
-        .fresh(SealedSubscriber, "a slot on a sealed link", |stage| {
+    let sealed = Rule::new(NotSealed, "SM2-PAY-004").fresh(
+        SealedSubscriber,
+        "a slot on a sealed link",
+        |stage| {
             stage.attached(1);
             stage.send(pooled(kind::DATA, 1, 1, 0, 1));
-        });
+        },
+    );
     all([unknown, bad, busy, sealed])
 }
 

@@ -36,8 +36,11 @@ fn order() -> Rows {
     all([expected, unexpected])
 }
 
+/// What is changed in the OPEN to whom, and what it is then.
+type Change = (Real, &'static str, fn(&mut Open));
+
 /// OPEN with one field changed.
-fn with(rule: Rule, changes: &[(Real, &str, fn(&mut Open))]) -> Rule {
+fn with(rule: Rule, changes: &[Change]) -> Rule {
     changes.iter().fold(rule, |rule, &(real, what, change)| {
         rule.fresh(real, format!("OPEN with {what}"), move |stage| {
             let mut open = stage.greeting();
@@ -73,7 +76,9 @@ fn fields() -> Rows {
         &[
             (Subscriber, "window 1 of a sender", |it| it.window = 1),
             (Publisher, "window 0 of a receiver", |it| it.window = 0),
-            (Publisher, "window 2,049 of a receiver", |it| it.window = 2049),
+            (Publisher, "window 2,049 of a receiver", |it| {
+                it.window = 2049
+            }),
             (Server, "window 0 of a caller", |it| it.window = 0),
             (Server, "window 2,049 of a caller", |it| it.window = 2049),
             (Client, "window 2^32 - 1 of a server", |it| it.window = !0),

@@ -29,15 +29,22 @@ use sm2_tests::{PATIENCE, pattern};
 
 use super::declare::{self, Words};
 
+/// By the key of the interface.
+type ByKey<T> = HashMap<String, T>;
+/// With how many messages it has sent.
+type Counting<T> = (T, u64);
+/// With the number of the message that is expected.
+type Expecting<T> = (T, u64);
+
 pub(super) struct Stage {
     node: Node,
-    publishers: HashMap<String, (Publisher<[u8]>, u64)>,
-    subscribers: HashMap<String, Subscriber<[u8]>>,
-    servers: HashMap<String, Server<[u8], [u8]>>,
-    clients: HashMap<String, (Client<[u8], [u8]>, u64)>,
-    samples: HashMap<String, Vec<Sample<[u8]>>>,
-    calls: HashMap<String, VecDeque<(Call<[u8]>, u64)>>,
-    requests: HashMap<String, Request<[u8], [u8]>>,
+    publishers: ByKey<Counting<Publisher<[u8]>>>,
+    subscribers: ByKey<Subscriber<[u8]>>,
+    servers: ByKey<Server<[u8], [u8]>>,
+    clients: ByKey<Counting<Client<[u8], [u8]>>>,
+    samples: ByKey<Vec<Sample<[u8]>>>,
+    calls: ByKey<VecDeque<Expecting<Call<[u8]>>>>,
+    requests: ByKey<Request<[u8], [u8]>>,
     eaten: Vec<File>,
 }
 

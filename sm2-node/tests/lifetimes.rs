@@ -1,0 +1,196 @@
+//! Who may go when, threads that share a node, and a node without its Manager.
+
+mod common;
+
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use common::{Domain, SOON, default_pair, meet, next, pair, pattern};
+use sm2_node::{DeclareError, RecvError, WaitError};
+
+#[test]
+fn a_sample_stays_as_it_is_when_all_else_is_gone() {
+    let domain = Domain::new();
+    for sealed in [false, true] {
+        let (publisher, subscriber) = pair::<[u8]>(
+            &domain,
+            |node| {
+                node.publisher_builder("topic")
+                    .sealed(sealed)
+                    .declare()
+                    .unwrap()
+            },
+            |node| node.subscriber("topic").unwrap(),
+        );
+        publisher.publish(&pattern(50_000, 1)).unwrap();
+        publisher.publish(&pattern(50_000, 2)).unwrap();
+        let sample = next(&subscriber);
+        // The second is neither taken nor given back.
+        drop(subscriber);
+        // The publisher would use its slot again, if it thought it free.
+        for seed in 3..40 {
+            publisher.publish(&pattern(50_000, seed)).unwrap();
+        }
+        assert!(*sample == *pattern(50_000, 1));
+        let again = domain
+            .node("listener-2")
+            .subscriber::<[u8]>("topic")
+            .unwrap();
+        meet(&publisher, &[&again]);
+        for seed in 40..80 {
+            publisher.publish(&pattern(50_000, seed)).unwrap();
+            assert!(*next(&again) == *pattern(50_000, seed));
+        }
+        assert!(*sample == *pattern(50_000, 1));
+        drop(publisher);
+        assert!(*sample == *pattern(50_000, 1));
+    }
+}
+
+//= SM2-TRN-006 test
+//= SM2-OPN-005 test
+#[test]
+fn what_was_sent_before_the_publisher_went_is_received() {
+    let domain = Domain::new();
+    for (sealed, inline_max) in [(false, 61_440), (false, 0), (true, 0)] {
+        let (publisher, subscriber) = pair::<[u8]>(
+            &domain,
+            |node| {
+                let builder = node.publisher_builder("topic").sealed(sealed);
+                builder.inline_max(inline_max).declare().unwrap()
+            },
+            |node| node.subscriber("topic").unwrap(),
+        );
+        for seed in 0..8 {
+            publisher.publish(&pattern(5000, seed)).unwrap();
+        }
+        drop(publisher);
+        // Let the Manager's word arrive before the link is read.
+        thread::sleep(Duration::from_millis(20));
+        for seed in 0..8 {
+            assert!(*next(&subscriber) == *pattern(5000, seed), "{seed}");
+        }
+        assert!(subscriber.try_recv().unwrap().is_none());
+        assert_eq!(subscriber.lost(), 0);
+    }
+}
+
+#[test]
+fn two_threads_of_one_node_both_get_their_messages() {
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let listener = domain.node("listener");
+    let topics = ["a", "b", "c"];
+    let publishers: Vec<_> = topics
+        .iter()
+        .map(|topic| {
+            talker
+                .publisher_builder::<[u8]>(topic)
+                .reliable(SOON)
+                .declare()
+                .unwrap()
+        })
+        .collect();
+    let (ready, opened) = mpsc::channel();
+    let readers: Vec<_> = topics
+        .iter()
+        .map(|topic| {
+            let builder = listener.subscriber_builder::<[u8]>(topic).reliable(true);
+            let subscriber = builder.declare().unwrap();
+            let ready = ready.clone();
+            thread::spawn(move || {
+                subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
+                ready.send(()).unwrap();
+                for seed in 0..300 {
+                    assert!(*next(&subscriber) == *pattern(16, seed));
+                }
+            })
+        })
+        .collect();
+    for publisher in &publishers {
+        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    }
+    for _ in topics {
+        opened.recv_timeout(SOON).unwrap();
+    }
+    for seed in 0..300 {
+        for publisher in &publishers {
+            publisher
+                .publish(&pattern(16, seed))
+                .unwrap()
+                .complete()
+                .unwrap();
+        }
+        if seed % 50 == 0 {
+            // Let them all fall asleep.
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+    // What still waits for a window here is sent when this node is called.
+    for publisher in &publishers {
+        assert!(publisher.flush(SOON).unwrap());
+    }
+    for reader in readers {
+        reader.join().unwrap();
+    }
+}
+
+#[test]
+fn a_descriptor_is_readable_while_there_may_be_a_message() {
+    use std::os::fd::AsFd;
+    let domain = Domain::new();
+    let listener = domain.node("listener");
+    let talker = domain.node("talker");
+    let publisher = talker.publisher::<str>("a").unwrap();
+    let subscriber = listener.subscriber::<str>("a").unwrap();
+    meet(&publisher, &[&subscriber]);
+    let readable = |timeout| sm2_io::wait_readable(&[subscriber.as_fd()], Some(timeout)).unwrap();
+    // At first there may be something: nobody has looked yet.
+    assert!(readable(SOON));
+    assert!(subscriber.try_recv().unwrap().is_none());
+    assert!(!readable(Duration::from_millis(5)));
+    publisher.publish("one").unwrap();
+    assert!(readable(SOON));
+    // Another call reads it from the socket: it is still there for the subscriber.
+    listener.spin_once(None).unwrap();
+    assert!(readable(SOON));
+    assert_eq!(&*subscriber.try_recv().unwrap().unwrap(), "one");
+    assert!(subscriber.try_recv().unwrap().is_none());
+    assert!(!readable(Duration::from_millis(5)));
+}
+
+//= SM2-NOD-003 test
+#[test]
+fn without_a_manager_links_live_on_and_nothing_new_comes() {
+    let mut domain = Domain::new();
+    let (publisher, subscriber) = default_pair(&domain);
+    let (a, b) = (domain.node("a"), domain.node("b"));
+    domain.stop();
+    for seed in 0..50 {
+        publisher.publish(&pattern(5000, seed)).unwrap();
+        assert!(*next(&subscriber) == *pattern(5000, seed));
+    }
+    let deadline = Instant::now() + SOON;
+    while a.is_connected() {
+        assert!(Instant::now() < deadline);
+    }
+    assert!(matches!(
+        a.publisher::<str>("x"),
+        Err(DeclareError::ManagerGone { .. })
+    ));
+    let error = publisher.wait_for_subscribers(2, None).unwrap_err();
+    assert!(
+        matches!(error, WaitError::ManagerGone { found: 1, .. }),
+        "{error}"
+    );
+    drop(publisher);
+    let error = loop {
+        match subscriber.recv() {
+            Ok(_) => {}
+            Err(error) => break error,
+        }
+    };
+    assert!(matches!(error, RecvError::Disconnected(_)), "{error}");
+    b.spin().unwrap();
+}

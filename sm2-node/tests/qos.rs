@@ -1,0 +1,232 @@
+//! Quality of service: what is kept, what waits, what is lost, and that it is counted.
+
+mod common;
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use common::{Domain, SOON, default_pair, meet, next, pair, pattern};
+use sm2_node::{Node, RecvError, Subscriber};
+
+//= SM2-QOS-003 test
+#[test]
+fn late_subscribers_get_what_is_latched_first() {
+    let domain = Domain::new();
+    let node = domain.node("map");
+    for (topic, inline_max, reliable) in [
+        ("small", 61_440, false),
+        ("large", 0, false),
+        ("all", 0, true),
+    ] {
+        let builder = node
+            .publisher_builder::<[u8]>(topic)
+            .latched(3)
+            .inline_max(inline_max);
+        let publisher = builder.reliable(SOON).declare().unwrap();
+        for seed in 1..=5 {
+            assert_eq!(publisher.publish(&pattern(6000, seed)).unwrap().links, 0);
+        }
+        for (late, sealed) in [("one", false), ("two", true)] {
+            // A reliable one whose window is smaller than what is latched.
+            let builder = domain
+                .node(late)
+                .subscriber_builder::<[u8]>(topic)
+                .sealed(sealed);
+            let depth = if reliable { 1 } else { 8 };
+            let builder = builder.depth(depth).max_borrowed(1).reliable(reliable);
+            let subscriber = builder.declare().unwrap();
+            meet(&publisher, &[&subscriber]);
+            if !reliable {
+                publisher.publish(&pattern(6000, 6)).unwrap();
+            }
+            let latest = if reliable { 3..=5 } else { 3..=6 };
+            for seed in latest.skip(usize::from(!reliable && late == "two")) {
+                publisher_is_driven(&node);
+                let sample = take_while_driving(&subscriber, &node);
+                assert!(*sample == *pattern(6000, seed), "{topic} {late} {seed}");
+            }
+        }
+    }
+}
+
+fn publisher_is_driven(node: &Node) {
+    node.spin_once(None).unwrap();
+}
+
+/// Receives while another node of this thread is called as well.
+fn take_while_driving(subscriber: &Subscriber<[u8]>, node: &Node) -> sm2_node::Sample<[u8]> {
+    let deadline = Instant::now() + SOON;
+    loop {
+        if let Some(sample) = subscriber.recv_timeout(Duration::from_millis(1)).unwrap() {
+            return sample;
+        }
+        node.spin_once(None).unwrap();
+        assert!(Instant::now() < deadline, "no message");
+    }
+}
+
+//= SM2-QOS-001 test
+//= SM2-QOS-004 test
+#[test]
+fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
+    let domain = Domain::new();
+    let (publisher, reader) = default_pair(&domain);
+    let sleeper = domain.node("sleeper");
+    let asleep = sleeper.subscriber::<[u8]>("topic").unwrap();
+    meet(&publisher, &[&reader, &asleep]);
+    let rounds = 200;
+    let start = Instant::now();
+    for seed in 0..rounds {
+        let bytes = pattern(10_000, seed);
+        assert_eq!(publisher.publish(&bytes).unwrap().links, 2);
+        let sample = next(&reader);
+        assert!(*sample == *bytes);
+        assert_eq!(sample.lost(), 0);
+    }
+    assert!(start.elapsed() < SOON);
+    assert!(!publisher.flush(Duration::from_millis(20)).unwrap());
+    let links = publisher.links();
+    for link in &links {
+        let it = link.counters;
+        let sum =
+            it.delivered + it.overwritten + it.discarded + it.deadline + it.closed + it.in_flight;
+        assert_eq!(it.offered, sum);
+        assert_eq!(it.offered, rounds);
+    }
+    assert_eq!(links[0].counters.delivered, rounds);
+    // What its window admits is on its way, as much waits here, and the rest is lost.
+    let lost = links[1].counters.overwritten;
+    assert_eq!(links[1].counters.in_flight, 8 + 4 + 8);
+    assert_eq!(lost, rounds - (8 + 4 + 8));
+    assert_eq!(publisher.counters().offered, 2 * rounds);
+    // The pool is as large as these need, and no larger.
+    assert!(
+        publisher.pool_bytes() <= 64 * (16 << 10),
+        "{}",
+        publisher.pool_bytes()
+    );
+
+    // When it wakes up, it gets the newest ones, and knows how many it lost.
+    let mut seen = Vec::new();
+    while let Some(sample) = asleep.recv_timeout(Duration::from_millis(50)).unwrap() {
+        assert!(*sample == *pattern(10_000, sample.sequence() - 1));
+        seen.push(sample.sequence());
+        drop(sample);
+        publisher.counters();
+    }
+    assert_eq!(*seen.last().unwrap(), rounds);
+    assert_eq!(asleep.lost() + seen.len() as u64, rounds);
+}
+
+//= SM2-QOS-002 test
+#[test]
+fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
+    let domain = Domain::new();
+    let patience = Duration::from_millis(100);
+    let publisher = domain.node("talker");
+    let publisher = publisher
+        .publisher_builder::<[u8]>("topic")
+        .depth(1)
+        .reliable(patience);
+    let publisher = publisher.declare().unwrap();
+    let stalled = domain
+        .node("stalled")
+        .subscriber_builder::<[u8]>("topic")
+        .depth(1)
+        .max_borrowed(1);
+    let stalled = stalled.reliable(true).declare().unwrap();
+    let best_effort = domain
+        .node("best-effort")
+        .subscriber::<[u8]>("topic")
+        .unwrap();
+    meet(&publisher, &[&stalled, &best_effort]);
+    // Two in the window, one in the queue.
+    for _ in 0..3 {
+        let published = publisher.publish(b"x").unwrap();
+        assert_eq!((published.links, published.missed), (2, 0));
+    }
+    let start = Instant::now();
+    let published = publisher.publish(b"late").unwrap();
+    assert!(start.elapsed() >= patience);
+    assert_eq!((published.links, published.missed), (1, 1));
+    assert!(published.complete().is_err());
+    // Not waited for again.
+    let start = Instant::now();
+    assert_eq!(publisher.publish(b"later").unwrap().missed, 1);
+    assert!(start.elapsed() < patience);
+    for expected in [&b"x"[..], b"x", b"x", b"late", b"later"] {
+        assert_eq!(&*next(&best_effort), expected);
+    }
+    // Until it releases something.
+    assert_eq!(&*next(&stalled), b"x");
+    assert_eq!(publisher.publish(b"again").unwrap().missed, 0);
+    let counters = publisher.links()[0].counters;
+    assert_eq!((counters.offered, counters.deadline), (6, 2));
+    for expected in [&b"x"[..], b"x", b"again"] {
+        assert_eq!(&*next(&stalled), expected);
+        publisher.counters();
+    }
+    assert_eq!(stalled.lost(), 2);
+}
+
+#[test]
+fn nothing_is_lost_on_a_reliable_link_with_a_slow_reader() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = pair::<[u8]>(
+        &domain,
+        |node| {
+            node.publisher_builder("topic")
+                .depth(2)
+                .reliable(SOON)
+                .declare()
+                .unwrap()
+        },
+        |node| {
+            let builder = node.subscriber_builder("topic").depth(2).max_borrowed(2);
+            builder.reliable(true).declare().unwrap()
+        },
+    );
+    let reader = thread::spawn(move || {
+        for seed in 0..100 {
+            let sample = next(&subscriber);
+            assert!(*sample == *pattern(5000, seed));
+            if seed % 10 == 0 {
+                thread::sleep(Duration::from_millis(2));
+            }
+        }
+        assert_eq!(subscriber.lost(), 0);
+    });
+    for seed in 0..100 {
+        publisher
+            .publish(&pattern(5000, seed))
+            .unwrap()
+            .complete()
+            .unwrap();
+    }
+    assert!(publisher.flush(SOON).unwrap());
+    reader.join().unwrap();
+}
+
+//= SM2-MSG-005 test
+#[test]
+fn whoever_holds_too_many_samples_gets_no_more_and_is_told_so() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = default_pair(&domain);
+    let mut held = Vec::new();
+    for seed in 0..6 {
+        publisher.publish(&pattern(5000, seed)).unwrap();
+    }
+    for _ in 0..4 {
+        held.push(next(&subscriber));
+    }
+    let error = subscriber.try_recv().unwrap_err();
+    assert!(
+        matches!(error, RecvError::TooManyBorrowed { held: 4, .. }),
+        "{error}"
+    );
+    held.remove(0);
+    assert!(*next(&subscriber) == *pattern(5000, 4));
+    for (sample, seed) in held.iter().zip(1..) {
+        assert!(**sample == *pattern(5000, seed));
+    }
+}
