@@ -18,6 +18,8 @@ pub(crate) struct Connection {
     pub(crate) interest: Interest,
     waiting: VecDeque<Parcel>,
     waiting_bytes: usize,
+    /// Descriptors sent since the node was last seen to have read all that was sent.
+    sent_fds: usize,
     /// Nothing is kept for it any more: it is about to be closed.
     given_up: bool,
 }
@@ -33,6 +35,9 @@ pub(crate) enum Sent {
     /// kernel counts them for their sender (`ETOOMANYREFS`).
     Crowded,
 }
+
+/// What the kernel counts for a datagram that is not read, at least.
+const DATAGRAM_BYTES: usize = 512;
 
 /// Why a node is given up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +55,7 @@ impl Connection {
             interest: Interest::READABLE,
             waiting: VecDeque::new(),
             waiting_bytes: 0,
+            sent_fds: 0,
             given_up: false,
         }
     }
@@ -86,7 +92,7 @@ impl Connection {
         let parcel = Parcel { frame, fd };
         let sent = match self.is_waiting() {
             true => Sent::Full,
-            false => transmit(&self.socket, &parcel)?,
+            false => self.transmit(&parcel)?,
         };
         if sent == Sent::Taken {
             return Ok(sent);
@@ -101,20 +107,37 @@ impl Connection {
 
     /// Sends what was kept, as far as the socket takes it.
     pub(crate) fn flush(&mut self) -> Result<Sent, Lost> {
-        while let Some(parcel) = self.waiting.front() {
-            match transmit(&self.socket, parcel)? {
-                Sent::Taken => {}
-                not_now => return Ok(not_now),
+        while let Some(parcel) = self.waiting.pop_front() {
+            let sent = self.transmit(&parcel)?;
+            if sent != Sent::Taken {
+                self.waiting.push_front(parcel);
+                return Ok(sent);
             }
             self.waiting_bytes -= parcel.frame.len();
-            self.waiting.pop_front();
         }
         Ok(Sent::Taken)
     }
 
-    /// How much of what was sent to it the node has not read, in the kernel's bytes.
-    pub(crate) fn unread_bytes(&self) -> usize {
-        self.socket.unread_bytes().unwrap_or(0)
+    /// How many descriptors it can have left unread at most: not more than it was sent since
+    /// it had read everything, nor than there are datagrams.
+    pub(crate) fn unread_fds(&mut self) -> usize {
+        let unread_bytes = self.socket.unread_bytes().unwrap_or(0);
+        if unread_bytes == 0 {
+            self.sent_fds = 0;
+        }
+        self.sent_fds.min(unread_bytes / DATAGRAM_BYTES)
+    }
+
+    fn transmit(&mut self, parcel: &Parcel) -> Result<Sent, Lost> {
+        if self.sent_fds > 0 {
+            // Takes note if it has read everything up to now.
+            self.unread_fds();
+        }
+        let sent = transmit(&self.socket, parcel)?;
+        if parcel.fd.is_some() && sent == Sent::Taken {
+            self.sent_fds += 1;
+        }
+        Ok(sent)
     }
 
     /// The last frame, if the socket takes it.
@@ -123,7 +146,7 @@ impl Connection {
         let Some(frame) = frame else { return };
         if self.flush() == Ok(Sent::Taken) {
             // Whoever does not take its goodbye finds the connection closed.
-            let _ = transmit(&self.socket, &Parcel { frame, fd: None });
+            let _ = self.transmit(&Parcel { frame, fd: None });
         }
     }
 }

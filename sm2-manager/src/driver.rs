@@ -87,9 +87,9 @@ const TURN: usize = 32;
 /// How many descriptors may wait for one node while descriptors are short: what a node
 /// that is busy for a moment needs.
 const HOARD: usize = 64;
-/// How much a node may have left unread while too many descriptors are in flight, in the
-/// kernel's bytes: some forty frames.
-const UNREAD: usize = 32 << 10;
+/// How many descriptors a node may have left unread while too many are in flight: what one
+/// that is busy for a moment has.
+const UNREAD: usize = 32;
 /// After how long sending is tried again when too many descriptors are in flight.
 const CROWDED_PAUSE: Duration = Duration::from_millis(10);
 /// How long accepting pauses when the process has no descriptor to spare.
@@ -258,9 +258,9 @@ impl Manager {
     fn crowded(&mut self) {
         self.send_again = Some(clock::now().after(CROWDED_PAUSE));
         let all = self.connections.iter_mut();
-        let most = all.max_by_key(|(_, connection)| connection.unread_bytes());
-        if let Some((&session, deaf)) = most
-            && deaf.unread_bytes() > UNREAD
+        let all = all.map(|(session, connection)| (connection.unread_fds(), session, connection));
+        if let Some((unread, &session, deaf)) = all.max_by_key(|(unread, ..)| *unread)
+            && unread > UNREAD
         {
             deaf.give_up();
             self.given_up.push_back(session);

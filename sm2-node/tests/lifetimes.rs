@@ -28,21 +28,21 @@ fn a_sample_stays_as_it_is_when_all_else_is_gone() {
         let sample = next(&subscriber);
         // The second is neither taken nor given back.
         drop(subscriber);
-        // The publisher would use its slot again, if it thought it free.
-        for seed in 3..40 {
-            publisher.publish(&pattern(50_000, seed)).unwrap();
-        }
-        assert!(*sample == *pattern(50_000, 1));
+        // The publisher would use its slot again, if it thought it free: it needs as many as
+        // a subscriber that does not read can occupy.
         let again = domain
             .node("listener-2")
             .subscriber::<[u8]>("topic")
             .unwrap();
         meet(&publisher, &[&again]);
-        for seed in 40..80 {
+        for seed in 3..40 {
             publisher.publish(&pattern(50_000, seed)).unwrap();
-            assert!(*next(&again) == *pattern(50_000, seed));
         }
         assert!(*sample == *pattern(50_000, 1));
+        for _ in 0..8 {
+            let other = next(&again);
+            assert!(*other == *pattern(50_000, other.sequence()));
+        }
         drop(publisher);
         assert!(*sample == *pattern(50_000, 1));
     }
@@ -134,6 +134,40 @@ fn two_threads_of_one_node_both_get_their_messages() {
     for reader in readers {
         reader.join().unwrap();
     }
+}
+
+/// Whoever drives the node reads what another thread waits for.
+#[test]
+fn a_thread_that_sleeps_is_woken_by_the_one_that_read_its_message() {
+    let domain = Domain::new();
+    let listener = domain.node("listener");
+    let publisher = domain.node("talker").publisher::<[u8]>("topic").unwrap();
+    let subscriber = listener.subscriber::<[u8]>("topic").unwrap();
+    meet(&publisher, &[&subscriber]);
+    let (got, seen) = mpsc::channel();
+    let rounds = 300;
+    let reader = thread::spawn(move || {
+        for _ in 0..rounds {
+            got.send(next(&subscriber).sequence()).unwrap();
+        }
+    });
+    for round in 1..=rounds {
+        if round % 3 == 0 {
+            thread::sleep(Duration::from_micros(200));
+        }
+        publisher.publish(b"x").unwrap();
+        let deadline = Instant::now() + SOON / 2;
+        let sequence = loop {
+            // As fast as possible: it is always this thread that is awake.
+            listener.spin_once(None).unwrap();
+            if let Ok(sequence) = seen.try_recv() {
+                break sequence;
+            }
+            assert!(Instant::now() < deadline, "nobody woke the reader");
+        };
+        assert_eq!(sequence, round);
+    }
+    reader.join().unwrap();
 }
 
 #[test]

@@ -6,55 +6,67 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use common::{Domain, SOON, default_pair, meet, next, pair, pattern};
-use sm2_node::{Node, RecvError, Subscriber};
+use sm2_node::{Node, RecvError, Sample, Subscriber};
 
 //= SM2-QOS-003 test
 #[test]
 fn late_subscribers_get_what_is_latched_first() {
     let domain = Domain::new();
     let node = domain.node("map");
-    for (topic, inline_max, reliable) in [
-        ("small", 61_440, false),
-        ("large", 0, false),
-        ("all", 0, true),
-    ] {
-        let builder = node
-            .publisher_builder::<[u8]>(topic)
-            .latched(3)
-            .inline_max(inline_max);
-        let publisher = builder.reliable(SOON).declare().unwrap();
+    for inline_max in [61_440, 0] {
+        let builder = node.publisher_builder::<[u8]>("map").latched(3);
+        let publisher = builder.inline_max(inline_max).declare().unwrap();
         for seed in 1..=5 {
             assert_eq!(publisher.publish(&pattern(6000, seed)).unwrap().links, 0);
         }
-        for (late, sealed) in [("one", false), ("two", true)] {
-            // A reliable one whose window is smaller than what is latched.
-            let builder = domain
-                .node(late)
-                .subscriber_builder::<[u8]>(topic)
-                .sealed(sealed);
-            let depth = if reliable { 1 } else { 8 };
-            let builder = builder.depth(depth).max_borrowed(1).reliable(reliable);
-            let subscriber = builder.declare().unwrap();
+        // The second needs another form than the one that was stored.
+        for (first, sealed) in [(3, false), (4, true)] {
+            let builder = domain.node("late").subscriber_builder::<[u8]>("map");
+            let subscriber = builder.sealed(sealed).declare().unwrap();
             meet(&publisher, &[&subscriber]);
-            if !reliable {
-                publisher.publish(&pattern(6000, 6)).unwrap();
-            }
-            let latest = if reliable { 3..=5 } else { 3..=6 };
-            for seed in latest.skip(usize::from(!reliable && late == "two")) {
-                publisher_is_driven(&node);
-                let sample = take_while_driving(&subscriber, &node);
-                assert!(*sample == *pattern(6000, seed), "{topic} {late} {seed}");
+            let last = first + 3;
+            publisher.publish(&pattern(6000, last)).unwrap();
+            for seed in first..=last {
+                assert!(*next(&subscriber) == *pattern(6000, seed), "{seed}");
             }
         }
     }
 }
 
-fn publisher_is_driven(node: &Node) {
+//= SM2-QOS-003 test
+#[test]
+fn a_reliable_subscriber_gets_all_that_is_latched_however_small_its_window() {
+    let domain = Domain::new();
+    let node = domain.node("map");
+    let builder = node.publisher_builder::<[u8]>("map").latched(10).depth(1);
+    let publisher = builder.reliable(Duration::ZERO).declare().unwrap();
+    for seed in 1..=10 {
+        publisher.publish(&pattern(6000, seed)).unwrap();
+    }
+    let builder = domain.node("late").subscriber_builder::<[u8]>("map");
+    let subscriber = builder
+        .depth(1)
+        .max_borrowed(1)
+        .reliable(true)
+        .declare()
+        .unwrap();
+    meet(&publisher, &[&subscriber]);
+    // What is latched comes before all else: there is no room for this one yet.
+    assert_eq!(publisher.publish(&pattern(6000, 11)).unwrap().missed, 1);
+    for seed in 1..=10 {
+        assert!(
+            *take_while_driving(&subscriber, &node) == *pattern(6000, seed),
+            "{seed}"
+        );
+    }
     node.spin_once(None).unwrap();
+    assert_eq!(publisher.publish(&pattern(6000, 12)).unwrap().missed, 0);
+    let sample = next(&subscriber);
+    assert_eq!((sample.sequence(), sample.lost()), (12, 1));
 }
 
 /// Receives while another node of this thread is called as well.
-fn take_while_driving(subscriber: &Subscriber<[u8]>, node: &Node) -> sm2_node::Sample<[u8]> {
+fn take_while_driving(subscriber: &Subscriber<[u8]>, node: &Node) -> Sample<[u8]> {
     let deadline = Instant::now() + SOON;
     loop {
         if let Some(sample) = subscriber.recv_timeout(Duration::from_millis(1)).unwrap() {

@@ -2,8 +2,6 @@
 
 mod common;
 
-use std::time::Duration;
-
 use common::{Domain, SOON, meet, next, pair, pattern};
 use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 use sm2_node::{DeclareError, Message, Node, Publisher, Subscriber};

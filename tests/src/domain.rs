@@ -8,7 +8,10 @@ use std::{
 };
 
 use nix::{
-    sys::signal::Signal,
+    sys::{
+        resource::{Resource, getrlimit, setrlimit},
+        signal::Signal,
+    },
     unistd::{Uid, chown},
 };
 use tempfile::TempDir;
@@ -29,6 +32,7 @@ impl TempDomain {
     /// A domain without a Manager.
     #[must_use]
     pub fn new() -> Self {
+        more_descriptors();
         // Short: a socket's path has at most 106 bytes.
         let folder = tempfile::Builder::new().prefix("sm2-").tempdir();
         Self {
@@ -102,6 +106,16 @@ impl TempDomain {
             process: Process::start(command),
             socket: self.socket(),
         }
+    }
+}
+
+/// All tests of a file run in one process, and the usual soft limit is 1,024.
+fn more_descriptors() {
+    if let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_NOFILE)
+        && soft < hard
+    {
+        // Where it is refused, less may do.
+        let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
     }
 }
 

@@ -16,7 +16,9 @@ enum Space {
     Service,
 }
 
-type Key = (Space, Name);
+/// The hash comes first: the search compares numbers that stand in the tree, not
+/// texts that stand elsewhere. Names that share one are still told apart.
+type Key = (u64, Space, Name);
 
 /// The interfaces on one topic or service.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
@@ -150,7 +152,15 @@ fn key(contract: &Contract) -> Key {
         Kind::Publisher | Kind::Subscriber => Space::Topic,
         Kind::Server | Kind::Client => Space::Service,
     };
-    (space, contract.name().clone())
+    let name = contract.name();
+    // FNV-1a
+    let hash = name
+        .as_str()
+        .bytes()
+        .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        });
+    (hash, space, name.clone())
 }
 
 impl From<Types<'_>> for Stated {

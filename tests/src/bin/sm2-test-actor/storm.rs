@@ -114,6 +114,9 @@ fn publish(node: &Node, control: &mut Control) {
         thread::sleep(PAUSE);
     }
     let counters = publisher.counters();
+    let dropped = counters.overwritten + counters.discarded + counters.deadline + counters.closed;
+    let sum = counters.delivered + dropped + counters.in_flight;
+    assert_eq!(counters.offered, sum, "{counters:?}");
     println!("published={published} {counters:?}");
     control.idle(node, "close");
 }
