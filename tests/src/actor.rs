@@ -105,6 +105,17 @@ impl Actor {
         self.process.signal(signal);
     }
 
+    /// Stops it; when this returns it does nothing any more.
+    #[track_caller]
+    pub fn stop(&mut self) {
+        self.process.stop();
+    }
+
+    /// Lets it go on.
+    pub fn resume(&mut self) {
+        self.process.resume();
+    }
+
     /// Kills it (SIGKILL) and waits for its end.
     pub fn kill(&mut self) {
         self.process.kill();

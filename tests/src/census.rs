@@ -81,6 +81,15 @@ fn kind(target: &str) -> String {
     name.strip_prefix('/').unwrap_or(name).to_owned()
 }
 
+/// What the process does: `R`un, `S`leep, stopped (`T`), … None if there is no such process.
+#[must_use]
+pub fn state(pid: u32) -> Option<char> {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // The name in brackets before it can hold anything.
+    let (_, rest) = stat.rsplit_once(") ")?;
+    rest.chars().next()
+}
+
 fn mappings(pid: u32) -> usize {
     permissions(pid).len()
 }

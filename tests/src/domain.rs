@@ -174,6 +174,17 @@ impl ManagerProcess {
         self.process.signal(signal);
     }
 
+    /// Stops it; when this returns it does nothing any more.
+    #[track_caller]
+    pub fn stop(&mut self) {
+        self.process.stop();
+    }
+
+    /// Lets it go on.
+    pub fn resume(&mut self) {
+        self.process.resume();
+    }
+
     /// Kills it (SIGKILL) and waits for its end.
     pub fn kill(&mut self) {
         self.process.kill();

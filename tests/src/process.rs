@@ -17,7 +17,11 @@ use nix::{
     unistd::Pid,
 };
 
-use crate::{PATIENCE, census::Census, eventually};
+use crate::{
+    PATIENCE,
+    census::{self, Census},
+    eventually,
+};
 
 /// A command that runs the actor in `role`.
 ///
@@ -163,6 +167,19 @@ impl Process {
         if !self.has_ended() {
             let _ = kill(Pid::from_raw(self.pid().cast_signed()), signal);
         }
+    }
+
+    /// Stops it (SIGSTOP); when this returns it does nothing any more.
+    #[track_caller]
+    pub fn stop(&mut self) {
+        self.signal(Signal::SIGSTOP);
+        let pid = self.pid();
+        eventually("a process to stop", || census::state(pid) == Some('T'));
+    }
+
+    /// Lets it go on (SIGCONT).
+    pub fn resume(&mut self) {
+        self.signal(Signal::SIGCONT);
     }
 
     /// Kills it (SIGKILL) and waits for its end.

@@ -81,12 +81,18 @@ impl RawPeer {
         self.socket.send(&[IoSlice::new(bytes)], fds)
     }
 
+    /// Waits until there is something to read.
+    #[track_caller]
+    pub fn readable(&self) {
+        let there = wait_readable(&[self.socket.as_fd()], Some(PATIENCE)).expect("poll");
+        assert!(there, "the other side says nothing");
+    }
+
     /// The next datagram; none at the end of the stream.
     #[must_use]
     #[track_caller]
     pub fn recv(&self) -> Option<Frame> {
-        let there = wait_readable(&[self.socket.as_fd()], Some(PATIENCE)).expect("poll");
-        assert!(there, "the other side says nothing");
+        self.readable();
         self.try_recv().expect("something is there")
     }
 

@@ -200,8 +200,19 @@ fn no_message_is_lost_when_the_manager_is_killed() {
 //= SM2-SRV-005, SM2-QOS-002, SM2-OPN-007 sys
 #[test]
 fn whoever_waits_for_the_dead_hears_of_it() {
+    wait_for_the_dead(true);
+}
+
+/// By the link itself, when there is no Manager who could say so.
+//= SM2-NOD-003, SM2-SRV-005, SM2-OPN-007 sys
+#[test]
+fn whoever_waits_for_the_dead_hears_of_it_without_a_manager() {
+    wait_for_the_dead(false);
+}
+
+fn wait_for_the_dead(managed: bool) {
     let domain = TempDomain::new();
-    let _manager = domain.manager();
+    let mut manager = domain.manager();
     let mut talker = Actor::start(&domain.socket(), "talker");
     let mut victim = Actor::start(&domain.socket(), "victim");
     talker.tell("pub t t depth=2 reliable_ms=60000");
@@ -216,6 +227,9 @@ fn whoever_waits_for_the_dead_hears_of_it() {
     // A call that nobody will answer, and one that nobody will hear the answer of.
     talker.tell("call s 100");
     victim.tell("call back 100");
+    if !managed {
+        manager.kill();
+    }
     // More messages than there is room for: the publisher waits.
     talker.say("publish t 50 5000");
     talker.say("reply s");

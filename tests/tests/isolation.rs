@@ -1,7 +1,6 @@
 //! A subscriber or client that does not play along costs nobody else anything: the others get
 //! every message, and the losses are counted on its link alone, exactly.
 
-use nix::sys::signal::Signal;
 use sm2_tests::{
     actor::{Actor, Counted, number},
     control::{self, Qos},
@@ -74,7 +73,7 @@ impl Scene {
             Culprit::Hoarder(actor) => drop(actor.tell("hold t 3")),
             Culprit::Stopped(actor) => {
                 actor.tell("take t 1");
-                actor.signal(Signal::SIGSTOP);
+                actor.stop();
             }
             Culprit::Idle(_) | Culprit::Deaf(_) => {}
         }
@@ -117,7 +116,7 @@ impl Scene {
         else {
             return;
         };
-        actor.signal(Signal::SIGCONT);
+        actor.resume();
         actor.tell("free t");
         let (mut got, mut lost, mut last) = (self.before, 0, self.before);
         let mut take = |actor: &mut Actor| {
@@ -209,7 +208,7 @@ fn a_stopped_client_keeps_no_server_from_others() {
     for _ in 0..40 {
         stopped.tell("call s 50000");
     }
-    stopped.signal(Signal::SIGSTOP);
+    stopped.stop();
     // It got no further than what the server accepts of one client: 6 requests.
     server.say("serve s 100");
     for call in 0..94 {
@@ -217,7 +216,7 @@ fn a_stopped_client_keeps_no_server_from_others() {
         let reply = healthy.tell("reply s");
         assert!(reply.contains("damaged=0"), "{reply}");
     }
-    stopped.signal(Signal::SIGCONT);
+    stopped.resume();
     server.answer();
     server.say("serve s 34");
     for _ in 0..40 {

@@ -61,6 +61,32 @@ fn the_name_of_a_process_that_crashed_is_free_at_once() {
     }
 }
 
+/// Also when the Manager finds both at once, and the newcomer had something to say before
+/// the other crashed.
+//= SM2-SES-003 sys
+#[test]
+fn whoever_crashed_is_gone_before_newcomers_are_heard() {
+    let domain = TempDomain::new();
+    let mut manager = domain.manager();
+    let observer = manager.node("observer");
+    let mut command = actor("connect");
+    command.arg("--socket").arg(domain.socket());
+    command.args(["--name", "crasher"]);
+    let mut process = Process::start(command);
+    assert_eq!(process.expect_line(), "welcome");
+    let heir = manager.connect();
+    // Accepted by now, since this was answered.
+    observer.nodes();
+    manager.stop();
+    heir.send(control::hello("observer"));
+    process.kill();
+    heir.send(control::hello("crasher"));
+    manager.resume();
+    assert_eq!(heir.peer().expect().bytes, [1, 0], "HELLO_REFUSED");
+    let answer = heir.next();
+    assert!(matches!(answer, ToNode::Welcome { .. }), "{answer:?}");
+}
+
 //= SM2-TRN-007 sys
 #[test]
 fn who_a_node_is_comes_from_the_kernel() {
@@ -102,15 +128,19 @@ fn manager_forgot(manager: &ManagerProcess) -> bool {
 #[test]
 fn what_was_sent_before_the_end_counts() {
     let domain = TempDomain::new();
-    let manager = domain.manager();
+    let mut manager = domain.manager();
     let listener = manager.node("listener");
     listener.declare(1, &control::subscriber("t", Qos::PLAIN));
     for _ in 0..20 {
-        // Gone with its answers unread: the Manager's socket says ECONNRESET.
         let talker = manager.connect();
         talker.send(control::hello("talker"));
+        talker.peer().readable();
+        manager.stop();
         talker.send(control::declare(1, &control::publisher("t", Qos::PLAIN)));
+        // Gone with WELCOME unread: the Manager's socket says ECONNRESET before it says what
+        // is still there.
         talker.close();
+        manager.resume();
         let link = listener.linked();
         assert_eq!(link.peer.name.as_str(), "talker");
         assert_eq!(listener.unlinked(link.id), Farewell::PeerGone.code());

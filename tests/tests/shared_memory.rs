@@ -2,7 +2,6 @@
 
 use std::os::fd::AsFd;
 
-use nix::sys::signal::Signal;
 use sm2_io::Segment;
 use sm2_tests::{
     actor::{Actor, number},
@@ -104,8 +103,7 @@ fn what_was_received_outlives_its_publisher() {
         talker.tell("wait t 1");
         talker.tell("publish t 4 100000");
         listener.tell("hold t 2");
-        talker.signal(Signal::SIGKILL);
-        talker.wait();
+        talker.kill();
         // Held or not taken yet: it is all there.
         eventually("the end of the link", || {
             listener.census().of_kind("socket") == 1
@@ -134,8 +132,8 @@ fn what_is_held_is_not_written_anew_when_its_link_ends() {
         holder.tell("sub t t borrow=8 reliable");
         other.tell("sub t t reliable");
         talker.tell("wait t 2");
-        talker.tell("publish t 4 10000");
-        other.tell("take t 4");
+        talker.tell("publish t 3 10000");
+        other.tell("take t 3");
         holder.tell("hold t 3");
         if cause == "dropped" {
             holder.tell("withdraw t");
@@ -149,9 +147,10 @@ fn what_is_held_is_not_written_anew_when_its_link_ends() {
         eventually("the end of the link", || {
             !talker.counted_with("t", "holder").open
         });
-        for _ in 0..40 {
-            talker.tell("publish t 1 10000");
-            other.tell("take t 1");
+        // As many at a time as were held, so that their slots would come round.
+        for _ in 0..10 {
+            talker.tell("publish t 6 10000");
+            other.tell("take t 6");
         }
         assert_eq!(holder.tell("check t"), "got=3 damaged=0", "{cause}");
     }
