@@ -13,7 +13,7 @@ pub(crate) const GRAMMAR: &str =
 
 /// Look into an SM2 domain, feed it, and run it, from a shell.
 #[derive(Debug, Parser)]
-#[command(name = "sm2", version, after_help = EXAMPLES, disable_help_subcommand = true)]
+#[command(name = "sm2", version, after_help = EXAMPLES)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,

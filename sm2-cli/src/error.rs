@@ -109,6 +109,18 @@ pub(crate) enum CliError {
     /// The demo's Manager did not start.
     #[error("the demo's Manager does not start: {0}")]
     DemoManager(#[from] StartError),
+    /// The demo's messages would not fit into memory.
+    #[error(
+        "messages of {size_bytes} bytes need some {needed_bytes} bytes of memory and {available_bytes} are available: give a smaller --size"
+    )]
+    DemoTooLarge {
+        /// Of one message.
+        size_bytes: u64,
+        /// Of those that are under way.
+        needed_bytes: u64,
+        /// What the system has to spare.
+        available_bytes: u64,
+    },
     /// More latencies than are kept.
     #[error(
         "the demo would publish {count} messages, and {limit} is the most: lower --rate or --seconds"

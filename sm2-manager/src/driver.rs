@@ -16,7 +16,7 @@ use sm2_io::{
     clock,
 };
 use sm2_proto::{
-    Datagram, FdFacts, Instant, NodeId,
+    Datagram, Farewell, FdFacts, Instant, NodeId,
     limits::DATAGRAM_MAX,
     manager::{Cause, Credentials, Input, Manager as Machine, Output, Policy},
 };
@@ -456,6 +456,7 @@ impl Manager {
             Cause::Violation(rule) => {
                 warn!(%session, rule = rule.name(), clause = rule.clause(), "hung up: the node broke the protocol");
             }
+            Cause::Farewell(Farewell::ShuttingDown) => debug!(%session, "said goodbye"),
             Cause::Farewell(why) => warn!(%session, %why, clause = why.clause(), "hung up"),
             Cause::Goodbye(code) => debug!(%session, %code, "the node said goodbye"),
             Cause::Gone => debug!(%session, "the node is gone"),

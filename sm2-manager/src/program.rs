@@ -37,7 +37,7 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "seal_all")]
     pub waive_user_boundary: bool,
     /// Sessions that one user may have
-    #[arg(long, value_name = "N", default_value_t = Policy::default().sessions_per_user)]
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = Policy::default().sessions_per_user)]
     pub max_sessions: usize,
     /// Interfaces that one node may have
     #[arg(long, value_name = "N", default_value_t = Policy::default().interfaces_per_session)]
@@ -46,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = Policy::default().links_per_session)]
     pub max_links: usize,
     /// Seconds that a connection may take to greet
-    #[arg(long, value_name = "SECONDS", default_value_t = 2)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..))]
     pub greeting_timeout: u64,
 }
 
@@ -147,5 +147,13 @@ fn octal(text: &str) -> Result<u32, String> {
     match u32::from_str_radix(text, 8) {
         Ok(mode) if mode <= 0o777 => Ok(mode),
         _ => Err("give permissions as octal digits, such as 660".into()),
+    }
+}
+
+/// Nobody could join a Manager that allows none.
+fn positive(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count > 0 => Ok(count),
+        _ => Err("give a whole number of at least 1".into()),
     }
 }

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use common::{Domain, SOON, default_pair, meet, next, pair, pattern};
 use sm2_node::{DeclareError, RecvError, WaitError};
 
+//= SM2-OPN-007, SM2-OPN-008 test
 #[test]
 fn a_sample_stays_as_it_is_when_all_else_is_gone() {
     let domain = Domain::new();
@@ -48,8 +49,7 @@ fn a_sample_stays_as_it_is_when_all_else_is_gone() {
     }
 }
 
-//= SM2-TRN-006 test
-//= SM2-OPN-005 test
+//= SM2-TRN-006, SM2-OPN-005, SM2-LNK-006 test
 #[test]
 fn what_was_sent_before_the_publisher_went_is_received() {
     let domain = Domain::new();

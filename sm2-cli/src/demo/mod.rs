@@ -102,6 +102,9 @@ enum Role {
 /// The topic of the demo's own domain.
 const TOPIC: &str = "demo";
 
+/// How many messages are in memory at a time, where subscribers keep up more or less.
+const SLOTS: u64 = 4;
+
 /// How many messages a subscriber may be behind.
 const DEPTH: u16 = 8;
 
@@ -118,6 +121,22 @@ impl Arguments {
         }
     }
 
+    /// Refuses what would drive the machine out of memory.
+    fn check_memory(&self) -> Result<(), CliError> {
+        let size_bytes = self.size.0;
+        let needed_bytes = size_bytes.saturating_mul(SLOTS);
+        match procfs::available_bytes() {
+            Some(available_bytes) if needed_bytes > available_bytes => {
+                Err(CliError::DemoTooLarge {
+                    size_bytes,
+                    needed_bytes,
+                    available_bytes,
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn period(&self) -> Duration {
         Duration::try_from_secs_f64(1.0 / self.rate).unwrap_or(Duration::MAX)
     }
@@ -129,6 +148,7 @@ impl Arguments {
 ///
 /// If a part failed or a message was damaged; if it could not be started at all.
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    arguments.check_memory()?;
     director::direct(arguments, arguments.count()?)
 }
 

@@ -17,6 +17,11 @@ pub(super) fn pss_bytes(pid: u32) -> Option<u64> {
     pss(&fs::read_to_string(format!("/proc/{pid}/smaps_rollup")).ok()?)
 }
 
+/// Memory that can be had without swapping, in bytes.
+pub(super) fn available_bytes() -> Option<u64> {
+    kib_of(&fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:")
+}
+
 /// `utime` and `stime` of proc_pid_stat(5), fields 14 and 15. Field 2, the program's name, may
 /// hold spaces and parentheses: what follows its last parenthesis starts with field 3.
 fn ticks(stat: &str) -> Option<u64> {
@@ -28,7 +33,12 @@ fn ticks(stat: &str) -> Option<u64> {
 }
 
 fn pss(rollup: &str) -> Option<u64> {
-    let line = rollup.lines().find_map(|line| line.strip_prefix("Pss:"))?;
+    kib_of(rollup, "Pss:")
+}
+
+/// The value of a line such as `Pss:  12 kB`, in bytes.
+fn kib_of(text: &str, name: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     let kib: u64 = line.trim().strip_suffix(" kB")?.parse().ok()?;
     kib.checked_mul(1_024)
 }

@@ -140,6 +140,18 @@ fn a_used_up_quota_is_named() {
 }
 
 #[test]
+fn what_can_only_end_badly_is_refused_at_once() {
+    let domain = Domain::new();
+    let nobody = domain.run(&["manager", "--max-sessions", "0"]);
+    nobody.failed(2, &["--max-sessions", "at least 1"]);
+    let never = domain.run(&["manager", "--greeting-timeout", "0"]);
+    never.failed(2, &["--greeting-timeout"]);
+    let size = ["demo", "--size", "1000GB", "--seconds", "1"];
+    let demo = Running::start(&mut sm2(&size)).finish();
+    demo.failed(1, &["memory", "smaller --size"]);
+}
+
+#[test]
 fn inputs_that_cannot_be_read_are_named() {
     let domain = Domain::new();
     let folder = domain.path("empty");

@@ -253,7 +253,7 @@ impl LinkDriver {
     }
 
     /// The other side is gone, says the Manager: what it sent before counts.
-    //= SM2-TRN-006
+    //= SM2-TRN-006, SM2-LNK-006
     pub(super) fn unlink(&mut self, code: Code, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         self.receive(LAST_WORDS, tools, outbox);
         if self.end().is_none() {

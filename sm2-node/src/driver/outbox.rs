@@ -182,6 +182,7 @@ impl Outbox {
         }) = message
             && let Some(lease) = pooled
         {
+            //= SM2-OPN-008
             let over = match orphaned {
                 true => self.pool.abandon(lease),
                 false => self.pool.give_back(lease),

@@ -26,7 +26,7 @@
 //!   settled is, and a CLOSE goes out if one is due and the socket is not blocked.
 //!   Messages that were ready can still be taken, and a taken one still has to be
 //!   released before another can be taken in its stead; nothing of it is sent.
-//!   The slots of pooled ones may be written anew by then (SM2-OPN-008).
+//!   A sender must not write again to slots that were settled as [`Fate::Closed`] (SM2-OPN-008).
 //!
 //! Whoever embeds this without `sm2-node` finds all that it needs here and in
 //! [`wire`]; which links there are is the business of [`node`](crate::node).
