@@ -6,8 +6,8 @@ use std::os::fd::{AsFd, OwnedFd};
 
 use sm2_proto::Seals;
 
-use crate::mapping::MappingMut;
-use crate::memfd::{add_seals, create, huge_pages_allowed};
+use crate::mapping::{Mapping, MappingMut};
+use crate::memfd::{add_seals, create, huge_pages_allowed, sealed_from_bytes};
 
 /// A new memfd, mapped for writing in place, zeroed; [`seal`](Self::seal) makes
 /// it a message. Dropping it instead frees the memory.
@@ -64,16 +64,25 @@ impl SealedLoan {
 
     /// Ends the writing for good: nobody can change the bytes or the size any more.
     ///
+    /// While the kernel holds on to pages (`EBUSY`), which others on the machine can
+    /// cause, the bytes are copied into new memory instead, which was never mapped.
+    ///
     /// # Errors
     ///
-    /// `ResourceBusy` if the kernel still holds pages for writing, which takes a
-    /// system call on [`as_mut_slice`](Self::as_mut_slice) that outlives it, such as
-    /// direct I/O through `io_uring`. The message is lost then.
+    /// Whatever `memfd_create(2)` and `pwrite(2)` say of that copy. The message is lost
+    /// then.
     pub fn seal(self) -> io::Result<OwnedFd> {
         let Self { mapping, file } = self;
+        let len = mapping.len() as u64;
         // F_SEAL_WRITE is refused while a writable mapping exists.
         drop(mapping);
-        add_seals(&file, Seals::SEALED)?;
-        Ok(file.into())
+        match add_seals(&file, Seals::SEALED) {
+            Ok(()) => Ok(file.into()),
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {
+                let written = Mapping::read_only(file.as_fd(), len, false)?;
+                sealed_from_bytes(written.as_slice())
+            }
+            Err(error) => Err(error),
+        }
     }
 }

@@ -112,9 +112,18 @@ pub(crate) fn create(name: &std::ffi::CStr, len: u64) -> io::Result<File> {
     Ok(file)
 }
 
+/// How often a seal is tried that the kernel refuses with `EBUSY`. Each time it waits up to
+/// 150 ms for whoever holds on to pages: compaction, or a tool that walks a process' memory.
+const SEAL_TRIES: u32 = 4;
+
 /// Adds `seals` in one step.
 pub(crate) fn add_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
     let flags = SealFlag::from_bits_retain(seals.0.cast_signed());
-    fcntl(file, FcntlArg::F_ADD_SEALS(flags))?;
-    Ok(())
+    let mut tries = 1;
+    loop {
+        match fcntl(file.as_fd(), FcntlArg::F_ADD_SEALS(flags)) {
+            Err(Errno::EBUSY) if tries < SEAL_TRIES => tries += 1,
+            result => return result.map(drop).map_err(io::Error::from),
+        }
+    }
 }

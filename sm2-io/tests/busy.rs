@@ -1,0 +1,50 @@
+//! Sealing while something holds on to the pages. A file of its own: it looks for the loan's
+//! descriptor among all of the process.
+
+use std::fs::{self, OpenOptions};
+use std::os::fd::{AsFd, OwnedFd};
+
+use sm2_io::{Mapping, SealedLoan, memfd};
+use sm2_proto::Seals;
+
+/// The only loan of this process, opened once more.
+fn the_loan() -> OwnedFd {
+    let all = fs::read_dir("/proc/self/fd").unwrap();
+    let path = all
+        .map(|entry| entry.unwrap().path())
+        .find(|path| {
+            fs::read_link(path).is_ok_and(|to| to.to_string_lossy().contains("memfd:sm2-message"))
+        })
+        .expect("the loan's descriptor");
+    let file = OpenOptions::new().read(true).write(true).open(path);
+    file.unwrap().into()
+}
+
+#[test]
+fn a_loan_whose_pages_are_held_is_sealed_all_the_same() {
+    let mut loan = SealedLoan::new(10_000).unwrap();
+    loan.as_mut_slice().fill(7);
+    // A writable mapping elsewhere makes the kernel refuse the seal for as long as it lives.
+    let file = the_loan();
+    let len = std::num::NonZeroUsize::new(10_000).unwrap();
+    // SAFETY: a new mapping at an address that the kernel chooses; nothing is read from it.
+    let held = unsafe {
+        nix::sys::mman::mmap(
+            None,
+            len,
+            nix::sys::mman::ProtFlags::PROT_WRITE,
+            nix::sys::mman::MapFlags::MAP_SHARED,
+            file.as_fd(),
+            0,
+        )
+    };
+    let held = held.unwrap();
+    let sealed = loan.seal().unwrap();
+    let facts = memfd::facts(sealed.as_fd()).unwrap();
+    assert!(facts.seals.contains(Seals::SEALED), "{facts:?}");
+    assert_eq!(facts.size_bytes, 10_000);
+    let seen = Mapping::read_only(sealed.as_fd(), 10_000, false).unwrap();
+    assert!(seen.as_slice().iter().all(|&byte| byte == 7));
+    // SAFETY: the mapping made above, of that length, which nobody uses.
+    unsafe { nix::sys::mman::munmap(held, 10_000) }.unwrap();
+}
