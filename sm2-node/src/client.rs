@@ -8,13 +8,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_proto::control::Peer;
-use sm2_proto::limits::INLINE_MAX;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
 use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Topic};
 use crate::handle::{Handle, Receipt, Received, until};
-use crate::publisher::{INLINE_DEFAULT, checked_name};
+use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit};
 use crate::{CallError, DeclareError, LinkStatus, Message, StoreError, WaitError};
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
@@ -349,11 +348,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
     /// Requests up to this many bytes are copied into the datagram; longer ones go through
     /// shared memory. At most 61,440; 4,096 by default.
     pub const fn inline_max(mut self, bytes: usize) -> Self {
-        self.inline_max = if bytes > INLINE_MAX {
-            INLINE_MAX
-        } else {
-            bytes
-        };
+        self.inline_max = inline_limit(bytes);
         self
     }
 

@@ -19,6 +19,15 @@ use crate::{DeclareError, LinkStatus, Message, Plain, PublishError, StoreError, 
 /// Payloads up to this length travel in the datagram itself, unless a builder says otherwise.
 pub(crate) const INLINE_DEFAULT: usize = 4_096;
 
+/// What a builder was told, as far as a datagram has room for it.
+pub(crate) const fn inline_limit(bytes: usize) -> usize {
+    if bytes > INLINE_MAX {
+        INLINE_MAX
+    } else {
+        bytes
+    }
+}
+
 /// Sends messages of type `T` to all subscribers of a topic.
 ///
 /// Each message is stored once, however many subscribers there are. A subscriber that is slow,
@@ -285,11 +294,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// Messages up to this many bytes are copied into the datagram; longer ones go through
     /// shared memory. At most 61,440; 4,096 by default.
     pub const fn inline_max(mut self, bytes: usize) -> Self {
-        self.inline_max = if bytes > INLINE_MAX {
-            INLINE_MAX
-        } else {
-            bytes
-        };
+        self.inline_max = inline_limit(bytes);
         self
     }
 

@@ -9,13 +9,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_proto::control::Peer;
-use sm2_proto::limits::INLINE_MAX;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos};
 
 use crate::driver::{CallId, Interface, Needs, Shared};
 use crate::handle::{Handle, Receipt, Received, until};
-use crate::publisher::{INLINE_DEFAULT, checked_name};
+use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit};
 use crate::{DeclareError, LinkStatus, Message, RecvError, ReplyError, StoreError, WaitError};
 
 /// What a client is told whose request was dropped.
@@ -328,11 +327,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
     /// Replies up to this many bytes are copied into the datagram; longer ones go through
     /// shared memory. At most 61,440; 4,096 by default.
     pub const fn inline_max(mut self, bytes: usize) -> Self {
-        self.inline_max = if bytes > INLINE_MAX {
-            INLINE_MAX
-        } else {
-            bytes
-        };
+        self.inline_max = inline_limit(bytes);
         self
     }
 
