@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// A heading for each column, and rows of as many cells.
+/// A table that is known as a whole: a heading for each column, and rows of as many cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns<const N: usize> {
     rows: Vec<[String; N]>,
@@ -20,33 +20,90 @@ impl<const N: usize> Columns<N> {
     }
 }
 
-/// The first column starts on the left; numbers, which are all the others that have
-/// nothing but digits, end on the right.
+/// The first column starts on the left; columns of numbers end on the right. A `-` stands for a
+/// number that is not known.
 impl<const N: usize> fmt::Display for Columns<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let width = |column: usize| {
-            let cells = self.rows.iter().map(|row| row[column].chars().count());
-            cells.max().unwrap_or(0)
-        };
-        let widths: [usize; N] = std::array::from_fn(width);
-        let numeric: [bool; N] = std::array::from_fn(|column| self.is_numeric(column));
+        let widths = widths(&self.rows);
+        let numeric = numeric(&self.rows[1..]);
         for (at, row) in self.rows.iter().enumerate() {
-            let line: Vec<String> = (0..N)
-                .map(|column| match numeric[column] {
-                    true => format!("{:>1$}", row[column], widths[column]),
-                    false => format!("{:<1$}", row[column], widths[column]),
-                })
-                .collect();
             let line_break = if at == 0 { "" } else { "\n" };
-            write!(f, "{line_break}{}", line.join("  ").trim_end())?;
+            write!(f, "{line_break}{}", line(row, &widths, &numeric))?;
         }
         Ok(())
     }
 }
 
-impl<const N: usize> Columns<N> {
-    fn is_numeric(&self, column: usize) -> bool {
-        let mut cells = self.rows.iter().skip(1).map(|row| &row[column]);
-        cells.all(|cell| cell.bytes().all(|byte| byte.is_ascii_digit()))
+/// A table that grows for as long as a command runs. Its headings come again when a column
+/// has to become wider.
+#[derive(Clone, Debug)]
+pub(crate) struct Stream<const N: usize> {
+    headings: [String; N],
+    numeric: [bool; N],
+    widths: [usize; N],
+    printed: bool,
+}
+
+impl<const N: usize> Stream<N> {
+    /// The first `texts` columns start on the left, the others are numbers.
+    pub(crate) fn new(headings: [&str; N], texts: usize) -> Self {
+        let headings = headings.map(str::to_owned);
+        Self {
+            // Room for usual numbers, so that headings are rare.
+            widths: std::array::from_fn(|at| headings[at].chars().count().max(8)),
+            headings,
+            numeric: std::array::from_fn(|at| at >= texts),
+            printed: false,
+        }
+    }
+
+    /// The lines of some more rows.
+    pub(crate) fn lines(&mut self, rows: &[[String; N]]) -> Vec<String> {
+        let needed = widths(rows);
+        let fits = needed
+            .iter()
+            .zip(&self.widths)
+            .all(|(need, have)| need <= have);
+        let mut lines = Vec::new();
+        if !fits || !self.printed {
+            for (have, need) in self.widths.iter_mut().zip(needed) {
+                *have = need.max(*have);
+            }
+            self.printed = true;
+            lines.push(line(&self.headings, &self.widths, &self.numeric));
+        }
+        lines.extend(
+            rows.iter()
+                .map(|row| line(row, &self.widths, &self.numeric)),
+        );
+        lines
     }
 }
+
+fn widths<const N: usize>(rows: &[[String; N]]) -> [usize; N] {
+    std::array::from_fn(|column| {
+        let cells = rows.iter().map(|row| row[column].chars().count());
+        cells.max().unwrap_or(0)
+    })
+}
+
+/// Which columns hold numbers and nothing else. The first one is what the others are about.
+fn numeric<const N: usize>(rows: &[[String; N]]) -> [bool; N] {
+    let is_number = |cell: &str| {
+        let mut bytes = cell.bytes();
+        cell == "-" || bytes.all(|byte| byte.is_ascii_digit() || byte == b'.')
+    };
+    std::array::from_fn(|column| column > 0 && rows.iter().all(|row| is_number(&row[column])))
+}
+
+fn line<const N: usize>(row: &[String; N], widths: &[usize; N], numeric: &[bool; N]) -> String {
+    let cells = row.iter().zip(widths).zip(numeric);
+    let cells = cells.map(|((cell, width), numeric)| match numeric {
+        true => format!("{cell:>width$}"),
+        false => format!("{cell:<width$}"),
+    });
+    cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,33 +1,43 @@
 //! A command's node: connecting it, and waiting with it.
 
 use std::{
-    os::fd::{AsFd, BorrowedFd},
+    cell::Cell,
+    fs, io,
+    os::{
+        fd::{AsFd, BorrowedFd},
+        unix::fs::FileTypeExt,
+    },
     path::{Path, PathBuf},
     process,
     time::Duration,
 };
 
 use sm2_io::clock;
-use sm2_node::{ConnectError, Graph, Node};
-use sm2_proto::Instant;
+use sm2_node::{ConnectError, Node};
+use sm2_proto::{Instant, TypeId, domain::Domain as Mirror};
 
 use crate::{
     args::Domain,
     error::CliError,
     interrupt::{Interrupt, Stopped},
+    time::Span,
     wait::{For, wait},
 };
 
 /// How many names are tried: processes in different containers may have the same number.
 const NAMES: u32 = 16;
 
-/// How long the Manager may take to say what there is.
-const GRAPH_TIMEOUT: Duration = Duration::from_secs(5);
+/// A wait for a Manager is cut into steps of this length, to look for signals in between.
+const STEP: Duration = Duration::from_millis(100);
 
 /// A command in its domain, until it is interrupted.
 pub(crate) struct Session {
     pub(crate) node: Node,
     interrupt: Interrupt,
+    /// Whether the Manager was there when this was last looked at.
+    connected: Cell<bool>,
+    /// Whether nothing is said of the Manager's coming and going.
+    silent: Cell<bool>,
 }
 
 impl Session {
@@ -35,18 +45,38 @@ impl Session {
     ///
     /// # Errors
     ///
-    /// [`CliError::NoManager`], [`CliError::Connect`], [`CliError::Endpoint`].
+    /// [`CliError::NoManager`], [`CliError::Connect`], [`CliError::Endpoint`],
+    /// [`CliError::Stopped`] by a signal while it waits for a Manager.
     pub(crate) fn open(domain: &Domain, role: &str) -> Result<Self, CliError> {
         let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
-        let path = domain.path()?;
-        let node = connect(&path, role).map_err(|error| match error {
-            ConnectError::NoManager { path, .. } => CliError::NoManager {
-                path,
-                option: domain.option(),
-            },
-            error => CliError::Connect(error),
-        })?;
-        Ok(Self { node, interrupt })
+        let node = domain.connect(&domain.path()?, role, &interrupt)?;
+        Ok(Self {
+            node,
+            interrupt,
+            connected: Cell::new(true),
+            silent: Cell::new(false),
+        })
+    }
+
+    /// Says nothing of the Manager from now on: for a command that has the whole screen.
+    pub(crate) fn be_silent(&self) {
+        self.silent.set(true);
+    }
+
+    /// Whether there is a Manager. Says on standard error when it goes, and when one comes again.
+    pub(crate) fn is_connected(&self) -> bool {
+        let connected = self.node.is_connected();
+        if self.connected.replace(connected) != connected && !self.silent.get() {
+            eprintln!(
+                "sm2: {}",
+                match connected {
+                    true => "a Manager is there again",
+                    false =>
+                        "the Manager is gone: links go on, waiting for its successor (Ctrl-C ends)",
+                }
+            );
+        }
+        connected
     }
 
     /// The signal that ends the command, once it came.
@@ -67,7 +97,9 @@ impl Session {
     ) -> Result<Vec<bool>, CliError> {
         let interrupt = (self.interrupt.as_fd(), For::Reading);
         let others: Vec<_> = others.iter().copied().chain([interrupt]).collect();
-        step(&self.node, &others, until)
+        let ready = step(&self.node, &others, until);
+        self.is_connected();
+        ready
     }
 
     /// Moves the node on until `until`; whether a signal came before.
@@ -76,16 +108,27 @@ impl Session {
     ///
     /// As [`step`](Self::step).
     pub(crate) fn pause(&self, until: Instant) -> Result<bool, CliError> {
-        pause(&self.node, self.interrupt.as_fd(), until)
+        let stopped = pause(&self.node, self.interrupt.as_fd(), until);
+        self.is_connected();
+        stopped
     }
 
-    /// What there is in the domain.
+    /// What there is in the domain, at one revision.
     ///
     /// # Errors
     ///
     /// [`CliError::Query`].
-    pub(crate) fn graph(&self) -> Result<Graph, CliError> {
-        Ok(self.node.graph(GRAPH_TIMEOUT)?)
+    pub(crate) fn snapshot(&self) -> Result<Mirror, CliError> {
+        Ok(self.node.snapshot()?)
+    }
+
+    /// The schema text of a type, if somebody has registered it.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Query`].
+    pub(crate) fn describe(&self, data: &TypeId) -> Result<Option<String>, CliError> {
+        Ok(self.node.describe(data)?)
     }
 }
 
@@ -126,25 +169,107 @@ pub(crate) fn pause(node: &Node, stop: BorrowedFd<'_>, until: Instant) -> Result
     }
 }
 
-fn connect(path: &Path, role: &str) -> Result<Node, ConnectError> {
-    let name = format!("sm2-{role}-{}", process::id());
-    let mut result = Node::builder(&name).socket(path).connect();
-    for number in 2..=NAMES {
-        if !matches!(result, Err(ConnectError::NameTaken { .. })) {
-            break;
-        }
-        result = Node::builder(&format!("{name}-{number}"))
-            .socket(path)
-            .connect();
-    }
-    result
-}
-
 impl Domain {
-    fn path(&self) -> Result<PathBuf, CliError> {
+    /// The path of the Manager's socket.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Endpoint`].
+    pub(crate) fn path(&self) -> Result<PathBuf, CliError> {
         match &self.socket {
             Some(path) => Ok(path.clone()),
             None => Ok(sm2_io::socket_path(self.domain.as_deref())?),
+        }
+    }
+
+    /// Connects a node to the Manager at `path`, and waits for that as long as was asked for.
+    ///
+    /// # Errors
+    ///
+    /// As [`Session::open`].
+    pub(crate) fn connect(
+        &self,
+        path: &Path,
+        role: &str,
+        interrupt: &Interrupt,
+    ) -> Result<Node, CliError> {
+        let mut until = self
+            .wait_manager
+            .map(|patience| clock::now().after(patience));
+        let mut said = false;
+        loop {
+            let left = until.map(|until| until.since(clock::now()).min(STEP));
+            let result = self.connect_once(path, role, left);
+            if let Some(signal) = interrupt.signal() {
+                return Err(CliError::Stopped(signal));
+            }
+            let waiting = until.is_some_and(|until| clock::now() < until);
+            match result {
+                Err(ConnectError::NoManager { .. }) if waiting && is_absent_or_socket(path) => {
+                    if !said {
+                        said = true;
+                        let patience = Span(self.wait_manager.unwrap_or_default());
+                        let path = path.display();
+                        eprintln!("sm2: waiting {patience} for a Manager at {path} (Ctrl-C ends)");
+                    }
+                }
+                Err(error) => return Err(self.explain(path, error)),
+                Ok(node) => return Ok(node),
+            }
+            // Once, after the time is over.
+            if left == Some(Duration::ZERO) {
+                until = None;
+            }
+        }
+    }
+
+    fn connect_once(
+        &self,
+        path: &Path,
+        role: &str,
+        patience: Option<Duration>,
+    ) -> Result<Node, ConnectError> {
+        let name = format!("sm2-{role}-{}", process::id());
+        let connect = |name: &str| {
+            let builder = Node::builder(name)
+                .socket(path)
+                .timeout(self.connect_timeout);
+            match patience {
+                Some(patience) => builder.wait_for_manager(patience).connect(),
+                None => builder.connect(),
+            }
+        };
+        let mut result = connect(&name);
+        for number in 2..=NAMES {
+            if !matches!(result, Err(ConnectError::NameTaken { .. })) {
+                break;
+            }
+            result = connect(&format!("{name}-{number}"));
+        }
+        result
+    }
+
+    /// What is wrong with the path, where that is what keeps the node out.
+    fn explain(&self, path: &Path, error: ConnectError) -> CliError {
+        match error {
+            ConnectError::NoManager { .. } if !is_absent_or_socket(path) => {
+                CliError::NotASocket { path: path.into() }
+            }
+            ConnectError::NoManager { path, .. } => CliError::NoManager {
+                path,
+                option: self.option(),
+            },
+            ConnectError::Io { path, source }
+                if source.kind() == io::ErrorKind::PermissionDenied =>
+            {
+                CliError::MayNotConnect { path, source }
+            }
+            ConnectError::Io { path, source }
+                if source.raw_os_error() == Some(nix::libc::EPROTOTYPE) =>
+            {
+                CliError::NotASocket { path }
+            }
+            error => CliError::Connect(error),
         }
     }
 
@@ -156,4 +281,9 @@ impl Domain {
             (None, None) => String::new(),
         }
     }
+}
+
+/// Whether a Manager may have been, or may come, at this path.
+fn is_absent_or_socket(path: &Path) -> bool {
+    fs::metadata(path).map_or(true, |found| found.file_type().is_socket())
 }

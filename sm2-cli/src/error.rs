@@ -9,10 +9,11 @@ use nix::libc;
 use sm2_io::EndpointError;
 use sm2_manager::StartError;
 use sm2_node::{
-    ConnectError, DeclareError, PublishError, QueryError, RecvError, StoreError, WaitError,
+    CallError, ConnectError, DeclareError, PublishError, QueryError, RecvError, SchemaError,
+    StoreError, WaitError,
 };
 
-use crate::{size::Size, usage};
+use crate::{interrupt::Stopped, size::Size, usage};
 
 /// Why a command failed. Its text is what `sm2: …` says.
 #[derive(Debug, thiserror::Error)]
@@ -28,6 +29,99 @@ pub(crate) enum CliError {
         /// How the command was told so, as `sm2 manager` takes it.
         option: String,
     },
+    /// Something else is where the Manager's socket should be.
+    #[error("{} is not the socket of a Manager: check --socket and $SM2_SOCKET", path.display())]
+    NotASocket {
+        /// Where.
+        path: PathBuf,
+    },
+    /// The socket belongs to somebody else.
+    #[error(
+        "this user may not connect to the Manager at {} ({source}): have its operator allow it \
+         (`sm2 manager --socket-mode 660` and a common group), or start one of your own \
+         (`sm2 manager --socket PATH`)",
+        path.display()
+    )]
+    MayNotConnect {
+        /// Where.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// A signal came before the command had begun.
+    #[error("stopped")]
+    Stopped(Stopped),
+    /// Nothing in the domain has that name.
+    #[error("this domain has no {what} {name}{hint}")]
+    Unknown {
+        /// What was looked for.
+        what: &'static str,
+        /// Its name.
+        name: String,
+        /// What may be meant instead, with its punctuation; or nothing.
+        hint: String,
+    },
+    /// A node without interfaces cannot be linked with anything.
+    #[error("node {node} has declared no interface: there is nothing to link")]
+    NoInterfaces {
+        /// Its name.
+        node: String,
+    },
+    /// A name stands for several things.
+    #[error("{text} may be {candidates}: name one of them as NODE:TOPIC")]
+    Ambiguous {
+        /// What was given.
+        text: String,
+        /// What it may be.
+        candidates: String,
+    },
+    /// There is no such command.
+    #[error("there is no command `sm2 {command}`: see `sm2 --help`")]
+    NoSuchCommand {
+        /// Its words.
+        command: String,
+    },
+    /// A message that a person gave is none of the type.
+    #[error("this is no message of type {data}: {reason}")]
+    Encode {
+        /// The type.
+        data: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A message that a person gave is no JSON.
+    #[error(
+        "the value is no JSON ({0}): quote it for the shell, such as '{{\"x\": 1}}' or '\"text\"'"
+    )]
+    Json(#[source] serde_json::Error),
+    /// A value needs a schema.
+    #[error("{0}")]
+    NoSchema(String),
+    /// A hash that is not that of the schema beside it.
+    #[error("--schema has the hash {hash:016x}, but --type says {given:016x}: leave that out")]
+    SchemaHash {
+        /// What --type says.
+        given: u64,
+        /// What it is.
+        hash: u64,
+    },
+    /// The Manager does not take a schema.
+    #[error(transparent)]
+    Schema(#[from] SchemaError),
+    /// A call has no reply.
+    #[error(transparent)]
+    Call(#[from] CallError),
+    /// No server came in time.
+    #[error("service {service} has no server{hint}")]
+    NoServer {
+        /// Which service.
+        service: String,
+        /// What may be meant instead, with its punctuation; or nothing.
+        hint: String,
+    },
+    /// Interactive, without anybody to interact with.
+    #[error("top needs a terminal: use `sm2 top --once`, `sm2 snapshot` or `sm2 topic hz` instead")]
+    NoTerminal,
     /// The domain's socket cannot be named.
     #[error(transparent)]
     Endpoint(#[from] EndpointError),
@@ -184,10 +278,15 @@ impl CliError {
     }
 
     /// The exit status: whether the command line is wrong, or what it asks for failed.
-    pub(crate) const fn status(&self) -> u8 {
+    pub(crate) fn status(&self) -> u8 {
         match self {
+            Self::Stopped(signal) => signal.status(),
             Self::LoopOfInput
             | Self::DemoTooLong { .. }
+            | Self::NoSuchCommand { .. }
+            | Self::NoTerminal
+            | Self::Json(_)
+            | Self::SchemaHash { .. }
             | Self::Endpoint(EndpointError::DomainName { .. }) => usage::STATUS,
             _ => 1,
         }

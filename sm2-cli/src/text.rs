@@ -1,6 +1,6 @@
 //! Messages as a person reads them: text as it is, anything else as a hex head.
 
-use std::{fmt, io, io::Write};
+use std::fmt;
 
 /// How many bytes of a message that is no text are shown.
 const HEAD_BYTES: usize = 32;
@@ -13,25 +13,31 @@ pub(crate) fn as_text(message: &[u8]) -> Option<&str> {
     text.chars().all(plain).then_some(text)
 }
 
-/// Writes the message as lines of its own: text, or its length and first bytes.
-///
-/// # Errors
-///
-/// What `out` says.
-pub(crate) fn write_message(out: &mut impl Write, message: &[u8]) -> io::Result<()> {
+/// Appends the message as lines of its own: text, or its length and first bytes.
+pub(crate) fn write_message(out: &mut Vec<u8>, message: &[u8]) {
     match as_text(message) {
-        Some(text) if text.ends_with('\n') => out.write_all(text.as_bytes()),
-        Some(text) => writeln!(out, "{text}"),
+        Some(text) => {
+            out.extend_from_slice(text.as_bytes());
+            if !text.ends_with('\n') {
+                out.push(b'\n');
+            }
+        }
         None => {
-            let head = &message[..message.len().min(HEAD_BYTES)];
-            let more = if head.len() < message.len() {
-                " …"
-            } else {
-                ""
-            };
-            writeln!(out, "{} bytes: {}{more}", message.len(), Hex(head, " "))
+            write_bytes(out, message);
+            out.push(b'\n');
         }
     }
+}
+
+/// Appends the message's length and first bytes, without a newline.
+pub(crate) fn write_bytes(out: &mut Vec<u8>, message: &[u8]) {
+    let head = &message[..message.len().min(HEAD_BYTES)];
+    let more = match head.len() < message.len() {
+        true => " …",
+        false => "",
+    };
+    let line = format!("{} bytes: {}{more}", message.len(), Hex(head, " "));
+    out.extend_from_slice(line.as_bytes());
 }
 
 /// Bytes as two hex digits each, with a separator between them.

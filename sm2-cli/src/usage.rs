@@ -7,7 +7,10 @@ use clap::{
     error::{Error, ErrorKind},
 };
 
-use crate::args::{Cli, Command};
+use crate::{
+    args::{Cli, Command},
+    demo,
+};
 
 /// The exit status of a command line that is not understood.
 pub(crate) const STATUS: u8 = 2;
@@ -19,8 +22,15 @@ pub(crate) const STATUS: u8 = 2;
 /// The exit status, when all is done already: the help or version that was asked for is
 /// printed, or what is wrong is said.
 pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
-    let error = match Cli::try_parse_from(&arguments) {
-        Ok(cli) => return Ok(cli.command),
+    // No command of its own, so that neither help nor completions have it.
+    let parsed = match arguments.get(1) {
+        Some(word) if word == demo::PART => {
+            demo::PartArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
+        }
+        _ => Cli::try_parse_from(&arguments).map(|cli| cli.command),
+    };
+    let error = match parsed {
+        Ok(command) => return Ok(command),
         Err(error) => error,
     };
     match error.kind() {

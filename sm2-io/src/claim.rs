@@ -4,17 +4,29 @@
 //! owner lives; the kernel lets go of it when the owner dies, however it dies. Whoever
 //! holds the lock may replace what a dead owner left behind. Both files are removed
 //! by an owner that ends in an orderly way.
+//!
+//! Nobody removes or replaces a file here without holding the lock, and a lock counts
+//! only while `<path>.lock` names the file that is locked. So it does not matter who
+//! removed that file, or left it, or when: there is never more than one owner.
 
-use std::ffi::OsString;
-use std::fs::{self, DirBuilder, File, Metadata, OpenOptions, Permissions};
+mod files;
+mod hand_over;
+
+pub use hand_over::{HandOver, NotReclaimed};
+
+use std::fs::{self, File, OpenOptions, Permissions};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::libc;
 
+use self::files::{
+    Identity, SocketFile, Whose, directory_of, failed, names, prepare_directory, with_suffix,
+};
 use crate::endpoint::{EndpointError, check_path};
 use crate::socket::Listener;
 
@@ -59,6 +71,39 @@ impl Claim {
     pub fn acquire_at(self, path: &Path) -> Result<Endpoint, EndpointError> {
         DomainLock::acquire(path)?.bind(self)
     }
+
+    /// Becomes the owner of the path to which a listening socket is bound, and listens
+    /// there with it: socket activation.
+    ///
+    /// Whoever made the socket owns its file: neither its mode is changed, nor is it removed
+    /// in the end. From now on, peers that connect see this process as the one that listens
+    /// ([`SeqPacket::peer_credentials`](crate::SeqPacket::peer_credentials)).
+    ///
+    /// # Errors
+    ///
+    /// [`EndpointError::NotAListener`]; [`EndpointError::NoPath`] if it is bound to no path,
+    /// or to one that depends on a current directory; and as
+    /// [`acquire_at`](Self::acquire_at), among them [`EndpointError::Busy`]. The socket is
+    /// closed then.
+    //= SM2-TRN-008
+    pub fn adopt(self, socket: OwnedFd) -> Result<Endpoint, EndpointError> {
+        let listener =
+            Listener::from_fd(socket).map_err(|source| EndpointError::NotAListener { source })?;
+        let path = (listener.path())
+            .filter(|path| path.is_absolute())
+            .ok_or(EndpointError::NoPath)?;
+        let lock = DomainLock::acquire(&path)?;
+        let found = fs::symlink_metadata(&path).map_err(failed("look at", &path))?;
+        if !found.file_type().is_socket() {
+            return Err(EndpointError::NotASocket { path });
+        }
+        (listener.listen(self.backlog)).map_err(failed("listen at", &path))?;
+        Ok(Endpoint {
+            file: SocketFile::new(&path, Identity::of(&found), Whose::SomebodyElses),
+            listener,
+            lock,
+        })
+    }
 }
 
 /// The right to bind a domain's socket. Held by at most one process.
@@ -66,8 +111,8 @@ impl Claim {
 pub struct DomainLock {
     socket_path: PathBuf,
     lock_path: PathBuf,
-    /// Given up when this is closed.
-    _lock: Flock<File>,
+    /// `None` while this is dropped without removing the file.
+    lock: Option<Flock<File>>,
 }
 
 impl DomainLock {
@@ -107,7 +152,7 @@ impl DomainLock {
                 return Ok(Self {
                     socket_path: path.to_owned(),
                     lock_path,
-                    _lock: lock,
+                    lock: Some(lock),
                 });
             }
         }
@@ -146,8 +191,8 @@ impl DomainLock {
         };
         match publish() {
             Ok(identity) => Ok(Endpoint {
+                file: SocketFile::new(path, identity, Whose::Ours),
                 listener,
-                identity,
                 lock: self,
             }),
             Err(error) => {
@@ -162,21 +207,29 @@ impl DomainLock {
     pub fn path(&self) -> &Path {
         &self.socket_path
     }
+
+    /// Gives the lock up, and leaves its file for whoever takes it next.
+    fn leave(mut self) {
+        // Unlocks, not only closes: a child that is about to start a program has a copy.
+        drop(self.lock.take());
+    }
 }
 
 impl Drop for DomainLock {
     fn drop(&mut self) {
-        // Still locked: whoever opened this file before will find, once it gets the lock,
-        // that the name is gone, and try again.
-        let _ = fs::remove_file(&self.lock_path);
+        if self.lock.is_some() {
+            // Still locked: whoever opened this file before will find, once it gets the lock,
+            // that the name is gone, and try again.
+            let _ = fs::remove_file(&self.lock_path);
+        }
     }
 }
 
 /// A domain's socket, owned and listening. Dropping it removes its files.
 #[derive(Debug)]
 pub struct Endpoint {
+    file: SocketFile,
     listener: Listener,
-    identity: Identity,
     /// Last, so that it is given up when all else is gone.
     lock: DomainLock,
 }
@@ -194,78 +247,21 @@ impl Endpoint {
         self.lock.path()
     }
 
+    /// Gives up the lock, so that a successor can take it and replace the socket; until
+    /// it does, the socket stays where it is and this process goes on listening.
+    //= SM2-RES-010
+    #[must_use = "dropping it ends listening"]
+    pub fn hand_over(self) -> HandOver {
+        let Self {
+            file,
+            listener,
+            lock,
+        } = self;
+        let hand_over = HandOver::new(file, listener);
+        lock.leave();
+        hand_over
+    }
+
     /// Stops listening and removes the files: the same as dropping.
     pub fn close(self) {}
-}
-
-impl Drop for Endpoint {
-    fn drop(&mut self) {
-        // If somebody has put something else there, it is theirs.
-        if names(self.path(), self.identity) {
-            let _ = fs::remove_file(self.path());
-        }
-    }
-}
-
-/// Which file it is, whatever its name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Identity {
-    device: u64,
-    inode: u64,
-}
-
-impl Identity {
-    fn of(metadata: &Metadata) -> Self {
-        Self {
-            device: metadata.dev(),
-            inode: metadata.ino(),
-        }
-    }
-}
-
-/// Whether `path` is a name of that file.
-fn names(path: &Path, identity: Identity) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|found| Identity::of(&found) == identity)
-}
-
-fn directory_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
-}
-
-/// Creates it, or checks that nobody can replace what we put there.
-fn prepare_directory(path: &Path) -> Result<(), EndpointError> {
-    match DirBuilder::new().mode(0o700).create(path) {
-        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
-            return Err(failed("create directory", path)(error));
-        }
-        _ => {}
-    }
-    let found = fs::metadata(path).map_err(failed("look at directory", path))?;
-    let (mode, uid) = (found.mode() & 0o7777, found.uid());
-    let path = path.to_owned();
-    let sticky = mode & 0o1000 != 0;
-    if mode & 0o002 != 0 && !sticky {
-        return Err(EndpointError::DirectoryWritable { path, mode });
-    }
-    if uid != 0 && uid != nix::unistd::geteuid().as_raw() {
-        return Err(EndpointError::DirectoryOwner { path, uid });
-    }
-    Ok(())
-}
-
-fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = OsString::from(path);
-    name.push(suffix);
-    name.into()
-}
-
-fn failed(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> EndpointError {
-    move |source| EndpointError::Io {
-        action,
-        path: path.to_owned(),
-        source,
-    }
 }

@@ -143,8 +143,27 @@ pub enum EndpointError {
         /// The path.
         path: PathBuf,
     },
+    /// What was handed over does not listen for connections.
+    #[error(
+        "the descriptor is not a listening AF_UNIX seqpacket socket: with systemd, use ListenSequentialPacket= in the socket unit"
+    )]
+    NotAListener {
+        /// What the check said.
+        source: io::Error,
+    },
+    /// A listening socket that was handed over has no path.
+    #[error(
+        "the listening socket is not bound to an absolute path: with systemd, use ListenSequentialPacket= with one that begins with '/'"
+    )]
+    NoPath,
+    /// A socket that was handed over is not there any more.
+    #[error("another Manager has replaced the socket at {path:?}: this one can only end")]
+    Replaced {
+        /// The socket's path.
+        path: PathBuf,
+    },
     /// The operating system refused.
-    #[error("cannot {action} {path:?}: {source}")]
+    #[error("cannot {action} {path:?}: {source}{}", advice(source))]
     Io {
         /// What was tried.
         action: &'static str,
@@ -153,4 +172,14 @@ pub enum EndpointError {
         /// What the system said.
         source: io::Error,
     },
+}
+
+/// What to do about an error of the operating system, where one can know that.
+fn advice(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::PermissionDenied => {
+            "; choose a place of this user's: set XDG_RUNTIME_DIR, or SM2_SOCKET to a path in a folder of its own"
+        }
+        _ => "",
+    }
 }

@@ -15,8 +15,10 @@
 //! | [`memfd`] | [`facts`](memfd::facts), [`SealedLoan`], [`Segment`]: memory to share |
 //! | [`slots`] | [`Slot`]: a segment's slots, each with one owner |
 //! | [`mapping`] | [`Mapping`]: looking at shared memory |
+//! | [`counters`] | [`CounterPage`], [`CounterView`]: what a node counts, for tools to look at |
 //! | [`epoll`] | [`Epoll`], [`wait_readable`]: waiting |
 //! | [`waker`] | [`Waker`]: waking a loop from another thread |
+//! | [`timer`] | [`Timer`]: waking a loop at a moment |
 //! | [`clock`] | [`now`](clock::now) |
 //!
 //! # Where `unsafe` lives
@@ -27,7 +29,8 @@
 //!   `recvmsg` and `accept4` return. (Control messages are built and parsed in
 //!   safe code.)
 //! - `epoll`: `epoll_pwait2`.
-//! - `mapping`: `mmap`, `munmap`, `madvise`, and slices over read-only mappings.
+//! - `mapping`: `mmap`, `munmap`, `madvise`, slices over read-only mappings, and atomic words over
+//!   those that change.
 //! - `loan`: slices over a memfd that nobody else has.
 //! - `segment`: slots, whose exclusive use the caller promises.
 //! - `slots`: keeping that promise by ownership.
@@ -38,6 +41,7 @@ compile_error!("sm2-io is written for Linux: it needs memfd seals, epoll and SOC
 pub mod claim;
 pub mod clock;
 mod control;
+pub mod counters;
 mod datagram;
 pub mod endpoint;
 pub mod epoll;
@@ -45,19 +49,26 @@ mod listener;
 mod loan;
 pub mod mapping;
 pub mod memfd;
+#[cfg(feature = "tokio")]
+mod runtime;
 mod segment;
 pub mod slots;
 pub mod socket;
+pub mod timer;
 pub mod waker;
 
-pub use claim::{Claim, DomainLock, Endpoint};
+pub use claim::{Claim, DomainLock, Endpoint, HandOver, NotReclaimed};
+pub use counters::{CounterEntry, CounterPage, CounterView};
 pub use endpoint::{EndpointError, socket_path};
 pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
 pub use loan::SealedLoan;
 pub use mapping::Mapping;
+#[cfg(feature = "tokio")]
+pub use runtime::watch_readable;
 pub use segment::Segment;
 pub use slots::{SegmentFd, Slot};
 pub use socket::{
     Listener, PeerCredentials, Received, ReceivedFds, RecvError, SendError, SeqPacket,
 };
+pub use timer::Timer;
 pub use waker::Waker;

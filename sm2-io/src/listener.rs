@@ -2,11 +2,11 @@
 
 use std::io;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nix::errno::Errno;
 use nix::libc;
-use nix::sys::socket::{self, SockFlag, sockopt};
+use nix::sys::socket::{self, SockFlag, UnixAddr, sockopt};
 
 use crate::socket::{SeqPacket, address, adopt, new_socket};
 
@@ -32,10 +32,24 @@ impl Listener {
         let address = address(path)?;
         let fd = new_socket()?;
         socket::bind(fd.as_raw_fd(), &address)?;
+        let listener = Self { fd };
+        listener.listen(backlog)?;
+        Ok(listener)
+    }
+
+    /// Listens with that backlog from now on. Whoever calls this is whom peers see as the
+    /// one that listens: the kernel notes it here.
+    pub(crate) fn listen(&self, backlog: u32) -> io::Result<()> {
         let most = u32::try_from(libc::SOMAXCONN).unwrap_or(0);
         let backlog = i32::try_from(backlog.min(most)).unwrap_or(libc::SOMAXCONN);
-        socket::listen(&fd, socket::Backlog::new(backlog)?)?;
-        Ok(Self { fd })
+        Ok(socket::listen(&self.fd, socket::Backlog::new(backlog)?)?)
+    }
+
+    /// The path that the socket was bound to; `None` for an abstract name.
+    #[must_use]
+    pub fn path(&self) -> Option<PathBuf> {
+        let address = socket::getsockname::<UnixAddr>(self.fd.as_raw_fd()).ok()?;
+        address.path().map(Path::to_owned)
     }
 
     /// Takes over a listening socket, such as one from socket activation.

@@ -21,6 +21,7 @@ use std::io;
 use std::num::NonZeroUsize;
 use std::os::fd::BorrowedFd;
 use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use nix::libc::c_void;
 use nix::sys::mman::{self, MapFlags, MmapAdvise, ProtFlags};
@@ -94,6 +95,12 @@ impl Mapping {
     pub const fn as_ptr(&self) -> *const u8 {
         self.region.start.as_ptr()
     }
+
+    /// Copies the aligned word number `index`, which another process may be changing.
+    /// Relaxed: the only ordering that Rust promises for read-only memory.
+    pub(crate) fn load(&self, index: usize) -> u64 {
+        self.region.words()[index].load(Ordering::Relaxed)
+    }
 }
 
 /// A writable, shared mapping. Unmapped when dropped.
@@ -114,6 +121,18 @@ impl MappingMut {
             let _ = region.advise(MmapAdvise::MADV_HUGEPAGE);
         }
         Ok(Self { region })
+    }
+
+    /// Asks for small pages even where all shared memory gets huge ones: of a large, sparse
+    /// file, only what is used shall cost memory.
+    pub(crate) fn keep_sparse(&self) {
+        // A kernel without huge pages refuses: then there is nothing to ask for.
+        let _ = self.region.advise(MmapAdvise::MADV_NOHUGEPAGE);
+    }
+
+    /// The whole aligned words, for who shares them with readers all the time.
+    pub(crate) fn words(&self) -> &[AtomicU64] {
+        self.region.words()
     }
 
     /// Keeps the mapping out of child processes.
@@ -181,12 +200,25 @@ impl Region {
         NonZeroUsize::new(start.next_multiple_of(HUGE_PAGE_BYTES))
     }
 
+    /// The region as words that may change at any time. Nobody may write through the result
+    /// if the region was mapped for reading.
+    fn words(&self) -> &[AtomicU64] {
+        if self.len == 0 {
+            return &[];
+        }
+        let words = self.start.cast::<AtomicU64>();
+        // SAFETY: what `mmap` returns is aligned to a page, and the pages stay mapped while
+        // `self` is borrowed; `AtomicU64` has the layout of `u64`, is valid for all bits, and
+        // may change under a shared reference.
+        unsafe { std::slice::from_raw_parts(words.as_ptr(), self.len / 8) }
+    }
+
     fn advise(&self, advice: MmapAdvise) -> io::Result<()> {
         if self.len == 0 {
             return Ok(());
         }
         let start = self.start.cast::<c_void>();
-        // SAFETY: the range is ours. The two kinds of advice used here change neither the
+        // SAFETY: the range is ours. The kinds of advice used here change neither the
         // content of the pages nor what this process may do with them.
         unsafe { mman::madvise(start, self.len, advice)? };
         Ok(())

@@ -25,14 +25,16 @@ pub struct SeqPacket {
 }
 
 impl SeqPacket {
-    /// Connects to the listener at `path`.
+    /// Connects to the listener at `path`. Never blocks: it is connected at once, before
+    /// the listener has accepted it, or not at all.
     ///
     /// # Errors
     ///
     /// Whatever `socket(2)` and `connect(2)` say, among them `NotFound` (no such
     /// path), `ConnectionRefused` (nobody listens there any more),
     /// `PermissionDenied`, and `WouldBlock`: the listener's backlog is
-    /// full, try again later. `InvalidInput` for a path that is empty or too
+    /// full. Nothing is under way then, and nothing tells when there is room: try
+    /// again after some time. `InvalidInput` for a path that is empty or too
     /// long for a socket address.
     pub fn connect(path: &Path) -> io::Result<Self> {
         let address = address(path)?;
@@ -74,7 +76,8 @@ impl SeqPacket {
 
     /// Who was at the other end when the connection was made (`SO_PEERCRED`).
     ///
-    /// For a [pair](Self::pair) that is whoever made the pair.
+    /// For who connected, that is the process that listened last on the socket it connected
+    /// to, and not whoever accepts. For a [pair](Self::pair) it is whoever made the pair.
     ///
     /// # Errors
     ///

@@ -6,7 +6,8 @@ use std::io::IoSlice;
 use std::os::fd::AsFd;
 use std::time::Duration;
 
-use sm2_io::{Epoll, Events, Interest, RecvError, SeqPacket, Waker, wait_readable};
+use sm2_io::{CounterPage, Epoll, Events, Interest, RecvError, SeqPacket, Waker, wait_readable};
+use sm2_proto::{Instant, InterfaceId, link};
 
 struct Counting;
 
@@ -65,4 +66,20 @@ fn the_path_of_a_message_does_not_allocate() {
     // One per datagram with descriptors, for the list of them.
     assert_eq!(count, 10);
     assert_eq!(allocations(|| drop(Box::new(1_u8))), 1, "counts at all");
+}
+
+#[test]
+fn counting_a_message_does_not_allocate() {
+    let mut page = CounterPage::new().unwrap();
+    let entry = page.allocate(InterfaceId(1), None).unwrap();
+    let count = allocations(|| {
+        for message in 1..=100 {
+            let mut update = page.update(&entry);
+            update.published(Instant(message), 10);
+            update.taken(Instant(message), Instant(0), 10);
+            update.lost(1);
+            update.fates(&link::Counters::default());
+        }
+    });
+    assert_eq!(count, 0);
 }

@@ -1,6 +1,11 @@
 //! One node's connection: its socket and what the socket did not take yet.
 
-use std::{collections::VecDeque, io::IoSlice, os::fd::AsFd, os::fd::OwnedFd};
+use std::{
+    collections::VecDeque,
+    io::IoSlice,
+    os::fd::{AsFd, OwnedFd},
+    sync::Arc,
+};
 
 use sm2_io::{Interest, SendError, SeqPacket};
 
@@ -8,7 +13,15 @@ use sm2_io::{Interest, SendError, SeqPacket};
 #[derive(Debug)]
 struct Parcel {
     frame: Vec<u8>,
-    fd: Option<OwnedFd>,
+    /// Shared if it is a file of counters: the kernel makes the duplicate when it is sent.
+    fd: Option<Arc<OwnedFd>>,
+}
+
+impl Parcel {
+    /// What it takes to keep it. A frame may be shorter than what keeps it.
+    fn kept_bytes(&self) -> usize {
+        size_of::<Self>() + self.frame.len()
+    }
 }
 
 #[derive(Debug)]
@@ -22,6 +35,8 @@ pub(crate) struct Connection {
     sent_fds: usize,
     /// Nothing is kept for it any more: it is about to be closed.
     given_up: bool,
+    /// The file of its counters, once it has handed that over.
+    pub(crate) counters: Option<Arc<OwnedFd>>,
 }
 
 /// What became of a frame that is not lost.
@@ -57,13 +72,14 @@ impl Connection {
             waiting_bytes: 0,
             sent_fds: 0,
             given_up: false,
+            counters: None,
         }
     }
 
-    /// How many descriptors are kept for it.
+    /// How many descriptors are kept for it alone.
     pub(crate) fn waiting_fds(&self) -> usize {
-        let with_fd = self.waiting.iter().filter(|parcel| parcel.fd.is_some());
-        with_fd.count()
+        let fds = self.waiting.iter().filter_map(|parcel| parcel.fd.as_ref());
+        fds.filter(|fd| Arc::strong_count(fd) == 1).count()
     }
 
     /// Lets go of all that is kept for it, and keeps nothing from now on.
@@ -83,7 +99,7 @@ impl Connection {
     pub(crate) fn send(
         &mut self,
         frame: Vec<u8>,
-        fd: Option<OwnedFd>,
+        fd: Option<Arc<OwnedFd>>,
         limit_bytes: usize,
     ) -> Result<Sent, Lost> {
         if self.given_up {
@@ -97,7 +113,7 @@ impl Connection {
         if sent == Sent::Taken {
             return Ok(sent);
         }
-        self.waiting_bytes += parcel.frame.len();
+        self.waiting_bytes += parcel.kept_bytes();
         if self.waiting_bytes > limit_bytes {
             return Err(Lost::Stalled);
         }
@@ -113,7 +129,7 @@ impl Connection {
                 self.waiting.push_front(parcel);
                 return Ok(sent);
             }
-            self.waiting_bytes -= parcel.frame.len();
+            self.waiting_bytes -= parcel.kept_bytes();
         }
         Ok(Sent::Taken)
     }

@@ -5,8 +5,10 @@
 //! machine says so. All rules live in the machine.
 //!
 //! - [`Manager`]: claims a domain's socket and serves it on the calling thread.
-//! - [`Background`]: the same on a thread of its own, for programs that embed a Manager.
-//! - [`program`]: the command line that `sm2-manager` and `sm2 manager` share.
+//! - [`Standby`]: the same, but while another Manager serves the domain, it waits for its end.
+//! - [`Background`]: either on a thread of its own, for programs that embed a Manager.
+//! - `program` (feature `program`, on by default): the command line that `sm2-manager` and
+//!   `sm2 manager` share.
 //!
 //! ```no_run
 //! let path = sm2_io::socket_path(None)?;
@@ -15,13 +17,30 @@
 //! manager.stop()?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+//!
+//! # When a Manager ends
+//!
+//! | how | the domain |
+//! | --- | --- |
+//! | killed, or its process ends in any other way | a standby serves as soon as the kernel has freed the lock; else whoever starts next |
+//! | [`Stopper::stop`], SIGTERM | it says goodbye and removes the socket; then the same |
+//! | [`HandOver::start`], SIGUSR2 | the next one serves before this one says goodbye |
+//!
+//! In each case links go on, and nodes come back by themselves (SPEC section 11).
 #![forbid(unsafe_code)]
 
 mod background;
 mod connection;
 mod driver;
+mod handles;
+mod options;
+#[cfg(feature = "program")]
 pub mod program;
+mod standby;
 
 pub use background::Background;
-pub use driver::{Manager, Options, RunError, StartError, Stopper};
+pub use driver::Manager;
+pub use handles::{HandOver, Stopper};
+pub use options::{Options, Outcome, RunError, StartError};
 pub use sm2_proto::manager::Policy;
+pub use standby::{Role, Standby};

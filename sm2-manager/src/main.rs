@@ -3,11 +3,11 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use sm2_manager::program::{Arguments, main as serve};
+use sm2_manager::program::{Arguments, examples, main as serve};
 
 /// The broker of an SM2 domain
 #[derive(Parser)]
-#[command(version)]
+#[command(version, after_help = examples("sm2-manager"))]
 struct Command {
     #[command(flatten)]
     arguments: Arguments,

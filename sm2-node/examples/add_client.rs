@@ -1,17 +1,26 @@
 //! Asks for a sum: `add_client NUMBER...`.
 
-use std::error::Error;
+mod common;
+
+use std::io::{Write, stdout};
+use std::process::ExitCode;
 use std::time::Duration;
 
+use common::Outcome;
 use sm2_node::Node;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let numbers =
-        (std::env::args().skip(1).map(|it| it.parse())).collect::<Result<Vec<f64>, _>>()?;
+fn main() -> ExitCode {
+    common::run(ask)
+}
+
+fn ask() -> Outcome {
+    let given = 1..std::env::args().len();
+    let numbers = given.map(|at| common::argument(at, 0.0));
+    let numbers = numbers.collect::<Outcome<Vec<f64>>>()?;
     let node = Node::new("add-client")?;
     let client = node.client::<[f64], f64>("add")?;
     client.wait_for_servers(1, Some(Duration::from_secs(5)))?;
     let sum = client.call(&numbers, Duration::from_secs(1))?;
-    println!("{} says {}", sum.server(), *sum);
+    writeln!(stdout(), "{} says {}", sum.server(), *sum)?;
     Ok(())
 }

@@ -1,18 +1,25 @@
 //! Adds numbers for whoever asks: `add_server [COUNT]`.
 
-use std::error::Error;
+mod common;
 
+use std::io::{Write, stdout};
+use std::process::ExitCode;
+
+use common::Outcome;
 use sm2_node::Node;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let count = std::env::args()
-        .nth(1)
-        .map_or(Ok(usize::MAX), |it| it.parse())?;
+fn main() -> ExitCode {
+    common::run(serve)
+}
+
+fn serve() -> Outcome {
+    let count = common::argument(1, u64::MAX)?;
     let node = Node::new("add-server")?;
     let server = node.server::<[f64], f64>("add")?;
     for _ in 0..count {
         let request = server.recv()?;
-        println!("{} asks for the sum of {:?}", request.client(), &*request);
+        let (client, numbers) = (request.client(), &*request);
+        writeln!(stdout(), "{client} asks for the sum of {numbers:?}")?;
         if request.is_empty() {
             request.fail("nothing to add")?;
         } else {

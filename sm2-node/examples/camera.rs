@@ -3,10 +3,14 @@
 //! Each image is written once, into memory that the viewer reads in place. No byte of it is
 //! copied, whatever its size.
 
-use std::error::Error;
+mod common;
+
+use std::io::{Write, stdout};
+use std::process::ExitCode;
 use std::thread;
 use std::time::Duration;
 
+use common::Outcome;
 use sm2_node::zerocopy::little_endian::{U32, U64};
 use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 use sm2_node::{Message, Node, now};
@@ -25,15 +29,18 @@ struct Image {
 const WIDTH: u32 = 1920;
 const HEIGHT: u32 = 1080;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let frames = std::env::args().nth(1).map_or(Ok(30), |it| it.parse())?;
-    let viewer = thread::spawn(move || view(frames).map_err(|error| error.to_string()));
-    film(frames)?;
-    viewer.join().expect("the viewer does not panic")?;
-    Ok(())
+fn main() -> ExitCode {
+    common::run(film_and_view)
 }
 
-fn film(frames: u32) -> Result<(), Box<dyn Error>> {
+fn film_and_view() -> Outcome {
+    let frames = common::argument(1, 30)?;
+    let viewer = thread::spawn(move || view(frames));
+    film(frames, || viewer.is_finished())?;
+    viewer.join().expect("the viewer does not panic")
+}
+
+fn film(frames: u32, nobody_looks: impl Fn() -> bool) -> Outcome {
     let node = Node::new("camera")?;
     let topic = node.publisher_builder::<Image>("camera/image");
     let publisher = topic.reliable(Duration::from_secs(1)).declare()?;
@@ -46,12 +53,15 @@ fn film(frames: u32) -> Result<(), Box<dyn Error>> {
         image.pixels.fill(frame as u8);
         image.publish()?;
         node.spin_for(Duration::from_millis(33))?;
+        if nobody_looks() {
+            break;
+        }
     }
     publisher.flush(Duration::from_secs(1))?;
     Ok(())
 }
 
-fn view(frames: u32) -> Result<(), Box<dyn Error>> {
+fn view(frames: u32) -> Outcome {
     let node = Node::new("viewer")?;
     let topic = node.subscriber_builder::<Image>("camera/image");
     let subscriber = topic.reliable(true).declare()?;
@@ -60,7 +70,10 @@ fn view(frames: u32) -> Result<(), Box<dyn Error>> {
         let age = Duration::from_nanos(now().0 - image.exposed_ns.get());
         let brightness = u64::from(image.pixels[0]);
         let (width, height) = (image.width, image.height);
-        println!("{width} x {height}, brightness {brightness}, {age:?} old");
+        writeln!(
+            stdout(),
+            "{width} x {height}, brightness {brightness}, {age:?} old"
+        )?;
     }
     Ok(())
 }

@@ -1,18 +1,24 @@
 //! Prints what a talker says: `listener [COUNT]`.
 
-use std::error::Error;
+mod common;
 
+use std::io::{Write, stdout};
+use std::process::ExitCode;
+
+use common::Outcome;
 use sm2_node::Node;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let count = std::env::args()
-        .nth(1)
-        .map_or(Ok(usize::MAX), |it| it.parse())?;
+fn main() -> ExitCode {
+    common::run(listen)
+}
+
+fn listen() -> Outcome {
+    let count = common::argument(1, u64::MAX)?;
     let node = Node::new("listener")?;
     let subscriber = node.subscriber::<str>("chatter")?;
     for _ in 0..count {
         let sample = subscriber.recv()?;
-        println!("{} said: {}", sample.publisher(), &*sample);
+        writeln!(stdout(), "{} said: {}", sample.publisher(), &*sample)?;
     }
     Ok(())
 }

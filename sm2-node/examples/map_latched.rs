@@ -1,9 +1,13 @@
 //! A map that is published once, and reaches those who come late: `map_latched`.
 
-use std::error::Error;
+mod common;
+
+use std::io::{Write, stdout};
+use std::process::ExitCode;
 use std::thread;
 use std::time::Duration;
 
+use common::Outcome;
 use serde::{Deserialize, Serialize};
 use sm2_node::{Message, Node};
 
@@ -14,7 +18,11 @@ struct Map {
     landmarks: Vec<(String, f64, f64)>,
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    common::run(serve)
+}
+
+fn serve() -> Outcome {
     let node = Node::new("map-server")?;
     let publisher = node.publisher_builder::<Map>("map").latched(1).declare()?;
     publisher.publish(&Map {
@@ -25,21 +33,21 @@ fn main() -> Result<(), Box<dyn Error>> {
         ],
     })?;
 
-    let late = thread::spawn(|| navigate().map_err(|error| error.to_string()));
+    let late = thread::spawn(navigate);
     // Whoever comes late is served while the map server is called.
     while !late.is_finished() {
         node.spin_once(Some(Duration::from_millis(100)))?;
     }
-    late.join().expect("the navigator does not panic")?;
-    Ok(())
+    late.join().expect("the navigator does not panic")
 }
 
-fn navigate() -> Result<(), Box<dyn Error>> {
+fn navigate() -> Outcome {
     let node = Node::new("navigator")?;
     let map = node.subscriber::<Map>("map")?.recv()?;
-    println!("{}:", map.name);
+    let mut out = stdout();
+    writeln!(out, "{}:", map.name)?;
     for (landmark, x, y) in &map.landmarks {
-        println!("  {landmark} at {x}, {y}");
+        writeln!(out, "  {landmark} at {x}, {y}")?;
     }
     Ok(())
 }

@@ -1,14 +1,19 @@
 //! Says something ten times a second: `talker [COUNT]`.
 
-use std::error::Error;
+mod common;
+
+use std::process::ExitCode;
 use std::time::Duration;
 
+use common::Outcome;
 use sm2_node::Node;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let count = std::env::args()
-        .nth(1)
-        .map_or(Ok(u64::MAX), |it| it.parse())?;
+fn main() -> ExitCode {
+    common::run(talk)
+}
+
+fn talk() -> Outcome {
+    let count = common::argument(1, u64::MAX)?;
     let node = Node::new("talker")?;
     let publisher = node.publisher::<str>("chatter")?;
     publisher.wait_for_subscribers(1, None)?;

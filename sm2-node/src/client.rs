@@ -1,5 +1,6 @@
 //! Calling a service.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
@@ -13,8 +14,10 @@ use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
 use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Topic};
 use crate::handle::{Handle, Receipt, Received, until};
-use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit};
-use crate::{CallError, DeclareError, LinkStatus, Message, StoreError, WaitError};
+use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
+use crate::{
+    CallError, DeclareError, LinkStatus, Message, Near, QueryError, StoreError, WaitError,
+};
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
 ///
@@ -54,8 +57,44 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     pub fn send(&self, request: &Q, timeout: Option<Duration>) -> Result<Call<R>, CallError> {
         let deadline = until(timeout);
         let bytes = request.bytes().map_err(StoreError::Encode)?;
-        let len = bytes.len() as u64;
         let needs = self.server(deadline)?;
+        self.send_to(needs, bytes, deadline)
+    }
+
+    /// Makes a call if there is a server; `None` while the link to the first one is being
+    /// opened.
+    #[cfg(feature = "tokio")]
+    pub(crate) fn try_send(
+        &self,
+        bytes: &[u8],
+        deadline: Option<Instant>,
+    ) -> Result<Option<Call<R>>, CallError> {
+        let mut inner = self.handle.shared.driven();
+        let choice = match inner.interfaces.get(&self.handle.id) {
+            Some(interface) => interface.choose_server(),
+            None => Choice::NoServer,
+        };
+        if matches!(choice, Choice::Opening) {
+            self.handle.silence(&mut inner);
+        }
+        drop(inner);
+        match choice {
+            Choice::Opening => Ok(None),
+            Choice::Link { needs, .. } => {
+                let bytes = Cow::Borrowed(bytes);
+                self.send_to(needs, bytes, deadline).map(Some)
+            }
+            other => Err(self.no_server(other)),
+        }
+    }
+
+    fn send_to(
+        &self,
+        needs: Needs,
+        bytes: Cow<'_, [u8]>,
+        deadline: Option<Instant>,
+    ) -> Result<Call<R>, CallError> {
+        let len = bytes.len() as u64;
         let forms = self.handle.store(bytes, self.inline_max, needs)?;
         // The choice is made again: what was sent meanwhile counts.
         let call = self
@@ -106,6 +145,12 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         }
     }
 
+    /// The service's name.
+    #[must_use]
+    pub fn service(&self) -> &Name {
+        &self.handle.name
+    }
+
     /// How many servers matched when it was declared (SM2-IFC-002).
     #[must_use]
     pub fn matched(&self) -> usize {
@@ -124,6 +169,23 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         timeout: Option<Duration>,
     ) -> Result<(), WaitError> {
         self.handle.wait_open(count, timeout)
+    }
+
+    /// Whether the Manager has it: not while there is none, and not if another one took over
+    /// that refused it, which is logged with the reason (SM2-RES-009). Links that are open go on.
+    #[must_use]
+    pub fn is_registered(&self) -> bool {
+        self.handle.is_registered()
+    }
+
+    /// Of the interfaces that are there, those that come closest to a server of this client, and why
+    /// each of them does not match: for one that stays without links.
+    ///
+    /// # Errors
+    ///
+    /// See [`QueryError`].
+    pub fn why(&self) -> Result<Vec<Near>, QueryError> {
+        self.handle.why()
     }
 
     /// Its links: those that ended (the last 64 of them), then those that are there.
@@ -364,7 +426,12 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
             qos: self.qos,
         };
         Ok(Client {
-            handle: Arc::new(Handle::declare(&self.shared, contract, u64::MAX)?),
+            handle: Arc::new(Handle::declare(
+                &self.shared,
+                contract,
+                u64::MAX,
+                [schema_of::<Q>(), schema_of::<R>()],
+            )?),
             inline_max: self.inline_max,
             calls: PhantomData,
         })

@@ -1,4 +1,4 @@
-//! Messages that are encoded and decoded: text, and serde types by postcard.
+//! Messages that are encoded and decoded: text, and serde types by postcard or as JSON.
 
 use std::borrow::Cow;
 
@@ -45,11 +45,47 @@ pub fn from_postcard<T: Message + DeserializeOwned>(
     }
 }
 
+/// Encodes a serde type as JSON.
+///
+/// # Errors
+///
+/// [`EncodeError`] with what serde_json says, such as a map whose keys are no text.
+#[cfg(feature = "json")]
+pub fn to_json<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, EncodeError> {
+    match serde_json::to_vec(value) {
+        Ok(bytes) => Ok(Cow::Owned(bytes)),
+        Err(error) => Err(EncodeError {
+            type_name: T::NAME,
+            reason: error.to_string(),
+        }),
+    }
+}
+
+/// Decodes a serde type from JSON, all bytes of it.
+///
+/// # Errors
+///
+/// [`PayloadError::Encoding`] if it does not decode, or more than white space is left over.
+#[cfg(feature = "json")]
+pub fn from_json<T: Message + DeserializeOwned>(payload: &Payload) -> Result<Box<T>, PayloadError> {
+    // As for postcard: both looks at the bytes must see the same.
+    let bytes = payload.stable();
+    serde_json::from_slice(&bytes).map_err(|error| PayloadError::Encoding {
+        type_name: T::NAME,
+        len: bytes.len(),
+        reason: error.to_string(),
+    })
+}
+
 /// Text, UTF-8. A sample holds a copy, since UTF-8 is checked before it is believed.
 impl Message for str {
     const NAME: &'static str = "text";
     const HASH: u64 = schema::message("plain", <Self as Schema>::HASH);
     type View = Box<Self>;
+
+    fn schema() -> Option<String> {
+        schema::message_text::<Self>("plain")
+    }
 
     fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError> {
         Ok(Cow::Borrowed(self.as_bytes()))
@@ -65,6 +101,10 @@ impl Message for String {
     const NAME: &'static str = str::NAME;
     const HASH: u64 = <str as Message>::HASH;
     type View = Box<Self>;
+
+    fn schema() -> Option<String> {
+        schema::message_text::<Self>("plain")
+    }
 
     fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError> {
         Ok(Cow::Borrowed(self.as_bytes()))

@@ -9,8 +9,11 @@ use std::io;
 use std::path::PathBuf;
 
 use sm2_io::EndpointError;
+use sm2_io::counters::CounterError;
+use sm2_proto::domain::Nonsense;
 use sm2_proto::limits::MESSAGE_MAX;
 use sm2_proto::node::End;
+use sm2_proto::schema::ParseError;
 use sm2_proto::{Kind, Name, NameError, QosError, Quota, Refusal, TypeId};
 
 use crate::{EncodeError, PayloadError};
@@ -30,6 +33,10 @@ pub enum ConnectError {
     /// The domain or its socket cannot be named.
     #[error(transparent)]
     Endpoint(#[from] EndpointError),
+    /// The node's own Manager cannot run, and cannot stand by either.
+    #[cfg(feature = "embedded-manager")]
+    #[error(transparent)]
+    Manager(#[from] sm2_manager::StartError),
     /// Nobody listens at the domain's socket.
     #[error(
         "no Manager at {path:?} ({source}): start one with 'sm2 manager', or choose another domain (SM2_DOMAIN, SM2_SOCKET)"
@@ -134,18 +141,21 @@ pub enum DeclareError {
         /// Its reason.
         reason: Refusal,
     },
-    /// The Manager did not answer in time.
+    /// The Manager did not answer in time, though it is there.
     #[error("{name} was not declared, since the Manager did not answer in time: is it stopped?")]
     TimedOut {
         /// The topic or service.
         name: Name,
     },
-    /// There is no Manager any more. Links that are open go on.
-    #[error("{name} was not declared, since the session with the Manager is over: {end}")]
+    /// The Manager is gone, and no other came in time. Links that are open go on, and the
+    /// node goes on looking for a Manager.
+    #[error(
+        "{name} was not declared, since the Manager is gone ({end}) and no other came in time: start one with 'sm2 manager', or raise the node's timeout"
+    )]
     ManagerGone {
         /// The topic or service.
         name: Name,
-        /// How it ended.
+        /// How the last session ended.
         end: End,
     },
     /// The operating system refused.
@@ -159,7 +169,8 @@ pub enum DeclareError {
 pub enum WaitError {
     /// The time is over.
     #[error(
-        "{found} of {wanted} {kind}s are linked when the time is over: are they running, in this domain, with a matching QoS?"
+        "{found} of {wanted} {kind}s are linked when the time is over: are they running, in this domain{}?",
+        matching(*kind)
     )]
     TimedOut {
         /// What was waited for.
@@ -169,9 +180,9 @@ pub enum WaitError {
         /// How many were wanted.
         wanted: usize,
     },
-    /// The session with the Manager is over: no further link will come.
+    /// The time is over, and there is no Manager that could link any.
     #[error(
-        "{found} of {wanted} {kind}s are linked, and the session with the Manager is over: {end}"
+        "{found} of {wanted} {kind}s are linked when the time is over, and the Manager is gone ({end}): start one with 'sm2 manager'"
     )]
     ManagerGone {
         /// What was waited for.
@@ -180,12 +191,30 @@ pub enum WaitError {
         found: usize,
         /// How many were wanted.
         wanted: usize,
-        /// How it ended.
+        /// How the last session ended.
         end: End,
+    },
+    /// The time is over, and there is no Manager.
+    #[error(
+        "this node has no Manager when the time is over{}: start one with 'sm2 manager'",
+        end.map(|end| format!(" ({end})")).unwrap_or_default()
+    )]
+    NoManager {
+        /// How the last session ended; `None` if there is one that is not answered yet.
+        end: Option<End>,
     },
     /// The operating system refused.
     #[error("cannot wait: {0}")]
     Io(#[source] io::Error),
+}
+
+/// What else may be wrong with interfaces of this kind that are not linked. Services have no
+/// quality of service that could differ.
+const fn matching(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Publisher | Kind::Subscriber => ", with a matching QoS",
+        Kind::Server | Kind::Client => "",
+    }
 }
 
 /// Why a message was not stored, so that nobody got it.
@@ -275,11 +304,6 @@ pub enum RecvError {
         /// What the system said.
         source: io::Error,
     },
-    /// The session with the Manager is over and no link is left: nothing will ever come.
-    #[error(
-        "nothing can come any more: no link is left and the session with the Manager is over ({0})"
-    )]
-    Disconnected(End),
     /// The operating system refused.
     #[error("cannot wait for a message: {0}")]
     Io(#[source] io::Error),
@@ -367,17 +391,45 @@ pub enum ReplyError {
     },
 }
 
-/// Why the domain's state is not known.
+/// Why the Manager's answer to a question is not known.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
-    /// The session with the Manager is over.
-    #[error("the session with the Manager is over: {0}")]
+    /// The Manager is gone, and no other came in time.
+    #[error("the Manager is gone ({0}) and no other came in time: start one with 'sm2 manager'")]
     ManagerGone(End),
-    /// The Manager did not answer in time, or the state changed faster than it could be read.
-    #[error("the Manager did not answer in time")]
+    /// The Manager did not answer in time, or the domain changed faster than it could be read.
+    #[error("the Manager did not answer in time: is it stopped?")]
     TimedOut,
+    /// What the Manager said about the domain is none that obeys the specification.
+    #[error(transparent)]
+    Nonsense(#[from] Nonsense),
+    /// The counters that a node shows are none.
+    #[error(transparent)]
+    Counters(#[from] CounterError),
     /// The operating system refused.
     #[error("cannot wait for the Manager: {0}")]
     Io(#[source] io::Error),
+}
+
+/// Why a schema text was not registered.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SchemaError {
+    /// It is no schema text (SM2-TYP-001).
+    #[error("the schema text of {data} is none: {reason}")]
+    Text {
+        /// The type.
+        data: TypeId,
+        /// What is wrong with it.
+        reason: ParseError,
+    },
+    /// It is that of another type (SM2-SCH-001).
+    #[error("the schema text of {data} has the hash {found:016x}: it describes another type")]
+    Hash {
+        /// The type.
+        data: TypeId,
+        /// The hash of the text.
+        found: u64,
+    },
 }

@@ -7,12 +7,14 @@ use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
 
 use bytes::Bytes;
+use sm2_io::Epoll;
 use sm2_proto::control::Peer;
 use sm2_proto::limits::MESSAGE_MAX;
 use sm2_proto::link::Delivery;
-use sm2_proto::node::{self, Misuse};
-use sm2_proto::{Contract, Instant, InterfaceId, Name, Refusal};
+use sm2_proto::node;
+use sm2_proto::{Contract, Instant, InterfaceId, Name, Refusal, TypeId};
 
+use crate::domain::check_schema;
 use crate::driver::{
     Bell, Forms, Full, Inner, Interface, LinkStatus, Needs, NoSlot, Shared, State, Taken, Tools,
     Topic, seal,
@@ -33,25 +35,25 @@ pub(crate) struct Handle {
 }
 
 impl Handle {
-    /// Declares an interface, and waits for the Manager's word.
+    /// Declares an interface, and waits for the Manager's word. The texts of its types go along,
+    /// of those that have one.
     pub(crate) fn declare(
         shared: &Arc<Shared>,
         contract: Contract,
         pool_limit_bytes: u64,
+        schemas: impl IntoIterator<Item = (TypeId, Option<String>)>,
     ) -> Result<Self, DeclareError> {
         contract.check_qos()?;
         let name = contract.name().clone();
-        let gone = |end| DeclareError::ManagerGone {
-            name: name.clone(),
-            end,
-        };
-        let declared = shared
-            .driven()
-            .declare(contract.clone(), pool_limit_bytes, &shared.epoll);
+        let mut inner = shared.driven();
+        for (data, text) in schemas {
+            register_schema(&mut inner, data, text, &shared.epoll);
+        }
+        let declared = inner.declare(contract.clone(), pool_limit_bytes, &shared.epoll);
+        drop(inner);
         let id = match declared {
             Ok(id) => id,
-            Err(node::Error::Ended(end)) => return Err(gone(end)),
-            Err(node::Error::Misuse(misuse)) => return Err(refused_here(misuse, contract)),
+            Err(error) => return Err(refused_here(error, contract)),
         };
         // From here on dropping it tells the Manager.
         let mut handle = Self {
@@ -65,19 +67,26 @@ impl Handle {
         let until = until(Some(shared.patience));
         let answer = shared.wait(Topic::Interface(id), until, |inner| {
             match &inner.interfaces.get(&id)?.state {
-                State::Declaring => inner.session_end().map(|end| Err(gone(end))),
-                state => Some(Ok(state.clone())),
+                State::Declaring => None,
+                state => Some(state.clone()),
             }
         });
         match answer.map_err(DeclareError::Io)? {
-            Some(Ok(State::Live { matches })) => {
+            Some(State::Live { matches }) => {
                 handle.matched = matches as usize;
                 Ok(handle)
             }
-            Some(Ok(State::Refused(reason))) => Err(refused(reason, contract)),
-            Some(Err(error)) => Err(error),
-            Some(Ok(State::Declaring)) | None => Err(DeclareError::TimedOut { name }),
+            Some(State::Refused(reason)) => Err(refused(reason, contract)),
+            Some(State::Declaring) | None => Err(match shared.lock().away() {
+                Some(end) => DeclareError::ManagerGone { name, end },
+                None => DeclareError::TimedOut { name },
+            }),
         }
+    }
+
+    /// Whether the Manager that is there has it.
+    pub(crate) fn is_registered(&self) -> bool {
+        self.shared.driven().is_registered(self.id)
     }
 
     pub(crate) const fn matched(&self) -> usize {
@@ -108,38 +117,32 @@ impl Handle {
         timeout: Option<Duration>,
     ) -> Result<(), WaitError> {
         let mut found = 0;
-        let mut kind = None;
-        let waited = self
-            .shared
-            .wait(Topic::Interface(self.id), until(timeout), |inner| {
-                let interface = inner.interfaces.get(&self.id)?;
-                kind = Some(interface.contract.kind().counterpart());
-                found = interface.open_links();
-                let opening = interface.is_opening();
-                match inner.session_end() {
-                    _ if found >= wanted => Some(None),
-                    Some(end) if !opening => Some(Some(end)),
-                    _ => None,
-                }
-            });
-        let waited = waited.map_err(WaitError::Io)?;
-        match (waited, kind) {
-            (Some(None), _) => Ok(()),
-            (Some(Some(end)), Some(kind)) => Err(WaitError::ManagerGone {
+        let topic = Topic::Interface(self.id);
+        let waited = self.shared.wait(topic, until(timeout), |inner| {
+            found = inner.interfaces.get(&self.id)?.open_links();
+            (found >= wanted).then_some(())
+        });
+        if waited.map_err(WaitError::Io)?.is_some() {
+            return Ok(());
+        }
+        let kind = self.with_idle(|interface, _| interface.contract.kind().counterpart());
+        Err(match self.shared.lock().away() {
+            Some(end) => WaitError::ManagerGone {
                 kind,
                 found,
                 wanted,
                 end,
-            }),
-            (_, kind) => Err(WaitError::TimedOut {
-                kind: kind.expect("the interface lives as long as its handle"),
+            },
+            None => WaitError::TimedOut {
+                kind,
                 found,
                 wanted,
-            }),
-        }
+            },
+        })
     }
 
-    /// Waits until there is a message. `None`: the time is over.
+    /// Waits until there is a message. `None`: the time is over. Without a Manager and without
+    /// links it waits for these to come back.
     pub(crate) fn receive(
         &self,
         until: Option<Instant>,
@@ -150,12 +153,10 @@ impl Handle {
             match inner.with(self.id, epoll, &take)? {
                 Ok(Some(taken)) => return Some(Ok(taken)),
                 Ok(None) => {}
-                Err(error) => return Some(Err(error.into())),
+                Err(full) => return Some(Err(RecvError::from(full))),
             }
             self.silence(inner);
-            let end = inner.session_end()?;
-            let left = inner.interfaces.get(&self.id)?.links().next().is_some();
-            (!left).then_some(Err(RecvError::Disconnected(end)))
+            None
         });
         let Some(taken) = found.map_err(RecvError::Io)?.transpose()? else {
             return Ok(None);
@@ -365,11 +366,21 @@ fn refused(reason: Refusal, contract: Contract) -> DeclareError {
 }
 
 /// The session's machine did not take a declaration. What it could object to was checked.
-fn refused_here(misuse: Misuse, contract: Contract) -> DeclareError {
-    debug_assert!(false, "{misuse}");
+fn refused_here(error: node::Error, contract: Contract) -> DeclareError {
+    debug_assert!(false, "{error}");
     DeclareError::ManagerGone {
         name: contract.name().clone(),
         end: node::End::Eof,
+    }
+}
+
+/// Lets tools know what a type looks like. One whose text is not its own, by an
+/// implementation by hand, is left out: the Manager would take it for a violation.
+fn register_schema(inner: &mut Inner, data: TypeId, text: Option<String>, epoll: &Epoll) {
+    let Some(text) = text else { return };
+    match check_schema(&data, &text) {
+        Ok(()) => inner.register_schema(data, text, epoll),
+        Err(error) => tracing::warn!(%error, "tools will not know this type"),
     }
 }
 

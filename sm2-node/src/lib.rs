@@ -58,8 +58,43 @@
 //! first moves all of the node's sockets on, as far as is possible without waiting; calls
 //! that wait move it on while they wait. No call waits for one particular peer, unless that is
 //! what it was asked for. [`Node::spin`] is for programs that have nothing to call.
-//! For a loop of one's own there are descriptors: [`Node`], [`Subscriber`], [`Server`] and
-//! [`Client`] implement `AsFd`.
+//!
+//! # In an event loop of your own
+//!
+//! A node fits into every loop that can wait until a descriptor is readable. Each of these
+//! implements `AsFd`, and each stands for its whole node:
+//!
+//! | for a | watch | and when it is readable, call |
+//! | --- | --- | --- |
+//! | [`Subscriber`] | it | [`Subscriber::try_recv`] |
+//! | [`Server`] | it | [`Server::try_recv`] |
+//! | [`Client`] | it, as long as calls are under way | [`Call::try_wait`] of all of them |
+//! | none of these, at the time | the [`Node`] | [`Node::spin_once`]`(None)` |
+//!
+//! - Each of these calls first moves the whole node on: no other is needed.
+//! - A descriptor stays readable until its call has said that there is nothing, whichever
+//!   call read the message from its socket (a publication may do that): a turn may
+//!   take one message, or all.
+//! - Watch level-triggered. Where a loop only reports what is new (mio, multishot requests of
+//!   io_uring), register the descriptor anew after each turn.
+//! - No timer is needed: the times that the node itself keeps are behind the same descriptors.
+//!   Only the deadline of a call that nobody answers is seen when it is asked for.
+//! - Nothing waits but what says so, and [`Publisher::publish`] as long as
+//!   [`PublisherBuilder::reliable`] said: none, in a loop that must not wait.
+//!
+//! The examples `loop_epoll`, `loop_mio` and `loop_io_uring` are complete programs.
+//!
+//! # When the Manager goes
+//!
+//! Nothing happens to messages: links go on. The node looks for another Manager by itself, and
+//! that one learns from it what it has: see [`Node`]. A domain that needs no daemon is
+//! one whose nodes bring a Manager along (`NodeBuilder::embed_manager`, feature
+//! `embedded-manager`).
+//!
+//! # Looking at the domain
+//!
+//! [`Node::snapshot`] gives all of it, [`Node::watch`] what changes, [`Publisher::why`] and its
+//! likes why an interface has no links, [`Node::inspect`] what another node counts.
 //!
 //! # How a message travels
 //!
@@ -78,8 +113,12 @@
 // For the derive macros, which speak of `::sm2_node`.
 extern crate self as sm2_node;
 
+#[cfg(feature = "tokio")]
+pub mod asynchronous;
 mod buffer;
+mod builder;
 mod client;
+mod domain;
 mod driver;
 pub mod encoding;
 mod error;
@@ -96,27 +135,31 @@ pub mod schema;
 mod server;
 mod subscriber;
 
+pub use builder::NodeBuilder;
 pub use client::{Call, Client, ClientBuilder, Reply};
-pub use driver::LinkStatus;
+pub use domain::Watch;
+pub use driver::{LinkStatus, Received};
 pub use error::{
     CallError, ConnectError, DeclareError, PublishError, QueryError, RecvError, ReplyError,
-    StoreError, WaitError,
+    SchemaError, StoreError, WaitError,
 };
 pub use loan::Loan;
 pub use message::{EncodeError, Message, PayloadError};
-pub use node::{Graph, Node, NodeBuilder};
+pub use node::Node;
 pub use payload::Payload;
 pub use plain::{InPlace, Plain};
 pub use publisher::{Published, Publisher, PublisherBuilder};
 pub use sample::Sample;
 pub use schema::Schema;
 pub use server::{Request, Server, ServerBuilder};
+pub use sm2_io::CounterView;
 pub use sm2_io::clock::now;
 pub use sm2_node_derive::{Message, Schema};
-pub use sm2_proto::control::{Item, Peer};
+pub use sm2_proto::control::{Apart, Change, Item, Key, Limits, Peer};
+pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
 pub use sm2_proto::link::{Counters, End};
 pub use sm2_proto::{
-    Contract, Demand, Instant, InterfaceId, Kind, LinkId, Name, NameError, NodeId, Offer,
+    Contract, Demand, Instant, InterfaceId, Kind, LinkId, Name, NameError, NodeId, Offer, Place,
     ServiceQos, TypeId,
 };
 pub use subscriber::{Subscriber, SubscriberBuilder};

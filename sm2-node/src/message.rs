@@ -14,7 +14,7 @@ use crate::Payload;
 /// | `[u8]` | as it is; type `bytes`, the raw messages of SM2-NAM-003 | in place |
 /// | [`Plain`](crate::Plain) types, numbers, slices of them | as they are in memory | in place |
 /// | `str`, `String` | UTF-8 | copied and checked |
-/// | serde types | postcard | decoded |
+/// | serde types | postcard or JSON | decoded |
 ///
 /// Plain old data is read where the sender wrote it, so it costs the same for any size:
 ///
@@ -64,6 +64,10 @@ use crate::Payload;
 /// }
 /// ```
 ///
+/// With `encoding = "json"` and the feature `json` it travels as JSON: several times slower and
+/// longer, but read by whatever knows neither SM2's types nor postcard. JSON has no `NaN` and
+/// no infinity: such a number arrives as an error.
+///
 /// The derives of zerocopy and serde need these crates in your `Cargo.toml`. The name
 /// follows SM2-NAM-001: segments of `A-Z a-z 0-9 _ -`, joined by single `/`.
 ///
@@ -107,7 +111,8 @@ use crate::Payload;
 /// }
 /// ```
 ///
-/// Implement it by hand for another encoding: `bytes` and `view` are all there is to it.
+/// Implement it by hand for another encoding: `bytes` and `view` are all there is to it. With
+/// [`schema::message_text`](crate::schema::message_text) tools at least learn its structure.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a message",
     note = "derive it, with zerocopy's traits or serde's beside it: see `sm2_node::Message`",
@@ -120,6 +125,13 @@ pub trait Message: 'static {
     const HASH: u64;
     /// What a [`Sample`](crate::Sample) holds to show the message.
     type View: Deref<Target = Self> + Send + Sync;
+
+    /// The schema text, from which tools know what the bytes mean and whose hash is
+    /// [`HASH`](Self::HASH): SPEC Annex A. A type whose hash was chosen by hand has none.
+    #[must_use]
+    fn schema() -> Option<String> {
+        None
+    }
 
     /// The message as bytes.
     ///

@@ -2,19 +2,16 @@
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::path::PathBuf;
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_io::{SeqPacket, socket_path};
-use sm2_proto::control::{Cursor, Item};
-use sm2_proto::{Instant, Name, Refusal};
+use sm2_proto::{Instant, Name, NodeId};
 
-use crate::driver::{Greeting, Shared, Topic};
+use crate::driver::{Shared, Topic};
 use crate::handle::until;
 use crate::{
-    Client, ClientBuilder, ConnectError, DeclareError, Message, Publisher, PublisherBuilder,
-    QueryError, Server, ServerBuilder, Subscriber, SubscriberBuilder,
+    Client, ClientBuilder, ConnectError, DeclareError, Message, NodeBuilder, Publisher,
+    PublisherBuilder, Server, ServerBuilder, Subscriber, SubscriberBuilder, WaitError,
 };
 
 /// A node, known to its domain by its name.
@@ -28,11 +25,20 @@ use crate::{
 /// depend on it, calls [`spin`](Self::spin) in between: a subscriber that joins late is
 /// only served by a publisher that is called.
 ///
+/// # When the Manager goes
+///
 /// The end of the session (the Manager was stopped, or died) ends no link: messages go on
-/// to flow, and only new interfaces and new links are not possible any more (SM2-NOD-003).
+/// to flow (SM2-NOD-003). The node connects again by itself, as soon as there is another
+/// Manager, and brings along what it has (SM2-RES-001): interfaces, links, counters. Until
+/// then nothing new is linked, what is declared waits for the new Manager as long as
+/// [`NodeBuilder::timeout`] says, and waiting without a time-out goes on. Whatever moves the node
+/// on does this as well; for others, the node's [descriptor](AsFd) wakes them.
+///
+/// What `tracing` is told, is told while the node is locked: a `tracing` subscriber must not
+/// call the node in turn.
 #[derive(Clone, Debug)]
 pub struct Node {
-    shared: Arc<Shared>,
+    pub(crate) shared: Arc<Shared>,
 }
 
 impl Node {
@@ -47,12 +53,7 @@ impl Node {
 
     /// To choose a domain, a socket, or how long to wait for the Manager.
     pub fn builder(name: &str) -> NodeBuilder {
-        NodeBuilder {
-            name: name.to_owned(),
-            domain: None,
-            socket: None,
-            timeout: Duration::from_secs(5),
-        }
+        NodeBuilder::new(name)
     }
 
     /// The node's name.
@@ -61,14 +62,49 @@ impl Node {
         &self.shared.name
     }
 
-    /// Whether the session with the Manager lives, as far as is known now.
+    /// Whether there is a Manager that knows all of this node, as far as is known now.
     #[must_use]
     pub fn is_connected(&self) -> bool {
-        self.shared.driven().session_end().is_none()
+        self.shared.driven().is_connected()
+    }
+
+    /// Waits until there is a Manager that knows all of this node; without a timeout, as long
+    /// as it takes.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::NoManager`] if the time is over, [`WaitError::Io`].
+    pub fn wait_connected(&self, timeout: Option<Duration>) -> Result<(), WaitError> {
+        let connected = self.shared.wait(Topic::Session, until(timeout), |inner| {
+            inner.is_connected().then_some(())
+        });
+        match connected.map_err(WaitError::Io)? {
+            Some(()) => Ok(()),
+            None => Err(WaitError::NoManager {
+                end: self.shared.lock().away(),
+            }),
+        }
+    }
+
+    /// The incarnation of the Manager, which no other has; `None` as long as there is no
+    /// Manager (SM2-SES-007).
+    #[must_use]
+    pub fn epoch(&self) -> Option<u64> {
+        self.shared.driven().epoch()
+    }
+
+    /// The number by which the Manager of the moment knows this node; `None` as long as there
+    /// is no Manager. Another Manager gives another number.
+    #[must_use]
+    pub fn id(&self) -> Option<NodeId> {
+        self.shared.driven().node_id()
     }
 
     /// A publisher with the default quality of service: keep-last, 8 messages for each
     /// subscriber.
+    ///
+    /// Topics and services are named as SM2-NAM-001 says: segments of `A-Z a-z 0-9 _ -`, joined by
+    /// single `/`. One `/` before the first is accepted here and left out: `/scan` is `scan`.
     ///
     /// # Errors
     ///
@@ -88,6 +124,8 @@ impl Node {
     /// A subscriber with the default quality of service: keep-last, 8 messages of each
     /// publisher.
     ///
+    /// Names are written as for [`publisher`](Self::publisher).
+    ///
     /// # Errors
     ///
     /// See [`DeclareError`].
@@ -104,6 +142,8 @@ impl Node {
     }
 
     /// A server that answers requests of type `Q` with replies of type `R`.
+    ///
+    /// Names are written as for [`publisher`](Self::publisher).
     ///
     /// # Errors
     ///
@@ -127,6 +167,8 @@ impl Node {
 
     /// A client that sends requests of type `Q` and gets replies of type `R`.
     ///
+    /// Names are written as for [`publisher`](Self::publisher).
+    ///
     /// # Errors
     ///
     /// See [`DeclareError`].
@@ -147,7 +189,7 @@ impl Node {
         ClientBuilder::new(&self.shared, service)
     }
 
-    /// Moves the node on, for ever: until the session with the Manager is over and no link is left.
+    /// Moves the node on, for ever.
     ///
     /// # Errors
     ///
@@ -156,7 +198,7 @@ impl Node {
         self.spin_until(None)
     }
 
-    /// Moves the node on for this long, or until there is nothing left to move.
+    /// Moves the node on for this long.
     ///
     /// # Errors
     ///
@@ -181,65 +223,8 @@ impl Node {
     }
 
     fn spin_until(&self, until: Option<Instant>) -> io::Result<()> {
-        let idle = self.shared.wait(Topic::Session, until, |inner| {
-            inner.session_end()?;
-            let mut links = inner.interfaces.values().flat_map(|it| it.links());
-            links.all(|link| link.end().is_some()).then_some(())
-        });
-        idle.map(drop)
-    }
-
-    /// All nodes and interfaces of the domain, at one moment (SM2-IFC-007).
-    ///
-    /// # Errors
-    ///
-    /// See [`QueryError`].
-    pub fn graph(&self, timeout: Duration) -> Result<Graph, QueryError> {
-        let shared = &self.shared;
-        let _turn = shared
-            .querying
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        let until = until(Some(timeout));
-        loop {
-            let mut graph = Graph {
-                revision: 0,
-                items: Vec::new(),
-            };
-            let mut after = None;
-            loop {
-                let page = self.page(after, until)?;
-                let consistent = graph.items.is_empty() || graph.revision == page.revision;
-                if !consistent {
-                    // It changed between two pages: start again.
-                    break;
-                }
-                graph.revision = page.revision;
-                graph.items.extend(page.items);
-                after = page.next;
-                if after.is_none() {
-                    return Ok(graph);
-                }
-            }
-        }
-    }
-
-    fn page(
-        &self,
-        after: Option<Cursor>,
-        until: Option<Instant>,
-    ) -> Result<crate::driver::Page, QueryError> {
-        let shared = &self.shared;
-        shared.lock().query(after, &shared.epoll);
-        let page = shared.wait(Topic::Session, until, |inner| {
-            let page = inner.take_page().map(Ok);
-            page.or_else(|| inner.session_end().map(Err))
-        });
-        match page.map_err(QueryError::Io)? {
-            Some(Ok(page)) => Ok(page),
-            Some(Err(end)) => Err(QueryError::ManagerGone(end)),
-            None => Err(QueryError::TimedOut),
-        }
+        let nothing = |_: &mut _| None::<()>;
+        self.shared.wait(Topic::Session, until, nothing).map(drop)
     }
 }
 
@@ -248,105 +233,5 @@ impl Node {
 impl AsFd for Node {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.shared.epoll.as_fd()
-    }
-}
-
-/// A domain at one moment.
-#[derive(Clone, Debug)]
-pub struct Graph {
-    /// The domain's revision: it changes whenever anything here does.
-    pub revision: u64,
-    /// Nodes, each followed by its interfaces.
-    pub items: Vec<Item>,
-}
-
-/// Where a node connects, and how long it tries.
-#[derive(Clone, Debug)]
-#[must_use = "a builder does nothing until connect is called"]
-pub struct NodeBuilder {
-    name: String,
-    domain: Option<String>,
-    socket: Option<PathBuf>,
-    timeout: Duration,
-}
-
-impl NodeBuilder {
-    /// The domain of this name (SM2-TRN-002), whatever the environment says.
-    pub fn domain(mut self, domain: &str) -> Self {
-        self.domain = Some(domain.to_owned());
-        self
-    }
-
-    /// The Manager's socket itself, whatever domain and environment say.
-    pub fn socket(mut self, path: impl Into<PathBuf>) -> Self {
-        self.socket = Some(path.into());
-        self
-    }
-
-    /// How long the Manager may take to answer, here and to each declaration; 5 s by default.
-    pub const fn timeout(mut self, timeout: Duration) -> Self {
-        self.timeout = timeout;
-        self
-    }
-
-    /// Connects and greets.
-    ///
-    /// # Errors
-    ///
-    /// See [`ConnectError`].
-    pub fn connect(self) -> Result<Node, ConnectError> {
-        let name = Name::typed(&self.name).map_err(|reason| ConnectError::Name {
-            name: self.name,
-            reason,
-        })?;
-        let path = match self.socket {
-            Some(path) => path,
-            None => socket_path(self.domain.as_deref())?,
-        };
-        let until = sm2_io::clock::now().after(self.timeout);
-        let socket = connect(&path, until)?;
-        let failed = |source| ConnectError::Io {
-            path: path.clone(),
-            source,
-        };
-        let shared = Shared::new(socket, name.clone(), self.timeout).map_err(failed)?;
-        let answer = shared.wait(Topic::Session, Some(until), |inner| {
-            match inner.greeting() {
-                Greeting::Sent => inner.session_end().map(Err),
-                answered => Some(Ok(answered.clone())),
-            }
-        });
-        match answer.map_err(failed)? {
-            Some(Ok(Greeting::Welcomed)) => Ok(Node {
-                shared: Arc::new(shared),
-            }),
-            Some(Ok(Greeting::Refused(Refusal::NameTaken))) => {
-                Err(ConnectError::NameTaken { name })
-            }
-            Some(Ok(Greeting::Refused(reason))) => Err(ConnectError::Refused(reason)),
-            Some(Err(end)) => Err(ConnectError::Ended(end)),
-            Some(Ok(Greeting::Sent)) | None => Err(ConnectError::TimedOut { path }),
-        }
-    }
-}
-
-/// Connects; a Manager that is there but busy is asked again until the time is over.
-fn connect(path: &std::path::Path, until: Instant) -> Result<SeqPacket, ConnectError> {
-    loop {
-        let source = match SeqPacket::connect(path) {
-            Ok(socket) => return Ok(socket),
-            Err(error) => error,
-        };
-        let path = path.to_owned();
-        match source.kind() {
-            io::ErrorKind::WouldBlock if sm2_io::clock::now() < until => {
-                std::thread::sleep(Duration::from_millis(2));
-            }
-            io::ErrorKind::WouldBlock => return Err(ConnectError::TimedOut { path }),
-            io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => {
-                return Err(ConnectError::NoManager { path, source });
-            }
-            _ => return Err(ConnectError::Io { path, source }),
-        }
     }
 }

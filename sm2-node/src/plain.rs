@@ -41,6 +41,10 @@ impl<T: Plain + ?Sized> Message for T {
     const HASH: u64 = T::PLAIN_HASH;
     type View = InPlace<T>;
 
+    fn schema() -> Option<String> {
+        schema::message_text::<Self>("plain")
+    }
+
     fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError> {
         Ok(Cow::Borrowed(self.as_bytes()))
     }

@@ -2,19 +2,22 @@
 
 use std::borrow::Cow;
 use std::marker::PhantomData;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use sm2_proto::limits::INLINE_MAX;
 use sm2_proto::link::Counters;
-use sm2_proto::{Contract, Kind, Name, Offer, TypeId};
+use sm2_proto::{Contract, Instant, Kind, Name, Offer, TypeId};
 use zerocopy::KnownLayout;
 
-use crate::driver::{Forms, Label, Shared, Topic};
+use crate::driver::{Forms, Label, Offered, Shared, Topic};
 use crate::handle::{Handle, until};
 use crate::loan::Loan;
 use crate::plain::size_for;
-use crate::{DeclareError, LinkStatus, Message, Plain, PublishError, StoreError, WaitError};
+use crate::{
+    DeclareError, LinkStatus, Message, Near, Plain, PublishError, QueryError, StoreError, WaitError,
+};
 
 /// Payloads up to this length travel in the datagram itself, unless a builder says otherwise.
 pub(crate) const INLINE_DEFAULT: usize = 4_096;
@@ -139,6 +142,23 @@ impl<T: Message + ?Sized> Publisher<T> {
         Ok(flushed.map_err(WaitError::Io)?.is_some())
     }
 
+    /// Whether the Manager has it: not while there is none, and not if another one took over
+    /// that refused it, which is logged with the reason (SM2-RES-009). Links that are open go on.
+    #[must_use]
+    pub fn is_registered(&self) -> bool {
+        self.core.handle.is_registered()
+    }
+
+    /// Of the interfaces that are there, those that come closest to a subscriber of this publisher, and why
+    /// each of them does not match: for one that stays without links.
+    ///
+    /// # Errors
+    ///
+    /// See [`QueryError`].
+    pub fn why(&self) -> Result<Vec<Near>, QueryError> {
+        self.core.handle.why()
+    }
+
     /// Its links: those that ended (the last 64 of them), then those that are there.
     pub fn links(&self) -> Vec<LinkStatus> {
         self.core.handle.links()
@@ -184,46 +204,106 @@ impl<T: Plain + ?Sized + KnownLayout<PointerMetadata = usize>> Publisher<T> {
 impl Core {
     fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let publication = self.start(bytes)?;
+        self.wait_for_room(publication)
+    }
+
+    /// Sends a message to all who have room now. It has to be [finished](Self::finish).
+    pub(crate) fn start(&self, bytes: Cow<'_, [u8]>) -> Result<Publication, PublishError> {
         let needs = self.handle.with(|interface, _| interface.needs());
         let len = bytes.len() as u64;
         let forms = self.handle.store(bytes, self.inline_max, needs)?;
-        self.send(forms, len)
+        Ok(self.offer(forms, len))
     }
 
     /// Publishes what a loan holds.
     pub(crate) fn publish_forms(&self, forms: Forms, len: u64) -> Result<Published, PublishError> {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
         drop(self.handle.shared.driven());
-        self.send(forms, len)
+        let publication = self.offer(forms, len);
+        self.wait_for_room(publication)
     }
 
-    //= SM2-QOS-002
-    fn send(&self, forms: Forms, len: u64) -> Result<Published, PublishError> {
-        let Handle { shared, id, .. } = &self.handle;
+    fn offer(&self, forms: Forms, len: u64) -> Publication {
         let now = sm2_io::clock::now();
         let label = Label {
             id: 0,
             time: now,
             len,
         };
-        let mut offered = self
+        let offered = self
             .handle
             .with_idle(|interface, tools| interface.publish(forms, label, tools));
+        Publication {
+            offered,
+            deadline: now.after(self.patience),
+        }
+    }
+
+    //= SM2-QOS-002
+    fn wait_for_room(&self, mut publication: Publication) -> Result<Published, PublishError> {
+        let Handle { shared, id, .. } = &self.handle;
         let mut waited = Ok(None);
-        if !offered.waiting.is_empty() {
-            let deadline = now.after(self.patience);
-            waited = shared.wait(Topic::Interface(*id), Some(deadline), |inner| {
+        if !publication.is_done() {
+            let deadline = Some(publication.deadline);
+            waited = shared.wait(Topic::Interface(*id), deadline, |inner| {
                 let done = inner.with(*id, &shared.epoll, |interface, tools| {
-                    interface.publish_more(&mut offered, tools)
+                    interface.publish_more(&mut publication.offered, tools)
                 });
                 (done == Some(true)).then_some(())
             });
         }
-        let published = self
-            .handle
-            .with_idle(|interface, tools| interface.finish(offered, tools));
+        let published = self.finish(publication);
         waited.map_err(PublishError::Io)?;
         Ok(published)
+    }
+
+    /// Drives the node, and sends to those who have room by now; whether nobody is left to wait
+    /// for. If somebody is, the descriptor is silent until something happens.
+    #[cfg(feature = "tokio")]
+    pub(crate) fn go_on(&self, publication: &mut Publication) -> bool {
+        let Handle { shared, id, .. } = &self.handle;
+        let mut inner = shared.driven();
+        let done = inner.with(*id, &shared.epoll, |interface, tools| {
+            interface.publish_more(&mut publication.offered, tools)
+        });
+        self.handle.silence(&mut inner);
+        done == Some(true)
+    }
+
+    /// The waiting is over: who has no room goes without this message.
+    pub(crate) fn finish(&self, publication: Publication) -> Published {
+        self.handle
+            .with_idle(|interface, tools| interface.finish(publication.offered, tools))
+    }
+}
+
+/// A message that was published, but not sent to all links yet.
+#[derive(Debug)]
+pub(crate) struct Publication {
+    offered: Offered,
+    /// When those that have no room are not waited for any more.
+    deadline: Instant,
+}
+
+impl Publication {
+    /// Whether nobody is waited for.
+    pub(crate) fn is_done(&self) -> bool {
+        self.offered.waiting.is_empty()
+    }
+
+    /// How long the others are waited for.
+    #[cfg(feature = "tokio")]
+    pub(crate) fn patience(&self) -> Duration {
+        self.deadline.since(sm2_io::clock::now())
+    }
+}
+
+/// Readable when a subscriber that was without room may have some, or anything else happened
+/// that is worth a look at the publisher's links.
+impl<T: Message + ?Sized> AsFd for Publisher<T> {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.core.handle.descriptor()
     }
 }
 
@@ -318,7 +398,12 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         };
         Ok(Publisher {
             core: Core {
-                handle: Handle::declare(&self.shared, contract, self.pool_limit_bytes)?,
+                handle: Handle::declare(
+                    &self.shared,
+                    contract,
+                    self.pool_limit_bytes,
+                    [schema_of::<T>()],
+                )?,
                 turn: Mutex::new(()),
                 inline_max: self.inline_max,
                 patience: self.patience,
@@ -335,6 +420,11 @@ impl PublisherBuilder<[u8]> {
         self.data = Some(data);
         self
     }
+}
+
+/// A type and its text, for the Manager. Bytes have none, whatever type they are said to be.
+pub(crate) fn schema_of<T: Message + ?Sized>() -> (TypeId, Option<String>) {
+    (T::type_id(), T::schema())
 }
 
 /// A topic's or service's name, as a person wrote it.

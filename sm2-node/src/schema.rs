@@ -1,12 +1,14 @@
-//! Hashes of types' structures, so that two programs find out that they mean the same.
+//! Schemas of types, so that two programs find out that they mean the same, and tools can
+//! read their messages.
 //!
 //! A type's hash covers what its bytes depend on: the names and types of its
 //! fields, in order. It covers neither the type's own name (which is compared beside
 //! the hash, SM2-NAM-003) nor any Rust module, so that two crates, or two languages,
-//! that define the same structure get the same hash.
+//! that define the same structure get the same hash. A field that serde renames has its new
+//! name here.
 //!
-//! The hash of a type is FNV-1a (64 bits) of a text, in which the hashes of the types
-//! that it is made of stand as 16 lower-case hexadecimal digits:
+//! The hash of a type is FNV-1a (64 bits) of a text, in which the types that it is made of
+//! stand as their hashes, 16 lower-case hexadecimal digits each:
 //!
 //! | type | text |
 //! | --- | --- |
@@ -20,17 +22,27 @@
 //! | `BTreeSet<T>`, `HashSet<T>` | `set[<T>]` |
 //! | `BTreeMap<K, V>`, `HashMap<K, V>` | `map[<K>,<V>]` |
 //! | `Option<T>` | `option[<T>]` |
-//! | `Box<T>` | as `T` |
-//! | message | `plain:<type>`, `postcard:<type>`: the encoding and the type that is encoded |
+//! | `Box<T>`, a type that is `#[serde(transparent)]` | as `T` |
+//! | message | `plain:<type>`, `postcard:<type>`, `json:<type>`: the encoding and the type that is encoded |
 //!
 //! `usize` has none: its width depends on the machine.
+//!
+//! The schema text of a message type ([`Message::schema`](crate::Message::schema)) is the same
+//! with the parts' texts in place of their hashes. `sm2_proto::schema` reads it.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::fmt::Write as _;
+
+use sm2_proto::limits::SCHEMA_TEXT_MAX;
+pub use sm2_proto::schema::hash::{
+    array, enumeration, list, map, message, option, set, structure, text,
+};
 
 /// A type whose structure has a hash. Derive it for what messages are made of.
 ///
 /// A type that contains itself needs an implementation by hand, since its hash
 /// cannot be made of its parts: `const HASH: u64 = sm2_node::schema::text("tree, version 1");`
+/// Tools cannot read messages with such a type in them.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` has no schema",
     note = "derive it: `#[derive(sm2_node::Schema)]`",
@@ -39,89 +51,93 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 pub trait Schema {
     /// The hash of the structure: see the [module](self).
     const HASH: u64;
-}
 
-/// The hash of a text.
-#[must_use]
-pub const fn text(text: &str) -> u64 {
-    Hasher::new().text(text).0
-}
-
-/// The hash of a structure with these fields: name and hash of the type.
-#[must_use]
-pub const fn structure(fields: &[(&str, u64)]) -> u64 {
-    members("struct{", fields)
-}
-
-/// The hash of an enumeration with these variants: name and hash of the fields.
-#[must_use]
-pub const fn enumeration(variants: &[(&str, u64)]) -> u64 {
-    members("enum{", variants)
-}
-
-/// The hash of as many values of one type as a message says.
-#[must_use]
-pub const fn list(element: u64) -> u64 {
-    Hasher::new().text("list[").hex(element).text("]").0
-}
-
-/// The hash of `len` values of one type.
-#[must_use]
-pub const fn array(element: u64, len: u64) -> u64 {
-    let elements = Hasher::new().text("array[").hex(element);
-    elements.text(";").hex(len).text("]").0
-}
-
-/// The hash of a message type: how its structure becomes bytes.
-#[must_use]
-pub const fn message(encoding: &str, structure: u64) -> u64 {
-    Hasher::new().text(encoding).text(":").hex(structure).0
-}
-
-const fn members(open: &str, members: &[(&str, u64)]) -> u64 {
-    let mut hasher = Hasher::new().text(open);
-    let mut rest = members;
-    while let [(name, hash), tail @ ..] = rest {
-        hasher = hasher.text(name).text(":").hex(*hash).text(",");
-        rest = tail;
+    /// Appends the type's schema text. False if it has none, or one that is longer than
+    /// schema texts may be; then what was appended is of no use.
+    #[must_use]
+    fn describe(_text: &mut String) -> bool {
+        false
     }
-    hasher.text("}").0
 }
 
-/// FNV-1a, 64 bits.
-struct Hasher(u64);
+/// [`Schema::describe`] of some type.
+pub type Describe = fn(&mut String) -> bool;
 
-impl Hasher {
-    const fn new() -> Self {
-        Self(0xcbf2_9ce4_8422_2325)
-    }
+/// [`Schema::describe`] for a structure with these fields.
+#[must_use]
+pub fn describe_structure(text: &mut String, fields: &[(&str, Describe)]) -> bool {
+    describe_members(text, "struct{", fields, |text, field| append(text, *field))
+}
 
-    const fn byte(self, byte: u8) -> Self {
-        Self((self.0 ^ byte as u64).wrapping_mul(0x0000_0100_0000_01b3))
-    }
+/// [`Schema::describe`] for an enumeration with these variants, each with its fields.
+#[must_use]
+pub fn describe_enumeration(text: &mut String, variants: &[(&str, &[(&str, Describe)])]) -> bool {
+    describe_members(text, "enum{", variants, |text, fields| {
+        describe_structure(text, fields)
+    })
+}
 
-    const fn text(mut self, text: &str) -> Self {
-        let mut rest = text.as_bytes();
-        while let [byte, tail @ ..] = rest {
-            self = self.byte(*byte);
-            rest = tail;
+fn describe_members<M>(
+    text: &mut String,
+    open: &str,
+    members: &[(&str, M)],
+    describe: impl Fn(&mut String, &M) -> bool,
+) -> bool {
+    text.push_str(open);
+    for (name, member) in members {
+        text.push_str(name);
+        text.push(':');
+        if !describe(text, member) {
+            return false;
         }
-        self
+        text.push(',');
     }
+    text.push('}');
+    true
+}
 
-    const fn hex(mut self, value: u64) -> Self {
-        let mut shift = 64;
-        while shift > 0 {
-            shift -= 4;
-            self = self.byte(b"0123456789abcdef"[(value >> shift) as usize & 0xf]);
+/// Types that are nested often can have texts of any length: the limit ends it early.
+fn append(text: &mut String, part: Describe) -> bool {
+    text.len() <= SCHEMA_TEXT_MAX && part(text)
+}
+
+/// `open`, the parts with `,` between them, and `]`.
+fn describe_parts(text: &mut String, open: &str, parts: &[Describe]) -> bool {
+    text.push_str(open);
+    for (at, part) in parts.iter().enumerate() {
+        if at > 0 {
+            text.push(',');
         }
-        self
+        if !append(text, *part) {
+            return false;
+        }
     }
+    text.push(']');
+    true
+}
+
+/// The schema text of a message type in this encoding. None if a part has no text, if it would
+/// be too long, or if the type's hash is not the one that follows from it, as that of `bytes`.
+#[must_use]
+pub fn message_text<T: crate::Message + Schema + ?Sized>(encoding: &str) -> Option<String> {
+    let mut text = format!("{encoding}:");
+    if !T::describe(&mut text) {
+        return None;
+    }
+    let schema = sm2_proto::schema::Schema::parse(&text).ok()?;
+    (schema.hash() == <T as crate::Message>::HASH).then_some(text)
 }
 
 macro_rules! named {
     ($($type:ty = $name:literal),* $(,)?) => {
-        $(impl Schema for $type { const HASH: u64 = text($name); })*
+        $(impl Schema for $type {
+            const HASH: u64 = text($name);
+
+            fn describe(text: &mut String) -> bool {
+                text.push_str($name);
+                true
+            }
+        })*
     };
 }
 
@@ -149,58 +165,62 @@ mod unaligned {
 
 impl<T: Schema, const N: usize> Schema for [T; N] {
     const HASH: u64 = array(T::HASH, N as u64);
+
+    fn describe(text: &mut String) -> bool {
+        text.push_str("array[");
+        append(text, T::describe) && write!(text, ";{N:016x}]").is_ok()
+    }
 }
 
-macro_rules! lists {
-    ($($type:ty),*) => {
-        $(impl<T: Schema> Schema for $type { const HASH: u64 = list(T::HASH); })*
+/// Types made of others: how their hash follows, and how their text begins.
+macro_rules! made_of {
+    ($($type:ty, ($($generics:tt)*) = $hash:ident, $open:literal, [$($part:ident),*];)*) => {
+        $(impl<$($generics)*> Schema for $type {
+            const HASH: u64 = $hash($($part::HASH),*);
+
+            fn describe(text: &mut String) -> bool {
+                describe_parts(text, $open, &[$($part::describe),*])
+            }
+        })*
     };
 }
 
-lists!([T], Vec<T>, VecDeque<T>);
-
-const fn set(element: u64) -> u64 {
-    Hasher::new().text("set[").hex(element).text("]").0
-}
-
-const fn map(key: u64, value: u64) -> u64 {
-    let key = Hasher::new().text("map[").hex(key);
-    key.text(",").hex(value).text("]").0
-}
-
-impl<T: Schema> Schema for BTreeSet<T> {
-    const HASH: u64 = set(T::HASH);
-}
-
-impl<T: Schema, S> Schema for HashSet<T, S> {
-    const HASH: u64 = set(T::HASH);
-}
-
-impl<K: Schema, V: Schema> Schema for BTreeMap<K, V> {
-    const HASH: u64 = map(K::HASH, V::HASH);
-}
-
-impl<K: Schema, V: Schema, S> Schema for HashMap<K, V, S> {
-    const HASH: u64 = map(K::HASH, V::HASH);
-}
-
-impl<T: Schema> Schema for Option<T> {
-    const HASH: u64 = Hasher::new().text("option[").hex(T::HASH).text("]").0;
+made_of! {
+    [T], (T: Schema) = list, "list[", [T];
+    Vec<T>, (T: Schema) = list, "list[", [T];
+    VecDeque<T>, (T: Schema) = list, "list[", [T];
+    BTreeSet<T>, (T: Schema) = set, "set[", [T];
+    HashSet<T, S>, (T: Schema, S) = set, "set[", [T];
+    BTreeMap<K, V>, (K: Schema, V: Schema) = map, "map[", [K, V];
+    HashMap<K, V, S>, (K: Schema, V: Schema, S) = map, "map[", [K, V];
+    Option<T>, (T: Schema) = option, "option[", [T];
 }
 
 impl<T: Schema + ?Sized> Schema for Box<T> {
     const HASH: u64 = T::HASH;
+
+    fn describe(text: &mut String) -> bool {
+        T::describe(text)
+    }
 }
 
 /// As serde encodes it: whole seconds and nanoseconds.
 impl Schema for std::time::Duration {
     const HASH: u64 = structure(&[("secs", u64::HASH), ("nanos", u32::HASH)]);
+
+    fn describe(text: &mut String) -> bool {
+        describe_structure(text, &[("secs", u64::describe), ("nanos", u32::describe)])
+    }
 }
 
 macro_rules! tuples {
     ($(($($type:ident $position:literal),*))*) => {
         $(impl<$($type: Schema),*> Schema for ($($type,)*) {
             const HASH: u64 = structure(&[$(($position, $type::HASH)),*]);
+
+            fn describe(text: &mut String) -> bool {
+                describe_structure(text, &[$(($position, $type::describe)),*])
+            }
         })*
     };
 }

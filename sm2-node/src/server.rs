@@ -14,8 +14,11 @@ use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos};
 
 use crate::driver::{CallId, Interface, Needs, Shared};
 use crate::handle::{Handle, Receipt, Received, until};
-use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit};
-use crate::{DeclareError, LinkStatus, Message, RecvError, ReplyError, StoreError, WaitError};
+use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
+use crate::{
+    DeclareError, LinkStatus, Message, Near, QueryError, RecvError, ReplyError, StoreError,
+    WaitError,
+};
 
 /// What a client is told whose request was dropped.
 const DROPPED: &str = "the server dropped the request without an answer";
@@ -36,7 +39,8 @@ pub struct Server<Q: Message + ?Sized, R: Message + ?Sized> {
 }
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
-    /// The next request; waits for it.
+    /// The next request; waits for it, as long as it takes: also for a client, and while the
+    /// Manager is gone for another one.
     ///
     /// # Errors
     ///
@@ -122,6 +126,23 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
         timeout: Option<Duration>,
     ) -> Result<(), WaitError> {
         self.handle.wait_open(count, timeout)
+    }
+
+    /// Whether the Manager has it: not while there is none, and not if another one took over
+    /// that refused it, which is logged with the reason (SM2-RES-009). Links that are open go on.
+    #[must_use]
+    pub fn is_registered(&self) -> bool {
+        self.handle.is_registered()
+    }
+
+    /// Of the interfaces that are there, those that come closest to a client of this server, and why
+    /// each of them does not match: for one that stays without links.
+    ///
+    /// # Errors
+    ///
+    /// See [`QueryError`].
+    pub fn why(&self) -> Result<Vec<Near>, QueryError> {
+        self.handle.why()
     }
 
     /// Its links: those that ended (the last 64 of them), then those that are there.
@@ -344,7 +365,12 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
             qos: self.qos,
         };
         Ok(Server {
-            handle: Arc::new(Handle::declare(&self.shared, contract, u64::MAX)?),
+            handle: Arc::new(Handle::declare(
+                &self.shared,
+                contract,
+                u64::MAX,
+                [schema_of::<Q>(), schema_of::<R>()],
+            )?),
             inline_max: self.inline_max,
             serves: PhantomData,
         })

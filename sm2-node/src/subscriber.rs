@@ -9,8 +9,8 @@ use sm2_proto::{Contract, Demand, Instant, Kind, TypeId};
 
 use crate::driver::{Interface, Shared};
 use crate::handle::{Handle, until};
-use crate::publisher::checked_name;
-use crate::{DeclareError, LinkStatus, Message, RecvError, Sample, WaitError};
+use crate::publisher::{checked_name, schema_of};
+use crate::{DeclareError, LinkStatus, Message, Near, QueryError, RecvError, Sample, WaitError};
 
 /// Receives messages of type `T` from all publishers of a topic, from each in turn.
 ///
@@ -28,7 +28,8 @@ pub struct Subscriber<T: Message + ?Sized> {
 }
 
 impl<T: Message + ?Sized> Subscriber<T> {
-    /// The next message; waits for it.
+    /// The next message; waits for it, as long as it takes: also for a publisher, and while the
+    /// Manager is gone for another one.
     ///
     /// # Errors
     ///
@@ -95,8 +96,25 @@ impl<T: Message + ?Sized> Subscriber<T> {
         self.handle.wait_open(count, timeout)
     }
 
-    /// Its links: those that ended (the last 64 of them), then those that are there. The
-    /// counters are all zero: they are the publishers'.
+    /// Whether the Manager has it: not while there is none, and not if another one took over
+    /// that refused it, which is logged with the reason (SM2-RES-009). Links that are open go on.
+    #[must_use]
+    pub fn is_registered(&self) -> bool {
+        self.handle.is_registered()
+    }
+
+    /// Of the interfaces that are there, those that come closest to a publisher for this subscriber, and why
+    /// each of them does not match: for one that stays without links.
+    ///
+    /// # Errors
+    ///
+    /// See [`QueryError`].
+    pub fn why(&self) -> Result<Vec<Near>, QueryError> {
+        self.handle.why()
+    }
+
+    /// Its links: those that ended (the last 64 of them), then those that are there. What
+    /// came is in [`LinkStatus::received`]; the counters are the publishers' and all zero here.
     pub fn links(&self) -> Vec<LinkStatus> {
         self.handle.links()
     }
@@ -150,6 +168,9 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     }
 
     /// How many samples of each publisher the program may hold: 1 to 1,024; 4 by default.
+    ///
+    /// Who only wants the latest message takes `depth(1).max_borrowed(1)`: a publisher then needs
+    /// the fewest slots for it. Drop the sample before the next is taken.
     pub const fn max_borrowed(mut self, messages: u16) -> Self {
         self.demand.max_borrowed = messages;
         self
@@ -173,7 +194,7 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
             demand: self.demand,
         };
         Ok(Subscriber {
-            handle: Handle::declare(&self.shared, contract, 0)?,
+            handle: Handle::declare(&self.shared, contract, 0, [schema_of::<T>()])?,
             receives: PhantomData,
         })
     }

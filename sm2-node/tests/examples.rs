@@ -2,20 +2,98 @@
 
 mod common;
 
-use std::io::Read;
+use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
-use std::time::Instant;
+use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use common::{Domain, SOON};
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use sm2_node::Node;
 
-fn start(domain: &Domain, name: &str, arguments: &[&str]) -> Child {
-    Command::new(path(name))
-        .args(arguments)
-        .env("SM2_SOCKET", domain.socket())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap()
+const LOOPS: [&str; 3] = ["loop_epoll", "loop_mio", "loop_io_uring"];
+/// The period of a timer that does not come while a test runs, in milliseconds.
+const NEVER: &str = "100000000";
+
+/// A running example. Dropping it kills it.
+struct Example(Child);
+
+impl Example {
+    fn start(domain: &Domain, name: &str, arguments: &[&str]) -> Self {
+        Self::start_at(&domain.socket(), name, arguments)
+    }
+
+    fn start_at(socket: &std::path::Path, name: &str, arguments: &[&str]) -> Self {
+        let mut command = Command::new(path(name));
+        command.args(arguments).env("SM2_SOCKET", socket);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        Self(command.spawn().unwrap())
+    }
+
+    fn signal(&self, signal: Signal) {
+        kill(Pid::from_raw(self.0.id().try_into().unwrap()), signal).unwrap();
+    }
+
+    fn take_stdout(&mut self) -> BufReader<ChildStdout> {
+        BufReader::new(self.0.stdout.take().unwrap())
+    }
+
+    /// What it printed, once it has ended.
+    fn finish(mut self) -> Output {
+        let child = &mut self.0;
+        // Read while it runs: what nobody reads blocks it.
+        let stdout = child.stdout.take().map(read_all);
+        let stderr = child.stderr.take().map(read_all);
+        let deadline = Instant::now() + SOON;
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
+            if Instant::now() > deadline {
+                child.kill().unwrap();
+                let stdout = stdout.map(|it| it.join().unwrap());
+                let text = String::from_utf8(stdout.unwrap_or_default()).unwrap();
+                panic!("it does not end, and has printed: {text}");
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let text = |it: Option<std::thread::JoinHandle<_>>| it.map(|it| it.join().unwrap());
+        Output {
+            status,
+            stdout: text(stdout).unwrap_or_default(),
+            stderr: text(stderr).unwrap_or_default(),
+        }
+    }
+
+    /// What it printed, once it has ended well.
+    fn output(self) -> String {
+        let Output {
+            status,
+            stdout,
+            stderr,
+        } = self.finish();
+        let stdout = String::from_utf8(stdout).unwrap();
+        let stderr = String::from_utf8(stderr).unwrap();
+        assert!(status.success(), "{status}: {stdout}{stderr}");
+        assert_eq!(stderr, "");
+        stdout
+    }
+}
+
+impl Drop for Example {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn read_all(mut stream: impl std::io::Read + Send + 'static) -> std::thread::JoinHandle<Vec<u8>> {
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).unwrap();
+        bytes
+    })
 }
 
 fn path(name: &str) -> PathBuf {
@@ -28,36 +106,12 @@ fn path(name: &str) -> PathBuf {
     path
 }
 
-/// What it printed, once it has ended well.
-fn output(mut child: Child) -> String {
-    let deadline = Instant::now() + SOON;
-    let status = loop {
-        if let Some(status) = child.try_wait().unwrap() {
-            break status;
-        }
-        if Instant::now() > deadline {
-            child.kill().unwrap();
-            panic!("it does not end");
-        }
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    };
-    let mut text = String::new();
-    child
-        .stdout
-        .take()
-        .unwrap()
-        .read_to_string(&mut text)
-        .unwrap();
-    assert!(status.success(), "{status}: {text}");
-    text
-}
-
 #[test]
 fn talker_and_listener() {
     let domain = Domain::new();
-    let talker = start(&domain, "talker", &["3"]);
-    let listener = start(&domain, "listener", &["3"]);
-    let heard = output(listener);
+    let talker = Example::start(&domain, "talker", &["3"]);
+    let listener = Example::start(&domain, "listener", &["3"]);
+    let heard = listener.output();
     assert_eq!(
         heard.lines().collect::<Vec<_>>(),
         [
@@ -66,12 +120,12 @@ fn talker_and_listener() {
             "talker said: hello 3"
         ]
     );
-    output(talker);
+    talker.output();
 }
 
 #[test]
 fn camera() {
-    let text = output(start(&Domain::new(), "camera", &["5"]));
+    let text = Example::start(&Domain::new(), "camera", &["5"]).output();
     assert_eq!(text.lines().count(), 5);
     assert!(text.contains("1920 x 1080, brightness 4, "), "{text}");
 }
@@ -79,14 +133,182 @@ fn camera() {
 #[test]
 fn add_server_and_client() {
     let domain = Domain::new();
-    let server = start(&domain, "add_server", &["1"]);
-    let client = start(&domain, "add_client", &["1", "2.5", "4"]);
-    assert_eq!(output(client), "add-server says 7.5\n");
-    assert!(output(server).contains("[1.0, 2.5, 4.0]"));
+    let server = Example::start(&domain, "add_server", &["1"]);
+    let client = Example::start(&domain, "add_client", &["1", "2.5", "4"]);
+    assert_eq!(client.output(), "add-server says 7.5\n");
+    assert!(server.output().contains("[1.0, 2.5, 4.0]"));
 }
 
 #[test]
 fn map_latched() {
-    let text = output(start(&Domain::new(), "map_latched", &[]));
+    let text = Example::start(&Domain::new(), "map_latched", &[]).output();
     assert!(text.contains("dock at 7.25, 0"), "{text}");
+}
+
+/// What goes wrong is one line on standard error that says what to do.
+#[test]
+fn an_error_is_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let nowhere = folder.path().join("nobody.sock");
+    for name in [
+        "talker",
+        "listener",
+        "camera",
+        "add_server",
+        "add_client",
+        "map_latched",
+        "loop_epoll",
+        "loop_mio",
+        "loop_io_uring",
+    ] {
+        let example = Example::start_at(&nowhere, name, &["1"]);
+        let Output {
+            status,
+            stdout,
+            stderr,
+        } = example.finish();
+        if is_refused(&String::from_utf8(stdout).unwrap()) {
+            continue;
+        }
+        let text = String::from_utf8(stderr).unwrap();
+        let expected = format!("{name}: no Manager at {nowhere:?} (");
+        assert!(text.starts_with(&expected), "{name}: {text}");
+        assert!(text.ends_with("(SM2_DOMAIN, SM2_SOCKET)\n"), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
+        assert_eq!(status.code(), Some(1), "{name}");
+    }
+    let example = Example::start_at(&nowhere, "talker", &["often"]);
+    let text = String::from_utf8(example.finish().stderr).unwrap();
+    assert_eq!(text, "talker: argument 1 is \"often\": give a u64\n");
+}
+
+/// As in `camera | head -n 1`.
+#[test]
+fn output_that_nobody_reads_ends_it_quietly() {
+    let domain = Domain::new();
+    let mut camera = Example::start(&domain, "camera", &["1000000"]);
+    let mut first = String::new();
+    camera.take_stdout().read_line(&mut first).unwrap();
+    assert!(first.starts_with("1920 x 1080"), "{first}");
+    assert_eq!(camera.output(), "");
+
+    for name in ["listener", "loop_epoll"] {
+        let mut listener = Example::start(&domain, name, &[]);
+        drop(listener.take_stdout());
+        let publisher = domain
+            .node("talker")
+            .publisher_builder::<str>("chatter")
+            .latched(1);
+        let publisher = publisher.declare().unwrap();
+        publisher.publish("is anybody there?").unwrap();
+        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        assert_eq!(listener.output(), "");
+    }
+}
+
+/// Whether the kernel keeps io_uring from this process, so that there is nothing to test.
+fn is_refused(output: &str) -> bool {
+    let refused = output.starts_with("no io_uring here: ");
+    if refused {
+        eprintln!("skipped: {output}");
+    }
+    refused
+}
+
+/// Runs `test` with each loop, once it has subscribed, and with a node that talks to it.
+fn in_each_loop(arguments: &[&str], test: impl Fn(&mut Domain, &Node, &str, Example)) {
+    for name in LOOPS {
+        let mut domain = Domain::new();
+        if name == "loop_io_uring" {
+            let nobody = domain.socket().with_extension("nobody");
+            let example = Example::start_at(&nobody, name, &[]);
+            if is_refused(&String::from_utf8(example.finish().stdout).unwrap()) {
+                continue;
+            }
+        }
+        let node = domain.node("talker");
+        let example = Example::start(&domain, name, arguments);
+        let publisher = node.publisher::<str>("chatter").unwrap();
+        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        drop(publisher);
+        test(&mut domain, &node, name, example);
+    }
+}
+
+fn hello(numbers: std::ops::RangeInclusive<u64>) -> Vec<String> {
+    let line = |number| format!("talker said: hello {number}");
+    numbers.map(line).collect()
+}
+
+/// Messages come in bursts, and the loop's own timer between them, whose publication reads
+/// the sockets too: all is heard, in order.
+#[test]
+fn a_loop_misses_nothing() {
+    in_each_loop(&["1000", "10"], |_, node, name, example| {
+        let heartbeat = node.subscriber::<u64>("heartbeat").unwrap();
+        let publisher = node.publisher_builder::<str>("chatter").depth(1_024);
+        let publisher = publisher.declare().unwrap();
+        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        let mut last = *common::next(&heartbeat);
+        for burst in 0..10 {
+            for number in 1..=100 {
+                let text = format!("hello {}", burst * 100 + number);
+                assert_eq!(publisher.publish(&text).unwrap().links, 1);
+            }
+            if burst < 9 {
+                let beat = common::next(&heartbeat);
+                assert!(beat.lost() > 0 || *beat == last + 1, "{name}");
+                last = *beat;
+            }
+        }
+        assert!(publisher.flush(SOON).unwrap());
+        let heard = example.output();
+        assert_eq!(heard.lines().collect::<Vec<_>>(), hello(1..=1000), "{name}");
+    });
+}
+
+/// One wake-up announces more than one turn takes, and nothing else comes afterwards.
+#[test]
+fn a_loop_that_was_held_up_takes_all_that_waits() {
+    in_each_loop(&["150", NEVER], |_, node, name, example| {
+        let publisher = node.publisher_builder::<str>("chatter").depth(1_024);
+        let publisher = publisher.declare().unwrap();
+        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        example.signal(Signal::SIGSTOP);
+        for number in 1..=150 {
+            publisher.publish(&format!("hello {number}")).unwrap();
+        }
+        example.signal(Signal::SIGCONT);
+        // Returns at once where the socket took them all.
+        assert!(publisher.flush(SOON).unwrap());
+        let heard = example.output();
+        assert_eq!(heard.lines().collect::<Vec<_>>(), hello(1..=150), "{name}");
+    });
+}
+
+/// A node comes back to the next Manager by what is behind its descriptors: a loop needs no
+/// timer for it.
+#[test]
+fn a_loop_meets_the_next_manager() {
+    in_each_loop(&["1", NEVER], |domain, _, name, example| {
+        domain.stop();
+        domain.start();
+        let node = domain.node("newcomer");
+        let publisher = node.publisher::<str>("chatter").unwrap();
+        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.publish("hello again").unwrap();
+        assert_eq!(example.output(), "newcomer said: hello again\n", "{name}");
+    });
+}
+
+#[test]
+fn ctrl_c_ends_a_loop() {
+    in_each_loop(&[], |domain, _, name, example| {
+        example.signal(Signal::SIGINT);
+        let Output { status, stderr, .. } = example.finish();
+        assert_eq!(status.code(), Some(130), "{name}");
+        assert_eq!(String::from_utf8(stderr).unwrap(), "", "{name}");
+        // It said goodbye: its name is free.
+        domain.node(&name.replace('_', "-"));
+    });
 }

@@ -79,7 +79,7 @@ fn meet(publisher: &Publisher<[u8]>, subscriber: &Subscriber<[u8]>) {
 /// The Manager knows that they are gone, and their names are free.
 fn wait_until_gone(domain: &Domain) {
     let watcher = domain.node("watcher");
-    while watcher.graph(SOON).unwrap().items.len() > 1 {
+    while watcher.snapshot().unwrap().nodes().count() > 1 {
         std::thread::sleep(Duration::from_millis(1));
     }
     drop(watcher);

@@ -6,8 +6,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{Domain, SOON, default_pair, meet, next, pair, pattern};
-use sm2_node::{DeclareError, RecvError, WaitError};
+use common::{Domain, SOON, meet, next, pair, pattern};
 
 //= SM2-OPN-007, SM2-OPN-008 test
 #[test]
@@ -192,39 +191,4 @@ fn a_descriptor_is_readable_while_there_may_be_a_message() {
     assert_eq!(&*subscriber.try_recv().unwrap().unwrap(), "one");
     assert!(subscriber.try_recv().unwrap().is_none());
     assert!(!readable(Duration::from_millis(5)));
-}
-
-//= SM2-NOD-003 test
-#[test]
-fn without_a_manager_links_live_on_and_nothing_new_comes() {
-    let mut domain = Domain::new();
-    let (publisher, subscriber) = default_pair(&domain);
-    let (a, b) = (domain.node("a"), domain.node("b"));
-    domain.stop();
-    for seed in 0..50 {
-        publisher.publish(&pattern(5000, seed)).unwrap();
-        assert!(*next(&subscriber) == *pattern(5000, seed));
-    }
-    let deadline = Instant::now() + SOON;
-    while a.is_connected() {
-        assert!(Instant::now() < deadline);
-    }
-    assert!(matches!(
-        a.publisher::<str>("x"),
-        Err(DeclareError::ManagerGone { .. })
-    ));
-    let error = publisher.wait_for_subscribers(2, None).unwrap_err();
-    assert!(
-        matches!(error, WaitError::ManagerGone { found: 1, .. }),
-        "{error}"
-    );
-    drop(publisher);
-    let error = loop {
-        match subscriber.recv() {
-            Ok(_) => {}
-            Err(error) => break error,
-        }
-    };
-    assert!(matches!(error, RecvError::Disconnected(_)), "{error}");
-    b.spin().unwrap();
 }

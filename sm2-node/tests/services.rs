@@ -326,3 +326,26 @@ fn a_descriptor_is_readable_when_there_may_be_a_reply() {
     };
     assert_eq!(&*reply, b"b");
 }
+
+/// Services have no quality of service that could differ, and nobody is told to look at it.
+#[test]
+fn who_waits_in_vain_is_told_what_to_look_at() {
+    let domain = Domain::new();
+    let node = domain.node("node");
+    let wait = Some(Duration::from_millis(1));
+    let client = node.client::<u8, u8>("service").unwrap();
+    let error = client.wait_for_servers(1, wait).unwrap_err().to_string();
+    assert!(
+        error.contains("0 of 1 servers") && !error.contains("QoS"),
+        "{error}"
+    );
+    let publisher = node.publisher::<u8>("topic").unwrap();
+    let error = publisher
+        .wait_for_subscribers(1, wait)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("0 of 1 subscribers") && error.contains("QoS"),
+        "{error}"
+    );
+}

@@ -198,12 +198,13 @@ fn bad_names_and_values_are_errors_that_say_what_to_do() {
     assert!(error.contains("empty"), "{error}");
     // A leading slash is a habit of many.
     node.publisher::<str>("/chatter").unwrap();
-    let graph = node.graph(SOON).unwrap();
-    assert_eq!(
-        graph.items.len(),
-        1,
-        "what was dropped is withdrawn: {graph:?}"
-    );
+    let domain = node.snapshot().unwrap();
+    assert_eq!(domain.nodes().count(), 1);
+    let left: Vec<_> = domain
+        .interfaces()
+        .filter(|it| it.refused.is_none())
+        .collect();
+    assert!(left.is_empty(), "what was dropped is withdrawn: {left:?}");
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! A Manager, a publisher, a subscriber and their link, without any I/O.
+//! A Manager, a publisher, a subscriber and their link, without any I/O. Between two messages
+//! the Manager dies and another one takes over; the link does not notice.
 //!
 //! Whoever embeds the machines writes three loops like `manager_works`,
 //! `node_works` and `link_works`: poll until there is nothing, and carry out
@@ -48,6 +49,8 @@ enum Wire {
     Node(usize, Vec<u8>, Vec<FdFacts>),
     /// To a program's link.
     Link(usize, Vec<u8>),
+    /// To nobody: the Manager dies here, and another one takes its place.
+    TakeOver,
 }
 
 /// Both programs, their Manager, and what is on its way between them.
@@ -95,7 +98,7 @@ impl World {
             link: None,
         };
         Self {
-            manager: Manager::new(1, Policy::default()),
+            manager: Manager::new(1, 7, Policy::default()),
             programs: [program("lidar", publisher), program("planner", subscriber)],
             wires: VecDeque::new(),
         }
@@ -128,8 +131,25 @@ impl World {
                 Wire::Link(to, bytes) => {
                     self.feed_link(*to, link::Input::Datagram(Datagram::new(bytes)));
                 }
+                Wire::TakeOver => self.take_over(),
             }
             print(format!("{read}\n    {}", self.state(&wire)));
+        }
+    }
+
+    /// What was on its way to the old Manager is lost with it. The new one knows nothing
+    /// but what the nodes tell it.
+    fn take_over(&mut self) {
+        let link_only = |wire: &Wire| matches!(wire, Wire::Link(..));
+        self.wires.retain(link_only);
+        self.manager = Manager::new(2, 8, Policy::default());
+        for at in 0..self.programs.len() {
+            self.feed_node(at, node::Input::Eof);
+            self.feed_manager(manager::Input::Connected {
+                session: session(at),
+                credentials: WE,
+            });
+            self.feed_node(at, node::Input::Reconnected);
         }
     }
 
@@ -156,6 +176,8 @@ impl World {
                     let goodbye = goodbye.map(|it| Wire::Node(program(session), it, vec![]));
                     self.wires.extend(goodbye);
                 }
+                // Nobody here keeps counters.
+                manager::Output::KeepCounters { .. } | manager::Output::SendCounters { .. } => {}
             }
         }
     }
@@ -171,9 +193,13 @@ impl World {
             let program = &mut self.programs[at];
             match output {
                 node::Output::Transmit(bytes) => self.wires.push_back(Wire::Manager(at, bytes)),
-                node::Output::Welcomed { .. } => {
+                node::Output::Welcomed { .. } if program.interface.is_none() => {
                     let interface = program.node.declare(program.contract.clone());
                     program.interface = Some(interface.expect("we are welcome"));
+                }
+                // Our link is known to the new Manager too. It never ceased to work.
+                node::Output::Resumed if Role::of(program.contract.kind()) == Role::Sender => {
+                    self.feed_link(at, message(2));
                 }
                 node::Output::Linked {
                     link,
@@ -190,11 +216,19 @@ impl World {
                 node::Output::Withdrawn { .. } => {
                     self.feed_node(at, node::Input::Close(Farewell::Done.code()));
                 }
-                node::Output::HelloRefused(_)
+                node::Output::Welcomed { .. }
+                | node::Output::HelloRefused(_)
                 | node::Output::Declared { .. }
                 | node::Output::DeclareRefused { .. }
-                | node::Output::Page { .. }
+                | node::Output::Resumed
                 | node::Output::Ended(_) => {}
+                // The answers to what nobody here asks.
+                node::Output::Page { .. }
+                | node::Output::Changes { .. }
+                | node::Output::TransmitCounters(_)
+                | node::Output::Inspected { .. }
+                | node::Output::NotInspected { .. }
+                | node::Output::Described { .. } => {}
             }
         }
     }
@@ -230,17 +264,10 @@ impl World {
                 self.wires.push_back(Wire::Link(other, packet.to_vec()));
             }
             link::Output::Opened if Role::of(program.contract.kind()) == Role::Sender => {
-                let message = Message {
-                    key: 1,
-                    id: 1,
-                    time: NOW,
-                    status: Status::Ok,
-                    len: 8,
-                    body: Body::Inline("one scan".into()),
-                };
-                self.feed_link(at, link::Input::Send(message));
+                self.feed_link(at, message(1));
             }
-            // The message was given back: that was all that we wanted.
+            link::Output::Settled { key: 1, .. } => self.wires.push_back(Wire::TakeOver),
+            // The last message was given back: that was all that we wanted.
             link::Output::Settled { .. } => {
                 if let Some(interface) = program.interface {
                     self.feed_node(at, node::Input::Withdraw { interface });
@@ -272,12 +299,14 @@ impl World {
             }
             Wire::Node(to, ..) => {
                 let Program { name, node, .. } = &self.programs[*to];
-                match (node.is_ready(), node.end()) {
+                match (node.id(), node.end()) {
                     (_, Some(end)) => format!("{name}: {end}"),
-                    (true, None) => format!("{name} is ready"),
-                    (false, None) => format!("{name} is greeting"),
+                    (Some(_), None) if node.is_ready() => format!("{name} is ready"),
+                    (Some(_), None) => format!("{name} is resuming"),
+                    (None, None) => format!("{name} is greeting"),
                 }
             }
+            Wire::TakeOver => "their link is open as ever".to_owned(),
             Wire::Link(to, _) => {
                 let Program { name, link, .. } = &self.programs[*to];
                 match link.as_ref().map(|link| (link.is_open(), link.end())) {
@@ -310,6 +339,7 @@ impl Wire {
                 let frame = Frame::decode(&Datagram::new(bytes));
                 format!("{} -> {}: {}", name(&(1 - to)), name(to), readable(frame))
             }
+            Self::TakeOver => "The Manager dies, and another one takes over".to_owned(),
         }
     }
 }
@@ -319,6 +349,17 @@ fn readable(frame: Result<impl Debug, Violation>) -> String {
         Ok(frame) => format!("{frame:?}"),
         Err(violation) => violation.to_string(),
     }
+}
+
+fn message(key: u64) -> link::Input<'static> {
+    link::Input::Send(Message {
+        key,
+        id: key,
+        time: NOW,
+        status: Status::Ok,
+        len: 8,
+        body: Body::Inline("one scan".into()),
+    })
 }
 
 fn session(program: usize) -> NodeId {

@@ -58,7 +58,7 @@ impl Domain {
         let sessions = interfaces / PER_SESSION;
         let visitor = NodeId(sessions + 1);
         let mut domain = Self {
-            manager: Manager::new(1, Policy::default()),
+            manager: Manager::new(1, 7, Policy::default()),
             interfaces,
             visitor,
             links: 0,
@@ -79,6 +79,7 @@ impl Domain {
                     min_version: 1,
                     max_version: 1,
                     name: name(format!("node-{}", session.0)),
+                    resuming: false,
                 },
             );
         }

@@ -60,6 +60,7 @@ codes! {
         ShuttingDown = 3, "shutting-down", "SM2-COD-001";
         Resources = 4, "resources", "SM2-COD-001";
         PeerGone = 5, "peer-gone", "SM2-LNK-004";
+        NotAdopted = 6, "not-adopted", "SM2-RES-005";
     }
 }
 
@@ -81,12 +82,20 @@ codes! {
         InterfaceNumber = 35, "interface-id", "SM2-IFC-001";
         UnknownInterface = 36, "unknown-interface", "SM2-IFC-003";
         UnknownLink = 37, "unknown-link", "SM2-LNK-003";
+        UnexpectedClaim = 38, "unexpected-claim", "SM2-RES-003";
+        BadClaim = 39, "bad-claim", "SM2-RES-003";
+        WatchTwice = 40, "watch-twice", "SM2-WCH-001";
+        CountersTwice = 41, "counters-twice", "SM2-CNT-001";
+        BadSchema = 42, "bad-schema", "SM2-SCH-001";
         ExpectedWelcome = 48, "expected-welcome", "SM2-NOD-001";
         UnexpectedWelcome = 49, "unexpected-welcome", "SM2-NOD-001";
         BadVersion = 50, "bad-version", "SM2-NOD-002";
         LinkNumber = 51, "link-id", "SM2-LNK-005";
         BadLink = 52, "bad-link", "SM2-LNK-005";
         UnexpectedPage = 53, "unexpected-page", "SM2-IFC-007";
+        UnexpectedChanges = 54, "unexpected-changes", "SM2-WCH-001";
+        UnexpectedCounters = 55, "unexpected-counters", "SM2-CNT-002";
+        UnexpectedSchema = 56, "unexpected-schema", "SM2-SCH-002";
         ExpectedOpen = 64, "expected-open", "SM2-OPN-001";
         UnexpectedOpen = 65, "unexpected-open", "SM2-OPN-001";
         BadOpen = 66, "bad-open", "SM2-OPN-002";

@@ -103,7 +103,8 @@ pub enum Contract {
 }
 
 /// The four kinds of interface. Each has one counterpart.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Kind {
     /// See [`Contract::Publisher`].
     Publisher,

@@ -12,6 +12,29 @@ pub struct NodeId(pub u64);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct InterfaceId(pub u64);
 
+/// An interface anywhere in the domain, or, with interface 0, a node itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Place {
+    /// Its node.
+    pub node: NodeId,
+    /// The node's number for it.
+    pub interface: InterfaceId,
+}
+
+impl Place {
+    /// Before every other one.
+    pub(crate) const FIRST: Self = Self::node(NodeId(0));
+
+    /// A node itself.
+    #[must_use]
+    pub const fn node(node: NodeId) -> Self {
+        Self {
+            node,
+            interface: InterfaceId(0),
+        }
+    }
+}
+
 /// A link, numbered by the Manager that made it; never used twice.
 //= SM2-LNK-002
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -20,6 +43,14 @@ pub struct LinkId {
     pub epoch: u64,
     /// The Manager's count of its links.
     pub serial: u64,
+}
+
+impl LinkId {
+    /// Before every other one.
+    pub(crate) const FIRST: Self = Self {
+        epoch: 0,
+        serial: 0,
+    };
 }
 
 impl fmt::Display for NodeId {
@@ -31,6 +62,12 @@ impl fmt::Display for NodeId {
 impl fmt::Display for InterfaceId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "interface {}", self.0)
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {}", self.interface, self.node)
     }
 }
 

@@ -40,7 +40,9 @@ extern crate alloc;
 mod code;
 mod contract;
 pub mod control;
+pub mod counters;
 mod datagram;
+pub mod domain;
 mod fd;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
@@ -52,13 +54,14 @@ mod matching;
 mod name;
 pub mod node;
 mod refusal;
+pub mod schema;
 mod time;
 
 pub use code::{Code, Farewell, Violation};
 pub use contract::{Contract, Demand, Kind, Offer, QosError, ServiceQos, TypeId};
 pub use datagram::Datagram;
 pub use fd::{FdFacts, Seals};
-pub use ids::{InterfaceId, LinkId, NodeId};
+pub use ids::{InterfaceId, LinkId, NodeId, Place};
 pub use matching::{Mismatch, Terms, match_contracts};
 pub use name::{Name, NameError};
 pub use refusal::{Quota, Refusal};

@@ -29,6 +29,10 @@ pub const STRIDE_UNIT: u64 = 4_096;
 pub const RELEASE_MAX: usize = 512;
 /// The length of the header of DATA, REQUEST and REPLY, in bytes.
 pub const MESSAGE_HEAD: usize = 48;
+/// The longest schema text, in bytes.
+pub const SCHEMA_TEXT_MAX: usize = 32_768;
+/// The most brackets that are open at any place of a schema text.
+pub const SCHEMA_DEPTH_MAX: usize = 64;
 /// How many bytes of items the Manager puts into one PAGE before it ends it.
 pub const PAGE_BYTES: usize = 32_768;
 
@@ -36,4 +40,5 @@ const _: () = assert!(MESSAGE_HEAD + INLINE_MAX <= DATAGRAM_MAX);
 const _: () = assert!(8 + 8 * RELEASE_MAX <= DATAGRAM_MAX);
 const _: () = assert!(QOS_MAX as u32 * 2 <= WINDOW_MAX);
 const _: () = assert!(MESSAGE_MAX <= SEGMENT_BYTES_MAX);
+const _: () = assert!(SCHEMA_TEXT_MAX + NAME_MAX + 32 < DATAGRAM_MAX);
 const _: () = assert!(PAGE_BYTES + 8 * (NAME_MAX + 16) < DATAGRAM_MAX);

@@ -3,7 +3,7 @@
 use crate::{Contract, TypeId};
 
 /// What a link between two matching interfaces is like.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Terms {
     /// Whether nothing on it may be displaced.
     pub reliable: bool,

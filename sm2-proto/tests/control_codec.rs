@@ -1,116 +1,24 @@
 //! The codec of control frames: every frame there and back, every other datagram
 //! refused by its name, and a second decoder that agrees on both.
 
+#[path = "support/direction.rs"]
+mod direction;
 #[path = "support/frames.rs"]
 mod frames;
 #[path = "support/naive_control.rs"]
 mod naive;
 mod support;
 
+use direction::{TO_MANAGER, TO_NODE, datagram, json};
 use proptest::{collection::vec, prelude::*};
-use serde_json::Value;
 use sm2_proto::{
-    Contract, Datagram, FdFacts, Name, Violation,
+    Contract, Datagram, Name, Violation,
     control::{
         ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
     },
-    limits::{DATAGRAM_MAX, NAME_MAX},
+    limits::{DATAGRAM_MAX, NAME_MAX, SCHEMA_TEXT_MAX},
 };
 use support::{bench::hello, cases};
-
-const FDS: [FdFacts; 3] = [FdFacts {
-    regular: false,
-    size_bytes: 0,
-    seals: sm2_proto::Seals(0),
-}; 3];
-
-/// What a frame means, and its bytes again.
-type Decoded = Result<(Value, Vec<u8>), Violation>;
-
-/// One of the two directions, so that each property is written once.
-struct Direction {
-    decode: fn(&Datagram<'_>) -> Decoded,
-    naive: fn(&[u8], usize) -> Result<Value, &'static str>,
-    fds: fn(&[u8]) -> usize,
-}
-
-const TO_MANAGER: Direction = Direction {
-    decode: |datagram| {
-        let frame = decode_to_manager(datagram)?;
-        Ok((json(&frame), encode_to_manager(&frame)))
-    },
-    naive: naive::to_manager,
-    fds: |_| 0,
-};
-
-const TO_NODE: Direction = Direction {
-    decode: |datagram| {
-        let frame = decode_to_node(datagram)?;
-        Ok((json(&frame), encode_to_node(&frame)))
-    },
-    naive: naive::to_node,
-    fds: |bytes| usize::from(bytes.first() == Some(&4)),
-};
-
-fn json(frame: &impl serde::Serialize) -> Value {
-    serde_json::to_value(frame).expect("a frame has a meaning")
-}
-
-fn datagram(bytes: &[u8], fds: usize) -> Datagram<'_> {
-    Datagram {
-        fds: &FDS[..fds],
-        ..Datagram::new(bytes)
-    }
-}
-
-impl Direction {
-    /// Both decoders say the same, and what is accepted has this one encoding.
-    fn agrees(&self, bytes: &[u8], fds: usize) -> Result<(), TestCaseError> {
-        let decoded = (self.decode)(&datagram(bytes, fds));
-        if let Ok((_, again)) = &decoded {
-            prop_assert_eq!(again, bytes);
-        }
-        let decoded = decoded.map(|(meaning, _)| meaning);
-        let naive = (self.naive)(bytes, fds);
-        prop_assert_eq!(decoded.map_err(Violation::name), naive);
-        Ok(())
-    }
-
-    fn violation(&self, bytes: &[u8]) -> Option<Violation> {
-        let fds = (self.fds)(bytes);
-        let violation = (self.decode)(&datagram(bytes, fds)).err();
-        assert_eq!(
-            (self.naive)(bytes, fds).err(),
-            violation.map(Violation::name)
-        );
-        violation
-    }
-
-    /// What breaks one byte of a frame, or two, or its length.
-    fn mutants_agree(&self, frame: &[u8], edits: &[(u16, u8, u8)]) -> Result<(), TestCaseError> {
-        let mut bytes = frame.to_vec();
-        let fds = (self.fds)(frame);
-        self.agrees(&bytes, fds)?;
-        for &(at, byte, edit) in edits {
-            let at = usize::from(at) % (bytes.len() + 1);
-            match edit % 6 {
-                0 => bytes.insert(at, byte),
-                1 if at < bytes.len() => drop(bytes.remove(at)),
-                2 => bytes.truncate(at),
-                // A longer varint of the same value, if one ends here.
-                3 if at < bytes.len() && bytes[at] < 0x80 => {
-                    bytes[at] |= 0x80;
-                    bytes.insert(at + 1, 0);
-                }
-                4 if at < bytes.len() => bytes[at] ^= 1 << (byte % 8),
-                _ if at < bytes.len() => bytes[at] = byte,
-                _ => {}
-            }
-            self.agrees(&bytes, fds)?;
-        }
-        Ok(())
-    }
-}
 
 proptest! {
     #![proptest_config(cases(400))]
@@ -120,19 +28,20 @@ proptest! {
     fn there_and_back_to_the_manager(frame in frames::to_manager()) {
         let bytes = encode_to_manager(&frame);
         prop_assert!(bytes.len() < DATAGRAM_MAX);
-        prop_assert_eq!(decode_to_manager(&Datagram::new(&bytes)), Ok(frame.clone()));
-        prop_assert_eq!(naive::to_manager(&bytes, 0), Ok(json(&frame)));
-        for fds in 1..=3 {
+        let own = usize::from(frame == ToManager::Counters);
+        for fds in 0..=3 {
             let decoded = decode_to_manager(&datagram(&bytes, fds));
-            prop_assert_eq!(decoded, Err(Violation::FdCount));
+            let expected = if fds == own { Ok(frame.clone()) } else { Err(Violation::FdCount) };
+            prop_assert_eq!(decoded, expected);
         }
+        prop_assert_eq!(naive::to_manager(&bytes, own), Ok(json(&frame)));
     }
 
     //= SM2-FRM-001, SM2-FRM-002, SM2-TRN-005 test
     #[test]
     fn there_and_back_to_the_node(frame in frames::to_node()) {
         let bytes = encode_to_node(&frame);
-        let own = usize::from(matches!(frame, ToNode::Link { .. }));
+        let own = usize::from(matches!(frame, ToNode::Link { .. } | ToNode::Inspected { .. }));
         for fds in 0..=3 {
             let decoded = decode_to_node(&datagram(&bytes, fds));
             let expected = if fds == own { Ok(frame.clone()) } else { Err(Violation::FdCount) };
@@ -143,7 +52,7 @@ proptest! {
 
     //= SM2-FRM-001, SM2-FRM-002, SM2-FRM-003, SM2-NAM-001 test
     #[test]
-    fn arbitrary_bytes(bytes in vec(any::<u8>(), 0..200), number in 0..10_u8, fds in 0..3_usize) {
+    fn arbitrary_bytes(bytes in vec(any::<u8>(), 0..200), number in 0..14_u8, fds in 0..3_usize) {
         TO_MANAGER.agrees(&bytes, fds)?;
         TO_NODE.agrees(&bytes, fds)?;
         let framed = [&[number][..], &bytes].concat();
@@ -154,8 +63,8 @@ proptest! {
     /// Small numbers are lengths and variants that exist.
     //= SM2-FRM-001, SM2-FRM-002 test
     #[test]
-    fn likely_bytes(bytes in vec(prop_oneof![0..6_u8, Just(b'a'), Just(b'/'), Just(0x80)], 1..60)) {
-        TO_MANAGER.agrees(&bytes, 0)?;
+    fn likely_bytes(bytes in vec(prop_oneof![0..13_u8, Just(b'a'), Just(b'/'), Just(0x80)], 1..60)) {
+        TO_MANAGER.agrees(&bytes, (TO_MANAGER.fds)(&bytes))?;
         TO_NODE.agrees(&bytes, (TO_NODE.fds)(&bytes))?;
     }
 
@@ -195,7 +104,7 @@ fn hello_named(text: &[u8]) -> Vec<u8> {
         rest /= 0x80;
     }
     len.push(u8::try_from(rest).expect("seven bits"));
-    [&[0, 1, 1], &len[..], text].concat()
+    [&[0, 1, 1], &len[..], text, &[0]].concat()
 }
 
 //= SM2-NAM-001 test
@@ -311,7 +220,7 @@ fn only_the_shortest_varint() {
     assert_eq!(goodbye(&[0xff, 0xff, 4]), Some(Violation::Malformed));
     assert_eq!(goodbye(&[0x80, 0x80, 0x80, 0]), Some(Violation::Malformed));
     // The number of the frame, the length of a name and of a list as well.
-    for frame in [&[0x82, 0, 7][..], &[0, 1, 1, 0x81, 0, b'a']] {
+    for frame in [&[0x82, 0, 7][..], &[0, 1, 1, 0x81, 0, b'a', 0]] {
         assert_eq!(TO_MANAGER.violation(frame), Some(Violation::NotCanonical));
     }
     assert_eq!(
@@ -323,7 +232,7 @@ fn only_the_shortest_varint() {
 //= SM2-FRM-001 test
 #[test]
 fn unknown_numbers() {
-    for (frames, direction) in [(6_u8, TO_MANAGER), (9, TO_NODE)] {
+    for (frames, direction) in [(13_u8, TO_MANAGER), (13, TO_NODE)] {
         for number in frames..=0xff {
             // From 0x80 on the number is cut short; with one more byte it is large.
             assert_eq!(
@@ -344,13 +253,17 @@ fn unknown_numbers() {
         }
     }
     for (direction, frame) in [
-        (TO_MANAGER, &[1, 1, 4][..]),         // a contract
-        (TO_MANAGER, &[4, 2]),                // an optional value
-        (TO_NODE, &[1, 5]),                   // a refusal
-        (TO_NODE, &[1, 4, 4, 0]),             // a quota
-        (TO_NODE, &[7, 0, 1, 2]),             // an item
-        (TO_NODE, &[4, 1, 1, 1, 1, 2, 0]),    // a boolean
-        (TO_NODE, &[7, 0, 0x80, 0x80, 4, 0]), // a list longer than the datagram
+        (TO_MANAGER, &[1, 1, 4][..]),            // a contract
+        (TO_MANAGER, &[4, 2]),                   // an optional value
+        (TO_NODE, &[1, 5]),                      // a refusal
+        (TO_NODE, &[1, 4, 4, 0]),                // a quota
+        (TO_NODE, &[7, 0, 1, 7]),                // an item
+        (TO_NODE, &[4, 1, 1, 1, 1, 1, 2, 0]),    // a boolean
+        (TO_MANAGER, &[4, 1, 5]),                // a key
+        (TO_NODE, &[9, 0, 1, 1, 2]),             // a change
+        (TO_NODE, &[9, 0, 2]),                   // an optional value
+        (TO_NODE, &[7, 0, 1, 6, 0, 0, 0, 0, 3]), // why a pair is apart
+        (TO_NODE, &[7, 0, 0x80, 0x80, 4, 0]),    // a list longer than the datagram
     ] {
         assert_eq!(
             direction.violation(frame),
@@ -417,6 +330,40 @@ fn quality_of_service() {
     }
 }
 
+//= SM2-SCH-001, SM2-SCH-002 test
+#[test]
+fn texts() {
+    let frames = |text: &[u8]| {
+        let len = [
+            0x80 | (text.len() % 0x80) as u8,
+            0x80 | (text.len() / 0x80 % 0x80) as u8,
+        ];
+        let len = [&len[..], &[(text.len() / 0x4000) as u8]].concat();
+        let data = [1, b'T', 7];
+        [
+            (TO_MANAGER, [&[11], &data[..], &len, text].concat()),
+            (TO_NODE, [&[12], &data[..], &[1], &len, text].concat()),
+        ]
+    };
+    let long = "x".repeat(SCHEMA_TEXT_MAX);
+    let longer = "x".repeat(SCHEMA_TEXT_MAX + 1);
+    let mut no_text = long.clone().into_bytes();
+    no_text[77] = 0xff;
+    for (text, violation) in [
+        (long.as_bytes(), None),
+        (longer.as_bytes(), Some(Violation::BadSchema)),
+        (&no_text, Some(Violation::BadName)),
+    ] {
+        for (direction, bytes) in frames(text) {
+            assert_eq!(direction.violation(&bytes), violation);
+        }
+    }
+    // The end of the datagram comes before the limit of texts.
+    let [(to_manager, mut bytes), _] = frames(longer.as_bytes());
+    bytes.push(0);
+    assert_eq!(to_manager.violation(&bytes), Some(Violation::TrailingBytes));
+}
+
 /// When several rules are broken, the first of SPEC section 10's order is named.
 //= SM2-COD-001 test
 #[test]
@@ -438,7 +385,7 @@ fn precedence() {
     let mut bad_name = malformed.clone();
     bad_name[5] = b'.';
     let mut unknown = bad_name.clone();
-    unknown[0] = 6;
+    unknown[0] = 13;
     for (bytes, violation) in [
         (too_deep, Violation::BadQos),
         (not_canonical, Violation::NotCanonical),

@@ -4,8 +4,8 @@
 //! session where `before` has happened: frames received and, with `>` in front,
 //! frames that the receiver had sent itself. (The Manager's own frames follow
 //! from those it received; its epoch is 1, the session its first.) `truncated`
-//! says what the kernel cut. Then it is either a `frame`, in SPEC's words, or a
-//! `violation`.
+//! says what the kernel cut, `file` what a descriptor is that is no file of counters.
+//! Then it is either a `frame`, in SPEC's words, or a `violation`.
 
 #[path = "support/naive_control.rs"]
 mod naive;
@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use sm2_proto::{
-    Code, Datagram, FdFacts, Instant, NodeId, Violation,
+    Code, Datagram, FdFacts, Instant, NodeId, Seals, Violation,
     control::{
         ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
     },
@@ -38,6 +38,7 @@ struct Vector {
     hex: String,
     fds: usize,
     truncated: Option<Truncated>,
+    file: Option<File>,
     frame: Option<Value>,
     violation: Option<String>,
 }
@@ -56,6 +57,21 @@ enum Truncated {
     Control,
 }
 
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    regular: bool,
+    size: u64,
+    seals: u32,
+}
+
+/// What each descriptor is, unless a vector says otherwise.
+const COUNTERS: FdFacts = FdFacts {
+    regular: true,
+    size_bytes: 1_024,
+    seals: Seals::POOLED,
+};
+
 fn vectors() -> Vec<Vector> {
     serde_json::from_str(VECTORS).expect("the file is what the module says")
 }
@@ -68,11 +84,15 @@ fn bytes(hex: &str) -> Vec<u8> {
 /// The fields of a frame of the shipped codec, in SPEC's words.
 fn meaning(frame: &impl serde::Serialize) -> Value {
     let frame = serde_json::to_value(frame).expect("a frame has a meaning");
-    let Value::Object(variant) = frame else {
-        panic!("{frame} has fields");
+    let (kind, fields) = match frame {
+        Value::String(kind) => (kind, Map::new()),
+        Value::Object(variant) => match variant.into_iter().next() {
+            Some((kind, Value::Object(fields))) => (kind, fields),
+            other => panic!("{other:?} has fields"),
+        },
+        other => panic!("{other} is no variant"),
     };
-    let (kind, fields) = variant.into_iter().next().expect("one variant");
-    let Value::Object(fields) = spell(fields) else {
+    let Value::Object(fields) = spell(fields.into()) else {
         panic!("{kind} has fields");
     };
     let mut meaning = Map::new();
@@ -113,9 +133,14 @@ fn words(variant: &str, between: char) -> String {
 impl Vector {
     /// Calls `handle` with the datagram.
     fn datagram<T>(&self, handle: impl FnOnce(Datagram<'_>) -> T) -> T {
+        let file = self.file.map_or(COUNTERS, |file| FdFacts {
+            regular: file.regular,
+            size_bytes: file.size,
+            seals: Seals(file.seals),
+        });
         handle(Datagram {
             bytes: &bytes(&self.hex),
-            fds: &vec![FdFacts::default(); self.fds],
+            fds: &vec![file; self.fds],
             data_truncated: self.truncated == Some(Truncated::Data),
             control_truncated: self.truncated == Some(Truncated::Control),
         })
@@ -159,7 +184,7 @@ impl Vector {
     }
 
     fn replay_to_manager(&self) -> Option<(Violation, Code)> {
-        let mut manager = Manager::new(1, Policy::default());
+        let mut manager = Manager::new(1, 7, Policy::default());
         let mut feed = |input: Input<'_>| {
             manager
                 .handle(NOW, input)
@@ -184,7 +209,11 @@ impl Vector {
         );
         for before in &self.before {
             let bytes = bytes(before);
-            let datagram = Datagram::new(&bytes);
+            let has_file = matches!(bytes.first(), Some(9));
+            let datagram = Datagram {
+                fds: &[COUNTERS][..usize::from(has_file)],
+                ..Datagram::new(&bytes)
+            };
             let hung_up = feed(Input::Datagram { session, datagram });
             assert_eq!(hung_up, None, "{}: {before}", self.name);
         }
@@ -222,9 +251,9 @@ impl Vector {
                 }
                 None => {
                     let bytes = bytes(before);
-                    let is_link = matches!(bytes.first(), Some(4));
+                    let has_file = matches!(bytes.first(), Some(4 | 10));
                     let datagram = Datagram {
-                        fds: &vec![FdFacts::default(); usize::from(is_link)],
+                        fds: &[COUNTERS][..usize::from(has_file)],
                         ..Datagram::new(&bytes)
                     };
                     let received = node.handle(NOW, node::Input::Datagram(datagram));
@@ -279,6 +308,12 @@ fn act(node: &mut Node, bytes: &[u8]) {
         },
         ToManager::Query { after } => node::Input::Query { after },
         ToManager::Goodbye { code } => node::Input::Close(code),
+        ToManager::Watch { after } => node::Input::Watch { after },
+        ToManager::Counters => node::Input::Counters,
+        ToManager::Inspect { node } => node::Input::Inspect { node },
+        ToManager::Schema { data, text } => node::Input::Schema { data, text },
+        ToManager::Describe { data } => node::Input::Describe { data },
+        other => panic!("{other:?} follows from a resumption"),
     };
     node.handle(NOW, input).expect("legal");
 }
@@ -313,7 +348,7 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         }
         violations.extend(vector.violation.as_deref());
     }
-    assert_eq!(kinds.len(), 6 + 9);
+    assert_eq!(kinds.len(), 13 + 13);
     for variant in [
         "publisher",
         "subscriber",
@@ -328,8 +363,18 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         "interfaces-per-session",
         "interfaces-per-user",
         "links-per-session",
+        "domain",
         "node",
         "interface",
+        "refusal",
+        "link",
+        "claim",
+        "apart",
+        "ended",
+        "descriptors",
+        "set",
+        "removed",
+        "member",
     ] {
         let with_fields = format!("\"{variant}\":{{");
         let without = format!(":\"{variant}\"");
@@ -337,9 +382,15 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         let found = frames.any(|it| it.contains(&with_fields) || it.contains(&without));
         assert!(found, "{variant}");
     }
+    // Those of sessions, and of the one descriptor that a node hands over.
+    let of_files = [
+        Violation::NotAMemfd,
+        Violation::SealsMissing,
+        Violation::BadSize,
+    ];
     let control = Violation::ALL
         .iter()
-        .filter(|violation| violation.code().0 < 64);
+        .filter(|violation| violation.code().0 < 64 || of_files.contains(violation));
     let control: BTreeSet<&str> = control.map(|violation| violation.name()).collect();
     assert_eq!(violations, control);
     let names: BTreeSet<_> = vectors.iter().map(|it| (it.to as u8, &it.name)).collect();

@@ -4,9 +4,9 @@
 #[path = "../examples/in_memory.rs"]
 mod in_memory;
 
-//= SM2-LNK-004 test
+//= SM2-LNK-004, SM2-NOD-003, SM2-RES-002 test
 #[test]
-fn a_message_goes_from_one_program_to_the_other() {
+fn messages_go_from_one_program_to_the_other_under_two_managers() {
     let mut lines = Vec::new();
     in_memory::World::new().run(&mut |line| lines.push(line));
     let steps = [
@@ -15,6 +15,14 @@ fn a_message_goes_from_one_program_to_the_other() {
         "planner -> Manager: Declare",
         "Manager -> planner: Link",
         "planner -> lidar: Open",
+        "lidar -> planner: Message",
+        "planner -> lidar: Release",
+        "The Manager dies",
+        "lidar -> Manager: Hello",
+        "lidar -> Manager: Declare",
+        "planner -> Manager: Declare",
+        "lidar -> Manager: Claim {",
+        "lidar -> Manager: Claimed",
         "lidar -> planner: Message",
         "planner -> lidar: Release",
         "lidar -> Manager: Withdraw",

@@ -86,7 +86,7 @@ fn the_deadline_is_that_of_a_session_that_waits() {
 //= SM2-SES-007 test
 #[test]
 fn session_numbers_grow() {
-    let mut manager = Manager::new(1, UNLIMITED);
+    let mut manager = Manager::new(1, 7, UNLIMITED);
     let credentials = Credentials {
         uid: 1,
         gid: 1,
@@ -111,6 +111,28 @@ fn session_numbers_grow() {
     assert_eq!(manager.sessions(), 2);
 }
 
+/// A misuse changes nothing, not even what the time that has passed would.
+//= SM2-SES-007 test
+#[test]
+fn a_misuse_changes_nothing() {
+    let mut bench = Bench::new(UNLIMITED);
+    let session = bench.connect(1);
+    let credentials = Credentials {
+        uid: 1,
+        gid: 1,
+        pid: 1,
+    };
+    let before = bench.manager.clone();
+    let connected = Input::Connected {
+        session,
+        credentials,
+    };
+    let late = bench.now.after(Duration::from_secs(60));
+    let misuse = bench.manager.handle(late, connected);
+    assert_eq!(misuse, Err(Misuse::SessionNumber(session)));
+    assert_eq!(bench.manager, before);
+}
+
 //= SM2-SES-008, SM2-NOD-003 test
 #[test]
 fn a_manager_that_ends_leaves_the_links_alone() {
@@ -128,6 +150,28 @@ fn a_manager_that_ends_leaves_the_links_alone() {
     assert_eq!((bench.manager.sessions(), bench.manager.links()), (0, 0));
     assert_eq!(bench.manager.deadline(), None);
     assert_eq!(bench.hello(greeting, "late"), []);
+}
+
+//= SM2-RES-010 test
+#[test]
+fn only_standbys_are_told_early_of_a_hand_over() {
+    let mut bench = Bench::new(UNLIMITED);
+    let names = [
+        "sm2/standby/7",
+        "sm2/standby",
+        "other/sm2/standby/7",
+        "sm2/standby/7-2",
+    ];
+    let nodes = names.map(|name| bench.node(1, name));
+    bench.connect(1);
+    let hung_up = |session| {
+        let cause = Cause::Farewell(Farewell::ShuttingDown);
+        Event::HungUp(session, Some(Code(3)), cause)
+    };
+    let events = bench.input(Input::DismissStandbys);
+    assert_eq!(events, [nodes[0], nodes[3]].map(hung_up));
+    assert_eq!(bench.manager.sessions(), 3, "the others notice nothing");
+    assert_eq!(bench.input(Input::DismissStandbys), []);
 }
 
 /// HELLO, DECLARE and all else of one session do not reach another one's.

@@ -123,9 +123,13 @@ fn a_link_names_each_side_to_the_other() {
     let Some(Event::Linked(link, ends)) = events.last() else {
         panic!("{events:?}");
     };
+    let ToNode::Link { key, .. } = ends[0].1 else {
+        panic!("{ends:?}");
+    };
     let frame = |interface, node, text, peer, contract: &Contract| ToNode::Link {
         interface: InterfaceId(interface),
         link: *link,
+        key,
         version: 1,
         reliable: false,
         sealed: false,

@@ -3,23 +3,23 @@
 mod support;
 
 use sm2_proto::{
-    Contract, InterfaceId, NodeId,
-    control::{Cursor, Item, ToManager, ToNode, encode_to_node},
+    Code, Contract, InterfaceId, LinkId, NodeId, Place, Refusal,
+    control::{Apart, Item, Key, Limits, ToManager, ToNode, encode_to_node},
     limits::{DATAGRAM_MAX, PAGE_BYTES},
     manager::Policy,
 };
 use support::{
-    bench::{Bench, Event},
-    contracts::{data, name, publisher, server},
+    bench::{Bench, EPOCH, Event, claim, resuming},
+    contracts::{data, name, publisher, server, subscriber},
 };
 
 struct Page {
     revision: u64,
     items: Vec<Item>,
-    next: Option<Cursor>,
+    next: Option<Key>,
 }
 
-fn query(bench: &mut Bench, node: NodeId, after: Option<Cursor>) -> Page {
+fn query(bench: &mut Bench, node: NodeId, after: Option<Key>) -> Page {
     let events = bench.send(node, &ToManager::Query { after });
     let [Event::Sent(to, page)] = &events[..] else {
         panic!("{events:?}");
@@ -41,18 +41,6 @@ fn query(bench: &mut Bench, node: NodeId, after: Option<Cursor>) -> Page {
     }
 }
 
-fn position(item: &Item) -> Cursor {
-    match *item {
-        Item::Node { node, .. } => Cursor {
-            node,
-            interface: InterfaceId(0),
-        },
-        Item::Interface {
-            node, interface, ..
-        } => Cursor { node, interface },
-    }
-}
-
 const NODES: u64 = 5;
 const INTERFACES: u64 = 90;
 
@@ -65,9 +53,17 @@ fn contract(interface: u64) -> Contract {
 /// Some nodes, with interfaces 2, 4, 6, … each; and all of it in order.
 fn domain() -> (Bench, Vec<Item>) {
     let mut bench = Bench::new(Policy::default());
-    let mut items = Vec::new();
-    for at in 1..=NODES {
-        let text = format!("node-{at}");
+    let limits = Limits {
+        sessions_per_user: 1_024,
+        interfaces_per_session: 1_024,
+        interfaces_per_user: 16_384,
+        links_per_session: 8_192,
+        seal_all: false,
+        waive_user_boundary: false,
+    };
+    let mut items = vec![Item::Domain { limits }];
+    for number in 1..=NODES {
+        let text = format!("node-{number}");
         let node = bench.node(1000, &text);
         // A connection that does not greet is not shown.
         bench.connect(1000);
@@ -76,19 +72,86 @@ fn domain() -> (Bench, Vec<Item>) {
             name: name(&text),
             uid: 1000,
             pid: 100 + i32::try_from(node.0).expect("small"),
+            resuming: false,
         });
         for interface in 1..=INTERFACES {
             let contract = contract(interface);
             bench.declared(node, 2 * interface, &contract);
-            items.push(Item::Interface {
-                node,
-                interface: InterfaceId(2 * interface),
-                contract,
-                links: 0,
-            });
+            let place = at(node.0, 2 * interface);
+            items.push(Item::Interface { place, contract });
         }
     }
+    others(&mut bench, &mut items);
     (bench, items)
+}
+
+fn at(node: u64, interface: u64) -> Place {
+    let (node, interface) = (NodeId(node), InterfaceId(interface));
+    Place { node, interface }
+}
+
+/// Two nodes with each other kind of item.
+fn others(bench: &mut Bench, items: &mut Vec<Item>) {
+    let node = bench.node(1000, "linked");
+    let offers = publisher("scan", &data("Scan"));
+    let demands = subscriber("scan", None);
+    let wrong = publisher("scan", &data("Image"));
+    bench.declared(node, 1, &demands);
+    bench.declared(node, 2, &demands);
+    let links = bench.declared(node, 4, &offers);
+    bench.unlinked(node, 2, links[1]);
+    bench.declare(node, 5, &wrong);
+    let back = bench.connect(1000);
+    bench.send(back, &resuming("back"));
+    bench.declare(back, 1, &subscriber("map", None));
+    let claimed = LinkId {
+        epoch: EPOCH + 1,
+        serial: 7,
+    };
+    bench.send(back, &claim(1, claimed, 9));
+    let named = |node: NodeId, text, resuming| Item::Node {
+        node,
+        name: name(text),
+        uid: 1000,
+        pid: 100 + i32::try_from(node.0).expect("small"),
+        resuming,
+    };
+    let interface = |node: NodeId, interface, contract: &Contract| Item::Interface {
+        place: at(node.0, interface),
+        contract: contract.clone(),
+    };
+    items.extend([
+        named(node, "linked", false),
+        interface(node, 1, &demands),
+        interface(node, 2, &demands),
+        interface(node, 4, &offers),
+        Item::Refusal {
+            place: at(node.0, 5),
+            contract: wrong,
+            reason: Refusal::TopicType {
+                theirs: data("Scan"),
+            },
+        },
+        named(back, "back", true),
+        interface(back, 1, &subscriber("map", None)),
+        Item::Link {
+            link: links[0],
+            offering: at(node.0, 4),
+            demanding: at(node.0, 1),
+            version: 1,
+            reliable: false,
+            sealed: false,
+        },
+        Item::Claim {
+            link: claimed,
+            place: at(back.0, 1),
+        },
+        Item::Apart {
+            offering: at(node.0, 4),
+            demanding: at(node.0, 2),
+            cause: Apart::Ended { code: Code(5) },
+        },
+    ]);
 }
 
 //= SM2-IFC-007, SM2-TRN-004 test
@@ -107,7 +170,7 @@ fn pages_together_are_the_domain() {
         if after.is_none() {
             break;
         }
-        assert_eq!(after, items.last().map(position));
+        assert_eq!(after, items.last().map(Item::key));
     }
     assert_eq!(items, expected);
     let least = expected.len() * 600 / PAGE_BYTES;
@@ -118,37 +181,54 @@ fn pages_together_are_the_domain() {
 #[test]
 fn a_page_starts_after_any_position() {
     let (mut bench, expected) = domain();
-    let around = |cursor: Cursor| {
-        let Cursor { node, interface } = cursor;
-        let nearby = |it: u64| Cursor {
-            node,
-            interface: InterfaceId(it),
+    let around = |key: Key| {
+        let Key::Member { place } = key else {
+            return vec![key];
         };
+        let Place { node, interface } = place;
+        let nearby = |it: u64| at(node.0, it);
         [
-            cursor,
+            place,
             nearby(interface.0 + 1),
             nearby(u64::MAX),
-            Cursor {
-                node: NodeId(node.0 + 1),
-                interface: InterfaceId(0),
+            at(node.0 + 1, 0),
+        ]
+        .map(|place| Key::Member { place })
+        .to_vec()
+    };
+    let nowhere = LinkId {
+        epoch: 0,
+        serial: 0,
+    };
+    let last = at(u64::MAX, u64::MAX);
+    // Keys that nobody has, at the beginning and at the end of each kind.
+    let strange = [at(0, 0), last].into_iter().flat_map(|place| {
+        [
+            Key::Member { place },
+            Key::Link {
+                link: nowhere,
+                offering: place,
+            },
+            Key::Claim {
+                link: nowhere,
+                place,
+            },
+            Key::Apart {
+                offering: place,
+                demanding: place,
             },
         ]
-    };
-    for cursor in expected.iter().map(position).flat_map(around) {
+    });
+    let keys = expected.iter().map(Item::key).flat_map(around);
+    for cursor in keys.chain(strange) {
         let page = query(&mut bench, NodeId(1), Some(cursor));
-        let rest = expected.iter().filter(|item| position(item) > cursor);
+        let rest = expected.iter().filter(|item| item.key() > cursor);
         let rest: Vec<Item> = rest.cloned().collect();
         assert!(rest.starts_with(&page.items), "after {cursor:?}");
         let all = page.items.len() == rest.len();
         assert_eq!(page.next.is_none(), all, "after {cursor:?}");
         assert!(!page.items.is_empty() || rest.is_empty());
     }
-    let end = Cursor {
-        node: NodeId(u64::MAX),
-        interface: InterfaceId(u64::MAX),
-    };
-    let page = query(&mut bench, NodeId(1), Some(end));
-    assert!(page.items.is_empty() && page.next.is_none());
 }
 
 /// What changes between two pages changes the revision.

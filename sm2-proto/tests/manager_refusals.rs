@@ -68,6 +68,7 @@ fn versions() {
                 min_version,
                 max_version,
                 name,
+                resuming: false,
             },
         )
     };

@@ -4,26 +4,52 @@
 mod support;
 
 use sm2_proto::{
-    Code, Contract, Datagram, FdFacts, InterfaceId, LinkId, NodeId, Violation,
+    Code, Contract, Datagram, FdFacts, InterfaceId, LinkId, NodeId, Seals, TypeId, Violation,
     control::{ToManager, ToNode, encode_to_manager},
     manager::{Cause, PHASES, Phase, Policy, REQUESTS, Request, legal},
+    schema::Schema,
 };
 use support::{
-    bench::{Bench, EPOCH, Event, hello, seen_by, unlink, unlinked, withdraw},
-    contracts::{data, publisher, subscriber},
+    bench::{Bench, EPOCH, Event, claim, hello, resuming, seen_by, unlink, unlinked, withdraw},
+    contracts::{data, name, publisher, subscriber},
 };
 
 /// Rows are states, columns are frames.
 const TABLE: &str = "
     -         Hello             Declare         Withdraw        Unlinked        Query           Goodbye
     Greeting  ok                expected-hello  expected-hello  expected-hello  expected-hello  ok
+    Resuming  unexpected-hello  ok              ok              ok              ok              ok
     Ready     unexpected-hello  ok              ok              ok              ok              ok
+
+    -         Claim             Claimed
+    Greeting  expected-hello    expected-hello
+    Resuming  ok                ok
+    Ready     unexpected-claim  unexpected-claim
+
+    -         Watch           Counters        Inspect         Schema          Describe
+    Greeting  expected-hello  expected-hello  expected-hello  expected-hello  expected-hello
+    Resuming  ok              ok              ok              ok              ok
+    Ready     ok              ok              ok              ok              ok
 ";
 
-fn cells(table: &str) -> Vec<Vec<String>> {
-    let rows = table.lines().map(str::split_whitespace);
-    let rows = rows.map(|row| row.map(str::to_owned).collect::<Vec<_>>());
-    rows.filter(|row| !row.is_empty()).collect()
+/// The tables side by side.
+fn cells(tables: &str) -> Vec<Vec<String>> {
+    let mut joined: Vec<Vec<String>> = Vec::new();
+    for table in tables.split("\n\n") {
+        let rows = table.lines().map(str::split_whitespace);
+        let rows = rows.map(|row| row.map(str::to_owned).collect::<Vec<_>>());
+        let rows: Vec<_> = rows.filter(|row| !row.is_empty()).collect();
+        if joined.is_empty() {
+            joined = rows;
+            continue;
+        }
+        assert_eq!(joined.len(), rows.len());
+        for (row, more) in joined.iter_mut().zip(rows) {
+            assert!(row[0] == more[0], "rows stand side by side");
+            row.extend_from_slice(&more[1..]);
+        }
+    }
+    joined
 }
 
 fn cell(outcome: Result<(), Violation>) -> String {
@@ -49,9 +75,16 @@ struct Scene {
     publisher: NodeId,
     subscriber: NodeId,
     offender: NodeId,
-    /// The offender's link with the honest publisher, if it is ready.
+    /// The offender's link with the honest publisher, if it is ready; its claim, if it
+    /// is resuming.
     link: Option<LinkId>,
 }
+
+/// A link of an earlier Manager.
+const OLD_LINK: LinkId = LinkId {
+    epoch: EPOCH - 1,
+    serial: 1,
+};
 
 fn contract() -> Contract {
     subscriber("scan", Some(&data("Scan")))
@@ -64,10 +97,19 @@ fn scene(phase: Phase) -> Scene {
     let subscriber_node = bench.node(1000, "planner");
     bench.declared(subscriber_node, 1, &contract());
     let offender = bench.connect(1000);
-    let link = (phase == Phase::Ready).then(|| {
-        bench.hello(offender, "offender");
-        bench.declared(offender, 7, &contract())[0]
-    });
+    let link = match phase {
+        Phase::Greeting => None,
+        Phase::Resuming => {
+            bench.send(offender, &resuming("offender"));
+            assert_eq!(bench.declared(offender, 7, &contract()), []);
+            bench.send(offender, &claim(7, OLD_LINK, 1));
+            Some(OLD_LINK)
+        }
+        Phase::Ready => {
+            bench.hello(offender, "offender");
+            Some(bench.declared(offender, 7, &contract())[0])
+        }
+    };
     Scene {
         bench,
         publisher: publisher_node,
@@ -93,7 +135,45 @@ fn frame(request: Request, link: Option<LinkId>) -> ToManager {
         Request::Unlinked => unlinked(7, link.unwrap_or(nowhere)),
         Request::Query => ToManager::Query { after: None },
         Request::Goodbye => ToManager::Goodbye { code: Code(0) },
+        Request::Claim => claim(
+            7,
+            LinkId {
+                serial: 2,
+                ..OLD_LINK
+            },
+            1,
+        ),
+        Request::Claimed => ToManager::Claimed,
+        Request::Watch => ToManager::Watch { after: 0 },
+        Request::Counters => ToManager::Counters,
+        Request::Inspect => ToManager::Inspect { node: NodeId(1) },
+        Request::Schema => ToManager::Schema {
+            data: TypeId {
+                name: name("Byte"),
+                hash: Schema::parse(BYTE).expect("a schema").hash(),
+            },
+            text: BYTE.to_owned(),
+        },
+        Request::Describe => ToManager::Describe { data: data("Scan") },
     }
+}
+
+const BYTE: &str = "plain:u8";
+
+/// Sends a frame, and the descriptor that belongs to it.
+fn send(scene: &mut Scene, request: Request) -> Vec<Event> {
+    let frame = frame(request, scene.link);
+    let bytes = encode_to_manager(&frame);
+    let counters = [FdFacts {
+        regular: true,
+        size_bytes: 1_024,
+        seals: Seals::POOLED,
+    }];
+    let datagram = Datagram {
+        fds: &counters[..usize::from(request == Request::Counters)],
+        ..Datagram::new(&bytes)
+    };
+    scene.bench.datagram(scene.offender, datagram)
 }
 
 //= SM2-SES-001, SM2-SES-005 test
@@ -102,9 +182,7 @@ fn end_to_end() {
     for phase in PHASES {
         for request in REQUESTS {
             let mut scene = scene(phase);
-            let events = scene
-                .bench
-                .send(scene.offender, &frame(request, scene.link));
+            let events = send(&mut scene, request);
             let hang_up = events.iter().find_map(|event| match event {
                 Event::HungUp(session, code, cause) => Some((*session, *code, *cause)),
                 _ => None,
@@ -153,6 +231,13 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
         (Violation::UnknownInterface, unlinked(8, link)),
         (Violation::UnknownLink, unlinked(7, other_epoch)),
         (Violation::UnknownLink, unlinked(7, other_serial)),
+        (
+            Violation::BadSchema,
+            ToManager::Schema {
+                data: data("Scan"),
+                text: BYTE.to_owned(),
+            },
+        ),
     ];
     let mut breaches: Vec<_> = frames
         .iter()
@@ -160,12 +245,14 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
         .collect();
     breaches.extend([
         (Violation::FrameTooLong, vec![0; 65_537], 0),
-        (Violation::UnknownFrame, vec![6], 0),
+        (Violation::UnknownFrame, vec![13], 0),
         (Violation::Malformed, vec![2], 0),
         (Violation::TrailingBytes, vec![2, 7, 0], 0),
         (Violation::NotCanonical, vec![2, 0x87, 0], 0),
         (Violation::BadName, vec![0, 1, 1, 1, b' '], 0),
         (Violation::FdCount, vec![2, 7], 1),
+        (Violation::FdCount, vec![9], 0),
+        (Violation::NotAMemfd, vec![9], 1),
     ]);
     breaches
 }
@@ -177,6 +264,82 @@ fn offend(scene: &mut Scene, bytes: &[u8], fds: usize) -> Vec<Event> {
         ..Datagram::new(bytes)
     };
     scene.bench.datagram(scene.offender, datagram)
+}
+
+/// What only a session that resumes can do wrong, and what it must not do as any.
+fn breaches_while_resuming() -> Vec<(Violation, Vec<u8>, usize)> {
+    let own = LinkId {
+        epoch: EPOCH,
+        ..OLD_LINK
+    };
+    let claims = [
+        (Violation::BadClaim, claim(7, OLD_LINK, 1)),
+        (Violation::BadClaim, claim(7, own, 1)),
+        (Violation::UnknownInterface, claim(8, OLD_LINK, 1)),
+    ];
+    let claims = claims.map(|(rule, frame)| (rule, encode_to_manager(&frame), 0));
+    let mut breaches = breaches(OLD_LINK);
+    breaches.extend(claims);
+    breaches
+}
+
+/// The others see nothing of a session that breaks SPEC while it resumes.
+//= SM2-SES-005, SM2-SES-006, SM2-RES-003 test
+#[test]
+fn a_violation_while_resuming_is_nobody_elses() {
+    for (violation, bytes, fds) in breaches_while_resuming() {
+        let mut scene = scene(Phase::Resuming);
+        let mut left = scene.bench.clone();
+        let events = offend(&mut scene, &bytes, fds);
+        let goodbye = Event::HungUp(
+            scene.offender,
+            Some(violation.code()),
+            Cause::Violation(violation),
+        );
+        assert_eq!(events, [goodbye], "{violation}");
+        left.close(scene.offender);
+        assert_eq!(left.manager, scene.bench.manager, "{violation}");
+    }
+}
+
+/// What takes two frames.
+//= SM2-WCH-001, SM2-CNT-001, SM2-RES-003 test
+#[test]
+fn a_violation_by_the_second_frame() {
+    for (phase, rule, first, second) in [
+        (
+            Phase::Ready,
+            Violation::CountersTwice,
+            Request::Counters,
+            Request::Counters,
+        ),
+        (
+            Phase::Resuming,
+            Violation::CountersTwice,
+            Request::Counters,
+            Request::Counters,
+        ),
+        (
+            Phase::Resuming,
+            Violation::BadClaim,
+            Request::Claim,
+            Request::Claim,
+        ),
+        (
+            Phase::Resuming,
+            Violation::UnexpectedClaim,
+            Request::Claimed,
+            Request::Claim,
+        ),
+    ] {
+        let mut scene = scene(phase);
+        assert!(scene.bench.is_known(scene.offender));
+        send(&mut scene, first);
+        assert!(scene.bench.is_known(scene.offender), "{first:?}");
+        let events = send(&mut scene, second);
+        let hung_up = Event::HungUp(scene.offender, Some(rule.code()), Cause::Violation(rule));
+        assert_eq!(events.last(), Some(&hung_up), "{first:?} {second:?}");
+    }
 }
 
 //= SM2-SES-005, SM2-SES-006, SM2-FRM-001, SM2-IFC-001, SM2-IFC-003, SM2-LNK-003 test
@@ -232,13 +395,10 @@ fn a_violation_before_the_greeting_leaves_no_trace() {
 #[test]
 fn an_ended_session_is_not_answered() {
     let mut scene = scene(Phase::Ready);
-    offend(&mut scene, &[6], 0);
+    offend(&mut scene, &[13], 0);
     let before = scene.bench.manager.clone();
     for request in REQUESTS {
-        let events = scene
-            .bench
-            .send(scene.offender, &frame(request, scene.link));
-        assert_eq!(events, [], "{request:?}");
+        assert_eq!(send(&mut scene, request), [], "{request:?}");
     }
     assert_eq!(scene.bench.close(scene.offender), []);
     assert_eq!(scene.bench.manager, before);
@@ -284,14 +444,14 @@ fn what_the_kernel_truncated_is_a_violation() {
             Datagram {
                 data_truncated: true,
                 control_truncated: true,
-                ..Datagram::new(&[6])
+                ..Datagram::new(&[13])
             },
             Violation::FrameTooLong,
         ),
         (
             Datagram {
                 control_truncated: true,
-                ..Datagram::new(&[6])
+                ..Datagram::new(&[13])
             },
             Violation::ControlTruncated,
         ),

@@ -16,7 +16,7 @@ use support::{
     contracts::{data, name, publisher_with, subscriber},
     session::{
         EPOCH, NOW, contract, declared, drain, interface_in, link, link_id, page, ready, receive,
-        refused, sent, unlink, violation, welcome, withdrawn,
+        refused, schema, sent, unlink, violation, welcome, withdrawn,
     },
 };
 
@@ -30,19 +30,50 @@ fn a_violation_is_said_once_and_answers_for_ever() {
     assert_eq!(sent(&outputs), [ToManager::Goodbye { code: Code(36) }]);
     assert_eq!(outputs.last(), Some(&Output::Ended(end)));
     assert_eq!(node.end(), Some(end));
+    let misplaced = |node: &mut Node, end| {
+        for input in [
+            Input::Eof,
+            Input::Greet(name("other")),
+            Input::Query { after: None },
+            Input::Watch { after: 0 },
+            Input::Counters,
+            Input::Inspect { node: NodeId(4) },
+            Input::Datagram(Datagram::new(&[8, 0])),
+        ] {
+            assert_eq!(node.handle(NOW, input), Err(Error::Ended(end)));
+        }
+        assert_eq!(drain(node), []);
+        assert_eq!((node.id(), node.epoch()), (None, None));
+        assert_eq!(node.deadline(), None);
+    };
+    misplaced(&mut node, end);
+    assert!(node.is_away());
+    // The machine itself is over only when we say so.
+    let local = End::Local(Code(0));
+    node.handle(NOW, Input::Close(Code(0))).expect("away");
+    assert_eq!(
+        drain(&mut node),
+        [Output::Ended(local)],
+        "nobody is there to hear it"
+    );
+    misplaced(&mut node, local);
+    assert!(!node.is_away());
     for input in [
-        Input::Eof,
-        Input::Greet(name("other")),
-        Input::Query { after: None },
+        Input::Reconnected,
         Input::Close(Code(0)),
-        Input::Datagram(Datagram::new(&[8, 0])),
+        Input::Withdraw {
+            interface: InterfaceId(1),
+        },
+        Input::Unlinked {
+            interface: InterfaceId(1),
+            link: link_id(1),
+            code: Code(0),
+        },
     ] {
-        assert_eq!(node.handle(NOW, input), Err(Error::Ended(end)));
+        assert_eq!(node.handle(NOW, input), Err(Error::Ended(local)));
     }
-    assert_eq!(node.declare(contract()), Err(Error::Ended(end)));
+    assert_eq!(node.declare(contract()), Err(Error::Ended(local)));
     assert_eq!(drain(&mut node), []);
-    assert_eq!((node.id(), node.epoch()), (None, None));
-    assert_eq!(node.deadline(), None);
 }
 
 //= SM2-NOD-002, SM2-VER-001 test
@@ -67,6 +98,7 @@ fn a_refused_node_greets_again() {
         min_version: 1,
         max_version: 1,
         name: name(text),
+        resuming: false,
     };
     assert_eq!(sent(&drain(&mut node)), [hello("lidar")]);
     let again = |node: &mut Node| node.handle(NOW, Input::Greet(name("lidar2")));
@@ -223,22 +255,6 @@ fn nothing_is_answered_while_dropping() {
     assert_eq!(receive(&mut node, &withdrawn(1)), Ok(vec![gone]));
 }
 
-//= SM2-IFC-007 test
-#[test]
-fn one_page_for_each_query() {
-    let mut node = ready();
-    node.handle(NOW, Input::Query { after: None })
-        .expect("ready");
-    drain(&mut node);
-    for _ in 0..2 {
-        assert!(matches!(
-            receive(&mut node, &page()).as_deref(),
-            Ok([Output::Page { .. }])
-        ));
-    }
-    assert_eq!(violation(&mut node, &page()), Violation::UnexpectedPage);
-}
-
 /// A Manager cannot make a node keep more than this.
 //= SM2-LNK-005 test
 #[test]
@@ -275,13 +291,26 @@ fn misuse_changes_nothing() {
     let mut early = Node::new(name("lidar"));
     let before = early.clone();
     assert_eq!(early.declare(contract()), Err(Misuse::NotReady.into()));
+    let (data, text) = schema();
     for input in [
         Input::Query { after: None },
+        Input::Watch { after: 0 },
+        Input::Counters,
+        Input::Inspect { node: NodeId(1) },
+        Input::Schema {
+            data: data.clone(),
+            text,
+        },
+        Input::Describe { data },
         Input::Withdraw {
             interface: InterfaceId(1),
         },
     ] {
         assert_eq!(early.handle(NOW, input), Err(Misuse::NotReady.into()));
+    }
+    for mut connected in [early.clone(), node] {
+        let again = connected.handle(NOW, Input::Reconnected);
+        assert_eq!(again, Err(Misuse::Connected.into()));
     }
     assert_eq!(early, before);
 }
@@ -320,61 +349,92 @@ fn any_frame() -> impl Strategy<Value = ToNode> {
 proptest! {
     #![proptest_config(cases(400))]
 
-    /// Whatever a Manager sends, a node keeps to SPEC itself, and says why it leaves.
+    /// Whatever Managers send, a node keeps to SPEC itself, and says why it leaves.
     //= SM2-NOD-001, SM2-LNK-003, SM2-IFC-004 test
     #[test]
-    fn a_hostile_manager(steps in vec((any_frame(), 0..8_u8, 0..4_u64), 1..60)) {
+    fn hostile_managers(steps in vec((any_frame(), 0..9_u8, 0..4_u64), 1..80)) {
         let mut node = Node::new(name("lidar"));
-        let mut outputs = drain(&mut node);
+        let mut session = drain(&mut node);
         for (frame, own, number) in steps {
             let interface = InterfaceId(number);
+            let link = link_id(number);
             // Misuse and an end before this are answered; neither matters here.
             let _ = match own {
                 0 | 1 => node.declare(contract()).map(drop),
                 2 => node.handle(NOW, Input::Withdraw { interface }),
-                3 => node.handle(
-                    NOW,
-                    Input::Unlinked {
-                        interface,
-                        link: link_id(number),
-                        code: Code(0),
-                    },
-                ),
+                3 => node.handle(NOW, Input::Unlinked { interface, link, code: Code(0) }),
                 4 => node.handle(NOW, Input::Query { after: None }),
+                5 => node.handle(NOW, Input::Watch { after: 1 }),
+                6 if node.is_away() => {
+                    check_session(&node, &session)?;
+                    session.clear();
+                    node.handle(NOW, Input::Reconnected)
+                }
                 _ => Ok(()),
             };
-            outputs.extend(drain(&mut node));
+            session.extend(drain(&mut node));
             let end = node.end();
             let received = receive(&mut node, &frame);
             match (end, received) {
                 (Some(end), received) => prop_assert_eq!(received, Err(Error::Ended(end))),
-                (None, Ok(more)) => outputs.extend(more),
+                (None, Ok(more)) => session.extend(more),
                 (None, Err(error)) => prop_assert_eq!(Some(error), node.end().map(Error::Ended)),
             }
-            outputs.extend(drain(&mut node));
+            session.extend(drain(&mut node));
         }
-        let ended = outputs.iter().filter(|it| matches!(it, Output::Ended(_))).count();
-        prop_assert_eq!(ended, usize::from(node.end().is_some()));
-        let goodbye = sent(&outputs).iter().position(|it| matches!(it, ToManager::Goodbye { .. }));
-        let expected = matches!(node.end(), Some(End::Violation(_)));
-        prop_assert_eq!(goodbye.is_some(), expected);
-        if let Some(at) = goodbye {
-            prop_assert_eq!(at + 1, sent(&outputs).len(), "the last frame");
-        }
-        // Each end of a link is taken leave of once, as long as its number is not new.
-        let mut said = Vec::new();
-        for output in &outputs {
-            match output {
-                Output::Linked { interface, link, .. } => said.retain(|it| *it != (*interface, *link)),
-                Output::Transmit(_) => {
-                    let frame = sent(std::slice::from_ref(output)).remove(0);
-                    if let ToManager::Unlinked { interface, link, .. } = frame {
-                        prop_assert!(!said.contains(&(interface, link)));
-                        said.push((interface, link));
-                    }
-                }
-                _ => {}
-            }
+        check_session(&node, &session)?;
+    }
+}
+
+/// What a node may have put out from its greeting on, whatever its Manager did.
+fn check_session(node: &Node, outputs: &[Output]) -> Result<(), TestCaseError> {
+    let ended = outputs.iter().filter(|it| matches!(it, Output::Ended(_)));
+    prop_assert_eq!(ended.count(), usize::from(node.end().is_some()));
+    let frames = sent(outputs);
+    let goodbye = frames
+        .iter()
+        .position(|it| matches!(it, ToManager::Goodbye { .. }));
+    let expected = matches!(node.end(), Some(End::Violation(_)));
+    prop_assert_eq!(goodbye.is_some(), expected);
+    if let Some(at) = goodbye {
+        prop_assert_eq!(at + 1, frames.len(), "the last frame");
+    }
+    // HELLO first, whatever is claimed before CLAIMED, and nothing declared twice.
+    let greets = matches!(frames.first(), Some(ToManager::Hello { .. }));
+    prop_assert!(greets);
+    let claimed = frames
+        .iter()
+        .position(|it| matches!(it, ToManager::Claimed));
+    let claim = frames
+        .iter()
+        .rposition(|it| matches!(it, ToManager::Claim { .. }));
+    prop_assert!(claim.is_none() || claim < claimed);
+    let mut declared = 0;
+    for frame in &frames {
+        if let ToManager::Declare { interface, .. } = frame {
+            prop_assert!(interface.0 > declared, "numbers grow (SM2-IFC-001)");
+            declared = interface.0;
         }
     }
+    // Each end of a link is taken leave of once, as long as its number is not new.
+    let mut said = Vec::new();
+    for output in outputs {
+        match output {
+            Output::Linked {
+                interface, link, ..
+            } => said.retain(|it| *it != (*interface, *link)),
+            Output::Transmit(_) => {
+                let frame = sent(std::slice::from_ref(output)).remove(0);
+                if let ToManager::Unlinked {
+                    interface, link, ..
+                } = frame
+                {
+                    prop_assert!(!said.contains(&(interface, link)));
+                    said.push((interface, link));
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }

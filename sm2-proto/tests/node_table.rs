@@ -1,26 +1,30 @@
-//! SPEC 4.2 and 4.3, cell by cell, as the node sees its Manager.
+//! SPEC 4.2, 4.3 and 11, cell by cell, as the node sees its Manager.
 
 mod support;
 
 use sm2_proto::{
-    Code, InterfaceId, Refusal,
+    Code, InterfaceId, NodeId, Refusal,
     control::{ToManager, ToNode},
     node::{End, Error, Input, Node, Output},
 };
 use support::{
     contracts::name,
     session::{
-        NOW, declared, drain, interface_in, link, link_id, page, ready, receive, refused, sent,
-        unlink, welcome, withdrawn,
+        NOW, ask, changes, claim, come_back, declared, described, drain, interface_in, link,
+        link_id, page, ready, receive, refused, sent, unlink, welcome, withdrawn,
     },
 };
 
 const SESSION: &str = "
-    -         Welcome             HelloRefused        Declared          DeclareRefused    Link              Unlink            Withdrawn         Page              Goodbye  Eof
-    greeting  ready               refused             expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  ended    ended
-    refused   unexpected-welcome  unexpected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  ended    ended
-    ready     unexpected-welcome  unexpected-welcome  ok                ok                ok                ok                ok                ok                ended    ended
-    ended     ended               ended               ended             ended             ended             ended             ended             ended             ended    ended
+    -         Welcome             HelloRefused        Declared          DeclareRefused    Link               Unlink            Withdrawn         Page              Changes           Inspected         NotInspected      Described         Goodbye  Eof
+    greeting  ready               refused             expected-welcome  expected-welcome  expected-welcome   expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  away     away
+    refused   unexpected-welcome  unexpected-welcome  expected-welcome  expected-welcome  expected-welcome   expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  away     away
+    ready     unexpected-welcome  unexpected-welcome  ok                ok                ok                 ok                ok                ok                ok                ok                ok                ok                away     away
+    away      away                away                away              away              away               away              away              away              away              away              away              away              away     away
+    back      resuming            refused             expected-welcome  expected-welcome  expected-welcome   expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  away     away
+    denied    unexpected-welcome  unexpected-welcome  expected-welcome  expected-welcome  expected-welcome   expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  expected-welcome  away     away
+    resuming  unexpected-welcome  unexpected-welcome  ok                ok                unknown-interface  unknown-link      ok                ok                ok                ok                ok                ok                away     away
+    ended     ended               ended               ended             ended             ended              ended             ended             ended             ended             ended             ended             ended             ended    ended
 ";
 
 /// *Own* names a link that the interface has, *Other* one that it has not.
@@ -30,6 +34,11 @@ const INTERFACE: &str = "
     live       unknown-interface  unknown-interface  linked             unlinked           unknown-link       unknown-interface
     dropping   unknown-interface  unknown-interface  silent             silent             unknown-link       gone
     gone       unknown-interface  unknown-interface  unknown-interface  unknown-interface  unknown-interface  unknown-interface
+    renewing   claimed            kept               unknown-interface  unknown-interface  unknown-interface  unknown-interface
+    doomed     withdrawing        forgotten          unknown-interface  unknown-interface  unknown-interface  unknown-interface
+    dormant    unknown-interface  unknown-interface  unknown-interface  unknown-interface  unknown-interface  unknown-interface
+    unclaimed  unknown-interface  unknown-interface  unknown-interface  unknown-link       unknown-link       unknown-interface
+    claimed    unknown-interface  unknown-interface  linked             unlinked           unknown-link       unknown-interface
 ";
 
 fn table(text: &str) -> impl Iterator<Item = (&str, &str, &str)> {
@@ -54,14 +63,32 @@ fn session_in(state: &str) -> Node {
         "greeting" => {}
         "refused" => drop(receive(&mut node, &refusal).expect("legal")),
         "ready" => node = ready(),
-        "ended" => node.handle(NOW, Input::Eof).expect("legal"),
+        "away" => node.handle(NOW, Input::Eof).expect("legal"),
+        "back" | "denied" => {
+            node = ready();
+            node.handle(NOW, Input::Eof).expect("legal");
+            node.handle(NOW, Input::Reconnected).expect("away");
+            drain(&mut node);
+            if state == "denied" {
+                receive(&mut node, &refusal).expect("legal");
+            }
+        }
+        // Interface 1 is live, 2 is declared again.
+        "resuming" => {
+            node = ready();
+            receive(&mut node, &declared(2)).expect("legal");
+            come_back(&mut node);
+            receive(&mut node, &declared(1)).expect("legal");
+            ask(&mut node);
+        }
+        "ended" => node.handle(NOW, Input::Close(Code(0))).expect("legal"),
         other => panic!("{other} is no state"),
     }
     drain(&mut node);
     node
 }
 
-//= SM2-NOD-001, SM2-SES-003 test
+//= SM2-NOD-001, SM2-SES-003, SM2-RES-002, SM2-NOD-003 test
 #[test]
 fn every_state_of_the_session_and_frame() {
     for (state, frame, cell) in table(SESSION) {
@@ -86,16 +113,25 @@ fn every_state_of_the_session_and_frame() {
                 receive(&mut node, &withdrawn(1))
             }
             "Page" => receive(&mut node, &page()),
+            "Changes" => receive(&mut node, &changes()),
+            "Inspected" => receive(&mut node, &ToNode::Inspected { node: NodeId(4) }),
+            "NotInspected" => receive(&mut node, &ToNode::NotInspected { node: NodeId(4) }),
+            "Described" => receive(&mut node, &described()),
             "Goodbye" => receive(&mut node, &ToNode::Goodbye { code: Code(3) }),
             "Eof" => node.handle(NOW, Input::Eof).map(|()| drain(&mut node)),
             other => panic!("{other} is no frame"),
         };
+        let over = || if node.is_away() { "away" } else { "ended" };
         let actual = match (&result, node.end()) {
+            // In a session that is over, a violation is what it ended with before.
             (Err(Error::Ended(End::Violation(violation))), _) => violation.name(),
-            (_, Some(_)) => "ended",
-            (Ok(outputs), None) if matches!(outputs[..], [Output::HelloRefused(_)]) => "refused",
-            (Ok(outputs), None) if matches!(outputs[..], [Output::Welcomed { .. }]) => "ready",
-            (Ok(_), None) => "ok",
+            (_, Some(_)) => over(),
+            (Ok(outputs), None) => match outputs[..] {
+                [Output::HelloRefused(_)] => "refused",
+                [Output::Welcomed { .. }] => "ready",
+                [Output::Welcomed { .. }, ..] => "resuming",
+                _ => "ok",
+            },
             (Err(error), None) => panic!("{state} {frame}: {error}"),
         };
         assert_eq!(actual, cell, "{state} {frame}");
@@ -124,6 +160,28 @@ fn every_state_of_an_interface_and_frame() {
                 [Output::Declared { .. }] => "live",
                 [Output::DeclareRefused { .. } | Output::Withdrawn { .. }] => "gone",
                 [Output::Linked { .. }] => "linked",
+                [Output::Transmit(_), Output::Transmit(_), Output::Resumed] => {
+                    let interface = InterfaceId(1);
+                    match &sent(&outputs)[..] {
+                        [first, ToManager::Claimed] if *first == claim(1) => "claimed",
+                        [ToManager::Withdraw { interface: it }, ToManager::Claimed]
+                            if *it == interface =>
+                        {
+                            "withdrawing"
+                        }
+                        other => panic!("{state} {frame}: {other:?}"),
+                    }
+                }
+                [
+                    Output::DeclareRefused { .. },
+                    Output::Transmit(_),
+                    Output::Resumed,
+                ] => "kept",
+                [
+                    Output::Withdrawn { .. },
+                    Output::Transmit(_),
+                    Output::Resumed,
+                ] => "forgotten",
                 [Output::Transmit(_), Output::Unlink { .. }] => {
                     let answer = ToManager::Unlinked {
                         interface: InterfaceId(1),

@@ -4,6 +4,9 @@ use std::{collections::BTreeMap, fmt, fs};
 
 use crate::in_time;
 
+/// The kind of the files that nodes keep their counters in.
+const COUNTERS: &str = "memfd:sm2-counters";
+
 /// Open descriptors by kind, and mappings of memory files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Census {
@@ -33,10 +36,19 @@ impl Census {
         self.kinds.get(kind).copied().unwrap_or(0)
     }
 
-    /// How many memory files of SM2 are mapped.
+    /// How many memory files with messages are mapped.
     #[must_use]
     pub const fn mappings(&self) -> usize {
         self.mappings
+    }
+
+    /// The same, and the files of the counters of so many nodes, which each has once it has
+    /// declared anything, and then hands to its Manager.
+    #[must_use]
+    pub fn and_counters(&self, nodes: usize) -> Self {
+        let mut more = self.clone();
+        more.kinds.insert(COUNTERS.to_owned(), nodes);
+        more
     }
 
     /// Waits until the process `pid` holds exactly this again.
@@ -94,11 +106,14 @@ fn mappings(pid: u32) -> usize {
     permissions(pid).len()
 }
 
-/// The permissions of each mapping of a memory file of SM2 or its tests: `r--s`, …
+/// The permissions of each mapping of a memory file of SM2 or its tests, but for a node's own
+/// counters: `r--s`, …
 #[must_use]
 pub fn permissions(pid: u32) -> Vec<String> {
     let maps = fs::read_to_string(format!("/proc/{pid}/maps")).unwrap_or_default();
-    let ours = maps.lines().filter(|line| line.contains("memfd:sm2"));
+    let ours = maps
+        .lines()
+        .filter(|line| line.contains("memfd:sm2") && !line.contains(COUNTERS));
     let second = ours.filter_map(|line| line.split_whitespace().nth(1));
     second.map(str::to_owned).collect()
 }

@@ -1,7 +1,7 @@
 //! Control frames written by hand, from SPEC section 3 alone: nothing here calls the
 //! encoder of `sm2-proto`, so that the two check each other.
 
-use sm2_proto::LinkId;
+use sm2_proto::{LinkId, Place, control::Key};
 
 /// Bytes of a control frame, field by field.
 #[derive(Clone, Debug, Default)]
@@ -73,7 +73,13 @@ pub fn hello(name: impl AsRef<[u8]>) -> Vec<u8> {
 #[must_use]
 pub fn hello_versions(min: u16, max: u16, name: impl AsRef<[u8]>) -> Vec<u8> {
     let versions = frame(0).int(min.into()).int(max.into());
-    versions.text(name).bytes()
+    versions.text(name).flag(false).bytes()
+}
+
+/// HELLO of a node that comes back.
+#[must_use]
+pub fn hello_again(name: impl AsRef<[u8]>) -> Vec<u8> {
+    frame(0).int(1).int(1).text(name).flag(true).bytes()
 }
 
 /// DECLARE.
@@ -100,16 +106,91 @@ pub fn query() -> Vec<u8> {
     frame(4).flag(false).bytes()
 }
 
-/// QUERY of what follows this position.
+/// QUERY of what follows this item.
 #[must_use]
-pub fn query_after(node: u64, interface: u64) -> Vec<u8> {
-    frame(4).flag(true).int(node).int(interface).bytes()
+pub fn query_after(key: Key) -> Vec<u8> {
+    let place = |fields: Fields, it: Place| fields.int(it.node.0).int(it.interface.0);
+    let after = frame(4).flag(true);
+    let after = match key {
+        Key::Domain => after.int(0),
+        Key::Member { place: it } => place(after.int(1), it),
+        Key::Link { link, offering } => place(after.int(2).link(link), offering),
+        Key::Claim { link, place: it } => place(after.int(3).link(link), it),
+        Key::Apart {
+            offering,
+            demanding,
+        } => place(place(after.int(4), offering), demanding),
+    };
+    after.bytes()
 }
 
 /// GOODBYE of a node.
 #[must_use]
 pub fn goodbye(code: u16) -> Vec<u8> {
     frame(5).int(code.into()).bytes()
+}
+
+/// CLAIM, whose fields a test may change.
+#[derive(Clone, Copy, Debug)]
+pub struct Claim {
+    /// The node's interface.
+    pub interface: u64,
+    /// The link.
+    pub link: LinkId,
+    /// What only its two ends know.
+    pub key: u64,
+    /// Its version.
+    pub version: u16,
+    /// Whether nothing on it may be displaced.
+    pub reliable: bool,
+    /// Whether pooled payloads are forbidden.
+    pub sealed: bool,
+}
+
+impl Claim {
+    /// Its bytes.
+    #[must_use]
+    pub fn bytes(self) -> Vec<u8> {
+        let head = frame(6).int(self.interface).link(self.link).int(self.key);
+        let terms = head.int(self.version.into());
+        terms.flag(self.reliable).flag(self.sealed).bytes()
+    }
+}
+
+/// CLAIMED.
+#[must_use]
+pub fn claimed() -> Vec<u8> {
+    frame(7).bytes()
+}
+
+/// WATCH.
+#[must_use]
+pub fn watch(after: u64) -> Vec<u8> {
+    frame(8).int(after).bytes()
+}
+
+/// COUNTERS.
+#[must_use]
+pub fn counters() -> Vec<u8> {
+    frame(9).bytes()
+}
+
+/// INSPECT.
+#[must_use]
+pub fn inspect(node: u64) -> Vec<u8> {
+    frame(10).int(node).bytes()
+}
+
+/// SCHEMA.
+#[must_use]
+pub fn schema(data: &[u8], text: impl AsRef<[u8]>) -> Vec<u8> {
+    frame(11).raw(data).text(text).bytes()
+}
+
+/// DESCRIBE.
+#[must_use]
+pub fn describe(data: &[u8]) -> Vec<u8> {
+    frame(12).raw(data).bytes()
 }
 
 /// The quality of service of a contract, whatever its kind.
@@ -243,6 +324,8 @@ pub mod to_node {
         pub interface: u64,
         /// The link.
         pub link: LinkId,
+        /// What only its two ends know.
+        pub key: u64,
         /// Its version.
         pub version: u16,
         /// Whether nothing on it may be displaced.
@@ -258,7 +341,7 @@ pub mod to_node {
         #[must_use]
         pub fn bytes(&self) -> Vec<u8> {
             let head = frame(4).int(self.interface).link(self.link);
-            let terms = head.int(self.version.into());
+            let terms = head.int(self.key).int(self.version.into());
             let peer = terms.flag(self.reliable).flag(self.sealed).int(77);
             peer.text("peer").int(1).raw(&self.contract).bytes()
         }
@@ -287,12 +370,41 @@ pub mod to_node {
     /// A node on a page.
     #[must_use]
     pub fn node_item(name: impl AsRef<[u8]>) -> Vec<u8> {
-        Fields::new().int(0).int(1).text(name).int(0).int(2).bytes()
+        let node = Fields::new().int(1).int(1).text(name);
+        node.int(0).int(2).flag(false).bytes()
     }
 
     /// GOODBYE of a Manager.
     #[must_use]
     pub fn goodbye(code: u16) -> Vec<u8> {
         frame(8).int(code.into()).bytes()
+    }
+
+    /// CHANGES without changes: the Manager has forgotten them.
+    #[must_use]
+    pub fn changes(revision: u64) -> Vec<u8> {
+        frame(9).int(revision).flag(false).flag(false).bytes()
+    }
+
+    /// INSPECTED.
+    #[must_use]
+    pub fn inspected(node: u64) -> Vec<u8> {
+        frame(10).int(node).bytes()
+    }
+
+    /// NOT_INSPECTED.
+    #[must_use]
+    pub fn not_inspected(node: u64) -> Vec<u8> {
+        frame(11).int(node).bytes()
+    }
+
+    /// DESCRIBED.
+    #[must_use]
+    pub fn described(data: &[u8], text: Option<&str>) -> Vec<u8> {
+        let head = frame(12).raw(data);
+        match text {
+            Some(text) => head.flag(true).text(text).bytes(),
+            None => head.flag(false).bytes(),
+        }
     }
 }

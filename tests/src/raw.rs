@@ -155,6 +155,8 @@ pub struct RawLink {
     pub interface: u64,
     /// The link.
     pub id: LinkId,
+    /// What only its two ends know.
+    pub key: u64,
     /// Whether nothing on it may be displaced.
     pub reliable: bool,
     /// Whether pooled payloads are forbidden.
@@ -191,6 +193,25 @@ impl RawNode {
         match self.next() {
             ToNode::Welcome { node, epoch, .. } => (node.0, epoch),
             other => panic!("WELCOME expected: {other:?}"),
+        }
+    }
+
+    /// Greets as a node that comes back, and is welcome. Its number and the epoch.
+    #[track_caller]
+    pub fn greet_again(&self, name: &str) -> (u64, u64) {
+        self.send(control::hello_again(name));
+        match self.next() {
+            ToNode::Welcome { node, epoch, .. } => (node.0, epoch),
+            other => panic!("WELCOME expected: {other:?}"),
+        }
+    }
+
+    /// The next frame, which is PAGE; its revision.
+    #[track_caller]
+    pub fn revision(&self) -> u64 {
+        match self.next() {
+            ToNode::Page { revision, .. } => revision,
+            other => panic!("PAGE expected: {other:?}"),
         }
     }
 
@@ -245,6 +266,7 @@ impl RawNode {
         let ToNode::Link {
             interface,
             link,
+            key,
             reliable,
             sealed,
             peer,
@@ -257,6 +279,7 @@ impl RawNode {
         RawLink {
             interface: interface.0,
             id: link,
+            key,
             reliable,
             sealed,
             peer,
@@ -297,7 +320,7 @@ impl RawNode {
             let Some(next) = next else {
                 return all;
             };
-            query = control::query_after(next.node.0, next.interface.0);
+            query = control::query_after(next);
         }
     }
 
@@ -307,7 +330,7 @@ impl RawNode {
         let items = self.query().into_iter();
         let names = items.filter_map(|item| match item {
             Item::Node { name, .. } => Some(name.as_str().to_owned()),
-            Item::Interface { .. } => None,
+            _ => None,
         });
         names.collect()
     }

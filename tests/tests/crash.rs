@@ -36,7 +36,7 @@ impl Survivors {
         for survivor in &all {
             assert_eq!(survivor.expect_line(), "connected");
         }
-        let baseline = all.each_ref().map(Process::census);
+        let baseline = all.each_ref().map(|it| it.census().and_counters(1));
         Self { all, baseline }
     }
 
@@ -111,7 +111,7 @@ fn processes_killed_at_random_moments_leave_the_others_alone() {
     let domain = TempDomain::new();
     let manager = domain.manager();
     let mut survivors = Survivors::connect(&domain);
-    let baseline = manager.census();
+    let baseline = manager.census().and_counters(ROLES.len());
     survivors.go();
     let victim = |role| storm(&domain, &format!("victim-{role}"), role, "true");
     let mut victims = ROLES.map(victim);

@@ -173,7 +173,7 @@ fn names_now(node: &RawNode) -> Vec<String> {
             ToNode::Page { items, .. } => {
                 let names = items.into_iter().filter_map(|item| match item {
                     Item::Node { name, .. } => Some(name.as_str().to_owned()),
-                    Item::Interface { .. } => None,
+                    _ => None,
                 });
                 return names.collect();
             }

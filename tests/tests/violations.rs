@@ -99,6 +99,8 @@ fn run_against_node(rows: &[Row<NodeStage>], options: &[&str]) {
         let manager = RawManager::listen(&domain.socket());
         let actor = Actor::launch(&domain.socket(), "victim", options);
         let session = manager.accept();
+        // It would come back, and there is nobody it could come back to.
+        drop(manager);
         assert_eq!(session.expect().bytes, control::hello("victim"));
         let stage = NodeStage::new(session, actor);
         (row.commit)(&stage);

@@ -9,11 +9,11 @@ use std::{
 };
 
 use sm2_manager::{Background, Options};
-use tempfile::TempDir;
 
 use super::{
-    Arguments,
+    Arguments, PART,
     child::{Child, Outcome, Part, Stage},
+    folder,
     meter::Meter,
     report::{self, Report},
     screen::Screen,
@@ -29,9 +29,6 @@ use crate::{
 /// How long starting all processes, and ending them, may take.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// The path of a socket is short, and this is what is left of it.
-const PARENT_MAX_BYTES: usize = 64;
-
 /// How often figures are shown.
 const TICK: Duration = Duration::from_secs(1);
 
@@ -45,8 +42,8 @@ const DELAY: Duration = Duration::from_millis(100);
 /// As [`super::run`].
 pub(super) fn direct(arguments: &Arguments, count: u64) -> Result<Ended, CliError> {
     let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
-    let folder = private_folder()?;
-    let socket = folder.path().join("demo.sock");
+    let folder = folder::private()?;
+    let socket = folder.path().join(folder::SOCKET);
     let _manager = Background::start(&socket, Options::default())?;
     let mut director = Director {
         arguments,
@@ -72,16 +69,6 @@ pub(super) fn direct(arguments: &Arguments, count: u64) -> Result<Ended, CliErro
         }
         (verdict, _) => verdict.map(|()| Ended::Done),
     }
-}
-
-/// A folder for the socket, which goes with the demo.
-fn private_folder() -> Result<TempDir, CliError> {
-    let parent = env::temp_dir();
-    let fits = parent.as_os_str().len() <= PARENT_MAX_BYTES;
-    let parent = if fits { &parent } else { Path::new("/tmp") };
-    let mut builder = tempfile::Builder::new();
-    let folder = builder.prefix("sm2-demo-").tempdir_in(parent);
-    folder.map_err(|source| CliError::file("create a folder in", parent, source))
 }
 
 struct Director<'a> {
@@ -131,7 +118,7 @@ impl Director<'_> {
         };
         let mut command = Command::new(itself);
         command
-            .args(["demo-part", role, "--name", &name, "--socket"])
+            .args([PART, role, "--name", &name, "--socket"])
             .arg(self.socket)
             .args(["--size", &self.arguments.size.0.to_string()])
             .args(["--period", &self.arguments.period().as_nanos().to_string()])
@@ -192,6 +179,7 @@ impl Director<'_> {
             *integrity,
             &self.outcomes(),
             meter.total(),
+            self.heeded.is_some(),
         ))
     }
 

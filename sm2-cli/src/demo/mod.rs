@@ -6,6 +6,7 @@
 
 mod child;
 mod director;
+mod folder;
 mod meter;
 mod part;
 mod pattern;
@@ -19,7 +20,7 @@ mod table;
 
 use std::{path::PathBuf, time::Duration};
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Parser, ValueEnum};
 use nix::sys::{prctl, signal::Signal};
 
 use self::part::Said;
@@ -59,15 +60,20 @@ Every subscriber checks every byte of every message. Latency is from publishing 
 the check. CPU is the processor time of all processes, 100 % being one processor. PSS is the memory
 of all processes, with shared pages counted once.
 
-Exit status: 0 if every subscriber received messages and none was damaged, else 1.
+Exit status: 0 if every subscriber received messages and none was damaged, else 1; 2 wrong usage; 130
+Ctrl-C before the end, after the report of what there was (JSON says `interrupted`).
 
 Examples:
   sm2 demo
   sm2 demo --subscribers 2 --size 1MiB --rate 100 --integrity sealed
   sm2 demo --seconds 3 --json | tail -n 1";
 
-/// `sm2 demo-part`: what the demo starts its processes with.
-#[derive(Args, Clone, Debug)]
+/// The first word of the command line that the demo starts its processes with.
+pub(crate) const PART: &str = "demo-part";
+
+/// What follows it.
+#[derive(Clone, Debug, Parser)]
+#[command(name = PART)]
 pub(crate) struct PartArguments {
     #[arg(value_enum)]
     role: Role,

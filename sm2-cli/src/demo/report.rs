@@ -19,6 +19,8 @@ pub(super) struct Report {
     pub(super) size_bytes: u64,
     /// `pooled` or `sealed`.
     pub(super) integrity: &'static str,
+    /// Whether a signal ended it before all messages were published.
+    pub(super) interrupted: bool,
     /// One for each subscriber.
     pub(super) subscribers: Vec<Subscriber>,
     /// Processor time of all processes, Manager included, over the wall time: 200 are two
@@ -51,6 +53,7 @@ impl Report {
         integrity: Integrity,
         outcomes: &[Outcome<'_>],
         total: Total,
+        interrupted: bool,
     ) -> Self {
         let is_publisher = |it: &&Outcome<'_>| it.part == Part::Publisher;
         let publisher = outcomes.iter().filter(is_publisher);
@@ -63,6 +66,7 @@ impl Report {
             published,
             size_bytes,
             integrity: integrity.as_str(),
+            interrupted,
             subscribers,
             cpu_percent_total: hundredths(total.cpu_percent),
             pss_bytes_total: total.pss_bytes,

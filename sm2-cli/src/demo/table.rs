@@ -45,11 +45,11 @@ pub(super) fn line(elapsed: Duration, rows: &[Row]) -> String {
     let damaged: u64 = receivers().map(|it| it.damaged).sum();
     let [cpu, pss] = costs(together(rows));
     format!(
-        "{:>4.0} s  {slowest:.1} Hz  p50 {:.0} us  p99 {:.0} us  lost {lost}  damaged {damaged}  \
+        "{:>4.0} s  {slowest:.1} Hz  p50 {} us  p99 {} us  lost {lost}  damaged {damaged}  \
          CPU {cpu} %  PSS {pss} MB",
         elapsed.as_secs_f64(),
-        most(|it| it.latency_us.p50),
-        most(|it| it.latency_us.p99),
+        micros(most(|it| it.latency_us.p50), 0),
+        micros(most(|it| it.latency_us.p99), 0),
     )
 }
 
@@ -61,15 +61,15 @@ pub(super) fn summary(report: &Report) -> Vec<String> {
     );
     let subscribers = report.subscribers.iter().zip(1..).map(|(it, number)| {
         format!(
-            "{:<14}{:>9}{:>8}{:>9}{:>9.2}{:>9.1}{:>10.1}{:>10.1}",
+            "{:<14}{:>9}{:>8}{:>9}{:>9.2}{:>9}{:>10}{:>10}",
             format!("subscriber {number}"),
             it.received,
             it.lost,
             it.damaged,
             it.hz,
-            it.latency_us.p50,
-            it.latency_us.p99,
-            it.latency_us.max,
+            micros(it.latency_us.p50, 1),
+            micros(it.latency_us.p99, 1),
+            micros(it.latency_us.max, 1),
         )
     });
     let pss = report.pss_bytes_total.map_or("unknown".into(), megabytes);
@@ -102,8 +102,8 @@ fn counts(row: &Row) -> [String; 6] {
     cells[0] = figures.messages.to_string();
     cells[1] = format!("{:.1}", figures.hz);
     if of_subscriber((part, figures)).is_some() {
-        cells[2] = format!("{:.1}", figures.latency_us.p50);
-        cells[3] = format!("{:.1}", figures.latency_us.p99);
+        cells[2] = micros(figures.latency_us.p50, 1);
+        cells[3] = micros(figures.latency_us.p99, 1);
         cells[4] = figures.lost.to_string();
         cells[5] = figures.damaged.to_string();
     }
@@ -124,6 +124,14 @@ fn together(rows: &[Row]) -> Cost {
     Cost {
         cpu_percent: rows.iter().map(|row| row.cost.cpu_percent).sum(),
         pss_bytes: Some(pss_bytes).filter(|&bytes| bytes > 0),
+    }
+}
+
+/// A latency. No message takes no time: zero is that of none.
+fn micros(latency: f64, decimals: usize) -> String {
+    match latency {
+        0.0 => "-".into(),
+        latency => format!("{latency:.decimals$}"),
     }
 }
 

@@ -2,7 +2,7 @@ use super::*;
 
 fn shown(message: &[u8]) -> String {
     let mut out = Vec::new();
-    write_message(&mut out, message).unwrap();
+    write_message(&mut out, message);
     String::from_utf8(out).unwrap()
 }
 

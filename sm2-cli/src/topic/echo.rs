@@ -1,31 +1,74 @@
 //! `sm2 topic echo`: the messages of a topic, printed or written to files.
 
-use std::{borrow::Cow, fmt, os::fd::AsFd, path::Path};
+use std::{fmt, io::Write, os::fd::AsFd, path::PathBuf};
 
+use clap::Args;
 use serde::Serialize;
 use sm2_io::clock;
 use sm2_node::{Sample, Subscriber};
-use sm2_proto::Kind;
+use sm2_proto::{Kind, Name};
 
-use super::{EchoArguments, folder::Folder, hint};
+use super::{folder::Folder, hint};
 use crate::{
     Ended,
+    args::{Domain, name},
     connect::Session,
     error::CliError,
     interrupt::Stopped,
+    messages::{self, Content, Schemas, Show},
     output::Output,
     size::Size,
-    text::{Hex, write_message},
     wait::For,
 };
+
+/// `sm2 topic echo`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The topic
+    #[arg(value_name = "NAME", value_parser = name)]
+    topic: Name,
+    /// Write each message to a file of its own: DIR/000000.bin, DIR/000001.bin, ...
+    #[arg(long, value_name = "DIR")]
+    to_dir: Option<PathBuf>,
+    /// End after so many messages
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+    /// Take every message: have the publisher wait, if it offers to
+    #[arg(long)]
+    reliable: bool,
+    /// Print each message as one line of JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    show: Show,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+A message whose type has a schema is printed with its fields; text (UTF-8 without control characters
+but newline and tab) as it is; of any other message its length and first bytes. JSON has all of it: as
+`value` with a schema, as `text` if it is UTF-8, else as `hex`, or the `file` that it was written to.
+
+It goes on while the Manager is replaced, and says so on standard error.
+
+Exit status: 0 ended by Ctrl-C or after --count messages, 1 failed, 2 wrong usage, 130 Ctrl-C before
+--count messages came.
+
+Examples:
+  sm2 topic echo chatter
+  sm2 topic echo scan --json | jq .value.ranges[0]
+  sm2 topic echo camera --to-dir frames --count 10
+  sm2 topic echo log --reliable --json | jq .text";
 
 /// How many messages of a publisher wait to be printed before the oldest is dropped.
 const DEPTH: u16 = 64;
 
 /// Echoes until a signal comes, or `--count` messages are there.
-pub(super) fn run(arguments: &EchoArguments) -> Result<Ended, CliError> {
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "echo")?;
-    let mut sink = Sink::new(arguments)?;
+    let mut sink = Sink::new(arguments, &session)?;
     let subscriber = session
         .node
         .subscriber_builder::<[u8]>(arguments.topic.as_str())
@@ -46,7 +89,7 @@ pub(super) fn run(arguments: &EchoArguments) -> Result<Ended, CliError> {
 
 /// The loop; the signal that ended it, if one did.
 fn echo(
-    arguments: &EchoArguments,
+    arguments: &Arguments,
     session: &Session,
     subscriber: &Subscriber<[u8]>,
     sink: &mut Sink<'_>,
@@ -66,8 +109,9 @@ fn echo(
         sink.out.flush()?;
         if hint_at.is_some_and(|at| at <= clock::now()) {
             hint_at = None;
-            if !subscriber.links().iter().any(|link| link.open) {
-                hint::say(session, &arguments.topic, Kind::Publisher, 1);
+            let links = subscriber.links();
+            if !links.iter().any(|link| link.open) {
+                hint::say(session, &arguments.topic, Kind::Publisher, 1, &links);
             }
         }
         let others = [
@@ -84,7 +128,9 @@ fn echo(
 
 /// Where messages go.
 struct Sink<'a> {
-    arguments: &'a EchoArguments,
+    arguments: &'a Arguments,
+    session: &'a Session,
+    schemas: Schemas,
     out: Output,
     folder: Option<Folder>,
 }
@@ -106,46 +152,53 @@ struct Line<'a> {
     content: Content<'a>,
 }
 
-#[derive(Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Content<'a> {
-    Text(&'a str),
-    Hex(String),
-    File(Cow<'a, str>),
-}
-
 impl<'a> Sink<'a> {
-    fn new(arguments: &'a EchoArguments) -> Result<Self, CliError> {
+    fn new(arguments: &'a Arguments, session: &'a Session) -> Result<Self, CliError> {
         let folder = arguments.to_dir.as_deref().map(Folder::open).transpose()?;
         Ok(Self {
             arguments,
+            session,
+            schemas: Schemas::default(),
             out: Output::new(),
             folder,
         })
     }
 
     fn take(&mut self, sample: &Sample<[u8]>) -> Result<(), CliError> {
-        let path = match &mut self.folder {
-            Some(folder) => Some(folder.store(sample)?),
-            None => None,
-        };
-        match (self.arguments.json, path) {
-            (true, path) => self
-                .out
-                .json(&Line::new(self.arguments, sample, path.as_deref())),
-            (false, None) => self.out.write(|out| write_message(out, sample)),
+        let Self {
+            arguments,
+            session,
+            schemas,
+            out,
+            folder,
+        } = self;
+        let path = folder.as_mut().map(|it| it.store(sample)).transpose()?;
+        // What is not decoded needs no schema.
+        let decodes = !arguments.show.raw && !arguments.show.hex && path.is_none();
+        let data = sample
+            .type_id()
+            .filter(|data| decodes && !messages::is_bytes(data));
+        let schema = data.and_then(|data| schemas.of(session, data));
+        match (arguments.json, path) {
+            (true, Some(path)) => {
+                let content = Content::File(path.to_string_lossy());
+                out.json(&Line::new(arguments, sample, content))
+            }
+            (true, None) => {
+                let content = Content::new(sample, schema, arguments.show);
+                out.json(&Line::new(arguments, sample, content))
+            }
+            (false, None) => {
+                let lines = messages::lines(sample, schema, arguments.show);
+                out.write(|out| out.write_all(&lines))
+            }
             (false, Some(_)) => Ok(()),
         }
     }
 }
 
 impl<'a> Line<'a> {
-    fn new(arguments: &'a EchoArguments, sample: &'a Sample<[u8]>, file: Option<&'a Path>) -> Self {
-        let content = match (file, str::from_utf8(sample)) {
-            (Some(path), _) => Content::File(path.to_string_lossy()),
-            (None, Ok(text)) => Content::Text(text),
-            (None, Err(_)) => Content::Hex(Hex(sample, "").to_string()),
-        };
+    fn new(arguments: &'a Arguments, sample: &'a Sample<[u8]>, content: Content<'a>) -> Self {
         Self {
             topic: arguments.topic.as_str(),
             publisher: sample.publisher().as_str(),

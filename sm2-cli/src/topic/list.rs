@@ -1,16 +1,31 @@
 //! `sm2 topic list`.
 
-use serde::Serialize;
+use std::collections::BTreeMap;
 
-use super::ListArguments;
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::{Contract, Name};
+
 use crate::{
-    Ended,
-    columns::Columns,
-    connect::Session,
-    domain::{self, Topic},
-    error::CliError,
-    output::Output,
+    Ended, args::Domain, columns::Columns, connect::Session, error::CliError, interfaces::Type,
+    output::Output, view::View,
 };
+
+/// `sm2 topic list`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Examples:
+  sm2 topic list
+  sm2 topic list --json | jq -r '.topics[].name'";
 
 /// The object that `--json` prints.
 #[derive(Serialize)]
@@ -20,12 +35,25 @@ struct Topics {
     topics: Vec<Topic>,
 }
 
-pub(super) fn run(arguments: &ListArguments) -> Result<Ended, CliError> {
+/// A topic.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+struct Topic {
+    name: String,
+    /// None if nobody has stated one.
+    #[serde(rename = "type")]
+    data: Option<Type>,
+    publishers: usize,
+    subscribers: usize,
+    links: usize,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "topic-list")?;
-    let graph = session.graph()?;
+    let domain = session.snapshot()?;
+    let view = View::new(&domain);
     let topics = Topics {
-        revision: graph.revision,
-        topics: domain::topics(&graph.items),
+        revision: domain.revision(),
+        topics: topics(&view),
     };
     let mut out = Output::new();
     match arguments.json {
@@ -34,6 +62,35 @@ pub(super) fn run(arguments: &ListArguments) -> Result<Ended, CliError> {
     }
     out.flush()?;
     Ok(Ended::Done)
+}
+
+/// The topics in the order of their names.
+fn topics(view: &View<'_>) -> Vec<Topic> {
+    let mut topics: BTreeMap<&Name, Topic> = BTreeMap::new();
+    for it in view.granted() {
+        let (data, publishes) = match it.contract {
+            Contract::Publisher { data, .. } => (Some(data), true),
+            Contract::Subscriber { data, .. } => (data.as_ref(), false),
+            Contract::Server { .. } | Contract::Client { .. } => continue,
+        };
+        let name = it.contract.name();
+        let topic = topics.entry(name).or_insert_with(|| Topic {
+            name: name.to_string(),
+            data: None,
+            publishers: 0,
+            subscribers: 0,
+            links: 0,
+        });
+        topic.data = topic.data.take().or_else(|| data.map(Type::from));
+        if publishes {
+            topic.publishers += 1;
+            // Each link has one publisher: counted there, it is counted once.
+            topic.links += view.links_of(it.place).len();
+        } else {
+            topic.subscribers += 1;
+        }
+    }
+    topics.into_values().collect()
 }
 
 fn table(topics: &[Topic]) -> Columns<5> {

@@ -1,13 +1,22 @@
 //! `sm2 topic pub`: files or standard input as messages.
 
-use std::{fmt, os::fd::BorrowedFd, time::Duration};
+mod arguments;
+mod kind;
+mod summary;
+
+use std::{os::fd::BorrowedFd, time::Duration};
 
 use sm2_io::clock;
 use sm2_node::{Publisher, WaitError};
-use sm2_proto::{Contract, Instant, Kind, TypeId, control::Item, link::Counters};
+use sm2_proto::{Instant, Kind};
 
+pub(crate) use self::arguments::Arguments;
+use self::{
+    kind::Message,
+    summary::{Summary, Tally},
+};
 use super::{
-    PubArguments, hint,
+    hint,
     room::{DEPTH, PATIENCE, Room},
     source::{Gate, Input, Messages},
 };
@@ -16,7 +25,6 @@ use crate::{
     args::Integrity,
     connect::{Session, step},
     error::CliError,
-    size::Size,
     wait::For,
 };
 
@@ -30,15 +38,21 @@ const SETTLING: Duration = Duration::from_millis(200);
 const STEP: Duration = Duration::from_millis(100);
 
 /// Publishes until all is published, or a signal comes.
-pub(super) fn run(arguments: &PubArguments) -> Result<Ended, CliError> {
-    if arguments.again && arguments.from == Input::StandardInput {
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    if arguments.again && arguments.from == Some(Input::StandardInput) {
         return Err(CliError::LoopOfInput);
     }
-    let inputs = arguments.from.inputs()?;
+    let value = kind::value(arguments)?;
+    let inputs = match &arguments.from {
+        Some(input) => input.inputs()?,
+        None => Vec::new(),
+    };
     let session = Session::open(&arguments.domain, "pub")?;
-    let publisher = declare(arguments, &session)?;
+    let message = Message::new(arguments, &session, value.as_ref())?;
+    let publisher = declare(arguments, &session, &message)?;
     let mut feed = Feed {
         arguments,
+        value: message.bytes.as_deref(),
         session: &session,
         publisher: &publisher,
         tally: Tally::default(),
@@ -71,12 +85,16 @@ pub(super) fn run(arguments: &PubArguments) -> Result<Ended, CliError> {
     }
 }
 
-fn declare(arguments: &PubArguments, session: &Session) -> Result<Publisher<[u8]>, CliError> {
+fn declare(
+    arguments: &Arguments,
+    session: &Session,
+    message: &Message,
+) -> Result<Publisher<[u8]>, CliError> {
     let topic = arguments.topic.as_str();
     let builder = session
         .node
         .publisher_builder::<[u8]>(topic)
-        .type_id(data_type(arguments, session)?)
+        .type_id(message.data.clone())
         .depth(DEPTH)
         .sealed(arguments.integrity == Integrity::Sealed);
     let builder = match arguments.reliable {
@@ -87,35 +105,11 @@ fn declare(arguments: &PubArguments, session: &Session) -> Result<Publisher<[u8]
     Ok(builder.declare()?)
 }
 
-/// The type to declare: one that is named without its hash is taken to be the one in use.
-fn data_type(arguments: &PubArguments, session: &Session) -> Result<TypeId, CliError> {
-    let (name, topic) = (&arguments.data.name, &arguments.topic);
-    let hash = match arguments.data.hash {
-        Some(hash) => hash,
-        None if name.as_str() == "bytes" => 0,
-        None => {
-            let graph = session.graph()?;
-            let mut contracts = graph.items.iter().filter_map(|item| match item {
-                Item::Interface { contract, .. } if contract.name() == topic => Some(contract),
-                _ => None,
-            });
-            let in_use = contracts.find_map(|contract| match contract {
-                Contract::Publisher { data, .. } => Some(data),
-                Contract::Subscriber { data, .. } => data.as_ref(),
-                Contract::Server { .. } | Contract::Client { .. } => None,
-            });
-            in_use
-                .filter(|data| data.name == *name)
-                .map_or(0, |data| data.hash)
-        }
-    };
-    let name = name.clone();
-    Ok(TypeId { name, hash })
-}
-
 /// From inputs to the publisher.
 struct Feed<'a> {
-    arguments: &'a PubArguments,
+    arguments: &'a Arguments,
+    /// The one message that is published, instead of what `--from` names.
+    value: Option<&'a [u8]>,
     session: &'a Session,
     publisher: &'a Publisher<[u8]>,
     tally: Tally,
@@ -150,7 +144,14 @@ impl Feed<'_> {
             }
             if hint_at.is_some_and(|at| at <= clock::now()) {
                 hint_at = None;
-                hint::say(self.session, &self.arguments.topic, Kind::Subscriber, count);
+                let links = self.publisher.links();
+                hint::say(
+                    self.session,
+                    &self.arguments.topic,
+                    Kind::Subscriber,
+                    count,
+                    &links,
+                );
             }
         }
         Ok(false)
@@ -171,6 +172,12 @@ impl Feed<'_> {
 
     /// Publishes every message of every input once; less if a signal comes.
     fn publish_round(&mut self, inputs: &[Input]) -> Result<(), CliError> {
+        if let Some(value) = self.value {
+            if self.wait_for_turn()? {
+                self.publish(value)?;
+            }
+            return Ok(());
+        }
         let gate = self.session;
         let mut messages = Messages::new(inputs.to_vec(), self.arguments.split(), gate);
         let mut message = Vec::new();
@@ -178,11 +185,17 @@ impl Feed<'_> {
             if !self.wait_for_turn()? {
                 return Ok(());
             }
-            let published = self.publisher.publish(&message)?;
-            self.tally.links = self.tally.links.max(published.links);
-            self.tally.messages += 1;
-            self.tally.bytes += message.len() as u64;
+            self.publish(&message)?;
         }
+        Ok(())
+    }
+
+    fn publish(&mut self, message: &[u8]) -> Result<(), CliError> {
+        let published = self.publisher.publish(message)?;
+        self.tally.links = self.tally.links.max(published.links);
+        self.tally.messages += 1;
+        self.tally.unheard += u64::from(published.links == 0);
+        self.tally.bytes += message.len() as u64;
         Ok(())
     }
 
@@ -260,57 +273,5 @@ impl Gate for Session {
             }
         }
         Ok(false)
-    }
-}
-
-/// What was published.
-#[derive(Clone, Copy, Debug, Default)]
-struct Tally {
-    messages: u64,
-    bytes: u64,
-    /// The most that a message was sent on.
-    links: usize,
-}
-
-/// What is said at the end: what was published, and what became of it on all links together.
-struct Summary(Tally, Counters);
-
-impl fmt::Display for Summary {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(tally, counters) = self;
-        let plural = |count: u64| if count == 1 { "" } else { "s" };
-        write!(
-            f,
-            "published {} message{} ({}) to {} subscriber{}: {} delivered",
-            tally.messages,
-            plural(tally.messages),
-            Size(tally.bytes),
-            tally.links,
-            plural(tally.links as u64),
-            counters.delivered,
-        )?;
-        if counters.in_flight > 0 {
-            write!(f, ", {} not given back yet", counters.in_flight)?;
-        }
-        let dropped = [
-            (counters.overwritten, "overtaken before they were sent"),
-            (counters.discarded, "overtaken before they were taken"),
-            (counters.deadline, "too late for a subscriber without room"),
-            (counters.closed, "to subscribers that left"),
-        ];
-        write!(
-            f,
-            ", {} dropped",
-            dropped.iter().map(|(count, _)| count).sum::<u64>()
-        )?;
-        let reasons: Vec<_> = dropped
-            .iter()
-            .filter(|(count, _)| *count > 0)
-            .map(|(count, reason)| format!("{count} {reason}"))
-            .collect();
-        match reasons.is_empty() {
-            true => Ok(()),
-            false => write!(f, " ({})", reasons.join(", ")),
-        }
     }
 }

@@ -89,9 +89,44 @@ impl Domain {
         });
     }
 
+    /// What a command prints as JSON, which succeeds.
+    pub(crate) fn json(&self, arguments: &[&str]) -> Value {
+        let finished = self.run(&[arguments, &["--json"]].concat());
+        assert_eq!(finished.code(), 0, "{arguments:?}: {finished:?}");
+        let stdout = finished.stdout();
+        assert_eq!(stdout.lines().count(), 1, "{arguments:?}: {stdout}");
+        serde_json::from_str(&stdout).unwrap()
+    }
+
+    /// A node of this process.
+    pub(crate) fn node(&self, name: &str) -> sm2_node::Node {
+        let builder = sm2_node::Node::builder(name).socket(self.path("sm2.sock"));
+        builder.timeout(PATIENCE).connect().unwrap()
+    }
+
     pub(crate) fn stop_manager(&mut self) {
         self.manager.signal(Signal::SIGTERM);
         self.manager.wait();
+    }
+
+    pub(crate) fn manager_pid(&self) -> i32 {
+        self.manager.pid()
+    }
+
+    pub(crate) fn signal_manager(&self, signal: Signal) {
+        self.manager.signal(signal);
+    }
+
+    /// Kills the Manager without a word.
+    pub(crate) fn kill_manager(&mut self) {
+        self.manager.signal(Signal::SIGKILL);
+        self.manager.wait();
+    }
+
+    /// Another Manager, after the end of the one before.
+    pub(crate) fn start_manager(&mut self) {
+        let mut command = sm2(&["manager", "--socket"]);
+        self.manager = Running::start(command.arg(self.path("sm2.sock")));
     }
 }
 
@@ -139,6 +174,20 @@ impl Running {
 
     pub(crate) fn signal(&self, signal: Signal) {
         kill(Pid::from_raw(self.pid()), signal).unwrap();
+    }
+
+    /// Waits until it has written this to standard output.
+    pub(crate) fn await_stdout(&self, part: &str) {
+        until(&format!("{part:?} is printed"), || {
+            self.stdout().contains(part)
+        });
+    }
+
+    /// Waits until it has written this to standard error.
+    pub(crate) fn await_stderr(&self, part: &str) {
+        until(&format!("{part:?} is said"), || {
+            self.stderr().contains(part)
+        });
     }
 
     fn wait(&mut self) -> ExitStatus {
@@ -248,6 +297,39 @@ pub(crate) fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
         .collect();
     files.sort_unstable();
     files
+}
+
+/// A publisher of text at 200 Hz, for as long as it lives, and its node's name.
+pub(crate) fn talker(domain: &Domain, topic: &str) -> (Running, String) {
+    let publish = [
+        "topic",
+        "pub",
+        topic,
+        "--value",
+        "\"hello\"",
+        "--rate",
+        "200",
+        "--loop",
+        "--wait",
+        "0",
+    ];
+    let running = domain.start(&publish);
+    domain.wait_for(topic, "publishers", 1);
+    let name = format!("sm2-pub-{}", running.pid());
+    (running, name)
+}
+
+/// A subscriber that prints, for as long as it lives, and its node's name.
+pub(crate) fn listener(domain: &Domain, topic: &str, count: u64) -> (Running, String) {
+    let running = domain.start(&["topic", "echo", topic]);
+    domain.wait_for(topic, "subscribers", count);
+    let name = format!("sm2-echo-{}", running.pid());
+    (running, name)
+}
+
+/// The cells of a line.
+pub(crate) fn cells(line: &str) -> Vec<&str> {
+    line.split_whitespace().collect()
 }
 
 /// Bytes that look like nothing in particular.

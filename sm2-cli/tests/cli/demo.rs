@@ -25,6 +25,7 @@ fn judge(report: &Value, integrity: &str, size: u64) {
         "published",
         "size_bytes",
         "integrity",
+        "interrupted",
         "subscribers",
         "cpu_percent_total",
         "pss_bytes_total",
@@ -32,6 +33,7 @@ fn judge(report: &Value, integrity: &str, size: u64) {
     ];
     assert_eq!(keys(report), BTreeSet::from(expected));
     assert_eq!(report["integrity"], integrity);
+    assert_eq!(report["interrupted"], false);
     assert_eq!(report["size_bytes"], size);
     let published = report["published"].as_u64().unwrap();
     assert!((1..=20).contains(&published), "{report}");

@@ -67,9 +67,85 @@ fn help_mentions_every_command_and_examples() {
     }
 }
 
+/// The commands of a command, as its help lists them, less `help` itself.
+fn commands(help: &str) -> Vec<&str> {
+    let listed = help.split("Commands:\n").nth(1).unwrap_or_default();
+    let lines = listed.lines().take_while(|line| line.starts_with("  "));
+    let names = lines.filter_map(|line| line.split_whitespace().next());
+    names.filter(|name| *name != "help").collect()
+}
+
+/// Every command and command of a command has examples that begin with it, and options that say so
+/// where it prints data or talks to a domain.
+#[test]
+fn every_command_has_examples() {
+    fn check(path: &mut Vec<String>, seen: &mut usize) {
+        let words: Vec<_> = path.iter().map(String::as_str).collect();
+        let help = help(&words);
+        let (_, examples) = help.split_once("Examples:\n").unwrap_or_else(|| {
+            panic!("{path:?} has no examples:\n{help}");
+        });
+        let full = format!("sm2 {}", words.join(" "));
+        assert!(examples.contains(full.trim_end()), "{full}:\n{help}");
+        // A terminal of 100 columns breaks no line of what is written by hand.
+        assert!(
+            examples.lines().all(|line| line.chars().count() <= 110),
+            "{help}"
+        );
+        let children: Vec<_> = commands(&help).into_iter().map(str::to_owned).collect();
+        for child in children {
+            path.push(child);
+            check(path, seen);
+            path.pop();
+        }
+        *seen += 1;
+    }
+    let mut seen = 0;
+    check(&mut Vec::new(), &mut seen);
+    assert!(seen >= 26, "{seen} commands");
+}
+
+#[test]
+fn what_prints_data_prints_json() {
+    for command in [
+        "topic list",
+        "topic info",
+        "topic echo",
+        "topic hz",
+        "topic bw",
+        "topic delay",
+        "topic loss",
+        "service list",
+        "service info",
+        "service call",
+        "node list",
+        "node info",
+        "snapshot",
+        "wait",
+        "why",
+        "top",
+        "doctor",
+        "demo",
+    ] {
+        let words: Vec<_> = command.split(' ').collect();
+        let help = help(&words);
+        assert!(help.contains("--json"), "{command}:\n{help}");
+        if command != "demo" {
+            for option in [
+                "--domain",
+                "--socket",
+                "--connect-timeout",
+                "--wait-manager",
+            ] {
+                assert!(help.contains(option), "{command} has no {option}");
+            }
+        }
+    }
+}
+
 #[test]
 fn no_command_shows_the_help() {
-    for arguments in [&[][..], &["topic"], &["node"]] {
+    for arguments in [&[][..], &["topic"], &["node"], &["service"]] {
         let shown = Running::start(&mut sm2(arguments)).finish();
         assert_eq!(shown.code(), 2);
         assert!(shown.stderr().contains("Usage:"), "{}", shown.stderr());

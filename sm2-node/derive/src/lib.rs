@@ -3,6 +3,7 @@
 
 mod message;
 mod schema;
+mod serde;
 
 use proc_macro::TokenStream;
 use syn::{DeriveInput, parse_macro_input};
@@ -12,6 +13,7 @@ use syn::{DeriveInput, parse_macro_input};
 /// ```text
 /// #[message(name = "sensor/Imu")]                       // plain old data, read in place
 /// #[message(name = "nav/Path", encoding = "postcard")]  // any serde type
+/// #[message(name = "nav/Goal", encoding = "json")]      // the same, with sm2-node's feature `json`
 /// ```
 ///
 /// Also derives `Schema`.

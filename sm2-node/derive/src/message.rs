@@ -1,7 +1,7 @@
 //! `impl Message`, by way of `Plain` or of an encoding.
 
 use proc_macro2::TokenStream;
-use quote::quote;
+use quote::{format_ident, quote};
 use sm2_proto::Name;
 use syn::{DeriveInput, Error, Generics, LitStr, Result, parse_quote};
 
@@ -16,7 +16,7 @@ pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let schema = schema::expand(input)?;
     let message = match options.encoding {
         Encoding::Plain => plain(input, &options.name),
-        Encoding::Postcard => postcard(input, &options.name),
+        Encoding::Serde(encoding) => encoded(input, &options.name, encoding),
     };
     Ok(quote!(#schema #message))
 }
@@ -42,31 +42,37 @@ fn plain(input: &DeriveInput, name: &LitStr) -> TokenStream {
     }
 }
 
-fn postcard(input: &DeriveInput, name: &LitStr) -> TokenStream {
+fn encoded(input: &DeriveInput, name: &LitStr, encoding: &str) -> TokenStream {
     let ident = &input.ident;
     let generics = bounded(
         &input.generics,
         &quote!(::sm2_node::serde::Serialize + ::sm2_node::serde::de::DeserializeOwned),
     );
     let (params, arguments, bounds) = generics.split_for_impl();
+    let to = format_ident!("to_{encoding}");
+    let from = format_ident!("from_{encoding}");
     quote! {
         #[automatically_derived]
         impl #params ::sm2_node::Message for #ident #arguments #bounds {
             const NAME: &'static str = #name;
             const HASH: u64 =
-                ::sm2_node::schema::message("postcard", <Self as ::sm2_node::Schema>::HASH);
+                ::sm2_node::schema::message(#encoding, <Self as ::sm2_node::Schema>::HASH);
             type View = ::std::boxed::Box<Self>;
+
+            fn schema() -> ::core::option::Option<::std::string::String> {
+                ::sm2_node::schema::message_text::<Self>(#encoding)
+            }
 
             fn bytes(
                 &self,
             ) -> ::core::result::Result<::std::borrow::Cow<'_, [u8]>, ::sm2_node::EncodeError> {
-                ::sm2_node::encoding::to_postcard(self)
+                ::sm2_node::encoding::#to(self)
             }
 
             fn view(
                 payload: ::sm2_node::Payload,
             ) -> ::core::result::Result<Self::View, ::sm2_node::PayloadError> {
-                ::sm2_node::encoding::from_postcard(&payload)
+                ::sm2_node::encoding::#from(&payload)
             }
         }
     }
@@ -85,10 +91,10 @@ fn bounded(generics: &Generics, traits: &TokenStream) -> Generics {
     generics
 }
 
-#[derive(Clone, Copy)]
 enum Encoding {
     Plain,
-    Postcard,
+    /// `sm2_node::encoding` has functions for it.
+    Serde(&'static str),
 }
 
 struct Options {
@@ -135,9 +141,16 @@ fn checked_name(name: LitStr) -> Result<LitStr> {
 fn encoding_of(name: &LitStr) -> Result<Encoding> {
     match name.value().as_str() {
         "plain" => Ok(Encoding::Plain),
-        "postcard" => Ok(Encoding::Postcard),
+        "postcard" => Ok(Encoding::Serde("postcard")),
+        "json" if cfg!(feature = "json") => Ok(Encoding::Serde("json")),
+        "json" => {
+            let message = "the encoding \"json\" needs the feature `json` of sm2-node: \
+                           add it to `features` in Cargo.toml";
+            Err(Error::new_spanned(name, message))
+        }
         _ => {
-            let message = "unknown encoding: \"plain\" (the default) and \"postcard\" are known";
+            let message = "unknown encoding: \"plain\" (the default), \"postcard\" and \"json\" \
+                           are known";
             Err(Error::new_spanned(name, message))
         }
     }

@@ -1,47 +1,27 @@
-//! `impl Schema`: the hash of a type's structure, as an expression of its fields' hashes.
+//! `impl Schema`: hash and text of a type's structure, as expressions of its fields'.
+
+use std::collections::BTreeSet;
 
 use proc_macro2::TokenStream;
 use quote::{quote, quote_spanned};
+use sm2_proto::schema::is_name;
 use syn::spanned::Spanned;
-use syn::{Attribute, Data, DeriveInput, Error, Fields, Generics, Result, Type, parse_quote};
+use syn::{Data, DataEnum, DeriveInput, Error, Fields, Generics, Result, Type, parse_quote};
 
-/// What serde can be told about a field or type that changes its encoding, and
-/// that the hash would not see.
-const ENCODING_CHANGES: &[&str] = &[
-    "content",
-    "deserialize_with",
-    "flatten",
-    "from",
-    "into",
-    "remote",
-    "serialize_with",
-    "skip",
-    "skip_deserializing",
-    "skip_serializing",
-    "skip_serializing_if",
-    "tag",
-    "try_from",
-    "untagged",
-    "with",
-];
+use crate::serde::{Options, Rule};
 
 pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
-    check_serde(&input.attrs)?;
-    let hash = match &input.data {
-        Data::Struct(data) => structure(&data.fields)?,
-        Data::Enum(data) => {
-            let variants = data
-                .variants
-                .iter()
-                .map(|variant| {
-                    check_serde(&variant.attrs)?;
-                    let name = text_of(&variant.ident);
-                    let fields = structure(&variant.fields)?;
-                    Ok(quote!((#name, #fields)))
-                })
-                .collect::<Result<Vec<_>>>()?;
-            quote!(::sm2_node::schema::enumeration(&[#(#variants),*]))
+    let options = Options::of(&input.attrs)?;
+    let Expressions { hash, describe } = match &input.data {
+        Data::Struct(data) if options.transparent => transparent(&data.fields)?,
+        Data::Struct(data) => {
+            let Members { hashes, parts } = members(&data.fields, options.rename_all)?;
+            Expressions {
+                hash: quote!(::sm2_node::schema::structure(&[#(#hashes),*])),
+                describe: quote!(::sm2_node::schema::describe_structure(text, &[#(#parts),*])),
+            }
         }
+        Data::Enum(data) => enumeration(data, &options)?,
         Data::Union(data) => {
             let message = "a union has no schema: its bytes do not say which field they are";
             return Err(Error::new(data.union_token.span(), message));
@@ -54,27 +34,111 @@ pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
         #[automatically_derived]
         impl #params ::sm2_node::Schema for #name #arguments #bounds {
             const HASH: u64 = #hash;
+
+            fn describe(text: &mut ::std::string::String) -> bool {
+                #describe
+            }
         }
     })
 }
 
-/// The hash of named fields; those of a tuple are named by their position.
-fn structure(fields: &Fields) -> Result<TokenStream> {
-    let fields = fields
-        .iter()
-        .enumerate()
-        .map(|(position, field)| {
-            check_serde(&field.attrs)?;
-            let name = field
-                .ident
-                .as_ref()
-                .map_or_else(|| position.to_string(), text_of);
-            let ty = &field.ty;
-            // The field's span, so that a type without a schema is reported there.
-            Ok(quote_spanned!(ty.span()=> (#name, <#ty as ::sm2_node::Schema>::HASH)))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    Ok(quote!(::sm2_node::schema::structure(&[#(#fields),*])))
+/// What `Schema` consists of.
+struct Expressions {
+    hash: TokenStream,
+    describe: TokenStream,
+}
+
+/// Each field's name, with the hash and with the description of its type.
+struct Members {
+    hashes: Vec<TokenStream>,
+    parts: Vec<TokenStream>,
+}
+
+fn transparent(fields: &Fields) -> Result<Expressions> {
+    let mut fields = fields.iter();
+    let (Some(field), None) = (fields.next(), fields.next()) else {
+        let message = "the schema of a transparent type is that of its only field: \
+                       implement `Schema` by hand";
+        return Err(Error::new(proc_macro2::Span::call_site(), message));
+    };
+    Options::of(&field.attrs)?;
+    let ty = &field.ty;
+    Ok(Expressions {
+        hash: quote_spanned!(ty.span()=> <#ty as ::sm2_node::Schema>::HASH),
+        describe: quote_spanned!(ty.span()=> <#ty as ::sm2_node::Schema>::describe(text)),
+    })
+}
+
+fn enumeration(data: &DataEnum, options: &Options) -> Result<Expressions> {
+    let mut names = Names::default();
+    let (mut hashes, mut variants) = (Vec::new(), Vec::new());
+    for variant in &data.variants {
+        let own = Options::of(&variant.attrs)?;
+        let name = text_of(&variant.ident);
+        let name = own
+            .rename
+            .or_else(|| Some(options.rename_all?.variant(&name)))
+            .unwrap_or(name);
+        names.add(&name, &variant.ident)?;
+        let rule = own.rename_all.or(options.rename_all_fields);
+        let Members {
+            hashes: fields,
+            parts,
+        } = members(&variant.fields, rule)?;
+        hashes.push(quote!((#name, ::sm2_node::schema::structure(&[#(#fields),*]))));
+        variants.push(quote!((#name, &[#(#parts),*])));
+    }
+    Ok(Expressions {
+        hash: quote!(::sm2_node::schema::enumeration(&[#(#hashes),*])),
+        describe: quote!(::sm2_node::schema::describe_enumeration(text, &[#(#variants),*])),
+    })
+}
+
+/// Named fields; those of a tuple are named by their position.
+fn members(fields: &Fields, rule: Option<Rule>) -> Result<Members> {
+    let mut names = Names::default();
+    let (mut hashes, mut parts) = (Vec::new(), Vec::new());
+    for (position, field) in fields.iter().enumerate() {
+        let options = Options::of(&field.attrs)?;
+        let ty = &field.ty;
+        let name = match &field.ident {
+            Some(ident) => {
+                let name = text_of(ident);
+                options
+                    .rename
+                    .or_else(|| Some(rule?.field(&name)))
+                    .unwrap_or(name)
+            }
+            None => position.to_string(),
+        };
+        names.add(&name, field)?;
+        // The field's span, so that a type without a schema is reported there.
+        hashes.push(quote_spanned!(ty.span()=> (#name, <#ty as ::sm2_node::Schema>::HASH)));
+        parts.push(quote_spanned!(ty.span()=>
+            (#name, <#ty as ::sm2_node::Schema>::describe as ::sm2_node::schema::Describe)
+        ));
+    }
+    Ok(Members { hashes, parts })
+}
+
+/// The names of a type's fields or variants.
+#[derive(Default)]
+struct Names(BTreeSet<String>);
+
+impl Names {
+    /// What renaming can do wrong.
+    fn add(&mut self, name: &str, place: &impl quote::ToTokens) -> Result<()> {
+        if !is_name(name) {
+            let message =
+                format!("{name:?} cannot be a name in a schema: use letters, digits, `_`, `-`");
+            return Err(Error::new_spanned(place, message));
+        }
+        if !self.0.insert(name.to_owned()) {
+            let message = format!("another one is named {name:?} already");
+            return Err(Error::new_spanned(place, message));
+        }
+        Ok(())
+    }
 }
 
 fn text_of(ident: &syn::Ident) -> String {
@@ -107,33 +171,4 @@ fn field_types(data: &Data) -> Vec<&Type> {
         .flatten()
         .map(|field| &field.ty)
         .collect()
-}
-
-fn check_serde(attributes: &[Attribute]) -> Result<()> {
-    for attribute in attributes.iter().filter(|it| it.path().is_ident("serde")) {
-        attribute.parse_nested_meta(|meta| {
-            if let Some(found) = ENCODING_CHANGES
-                .iter()
-                .find(|name| meta.path.is_ident(name))
-            {
-                return Err(meta.error(format!(
-                    "`{found}` changes the encoding in a way that the schema hash cannot see: \
-                     implement `Schema` by hand, or leave it out"
-                )));
-            }
-            // Skip the value, if there is one.
-            if meta.input.peek(syn::Token![=]) {
-                meta.value()?.parse::<syn::Expr>()?;
-            } else if meta.input.peek(syn::token::Paren) {
-                meta.parse_nested_meta(|nested| {
-                    if nested.input.peek(syn::Token![=]) {
-                        nested.value()?.parse::<syn::Expr>()?;
-                    }
-                    Ok(())
-                })?;
-            }
-            Ok(())
-        })?;
-    }
-    Ok(())
 }

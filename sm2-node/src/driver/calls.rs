@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use sm2_proto::Instant;
-use sm2_proto::link::{Input, Status};
+use sm2_proto::link::{Input, Role, Status};
 
 use super::interface::Interface;
 use super::link::{LinkDriver, Tools};
@@ -54,7 +54,7 @@ impl Calls {
         tools: &Tools<'_>,
         outbox: &mut Outbox,
     ) {
-        if !link.is_caller() {
+        if link.role() != Role::Caller {
             return;
         }
         // No reply waits because too many are held: a client makes no more calls than it may
@@ -131,8 +131,10 @@ impl Interface {
         let key = self.outbox.store(forms, label);
         let sent = self.with_link(token, tools, |link, outbox, tools| {
             link.last_call = id;
-            link.send(key, Status::Ok, tools.epoll, outbox);
+            link.send(key, Status::Ok, tools, outbox);
         });
+        let now = sm2_io::clock::now();
+        (tools.counting).note(self.entry.as_ref(), |entry| entry.published(now, len));
         self.outbox.release(key);
         // The link ended before the machine had the call: it does not speak of it.
         let over = self.link(token).is_none_or(|link| link.end().is_some());
@@ -169,7 +171,7 @@ impl Interface {
 
     /// The next request that is worth the server's time.
     pub(crate) fn take_request(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
-        while let Some(taken) = self.take(tools)? {
+        while let Some(taken) = self.next(tools)? {
             let (token, id) = (taken.token, taken.delivery.id);
             let deadline = taken.delivery.time;
             let cancelled = self.is_cancelled(CallId { token, id });
@@ -178,7 +180,11 @@ impl Interface {
             let status = match (cancelled, late) {
                 (true, _) => Status::Cancelled,
                 (false, true) => Status::DeadlinePassed,
-                (false, false) => return Ok(Some(taken)),
+                (false, false) => {
+                    // A request says when it is too late, not when it was made.
+                    self.note_taken(&taken, sm2_io::clock::now(), tools);
+                    return Ok(Some(taken));
+                }
             };
             self.reply_bare(CallId { token, id }, status, tools);
             self.give_back(token, taken.delivery.sequence, tools);
@@ -236,7 +242,7 @@ impl Interface {
             link.cancelled.remove(&call.id);
             let open = link.is_open();
             if open {
-                link.send(key, status, tools.epoll, outbox);
+                link.send(key, status, tools, outbox);
             }
             open
         });

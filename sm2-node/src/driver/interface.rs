@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use sm2_io::Event;
+use sm2_io::{CounterEntry, Event};
 use sm2_proto::link::{Counters, Input};
 use sm2_proto::{Code, Contract, Farewell, LinkId, Refusal};
 
@@ -28,8 +28,12 @@ pub(crate) struct Interface {
     /// How many messages were published.
     pub(super) published: u64,
     pub(super) calls: Calls,
-    /// How many LINK frames came.
-    pub(super) linked: u32,
+    /// How many LINK frames DECLARED announced that have not come (SM2-IFC-002).
+    pub(super) links_due: u32,
+    /// Why the Manager of this session does not have it, though an earlier one had.
+    pub(super) refused_again: Option<Refusal>,
+    /// Where its counters are.
+    pub(super) entry: Option<CounterEntry>,
     /// The link from which the last message was taken.
     pub(super) last_taken: u64,
     /// How many publications the application will never see, as far as it knows.
@@ -51,7 +55,11 @@ pub(crate) enum State {
 }
 
 impl Interface {
-    pub(super) fn new(contract: Contract, pool_limit_bytes: u64) -> Self {
+    pub(super) fn new(
+        contract: Contract,
+        pool_limit_bytes: u64,
+        entry: Option<CounterEntry>,
+    ) -> Self {
         Self {
             contract,
             state: State::Declaring,
@@ -60,7 +68,9 @@ impl Interface {
             latched: VecDeque::new(),
             published: 0,
             calls: Calls::default(),
-            linked: 0,
+            links_due: 0,
+            refused_again: None,
+            entry,
             last_taken: 0,
             lost: 0,
             ended: VecDeque::new(),
@@ -80,20 +90,15 @@ impl Interface {
 
     /// Whether a link is being made or opened.
     pub(crate) fn is_opening(&self) -> bool {
-        // DECLARED says how many LINK frames follow it (SM2-IFC-002).
-        let announced = match self.state {
-            State::Live { matches } => matches,
-            State::Declaring | State::Refused(_) => 0,
-        };
-        self.linked < announced
+        self.links_due > 0
             || self
                 .links()
                 .any(|link| link.end().is_none() && !link.is_open())
     }
 
-    /// There is no Manager any more that could make one.
-    pub(super) const fn expect_no_links(&mut self) {
-        self.linked = u32::MAX;
+    /// Whether the Manager of this session has it, if that one knows all of this node.
+    pub(super) fn is_granted(&self) -> bool {
+        matches!(self.state, State::Live { .. }) && self.refused_again.is_none()
     }
 
     /// How many links are open.
@@ -131,7 +136,9 @@ impl Interface {
         for link in self.links.values_mut() {
             let farewell = Input::Close(Farewell::Done.code());
             link.feed(farewell, tools.epoll, &mut self.outbox);
+            tools.counting.free(link.entry.take());
         }
+        tools.counting.free(self.entry.take());
     }
 
     pub(super) fn tokens(&self) -> impl Iterator<Item = u64> {
@@ -146,8 +153,9 @@ impl Interface {
             return;
         };
         self.calls.collect(token, link, tools, &mut self.outbox);
+        link.note_fates(tools.counting);
         if link.end().is_some() && !link.buried {
-            self.bury(token);
+            self.bury(token, tools);
         }
         self.detach_segments(tools);
         if self
@@ -173,11 +181,12 @@ impl Interface {
     }
 
     /// A link is over: the Manager is to know, and its counters are to be kept.
-    fn bury(&mut self, token: u64) {
+    fn bury(&mut self, token: u64, tools: &mut Tools<'_>) {
         let Some(link) = self.links.get_mut(&token) else {
             return;
         };
         link.buried = true;
+        tools.counting.free(link.entry.take());
         for key in link.backlog.drain(..) {
             self.outbox.release(key);
         }
@@ -190,24 +199,33 @@ impl Interface {
             self.ended.pop_front();
         }
         self.ended.push_back(status);
-        self.drop_oldest_messages();
+        self.drop_oldest_messages(tools);
     }
 
     /// An application that never takes its messages must not collect those of every
     /// publisher that ever was.
-    fn drop_oldest_messages(&mut self) {
+    fn drop_oldest_messages(&mut self, tools: &mut Tools<'_>) {
         let buried = self.links.values().filter(|link| link.buried).count();
         let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
-        let (lost, gone) = (&mut self.lost, &mut self.gone);
+        let (mut lost, gone) = (0, &mut self.gone);
         self.links.retain(|token, link| {
             let drop = link.buried && surplus > 0;
             if drop {
                 surplus -= 1;
-                *lost += link.ready() as u64;
+                lost += link.ready() as u64;
                 gone.push(*token);
             }
             !drop
         });
+        if lost > 0 {
+            self.lose(lost, tools);
+        }
+    }
+
+    /// So many messages came, and the application will never see them.
+    pub(super) fn lose(&mut self, messages: u64, tools: &mut Tools<'_>) {
+        self.lost += messages;
+        (tools.counting).note(self.entry.as_ref(), |entry| entry.lost(messages));
     }
 
     /// Tells all links of segments that are over.

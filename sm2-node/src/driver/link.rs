@@ -9,7 +9,7 @@ use std::io::{self, IoSlice};
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 
-use sm2_io::{Epoll, Event, Interest, Mapping, RecvError, SendError, SeqPacket};
+use sm2_io::{CounterEntry, Epoll, Event, Interest, Mapping, RecvError, SendError, SeqPacket};
 use sm2_proto::control::Peer;
 use sm2_proto::link::{
     self, Counters, Delivery, End, Input, Link, Output, Packet, Role, Status, TooManyBorrowed,
@@ -17,8 +17,10 @@ use sm2_proto::link::{
 use sm2_proto::{Code, Datagram, Farewell, LinkId};
 
 use super::BURST;
+use super::counters::Counting;
 use super::datagram::{Incoming, receive};
 use super::outbox::Outbox;
+use super::status::Received;
 use crate::payload::{Payload, Source};
 
 /// How many datagrams are read from a link whose other side is gone: more than a window
@@ -46,6 +48,11 @@ pub(crate) struct LinkDriver {
     pub(super) buried: bool,
     /// Messages that the application holds.
     held: usize,
+    pub(super) received: Received,
+    /// Where its counters are, as long as it is not buried.
+    pub(super) entry: Option<CounterEntry>,
+    /// What stands there.
+    pub(super) noted: Counters,
     /// Caller: the number of the last call.
     pub(super) last_call: u64,
     /// Caller: calls that failed with the link, not reported yet.
@@ -60,6 +67,7 @@ pub(crate) struct LinkDriver {
 pub(crate) struct Tools<'a> {
     pub(crate) epoll: &'a Epoll,
     pub(crate) buffer: &'a mut [u8],
+    pub(crate) counting: &'a mut Counting,
 }
 
 impl LinkDriver {
@@ -68,6 +76,7 @@ impl LinkDriver {
         peer: Arc<Peer>,
         socket: SeqPacket,
         config: link::Config,
+        entry: Option<CounterEntry>,
     ) -> Self {
         Self {
             id: config.id,
@@ -82,6 +91,9 @@ impl LinkDriver {
             greeted: false,
             buried: false,
             held: 0,
+            received: Received::default(),
+            entry,
+            noted: Counters::default(),
             last_call: 0,
             failed: Vec::new(),
             cancelled: BTreeSet::new(),
@@ -117,9 +129,8 @@ impl LinkDriver {
         self.machine.is_stalled()
     }
 
-    /// Whether this end makes calls.
-    pub(super) fn is_caller(&self) -> bool {
-        self.machine.config().role == Role::Caller
+    pub(super) fn role(&self) -> Role {
+        self.machine.config().role
     }
 
     /// Whether one more message would be sent or queued without loss.
@@ -227,27 +238,37 @@ impl LinkDriver {
 
     /// This message goes without this link, which was waited for in vain.
     //= SM2-QOS-002
-    pub(super) fn skip(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+    pub(super) fn skip(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         debug_assert!(
             !self.has_room_for_backlog(),
             "what is latched fills all room"
         );
         if !self.has_room_for_backlog() && self.is_open() {
-            self.feed(Input::Skip, epoll, outbox);
+            self.feed(Input::Skip, tools.epoll, outbox);
+            self.note_fates(tools.counting);
         }
     }
 
     /// Sends a message that the outbox holds. If it cannot be put in the form that this
     /// link needs, the link ends: it would miss what others get.
-    pub(super) fn send(&mut self, key: u64, status: Status, epoll: &Epoll, outbox: &mut Outbox) {
+    pub(super) fn send(
+        &mut self,
+        key: u64,
+        status: Status,
+        tools: &mut Tools<'_>,
+        outbox: &mut Outbox,
+    ) {
         match outbox.message(key, status, self.is_sealed()) {
             Ok(message) => {
                 outbox.hold(key);
-                self.feed(Input::Send(message), epoll, outbox);
+                let (time, len) = (message.time, message.len);
+                self.feed(Input::Send(message), tools.epoll, outbox);
+                self.note_sent(time, len, tools.counting);
             }
             Err(error) => {
                 tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "cannot seal");
-                self.feed(Input::Close(Farewell::Resources.code()), epoll, outbox);
+                let code = Farewell::Resources.code();
+                self.feed(Input::Close(code), tools.epoll, outbox);
             }
         }
     }
@@ -415,6 +436,7 @@ impl LinkDriver {
             return Ok(None);
         };
         self.held += 1;
+        self.received.add(&delivery);
         let source = self.source(&delivery);
         if self.end().is_some() {
             self.forget_unused();

@@ -48,6 +48,8 @@ impl Interface {
     ) -> Offered {
         self.published += 1;
         label.id = self.published;
+        let (time, len) = (label.time, label.len);
+        (tools.counting).note(self.entry.as_ref(), |entry| entry.published(time, len));
         if forms.is_empty() {
             return Offered::default();
         }
@@ -66,10 +68,10 @@ impl Interface {
             //= SM2-QOS-002
             // Those with room first; one that was waited for in vain is not waited for again.
             if !link.is_reliable() || link.has_room() {
-                link.send(key, Status::Ok, tools.epoll, &mut self.outbox);
+                link.send(key, Status::Ok, tools, &mut self.outbox);
                 offered.links += usize::from(link.is_open());
             } else if link.is_stalled() {
-                link.skip(tools.epoll, &mut self.outbox);
+                link.skip(tools, &mut self.outbox);
                 offered.missed += 1;
             } else {
                 offered.waiting.push(token);
@@ -88,7 +90,7 @@ impl Interface {
             };
             let room = link.has_room();
             if room {
-                link.send(key, Status::Ok, tools.epoll, &mut self.outbox);
+                link.send(key, Status::Ok, tools, &mut self.outbox);
                 *links += usize::from(link.is_open());
             }
             !room
@@ -109,7 +111,7 @@ impl Interface {
         self.publish_more(&mut offered, tools);
         for token in offered.waiting.drain(..) {
             if let Some(link) = self.links.get_mut(&token) {
-                link.skip(tools.epoll, &mut self.outbox);
+                link.skip(tools, &mut self.outbox);
                 offered.missed += 1;
             }
         }
@@ -153,7 +155,7 @@ impl Interface {
                 break;
             }
             link.backlog.pop_front();
-            link.send(key, Status::Ok, tools.epoll, &mut self.outbox);
+            link.send(key, Status::Ok, tools, &mut self.outbox);
             self.outbox.release(key);
         }
     }

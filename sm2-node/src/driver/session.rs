@@ -2,11 +2,11 @@
 
 use std::collections::VecDeque;
 use std::io::IoSlice;
+use std::os::fd::{AsFd, OwnedFd};
 
 use sm2_io::{Epoll, Interest, RecvError, SendError, SeqPacket};
-use sm2_proto::control::{Cursor, Item};
 use sm2_proto::node::{End, Error, Input, Node, Output};
-use sm2_proto::{Code, Contract, Datagram, Farewell, InterfaceId, LinkId, Name, Refusal};
+use sm2_proto::{Code, Contract, Datagram, Farewell, InterfaceId, LinkId, Name, NodeId, Refusal};
 
 use super::SESSION;
 use super::datagram::{Incoming, receive};
@@ -15,31 +15,22 @@ use super::datagram::{Incoming, receive};
 pub(super) struct Session {
     socket: Option<SeqPacket>,
     machine: Node,
-    /// Frames that the socket did not take yet. Bounded by what this node declares.
-    unsent: VecDeque<Vec<u8>>,
+    /// Frames that the socket did not take yet. Bounded by what this node declares and asks.
+    unsent: VecDeque<Frame>,
     /// Whether we wait until the socket is writable.
     blocked: bool,
-    pub(super) greeting: Greeting,
-    /// The answer to the last query.
-    page: Option<Page>,
-    /// Queries without an answer. Pages come in the order of the queries.
-    pages_due: u64,
+    /// Why the last session is over, as long as no Manager knows again what this node has.
+    pub(super) away: Option<End>,
+    /// Why the last greeting was not granted, if it was not.
+    pub(super) refused: Option<Refusal>,
+    welcomed: bool,
 }
 
-/// How far the greeting has come.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Greeting {
-    Sent,
-    Refused(Refusal),
-    Welcomed,
-}
-
-/// A part of the domain's state.
-#[derive(Clone, Debug)]
-pub(crate) struct Page {
-    pub(crate) revision: u64,
-    pub(crate) items: Vec<Item>,
-    pub(crate) next: Option<Cursor>,
+/// One datagram on its way out.
+#[derive(Debug)]
+struct Frame {
+    bytes: Vec<u8>,
+    fd: Option<OwnedFd>,
 }
 
 impl Session {
@@ -50,14 +41,41 @@ impl Session {
             machine: Node::new(name),
             unsent: VecDeque::new(),
             blocked: false,
-            greeting: Greeting::Sent,
-            page: None,
-            pages_due: 0,
+            away: None,
+            refused: None,
+            welcomed: false,
         }
     }
 
-    pub(super) fn end(&self) -> Option<End> {
-        self.machine.end()
+    /// There is a new connection, which the epoll set watches.
+    pub(super) fn connected(&mut self, socket: SeqPacket) {
+        debug_assert!(self.socket.is_none() && self.unsent.is_empty());
+        self.socket = Some(socket);
+        self.blocked = false;
+    }
+
+    /// Whether any Manager has ever welcomed this node.
+    pub(super) const fn was_welcomed(&self) -> bool {
+        self.welcomed
+    }
+
+    /// A Manager has welcomed this node; whether it was the first.
+    pub(super) fn welcomed(&mut self) -> bool {
+        self.refused = None;
+        !std::mem::replace(&mut self.welcomed, true)
+    }
+
+    /// Whether a Manager is there that knows all of this node.
+    pub(super) const fn is_ready(&self) -> bool {
+        self.machine.is_ready()
+    }
+
+    pub(super) const fn id(&self) -> Option<NodeId> {
+        self.machine.id()
+    }
+
+    pub(super) const fn epoch(&self) -> Option<u64> {
+        self.machine.epoch()
     }
 
     pub(super) fn declare(&mut self, contract: Contract) -> Result<InterfaceId, Error> {
@@ -76,23 +94,6 @@ impl Session {
             link,
             code,
         });
-    }
-
-    /// Asks for a page of the domain's state.
-    pub(super) fn query(&mut self, after: Option<Cursor>) {
-        self.page = None;
-        self.pages_due += 1;
-        self.tell(Input::Query { after });
-    }
-
-    /// A page came. It counts only if it answers the last query.
-    pub(super) fn answer(&mut self, page: Page) {
-        self.pages_due -= 1;
-        self.page = (self.pages_due == 0).then_some(page);
-    }
-
-    pub(super) const fn take_page(&mut self) -> Option<Page> {
-        self.page.take()
     }
 
     /// Reads one datagram. `None` if none is there.
@@ -126,8 +127,8 @@ impl Session {
     }
 
     /// Sends a frame, after those that wait.
-    pub(super) fn send(&mut self, frame: Vec<u8>, epoll: &Epoll) {
-        self.unsent.push_back(frame);
+    pub(super) fn send(&mut self, bytes: Vec<u8>, fd: Option<OwnedFd>, epoll: &Epoll) {
+        self.unsent.push_back(Frame { bytes, fd });
         self.flush(epoll);
     }
 
@@ -137,8 +138,9 @@ impl Session {
             self.unsent.clear();
             return;
         };
-        while let Some(frame) = self.unsent.front() {
-            match socket.send(&[IoSlice::new(frame)], &[]) {
+        while let Some(Frame { bytes, fd }) = self.unsent.front() {
+            let fd = fd.as_ref().map(AsFd::as_fd);
+            match socket.send(&[IoSlice::new(bytes)], fd.as_slice()) {
                 // Whoever is gone has sent all it will: that is read first, and then the
                 // end of the stream (SM2-TRN-006).
                 Ok(()) | Err(SendError::Closed) => {}
@@ -167,12 +169,17 @@ impl Session {
                 clause = rule.clause(),
                 "the Manager broke the protocol; the session is over, links go on"
             ),
-            End::Peer(code) if code != Farewell::Done.code() => {
+            // Each attempt that is refused ends like this, and was reported.
+            _ if self.refused.is_some() => {}
+            End::Peer(code)
+                if ![Farewell::Done.code(), Farewell::ShuttingDown.code()].contains(&code) =>
+            {
                 tracing::warn!(%code, "the Manager hung up; links go on");
             }
             End::Peer(_) | End::Eof => tracing::info!("the Manager is gone; links go on"),
             End::Local(_) => {}
         }
+        self.away = Some(end);
         self.unsent.clear();
         if let Some(socket) = self.socket.take() {
             let _ = epoll.remove(&socket);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sm2_proto::LinkId;
 use sm2_proto::control::Peer;
-use sm2_proto::link::{Counters, End};
+use sm2_proto::link::{Counters, Delivery, End};
 
 use super::interface::Interface;
 use super::link::LinkDriver;
@@ -24,8 +24,29 @@ pub struct LinkStatus {
     pub sealed: bool,
     /// What became of the messages that this side sent on it (SM2-QOS-004).
     pub counters: Counters,
+    /// What came from the other side.
+    pub received: Received,
     /// Why it is over, if it is.
     pub end: Option<End>,
+}
+
+/// What one side of a link received.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Received {
+    /// Messages, requests or replies that the program took.
+    pub messages: u64,
+    /// Their length in bytes, together.
+    pub bytes: u64,
+    /// Messages that were lost before those that were taken.
+    pub lost: u64,
+}
+
+impl Received {
+    pub(super) const fn add(&mut self, delivery: &Delivery) {
+        self.messages += 1;
+        self.bytes = self.bytes.wrapping_add(delivery.len);
+        self.lost += delivery.lost;
+    }
 }
 
 impl LinkStatus {
@@ -37,6 +58,7 @@ impl LinkStatus {
             reliable: link.is_reliable(),
             sealed: link.is_sealed(),
             counters: link.counters(),
+            received: link.received,
             end: link.end(),
         }
     }

@@ -3,9 +3,9 @@
 use std::ops::Bound::{Excluded, Included, Unbounded};
 use std::sync::Arc;
 
-use sm2_proto::Farewell;
 use sm2_proto::control::Peer;
 use sm2_proto::link::{Delivery, Input, TooManyBorrowed};
+use sm2_proto::{Farewell, Instant};
 
 use super::interface::Interface;
 use super::link::Tools;
@@ -30,6 +30,28 @@ pub(crate) struct Full {
 impl Interface {
     /// The next message of any link, in turn.
     pub(crate) fn take(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
+        let taken = self.next(tools)?;
+        if let Some(taken) = &taken {
+            self.note_taken(taken, taken.delivery.time, tools);
+        }
+        Ok(taken)
+    }
+
+    /// The application has a message, which was published at this moment.
+    pub(super) fn note_taken(&self, taken: &Taken, published: Instant, tools: &mut Tools<'_>) {
+        let (now, delivery) = (sm2_io::clock::now(), &taken.delivery);
+        let link = self.links.get(&taken.token);
+        let link = link.and_then(|link| link.entry.as_ref());
+        for entry in [self.entry.as_ref(), link] {
+            tools.counting.note(entry, |entry| {
+                entry.taken(now, published, delivery.len);
+                entry.lost(delivery.lost);
+            });
+        }
+    }
+
+    /// The same, whether the application gets it or not.
+    pub(super) fn next(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
         let start = self.last_taken;
         let (mut position, mut wrapped, mut full) = (start, false, None);
         loop {
@@ -76,7 +98,7 @@ impl Interface {
     /// A message that was taken cannot be shown: this machine is out of memory, and the link
     /// is closed for it.
     pub(crate) fn unreadable(&mut self, token: u64, tools: &mut Tools<'_>) {
-        self.lost += 1;
+        self.lose(1, tools);
         self.with_link(token, tools, |link, outbox, tools| {
             let code = Farewell::Resources.code();
             link.feed(Input::Close(code), tools.epoll, outbox);

@@ -8,12 +8,13 @@ use sm2_manager::{Background, Options, Policy};
 use sm2_node::{LinkStatus, Message, Node, Publisher, Sample, Subscriber};
 
 /// Long enough for a machine that is busy with other tests.
-pub(crate) const SOON: Duration = Duration::from_secs(10);
+pub(crate) const SOON: Duration = Duration::from_secs(2);
 
 /// A Manager, with its socket in a temporary folder.
 pub(crate) struct Domain {
     manager: Option<Background>,
     folder: tempfile::TempDir,
+    policy: Policy,
 }
 
 impl Domain {
@@ -22,16 +23,13 @@ impl Domain {
     }
 
     pub(crate) fn with(policy: Policy) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let options = Options {
+        let mut domain = Self {
+            manager: None,
+            folder: tempfile::tempdir().unwrap(),
             policy,
-            ..Options::default()
         };
-        let manager = Background::start(&folder.path().join("test.sock"), options).unwrap();
-        Self {
-            manager: Some(manager),
-            folder,
-        }
+        domain.start();
+        domain
     }
 
     pub(crate) fn socket(&self) -> std::path::PathBuf {
@@ -42,9 +40,41 @@ impl Domain {
         Node::builder(name).socket(self.socket()).connect().unwrap()
     }
 
+    /// Starts a Manager; nodes of the one before come back by themselves, when they are called.
+    pub(crate) fn start(&mut self) {
+        assert!(self.manager.is_none());
+        let options = Options {
+            policy: self.policy,
+            ..Options::default()
+        };
+        self.manager = Some(Background::start(&self.socket(), options).unwrap());
+    }
+
     /// Stops the Manager. Nodes go on without it.
     pub(crate) fn stop(&mut self) {
         self.manager.take().unwrap().stop().unwrap();
+    }
+}
+
+/// Waits until each of these nodes knows that its Manager is gone.
+pub(crate) fn away(nodes: &[&Node]) {
+    until(|| nodes.iter().all(|node| !node.is_connected()));
+}
+
+/// Waits until each of these nodes is back: nodes of one thread, each of which has to be called.
+pub(crate) fn back(nodes: &[&Node]) {
+    until(|| {
+        // Each of them is asked, whatever the others say: that moves it on.
+        nodes.iter().filter(|node| !node.is_connected()).count() == 0
+    });
+}
+
+/// Asks again and again, until it is so.
+pub(crate) fn until(mut is_so: impl FnMut() -> bool) {
+    let deadline = Instant::now() + SOON;
+    while !is_so() {
+        assert!(Instant::now() < deadline, "waited in vain");
+        thread::sleep(Duration::from_micros(100));
     }
 }
 

@@ -6,8 +6,8 @@ use core::cell::Cell;
 use postcard::{Deserializer, Error, de_flavors::Flavor};
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::{Item, ToManager, ToNode};
-use crate::{Contract, Datagram, Violation};
+use super::{Change, Item, ToManager, ToNode};
+use crate::{Contract, Datagram, Violation, limits::SCHEMA_TEXT_MAX};
 
 /// The bytes of a frame to the Manager.
 #[must_use]
@@ -24,10 +24,12 @@ pub fn encode_to_node(frame: &ToNode) -> Vec<u8> {
 /// Reads a frame from a node: exactly one, in its only encoding.
 pub fn decode_to_manager(datagram: &Datagram<'_>) -> Result<ToManager, Violation> {
     let frame: ToManager = decode(datagram, ToManager::COUNT)?;
-    if let ToManager::Declare { contract, .. } = &frame {
-        check_contract(contract)?;
+    match &frame {
+        ToManager::Declare { contract, .. } => check_contract(contract)?,
+        ToManager::Schema { text, .. } => check_schema(text)?,
+        _ => {}
     }
-    datagram.check_fds(0)?;
+    datagram.check_fds(frame.fds())?;
     Ok(frame)
 }
 
@@ -36,13 +38,17 @@ pub fn decode_to_node(datagram: &Datagram<'_>) -> Result<ToNode, Violation> {
     let frame: ToNode = decode(datagram, ToNode::COUNT)?;
     match &frame {
         ToNode::Link { peer, .. } => check_contract(&peer.contract)?,
-        ToNode::Page { items, .. } => {
-            for item in items {
-                if let Item::Interface { contract, .. } = item {
-                    check_contract(contract)?;
-                }
-            }
-        }
+        ToNode::Page { items, .. } => items.iter().try_for_each(check_item)?,
+        ToNode::Changes {
+            changes: Some(changes),
+            ..
+        } => changes.iter().try_for_each(|change| match change {
+            Change::Set { item } => check_item(item),
+            Change::Removed { .. } => Ok(()),
+        })?,
+        ToNode::Described {
+            text: Some(text), ..
+        } => check_schema(text)?,
         _ => {}
     }
     datagram.check_fds(frame.fds())?;
@@ -52,6 +58,19 @@ pub fn decode_to_node(datagram: &Datagram<'_>) -> Result<ToNode, Violation> {
 //= SM2-FRM-003
 fn check_contract(contract: &Contract) -> Result<(), Violation> {
     contract.check_qos().map_err(|_| Violation::BadQos)
+}
+
+fn check_item(item: &Item) -> Result<(), Violation> {
+    item.contract().map_or(Ok(()), check_contract)
+}
+
+//= SM2-SCH-001
+const fn check_schema(text: &str) -> Result<(), Violation> {
+    if text.len() <= SCHEMA_TEXT_MAX {
+        Ok(())
+    } else {
+        Err(Violation::BadSchema)
+    }
 }
 
 fn encode<T: Serialize>(frame: &T) -> Vec<u8> {
@@ -79,8 +98,8 @@ fn decode<T: Serialize + DeserializeOwned>(
     });
     let frame = T::deserialize(&mut deserializer).map_err(|error| match error {
         Error::DeserializeBadUtf8 => Violation::BadName,
-        // A type refused the value just read. Names are the only texts of
-        // control frames; all else that is refused is an enumeration's number.
+        // A type refused the value just read. Of the texts in control frames only
+        // names are refused; all else that is refused is an enumeration's number.
         Error::SerdeDeCustom if text.get() => Violation::BadName,
         _ => Violation::Malformed,
     })?;

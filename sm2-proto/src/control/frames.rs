@@ -1,10 +1,11 @@
 //! The frames as types. The order of variants and fields is the wire format.
 
-use alloc::vec::Vec;
+use alloc::{string::String, vec::Vec};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Code, Contract, InterfaceId, LinkId, Name, NodeId, Refusal};
+use super::items::{Change, Item, Key};
+use crate::{Code, Contract, InterfaceId, LinkId, Name, NodeId, Refusal, TypeId};
 
 /// A frame from a node to its Manager.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -17,6 +18,8 @@ pub enum ToManager {
         max_version: u16,
         /// What it wants to be called.
         name: Name,
+        /// Whether it comes back with interfaces and links from an earlier session.
+        resuming: bool,
     },
     /// The node has a new interface.
     Declare {
@@ -42,12 +45,53 @@ pub enum ToManager {
     /// The node asks for a page of the domain's state.
     Query {
         /// The last item that it knows.
-        after: Option<Cursor>,
+        after: Option<Key>,
     },
     /// The node hangs up.
     Goodbye {
         /// Why.
         code: Code,
+    },
+    /// The resuming node has an open link that an earlier Manager made.
+    Claim {
+        /// Of which interface.
+        interface: InterfaceId,
+        /// Which link.
+        link: LinkId,
+        /// What only its two ends know.
+        key: u64,
+        /// The version spoken on it.
+        version: u16,
+        /// Whether nothing on it may be displaced.
+        reliable: bool,
+        /// Whether every message on it is inline or sealed.
+        sealed: bool,
+    },
+    /// The resuming node has claimed all that it has.
+    Claimed,
+    /// The node waits for a change of the domain.
+    Watch {
+        /// The revision that it knows.
+        after: u64,
+    },
+    /// The node's counters; their file comes along.
+    Counters,
+    /// The node asks for the counters of a node.
+    Inspect {
+        /// Which.
+        node: NodeId,
+    },
+    /// The node registers the text of a type.
+    Schema {
+        /// Which type.
+        data: TypeId,
+        /// Its text (SPEC Annex A).
+        text: String,
+    },
+    /// The node asks for the text of a type.
+    Describe {
+        /// Which type.
+        data: TypeId,
     },
 }
 
@@ -88,6 +132,8 @@ pub enum ToNode {
         interface: InterfaceId,
         /// The link.
         link: LinkId,
+        /// What only its two ends know.
+        key: u64,
         /// The version to speak on it.
         version: u16,
         /// Whether nothing on it may be displaced.
@@ -115,15 +161,41 @@ pub enum ToNode {
     Page {
         /// Of which revision.
         revision: u64,
-        /// Nodes and interfaces in ascending order.
+        /// In ascending order of their keys.
         items: Vec<Item>,
         /// Where to go on, if more follow.
-        next: Option<Cursor>,
+        next: Option<Key>,
     },
     /// The Manager hangs up.
     Goodbye {
         /// Why.
         code: Code,
+    },
+    /// The domain has changed.
+    Changes {
+        /// What the changes lead to.
+        revision: u64,
+        /// The changes; none if the Manager does not remember them all.
+        changes: Option<Vec<Change>>,
+        /// Whether there are more at once.
+        more: bool,
+    },
+    /// The counters of a node; their file comes along.
+    Inspected {
+        /// Which node.
+        node: NodeId,
+    },
+    /// A node has no counters, or is not there.
+    NotInspected {
+        /// Which node.
+        node: NodeId,
+    },
+    /// The text of a type, if anybody registered it.
+    Described {
+        /// Which type.
+        data: TypeId,
+        /// Its text (SPEC Annex A).
+        text: Option<String>,
     },
 }
 
@@ -140,55 +212,27 @@ pub struct Peer {
     pub contract: Contract,
 }
 
-/// A position in the domain's state; a node itself counts as interface 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub struct Cursor {
-    /// The node.
-    pub node: NodeId,
-    /// The interface, or 0 for the node itself.
-    pub interface: InterfaceId,
-}
-
-/// One thing in the domain.
-#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Item {
-    /// A node.
-    Node {
-        /// Its number.
-        node: NodeId,
-        /// Its name.
-        name: Name,
-        /// Its user, as the kernel says.
-        uid: u32,
-        /// Its process, as the kernel says.
-        pid: i32,
-    },
-    /// An interface.
-    Interface {
-        /// Its node.
-        node: NodeId,
-        /// Its number.
-        interface: InterfaceId,
-        /// What it is.
-        contract: Contract,
-        /// How many links it has.
-        links: u32,
-    },
-}
-
 impl ToManager {
     /// How many frame types there are.
-    pub(super) const COUNT: u32 = 6;
-}
-
-impl ToNode {
-    /// How many frame types there are.
-    pub(super) const COUNT: u32 = 9;
+    pub(super) const COUNT: u32 = 13;
 
     /// How many descriptors the frame carries.
     pub(super) const fn fds(&self) -> usize {
         match self {
-            Self::Link { .. } => 1,
+            Self::Counters => 1,
+            _ => 0,
+        }
+    }
+}
+
+impl ToNode {
+    /// How many frame types there are.
+    pub(super) const COUNT: u32 = 13;
+
+    /// How many descriptors the frame carries.
+    pub(super) const fn fds(&self) -> usize {
+        match self {
+            Self::Link { .. } | Self::Inspected { .. } => 1,
             _ => 0,
         }
     }

@@ -2,6 +2,8 @@
 
 mod codec;
 mod frames;
+mod items;
 
 pub use codec::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_node};
-pub use frames::{Cursor, Item, Peer, ToManager, ToNode};
+pub use frames::{Peer, ToManager, ToNode};
+pub use items::{Apart, Change, Item, Key, Limits};

@@ -1,50 +1,68 @@
 //! Interfaces and who is linked with whom (SPEC sections 4.3, 4.4 and 5).
 
-use alloc::{sync::Arc, vec::Vec};
+use alloc::{collections::BTreeSet, sync::Arc, vec::Vec};
 
 use super::{
     Manager, Output,
-    links::End,
-    policy::within,
-    session::{Farewells, Session},
+    links::{Agreed, Pair},
+    phase::Phase,
+    policy::{count, within},
+    session::{Farewells, Remains, Session},
 };
 use crate::{
-    Code, Contract, Farewell, InterfaceId, LinkId, NodeId, Quota, Refusal, VERSION, Violation,
-    control::{Peer, ToNode, encode_to_node},
-    limits::LINKS_MAX,
+    Code, Contract, Farewell, InterfaceId, LinkId, NodeId, Place, Quota, Refusal, Terms, VERSION,
+    Violation,
+    control::{Apart, Key, Peer, ToNode, encode_to_node},
     match_contracts,
 };
 
+/// The counterparts of an interface that is granted.
+#[derive(Default)]
+struct Matches {
+    linked: Vec<Place>,
+    /// Those whose sessions may not have more links.
+    full: Vec<Place>,
+}
+
 impl Manager {
-    pub(super) fn declare(&mut self, end: End, contract: Contract) -> Result<(), Violation> {
-        let Some(session) = self.sessions.get_mut(&end.node) else {
+    pub(super) fn declare(&mut self, place: Place, contract: Contract) -> Result<(), Violation> {
+        let Some(session) = self.sessions.get_mut(&place.node) else {
             return Ok(());
         };
-        session.number(end.interface)?;
-        match self.admit(end.node, &contract) {
-            Ok(matches) => self.admitted(end, contract, &matches),
-            Err(reason) => {
-                let interface = end.interface;
-                self.send(end.node, &ToNode::DeclareRefused { interface, reason });
-            }
+        session.number(place.interface)?;
+        match self.admit(place.node, &contract) {
+            Ok(matches) => self.admitted(place, contract, &matches),
+            Err(reason) => self.refuse(place, contract, reason),
         }
         Ok(())
     }
 
     /// Whether an interface can be granted, and whom it is to be linked with.
-    //= SM2-IFC-005, SM2-IFC-006
-    fn admit(&self, id: NodeId, contract: &Contract) -> Result<Vec<End>, Refusal> {
+    //= SM2-IFC-005, SM2-IFC-006, SM2-RES-008
+    fn admit(&self, id: NodeId, contract: &Contract) -> Result<Matches, Refusal> {
         let Some(session) = self.sessions.get(&id) else {
-            return Ok(Vec::new());
+            return Ok(Matches::default());
         };
         session.refuse_interface(&self.policy)?;
         self.users
             .refuse_interface(session.credentials().uid, &self.policy)?;
         let Some(channel) = self.channels.get(contract) else {
-            return Ok(Vec::new());
+            return Ok(Matches::default());
         };
         channel.refuse_types(contract)?;
-        self.admit_links(id, channel.matches(contract))
+        //= SM2-RES-002
+        if session.phase() == Phase::Resuming {
+            return Ok(Matches::default());
+        }
+        let matches = channel.matches(contract);
+        self.admit_links(id, matches.filter(|other| self.may_link(other.node)))
+    }
+
+    /// Nobody is linked with a session that has not claimed all that it has.
+    //= SM2-RES-002, SM2-RES-007
+    fn may_link(&self, node: NodeId) -> bool {
+        let phase = self.sessions.get(&node).map(Session::phase);
+        phase == Some(Phase::Ready)
     }
 
     /// The matches that the quotas of links leave, out of some in ascending order.
@@ -52,79 +70,156 @@ impl Manager {
     fn admit_links(
         &self,
         id: NodeId,
-        matches: impl Iterator<Item = End>,
-    ) -> Result<Vec<End>, Refusal> {
-        let limit = self.policy.links_per_session.min(LINKS_MAX);
-        let used = |node: NodeId| self.sessions.get(&node).map_or(0, Session::link_ends);
-        let mut ours = used(id);
+        matches: impl Iterator<Item = Place>,
+    ) -> Result<Matches, Refusal> {
+        let limit = self.policy.links_per_session();
+        let mut ours = self.link_ends(id);
         // A session's interfaces stand together, so one other count is enough.
         let mut theirs = (id, 0);
-        let mut admitted = Vec::new();
+        let mut admitted = Matches::default();
         for other in matches {
             if other.node == id {
                 // Both ends of the link are ours.
                 ours += 1;
             } else {
                 if other.node != theirs.0 {
-                    theirs = (other.node, used(other.node));
+                    theirs = (other.node, self.link_ends(other.node));
                 }
                 if theirs.1 >= limit {
+                    admitted.full.push(other);
                     continue;
                 }
                 theirs.1 += 1;
             }
             ours += 1;
             within(limit, ours, Quota::LinksPerSession)?;
-            admitted.push(other);
+            admitted.linked.push(other);
         }
         Ok(admitted)
     }
 
+    fn link_ends(&self, node: NodeId) -> usize {
+        self.sessions.get(&node).map_or(0, Session::link_ends)
+    }
+
     //= SM2-IFC-002
-    fn admitted(&mut self, end: End, contract: Contract, matches: &[End]) {
-        let Some(session) = self.sessions.get_mut(&end.node) else {
+    fn admitted(&mut self, place: Place, contract: Contract, matches: &Matches) {
+        let Some(session) = self.sessions.get_mut(&place.node) else {
             return;
         };
+        let superseded = session.supersede(&contract);
         self.users.declare(session.credentials().uid);
         let contract = Arc::new(contract);
-        self.channels.insert(end, &contract);
-        session.declare(end.interface, contract);
-        self.revision += 1;
+        self.channels.insert(place, &contract);
+        session.declare(place.interface, Arc::clone(&contract));
+        for interface in superseded {
+            self.member_changed(Place { interface, ..place });
+        }
+        self.member_changed(place);
         self.send(
-            end.node,
+            place.node,
             &ToNode::Declared {
-                interface: end.interface,
-                matches: u32::try_from(matches.len()).unwrap_or(u32::MAX),
+                interface: place.interface,
+                matches: count(matches.linked.len()),
             },
         );
-        for &other in matches {
-            self.link(end, other);
+        for &other in &matches.full {
+            let pair = Pair::new(place, &contract, other);
+            self.set_apart(pair, self.quota(other.node));
+        }
+        for &other in &matches.linked {
+            self.link(place, other);
         }
     }
 
-    //= SM2-LNK-001, SM2-MAT-002, SM2-MAT-003, SM2-VER-002
-    fn link(&mut self, one: End, other: End) {
-        let (Some((uid, ours)), Some((their_uid, theirs))) = (self.peer(one), self.peer(other))
+    //= SM2-WCH-004
+    fn refuse(&mut self, place: Place, contract: Contract, reason: Refusal) {
+        let Place { node, interface } = place;
+        let limit = self.policy.refusals_per_session;
+        let Some(session) = self.sessions.get_mut(&node) else {
+            return;
+        };
+        let forgotten = session.refuse(interface, contract, reason.clone(), limit);
+        self.member_changed(place);
+        if let Some(interface) = forgotten {
+            self.member_changed(Place { interface, ..place });
+        }
+        self.send(node, &ToNode::DeclareRefused { interface, reason });
+    }
+
+    fn member_changed(&mut self, place: Place) {
+        self.changed(Key::Member { place });
+    }
+
+    fn quota(&self, node: NodeId) -> Apart {
+        let limit = count(self.policy.links_per_session());
+        Apart::Quota { node, limit }
+    }
+
+    /// Links an interface with each match that it has no link with, as far as the quotas
+    /// of both go; but with none of the pairs that ended their link.
+    //= SM2-RES-007, SM2-LNK-004
+    pub(super) fn link_missing(&mut self, place: Place, ended: &BTreeSet<Pair>) {
+        let session = self.sessions.get(&place.node);
+        let Some(contract) = session.and_then(|it| it.contract(place.interface)) else {
+            return;
+        };
+        let contract = Arc::clone(contract);
+        let Some(channel) = self.channels.get(&contract) else {
+            return;
+        };
+        let matches = channel.matches(&contract);
+        let missing = matches.filter(|other| {
+            let pair = Pair::new(place, &contract, *other);
+            self.may_link(other.node) && !self.links.joins(pair) && !ended.contains(&pair)
+        });
+        for other in missing.collect::<Vec<_>>() {
+            let pair = Pair::new(place, &contract, other);
+            match self.full(pair) {
+                Some(node) => self.set_apart(pair, self.quota(node)),
+                None => self.link(place, other),
+            }
+        }
+    }
+
+    /// A node that may not have one more link of this pair.
+    fn full(&self, pair: Pair) -> Option<NodeId> {
+        let limit = self.policy.links_per_session();
+        let mut nodes = pair.places().map(|it| it.node).into_iter();
+        let ends = |node| pair.places().iter().filter(|it| it.node == node).count();
+        nodes.find(|&node| self.link_ends(node) + ends(node) > limit)
+    }
+
+    //= SM2-LNK-001, SM2-LNK-002, SM2-MAT-002, SM2-MAT-003, SM2-VER-002
+    fn link(&mut self, one: Place, other: Place) {
+        let (Some((uid, ours)), Some((their_uid, theirs))) = (self.whose(one), self.whose(other))
         else {
             return;
         };
-        let Ok(terms) = match_contracts(&ours.contract, &theirs.contract) else {
+        let Ok(terms) = match_contracts(ours, theirs) else {
             return;
         };
-        let sealed = terms.sealed || self.policy.seals(uid == their_uid);
-        let link = self.links.insert([one, other]);
-        for end in [one, other] {
-            if let Some(session) = self.sessions.get_mut(&end.node) {
-                session.link(end.interface, link);
-            }
-        }
+        let pair = Pair::new(one, ours, other);
+        let (Some(ours), Some(theirs)) = (self.peer(one), self.peer(other)) else {
+            return;
+        };
+        let agreed = Agreed {
+            version: VERSION,
+            terms: Terms {
+                sealed: terms.sealed || self.policy.seals(uid == their_uid),
+                ..terms
+            },
+        };
+        let (link, key) = self.links.number();
+        self.record(link, pair, agreed);
         let frame = |interface: InterfaceId, peer: Peer| {
             encode_to_node(&ToNode::Link {
                 interface,
                 link,
-                version: VERSION,
-                reliable: terms.reliable,
-                sealed,
+                key,
+                version: agreed.version,
+                reliable: agreed.terms.reliable,
+                sealed: agreed.terms.sealed,
                 peer,
             })
         };
@@ -135,79 +230,105 @@ impl Manager {
         self.outputs.push_back(Output::Link { link, ends });
     }
 
-    /// An interface as the other side of a link gets to know it, and whose it is.
-    fn peer(&self, End { node, interface }: End) -> Option<(u32, Peer)> {
+    /// A link is live from now on: one that is made, or one that is adopted.
+    pub(super) fn record(&mut self, link: LinkId, pair: Pair, agreed: Agreed) {
+        self.links.insert(link, pair, agreed);
+        for place in pair.places() {
+            if let Some(session) = self.sessions.get_mut(&place.node) {
+                session.link(place.interface, link, pair);
+            }
+        }
+        self.joined(pair);
+        let offering = pair.offering;
+        self.changed(Key::Link { link, offering });
+    }
+
+    /// A link is not live any more. Whether it was.
+    pub(super) fn forget_link(&mut self, link: LinkId, pair: Pair) -> bool {
+        let was_live = self.links.remove(link, pair);
+        if was_live {
+            let offering = pair.offering;
+            self.changed(Key::Link { link, offering });
+        }
+        was_live
+    }
+
+    /// An interface's user and contract.
+    pub(super) fn whose(&self, place: Place) -> Option<(u32, &Contract)> {
+        let session = self.sessions.get(&place.node)?;
+        let contract = session.contract(place.interface)?;
+        Some((session.credentials().uid, contract))
+    }
+
+    /// An interface as the other side of a link gets to know it.
+    fn peer(&self, Place { node, interface }: Place) -> Option<Peer> {
         let session = self.sessions.get(&node)?;
-        let peer = Peer {
+        Some(Peer {
             node,
             name: session.name()?.clone(),
             interface,
-            contract: session.contract(interface)?.clone(),
-        };
-        Some((session.credentials().uid, peer))
+            contract: Contract::clone(session.contract(interface)?),
+        })
     }
 
     /// A link was never made: neither end is to be told of it.
     //= SM2-IFC-002
     pub(super) fn link_failed(&mut self, link: LinkId) {
-        let Some(ends) = self.links.remove(link) else {
+        let Some(pair) = self.links.made(link) else {
             return;
         };
-        for end in ends {
-            if let Some(session) = self.sessions.get_mut(&end.node) {
-                session.unlink(end.interface, link);
+        self.forget_link(link, pair);
+        for place in pair.places() {
+            if let Some(session) = self.sessions.get_mut(&place.node) {
+                session.unlink(place.interface, link);
             }
         }
-        self.revision += 1;
+        self.set_apart(pair, Apart::Descriptors);
     }
 
     //= SM2-IFC-003
-    pub(super) fn withdraw(&mut self, end: End) -> Result<(), Violation> {
-        let session = self.sessions.get_mut(&end.node);
-        let (uid, (contract, links)) = session
-            .and_then(|it| Some((it.credentials().uid, it.withdraw(end.interface)?)))
+    pub(super) fn withdraw(&mut self, place: Place) -> Result<(), Violation> {
+        let session = self.sessions.get_mut(&place.node);
+        let (uid, remains) = session
+            .and_then(|it| Some((it.credentials().uid, it.withdraw(place.interface)?)))
             .ok_or(Violation::UnknownInterface)?;
         self.users.withdraw(uid, 1);
-        self.channels.remove(end, &contract);
-        for link in links {
-            self.end_link(link, end, Farewell::Done.code());
-        }
-        self.revision += 1;
-        let interface = end.interface;
-        self.send(end.node, &ToNode::Withdrawn { interface });
+        self.end_interface(place, remains, Farewell::Done);
+        let interface = place.interface;
+        self.send(place.node, &ToNode::Withdrawn { interface });
         Ok(())
+    }
+
+    /// An interface is gone from its session, and now from everywhere else.
+    //= SM2-IFC-003, SM2-SES-006
+    pub(super) fn end_interface(
+        &mut self,
+        place: Place,
+        (contract, links): Remains,
+        cause: Farewell,
+    ) {
+        self.channels.remove(place, &contract);
+        for (link, pair) in links {
+            self.end_link(link, pair, place, cause.code());
+        }
+        self.forget_apart(place);
+        self.member_changed(place);
     }
 
     /// A node's farewell to its end of a link.
-    //= SM2-LNK-003, SM2-LNK-004
-    pub(super) fn unlinked(&mut self, end: End, link: LinkId, code: Code) -> Result<(), Violation> {
-        let interface = end.interface;
-        let session = self.sessions.get_mut(&end.node);
+    //= SM2-LNK-003, SM2-LNK-004, SM2-RES-006
+    pub(super) fn unlinked(
+        &mut self,
+        place: Place,
+        link: LinkId,
+        code: Code,
+    ) -> Result<(), Violation> {
+        let Place { node, interface } = place;
+        let session = self.sessions.get_mut(&node);
         let session = session.ok_or(Violation::UnknownInterface)?;
         match session.farewell(interface, link)? {
             Farewells::Both => {}
-            Farewells::First => {
-                self.send(
-                    end.node,
-                    &ToNode::Unlink {
-                        interface,
-                        link,
-                        code,
-                    },
-                );
-                self.end_link(link, end, code);
-                self.revision += 1;
-            }
-        }
-        Ok(())
-    }
-
-    /// One end of a link is gone: the other one is told, if the link was live.
-    pub(super) fn end_link(&mut self, link: LinkId, gone: End, code: Code) {
-        let ends = self.links.remove(link).into_iter().flatten();
-        for End { node, interface } in ends.filter(|&end| end != gone) {
-            if let Some(session) = self.sessions.get_mut(&node) {
-                session.tell(interface, link);
+            Farewells::First(pair) => {
                 self.send(
                     node,
                     &ToNode::Unlink {
@@ -216,6 +337,34 @@ impl Manager {
                         code,
                     },
                 );
+                self.end_link(link, pair, place, code);
+                if let Some(pair) = pair {
+                    self.ended(pair, code);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A pair ended its link: it gets no other one.
+    //= SM2-LNK-004, SM2-WCH-004
+    fn ended(&mut self, pair: Pair, code: Code) {
+        for place in pair.places() {
+            if let Some(session) = self.sessions.get_mut(&place.node) {
+                session.ended(pair);
+            }
+        }
+        self.set_apart(pair, Apart::Ended { code });
+    }
+
+    /// One end of a link is gone: the other one is told, if the link was live at both.
+    fn end_link(&mut self, link: LinkId, pair: Option<Pair>, gone: Place, code: Code) {
+        match pair {
+            None => self.give_up_claim(gone, link),
+            Some(pair) => {
+                if self.forget_link(link, pair) {
+                    self.tell(pair.other(gone), link, code);
+                }
             }
         }
     }

@@ -5,8 +5,7 @@ use alloc::{
     sync::Arc,
 };
 
-use super::links::End;
-use crate::{Contract, Kind, Name, Refusal, TypeId, match_contracts, matching::Types};
+use crate::{Contract, Kind, Name, Place, Refusal, TypeId, match_contracts, matching::Types};
 
 /// Topics and services are two separate name spaces.
 //= SM2-NAM-002
@@ -24,9 +23,9 @@ type Key = (u64, Space, Name);
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Channel {
     /// Publishers or servers.
-    offering: BTreeMap<End, Arc<Contract>>,
+    offering: BTreeMap<Place, Arc<Contract>>,
     /// Subscribers or clients.
-    demanding: BTreeMap<End, Arc<Contract>>,
+    demanding: BTreeMap<Place, Arc<Contract>>,
     /// How many of them state a type.
     typed: usize,
     /// The type that all of those state.
@@ -53,7 +52,7 @@ impl Channels {
         self.0.get(&key(contract))
     }
 
-    pub(super) fn insert(&mut self, end: End, contract: &Arc<Contract>) {
+    pub(super) fn insert(&mut self, end: Place, contract: &Arc<Contract>) {
         let channel = self.0.entry(key(contract)).or_default();
         if let Some(types) = contract.types() {
             channel.typed += 1;
@@ -64,7 +63,7 @@ impl Channels {
             .insert(end, Arc::clone(contract));
     }
 
-    pub(super) fn remove(&mut self, end: End, contract: &Contract) {
+    pub(super) fn remove(&mut self, end: Place, contract: &Contract) {
         let Entry::Occupied(mut entry) = self.0.entry(key(contract)) else {
             return;
         };
@@ -81,6 +80,11 @@ impl Channels {
         if channel.offering.is_empty() && channel.demanding.is_empty() {
             entry.remove();
         }
+    }
+
+    /// How many channels there are.
+    pub(super) fn len(&self) -> usize {
+        self.0.len()
     }
 
     /// How many interfaces stand on all channels together, by a recount.
@@ -126,20 +130,20 @@ impl Channel {
 
     /// The interfaces that match, in ascending order.
     //= SM2-MAT-001
-    pub(super) fn matches(&self, contract: &Contract) -> impl Iterator<Item = End> {
+    pub(super) fn matches(&self, contract: &Contract) -> impl Iterator<Item = Place> {
         let others = self.side(contract.kind().counterpart()).iter();
         let matching = others.filter(|(_, theirs)| match_contracts(contract, theirs).is_ok());
         matching.map(|(&end, _)| end)
     }
 
-    const fn side(&self, kind: Kind) -> &BTreeMap<End, Arc<Contract>> {
+    const fn side(&self, kind: Kind) -> &BTreeMap<Place, Arc<Contract>> {
         match kind {
             Kind::Publisher | Kind::Server => &self.offering,
             Kind::Subscriber | Kind::Client => &self.demanding,
         }
     }
 
-    const fn side_mut(&mut self, kind: Kind) -> &mut BTreeMap<End, Arc<Contract>> {
+    const fn side_mut(&mut self, kind: Kind) -> &mut BTreeMap<Place, Arc<Contract>> {
         match kind {
             Kind::Publisher | Kind::Server => &mut self.offering,
             Kind::Subscriber | Kind::Client => &mut self.demanding,

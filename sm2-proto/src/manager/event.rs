@@ -50,6 +50,10 @@ pub enum Input<'a> {
     },
     /// The deadline has come.
     Tick,
+    /// The Manager has given up its lock, for whoever wants to take over: say goodbye to
+    /// the standbys, which are nodes whose names begin with
+    /// [`STANDBY_PREFIX`](super::STANDBY_PREFIX).
+    DismissStandbys,
     /// The Manager ends: say goodbye to everybody. Their links live on.
     Shutdown,
 }
@@ -71,6 +75,21 @@ pub enum Output {
         link: LinkId,
         /// To whom, and what.
         ends: [(NodeId, Vec<u8>); 2],
+    },
+    /// Keep the descriptor of the datagram just handled as long as the session lives: the
+    /// file of its counters.
+    KeepCounters {
+        /// Whose.
+        session: NodeId,
+    },
+    /// Send a frame with a duplicate of the descriptor that was kept for a session.
+    SendCounters {
+        /// To whom.
+        session: NodeId,
+        /// The datagram.
+        frame: Vec<u8>,
+        /// Whose counters.
+        of: NodeId,
     },
     /// Send the goodbye, if any, as far as the socket takes it, and close the
     /// connection. The machine does not know the session any more.

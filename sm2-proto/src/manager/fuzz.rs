@@ -4,33 +4,59 @@
 //! small quotas. An operation is a byte, its kind in the lower half and the
 //! connection in the upper one, and then what [`Fuzz::step`] reads for it.
 
-use alloc::{collections::BTreeSet, vec::Vec};
+use alloc::{borrow::ToOwned, collections::BTreeSet, string::String, vec::Vec};
 use core::time::Duration;
 
 use super::{Credentials, Input, Manager, Output, Policy};
 use crate::{
     Code, Contract, Datagram, Demand, FdFacts, Instant, InterfaceId, LinkId, Name, NodeId, Offer,
-    ServiceQos, TypeId,
-    control::{Cursor, ToManager, decode_to_node, encode_to_manager},
+    Place, Seals, ServiceQos, TypeId,
+    control::{Key, ToManager, decode_to_node, encode_to_manager},
+    schema::Schema,
 };
 
 const EPOCH: u64 = 1;
 const POLICY: Policy = Policy {
     greeting: Duration::from_secs(2),
+    recovery: Duration::from_secs(3),
     greetings_per_user: 3,
     sessions_per_user: 3,
     interfaces_per_session: 6,
     interfaces_per_user: 10,
     links_per_session: 8,
+    schema_bytes_per_session: 50,
+    refusals_per_session: 2,
+    apart_per_session: 3,
+    changes_remembered: 20,
     seal_all: false,
     waive_user_boundary: false,
 };
 const CONNECTIONS: usize = 8;
-const FDS: [FdFacts; 2] = [FdFacts {
+const SOCKET: FdFacts = FdFacts {
     regular: false,
     size_bytes: 0,
-    seals: crate::Seals(0),
-}; 2];
+    seals: Seals(0),
+};
+const FDS: [FdFacts; 2] = [SOCKET; 2];
+/// What may come with COUNTERS: each check has one that fails it.
+const FILES: [FdFacts; 4] = [
+    FdFacts {
+        regular: true,
+        size_bytes: 1_024,
+        seals: Seals::POOLED,
+    },
+    SOCKET,
+    FdFacts {
+        regular: true,
+        size_bytes: 1_024,
+        seals: Seals::SEAL,
+    },
+    FdFacts {
+        regular: true,
+        size_bytes: 1_025,
+        seals: Seals::POOLED,
+    },
+];
 
 /// The Manager takes whatever comes, sends only what a node accepts, never more
 /// than its links call for, and never to whom it hung up on.
@@ -38,11 +64,12 @@ const FDS: [FdFacts; 2] = [FdFacts {
 pub(crate) fn session(data: &[u8]) {
     let mut fuzz = Fuzz {
         data,
-        manager: Manager::new(EPOCH, POLICY),
+        manager: Manager::new(EPOCH, 7, POLICY),
         now: Instant(0),
         connections: [NodeId(0); CONNECTIONS],
         connected: 0,
         open: BTreeSet::new(),
+        counting: BTreeSet::new(),
         shortage: 0,
     };
     while fuzz.step().is_some() {}
@@ -64,6 +91,8 @@ struct Fuzz<'a> {
     connected: u64,
     /// Who has connected and was not hung up on.
     open: BTreeSet<NodeId>,
+    /// Whose counters are kept.
+    counting: BTreeSet<NodeId>,
     /// How many of the next links find no descriptors.
     shortage: u8,
 }
@@ -112,6 +141,15 @@ impl<'a> Fuzz<'a> {
             }
             6 => self.shortage = self.byte()? % 8,
             7 => self.feed(Input::Shutdown),
+            9 => {
+                let file = usize::from(self.byte()?) % FILES.len();
+                let frame = encode_to_manager(&ToManager::Counters);
+                let datagram = Datagram {
+                    fds: &FILES[file..=file],
+                    ..Datagram::new(&frame)
+                };
+                self.datagram(session, datagram);
+            }
             _ => {
                 let frame = encode_to_manager(&self.frame()?);
                 self.datagram(session, Datagram::new(&frame));
@@ -139,36 +177,118 @@ impl<'a> Fuzz<'a> {
 
     /// A frame that is legal as such, of few names and small numbers.
     fn frame(&mut self) -> Option<ToManager> {
-        let interface = |byte: u8| InterfaceId(byte.into());
-        Some(match self.byte()? % 6 {
-            0 => ToManager::Hello {
-                min_version: u16::from(self.byte()? % 4),
-                max_version: 2,
-                name: self.name()?,
-            },
+        Some(match self.byte()? % 12 {
+            0 => {
+                let choice = self.byte()?;
+                ToManager::Hello {
+                    min_version: u16::from(choice % 4),
+                    max_version: 2,
+                    name: self.name()?,
+                    resuming: choice & 4 != 0,
+                }
+            }
             1 => ToManager::Declare {
-                interface: interface(self.byte()?),
+                interface: self.interface()?,
                 contract: self.contract()?,
             },
             2 => ToManager::Withdraw {
-                interface: interface(self.byte()?),
+                interface: self.interface()?,
             },
             3 => ToManager::Unlinked {
-                interface: interface(self.byte()?),
-                link: LinkId {
-                    epoch: EPOCH,
-                    serial: self.byte()?.into(),
-                },
+                interface: self.interface()?,
+                link: self.link()?,
                 code: Code(0),
             },
             4 => ToManager::Query {
-                after: Some(Cursor {
-                    node: NodeId(self.byte()?.into()),
-                    interface: interface(self.byte()?),
-                }),
+                after: Some(self.key()?),
             },
-            _ => ToManager::Goodbye { code: Code(0) },
+            5 => ToManager::Goodbye { code: Code(0) },
+            6 => {
+                let choice = self.byte()?;
+                ToManager::Claim {
+                    interface: self.interface()?,
+                    link: self.link()?,
+                    key: u64::from(choice & 1),
+                    version: 1 + u16::from(choice & 2),
+                    reliable: choice & 4 != 0,
+                    sealed: choice & 8 != 0,
+                }
+            }
+            7 => ToManager::Claimed,
+            8 => ToManager::Watch {
+                after: self.revision()?,
+            },
+            9 => ToManager::Inspect { node: self.node()? },
+            10 => {
+                let (data, text) = self.schema()?;
+                ToManager::Schema { data, text }
+            }
+            _ => ToManager::Describe {
+                data: self.schema()?.0,
+            },
         })
+    }
+
+    fn node(&mut self) -> Option<NodeId> {
+        Some(NodeId(self.byte()?.into()))
+    }
+
+    fn interface(&mut self) -> Option<InterfaceId> {
+        Some(InterfaceId(self.byte()?.into()))
+    }
+
+    fn place(&mut self) -> Option<Place> {
+        Some(Place {
+            node: self.node()?,
+            interface: self.interface()?,
+        })
+    }
+
+    /// One of this Manager's links, or of another one's.
+    fn link(&mut self) -> Option<LinkId> {
+        let serial = self.byte()?;
+        Some(LinkId {
+            epoch: EPOCH + u64::from(serial >> 7),
+            serial: u64::from(serial & 0x7f),
+        })
+    }
+
+    fn key(&mut self) -> Option<Key> {
+        Some(match self.byte()? % 5 {
+            0 => Key::Domain,
+            1 => Key::Member {
+                place: self.place()?,
+            },
+            2 => Key::Link {
+                link: self.link()?,
+                offering: self.place()?,
+            },
+            3 => Key::Claim {
+                link: self.link()?,
+                place: self.place()?,
+            },
+            _ => Key::Apart {
+                offering: self.place()?,
+                demanding: self.place()?,
+            },
+        })
+    }
+
+    /// The domain's revision, or one before or after it.
+    fn revision(&mut self) -> Option<u64> {
+        let ago = u64::from(self.byte()? % 32);
+        Some((self.manager.revision() + 2).saturating_sub(ago))
+    }
+
+    /// A type and its text, or another one's.
+    fn schema(&mut self) -> Option<(TypeId, String)> {
+        let choice = usize::from(self.byte()?);
+        let texts = ["plain:u8", "postcard:string", "postcard:u64", "plain:"];
+        let text = texts[choice % texts.len()];
+        let hash = Schema::parse(text).map_or(1, |schema| schema.hash());
+        let hash = hash ^ u64::from(choice > 200);
+        let name = self.name()?;
+        Some((TypeId { name, hash }, text.to_owned()))
     }
 
     fn name(&mut self) -> Option<Name> {
@@ -230,9 +350,11 @@ impl<'a> Fuzz<'a> {
     }
 
     fn feed(&mut self, input: Input<'_>) {
-        // One answer, one hang-up, whoever did not greet in time, and the links.
+        // One answer, one hang-up, whoever did not greet in time, whoever waits for
+        // changes, the links, and the claims.
         let links = self.manager.links() + POLICY.links_per_session;
-        let most = 2 + self.manager.sessions() + links;
+        let sessions = self.manager.sessions();
+        let most = 2 + 2 * sessions + links + sessions * POLICY.links_per_session;
         let taken = self.manager.handle(self.now, input);
         taken.expect("session numbers grow");
         let outputs: Vec<Output> = core::iter::from_fn(|| self.manager.poll()).collect();
@@ -257,9 +379,17 @@ impl<'a> Fuzz<'a> {
                     self.send(*session, frame, 1);
                 }
             }
+            Output::KeepCounters { session } => {
+                assert!(self.counting.insert(session), "{session} counts once");
+            }
+            Output::SendCounters { session, frame, of } => {
+                assert!(self.counting.contains(&of), "{of} keeps no counters");
+                self.send(session, &frame, 1);
+            }
             Output::HangUp {
                 session, goodbye, ..
             } => {
+                self.counting.remove(&session);
                 if let Some(goodbye) = goodbye {
                     self.send(session, &goodbye, 0);
                 }

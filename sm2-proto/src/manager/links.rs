@@ -1,14 +1,50 @@
-//! The links that are live at both ends, and whose they are.
+//! The links that are live at both ends: whose they are, and on what terms.
 
-use alloc::collections::BTreeMap;
+use alloc::collections::{BTreeMap, BTreeSet};
+use core::{fmt, hash::Hasher, ops::Bound};
 
-use crate::{InterfaceId, LinkId, NodeId};
+use siphasher::sip::SipHasher24;
 
-/// One end of a link, or an interface anywhere in the domain.
+use crate::{Contract, Kind, LinkId, Place, Terms, control::Item};
+
+/// A publisher or server, and a subscriber or client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(super) struct End {
-    pub(super) node: NodeId,
-    pub(super) interface: InterfaceId,
+pub(super) struct Pair {
+    pub(super) offering: Place,
+    pub(super) demanding: Place,
+}
+
+impl Pair {
+    /// An interface with this contract, and a counterpart of it.
+    pub(super) const fn new(one: Place, contract: &Contract, other: Place) -> Self {
+        let (offering, demanding) = match contract.kind() {
+            Kind::Publisher | Kind::Server => (one, other),
+            Kind::Subscriber | Kind::Client => (other, one),
+        };
+        Self {
+            offering,
+            demanding,
+        }
+    }
+
+    pub(super) const fn places(self) -> [Place; 2] {
+        [self.offering, self.demanding]
+    }
+
+    pub(super) fn other(self, one: Place) -> Place {
+        if one == self.offering {
+            self.demanding
+        } else {
+            self.offering
+        }
+    }
+}
+
+/// What holds on a link as long as it lives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct Agreed {
+    pub(super) version: u16,
+    pub(super) terms: Terms,
 }
 
 /// What a farewell still has to reach is each session's to know
@@ -16,16 +52,22 @@ pub(super) struct End {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Links {
     epoch: u64,
+    secret: Secret,
     last_serial: u64,
-    live: BTreeMap<LinkId, [End; 2]>,
+    /// By number and offering side, for adopted links may have one number (SM2-RES-004).
+    live: BTreeMap<(LinkId, Place), (Place, Agreed)>,
+    /// The same, by whom they join.
+    pairs: BTreeSet<Pair>,
 }
 
 impl Links {
-    pub(super) const fn new(epoch: u64) -> Self {
+    pub(super) const fn new(epoch: u64, secret: u128) -> Self {
         Self {
             epoch,
+            secret: Secret(secret),
             last_serial: 0,
             live: BTreeMap::new(),
+            pairs: BTreeSet::new(),
         }
     }
 
@@ -33,28 +75,104 @@ impl Links {
         self.epoch
     }
 
+    /// The number and the key of a new link.
     //= SM2-LNK-002
-    pub(super) fn insert(&mut self, ends: [End; 2]) -> LinkId {
+    pub(super) fn number(&mut self) -> (LinkId, u64) {
         self.last_serial += 1;
-        let link = LinkId {
-            epoch: self.epoch,
-            serial: self.last_serial,
-        };
-        self.live.insert(link, ends);
-        link
+        let serial = self.last_serial;
+        let epoch = self.epoch;
+        (LinkId { epoch, serial }, self.secret.key(serial))
     }
 
-    /// The ends of a link that was live until now.
-    pub(super) fn remove(&mut self, link: LinkId) -> Option<[End; 2]> {
-        self.live.remove(&link)
+    /// A link is live. No two of them join the same pair.
+    pub(super) fn insert(&mut self, link: LinkId, pair: Pair, agreed: Agreed) {
+        self.live
+            .insert((link, pair.offering), (pair.demanding, agreed));
+        self.pairs.insert(pair);
     }
 
-    /// Forgets all links; their numbers stay spent.
-    pub(super) fn clear(&mut self) {
-        self.live.clear();
+    /// Whether the link was live until now.
+    pub(super) fn remove(&mut self, link: LinkId, pair: Pair) -> bool {
+        self.live.remove(&(link, pair.offering)).is_some() && self.pairs.remove(&pair)
+    }
+
+    /// The pair of a link that this Manager made and that is live.
+    pub(super) fn made(&self, link: LinkId) -> Option<Pair> {
+        let mut rest = self.live.range((link, Place::FIRST)..);
+        let (&(found, offering), &(demanding, _)) = rest.next()?;
+        (found == link && link.epoch == self.epoch).then_some(Pair {
+            offering,
+            demanding,
+        })
+    }
+
+    pub(super) fn joins(&self, pair: Pair) -> bool {
+        self.pairs.contains(&pair)
+    }
+
+    pub(super) fn item(&self, link: LinkId, offering: Place) -> Option<Item> {
+        let found = self.live.get(&(link, offering))?;
+        Some(item(link, offering, *found))
+    }
+
+    /// In the order of their keys.
+    pub(super) fn items(&self, after: (LinkId, Place)) -> impl Iterator<Item = Item> {
+        let rest = (Bound::Excluded(after), Bound::Unbounded);
+        let rest = self.live.range(rest);
+        rest.map(|(&(link, offering), &rest)| item(link, offering, rest))
+    }
+
+    /// Every link and whom it joins.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (LinkId, Pair)> {
+        self.live
+            .iter()
+            .map(|(&(link, offering), &(demanding, _))| {
+                (
+                    link,
+                    Pair {
+                        offering,
+                        demanding,
+                    },
+                )
+            })
     }
 
     pub(super) fn len(&self) -> usize {
         self.live.len()
+    }
+
+    /// Whether both tables say the same.
+    pub(super) fn agree(&self) -> bool {
+        self.pairs.len() == self.live.len() && self.iter().all(|(_, pair)| self.joins(pair))
+    }
+}
+
+fn item(link: LinkId, offering: Place, (demanding, agreed): (Place, Agreed)) -> Item {
+    Item::Link {
+        link,
+        offering,
+        demanding,
+        version: agreed.version,
+        reliable: agreed.terms.reliable,
+        sealed: agreed.terms.sealed,
+    }
+}
+
+/// What the keys of this Manager's links follow from.
+#[derive(Clone, PartialEq, Eq, Hash)]
+struct Secret(u128);
+
+impl Secret {
+    fn key(&self, serial: u64) -> u64 {
+        let mut hasher = SipHasher24::new_with_key(&self.0.to_le_bytes());
+        hasher.write(&serial.to_le_bytes());
+        hasher.finish()
+    }
+}
+
+/// A log must not tell it: who knows it can claim every link.
+impl fmt::Debug for Secret {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Secret")
     }
 }

@@ -14,17 +14,27 @@
 //!
 //! Each operation costs O(log n) in the size of the domain, plus the
 //! counterparts on the topic or service that it touches.
+//!
+//! A complete driver in a loop of its own, with what it owes the machine, is the example
+//! `own_loop` of `sm2-manager`.
 
+mod apart;
 mod broker;
 mod channel;
+mod claims;
 mod event;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
+mod inspect;
+mod invariants;
 mod links;
+mod log;
 mod page;
 mod phase;
 mod policy;
+mod schemas;
 mod session;
+mod watch;
 
 use alloc::{
     collections::{BTreeMap, BTreeSet, VecDeque},
@@ -32,9 +42,13 @@ use alloc::{
 };
 
 use self::{
+    apart::Pairs,
     channel::Channels,
-    links::{End, Links},
+    claims::{Claim, Claims},
+    links::{Agreed, Links},
+    log::Log,
     policy::Users,
+    schemas::Schemas,
     session::Session,
 };
 pub use self::{
@@ -43,21 +57,29 @@ pub use self::{
     policy::Policy,
 };
 use crate::{
-    Datagram, Farewell, Instant, Name, NodeId, Refusal, VERSION, Violation,
-    control::{ToManager, ToNode, decode_to_manager, encode_to_node},
+    Datagram, Farewell, FdFacts, Instant, Name, NodeId, Place, Refusal, Terms, VERSION, Violation,
+    control::{Key, ToManager, ToNode, decode_to_manager, encode_to_node},
 };
+
+/// How the names of standby Managers begin (SM2-RES-010).
+pub const STANDBY_PREFIX: &str = "sm2/standby/";
 
 /// The machine. See the [module](self) for the order of calls.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Manager {
     policy: Policy,
-    revision: u64,
+    log: Log,
     last_session: u64,
     sessions: BTreeMap<NodeId, Session>,
     names: BTreeSet<Name>,
     users: Users,
     channels: Channels,
     links: Links,
+    claims: Claims,
+    apart: Pairs,
+    schemas: Schemas,
+    /// Who waits for the domain to change.
+    watchers: BTreeSet<NodeId>,
     /// By when each session that is not ready has to be. They came in the order
     /// of their numbers, so the first one's deadline is the earliest.
     greeting: BTreeMap<NodeId, Instant>,
@@ -66,19 +88,24 @@ pub struct Manager {
 
 impl Manager {
     /// A Manager without sessions. `epoch` is a number that no other Manager
-    /// of this domain has used (SM2-SES-007): a random one will do.
+    /// of this domain has used (SM2-SES-007): a random one will do. `secret` is a
+    /// random number that nobody else knows: the keys of links follow from it (SM2-LNK-002).
     //= SM2-SES-007
     #[must_use]
-    pub const fn new(epoch: u64, policy: Policy) -> Self {
+    pub const fn new(epoch: u64, secret: u128, policy: Policy) -> Self {
         Self {
             policy,
-            revision: 0,
+            log: Log::new(policy.changes_remembered),
             last_session: 0,
             sessions: BTreeMap::new(),
             names: BTreeSet::new(),
             users: Users::new(),
             channels: Channels::new(),
-            links: Links::new(epoch),
+            links: Links::new(epoch, secret),
+            claims: Claims::new(),
+            apart: Pairs::new(),
+            schemas: Schemas::new(),
+            watchers: BTreeSet::new(),
             greeting: BTreeMap::new(),
             outputs: VecDeque::new(),
         }
@@ -87,7 +114,7 @@ impl Manager {
     /// A number that changes whenever a page would show something else.
     #[must_use]
     pub const fn revision(&self) -> u64 {
-        self.revision
+        self.log.revision()
     }
 
     /// How many connections there are, ready or not.
@@ -105,8 +132,11 @@ impl Manager {
     /// When [`Input::Tick`] is due.
     #[must_use]
     pub fn deadline(&self) -> Option<Instant> {
-        let (_, &deadline) = self.greeting.first_key_value()?;
-        Some(deadline)
+        let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
+        [greeting, self.claims.deadline()]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     /// The next thing to do.
@@ -121,37 +151,42 @@ impl Manager {
             self.outputs.is_empty() || matches!(input, Input::LinkFailed { .. }),
             "the outputs of the input before have to be polled first"
         );
+        if let Input::Connected { session, .. } = input
+            && session.0 <= self.last_session
+        {
+            return Err(Misuse::SessionNumber(session));
+        }
+        let before = self.log.revision();
         self.expire_greetings(now);
+        self.expire_claims(now);
         match input {
             Input::Connected {
                 session,
                 credentials,
-            } => self.connect(now, session, credentials)?,
-            Input::Datagram { session, datagram } => self.receive(session, &datagram),
+            } => self.connect(now, session, credentials),
+            Input::Datagram { session, datagram } => self.receive(now, session, &datagram),
             Input::Closed { session } => self.end_session(session, Cause::Gone),
             Input::Stalled { session } => {
                 self.end_session(session, Cause::Farewell(Farewell::Stalled));
             }
             Input::LinkFailed { link } => self.link_failed(link),
             Input::Tick => {}
+            Input::DismissStandbys => self.dismiss_standbys(),
             Input::Shutdown => self.shut_down(),
         }
+        self.wake_watchers(before);
         debug_assert_eq!(self.invariants(), Ok(()));
         Ok(())
     }
 
     //= SM2-SES-007
-    fn connect(&mut self, now: Instant, id: NodeId, who: Credentials) -> Result<(), Misuse> {
-        if id.0 <= self.last_session {
-            return Err(Misuse::SessionNumber(id));
-        }
+    fn connect(&mut self, now: Instant, id: NodeId, who: Credentials) {
         self.last_session = id.0;
         self.sessions.insert(id, Session::new(who));
         self.greeting.insert(id, now.after(self.policy.greeting));
         if !self.users.connect(who.uid, &self.policy) {
             self.end_session(id, Cause::Farewell(Farewell::Resources));
         }
-        Ok(())
     }
 
     //= SM2-SES-004
@@ -164,49 +199,78 @@ impl Manager {
         }
     }
 
-    fn receive(&mut self, id: NodeId, datagram: &Datagram<'_>) {
+    fn receive(&mut self, now: Instant, id: NodeId, datagram: &Datagram<'_>) {
         let Some(session) = self.sessions.get(&id) else {
             return;
         };
         let phase = session.phase();
-        let step = decode_to_manager(datagram).and_then(|frame| self.step(id, phase, frame));
+        let file = datagram.fds.first();
+        let step = decode_to_manager(datagram)
+            .and_then(|frame| legal(phase, Request::of(&frame)).map(|()| frame))
+            .and_then(|frame| self.step(now, id, frame, file));
         if let Err(violation) = step {
             self.end_session(id, Cause::Violation(violation));
         }
     }
 
-    /// One frame of one session: the table of SPEC section 4.1.
-    fn step(&mut self, node: NodeId, phase: Phase, frame: ToManager) -> Result<(), Violation> {
-        legal(phase, Request::of(&frame))?;
+    /// One frame of one session that its phase allows, and the descriptor that came along.
+    fn step(
+        &mut self,
+        now: Instant,
+        node: NodeId,
+        frame: ToManager,
+        file: Option<&FdFacts>,
+    ) -> Result<(), Violation> {
+        let at = |interface| Place { node, interface };
         match frame {
             ToManager::Hello {
                 min_version,
                 max_version,
                 name,
-            } => self.hello(node, min_version, max_version, name),
+                resuming,
+            } => self.hello(node, [min_version, max_version], name, resuming)?,
             ToManager::Declare {
                 interface,
                 contract,
-            } => self.declare(End { node, interface }, contract),
-            ToManager::Withdraw { interface } => self.withdraw(End { node, interface }),
+            } => self.declare(at(interface), contract)?,
+            ToManager::Withdraw { interface } => self.withdraw(at(interface))?,
             ToManager::Unlinked {
                 interface,
                 link,
                 code,
-            } => self.unlinked(End { node, interface }, link, code),
-            ToManager::Query { after } => {
-                self.answer_query(node, after);
-                Ok(())
+            } => self.unlinked(at(interface), link, code)?,
+            ToManager::Query { after } => self.answer_query(node, after),
+            ToManager::Goodbye { code } => self.end_session(node, Cause::Goodbye(code)),
+            ToManager::Claim {
+                interface,
+                link,
+                key,
+                version,
+                reliable,
+                sealed,
+            } => {
+                let terms = Terms { reliable, sealed };
+                let agreed = Agreed { version, terms };
+                self.claim(at(interface), link, Claim { key, agreed })?;
             }
-            ToManager::Goodbye { code } => {
-                self.end_session(node, Cause::Goodbye(code));
-                Ok(())
-            }
+            ToManager::Claimed => self.claimed(now, node),
+            ToManager::Watch { after } => self.watch(node, after)?,
+            ToManager::Counters => self.keep_counters(node, file)?,
+            ToManager::Inspect { node: of } => self.inspect(node, of),
+            ToManager::Schema { data, text } => self.register(node, data, text)?,
+            ToManager::Describe { data } => self.describe(node, data),
         }
+        Ok(())
     }
 
     //= SM2-SES-002, SM2-SES-003, SM2-VER-001
-    fn hello(&mut self, id: NodeId, min: u16, max: u16, name: Name) -> Result<(), Violation> {
+    fn hello(
+        &mut self,
+        id: NodeId,
+        [min, max]: [u16; 2],
+        name: Name,
+        resuming: bool,
+    ) -> Result<(), Violation> {
         if min == 0 || min > max {
             return Err(Violation::BadVersionRange);
         }
@@ -228,11 +292,14 @@ impl Manager {
         let answer = match granted {
             Err(reason) => ToNode::HelloRefused { reason },
             Ok(()) => {
-                session.welcome(name.clone());
-                self.greeting.remove(&id);
+                session.welcome(name.clone(), resuming);
+                //= SM2-SES-004
+                if !resuming {
+                    self.greeting.remove(&id);
+                }
                 self.users.greet(uid);
                 self.names.insert(name);
-                self.revision += 1;
+                self.node_changed(id);
                 ToNode::Welcome {
                     version: VERSION,
                     epoch: self.links.epoch(),
@@ -246,23 +313,37 @@ impl Manager {
 
     //= SM2-SES-005, SM2-SES-006
     fn end_session(&mut self, id: NodeId, cause: Cause) {
-        let Some(session) = self.sessions.remove(&id) else {
+        let Some(mut session) = self.sessions.remove(&id) else {
             return;
         };
         let uid = session.credentials().uid;
         self.greeting.remove(&id);
+        if let Some(until) = session.claims_until {
+            self.claims.forget(until, id);
+        }
         if let Some(name) = session.name() {
             self.names.remove(name);
-            self.revision += 1;
+            self.node_changed(id);
         }
         self.users
-            .leave(uid, session.is_ready(), session.interfaces());
-        for (interface, contract, links) in session.into_interfaces() {
-            let node = id;
-            let end = End { node, interface };
-            self.channels.remove(end, &contract);
-            for link in links {
-                self.end_link(link, end, Farewell::PeerGone.code());
+            .leave(uid, session.is_welcomed(), session.interfaces());
+        for data in session.schemas() {
+            self.schemas.remove(data);
+        }
+        for interface in session.refused() {
+            let place = Place {
+                node: id,
+                interface,
+            };
+            self.changed(Key::Member { place });
+        }
+        for interface in session.interface_ids() {
+            let place = Place {
+                node: id,
+                interface,
+            };
+            if let Some(remains) = session.withdraw(interface) {
+                self.end_interface(place, remains, Farewell::PeerGone);
             }
         }
         let goodbye = cause
@@ -278,11 +359,29 @@ impl Manager {
     /// Every session is over. Nobody is told of the links: they live on.
     //= SM2-SES-008
     fn shut_down(&mut self) {
-        self.links.clear();
+        for (link, pair) in self.links.iter().collect::<Vec<_>>() {
+            self.forget_link(link, pair);
+        }
         let sessions: Vec<NodeId> = self.sessions.keys().copied().collect();
         for id in sessions {
             self.end_session(id, Cause::Farewell(Farewell::ShuttingDown));
         }
+    }
+
+    /// Those that wait for the end of this Manager are told that it has come.
+    //= SM2-RES-010
+    fn dismiss_standbys(&mut self) {
+        let sessions = self.sessions.iter();
+        let standbys = sessions.filter(|(_, session)| session.is_standby());
+        let standbys: Vec<NodeId> = standbys.map(|(&id, _)| id).collect();
+        for id in standbys {
+            self.end_session(id, Cause::Farewell(Farewell::ShuttingDown));
+        }
+    }
+
+    fn node_changed(&mut self, id: NodeId) {
+        let place = Place::node(id);
+        self.changed(Key::Member { place });
     }
 
     fn send(&mut self, session: NodeId, frame: &ToNode) {
@@ -292,42 +391,5 @@ impl Manager {
                 frame: encode_to_node(frame),
             });
         }
-    }
-
-    /// What must hold between the tables; the first that does not.
-    fn invariants(&self) -> Result<(), &'static str> {
-        let sessions = || self.sessions.values();
-        let rules = [
-            (
-                sessions().filter(|it| it.is_ready()).count() == self.names.len(),
-                "each ready session has one name, and each name one",
-            ),
-            (
-                sessions().filter(|it| !it.is_ready()).count() == self.greeting.len(),
-                "each session that is not ready has a deadline",
-            ),
-            (
-                sessions().map(Session::interfaces).sum::<usize>() == self.channels.ends(),
-                "each interface stands in one channel",
-            ),
-            (
-                self.channels.are_tight(),
-                "each channel has interfaces, and a type as long as one states it",
-            ),
-            (
-                sessions().map(Session::live_ends).sum::<usize>() == 2 * self.links.len(),
-                "each live link has two live ends",
-            ),
-            (
-                sessions().all(Session::counts_its_ends),
-                "each session knows how many ends of links it has",
-            ),
-            (
-                self.users.are(sessions()),
-                "charges per user equal a recount",
-            ),
-        ];
-        let broken = rules.iter().find(|(holds, _)| !holds);
-        broken.map_or(Ok(()), |&(_, rule)| Err(rule))
     }
 }

@@ -1,30 +1,29 @@
 //! QUERY: the domain's state, a page at a time (SM2-IFC-007).
 
 use alloc::vec::Vec;
-use core::ops::Bound;
 
-use super::Manager;
+use super::{Manager, links::Pair, phase::Phase, session::Session};
 use crate::{
-    InterfaceId, NodeId,
-    control::{Cursor, Item, ToNode},
+    LinkId, NodeId, Place,
+    control::{Item, Key, ToNode},
     limits::PAGE_BYTES,
 };
 
 impl Manager {
     //= SM2-IFC-007
-    pub(super) fn answer_query(&mut self, session: NodeId, after: Option<Cursor>) {
+    pub(super) fn answer_query(&mut self, session: NodeId, after: Option<Key>) {
         let mut room = PAGE_BYTES;
         let mut items = Vec::new();
         let mut next = None;
         for item in self.items(after) {
             let Some(left) = room.checked_sub(size_bytes(&item)) else {
-                next = items.last().map(position);
+                next = items.last().map(Item::key);
                 break;
             };
             room = left;
             items.push(item);
         }
-        let revision = self.revision;
+        let revision = self.log.revision();
         self.send(
             session,
             &ToNode::Page {
@@ -35,45 +34,95 @@ impl Manager {
         );
     }
 
-    /// Nodes and interfaces after a position, in ascending order.
-    fn items(&self, after: Option<Cursor>) -> impl Iterator<Item = Item> {
-        let from = after.map_or(Bound::Unbounded, |cursor| Bound::Included(cursor.node));
-        let rest = self.sessions.range((from, Bound::Unbounded));
-        rest.flat_map(move |(&node, session)| {
-            let within = after.filter(|cursor| cursor.node == node);
-            let name = session.name().filter(|_| within.is_none());
-            let itself = name.map(|name| Item::Node {
-                node,
-                name: name.clone(),
-                uid: session.credentials().uid,
-                pid: session.credentials().pid,
-            });
-            let after = within.map_or(InterfaceId(0), |cursor| cursor.interface);
-            let interfaces = session.after(after);
-            let interfaces = interfaces.map(move |(interface, contract, links)| Item::Interface {
-                node,
-                interface,
-                contract: contract.clone(),
-                links: u32::try_from(links).unwrap_or(u32::MAX),
-            });
-            itself.into_iter().chain(interfaces)
+    /// The item with this key, if there is one.
+    pub(super) fn item(&self, key: Key) -> Option<Item> {
+        match key {
+            Key::Domain => Some(self.domain()),
+            Key::Member { place } => {
+                let session = self.sessions.get(&place.node)?;
+                if place == Place::node(place.node) {
+                    node(place.node, session)
+                } else {
+                    session.member(place)
+                }
+            }
+            Key::Link { link, offering } => self.links.item(link, offering),
+            Key::Claim { link, place } => self.claims.item(link, place),
+            Key::Apart {
+                offering,
+                demanding,
+            } => self.apart.item(Pair {
+                offering,
+                demanding,
+            }),
+        }
+    }
+
+    /// All items after a key, in the order of their keys.
+    fn items(&self, after: Option<Key>) -> impl Iterator<Item = Item> {
+        let domain = after.is_none().then(|| self.domain());
+        // Each kind of item starts after a key that no item has, or after that of `after`.
+        let after = after.unwrap_or(Key::Domain);
+        let members = match after {
+            Key::Domain => Some(Place::FIRST),
+            Key::Member { place } => Some(place),
+            _ => None,
+        };
+        let links = match after {
+            Key::Domain | Key::Member { .. } => Some((LinkId::FIRST, Place::FIRST)),
+            Key::Link { link, offering } => Some((link, offering)),
+            _ => None,
+        };
+        let claims = match after {
+            Key::Claim { link, place } => Some((link, place)),
+            Key::Apart { .. } => None,
+            _ => Some((LinkId::FIRST, Place::FIRST)),
+        };
+        let apart = match after {
+            Key::Apart {
+                offering,
+                demanding,
+            } => (offering, demanding),
+            _ => (Place::FIRST, Place::FIRST),
+        };
+        let members = members.into_iter().flat_map(|it| self.members(it));
+        let links = links.into_iter().flat_map(|it| self.links.items(it));
+        let claims = claims.into_iter().flat_map(|it| self.claims.items(it));
+        let apart = self.apart.items(apart);
+        let domain = domain.into_iter();
+        domain
+            .chain(members)
+            .chain(links)
+            .chain(claims)
+            .chain(apart)
+    }
+
+    /// Nodes, interfaces and refusals after a place.
+    fn members(&self, after: Place) -> impl Iterator<Item = Item> {
+        let rest = self.sessions.range(after.node..);
+        rest.flat_map(move |(&id, session)| {
+            let within = id == after.node;
+            let itself = if within { None } else { node(id, session) };
+            let after = if within { after } else { Place::node(id) };
+            itself.into_iter().chain(session.members(after))
         })
+    }
+
+    fn domain(&self) -> Item {
+        let limits = self.policy.limits();
+        Item::Domain { limits }
     }
 }
 
-const fn position(item: &Item) -> Cursor {
-    match item {
-        Item::Node { node, .. } => Cursor {
-            node: *node,
-            interface: InterfaceId(0),
-        },
-        Item::Interface {
-            node, interface, ..
-        } => Cursor {
-            node: *node,
-            interface: *interface,
-        },
-    }
+/// A session as an item, once it is welcomed.
+fn node(node: NodeId, session: &Session) -> Option<Item> {
+    Some(Item::Node {
+        node,
+        name: session.name()?.clone(),
+        uid: session.credentials().uid,
+        pid: session.credentials().pid,
+        resuming: session.phase() == Phase::Resuming,
+    })
 }
 
 fn size_bytes(item: &Item) -> usize {

@@ -7,7 +7,9 @@ use crate::{Violation, control::ToManager};
 pub enum Phase {
     /// Connected; its HELLO has not been granted.
     Greeting,
-    /// Welcomed.
+    /// Welcomed; it claims the links that it brought along (SM2-RES-002).
+    Resuming,
+    /// Welcomed, and all its links are known.
     Ready,
 }
 
@@ -26,19 +28,40 @@ pub enum Request {
     Query,
     /// GOODBYE
     Goodbye,
+    /// CLAIM
+    Claim,
+    /// CLAIMED
+    Claimed,
+    /// WATCH
+    Watch,
+    /// COUNTERS
+    Counters,
+    /// INSPECT
+    Inspect,
+    /// SCHEMA
+    Schema,
+    /// DESCRIBE
+    Describe,
 }
 
 /// Every phase.
-pub const PHASES: [Phase; 2] = [Phase::Greeting, Phase::Ready];
+pub const PHASES: [Phase; 3] = [Phase::Greeting, Phase::Resuming, Phase::Ready];
 
 /// Every request.
-pub const REQUESTS: [Request; 6] = [
+pub const REQUESTS: [Request; 13] = [
     Request::Hello,
     Request::Declare,
     Request::Withdraw,
     Request::Unlinked,
     Request::Query,
     Request::Goodbye,
+    Request::Claim,
+    Request::Claimed,
+    Request::Watch,
+    Request::Counters,
+    Request::Inspect,
+    Request::Schema,
+    Request::Describe,
 ];
 
 impl Request {
@@ -50,20 +73,38 @@ impl Request {
             ToManager::Unlinked { .. } => Self::Unlinked,
             ToManager::Query { .. } => Self::Query,
             ToManager::Goodbye { .. } => Self::Goodbye,
+            ToManager::Claim { .. } => Self::Claim,
+            ToManager::Claimed => Self::Claimed,
+            ToManager::Watch { .. } => Self::Watch,
+            ToManager::Counters => Self::Counters,
+            ToManager::Inspect { .. } => Self::Inspect,
+            ToManager::Schema { .. } => Self::Schema,
+            ToManager::Describe { .. } => Self::Describe,
         }
     }
 }
 
 /// Whether a session may ask this now.
-//= SM2-SES-001
+//= SM2-SES-001, SM2-RES-003
 pub const fn legal(phase: Phase, request: Request) -> Result<(), Violation> {
     match (phase, request) {
         (_, Request::Goodbye) | (Phase::Greeting, Request::Hello) => Ok(()),
         (Phase::Greeting, _) => Err(Violation::ExpectedHello),
-        (Phase::Ready, Request::Hello) => Err(Violation::UnexpectedHello),
+        (Phase::Resuming | Phase::Ready, Request::Hello) => Err(Violation::UnexpectedHello),
+        (Phase::Ready, Request::Claim | Request::Claimed) => Err(Violation::UnexpectedClaim),
         (
-            Phase::Ready,
-            Request::Declare | Request::Withdraw | Request::Unlinked | Request::Query,
+            Phase::Resuming | Phase::Ready,
+            Request::Declare
+            | Request::Withdraw
+            | Request::Unlinked
+            | Request::Query
+            | Request::Claim
+            | Request::Claimed
+            | Request::Watch
+            | Request::Counters
+            | Request::Inspect
+            | Request::Schema
+            | Request::Describe,
         ) => Ok(()),
     }
 }

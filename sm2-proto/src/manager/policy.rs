@@ -4,18 +4,19 @@ use alloc::collections::BTreeMap;
 use core::time::Duration;
 
 use super::session::Session;
-#[cfg(doc)]
-use crate::limits::LINKS_MAX;
-use crate::{Quota, Refusal};
+use crate::{Quota, Refusal, control::Limits, limits::LINKS_MAX};
 
 /// The Manager's own limits (SPEC section 2) and its policy on integrity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Policy {
-    /// How long a connection may take until its HELLO is granted.
+    /// How long a connection may take until it is ready: its HELLO is granted, and what
+    /// it brought along is claimed.
     pub greeting: Duration,
-    /// Connections of one user that are not ready.
+    /// How long a claim waits for its counterpart after CLAIMED.
+    pub recovery: Duration,
+    /// Connections of one user that are not welcomed.
     pub greetings_per_user: usize,
-    /// Ready sessions of one user.
+    /// Welcomed sessions of one user.
     pub sessions_per_user: usize,
     /// Interfaces of one session.
     pub interfaces_per_session: usize,
@@ -23,6 +24,14 @@ pub struct Policy {
     pub interfaces_per_user: usize,
     /// Ends of links of one session; more than [`LINKS_MAX`] count as that.
     pub links_per_session: usize,
+    /// Schema texts of one session, with the names of their types, in bytes.
+    pub schema_bytes_per_session: usize,
+    /// Refusals of one session that are remembered.
+    pub refusals_per_session: usize,
+    /// Pairs apart that are remembered, per session of the offering side.
+    pub apart_per_session: usize,
+    /// Changes of the domain that are remembered.
+    pub changes_remembered: usize,
     /// Whether every link of the domain is sealed.
     pub seal_all: bool,
     /// Whether links between different users may be unsealed.
@@ -33,11 +42,16 @@ impl Default for Policy {
     fn default() -> Self {
         Self {
             greeting: Duration::from_secs(2),
+            recovery: Duration::from_secs(5),
             greetings_per_user: 256,
             sessions_per_user: 1_024,
             interfaces_per_session: 1_024,
             interfaces_per_user: 16_384,
             links_per_session: 8_192,
+            schema_bytes_per_session: 262_144,
+            refusals_per_session: 16,
+            apart_per_session: 256,
+            changes_remembered: 4_096,
             seal_all: false,
             waive_user_boundary: false,
         }
@@ -50,13 +64,29 @@ impl Policy {
     pub(super) const fn seals(&self, same_user: bool) -> bool {
         self.seal_all || (!same_user && !self.waive_user_boundary)
     }
+
+    pub(super) fn links_per_session(&self) -> usize {
+        self.links_per_session.min(LINKS_MAX)
+    }
+
+    /// What of this everybody may know.
+    pub(super) fn limits(&self) -> Limits {
+        Limits {
+            sessions_per_user: count(self.sessions_per_user),
+            interfaces_per_session: count(self.interfaces_per_session),
+            interfaces_per_user: count(self.interfaces_per_user),
+            links_per_session: count(self.links_per_session()),
+            seal_all: self.seal_all,
+            waive_user_boundary: self.waive_user_boundary,
+        }
+    }
 }
 
 /// What one user has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 struct Usage {
     greeting: usize,
-    ready: usize,
+    welcomed: usize,
     interfaces: usize,
 }
 
@@ -80,13 +110,13 @@ impl Users {
     pub(super) fn greet(&mut self, uid: u32) {
         let usage = self.0.entry(uid).or_default();
         usage.greeting = usage.greeting.saturating_sub(1);
-        usage.ready += 1;
+        usage.welcomed += 1;
     }
 
-    pub(super) fn leave(&mut self, uid: u32, ready: bool, interfaces: usize) {
+    pub(super) fn leave(&mut self, uid: u32, welcomed: bool, interfaces: usize) {
         let usage = self.0.entry(uid).or_default();
-        let count = if ready {
-            &mut usage.ready
+        let count = if welcomed {
+            &mut usage.welcomed
         } else {
             &mut usage.greeting
         };
@@ -107,8 +137,12 @@ impl Users {
     }
 
     pub(super) fn refuse_session(&self, uid: u32, policy: &Policy) -> Result<(), Refusal> {
-        let ready = self.0.get(&uid).map_or(0, |usage| usage.ready);
-        within(policy.sessions_per_user, ready + 1, Quota::SessionsPerUser)
+        let welcomed = self.0.get(&uid).map_or(0, |usage| usage.welcomed);
+        within(
+            policy.sessions_per_user,
+            welcomed + 1,
+            Quota::SessionsPerUser,
+        )
     }
 
     pub(super) fn refuse_interface(&self, uid: u32, policy: &Policy) -> Result<(), Refusal> {
@@ -122,8 +156,8 @@ impl Users {
         let mut recount: BTreeMap<u32, Usage> = BTreeMap::new();
         for session in sessions {
             let usage = recount.entry(session.credentials().uid).or_default();
-            if session.is_ready() {
-                usage.ready += 1;
+            if session.is_welcomed() {
+                usage.welcomed += 1;
             } else {
                 usage.greeting += 1;
             }
@@ -141,6 +175,11 @@ pub(super) fn within(limit: usize, wanted: usize, quota: Quota) -> Result<(), Re
     }
     Err(Refusal::Quota {
         quota,
-        limit: u32::try_from(limit).unwrap_or(u32::MAX),
+        limit: count(limit),
     })
+}
+
+/// As it goes on the wire.
+pub(super) fn count(count: usize) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
 }

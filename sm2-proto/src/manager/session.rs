@@ -7,36 +7,64 @@ use alloc::{
 };
 use core::ops::Bound;
 
-use super::{Credentials, Policy, phase::Phase, policy::within};
-use crate::{Contract, InterfaceId, LinkId, Name, Quota, Refusal, Violation};
+use super::{Credentials, Policy, STANDBY_PREFIX, links::Pair, phase::Phase, policy::within};
+use crate::{
+    Contract, Instant, InterfaceId, LinkId, Name, Place, Quota, Refusal, TypeId, Violation,
+    control::Item, limits::LINKS_MAX,
+};
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Session {
     credentials: Credentials,
-    /// Known once the session is ready.
+    /// Known once the session is welcomed.
     name: Option<Name>,
+    /// As long as it is resuming.
+    resumption: Option<Resumption>,
     last_interface: u64,
     interfaces: BTreeMap<InterfaceId, Interface>,
+    /// What was refused lately, and why.
+    refused: BTreeMap<InterfaceId, (Contract, Refusal)>,
     /// How many ends of links all interfaces have together.
     link_ends: usize,
+    /// When its claims are given up, if it has claimed all that it has and some of it
+    /// had no counterpart.
+    pub(super) claims_until: Option<Instant>,
+    /// Whether the driver keeps the file of its counters.
+    pub(super) has_counters: bool,
+    /// The types whose texts it registered, and what they cost.
+    schemas: BTreeSet<TypeId>,
+    schema_bytes: usize,
+}
+
+/// What counts until CLAIMED.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+struct Resumption {
+    /// How many claims came.
+    claims: usize,
+    /// Pairs whose adopted links ended again: they are not linked anew.
+    ended: BTreeSet<Pair>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Interface {
     /// Shared with its channel.
     contract: Arc<Contract>,
-    /// The links of which nobody has taken leave.
-    live: BTreeSet<LinkId>,
+    /// The links of which nobody has taken leave, and whom each joins; none as long as
+    /// the other end has not claimed it.
+    live: BTreeMap<LinkId, Option<Pair>>,
     /// Those for which UNLINK was sent and UNLINKED has not come.
     told: BTreeSet<LinkId>,
 }
+
+/// What is left of an interface: its contract and its live links.
+pub(super) type Remains = (Arc<Contract>, BTreeMap<LinkId, Option<Pair>>);
 
 /// How far the farewells of a link's end have come when the node says its own
 /// (SM2-LNK-003).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Farewells {
-    /// The node is first and has to be answered.
-    First,
+    /// The node is first and has to be answered. Whom the link joined.
+    First(Option<Pair>),
     /// UNLINK was sent before: both are said.
     Both,
 }
@@ -46,9 +74,15 @@ impl Session {
         Self {
             credentials,
             name: None,
+            resumption: None,
             last_interface: 0,
             interfaces: BTreeMap::new(),
+            refused: BTreeMap::new(),
             link_ends: 0,
+            claims_until: None,
+            has_counters: false,
+            schemas: BTreeSet::new(),
+            schema_bytes: 0,
         }
     }
 
@@ -57,14 +91,14 @@ impl Session {
     }
 
     pub(super) const fn phase(&self) -> Phase {
-        if self.is_ready() {
-            Phase::Ready
-        } else {
-            Phase::Greeting
+        match (&self.name, &self.resumption) {
+            (None, _) => Phase::Greeting,
+            (Some(_), Some(_)) => Phase::Resuming,
+            (Some(_), None) => Phase::Ready,
         }
     }
 
-    pub(super) const fn is_ready(&self) -> bool {
+    pub(super) const fn is_welcomed(&self) -> bool {
         self.name.is_some()
     }
 
@@ -72,8 +106,19 @@ impl Session {
         self.name.as_ref()
     }
 
-    pub(super) fn welcome(&mut self, name: Name) {
+    /// Whether it is a Manager that waits for the end of this one.
+    pub(super) fn is_standby(&self) -> bool {
+        (self.name()).is_some_and(|name| name.as_str().starts_with(STANDBY_PREFIX))
+    }
+
+    pub(super) fn welcome(&mut self, name: Name, resuming: bool) {
         self.name = Some(name);
+        self.resumption = resuming.then(Resumption::default);
+    }
+
+    /// All is claimed. The pairs that are not to be linked anew.
+    pub(super) fn settle(&mut self) -> BTreeSet<Pair> {
+        self.resumption.take().unwrap_or_default().ended
     }
 
     /// Spends an interface number.
@@ -95,19 +140,42 @@ impl Session {
         self.interfaces.len()
     }
 
-    pub(super) fn contract(&self, interface: InterfaceId) -> Option<&Contract> {
-        let interface = self.interfaces.get(&interface)?;
-        Some(&interface.contract)
+    pub(super) fn interface_ids(&self) -> Vec<InterfaceId> {
+        self.interfaces.keys().copied().collect()
     }
 
-    /// The interfaces after a position, each with its number of live links.
-    pub(super) fn after(
-        &self,
-        after: InterfaceId,
-    ) -> impl Iterator<Item = (InterfaceId, &Contract, usize)> {
-        let rest = (Bound::Excluded(after), Bound::Unbounded);
-        let rest = self.interfaces.range(rest);
-        rest.map(|(&id, it)| (id, &*it.contract, it.live.len()))
+    pub(super) fn contract(&self, interface: InterfaceId) -> Option<&Arc<Contract>> {
+        Some(&self.interfaces.get(&interface)?.contract)
+    }
+
+    /// An interface or refusal as an item.
+    pub(super) fn member(&self, place: Place) -> Option<Item> {
+        if let Some(contract) = self.contract(place.interface) {
+            return Some(interface(place, contract));
+        }
+        let refused = self.refused.get(&place.interface)?;
+        Some(refusal(place, refused))
+    }
+
+    /// The interfaces and refusals after a place, in ascending order.
+    pub(super) fn members(&self, after: Place) -> impl Iterator<Item = Item> {
+        let at = move |interface| Place { interface, ..after };
+        let rest = (Bound::Excluded(after.interface), Bound::Unbounded);
+        let mut granted = self.interfaces.range(rest).peekable();
+        let mut refused = self.refused.range(rest).peekable();
+        core::iter::from_fn(move || {
+            let granted_is_next = match (granted.peek(), refused.peek()) {
+                (Some((one, _)), Some((other, _))) => one < other,
+                (one, _) => one.is_some(),
+            };
+            if granted_is_next {
+                let (&id, it) = granted.next()?;
+                Some(interface(at(id), &it.contract))
+            } else {
+                let (&id, it) = refused.next()?;
+                Some(refusal(at(id), it))
+            }
+        })
     }
 
     pub(super) fn declare(&mut self, interface: InterfaceId, contract: Arc<Contract>) {
@@ -116,26 +184,51 @@ impl Session {
             interface,
             Interface {
                 contract,
-                live: BTreeSet::new(),
+                live: BTreeMap::new(),
                 told: BTreeSet::new(),
             },
         );
     }
 
-    /// The interface's contract and live links, which are gone from here.
-    pub(super) fn withdraw(
+    /// Remembers a refusal. The one that is forgotten for it.
+    //= SM2-WCH-004
+    pub(super) fn refuse(
         &mut self,
         interface: InterfaceId,
-    ) -> Option<(Arc<Contract>, BTreeSet<LinkId>)> {
+        contract: Contract,
+        reason: Refusal,
+        limit: usize,
+    ) -> Option<InterfaceId> {
+        self.refused.insert(interface, (contract, reason));
+        if self.refused.len() <= limit {
+            return None;
+        }
+        let (forgotten, _) = self.refused.pop_first()?;
+        Some(forgotten)
+    }
+
+    /// Forgets the refusals that an interface with this contract supersedes.
+    //= SM2-WCH-004
+    pub(super) fn supersede(&mut self, contract: &Contract) -> Vec<InterfaceId> {
+        let alike = |it: &Contract| it.kind() == contract.kind() && it.name() == contract.name();
+        let superseded = self.refused.iter().filter(|(_, (it, _))| alike(it));
+        let superseded: Vec<InterfaceId> = superseded.map(|(&id, _)| id).collect();
+        for id in &superseded {
+            self.refused.remove(id);
+        }
+        superseded
+    }
+
+    /// The numbers of what was refused and is remembered.
+    pub(super) fn refused(&self) -> impl ExactSizeIterator<Item = InterfaceId> {
+        self.refused.keys().copied()
+    }
+
+    /// What is left of an interface, which is gone from here.
+    pub(super) fn withdraw(&mut self, interface: InterfaceId) -> Option<Remains> {
         let interface = self.interfaces.remove(&interface)?;
         self.link_ends -= interface.live.len() + interface.told.len();
         Some((interface.contract, interface.live))
-    }
-
-    /// All interfaces with their contracts and live links.
-    pub(super) fn into_interfaces(self) -> Vec<(InterfaceId, Arc<Contract>, BTreeSet<LinkId>)> {
-        let each = |(id, it): (InterfaceId, Interface)| (id, it.contract, it.live);
-        self.interfaces.into_iter().map(each).collect()
     }
 
     /// How many ends of links have not been taken leave of on both sides.
@@ -143,20 +236,62 @@ impl Session {
         self.link_ends
     }
 
-    /// How many of them are live.
-    pub(super) fn live_ends(&self) -> usize {
-        self.interfaces.values().map(|it| it.live.len()).sum()
+    /// The live ends of links, and whom each joins.
+    pub(super) fn live_ends(&self) -> impl Iterator<Item = (InterfaceId, LinkId, Option<Pair>)> {
+        self.interfaces.iter().flat_map(|(&id, it)| {
+            let live = it.live.iter();
+            live.map(move |(&link, &pair)| (id, link, pair))
+        })
+    }
+
+    /// Whether a link is live, and whom it joins.
+    pub(super) fn live_link(&self, interface: InterfaceId, link: LinkId) -> Option<Option<Pair>> {
+        self.interfaces.get(&interface)?.live.get(&link).copied()
+    }
+
+    /// The ends of links that wait for a counterpart.
+    pub(super) fn half_claims(&self) -> impl Iterator<Item = (InterfaceId, LinkId)> {
+        let half = self.live_ends().filter(|(_, _, pair)| pair.is_none());
+        half.map(|(interface, link, _)| (interface, link))
     }
 
     /// Whether the count of ends is what a recount says.
     pub(super) fn counts_its_ends(&self) -> bool {
         let told: usize = self.interfaces.values().map(|it| it.told.len()).sum();
-        self.link_ends == self.live_ends() + told
+        self.link_ends == self.live_ends().count() + told
     }
 
-    pub(super) fn link(&mut self, interface: InterfaceId, link: LinkId) {
+    /// Whether the interface has this link, at whatever stage.
+    //= SM2-RES-003
+    pub(super) fn has_link(&self, interface: InterfaceId, link: LinkId) -> Result<bool, Violation> {
+        let interface = self.interfaces.get(&interface);
+        let interface = interface.ok_or(Violation::UnknownInterface)?;
+        Ok(interface.live.contains_key(&link) || interface.told.contains(&link))
+    }
+
+    /// Spends a claim: nobody can have more open links than there can be.
+    //= SM2-RES-008
+    pub(super) fn may_claim(&mut self) -> bool {
+        let Some(resumption) = &mut self.resumption else {
+            return false;
+        };
+        resumption.claims += 1;
+        resumption.claims <= LINKS_MAX
+    }
+
+    /// The interface has claimed a link.
+    pub(super) fn claim(&mut self, interface: InterfaceId, link: LinkId) {
+        self.insert_link(interface, link, None);
+    }
+
+    /// The interface has a link; if it has claimed it, it is adopted now.
+    pub(super) fn link(&mut self, interface: InterfaceId, link: LinkId, pair: Pair) {
+        self.insert_link(interface, link, Some(pair));
+    }
+
+    fn insert_link(&mut self, interface: InterfaceId, link: LinkId, pair: Option<Pair>) {
         if let Some(interface) = self.interfaces.get_mut(&interface)
-            && interface.live.insert(link)
+            && interface.live.insert(link, pair).is_none()
         {
             self.link_ends += 1;
         }
@@ -165,16 +300,24 @@ impl Session {
     /// A link was never made.
     pub(super) fn unlink(&mut self, interface: InterfaceId, link: LinkId) {
         if let Some(interface) = self.interfaces.get_mut(&interface)
-            && interface.live.remove(&link)
+            && interface.live.remove(&link).is_some()
         {
             self.link_ends -= 1;
+        }
+    }
+
+    /// An adopted link has ended before all is claimed.
+    //= SM2-RES-007
+    pub(super) fn ended(&mut self, pair: Pair) {
+        if let Some(resumption) = &mut self.resumption {
+            resumption.ended.insert(pair);
         }
     }
 
     /// UNLINK is sent for a live link.
     pub(super) fn tell(&mut self, interface: InterfaceId, link: LinkId) {
         if let Some(interface) = self.interfaces.get_mut(&interface)
-            && interface.live.remove(&link)
+            && interface.live.remove(&link).is_some()
         {
             interface.told.insert(link);
         }
@@ -189,8 +332,8 @@ impl Session {
     ) -> Result<Farewells, Violation> {
         let interface = self.interfaces.get_mut(&interface);
         let interface = interface.ok_or(Violation::UnknownInterface)?;
-        let farewells = if interface.live.remove(&link) {
-            Farewells::First
+        let farewells = if let Some(pair) = interface.live.remove(&link) {
+            Farewells::First(pair)
         } else if interface.told.remove(&link) {
             Farewells::Both
         } else {
@@ -198,5 +341,37 @@ impl Session {
         };
         self.link_ends -= 1;
         Ok(farewells)
+    }
+
+    /// The session registers the text of a type. Whether it is to be kept: it is new
+    /// here, and within the quota.
+    //= SM2-SCH-001
+    pub(super) fn register(&mut self, data: &TypeId, cost_bytes: usize, quota: usize) -> bool {
+        let bytes = self.schema_bytes + cost_bytes;
+        if bytes > quota || !self.schemas.insert(data.clone()) {
+            return false;
+        }
+        self.schema_bytes = bytes;
+        true
+    }
+
+    /// The types whose texts it registered.
+    pub(super) fn schemas(&self) -> impl Iterator<Item = &TypeId> {
+        self.schemas.iter()
+    }
+}
+
+fn interface(place: Place, contract: &Contract) -> Item {
+    Item::Interface {
+        place,
+        contract: contract.clone(),
+    }
+}
+
+fn refusal(place: Place, (contract, reason): &(Contract, Refusal)) -> Item {
+    Item::Refusal {
+        place,
+        contract: contract.clone(),
+        reason: reason.clone(),
     }
 }

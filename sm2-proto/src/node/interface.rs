@@ -1,16 +1,26 @@
-//! One interface of a node and its ends of links (the table in SPEC section 4.3).
+//! One interface of a node and its ends of links (the tables in SPEC sections 4.3 and 11).
 
 use alloc::collections::BTreeMap;
 
 use super::Misuse;
-use crate::{Contract, LinkId, Terms, VERSION, Violation, limits::LINKS_MAX, match_contracts};
+use crate::{
+    Contract, LinkId, Terms, VERSION, Violation, control::Peer, limits::LINKS_MAX, match_contracts,
+};
 
 /// Where an interface stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum State {
-    /// DECLARE sent.
+    /// Never answered; its DECLARE goes out with CLAIMED.
+    Queued,
+    /// DECLARE sent, for the first time as far as we know.
     Declaring,
-    /// DECLARED received.
+    /// DECLARED received in an earlier session, and not in this one.
+    Dormant,
+    /// DECLARE sent again.
+    Renewing,
+    /// As *renewing*, and to be withdrawn as soon as that is answered.
+    Doomed,
+    /// DECLARED received in this session.
     Live,
     /// WITHDRAW sent.
     Dropping,
@@ -18,11 +28,43 @@ enum State {
 
 /// Where one end of a link stands (SM2-LNK-003).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Farewell {
-    /// Neither side has said farewell.
-    None,
-    /// We have.
-    Ours,
+enum Standing {
+    /// Made in an earlier session; this one's Manager does not know of it from us.
+    Unclaimed,
+    /// Made or claimed in this session; neither side has said farewell.
+    Known,
+    /// We have said farewell.
+    Left,
+}
+
+/// One end of a link: what LINK said of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Link {
+    pub(super) key: u64,
+    pub(super) version: u16,
+    pub(super) terms: Terms,
+}
+
+/// What an answer to DECLARE leads to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answered {
+    /// The program's own DECLARE: it hears of it.
+    First,
+    /// A renewed one.
+    Renewed,
+    /// A renewed one of an interface that the program gave up meanwhile.
+    Doomed,
+}
+
+/// What withdrawing leads to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Withdrawal {
+    /// WITHDRAW has to go out.
+    Send,
+    /// Nothing until the Manager has answered.
+    Wait,
+    /// The Manager does not have the interface: it is gone.
+    Forget,
 }
 
 /// What UNLINK has to be answered with.
@@ -38,30 +80,77 @@ pub(super) enum Answer {
 pub(super) struct Interface {
     contract: Contract,
     state: State,
-    links: BTreeMap<LinkId, Farewell>,
+    links: BTreeMap<LinkId, (Standing, Link)>,
 }
 
 impl Interface {
     pub(super) const fn new(contract: Contract) -> Self {
         Self {
             contract,
-            state: State::Declaring,
+            state: State::Queued,
             links: BTreeMap::new(),
         }
     }
 
-    pub(super) fn declared(&mut self) {
-        self.state = State::Live;
+    /// Whether its DECLARE has to go out with CLAIMED; if so, it does.
+    pub(super) fn declare(&mut self) -> Option<&Contract> {
+        self.step(State::Queued, State::Declaring)
     }
 
-    /// WITHDRAW goes out.
-    pub(super) fn withdraw(&mut self) -> Result<(), Misuse> {
+    /// Whether its DECLARE has to go out again with WELCOME; if so, it does.
+    //= SM2-RES-002, SM2-RES-009
+    pub(super) fn renew(&mut self) -> Option<&Contract> {
+        self.step(State::Dormant, State::Renewing)
+    }
+
+    fn step(&mut self, from: State, to: State) -> Option<&Contract> {
+        if self.state != from {
+            return None;
+        }
+        self.state = to;
+        Some(&self.contract)
+    }
+
+    /// DECLARED came in.
+    pub(super) fn declared(&mut self) -> Result<Answered, Violation> {
+        let (state, answered) = match self.state {
+            State::Declaring => (State::Live, Answered::First),
+            State::Renewing => (State::Live, Answered::Renewed),
+            State::Doomed => (State::Dropping, Answered::Doomed),
+            _ => return Err(Violation::UnknownInterface),
+        };
+        self.state = state;
+        Ok(answered)
+    }
+
+    /// DECLARE_REFUSED came in. Only a renewed interface lives on.
+    //= SM2-RES-009
+    pub(super) fn refused(&mut self) -> Result<Answered, Violation> {
+        match self.state {
+            State::Declaring => Ok(Answered::First),
+            State::Doomed => Ok(Answered::Doomed),
+            State::Renewing => {
+                self.state = State::Dormant;
+                Ok(Answered::Renewed)
+            }
+            _ => Err(Violation::UnknownInterface),
+        }
+    }
+
+    /// The program gives the interface up.
+    pub(super) fn withdraw(&mut self) -> Result<Withdrawal, Misuse> {
         match self.state {
             State::Live => {
                 self.state = State::Dropping;
-                Ok(())
+                Ok(Withdrawal::Send)
             }
-            State::Declaring | State::Dropping => Err(Misuse::NotLive),
+            // WITHDRAW of a refused interface would be a violation: first the answer.
+            State::Renewing => {
+                self.state = State::Doomed;
+                Ok(Withdrawal::Wait)
+            }
+            State::Queued | State::Dormant => Ok(Withdrawal::Forget),
+            State::Declaring | State::Doomed | State::Dropping => Err(Misuse::NotLive),
         }
     }
 
@@ -69,60 +158,107 @@ impl Interface {
     pub(super) fn withdrawn(&self) -> Result<(), Violation> {
         match self.state {
             State::Dropping => Ok(()),
-            State::Declaring | State::Live => Err(Violation::UnknownInterface),
+            _ => Err(Violation::UnknownInterface),
         }
+    }
+
+    /// The session is over. Whether the interface lives on.
+    //= SM2-NOD-003
+    pub(super) fn away(&mut self) -> bool {
+        self.state = match self.state {
+            State::Queued | State::Declaring => State::Queued,
+            State::Dormant | State::Renewing | State::Live => State::Dormant,
+            State::Doomed | State::Dropping => return false,
+        };
+        self.links
+            .retain(|_, (standing, _)| *standing != Standing::Left);
+        for (standing, _) in self.links.values_mut() {
+            *standing = Standing::Unclaimed;
+        }
+        true
+    }
+
+    /// A Manager welcomed us. Its own links of earlier sessions are over: these.
+    //= SM2-RES-002, SM2-SES-006
+    pub(super) fn forget(&mut self, epoch: u64) -> impl Iterator<Item = LinkId> + use<> {
+        let links = core::mem::take(&mut self.links);
+        let (over, rest) = links.into_iter().partition(|(link, _)| link.epoch == epoch);
+        self.links = rest;
+        BTreeMap::into_keys(over)
+    }
+
+    /// The links that have to be claimed now.
+    //= SM2-RES-002
+    pub(super) fn claim(&mut self) -> impl Iterator<Item = (LinkId, Link)> {
+        let live = self.state == State::Live;
+        let links = self.links.iter_mut().filter(move |_| live);
+        links.filter_map(|(&id, (standing, link))| {
+            let unclaimed = *standing == Standing::Unclaimed;
+            *standing = if unclaimed {
+                Standing::Known
+            } else {
+                *standing
+            };
+            unclaimed.then_some((id, *link))
+        })
     }
 
     /// LINK came in. Whether the link is to be used: one that crossed our
     /// WITHDRAW is legal, and over.
     //= SM2-LNK-005, SM2-IFC-004
-    pub(super) fn link(
-        &mut self,
-        link: LinkId,
-        version: u16,
-        terms: Terms,
-        theirs: &Contract,
-    ) -> Result<bool, Violation> {
-        if self.state == State::Declaring {
-            return Err(Violation::UnknownInterface);
-        }
-        if self.links.contains_key(&link) {
+    pub(super) fn link(&mut self, id: LinkId, link: Link, peer: &Peer) -> Result<bool, Violation> {
+        self.check_declared()?;
+        if self.links.contains_key(&id) {
             return Err(Violation::LinkNumber);
         }
-        let asked = match_contracts(&self.contract, theirs).map_err(|_| Violation::BadLink)?;
+        let asked =
+            match_contracts(&self.contract, &peer.contract).map_err(|_| Violation::BadLink)?;
         // The Manager seals for reasons of its own too; no other term is its choice.
+        let terms = link.terms;
         let fits = asked.reliable == terms.reliable && asked.sealed <= terms.sealed;
-        if !fits || version != VERSION || self.links.len() == LINKS_MAX {
+        if !fits || link.version != VERSION || self.links.len() == LINKS_MAX {
             return Err(Violation::BadLink);
         }
-        self.links.insert(link, Farewell::None);
+        self.links.insert(id, (Standing::Known, link));
         Ok(self.state == State::Live)
     }
 
     /// UNLINK came in.
     //= SM2-LNK-003, SM2-IFC-004
     pub(super) fn unlink(&mut self, link: LinkId) -> Result<Answer, Violation> {
-        if self.state == State::Declaring {
-            return Err(Violation::UnknownInterface);
-        }
-        let farewell = self.links.remove(&link).ok_or(Violation::UnknownLink)?;
-        match (self.state, farewell) {
-            (State::Live, Farewell::None) => Ok(Answer::Unlinked),
-            _ => Ok(Answer::Nothing),
-        }
+        self.check_declared()?;
+        let standing = self.links.get(&link).map(|(standing, _)| *standing);
+        let answer = match (standing, self.state) {
+            (None | Some(Standing::Unclaimed), _) => return Err(Violation::UnknownLink),
+            (Some(Standing::Known), State::Live) => Answer::Unlinked,
+            (Some(_), _) => Answer::Nothing,
+        };
+        self.links.remove(&link);
+        Ok(answer)
     }
 
     /// Our end of a link is over. Whether UNLINKED has to go out: not if the
-    /// Manager said farewell first, nor after WITHDRAW.
+    /// Manager said farewell first or does not know of the link, nor after WITHDRAW.
     //= SM2-LNK-004, SM2-IFC-004
     pub(super) fn close_link(&mut self, link: LinkId) -> bool {
-        let live = self.state == State::Live;
         match self.links.get_mut(&link) {
-            Some(farewell @ Farewell::None) if live => {
-                *farewell = Farewell::Ours;
+            Some((standing @ Standing::Known, _)) if self.state == State::Live => {
+                *standing = Standing::Left;
                 true
             }
+            Some((Standing::Unclaimed, _)) => {
+                self.links.remove(&link);
+                false
+            }
             _ => false,
+        }
+    }
+
+    /// Whether the Manager may speak of the interface's links.
+    const fn check_declared(&self) -> Result<(), Violation> {
+        match self.state {
+            State::Live | State::Dropping => Ok(()),
+            _ => Err(Violation::UnknownInterface),
         }
     }
 }

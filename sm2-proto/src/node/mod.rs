@@ -1,65 +1,105 @@
-//! A node's session with its Manager, as the node sees it (SPEC section 4.2, 4.3, 5).
+//! A node's dealings with its Managers, as the node sees them (SPEC sections 4.2, 4.3, 5 and 11).
 //!
 //! | to do | call |
 //! | --- | --- |
 //! | feed | [`Node::declare`], [`Node::handle`] |
 //! | drain | [`Node::poll`] until it gives nothing, after every feed |
-//! | deadline | [`Node::deadline`]: a session has no timer in version 1 |
-//! | inspect | [`Node::id`], [`Node::is_ready`], [`Node::end`] |
+//! | deadline | [`Node::deadline`]: the machine has no timer in version 1 |
+//! | inspect | [`Node::id`], [`Node::epoch`], [`Node::is_ready`], [`Node::is_away`], [`Node::end`] |
 //!
-//! The machine never does I/O. A LINK's descriptor stays with the driver,
-//! which closes it unless the output that follows is [`Output::Linked`].
-//! The end of the session ends no link: that is the driver's to honour.
+//! The machine never does I/O. The descriptor of a datagram stays with the driver, which closes
+//! it unless the output that follows is [`Output::Linked`] or [`Output::Inspected`].
+//!
+//! # One machine, many sessions
+//!
+//! The end of a session ends no link: that is the driver's to honour. The machine lives on, too;
+//! only [`Input::Close`] ends it. The order of calls:
+//!
+//! 1. [`Node::new`] on a new connection; it greets.
+//! 2. [`Output::Welcomed`]: from now on interfaces can be declared, at any time.
+//! 3. [`Output::Ended`]: close the connection. The machine is *away*. Links go on, and
+//!    [`Input::Unlinked`], [`Input::Withdraw`] and [`Node::declare`] work as ever.
+//! 4. Connect anew, when and as often as SM2-RES-001 says, and feed [`Input::Reconnected`].
+//!    The machine greets, declares again what was live, and claims what is still linked.
+//!    [`Output::HelloRefused`] is no end: greet again, or close the connection and feed
+//!    [`Input::Reconnected`] with the next one.
+//! 5. [`Output::Resumed`]: the new Manager knows all that the old one did.
+//!
+//! | state | what is legal there | leads to |
+//! | --- | --- | --- |
+//! | greeting | nothing but to wait; after the first WELCOME as *away* | WELCOME: ready, or declaring again |
+//! | refused | [`Input::Greet`], [`Input::Reconnected`]; else as *greeting* | greeting |
+//! | declaring again | every request; a new declaration waits | last answer: CLAIM for each link, CLAIMED, ready |
+//! | ready | every request | end of the session: away |
+//! | away | [`Node::declare`], [`Input::Withdraw`], [`Input::Unlinked`], [`Input::Reconnected`] | greeting |
+//! | ended | nothing | |
+//!
+//! [`Input::Close`] is legal in every state but the last, and leads there. Each
+//! [`Input::Withdraw`] that is taken is answered with one [`Output::Withdrawn`], at the latest by
+//! the end of the session. What else was asked and not answered is forgotten with it.
 
 mod event;
 mod interface;
+mod receive;
+mod requests;
+mod resume;
 
 use alloc::collections::{BTreeMap, VecDeque};
 
 pub use self::event::{End, Error, Input, Misuse, Output};
-use self::interface::{Answer, Interface};
+use self::{
+    interface::{Interface, Withdrawal},
+    requests::{Requests, is_text_of},
+};
 use crate::{
-    Code, Contract, Datagram, Instant, InterfaceId, LinkId, Name, NodeId, Terms, VERSION,
-    Violation,
-    control::{Peer, ToManager, ToNode, decode_to_node, encode_to_manager},
+    Code, Contract, Instant, InterfaceId, LinkId, Name, NodeId,
+    control::{ToManager, encode_to_manager},
 };
 
-/// How far the session has come: the rows of the table in SPEC section 4.2.
+/// How far the session has come: the rows of the tables in SPEC sections 4.2 and 11.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Phase {
     Greeting,
     Refused,
+    /// Welcomed; not all that was declared again is answered.
+    Resuming(NodeId, u64),
     Ready(NodeId, u64),
+    /// The session is over, and another one may come.
+    Away(End),
     Ended(End),
 }
 
 /// The machine. See the [module](self) for the order of calls.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Node {
+    name: Name,
     phase: Phase,
+    /// Whether any Manager ever welcomed us.
+    welcomed: bool,
     interfaces: BTreeMap<InterfaceId, Interface>,
-    /// Declared and not answered yet, oldest first.
+    /// Declared in this session and not answered yet, oldest first.
     declaring: VecDeque<InterfaceId>,
     last_interface: u64,
-    /// Queries without their page.
-    queries: u64,
+    requests: Requests,
     outputs: VecDeque<Output>,
 }
 
 impl Node {
-    /// A session under `name`. The first output is the greeting.
+    /// A node of this name. The first output is the greeting.
     //= SM2-SES-001
     #[must_use]
     pub fn new(name: Name) -> Self {
         let mut node = Self {
+            name,
             phase: Phase::Greeting,
+            welcomed: false,
             interfaces: BTreeMap::new(),
             declaring: VecDeque::new(),
             last_interface: 0,
-            queries: 0,
+            requests: Requests::default(),
             outputs: VecDeque::new(),
         };
-        node.greet(name);
+        node.greet();
         node
     }
 
@@ -67,7 +107,7 @@ impl Node {
     #[must_use]
     pub const fn id(&self) -> Option<NodeId> {
         match self.phase {
-            Phase::Ready(node, _) => Some(node),
+            Phase::Resuming(node, _) | Phase::Ready(node, _) => Some(node),
             _ => None,
         }
     }
@@ -76,22 +116,28 @@ impl Node {
     #[must_use]
     pub const fn epoch(&self) -> Option<u64> {
         match self.phase {
-            Phase::Ready(_, epoch) => Some(epoch),
+            Phase::Resuming(_, epoch) | Phase::Ready(_, epoch) => Some(epoch),
             _ => None,
         }
     }
 
-    /// Whether interfaces can be declared.
+    /// Whether the Manager has welcomed us and knows all that we have.
     #[must_use]
     pub const fn is_ready(&self) -> bool {
         matches!(self.phase, Phase::Ready(..))
     }
 
-    /// Why the session is over, if it is.
+    /// Whether the session is over and [`Input::Reconnected`] is waited for.
+    #[must_use]
+    pub const fn is_away(&self) -> bool {
+        matches!(self.phase, Phase::Away(_))
+    }
+
+    /// Why the session is over, if it is; for good unless [`Node::is_away`].
     #[must_use]
     pub const fn end(&self) -> Option<End> {
         match self.phase {
-            Phase::Ended(end) => Some(end),
+            Phase::Away(end) | Phase::Ended(end) => Some(end),
             _ => None,
         }
     }
@@ -107,91 +153,150 @@ impl Node {
         self.outputs.pop_front()
     }
 
-    /// Declares an interface and allots its number.
-    //= SM2-IFC-001
+    /// Declares an interface and allots its number. Without a session, or while one
+    /// is resumed, DECLARE goes out after CLAIMED.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotReady`] before the first WELCOME, [`Misuse::Qos`] for what
+    /// SM2-FRM-003 does not allow, [`Error::Ended`] after [`Input::Close`].
+    //= SM2-IFC-001, SM2-RES-002
     pub fn declare(&mut self, contract: Contract) -> Result<InterfaceId, Error> {
-        self.check_ready()?;
+        self.check_welcomed_once()?;
         contract.check_qos()?;
         self.last_interface += 1;
         let interface = InterfaceId(self.last_interface);
-        self.interfaces
-            .insert(interface, Interface::new(contract.clone()));
-        self.declaring.push_back(interface);
-        self.send(&ToManager::Declare {
-            interface,
-            contract,
-        });
+        let mut ours = Interface::new(contract);
+        if self.is_ready() {
+            let declared = ours.declare().cloned();
+            self.declare_all(declared.map(|contract| (interface, contract)));
+        }
+        self.interfaces.insert(interface, ours);
         Ok(interface)
     }
 
     /// Takes one input. A violation by the Manager ends the session: it is
-    /// returned here once, and by every later call.
+    /// returned here once, and by every later call that needs a session.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Misuse`] if this is no time for it: nothing has changed.
+    /// [`Error::Ended`] if there is no session, or none any more.
     pub fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
-        if let Input::Datagram(_) = input {
-            let pending = |it: &Output| matches!(it, Output::Linked { .. });
-            debug_assert!(
-                !self.outputs.iter().any(pending),
-                "the descriptor of a link goes with the datagram before: poll first"
-            );
-        }
-        if let Phase::Ended(end) = self.phase {
-            return Err(end.into());
-        }
         match input {
-            Input::Datagram(datagram) => self.receive(&datagram)?,
-            Input::Eof => self.finish(End::Eof),
-            Input::Greet(name) => {
-                if self.phase != Phase::Refused {
-                    return Err(Misuse::NotRefused.into());
-                }
-                self.phase = Phase::Greeting;
-                self.greet(name);
+            Input::Datagram(datagram) => {
+                let pending =
+                    |it: &Output| matches!(it, Output::Linked { .. } | Output::Inspected { .. });
+                debug_assert!(
+                    !self.outputs.iter().any(pending),
+                    "a descriptor goes with the datagram before: poll first"
+                );
+                self.check_session()?;
+                self.receive(&datagram)?;
             }
+            Input::Eof => {
+                self.check_session()?;
+                self.go_away(End::Eof);
+            }
+            Input::Greet(name) => self.greet_again(name)?,
+            Input::Reconnected => self.reconnected()?,
             Input::Withdraw { interface } => self.withdraw(interface)?,
             Input::Unlinked {
                 interface,
                 link,
                 code,
-            } => self.unlinked(interface, link, code),
+            } => self.unlinked(interface, link, code)?,
             Input::Query { after } => {
-                self.check_ready()?;
-                self.queries += 1;
+                self.check_welcomed()?;
+                self.requests.query();
                 self.send(&ToManager::Query { after });
             }
-            Input::Close(code) => {
-                self.send(&ToManager::Goodbye { code });
-                self.finish(End::Local(code));
+            Input::Watch { after } => {
+                self.check_welcomed()?;
+                self.requests.watch()?;
+                self.send(&ToManager::Watch { after });
             }
+            Input::Counters => {
+                self.check_welcomed()?;
+                self.requests.counters()?;
+                let frame = encode_to_manager(&ToManager::Counters);
+                self.outputs.push_back(Output::TransmitCounters(frame));
+            }
+            Input::Inspect { node } => {
+                self.check_welcomed()?;
+                self.requests.inspect(node);
+                self.send(&ToManager::Inspect { node });
+            }
+            Input::Schema { data, text } => {
+                self.check_welcomed()?;
+                if !is_text_of(&text, &data) {
+                    return Err(Misuse::Schema.into());
+                }
+                self.send(&ToManager::Schema { data, text });
+            }
+            Input::Describe { data } => {
+                self.check_welcomed()?;
+                self.requests.describe(data.clone());
+                self.send(&ToManager::Describe { data });
+            }
+            Input::Close(code) => self.close(code)?,
         }
         Ok(())
     }
 
-    fn check_ready(&self) -> Result<(), Error> {
+    /// Whether there is a connection with a Manager.
+    fn check_session(&self) -> Result<(), Error> {
+        self.end().map_or(Ok(()), |end| Err(end.into()))
+    }
+
+    /// Whether the Manager takes requests.
+    fn check_welcomed(&self) -> Result<(), Error> {
+        self.check_session()?;
+        self.id().map(drop).ok_or(Misuse::NotReady.into())
+    }
+
+    /// Whether the machine has interfaces at all, with a session or without.
+    fn check_welcomed_once(&self) -> Result<(), Error> {
         match self.phase {
-            Phase::Ready(..) => Ok(()),
             Phase::Ended(end) => Err(end.into()),
-            Phase::Greeting | Phase::Refused => Err(Misuse::NotReady.into()),
+            _ if self.welcomed => Ok(()),
+            _ => Err(Misuse::NotReady.into()),
         }
     }
 
-    fn greet(&mut self, name: Name) {
-        self.send(&ToManager::Hello {
-            min_version: VERSION,
-            max_version: VERSION,
-            name,
-        });
+    //= SM2-SES-003, SM2-RES-001
+    fn greet_again(&mut self, name: Name) -> Result<(), Error> {
+        self.check_session()?;
+        if self.phase != Phase::Refused {
+            return Err(Misuse::NotRefused.into());
+        }
+        if self.welcomed && self.name != name {
+            return Err(Misuse::OtherName.into());
+        }
+        self.name = name;
+        self.greet();
+        Ok(())
     }
 
     fn withdraw(&mut self, interface: InterfaceId) -> Result<(), Error> {
-        self.check_ready()?;
+        self.check_welcomed_once()?;
         let ours = self.interfaces.get_mut(&interface);
-        ours.ok_or(Misuse::NotLive)?.withdraw()?;
-        self.send(&ToManager::Withdraw { interface });
+        match ours.ok_or(Misuse::NotLive)?.withdraw()? {
+            Withdrawal::Send => self.send(&ToManager::Withdraw { interface }),
+            Withdrawal::Wait => {}
+            Withdrawal::Forget => {
+                self.interfaces.remove(&interface);
+                self.outputs.push_back(Output::Withdrawn { interface });
+            }
+        }
         Ok(())
     }
 
     //= SM2-LNK-004
-    fn unlinked(&mut self, interface: InterfaceId, link: LinkId, code: Code) {
+    fn unlinked(&mut self, interface: InterfaceId, link: LinkId, code: Code) -> Result<(), Error> {
+        if let Phase::Ended(end) = self.phase {
+            return Err(end.into());
+        }
         let ours = self.interfaces.get_mut(&interface);
         if ours.is_some_and(|interface| interface.close_link(link)) {
             self.send(&ToManager::Unlinked {
@@ -200,190 +305,21 @@ impl Node {
                 code,
             });
         }
+        Ok(())
     }
 
-    //= SM2-NOD-001
-    fn receive(&mut self, datagram: &Datagram<'_>) -> Result<(), End> {
-        let step = decode_to_node(datagram).and_then(|frame| self.step(frame));
-        match step {
-            Ok(output) => {
-                self.outputs.extend(output);
-                Ok(())
-            }
-            Err(violation) => {
-                let code = violation.code();
-                self.send(&ToManager::Goodbye { code });
-                let end = End::Violation(violation);
-                self.finish(end);
-                Err(end)
-            }
+    fn close(&mut self, code: Code) -> Result<(), Error> {
+        match self.phase {
+            Phase::Ended(end) => return Err(end.into()),
+            Phase::Away(_) => {}
+            _ => self.send(&ToManager::Goodbye { code }),
         }
-    }
-
-    /// One frame in the session's phase, and what the driver has to know of it:
-    /// the table of SPEC section 4.2.
-    fn step(&mut self, frame: ToNode) -> Result<Option<Output>, Violation> {
-        match (self.phase, frame) {
-            (Phase::Ended(_), _) => Ok(None),
-            (_, ToNode::Goodbye { code }) => {
-                self.finish(End::Peer(code));
-                Ok(None)
-            }
-            (
-                Phase::Greeting,
-                ToNode::Welcome {
-                    version,
-                    epoch,
-                    node,
-                },
-            ) => self.welcome(version, epoch, node),
-            (Phase::Greeting, ToNode::HelloRefused { reason }) => {
-                self.phase = Phase::Refused;
-                Ok(Some(Output::HelloRefused(reason)))
-            }
-            (_, ToNode::Welcome { .. } | ToNode::HelloRefused { .. }) => {
-                Err(Violation::UnexpectedWelcome)
-            }
-            (Phase::Greeting | Phase::Refused, _) => Err(Violation::ExpectedWelcome),
-            (Phase::Ready(..), ToNode::Declared { interface, matches }) => {
-                self.answered(interface)?.declared();
-                Ok(Some(Output::Declared { interface, matches }))
-            }
-            (Phase::Ready(..), ToNode::DeclareRefused { interface, reason }) => {
-                self.answered(interface)?;
-                self.interfaces.remove(&interface);
-                Ok(Some(Output::DeclareRefused { interface, reason }))
-            }
-            (
-                Phase::Ready(..),
-                ToNode::Link {
-                    interface,
-                    link,
-                    version,
-                    reliable,
-                    sealed,
-                    peer,
-                },
-            ) => self.link(interface, link, version, Terms { reliable, sealed }, peer),
-            (
-                Phase::Ready(..),
-                ToNode::Unlink {
-                    interface,
-                    link,
-                    code,
-                },
-            ) => self.unlink(interface, link, code),
-            (Phase::Ready(..), ToNode::Withdrawn { interface }) => {
-                self.interface(interface)?.withdrawn()?;
-                self.interfaces.remove(&interface);
-                Ok(Some(Output::Withdrawn { interface }))
-            }
-            (
-                Phase::Ready(..),
-                ToNode::Page {
-                    revision,
-                    items,
-                    next,
-                },
-            ) => {
-                let queries = self.queries.checked_sub(1);
-                self.queries = queries.ok_or(Violation::UnexpectedPage)?;
-                Ok(Some(Output::Page {
-                    revision,
-                    items,
-                    next,
-                }))
-            }
-        }
-    }
-
-    //= SM2-NOD-002
-    fn welcome(
-        &mut self,
-        version: u16,
-        epoch: u64,
-        node: NodeId,
-    ) -> Result<Option<Output>, Violation> {
-        if version != VERSION {
-            return Err(Violation::BadVersion);
-        }
-        self.phase = Phase::Ready(node, epoch);
-        Ok(Some(Output::Welcomed { node, epoch }))
-    }
-
-    fn link(
-        &mut self,
-        interface: InterfaceId,
-        link: LinkId,
-        version: u16,
-        terms: Terms,
-        peer: Peer,
-    ) -> Result<Option<Output>, Violation> {
-        let ours = self.interface(interface)?;
-        if !ours.link(link, version, terms, &peer.contract)? {
-            return Ok(None);
-        }
-        let Terms { reliable, sealed } = terms;
-        Ok(Some(Output::Linked {
-            interface,
-            link,
-            version,
-            reliable,
-            sealed,
-            peer,
-        }))
-    }
-
-    //= SM2-LNK-003
-    fn unlink(
-        &mut self,
-        interface: InterfaceId,
-        link: LinkId,
-        code: Code,
-    ) -> Result<Option<Output>, Violation> {
-        match self.interface(interface)?.unlink(link)? {
-            Answer::Nothing => Ok(None),
-            Answer::Unlinked => {
-                self.send(&ToManager::Unlinked {
-                    interface,
-                    link,
-                    code,
-                });
-                Ok(Some(Output::Unlink {
-                    interface,
-                    link,
-                    code,
-                }))
-            }
-        }
-    }
-
-    //= SM2-FRM-004
-    fn interface(&mut self, interface: InterfaceId) -> Result<&mut Interface, Violation> {
-        self.interfaces
-            .get_mut(&interface)
-            .ok_or(Violation::UnknownInterface)
-    }
-
-    /// The interface that the Manager has to answer next.
-    //= SM2-IFC-002
-    fn answered(&mut self, interface: InterfaceId) -> Result<&mut Interface, Violation> {
-        if self.declaring.front() != Some(&interface) {
-            return Err(Violation::UnknownInterface);
-        }
-        self.declaring.pop_front();
-        self.interface(interface)
+        self.finish(End::Local(code));
+        Ok(())
     }
 
     fn send(&mut self, frame: &ToManager) {
         self.outputs
             .push_back(Output::Transmit(encode_to_manager(frame)));
-    }
-
-    fn finish(&mut self, end: End) {
-        self.phase = Phase::Ended(end);
-        self.interfaces.clear();
-        self.declaring.clear();
-        self.outputs.push_back(Output::Ended(end));
     }
 }

@@ -12,14 +12,22 @@ use sm2_proto::{
 use super::contracts::name;
 
 pub(crate) const EPOCH: u64 = 0xE90C;
+const SECRET: u128 = 0x5EC2E7;
+/// SipHash-2-4 of the bytes of 1 under that secret, by another implementation.
+pub(crate) const FIRST_KEY: u64 = 0xFEDA_BC3F_4DF5_1929;
 
 pub(crate) const UNLIMITED: Policy = Policy {
     greeting: Duration::from_secs(2),
+    recovery: Duration::from_secs(5),
     greetings_per_user: usize::MAX,
     sessions_per_user: usize::MAX,
     interfaces_per_session: usize::MAX,
     interfaces_per_user: usize::MAX,
     links_per_session: usize::MAX,
+    schema_bytes_per_session: usize::MAX,
+    refusals_per_session: usize::MAX,
+    apart_per_session: usize::MAX,
+    changes_remembered: usize::MAX,
     seal_all: false,
     waive_user_boundary: false,
 };
@@ -29,6 +37,9 @@ pub(crate) const UNLIMITED: Policy = Policy {
 pub(crate) enum Event {
     Sent(NodeId, ToNode),
     Linked(LinkId, [(NodeId, ToNode); 2]),
+    CountersKept(NodeId),
+    /// To whom, and whose.
+    CountersSent(NodeId, ToNode, NodeId),
     HungUp(NodeId, Option<Code>, Cause),
 }
 
@@ -41,8 +52,12 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn new(policy: Policy) -> Self {
+        Self::with_secret(policy, SECRET)
+    }
+
+    pub(crate) fn with_secret(policy: Policy, secret: u128) -> Self {
         Self {
-            manager: Manager::new(EPOCH, policy),
+            manager: Manager::new(EPOCH, secret, policy),
             now: Instant(1),
             connections: 0,
         }
@@ -147,6 +162,18 @@ impl Bench {
         links
     }
 
+    /// A claim of version 1, neither reliable nor sealed.
+    pub(crate) fn claim(interface: u64, link: LinkId, key: u64) -> ToManager {
+        ToManager::Claim {
+            interface: InterfaceId(interface),
+            link,
+            key,
+            version: 1,
+            reliable: false,
+            sealed: false,
+        }
+    }
+
     pub(crate) fn withdraw(&mut self, session: NodeId, interface: u64) -> Vec<Event> {
         self.send(session, &withdraw(interface))
     }
@@ -170,6 +197,28 @@ pub(crate) fn hello(text: &str) -> ToManager {
         min_version: 1,
         max_version: 1,
         name: name(text),
+        resuming: false,
+    }
+}
+
+pub(crate) fn resuming(text: &str) -> ToManager {
+    ToManager::Hello {
+        min_version: 1,
+        max_version: 1,
+        name: name(text),
+        resuming: true,
+    }
+}
+
+/// A claim of version 1, neither reliable nor sealed.
+pub(crate) fn claim(interface: u64, link: LinkId, key: u64) -> ToManager {
+    ToManager::Claim {
+        interface: InterfaceId(interface),
+        link,
+        key,
+        version: 1,
+        reliable: false,
+        sealed: false,
     }
 }
 
@@ -199,7 +248,8 @@ pub(crate) fn seen_by(events: &[Event], node: NodeId) -> Vec<ToNode> {
     let frames = events.iter().flat_map(|event| match event {
         Event::Sent(to, frame) => vec![(*to, frame)],
         Event::Linked(_, ends) => ends.iter().map(|(to, frame)| (*to, frame)).collect(),
-        Event::HungUp(..) => Vec::new(),
+        Event::CountersSent(to, frame, _) => vec![(*to, frame)],
+        Event::CountersKept(_) | Event::HungUp(..) => Vec::new(),
     });
     let own = frames.filter(|(to, _)| *to == node);
     own.map(|(_, frame)| frame.clone()).collect()
@@ -211,6 +261,10 @@ pub(crate) fn read(output: Output) -> Event {
         Output::Send { session, frame } => Event::Sent(session, read_frame(&frame, 0)),
         Output::Link { link, ends } => {
             Event::Linked(link, ends.map(|(to, frame)| (to, read_frame(&frame, 1))))
+        }
+        Output::KeepCounters { session } => Event::CountersKept(session),
+        Output::SendCounters { session, frame, of } => {
+            Event::CountersSent(session, read_frame(&frame, 1), of)
         }
         Output::HangUp {
             session,

@@ -8,9 +8,9 @@ use proptest::{
     strategy::{BoxedStrategy, Union},
 };
 use sm2_proto::{
-    Code, Contract, Demand, InterfaceId, LinkId, Name, NodeId, Offer, Quota, Refusal, ServiceQos,
-    TypeId,
-    control::{Cursor, Item, Peer, ToManager, ToNode},
+    Code, Contract, Demand, InterfaceId, LinkId, Name, NodeId, Offer, Place, Quota, Refusal,
+    ServiceQos, TypeId,
+    control::{Apart, Change, Item, Key, Limits, Peer, ToManager, ToNode},
 };
 
 /// Numbers of every length on the wire.
@@ -38,15 +38,37 @@ fn nodes() -> impl Strategy<Value = NodeId> + Clone {
     number().prop_map(NodeId)
 }
 
-fn links() -> impl Strategy<Value = LinkId> {
+fn links() -> impl Strategy<Value = LinkId> + Clone {
     (number(), number()).prop_map(|(epoch, serial)| LinkId { epoch, serial })
 }
 
-fn cursors() -> impl Strategy<Value = Cursor> {
-    (nodes(), interfaces()).prop_map(|(node, interface)| Cursor { node, interface })
+fn places() -> impl Strategy<Value = Place> + Clone {
+    (nodes(), interfaces()).prop_map(|(node, interface)| Place { node, interface })
 }
 
-fn codes() -> impl Strategy<Value = Code> {
+fn keys() -> impl Strategy<Value = Key> + Clone {
+    prop_oneof![
+        Just(Key::Domain),
+        places().prop_map(|place| Key::Member { place }),
+        (links(), places()).prop_map(|(link, offering)| Key::Link { link, offering }),
+        (links(), places()).prop_map(|(link, place)| Key::Claim { link, place }),
+        (places(), places()).prop_map(|(offering, demanding)| Key::Apart {
+            offering,
+            demanding
+        }),
+    ]
+}
+
+/// Texts that a frame takes; whether they are schemas is the machines' to say.
+fn texts() -> impl Strategy<Value = String> {
+    prop_oneof![
+        "[ -~]{0,40}",
+        Just("plain:u8".to_owned()),
+        Just("\u{e4}".repeat(16_384)),
+    ]
+}
+
+fn codes() -> impl Strategy<Value = Code> + Clone {
     any::<u16>().prop_map(Code)
 }
 
@@ -129,36 +151,83 @@ fn refusals() -> impl Strategy<Value = Refusal> + Clone {
     ]
 }
 
-fn items() -> impl Strategy<Value = Item> {
+fn limits() -> impl Strategy<Value = Limits> {
+    (any::<[u32; 4]>(), any::<[bool; 2]>()).prop_map(|(numbers, flags)| Limits {
+        sessions_per_user: numbers[0],
+        interfaces_per_session: numbers[1],
+        interfaces_per_user: numbers[2],
+        links_per_session: numbers[3],
+        seal_all: flags[0],
+        waive_user_boundary: flags[1],
+    })
+}
+
+fn causes() -> impl Strategy<Value = Apart> {
     prop_oneof![
-        (nodes(), names(), any::<u32>(), any::<i32>()).prop_map(|(node, name, uid, pid)| {
-            Item::Node {
-                node,
-                name,
-                uid,
-                pid,
-            }
+        codes().prop_map(|code| Apart::Ended { code }),
+        (nodes(), any::<u32>()).prop_map(|(node, limit)| Apart::Quota { node, limit }),
+        Just(Apart::Descriptors),
+    ]
+}
+
+fn items() -> impl Strategy<Value = Item> {
+    let node = (nodes(), names(), any::<u32>(), any::<i32>(), any::<bool>());
+    let terms = any::<(u16, bool, bool)>();
+    prop_oneof![
+        limits().prop_map(|limits| Item::Domain { limits }),
+        node.prop_map(|(node, name, uid, pid, resuming)| Item::Node {
+            node,
+            name,
+            uid,
+            pid,
+            resuming,
         }),
-        (nodes(), interfaces(), contracts(), any::<u32>()).prop_map(
-            |(node, interface, contract, links)| Item::Interface {
-                node,
-                interface,
-                contract,
-                links,
+        (places(), contracts()).prop_map(|(place, contract)| Item::Interface { place, contract }),
+        (places(), contracts(), refusals()).prop_map(|(place, contract, reason)| Item::Refusal {
+            place,
+            contract,
+            reason,
+        }),
+        (links(), places(), places(), terms).prop_map(
+            |(link, offering, demanding, (version, reliable, sealed))| Item::Link {
+                link,
+                offering,
+                demanding,
+                version,
+                reliable,
+                sealed,
             }
         ),
+        (links(), places()).prop_map(|(link, place)| Item::Claim { link, place }),
+        (places(), places(), causes()).prop_map(|(offering, demanding, cause)| Item::Apart {
+            offering,
+            demanding,
+            cause,
+        }),
+    ]
+}
+
+fn changes() -> impl Strategy<Value = Change> {
+    prop_oneof![
+        items().prop_map(|item| Change::Set { item }),
+        keys().prop_map(|key| Change::Removed { key }),
     ]
 }
 
 pub(crate) fn to_manager() -> Union<BoxedStrategy<ToManager>> {
     let unlinked = (interfaces(), links(), codes());
+    let terms = any::<(u16, bool, bool)>();
+    let claim = (interfaces(), links(), number(), terms);
     Union::new([
-        (any::<(u16, u16)>(), names())
-            .prop_map(|((min_version, max_version), name)| ToManager::Hello {
-                min_version,
-                max_version,
-                name,
-            })
+        (any::<(u16, u16, bool)>(), names())
+            .prop_map(
+                |((min_version, max_version, resuming), name)| ToManager::Hello {
+                    min_version,
+                    max_version,
+                    name,
+                    resuming,
+                },
+            )
             .boxed(),
         (interfaces(), contracts())
             .prop_map(|(interface, contract)| ToManager::Declare {
@@ -176,10 +245,34 @@ pub(crate) fn to_manager() -> Union<BoxedStrategy<ToManager>> {
                 code,
             })
             .boxed(),
-        option::of(cursors())
+        option::of(keys())
             .prop_map(|after| ToManager::Query { after })
             .boxed(),
         codes().prop_map(|code| ToManager::Goodbye { code }).boxed(),
+        claim
+            .prop_map(
+                |(interface, link, key, (version, reliable, sealed))| ToManager::Claim {
+                    interface,
+                    link,
+                    key,
+                    version,
+                    reliable,
+                    sealed,
+                },
+            )
+            .boxed(),
+        Just(ToManager::Claimed).boxed(),
+        number()
+            .prop_map(|after| ToManager::Watch { after })
+            .boxed(),
+        Just(ToManager::Counters).boxed(),
+        nodes().prop_map(|node| ToManager::Inspect { node }).boxed(),
+        (types(), texts())
+            .prop_map(|(data, text)| ToManager::Schema { data, text })
+            .boxed(),
+        types()
+            .prop_map(|data| ToManager::Describe { data })
+            .boxed(),
     ])
 }
 
@@ -210,11 +303,12 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
         (interfaces(), refusals())
             .prop_map(|(interface, reason)| ToNode::DeclareRefused { interface, reason })
             .boxed(),
-        (interfaces(), links(), terms, peer)
+        (interfaces(), links(), number(), terms, peer)
             .prop_map(
-                |(interface, link, (version, reliable, sealed), peer)| ToNode::Link {
+                |(interface, link, key, (version, reliable, sealed), peer)| ToNode::Link {
                     interface,
                     link,
+                    key,
                     version,
                     reliable,
                     sealed,
@@ -232,7 +326,7 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
         interfaces()
             .prop_map(|interface| ToNode::Withdrawn { interface })
             .boxed(),
-        (number(), vec(items(), 0..6), option::of(cursors()))
+        (number(), vec(items(), 0..6), option::of(keys()))
             .prop_map(|(revision, items, next)| ToNode::Page {
                 revision,
                 items,
@@ -240,5 +334,19 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
             })
             .boxed(),
         codes().prop_map(|code| ToNode::Goodbye { code }).boxed(),
+        (number(), option::of(vec(changes(), 0..6)), any::<bool>())
+            .prop_map(|(revision, changes, more)| ToNode::Changes {
+                revision,
+                changes,
+                more,
+            })
+            .boxed(),
+        nodes().prop_map(|node| ToNode::Inspected { node }).boxed(),
+        nodes()
+            .prop_map(|node| ToNode::NotInspected { node })
+            .boxed(),
+        (types(), option::of(texts()))
+            .prop_map(|(data, text)| ToNode::Described { data, text })
+            .boxed(),
     ])
 }

@@ -3,6 +3,8 @@
 
 pub(crate) mod bench;
 pub(crate) mod contracts;
+pub(crate) mod items;
+pub(crate) mod onlooker;
 pub(crate) mod oracle;
 pub(crate) mod session;
 pub(crate) mod world;

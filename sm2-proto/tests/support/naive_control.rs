@@ -13,6 +13,7 @@ pub(crate) fn to_manager(bytes: &[u8], fds: usize) -> Read<Value> {
                 "min_version": reader.u16()?,
                 "max_version": reader.u16()?,
                 "name": reader.name()?,
+                "resuming": reader.bool()?,
             }}),
             1 => json!({"Declare": {
                 "interface": reader.u64()?,
@@ -24,8 +25,22 @@ pub(crate) fn to_manager(bytes: &[u8], fds: usize) -> Read<Value> {
                 "link": reader.link_id()?,
                 "code": reader.u16()?,
             }}),
-            4 => json!({"Query": {"after": reader.option(Reader::cursor)?}}),
+            4 => json!({"Query": {"after": reader.option(Reader::key)?}}),
             5 => json!({"Goodbye": {"code": reader.u16()?}}),
+            6 => json!({"Claim": {
+                "interface": reader.u64()?,
+                "link": reader.link_id()?,
+                "key": reader.u64()?,
+                "version": reader.u16()?,
+                "reliable": reader.bool()?,
+                "sealed": reader.bool()?,
+            }}),
+            7 => json!("Claimed"),
+            8 => json!({"Watch": {"after": reader.u64()?}}),
+            9 => return Ok(Some((json!("Counters"), 1))),
+            10 => json!({"Inspect": {"node": reader.u64()?}}),
+            11 => json!({"Schema": {"data": reader.type_id()?, "text": reader.schema()?}}),
+            12 => json!({"Describe": {"data": reader.type_id()?}}),
             _ => return Ok(None),
         };
         Ok(Some((meaning, 0)))
@@ -53,6 +68,7 @@ pub(crate) fn to_node(bytes: &[u8], fds: usize) -> Read<Value> {
                 let meaning = json!({"Link": {
                     "interface": reader.u64()?,
                     "link": reader.link_id()?,
+                    "key": reader.u64()?,
                     "version": reader.u16()?,
                     "reliable": reader.bool()?,
                     "sealed": reader.bool()?,
@@ -77,10 +93,24 @@ pub(crate) fn to_node(bytes: &[u8], fds: usize) -> Read<Value> {
                 for _ in 0..reader.u64()? {
                     items.push(reader.item()?);
                 }
-                let next = reader.option(Reader::cursor)?;
+                let next = reader.option(Reader::key)?;
                 json!({"Page": {"revision": revision, "items": items, "next": next}})
             }
             8 => json!({"Goodbye": {"code": reader.u16()?}}),
+            9 => json!({"Changes": {
+                "revision": reader.u64()?,
+                "changes": reader.option(Reader::changes)?,
+                "more": reader.bool()?,
+            }}),
+            10 => {
+                let meaning = json!({"Inspected": {"node": reader.u64()?}});
+                return Ok(Some((meaning, 1)));
+            }
+            11 => json!({"NotInspected": {"node": reader.u64()?}}),
+            12 => json!({"Described": {
+                "data": reader.type_id()?,
+                "text": reader.option(Reader::schema)?,
+            }}),
             _ => return Ok(None),
         };
         Ok(Some((meaning, 0)))
@@ -100,6 +130,7 @@ fn frame(
         rest: bytes,
         longer_than_needed: false,
         bad_qos: false,
+        bad_schema: false,
     };
     let number = reader.u32().map_err(|_| "unknown-frame")?;
     let (meaning, fds_expected) = body(&mut reader, number)?.ok_or("unknown-frame")?;
@@ -112,6 +143,9 @@ fn frame(
     if reader.bad_qos {
         return Err("bad-qos");
     }
+    if reader.bad_schema {
+        return Err("bad-schema");
+    }
     if fds != fds_expected {
         return Err("fd-count");
     }
@@ -122,6 +156,7 @@ struct Reader<'a> {
     rest: &'a [u8],
     longer_than_needed: bool,
     bad_qos: bool,
+    bad_schema: bool,
 }
 
 impl Reader<'_> {
@@ -207,8 +242,44 @@ impl Reader<'_> {
         Ok(json!({"epoch": self.u64()?, "serial": self.u64()?}))
     }
 
-    fn cursor(&mut self) -> Read<Value> {
+    fn place(&mut self) -> Read<Value> {
         Ok(json!({"node": self.u64()?, "interface": self.u64()?}))
+    }
+
+    fn key(&mut self) -> Read<Value> {
+        Ok(match self.u32()? {
+            0 => json!("Domain"),
+            1 => json!({"Member": {"place": self.place()?}}),
+            2 => json!({"Link": {"link": self.link_id()?, "offering": self.place()?}}),
+            3 => json!({"Claim": {"link": self.link_id()?, "place": self.place()?}}),
+            4 => json!({"Apart": {"offering": self.place()?, "demanding": self.place()?}}),
+            _ => return Err("malformed"),
+        })
+    }
+
+    fn changes(&mut self) -> Read<Value> {
+        let mut changes = Vec::new();
+        for _ in 0..self.u64()? {
+            changes.push(match self.u32()? {
+                0 => json!({"Set": {"item": self.item()?}}),
+                1 => json!({"Removed": {"key": self.key()?}}),
+                _ => return Err("malformed"),
+            });
+        }
+        Ok(Value::Array(changes))
+    }
+
+    /// Any text, here; a long one is no schema's.
+    fn schema(&mut self) -> Read<String> {
+        let len = self.u64()?;
+        if len > self.rest.len() as u64 {
+            return Err("malformed");
+        }
+        let (text, rest) = self.rest.split_at(len as usize);
+        self.rest = rest;
+        self.bad_schema |= len > 32_768;
+        // SPEC has no other word for bytes that are no text.
+        String::from_utf8(text.to_vec()).map_err(|_| "bad-name")
     }
 
     /// `depth` and `max_borrowed` are at least 1, `latched` is not.
@@ -289,18 +360,53 @@ impl Reader<'_> {
 
     fn item(&mut self) -> Read<Value> {
         Ok(match self.u32()? {
-            0 => json!({"Node": {
+            0 => json!({"Domain": {"limits": {
+                "sessions_per_user": self.u32()?,
+                "interfaces_per_session": self.u32()?,
+                "interfaces_per_user": self.u32()?,
+                "links_per_session": self.u32()?,
+                "seal_all": self.bool()?,
+                "waive_user_boundary": self.bool()?,
+            }}}),
+            1 => json!({"Node": {
                 "node": self.u64()?,
                 "name": self.name()?,
                 "uid": self.u32()?,
                 "pid": self.i32()?,
+                "resuming": self.bool()?,
             }}),
-            1 => json!({"Interface": {
-                "node": self.u64()?,
-                "interface": self.u64()?,
+            2 => json!({"Interface": {
+                "place": self.place()?,
                 "contract": self.contract()?,
-                "links": self.u32()?,
             }}),
+            3 => json!({"Refusal": {
+                "place": self.place()?,
+                "contract": self.contract()?,
+                "reason": self.refusal()?,
+            }}),
+            4 => json!({"Link": {
+                "link": self.link_id()?,
+                "offering": self.place()?,
+                "demanding": self.place()?,
+                "version": self.u16()?,
+                "reliable": self.bool()?,
+                "sealed": self.bool()?,
+            }}),
+            5 => json!({"Claim": {"link": self.link_id()?, "place": self.place()?}}),
+            6 => json!({"Apart": {
+                "offering": self.place()?,
+                "demanding": self.place()?,
+                "cause": self.apart()?,
+            }}),
+            _ => return Err("malformed"),
+        })
+    }
+
+    fn apart(&mut self) -> Read<Value> {
+        Ok(match self.u32()? {
+            0 => json!({"Ended": {"code": self.u16()?}}),
+            1 => json!({"Quota": {"node": self.u64()?, "limit": self.u32()?}}),
+            2 => json!("Descriptors"),
             _ => return Err("malformed"),
         })
     }

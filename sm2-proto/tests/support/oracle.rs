@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::{
-    Contract, InterfaceId, LinkId, Name, NodeId, TypeId,
-    control::{Item, ToManager, ToNode},
+    Code, Contract, InterfaceId, LinkId, Name, NodeId, Place, Refusal, TypeId,
+    control::{Apart, Item, Limits, ToManager, ToNode},
 };
 
 use super::bench::Event;
@@ -32,7 +32,9 @@ pub(crate) struct Oracle {
     links: BTreeMap<LinkId, [End; 2]>,
     /// Pairs that are not linked although they match: a node ended their link,
     /// or there were no descriptors for it.
-    apart: BTreeSet<[End; 2]>,
+    apart: BTreeMap<[End; 2], Apart>,
+    /// All that was refused and not granted later.
+    refused: BTreeMap<End, (Contract, Refusal)>,
 }
 
 impl Oracle {
@@ -43,10 +45,11 @@ impl Oracle {
     pub(crate) fn gone(&mut self, node: NodeId) {
         self.sessions.remove(&node);
         self.interfaces.retain(|&(it, _), _| it != node);
+        self.refused.retain(|&(it, _), _| it != node);
     }
 
     pub(crate) fn link_failed(&mut self, link: LinkId) {
-        self.apart.insert(self.links[&link]);
+        self.apart.insert(self.links[&link], Apart::Descriptors);
     }
 
     /// A node's legal frame, and what the Manager made of it.
@@ -60,11 +63,24 @@ impl Oracle {
             ToManager::Withdraw { interface } => {
                 self.interfaces.remove(&(node, interface));
             }
-            ToManager::Unlinked { link, .. } => {
-                self.apart.insert(self.links[&link]);
-            }
+            ToManager::Unlinked {
+                interface,
+                link,
+                code,
+            } => self.unlinked((node, interface), link, code),
             ToManager::Query { .. } => {}
             ToManager::Goodbye { .. } => self.gone(node),
+            other => panic!("nobody sends {other:?} here"),
+        }
+    }
+
+    /// The first of the two farewells says why.
+    fn unlinked(&mut self, end: End, link: LinkId, code: Code) {
+        let pair = self.links[&link];
+        let ended = self.apart.contains_key(&pair);
+        let there = pair.iter().all(|end| self.interfaces.contains_key(end));
+        if !ended && there && pair.contains(&end) {
+            self.apart.insert(pair, Apart::Ended { code });
         }
     }
 
@@ -84,8 +100,15 @@ impl Oracle {
         let conflict = self.interfaces.values().any(|it| conflict(it, &contract));
         assert_eq!(refused, conflict, "{contract:?} {events:?}");
         if refused {
+            let [Event::Sent(_, ToNode::DeclareRefused { reason, .. })] = events else {
+                panic!("{events:?}");
+            };
+            self.refused.insert(end, (contract, reason.clone()));
             return;
         }
+        let other = |it: &Contract| it.kind() != contract.kind() || it.name() != contract.name();
+        self.refused
+            .retain(|&(node, _), (it, _)| node != end.0 || other(it));
         let matching = self.interfaces.iter();
         let matching = matching.filter(|(_, it)| terms(it, &contract).is_some());
         let matching: BTreeSet<End> = matching.map(|(&end, _)| end).collect();
@@ -117,7 +140,7 @@ impl Oracle {
                     continue;
                 };
                 terms.sealed |= self.sessions[&one.0].uid != self.sessions[&other.0].uid;
-                if !self.apart.contains(&[one, other]) {
+                if !self.apart.contains_key(&[one, other]) {
                     pairs.insert([one, other], terms);
                 }
             }
@@ -125,32 +148,69 @@ impl Oracle {
         pairs
     }
 
-    /// Everything that QUERY can show, without the process ids.
-    pub(crate) fn listing(&self) -> Vec<Item> {
-        let pairs = self.pairs();
-        let mut items = Vec::new();
+    /// Everything that QUERY can show, without the process ids, in the order of the keys.
+    //= SM2-WCH-004 test
+    pub(crate) fn listing(&self, limits: Limits) -> Vec<Item> {
+        let mut items = vec![Item::Domain { limits }];
         for (&node, session) in &self.sessions {
-            let Some(name) = session.name.clone() else {
-                continue;
-            };
-            items.push(Item::Node {
+            items.extend(session.name.clone().map(|name| Item::Node {
                 node,
                 name,
                 uid: session.uid,
                 pid: 0,
-            });
-            let own = self.interfaces.iter().filter(|((it, _), _)| *it == node);
-            items.extend(own.map(|(&end, contract)| {
-                let links = pairs.keys().flatten().filter(|&&it| it == end);
-                Item::Interface {
-                    node,
-                    interface: end.1,
-                    contract: contract.clone(),
-                    links: u32::try_from(links.count()).expect("few links"),
-                }
+                resuming: false,
             }));
+            let refused = self.refused.range((node, InterfaceId(0))..);
+            let refused: Vec<_> = refused.filter(|((it, _), _)| *it == node).collect();
+            let oldest = refused.len().saturating_sub(16);
+            for &(&end, (contract, reason)) in &refused[oldest..] {
+                items.push(Item::Refusal {
+                    place: place(end),
+                    contract: contract.clone(),
+                    reason: reason.clone(),
+                });
+            }
         }
+        for (&end, contract) in &self.interfaces {
+            let (place, contract) = (place(end), contract.clone());
+            items.push(Item::Interface { place, contract });
+        }
+        let pairs = self.pairs();
+        for (&link, pair) in &self.links {
+            if let Some(terms) = pairs.get(pair) {
+                let [offering, demanding] = self.sides(pair);
+                items.push(Item::Link {
+                    link,
+                    offering,
+                    demanding,
+                    version: 1,
+                    reliable: terms.reliable,
+                    sealed: terms.sealed,
+                });
+            }
+        }
+        for (pair, &cause) in &self.apart {
+            if pair.iter().all(|end| self.interfaces.contains_key(end)) {
+                let [offering, demanding] = self.sides(pair);
+                items.push(Item::Apart {
+                    offering,
+                    demanding,
+                    cause,
+                });
+            }
+        }
+        items.sort_by_key(Item::key);
         items
+    }
+
+    /// A pair, the publisher or server first.
+    fn sides(&self, &[one, other]: &[End; 2]) -> [Place; 2] {
+        let offers = matches!(
+            self.interfaces[&one],
+            Contract::Publisher { .. } | Contract::Server { .. }
+        );
+        let ends = if offers { [one, other] } else { [other, one] };
+        ends.map(place)
     }
 
     pub(crate) fn sessions(&self) -> usize {
@@ -162,6 +222,10 @@ impl Oracle {
         let (&node, _) = sessions.find(|(_, it)| it.name.is_some())?;
         Some(node)
     }
+}
+
+fn place((node, interface): End) -> Place {
+    Place { node, interface }
 }
 
 pub(crate) fn pair(one: End, other: End) -> [End; 2] {

@@ -2,9 +2,11 @@
 #![allow(dead_code, reason = "each test uses a part")]
 
 use sm2_proto::{
-    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId, Refusal, Violation,
+    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId, Refusal, TypeId,
+    Violation,
     control::{Peer, ToManager, ToNode, decode_to_manager, encode_to_node},
     node::{End, Error, Input, Node, Output},
+    schema::Schema,
 };
 
 use super::contracts::{data, name, publisher, subscriber};
@@ -16,7 +18,7 @@ pub(crate) fn receive(node: &mut Node, frame: &ToNode) -> Result<Vec<Output>, Er
     let bytes = encode_to_node(frame);
     let fds = [FdFacts::default()];
     let datagram = Datagram {
-        fds: if matches!(frame, ToNode::Link { .. }) {
+        fds: if matches!(frame, ToNode::Link { .. } | ToNode::Inspected { .. }) {
             &fds
         } else {
             &[]
@@ -72,6 +74,7 @@ pub(crate) fn link(interface: u64, serial: u64) -> ToNode {
     ToNode::Link {
         interface: InterfaceId(interface),
         link: link_id(serial),
+        key: 7,
         version: 1,
         reliable: false,
         sealed: false,
@@ -105,6 +108,35 @@ pub(crate) fn page() -> ToNode {
     }
 }
 
+pub(crate) fn changes() -> ToNode {
+    ToNode::Changes {
+        revision: 2,
+        changes: Some(Vec::new()),
+        more: false,
+    }
+}
+
+/// A type, and the text that has its hash.
+pub(crate) fn schema() -> (TypeId, String) {
+    let text = "plain:struct{x:f64,}";
+    let hash = Schema::parse(text).expect("a schema").hash();
+    (
+        TypeId {
+            name: name("Point"),
+            hash,
+        },
+        text.to_owned(),
+    )
+}
+
+pub(crate) fn described() -> ToNode {
+    let (data, text) = schema();
+    ToNode::Described {
+        data,
+        text: Some(text),
+    }
+}
+
 pub(crate) fn refused(interface: u64) -> ToNode {
     ToNode::DeclareRefused {
         interface: InterfaceId(interface),
@@ -114,7 +146,19 @@ pub(crate) fn refused(interface: u64) -> ToNode {
     }
 }
 
-/// A ready node with interface 1 *live* with link 1, 2 *declaring*, and a query open.
+/// Everything that can be asked is asked: a page, changes, the counters of node 4, a schema.
+pub(crate) fn ask(node: &mut Node) {
+    for input in [
+        Input::Query { after: None },
+        Input::Watch { after: 1 },
+        Input::Inspect { node: NodeId(4) },
+        Input::Describe { data: schema().0 },
+    ] {
+        node.handle(NOW, input).expect("welcomed");
+    }
+}
+
+/// A ready node with interface 1 *live* with link 1, 2 *declaring*, and everything asked.
 pub(crate) fn ready() -> Node {
     let mut node = Node::new(name("lidar"));
     receive(&mut node, &welcome()).expect("legal");
@@ -122,10 +166,43 @@ pub(crate) fn ready() -> Node {
     receive(&mut node, &declared(1)).expect("legal");
     receive(&mut node, &link(1, 1)).expect("legal");
     node.declare(contract()).expect("ready");
-    node.handle(NOW, Input::Query { after: None })
-        .expect("ready");
+    ask(&mut node);
     drain(&mut node);
     node
+}
+
+pub(crate) const LATER: u64 = 6;
+
+pub(crate) fn welcome_in(epoch: u64) -> ToNode {
+    ToNode::Welcome {
+        version: 1,
+        epoch,
+        node: NodeId(8),
+    }
+}
+
+/// The claim of the link that [`link`] made.
+pub(crate) fn claim(interface: u64) -> ToManager {
+    claim_of(interface, 1)
+}
+
+pub(crate) fn claim_of(interface: u64, serial: u64) -> ToManager {
+    ToManager::Claim {
+        interface: InterfaceId(interface),
+        link: link_id(serial),
+        key: 7,
+        version: 1,
+        reliable: false,
+        sealed: false,
+    }
+}
+
+/// The session is over, and there is another one, with a Manager of the epoch [`LATER`].
+pub(crate) fn come_back(node: &mut Node) -> Vec<Output> {
+    node.handle(NOW, Input::Eof).expect("a session");
+    node.handle(NOW, Input::Reconnected).expect("away");
+    drain(node);
+    receive(node, &welcome_in(LATER)).expect("legal")
 }
 
 /// Interface 1 in some state, with link 1 where it can have one.
@@ -133,16 +210,29 @@ pub(crate) fn interface_in(state: &str) -> Node {
     let mut node = Node::new(name("lidar"));
     receive(&mut node, &welcome()).expect("legal");
     let interface = node.declare(contract()).expect("ready");
-    if state != "declaring" {
-        receive(&mut node, &declared(1)).expect("legal");
-        receive(&mut node, &link(1, 1)).expect("legal");
+    if state == "declaring" {
+        drain(&mut node);
+        return node;
     }
-    if state == "dropping" || state == "gone" {
+    receive(&mut node, &declared(1)).expect("legal");
+    receive(&mut node, &link(1, 1)).expect("legal");
+    if state == "unclaimed" {
+        node.declare(contract()).expect("ready");
+        receive(&mut node, &declared(2)).expect("legal");
+    }
+    if !["live", "dropping", "gone"].contains(&state) {
+        come_back(&mut node);
+    }
+    if ["dropping", "gone", "doomed"].contains(&state) {
         node.handle(NOW, Input::Withdraw { interface })
-            .expect("live");
+            .expect("declared");
     }
-    if state == "gone" {
-        receive(&mut node, &withdrawn(1)).expect("legal");
+    match state {
+        "live" | "dropping" | "renewing" | "doomed" => {}
+        "gone" => drop(receive(&mut node, &withdrawn(1)).expect("legal")),
+        "unclaimed" | "claimed" => drop(receive(&mut node, &declared(1)).expect("legal")),
+        "dormant" => drop(receive(&mut node, &refused(1)).expect("legal")),
+        other => panic!("{other} is no state"),
     }
     drain(&mut node);
     node

@@ -5,17 +5,28 @@ use std::collections::{BTreeMap, VecDeque};
 
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Name, NodeId, Seals,
-    control::{Item, ToManager, ToNode, decode_to_manager, encode_to_manager},
+    control::{Limits, decode_to_manager},
     manager::{Cause, Credentials, Input, Manager, Output, Policy},
     node::{self, Node},
 };
 
 use super::{
     bench::{EPOCH, Event, read},
+    onlooker::Onlooker,
     oracle::{End, Oracle, Terms, pair},
 };
 
 const NOW: Instant = Instant(1);
+
+/// What the default policy allows (SPEC section 2).
+const LIMITS: Limits = Limits {
+    sessions_per_user: 1_024,
+    interfaces_per_session: 1_024,
+    interfaces_per_user: 16_384,
+    links_per_session: 8_192,
+    seal_all: false,
+    waive_user_boundary: false,
+};
 
 /// What the kernel says of one end of a link's socket pair.
 const SOCKET: FdFacts = FdFacts {
@@ -57,8 +68,8 @@ pub(crate) struct World {
     shortage: u8,
     /// Links that found none and that the oracle has not heard of.
     failed: Vec<LinkId>,
-    /// What a page said last, and at which revision.
-    listed: (u64, Vec<Item>),
+    /// Somebody who looks at the domain all the time.
+    onlooker: Onlooker,
     /// What each node got to read, over all time.
     trace: Vec<(NodeId, Vec<u8>)>,
     /// Whether rogues send their bytes, or just go.
@@ -68,7 +79,7 @@ pub(crate) struct World {
 impl World {
     pub(crate) fn new(slots: usize, rogues: bool) -> Self {
         Self {
-            manager: Manager::new(EPOCH, Policy::default()),
+            manager: Manager::new(EPOCH, 1, Policy::default()),
             oracle: Oracle::default(),
             sockets: BTreeMap::new(),
             processes: vec![None; slots],
@@ -76,7 +87,7 @@ impl World {
             last_link: 0,
             shortage: 0,
             failed: Vec::new(),
-            listed: (0, Vec::new()),
+            onlooker: Onlooker::new(LIMITS),
             trace: Vec::new(),
             rogues,
         }
@@ -287,6 +298,7 @@ impl World {
                 | node::Output::DeclareRefused { .. }
                 | node::Output::Withdrawn { .. }
                 | node::Output::Page { .. } => {}
+                other => panic!("nobody asked for {other:?}"),
             }
         }
     }
@@ -419,6 +431,7 @@ impl World {
                     self.send(session, frame, &[SOCKET]);
                 }
             }
+            Output::KeepCounters { .. } | Output::SendCounters { .. } => panic!("nobody counts"),
             Output::HangUp {
                 session, goodbye, ..
             } => {
@@ -440,45 +453,12 @@ impl World {
 
     // What has to hold.
 
-    /// Pages show exactly what the oracle says, and a revision is one state.
+    /// Pages and changes show exactly what the oracle says.
     fn check_listing(&mut self) {
         assert_eq!(self.manager.sessions(), self.oracle.sessions());
-        let expected = self.oracle.listing();
-        let items = self.list();
-        assert_eq!(items, expected);
-        let revision = self.manager.revision();
-        let changed = items != self.listed.1;
-        assert!(revision > self.listed.0 || !changed, "revision {revision}");
-        self.listed = (revision, items);
-    }
-
-    /// All pages together, without disturbing anybody.
-    fn list(&self) -> Vec<Item> {
-        let mut items = Vec::new();
-        let Some(session) = self.oracle.a_ready_session() else {
-            return items;
-        };
-        let mut aside = self.manager.clone();
-        let mut after = None;
-        loop {
-            let bytes = encode_to_manager(&ToManager::Query { after });
-            let datagram = Datagram::new(&bytes);
-            let asked = aside.handle(NOW, Input::Datagram { session, datagram });
-            asked.expect("the driver keeps the contract");
-            let Some(Event::Sent(
-                _,
-                ToNode::Page {
-                    items: more, next, ..
-                },
-            )) = aside.poll().map(read)
-            else {
-                panic!("QUERY is answered with PAGE");
-            };
-            items.extend(more);
-            after = next;
-            if after.is_none() {
-                return items;
-            }
+        if let Some(session) = self.oracle.a_ready_session() {
+            let expected = self.oracle.listing(LIMITS);
+            self.onlooker.check(&self.manager, session, &expected);
         }
     }
 

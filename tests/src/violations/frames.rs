@@ -42,6 +42,14 @@ fn transport() -> Rows {
         .row("GOODBYE with a descriptor", |node| {
             node.ready();
             node.send_nulls(control::goodbye(0), 1);
+        })
+        .row("COUNTERS without one", |node| {
+            node.ready();
+            node.send(control::counters());
+        })
+        .row("COUNTERS with two", |node| {
+            node.ready();
+            node.send_nulls(control::counters(), 2);
         });
     all([long, count])
 }
@@ -49,12 +57,14 @@ fn transport() -> Rows {
 fn encoding() -> Rows {
     all([
         Rule::new(UnknownFrame, "SM2-FRM-001")
-            .sent("frame 6", [6])
+            .sent("frame 13", [13])
             .sent("frame 16,383", [0xff, 0x7f])
             .sent("a number cut short", [0x80]),
         Rule::new(Malformed, "SM2-FRM-001")
             .sent("HELLO without fields", [0])
             .sent("QUERY with option 2", [4, 2])
+            .sent("QUERY after key 5", [4, 1, 5])
+            .sent("HELLO with `resuming` 2", [0, 1, 1, 1, b'n', 2])
             .sent("DECLARE with contract 4", [1, 1, 4])
             .sent("GOODBYE with code 65,536", [5, 0x80, 0x80, 0x04])
             .sent("HELLO whose name is cut short", [0, 1, 1, 5, b'n'])
@@ -63,7 +73,10 @@ fn encoding() -> Rows {
         Rule::new(NotCanonical, "SM2-FRM-002")
             .sent("GOODBYE with 0 in two bytes", [5, 0x80, 0])
             .sent("GOODBYE numbered in two bytes", [0x85, 0, 0])
-            .sent("HELLO with a length in two bytes", [0, 1, 1, 0x81, 0, b'n']),
+            .sent(
+                "HELLO with a length in two bytes",
+                [0, 1, 1, 0x81, 0, b'n', 0],
+            ),
     ])
 }
 

@@ -37,6 +37,8 @@ pub fn rows() -> Rows {
     rows.extend(numbers());
     rows.extend(interfaces());
     rows.extend(links());
+    rows.extend(super::takeover::rows());
+    rows.extend(super::questions::rows());
     rows
 }
 
@@ -94,6 +96,10 @@ fn greeting() -> Rows {
         ("WITHDRAW", control::withdraw(1)),
         ("UNLINKED", control::unlinked(1, link, 0)),
         ("QUERY", control::query()),
+        ("CLAIMED", control::claimed()),
+        ("WATCH", control::watch(0)),
+        ("INSPECT", control::inspect(1)),
+        ("DESCRIBE", control::describe(&control::bytes_type())),
     ];
     let mut expected = Rule::new(ExpectedHello, "SM2-SES-001");
     for (frame, bytes) in early {
@@ -187,7 +193,14 @@ fn links() -> Rows {
 /// Frames that would break two rules at once, with the rule that SPEC section 10 names first.
 #[must_use]
 pub fn precedence() -> Rows {
-    let bad_name = Fields::new().int(0).int(1).int(1).text("").int(0).bytes();
+    let bad_name = Fields::new()
+        .int(0)
+        .int(1)
+        .int(1)
+        .text("")
+        .int(0)
+        .int(0)
+        .bytes();
     all([
         Rule::new(FrameTooLong, "SM2-TRN-004").row("too long, and unknown", |node| {
             node.send_nulls([0xff; 65_537], 2)

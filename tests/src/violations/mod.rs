@@ -9,7 +9,9 @@ mod frames;
 pub mod link;
 pub mod manager;
 pub mod node;
+mod questions;
 pub mod spec;
+mod takeover;
 
 use std::fmt;
 

@@ -9,9 +9,10 @@ use sm2_io::SeqPacket;
 use sm2_proto::{
     LinkId,
     Violation::{
-        BadLink, BadName, BadQos, BadVersion, ControlTruncated, ExpectedWelcome, FdCount,
-        FrameTooLong, LinkNumber, Malformed, NotCanonical, TrailingBytes, UnexpectedPage,
-        UnexpectedWelcome, UnknownFrame, UnknownInterface, UnknownLink,
+        BadLink, BadName, BadQos, BadSchema, BadVersion, ControlTruncated, ExpectedWelcome,
+        FdCount, FrameTooLong, LinkNumber, Malformed, NotCanonical, TrailingBytes,
+        UnexpectedChanges, UnexpectedCounters, UnexpectedPage, UnexpectedSchema, UnexpectedWelcome,
+        UnknownFrame, UnknownInterface, UnknownLink,
     },
 };
 
@@ -21,8 +22,8 @@ use crate::{
     control::{
         self, Qos, bytes_type, publisher, subscriber,
         to_node::{
-            Link, declare_refused, declared, goodbye, hello_refused, node_item, page, unlink,
-            welcome, withdrawn,
+            Link, changes, declare_refused, declared, described, goodbye, hello_refused, inspected,
+            node_item, not_inspected, page, unlink, welcome, withdrawn,
         },
     },
     memory,
@@ -68,6 +69,15 @@ impl NodeStage {
         self.session.send(bytes);
     }
 
+    /// What the node says next, but for its counters, which it hands over some time.
+    fn expect(&self) -> Vec<u8> {
+        let mut bytes = self.session.expect().bytes;
+        if bytes == control::counters() {
+            bytes = self.session.expect().bytes;
+        }
+        bytes
+    }
+
     /// Welcomes the node.
     fn ready(&self) {
         self.send(welcome(1, 9, 1));
@@ -80,8 +90,7 @@ impl NodeStage {
         self.ready();
         let mut actor = self.actor.borrow_mut();
         actor.say(&format!("sub t t {options}"));
-        let frame = self.session.expect();
-        assert_eq!(frame.bytes[..2], [1, SUBSCRIBER as u8], "DECLARE");
+        assert_eq!(self.expect()[..2], [1, SUBSCRIBER as u8], "DECLARE");
         self.waiting.set(true);
     }
 
@@ -117,6 +126,7 @@ fn link() -> Link {
     Link {
         interface: SUBSCRIBER,
         link: LINK,
+        key: 5,
         version: 1,
         reliable: false,
         sealed: false,
@@ -223,7 +233,7 @@ fn encoding() -> Rows {
     qos.depth = 0;
     let depth = with(publisher("t", qos));
     all([
-        Rule::new(UnknownFrame, "SM2-FRM-001").linked("frame 9", [9]),
+        Rule::new(UnknownFrame, "SM2-FRM-001").linked("frame 13", [13]),
         Rule::new(Malformed, "SM2-FRM-001")
             .linked("DECLARED without fields", [2])
             .linked("HELLO_REFUSED for reason 5", [1, 5]),
@@ -246,6 +256,9 @@ fn greeting() -> Rows {
         .greeting("UNLINK before WELCOME", unlink(1, LINK, 0))
         .greeting("WITHDRAWN before WELCOME", withdrawn(1))
         .greeting("PAGE before WELCOME", page(&[]))
+        .greeting("CHANGES before WELCOME", changes(1))
+        .greeting("NOT_INSPECTED before WELCOME", not_inspected(1))
+        .greeting("DESCRIBED before WELCOME", described(&bytes_type(), None))
         .row("LINK before WELCOME", |stage| stage.send_link(&link()));
     let unexpected = Rule::new(UnexpectedWelcome, "section 4.2")
         .linked("WELCOME after WELCOME", welcome(1, 9, 1))
@@ -279,7 +292,32 @@ fn interfaces() -> Rows {
         declared(SUBSCRIBER + 1, 0),
     );
     let pages = Rule::new(UnexpectedPage, "SM2-IFC-007").linked("PAGE without a QUERY", page(&[]));
-    all([unknown, order, pages])
+    let watched =
+        Rule::new(UnexpectedChanges, "SM2-WCH-001").linked("CHANGES without a WATCH", changes(2));
+    let counters = Rule::new(UnexpectedCounters, "SM2-CNT-002")
+        .linked("NOT_INSPECTED without an INSPECT", not_inspected(1))
+        .row("INSPECTED without an INSPECT", |stage| {
+            stage.linked();
+            let file = memory::segment(1_024);
+            stage.session.send_fds(inspected(1), &[file.as_fd()]);
+        });
+    let schemas = Rule::new(UnexpectedSchema, "SM2-SCH-002").linked(
+        "DESCRIBED without a DESCRIBE",
+        described(&bytes_type(), None),
+    );
+    let texts = Rule::new(BadSchema, "SM2-SCH-002").row(
+        "DESCRIBED with the text of another type",
+        |stage| {
+            stage.linked();
+            stage.actor.borrow_mut().say("describe t 1");
+            let asked = control::describe(&control::type_id("t", 1));
+            assert_eq!(stage.expect(), asked);
+            let data = control::type_id("t", 1);
+            stage.send(described(&data, Some("plain:u8")));
+            stage.waiting.set(true);
+        },
+    );
+    all([unknown, order, pages, watched, counters, schemas, texts])
 }
 
 fn links() -> Rows {
@@ -294,7 +332,7 @@ fn links() -> Rows {
             };
             stage.send_link(&link);
             stage.send(unlink(SUBSCRIBER, other, 0));
-            let answer = stage.session.expect().bytes;
+            let answer = stage.expect();
             assert_eq!(answer[..2], [3, SUBSCRIBER as u8], "UNLINKED");
             stage.send(unlink(SUBSCRIBER, other, 0));
         });

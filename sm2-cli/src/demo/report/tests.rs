@@ -84,11 +84,12 @@ fn the_report_counts_what_never_came_as_lost() {
         pss_bytes: Some(7),
         wall: Duration::from_millis(10_004),
     };
-    let report = Report::new(10, Integrity::Sealed, &outcomes(&parts), total);
+    let report = Report::new(10, Integrity::Sealed, &outcomes(&parts), total, true);
     let lost: Vec<_> = report.subscribers.iter().map(|it| it.lost).collect();
     assert_eq!((report.published, lost), (300, vec![3, 0]));
     let json = serde_json::to_value(&report).unwrap();
     assert_eq!(json["integrity"], "sealed");
+    assert_eq!(json["interrupted"], true);
     assert_eq!(json["cpu_percent_total"], 12.35);
     assert_eq!(json["wall_s"], 10.0);
     assert_eq!(json["pss_bytes_total"], 7);

@@ -67,6 +67,7 @@ fn a_summary_has_a_line_for_each_subscriber() {
         published: 300,
         size_bytes: 10_000_000,
         integrity: "pooled",
+        interrupted: false,
         subscribers: vec![Subscriber {
             received: 299,
             lost: 1,
@@ -84,4 +85,18 @@ fn a_summary_has_a_line_for_each_subscriber() {
     assert!(summary[1].ends_with("99999.9"), "{summary:#?}");
     assert!(summary[2].contains("300 messages of 10 MB"), "{summary:#?}");
     assert!(summary[2].contains("PSS unknown"), "{summary:#?}");
+}
+
+#[test]
+fn what_was_not_measured_is_a_dash() {
+    let silent = Figures::default();
+    let rows = [Row {
+        part: Some((Part::Subscriber(1), silent)),
+        cost: Cost::default(),
+    }];
+    let line = line(Duration::from_secs(1), &rows);
+    assert!(line.contains("p50 - us  p99 - us"), "{line}");
+    let table = table(&rows);
+    let cells: Vec<_> = table[1].split_whitespace().collect();
+    assert_eq!(cells[2..6], ["0", "0.0", "-", "-"], "{table:#?}");
 }

@@ -4,6 +4,7 @@
 
 mod connect;
 mod crowd;
+mod flow;
 mod input;
 mod manager;
 mod node;
@@ -22,6 +23,7 @@ fn main() -> ExitCode {
     match role.as_str() {
         "connect" => connect::run(&options),
         "crowd" => crowd::run(&options),
+        "flow" => flow::run(&options),
         "manager" => manager::run(&options),
         "storm" => storm::run(&options),
         "node" => node::run(&options),

@@ -18,6 +18,8 @@ pub(crate) fn run(options: &Options) -> ExitCode {
         domain: options.get("--domain"),
         socket: options.get("--socket"),
         socket_mode: u32::from_str_radix(&mode, 8).expect("octal digits"),
+        standby: options.get_or("--standby", false),
+        replace: options.get_or("--replace", false),
         seal_all: options.get_or("--seal-all", false),
         waive_user_boundary: options.get_or("--waive-user-boundary", false),
         max_sessions: options.get_or("--max-sessions", policy.sessions_per_user),

@@ -16,6 +16,7 @@
 //! | `accept KEY` | `ok` when a request was taken, which is not answered until `answer KEY` |
 //! | `withdraw KEY` | `ok` when the interface is dropped; what is held of it stays |
 //! | `close KEY` | `ok` when that is dropped, too |
+//! | `describe NAME HASH` | `ok`, and the text of a type |
 //! | `eat` | `ok` when the process has no descriptor left, until `spit` |
 
 use std::{
@@ -24,7 +25,9 @@ use std::{
     fs::File,
 };
 
-use sm2_node::{Call, Client, LinkStatus, Node, Publisher, Request, Sample, Server, Subscriber};
+use sm2_node::{
+    Call, Client, LinkStatus, Node, Publisher, Request, Sample, Server, Subscriber, TypeId,
+};
 use sm2_tests::{PATIENCE, pattern};
 
 use super::declare::{self, Words};
@@ -90,6 +93,7 @@ impl Stage {
             ["answer", key] => self.answer(key),
             ["withdraw", key] => Ok(self.withdraw(key)),
             ["close", key] => Ok(self.close(key)),
+            ["describe", name, hash] => self.describe(name, number(hash)),
             ["eat"] => Ok(self.eat()),
             ["spit"] => {
                 self.eaten.clear();
@@ -197,6 +201,13 @@ impl Stage {
         let damaged = |sample: &&Sample<[u8]>| !pattern::is_intact(sample, sample.sequence());
         let damaged = samples.iter().filter(damaged).count();
         format!("got={} damaged={damaged}", samples.len())
+    }
+
+    fn describe(&self, name: &str, hash: usize) -> Answer {
+        let name = name.parse().map_err(text)?;
+        let hash = hash as u64;
+        let described = self.node.describe(&TypeId { name, hash });
+        Ok(described.map_err(text)?.unwrap_or_default())
     }
 
     fn counters(&self, key: &str) -> Answer {

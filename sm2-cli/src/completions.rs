@@ -1,0 +1,50 @@
+//! `sm2 completions`: what a shell needs to complete this command.
+
+use std::io::Write;
+
+use clap::{Args, CommandFactory, ValueEnum};
+use clap_complete::{Shell, generate};
+
+use crate::{Ended, args::Cli, error::CliError, output::Output};
+
+/// `sm2 completions`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// Which shell
+    #[arg(value_enum, value_name = "SHELL")]
+    shell: For,
+}
+
+const HELP: &str = "\
+Examples:
+  sm2 completions bash > ~/.local/share/bash-completion/completions/sm2
+  sm2 completions zsh > \"${fpath[1]}/_sm2\"
+  sm2 completions fish > ~/.config/fish/completions/sm2.fish";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum For {
+    Bash,
+    Zsh,
+    Fish,
+}
+
+/// Prints them.
+///
+/// # Errors
+///
+/// [`CliError::Output`].
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let shell = match arguments.shell {
+        For::Bash => Shell::Bash,
+        For::Zsh => Shell::Zsh,
+        For::Fish => Shell::Fish,
+    };
+    // Into memory first: the generator panics where a write fails.
+    let mut script = Vec::new();
+    generate(shell, &mut Cli::command(), "sm2", &mut script);
+    let mut out = Output::new();
+    out.write(|out| out.write_all(&script))?;
+    out.flush()?;
+    Ok(Ended::Done)
+}

@@ -1,0 +1,110 @@
+//! Messages of types that this program does not know, by their schemas: [`decode`] for
+//! `sm2 topic echo`, [`encode`] for what a person gives as JSON, [`show`] for the terminal.
+//!
+//! | type | JSON, in and out |
+//! | --- | --- |
+//! | numbers | numbers; 128-bit ones, `"NaN"`, `"inf"` and `"-inf"` as texts |
+//! | structure | object; a tuple is an array, one of a single value that value, an empty one `null` |
+//! | enumeration | `"Name"`, or `{"Name": fields}` |
+//! | map | object, if keys are texts, characters, whole numbers or booleans; else pairs |
+//! | optional | the value or `null` |
+mod error;
+mod json;
+mod reader;
+mod show;
+mod value;
+mod writer;
+
+use sm2_proto::schema::{Encoding, Field, Layout, Schema, Type};
+
+pub(crate) use self::error::{DecodeError, EncodeError};
+pub(crate) use self::show::{Limits, show};
+pub(crate) use self::value::Value;
+use self::{
+    error::Wrong,
+    reader::{Form, Reader},
+};
+
+/// The message that these bytes are. Of each list, set and map the first `keep` elements are
+/// kept, and the others counted.
+///
+/// # Errors
+///
+/// [`DecodeError`] if they are none: all bytes belong to the message.
+pub(crate) fn decode<'a>(
+    schema: &'a Schema,
+    bytes: &'a [u8],
+    keep: usize,
+) -> Result<Value<'a>, DecodeError> {
+    let root = schema.root();
+    match schema.encoding() {
+        Encoding::Plain if *root == Type::Text => match str::from_utf8(bytes) {
+            Ok(text) => Ok(Value::Text(text.into())),
+            Err(error) => Err(DecodeError::new(error.valid_up_to(), Wrong::Utf8)),
+        },
+        Encoding::Plain => {
+            let layout = Layout::of(root)?;
+            let elements = layout.elements(bytes.len() as u64);
+            let elements = elements.ok_or(DecodeError::Length {
+                len: bytes.len(),
+                layout,
+            })?;
+            Reader::new(bytes, Form::Plain { elements }, keep).whole(root)
+        }
+        Encoding::Postcard => Reader::new(bytes, Form::Postcard, keep).whole(root),
+        Encoding::Json => json::decode(root, bytes, keep),
+        Encoding::Other(name) => Err(DecodeError::Encoding(name.clone())),
+    }
+}
+
+/// The message that a person means by this JSON.
+///
+/// # Errors
+///
+/// [`EncodeError`] with the path to what does not fit the schema.
+pub(crate) fn encode(schema: &Schema, given: &serde_json::Value) -> Result<Vec<u8>, EncodeError> {
+    let root = schema.root();
+    match schema.encoding() {
+        Encoding::Plain if *root == Type::Text => match given {
+            serde_json::Value::String(text) => Ok(text.clone().into_bytes()),
+            other => Err(EncodeError::expected("text", other)),
+        },
+        Encoding::Plain => {
+            Layout::of(root)?;
+            writer::encoded(writer::Form::Plain, root, given)
+        }
+        Encoding::Postcard => writer::encoded(writer::Form::Postcard, root, given),
+        Encoding::Json => {
+            writer::encoded(writer::Form::Json, root, given)?;
+            Ok(given.to_string().into_bytes())
+        }
+        Encoding::Other(name) => Err(EncodeError::Encoding(name.clone())),
+    }
+}
+
+/// What a structure looks like, to people and in JSON.
+enum Shape<'a> {
+    /// Nothing.
+    Unit,
+    /// The value of its only, nameless field.
+    Single(&'a Type),
+    /// Values without names.
+    Tuple,
+    /// Values with names.
+    Named,
+}
+
+impl<'a> Shape<'a> {
+    fn of(fields: &'a [Field]) -> Self {
+        let mut numbered = fields.iter().enumerate();
+        match fields {
+            [] => Self::Unit,
+            [only] if only.name() == "0" => Self::Single(only.ty()),
+            _ if numbered.all(|(at, field)| field.name() == at.to_string()) => Self::Tuple,
+            _ => Self::Named,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

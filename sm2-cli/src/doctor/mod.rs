@@ -1,0 +1,149 @@
+//! `sm2 doctor`: what is right and wrong with this machine, the Manager and the domain, and what
+//! to do about it. It changes nothing.
+//!
+//! [`place`]: the socket and its folder. [`manager`]: who answers there, and what the domain says.
+//! [`machine`]: what the kernel allows.
+
+mod machine;
+mod manager;
+mod place;
+
+use clap::Args;
+use serde::Serialize;
+
+use crate::{
+    Ended, args::Domain, columns::Columns, error::CliError, interrupt::Interrupt, output::Output,
+};
+
+/// `sm2 doctor`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Each check is ok, warn or bad; what is not ok says what to do. Nothing is changed.
+
+Exit status: 0 unless something is bad, 1 if it is, 2 wrong usage.
+
+Examples:
+  sm2 doctor
+  sm2 doctor --domain arm
+  sm2 doctor --json | jq '.checks[] | select(.level != \"ok\")'";
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Level {
+    /// As it should be.
+    Ok,
+    /// Works, but not for everything, or not as well as it could.
+    Warn,
+    /// Nothing works until it is mended.
+    Bad,
+}
+
+/// What one check found.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Check {
+    level: Level,
+    /// What was looked at.
+    check: &'static str,
+    found: String,
+    /// What to do; none where all is well.
+    advice: Option<String>,
+}
+
+impl Check {
+    fn ok(check: &'static str, found: impl Into<String>) -> Self {
+        Self {
+            level: Level::Ok,
+            check,
+            found: found.into(),
+            advice: None,
+        }
+    }
+
+    fn warn(check: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Self {
+        Self {
+            level: Level::Warn,
+            check,
+            found: found.into(),
+            advice: Some(advice.into()),
+        }
+    }
+
+    fn bad(check: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Self {
+        Self {
+            level: Level::Bad,
+            check,
+            found: found.into(),
+            advice: Some(advice.into()),
+        }
+    }
+}
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Report {
+    /// The worst of all.
+    level: Level,
+    checks: Vec<Check>,
+}
+
+/// Runs all checks.
+///
+/// # Errors
+///
+/// [`CliError::Output`], [`CliError::Endpoint`] if there is no such domain.
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
+    let path = arguments.domain.path()?;
+    let mut checks = place::checks(&arguments.domain, &path);
+    let (found, nodes) = manager::checks(&arguments.domain, &path, &interrupt);
+    checks.extend(found);
+    checks.extend(machine::checks(nodes));
+    if let Some(signal) = interrupt.signal() {
+        return Ok(Ended::Stopped(signal));
+    }
+    let level = checks.iter().map(|check| check.level).max();
+    let report = Report {
+        level: level.unwrap_or(Level::Ok),
+        checks,
+    };
+    let mut out = Output::new();
+    match arguments.json {
+        true => out.json(&report)?,
+        false => out.line(table(&report.checks))?,
+    }
+    out.flush()?;
+    Ok(match report.level {
+        Level::Bad => Ended::No,
+        Level::Ok | Level::Warn => Ended::Done,
+    })
+}
+
+fn table(checks: &[Check]) -> Columns<3> {
+    let mut table = Columns::new(["LEVEL", "CHECK", "FOUND"]);
+    for check in checks {
+        let level = match check.level {
+            Level::Ok => "ok",
+            Level::Warn => "warn",
+            Level::Bad => "bad",
+        };
+        let found = match &check.advice {
+            None => check.found.clone(),
+            Some(advice) => format!("{}: {advice}", check.found),
+        };
+        table.push([level.into(), check.check.into(), found]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,67 @@
+//! A domain that is followed: its state, kept up to date, for commands that run for a while.
+
+use std::{os::fd::BorrowedFd, time::Duration};
+
+use sm2_node::{QueryError, Watch};
+use sm2_proto::{Instant, control::Change, domain::Domain};
+
+use crate::{connect::Session, error::CliError, wait::For};
+
+/// The domain of a session, as it changes. The Manager is not asked again and again: it
+/// answers when something has changed.
+pub(crate) struct Follow<'a> {
+    session: &'a Session,
+    watch: Watch,
+}
+
+/// Why a wait ended.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Woken {
+    /// What has changed, in this order.
+    pub(crate) changes: Vec<Change>,
+    /// Which of the other descriptors are ready.
+    pub(crate) ready: Vec<bool>,
+}
+
+impl<'a> Follow<'a> {
+    /// Reads the domain as it is now, which may take as long as `patience`.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Query`].
+    pub(crate) fn new(session: &'a Session, patience: Duration) -> Result<Self, CliError> {
+        let mut watch = session.node.watch();
+        // There is always something: this node itself.
+        if watch.wait(Some(patience))?.is_empty() {
+            return Err(QueryError::TimedOut.into());
+        }
+        Ok(Self { session, watch })
+    }
+
+    /// The domain as it is known; while there is no Manager, as it was.
+    pub(crate) fn domain(&self) -> &Domain {
+        self.watch.domain()
+    }
+
+    /// Waits until the domain changes, one of `others` is ready, a signal comes, or `until`.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Query`], [`CliError::System`].
+    pub(crate) fn wait(
+        &mut self,
+        others: &[(BorrowedFd<'_>, For)],
+        until: Option<Instant>,
+    ) -> Result<Woken, CliError> {
+        let changes = self.watch.wait(Some(Duration::ZERO))?;
+        if !changes.is_empty() {
+            self.session.is_connected();
+            let ready = vec![false; others.len()];
+            return Ok(Woken { changes, ready });
+        }
+        let mut ready = self.session.step(others, until)?;
+        ready.truncate(others.len());
+        let changes = self.watch.wait(Some(Duration::ZERO))?;
+        Ok(Woken { changes, ready })
+    }
+}

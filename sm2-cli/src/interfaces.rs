@@ -1,0 +1,204 @@
+//! Interfaces as lists and pages of information show them.
+
+use std::fmt;
+
+use serde::Serialize;
+use sm2_proto::{Contract, Place, Refusal, TypeId, domain::InterfaceView};
+
+use crate::{columns::Columns, view::View};
+
+/// An interface. Field names are part of the command's interface.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Interface {
+    pub(crate) node: String,
+    pub(crate) node_id: u64,
+    /// The node's number for it.
+    pub(crate) interface: u64,
+    /// `publisher`, `subscriber`, `server` or `client`.
+    pub(crate) kind: &'static str,
+    /// The topic or service.
+    pub(crate) name: String,
+    #[serde(flatten)]
+    pub(crate) types: Types,
+    pub(crate) qos: Qos,
+    pub(crate) links: usize,
+    /// Why it was not granted; none if it was.
+    pub(crate) refused: Option<String>,
+}
+
+/// What it carries; none where it takes everything.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+pub(crate) enum Types {
+    Topic {
+        #[serde(rename = "type")]
+        data: Option<Type>,
+    },
+    Service {
+        request: Option<Type>,
+        reply: Option<Type>,
+    },
+}
+
+/// A message type. The schema's hash is text: not every reader of JSON has 64-bit numbers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Type {
+    pub(crate) name: String,
+    pub(crate) schema: String,
+}
+
+/// Its quality of service; absent is what its kind does not have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Qos {
+    pub(crate) depth: u16,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) reliable: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) latched: Option<u16>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) max_borrowed: Option<u16>,
+    pub(crate) sealed: bool,
+}
+
+impl Interface {
+    pub(crate) fn new(view: &View<'_>, it: InterfaceView<'_>) -> Self {
+        Self::of(view, it.place, it.contract, it.refused)
+    }
+
+    pub(crate) fn of(
+        view: &View<'_>,
+        place: Place,
+        contract: &Contract,
+        refused: Option<&Refusal>,
+    ) -> Self {
+        Self {
+            node: view.name_of(place.node).to_owned(),
+            node_id: place.node.0,
+            interface: place.interface.0,
+            kind: contract.kind().as_str(),
+            name: contract.name().to_string(),
+            types: Types::of(contract),
+            qos: Qos::of(contract),
+            links: view.links_of(place).len(),
+            refused: refused.map(Refusal::to_string),
+        }
+    }
+}
+
+impl Types {
+    fn of(contract: &Contract) -> Self {
+        match contract {
+            Contract::Publisher { data, .. } => Self::Topic {
+                data: Some(data.into()),
+            },
+            Contract::Subscriber { data, .. } => Self::Topic {
+                data: data.as_ref().map(Type::from),
+            },
+            Contract::Server { request, reply, .. } => Self::Service {
+                request: Some(request.into()),
+                reply: Some(reply.into()),
+            },
+            Contract::Client { types, .. } => Self::Service {
+                request: types.as_ref().map(|(request, _)| request.into()),
+                reply: types.as_ref().map(|(_, reply)| reply.into()),
+            },
+        }
+    }
+}
+
+impl From<&TypeId> for Type {
+    fn from(data: &TypeId) -> Self {
+        Self {
+            name: data.name.to_string(),
+            schema: format!("{:016x}", data.hash),
+        }
+    }
+}
+
+impl fmt::Display for Type {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} (schema {})", self.name, self.schema)
+    }
+}
+
+impl fmt::Display for Types {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |of: &Option<Type>| of.as_ref().map_or("any", |it| &*it.name).to_owned();
+        match self {
+            Self::Topic { data } => f.write_str(&name(data)),
+            Self::Service { request, reply } => write!(f, "{} -> {}", name(request), name(reply)),
+        }
+    }
+}
+
+impl Qos {
+    fn of(contract: &Contract) -> Self {
+        let blank = Self {
+            depth: 0,
+            reliable: None,
+            latched: None,
+            max_borrowed: None,
+            sealed: contract.sealed(),
+        };
+        match contract {
+            Contract::Publisher { offer, .. } => Self {
+                depth: offer.depth,
+                reliable: Some(offer.reliable),
+                latched: Some(offer.latched),
+                ..blank
+            },
+            Contract::Subscriber { demand, .. } => Self {
+                depth: demand.depth,
+                reliable: Some(demand.reliable),
+                max_borrowed: Some(demand.max_borrowed),
+                ..blank
+            },
+            Contract::Server { qos, .. } | Contract::Client { qos, .. } => Self {
+                depth: qos.depth,
+                max_borrowed: Some(qos.max_borrowed),
+                ..blank
+            },
+        }
+    }
+}
+
+/// `depth 8, reliable, latched 1, sealed`
+impl fmt::Display for Qos {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "depth {}", self.depth)?;
+        if self.reliable == Some(true) {
+            f.write_str(", reliable")?;
+        }
+        if let Some(latched) = self.latched.filter(|&latched| latched > 0) {
+            write!(f, ", latched {latched}")?;
+        }
+        if let Some(borrowed) = self.max_borrowed {
+            write!(f, ", borrows {borrowed}")?;
+        }
+        if self.sealed {
+            f.write_str(", sealed")?;
+        }
+        Ok(())
+    }
+}
+
+/// A table of interfaces.
+pub(crate) fn table(interfaces: &[Interface]) -> Columns<8> {
+    let mut table = Columns::new([
+        "NODE", "KIND", "NAME", "TYPE", "NUMBER", "LINKS", "QOS", "STATE",
+    ]);
+    for it in interfaces {
+        let state = it.refused.as_deref();
+        table.push([
+            it.node.clone(),
+            it.kind.into(),
+            it.name.clone(),
+            it.types.to_string(),
+            it.interface.to_string(),
+            it.links.to_string(),
+            it.qos.to_string(),
+            state.map_or("granted".into(), |reason| format!("refused: {reason}")),
+        ]);
+    }
+    table
+}

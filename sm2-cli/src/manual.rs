@@ -1,0 +1,159 @@
+//! `sm2 man`: the manual pages, from the same texts as `--help`.
+
+use std::{
+    fs,
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+use clap::{Args, Command, CommandFactory};
+use clap_mangen::Man;
+
+use crate::{Ended, args::Cli, error::CliError, output::Output};
+
+/// `sm2 man`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The command whose page is printed [default: sm2 itself]
+    #[arg(value_name = "COMMAND", conflicts_with = "dir")]
+    command: Vec<String>,
+    /// Write the pages of all commands into this folder: sm2.1, sm2-topic.1, ...
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+}
+
+const HELP: &str = "\
+Examples:
+  sm2 man | man -l -
+  sm2 man topic hz | man -l -
+  sm2 man --dir /usr/local/share/man/man1";
+
+/// Prints a page, or writes all.
+///
+/// # Errors
+///
+/// [`CliError::Output`], [`CliError::File`], [`CliError::NoSuchCommand`].
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let mut root = Cli::command();
+    // Gives every command its whole name: `sm2 topic hz`.
+    root.build();
+    match &arguments.dir {
+        Some(dir) => {
+            let failed = |source| CliError::file("create folder", dir, source);
+            fs::create_dir_all(dir).map_err(failed)?;
+            write_pages(&root, dir)?;
+        }
+        None => {
+            let page = page(named(&root, &arguments.command)?).map_err(CliError::Output)?;
+            let mut out = Output::new();
+            out.write(|out| out.write_all(&page))?;
+            out.flush()?;
+        }
+    }
+    Ok(Ended::Done)
+}
+
+fn named<'a>(root: &'a Command, words: &[String]) -> Result<&'a Command, CliError> {
+    words.iter().try_fold(root, |command, word| {
+        let found = visible(command).find(|it| it.get_name() == word);
+        found.ok_or_else(|| CliError::NoSuchCommand {
+            command: words.join(" "),
+        })
+    })
+}
+
+/// The commands of a command, less `help` (which has no page) and hidden ones.
+fn visible(command: &Command) -> impl Iterator<Item = &Command> {
+    command
+        .get_subcommands()
+        .filter(|it| !it.is_hide_set() && it.get_name() != "help")
+}
+
+fn write_pages(command: &Command, dir: &Path) -> Result<(), CliError> {
+    let path = dir.join(format!("{}.1", full_name(command)));
+    let written = page(command).and_then(|page| fs::write(&path, page));
+    written.map_err(|source| CliError::file("write", &path, source))?;
+    visible(command).try_for_each(|it| write_pages(it, dir))
+}
+
+/// `sm2-topic-hz`.
+fn full_name(command: &Command) -> String {
+    let name = command.get_bin_name().unwrap_or(command.get_name());
+    name.replace(' ', "-")
+}
+
+/// The page: what clap knows, and the paragraphs after the help as sections of their own.
+fn page(command: &Command) -> io::Result<Vec<u8>> {
+    // Else the page would list `help` as a page that one could open.
+    let command = command.clone().disable_help_subcommand(true);
+    let name = full_name(&command);
+    let man = Man::new(command.clone())
+        .title(&name)
+        .source(concat!("sm2 ", env!("CARGO_PKG_VERSION")))
+        .manual("SM2");
+    let mut page = Vec::new();
+    man.render_title(&mut page)?;
+    man.render_name_section(&mut page)?;
+    man.render_synopsis_section(&mut page)?;
+    man.render_description_section(&mut page)?;
+    man.render_options_section(&mut page)?;
+    if visible(&command).next().is_some() {
+        writeln!(page, ".SH COMMANDS")?;
+        for it in visible(&command) {
+            let about = it.get_about().map(ToString::to_string).unwrap_or_default();
+            writeln!(page, ".TP\n\\fB{}\\fR(1)", escaped(&full_name(it)))?;
+            writeln!(page, "{}", escaped(&about))?;
+        }
+    }
+    let after = command.get_after_help().map(ToString::to_string);
+    let mut section = "";
+    for paragraph in after.unwrap_or_default().split("\n\n") {
+        section = write_paragraph(&mut page, paragraph, section)?;
+    }
+    Ok(page)
+}
+
+/// A paragraph of help, after those of `section`; its own section. `Examples:` and `Exit status:`
+/// begin one.
+fn write_paragraph(
+    page: &mut Vec<u8>,
+    paragraph: &str,
+    section: &'static str,
+) -> io::Result<&'static str> {
+    const HEADINGS: [(&str, &str); 4] = [
+        ("Exit status:", "EXIT STATUS"),
+        ("Environment:", "ENVIRONMENT"),
+        ("Format:", "FORMAT"),
+        ("Examples:", "EXAMPLES"),
+    ];
+    let known = HEADINGS
+        .iter()
+        .find_map(|(start, heading)| Some((*heading, paragraph.strip_prefix(start)?)));
+    let (heading, text) = known.unwrap_or(("NOTES", paragraph));
+    let text = text.trim_matches('\n');
+    if text.is_empty() {
+        return Ok(section);
+    }
+    match heading == section {
+        true => writeln!(page, ".PP")?,
+        false => writeln!(page, ".SH {heading}")?,
+    }
+    let text = escaped(text);
+    match heading {
+        // Lines that stay lines.
+        "EXAMPLES" | "FORMAT" => writeln!(page, ".nf\n{text}\n.fi")?,
+        _ => writeln!(page, "{}", text.trim_start())?,
+    }
+    Ok(heading)
+}
+
+/// As roff takes it: no line starts with a control character, backslashes and hyphens are themselves.
+fn escaped(text: &str) -> String {
+    let lines = text.lines().map(|line| {
+        let line = line.replace('\\', "\\e").replace('-', "\\-");
+        let control = line.starts_with(['.', '\'']);
+        format!("{}{line}", if control { "\\&" } else { "" })
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}

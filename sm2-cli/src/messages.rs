@@ -1,0 +1,135 @@
+//! Messages of types that this program was not built with: read and written by the schemas
+//! that nodes registered (SM2-SCH-001).
+
+use std::{borrow::Cow, collections::HashMap};
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::{TypeId, schema::Schema};
+
+use crate::{
+    connect::Session,
+    decode::{self, Limits, Value, decode, encode},
+    error::CliError,
+    text::{self, Hex},
+};
+
+/// How messages are shown.
+#[derive(Args, Clone, Copy, Debug, Default)]
+#[group(multiple = false)]
+pub(crate) struct Show {
+    /// Do not decode: print text as it is, and of anything else its length and first bytes
+    #[arg(long)]
+    pub(crate) raw: bool,
+    /// Do not decode: print all bytes as hex digits
+    #[arg(long)]
+    pub(crate) hex: bool,
+}
+
+/// The schemas that are known by now.
+#[derive(Debug, Default)]
+pub(crate) struct Schemas {
+    known: HashMap<TypeId, Option<Schema>>,
+}
+
+impl Schemas {
+    /// The schema of a type; none if nobody registered one.
+    pub(crate) fn of(&mut self, session: &Session, data: &TypeId) -> Option<&Schema> {
+        if !self.known.contains_key(data) {
+            // Without a Manager nobody knows: the next message asks again.
+            let text = session.describe(data).ok()?;
+            let schema = text.and_then(|text| Schema::parse(&text).ok());
+            self.known.insert(data.clone(), schema);
+        }
+        self.known.get(data)?.as_ref()
+    }
+}
+
+/// A message as a member of a JSON object.
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Content<'a> {
+    /// By its schema.
+    Value(Value<'a>),
+    Text(&'a str),
+    Hex(String),
+    File(Cow<'a, str>),
+}
+
+impl<'a> Content<'a> {
+    /// A message in the best way that there is.
+    pub(crate) fn new(message: &'a [u8], schema: Option<&'a Schema>, show: Show) -> Self {
+        let decoded = match (schema, show) {
+            (_, Show { hex: true, .. }) => return Self::Hex(Hex(message, "").to_string()),
+            (Some(schema), Show { raw: false, .. }) => decode(schema, message, usize::MAX).ok(),
+            _ => None,
+        };
+        match (decoded, str::from_utf8(message)) {
+            (Some(value), _) if !matches!(value, Value::Text(_)) => Self::Value(value),
+            (_, Ok(text)) => Self::Text(text),
+            (_, Err(_)) => Self::Hex(Hex(message, "").to_string()),
+        }
+    }
+}
+
+/// A message as lines for a person, with a newline at the end.
+pub(crate) fn lines(message: &[u8], schema: Option<&Schema>, show: Show) -> Vec<u8> {
+    let mut lines = Vec::new();
+    if show.hex {
+        lines = Hex(message, "").to_string().into_bytes();
+        lines.push(b'\n');
+        return lines;
+    }
+    let decoded = schema.filter(|_| !show.raw).map(|schema| {
+        // One more than is shown, so that it is said how many are left out.
+        decode(schema, message, Limits::SCREEN.elements)
+    });
+    match decoded {
+        Some(Ok(value)) if !matches!(value, Value::Text(_)) => {
+            lines = decode::show(&value, &Limits::SCREEN).into_bytes();
+            lines.push(b'\n');
+        }
+        Some(Err(error)) => {
+            text::write_bytes(&mut lines, message);
+            lines.extend_from_slice(format!("  (not a message of its type: {error})\n").as_bytes());
+        }
+        _ => text::write_message(&mut lines, message),
+    }
+    lines
+}
+
+/// The bytes of a message that a person gave as JSON.
+///
+/// # Errors
+///
+/// [`CliError::Encode`]; [`CliError::NoSchema`] if nobody knows the type.
+pub(crate) fn bytes_of(
+    value: &serde_json::Value,
+    data: &TypeId,
+    schema: Option<&Schema>,
+) -> Result<Vec<u8>, CliError> {
+    let Some(schema) = schema else {
+        return match value {
+            serde_json::Value::String(text) if is_bytes(data) => Ok(text.clone().into_bytes()),
+            _ => Err(CliError::NoSchema(match is_bytes(data) {
+                true => {
+                    "messages of type bytes have no fields: give a JSON text, or a file with --from"
+                        .into()
+                }
+                false => format!(
+                    "nobody has registered the schema of {data}: start a program that uses it, \
+                     name it with --schema, or give the bytes with --from"
+                ),
+            })),
+        };
+    };
+    encode(schema, value).map_err(|error| CliError::Encode {
+        data: data.to_string(),
+        reason: error.to_string(),
+    })
+}
+
+/// Whether messages of this type are bytes and nothing else.
+pub(crate) fn is_bytes(data: &TypeId) -> bool {
+    data.name.as_str() == "bytes" && data.hash == 0
+}

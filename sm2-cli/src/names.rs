@@ -1,0 +1,150 @@
+//! What a person means by a name, and what they may have meant.
+
+use std::fmt;
+
+use sm2_proto::{Name, Place};
+
+use crate::{error::CliError, view::View};
+
+/// How many names a message lists before it stops.
+const SHOWN: usize = 8;
+
+/// A topic, service or node that is not there, and the ones that are most like it.
+pub(crate) fn unknown<'a>(
+    what: &'static str,
+    name: &Name,
+    known: impl IntoIterator<Item = &'a Name>,
+) -> CliError {
+    CliError::Unknown {
+        what,
+        name: name.to_string(),
+        hint: hint(name.as_str(), known),
+    }
+}
+
+/// `; did you mean scan?`, or nothing.
+pub(crate) fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a Name>) -> String {
+    let mut similar: Vec<_> = known
+        .into_iter()
+        .filter_map(|it| Some((similarity(name, it.as_str())?, it.as_str())))
+        .collect();
+    similar.sort_unstable();
+    match similar.first() {
+        Some((_, first)) => format!("; did you mean {first}?"),
+        None => String::new(),
+    }
+}
+
+/// How far two names are from each other; none if nobody takes one for the other.
+fn similarity(typed: &str, known: &str) -> Option<usize> {
+    let last = |name: &str| name.rsplit('/').next().map(str::to_lowercase);
+    if last(typed) == last(known) {
+        return Some(0);
+    }
+    let distance = distance(&typed.to_lowercase(), &known.to_lowercase());
+    (distance <= 2.min(typed.len() / 2)).then_some(distance)
+}
+
+/// The number of bytes to insert, remove, replace, or swap with the next one.
+fn distance(one: &str, other: &str) -> usize {
+    let (one, other) = (one.as_bytes(), other.as_bytes());
+    let mut rows = vec![vec![0_usize; other.len() + 1]; one.len() + 1];
+    for (at, row) in rows.iter_mut().enumerate() {
+        row[0] = at;
+    }
+    rows[0] = (0..=other.len()).collect();
+    for i in 1..=one.len() {
+        for j in 1..=other.len() {
+            let differs = usize::from(one[i - 1] != other[j - 1]);
+            let mut least = (rows[i - 1][j - 1] + differs)
+                .min(rows[i - 1][j] + 1)
+                .min(rows[i][j - 1] + 1);
+            if i > 1 && j > 1 && one[i - 1] == other[j - 2] && one[i - 2] == other[j - 1] {
+                least = least.min(rows[i - 2][j - 2] + 1);
+            }
+            rows[i][j] = least;
+        }
+    }
+    rows[one.len()][other.len()]
+}
+
+/// What stands for one or more interfaces on a command line: `talker:scan`, `talker`, `scan`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Selector {
+    node: Option<Name>,
+    /// A topic, service or, without `node`, also a node.
+    name: Name,
+}
+
+impl Selector {
+    /// Reads one.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let read = |text: &str| crate::args::name(text);
+        match text.split_once(':') {
+            Some((node, name)) => Ok(Self {
+                node: Some(read(node)?),
+                name: read(name)?,
+            }),
+            None => Ok(Self {
+                node: None,
+                name: read(text)?,
+            }),
+        }
+    }
+
+    /// All interfaces, granted or not, that it stands for.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Unknown`] if there is none, [`CliError::NoInterfaces`] for a node without any.
+    pub(crate) fn places(&self, view: &View<'_>) -> Result<Vec<Place>, CliError> {
+        let domain = view.domain;
+        let places = domain.find(&self.to_string());
+        if !places.is_empty() {
+            return Ok(places);
+        }
+        let interfaces = || domain.interfaces().map(|it| it.contract.name());
+        let nodes = || domain.nodes().map(|node| node.name);
+        let (what, name) = match &self.node {
+            None if domain.node_named(self.name.as_str()).is_some() => {
+                let node = self.name.to_string();
+                return Err(CliError::NoInterfaces { node });
+            }
+            None => {
+                let known = interfaces().chain(nodes());
+                return Err(unknown("topic, service or node", &self.name, known));
+            }
+            Some(node) if domain.node_named(node.as_str()).is_none() => ("node", node),
+            Some(_) => ("interface of that node", &self.name),
+        };
+        Err(match what {
+            "node" => unknown(what, name, nodes()),
+            _ => unknown(what, name, interfaces()),
+        })
+    }
+}
+
+impl fmt::Display for Selector {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.node {
+            Some(node) => write!(f, "{node}:{}", self.name),
+            None => self.name.fmt(f),
+        }
+    }
+}
+
+/// Several interfaces as one would name each of them.
+pub(crate) fn titles(view: &View<'_>, places: impl IntoIterator<Item = Place>) -> String {
+    let mut titles: Vec<_> = places.into_iter().map(|it| view.title(it)).collect();
+    titles.sort_unstable();
+    titles.dedup();
+    let more = titles.len().saturating_sub(SHOWN);
+    titles.truncate(SHOWN);
+    match more {
+        0 => titles.join(", "),
+        more => format!("{} and {more} more", titles.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests;

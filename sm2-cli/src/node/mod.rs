@@ -1,0 +1,29 @@
+//! `sm2 node`: which nodes there are, and what one does.
+
+mod info;
+mod list;
+
+use clap::Subcommand;
+
+use crate::{Ended, error::CliError};
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// List the nodes of a domain
+    List(list::Arguments),
+    /// Show a node: its process, its interfaces, its links
+    Info(info::Arguments),
+}
+
+/// Runs a command.
+///
+/// # Errors
+///
+/// What it failed with.
+pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
+    match command {
+        Command::List(arguments) => list::run(arguments),
+        Command::Info(arguments) => info::run(arguments),
+    }
+}

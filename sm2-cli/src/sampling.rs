@@ -1,0 +1,195 @@
+//! What nodes count of their interfaces and links, read from the files that they keep anyway
+//! (SPEC section 12). Nobody is subscribed to, nothing is sent to a node, and no node notices.
+
+use std::{
+    collections::{BTreeSet, HashMap},
+    time::Duration,
+};
+
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
+use sm2_io::{CounterView, clock};
+use sm2_node::{Node, QueryError};
+use sm2_proto::{
+    Instant, InterfaceId, LinkId, Name, NodeId, Place,
+    counters::{Entry, Rate, Summary},
+    domain::{Domain, LinkView},
+};
+
+use crate::error::CliError;
+
+/// Reads counters again and again.
+#[derive(Debug)]
+pub(crate) struct Sampler {
+    /// The files of the nodes that have one; the numbers of nodes are never used again.
+    files: HashMap<NodeId, CounterView>,
+}
+
+/// The counters of some nodes at about one moment.
+#[derive(Clone, Debug)]
+pub(crate) struct Sample {
+    at: Instant,
+    /// By the node's name, which stays the same when a Manager takes over.
+    entries: HashMap<End, Entry>,
+    /// Nodes that keep no counters, or did not hand them over.
+    pub(crate) silent: BTreeSet<Name>,
+}
+
+/// An interface as a whole, or its end of one link.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct End {
+    node: Name,
+    interface: InterfaceId,
+    link: Option<LinkId>,
+}
+
+impl Sampler {
+    /// Nothing is read yet. From now on this process may have as many descriptors as the system
+    /// allows: it takes one for each node.
+    pub(crate) fn new() -> Self {
+        if let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_NOFILE)
+            && soft < hard
+        {
+            // The old limit serves a smaller domain.
+            let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
+        }
+        Self {
+            files: HashMap::new(),
+        }
+    }
+
+    /// The counters of these nodes, as far as they have some.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Query`].
+    pub(crate) fn look(
+        &mut self,
+        node: &Node,
+        domain: &Domain,
+        wanted: &BTreeSet<NodeId>,
+    ) -> Result<Sample, CliError> {
+        self.files.retain(|id, _| wanted.contains(id));
+        for id in wanted {
+            // Without a Manager nobody can be asked; the files that are known go on.
+            if self.files.contains_key(id) || !node.is_connected() {
+                continue;
+            }
+            match node.inspect(*id) {
+                Ok(Some(file)) => drop(self.files.insert(*id, file)),
+                Ok(None)
+                // Nor is a file that is none: one node must not spoil the figures of the others.
+                | Err(
+                    QueryError::TimedOut | QueryError::ManagerGone(_) | QueryError::Counters(_),
+                ) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        let mut sample = Sample {
+            at: clock::now(),
+            entries: HashMap::new(),
+            silent: BTreeSet::new(),
+        };
+        for id in wanted {
+            let Some(known) = domain.node(*id) else {
+                continue;
+            };
+            match self.files.get(id) {
+                Some(file) => sample.add(known.name, file),
+                None => drop(sample.silent.insert(known.name.clone())),
+            }
+        }
+        Ok(sample)
+    }
+}
+
+impl Sample {
+    fn add(&mut self, node: &Name, file: &CounterView) {
+        // One that is being written all the time is left out this time.
+        for entry in file.entries().filter_map(|(_, entry)| entry.ok()) {
+            let end = End {
+                node: node.clone(),
+                interface: entry.interface,
+                link: entry.link,
+            };
+            self.entries.insert(end, entry);
+        }
+    }
+
+    /// What a node counted of an interface as a whole.
+    pub(crate) fn interface(&self, domain: &Domain, place: Place) -> Option<&Entry> {
+        self.end(domain, place, None)
+    }
+
+    /// What the offering side of a link counted of it.
+    pub(crate) fn offering(&self, domain: &Domain, link: &LinkView) -> Option<&Entry> {
+        self.end(domain, link.offering, Some(link.link))
+    }
+
+    /// What the demanding side of a link counted of it.
+    pub(crate) fn demanding(&self, domain: &Domain, link: &LinkView) -> Option<&Entry> {
+        self.end(domain, link.demanding, Some(link.link))
+    }
+
+    fn end(&self, domain: &Domain, place: Place, link: Option<LinkId>) -> Option<&Entry> {
+        let end = End {
+            node: domain.node(place.node)?.name.clone(),
+            interface: place.interface,
+            link,
+        };
+        self.entries.get(&end)
+    }
+
+    /// How long after another sample this one was taken.
+    pub(crate) fn since(&self, earlier: &Self) -> Duration {
+        self.at.since(earlier.at)
+    }
+
+    /// How fast an interface's counters grew since an earlier sample.
+    pub(crate) fn rate(&self, earlier: &Self, domain: &Domain, place: Place) -> Option<Rate> {
+        let now = self.interface(domain, place)?;
+        let before = earlier.interface(domain, place)?;
+        now.rate_since(before, self.since(earlier))
+    }
+}
+
+/// The middle one of the noted delays of a receiving side; none without any.
+pub(crate) fn median_ns(entry: &Entry) -> Option<u64> {
+    let mut recent: Vec<_> = entry.recent().collect();
+    recent.sort_unstable();
+    recent.get(recent.len().checked_sub(1)? / 2).copied()
+}
+
+/// Some figures of durations, in milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub(crate) struct Millis {
+    pub(crate) count: u32,
+    pub(crate) mean: f64,
+    pub(crate) min: f64,
+    pub(crate) max: f64,
+    pub(crate) std_dev: f64,
+}
+
+impl From<Summary> for Millis {
+    fn from(of: Summary) -> Self {
+        Self {
+            count: of.count,
+            mean: millis(of.mean_ns),
+            min: millis(of.min_ns),
+            max: millis(of.max_ns),
+            std_dev: millis(of.std_dev_ns),
+        }
+    }
+}
+
+/// Nanoseconds as milliseconds, to the microsecond.
+pub(crate) fn millis(nanos: u64) -> f64 {
+    (nanos as f64 / 1e3).round() / 1e3
+}
+
+/// Rounded to two decimals.
+pub(crate) fn hundredths(value: f64) -> f64 {
+    (value * 100.0).round() / 100.0
+}
+
+#[cfg(test)]
+mod tests;

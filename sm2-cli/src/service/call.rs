@@ -1,0 +1,221 @@
+//! `sm2 service call`.
+
+use std::{
+    fs,
+    io::{self, Read, Write},
+    os::fd::AsFd,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use clap::Args;
+use serde::Serialize;
+use sm2_io::clock;
+use sm2_node::{CallError, Client, Reply};
+use sm2_proto::{Contract, Instant, Name, TypeId};
+
+use crate::{
+    Ended,
+    args::{Domain, name},
+    connect::Session,
+    error::CliError,
+    messages::{self, Content, Schemas, Show, bytes_of, is_bytes},
+    names,
+    output::Output,
+    time,
+    view::{SERVICE, View},
+    wait::For,
+};
+
+/// `sm2 service call`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The service
+    #[arg(value_name = "NAME", value_parser = name)]
+    service: Name,
+    /// The request as JSON, encoded by the schema of its type [default: an empty request]
+    #[arg(
+        value_name = "JSON",
+        conflicts_with = "from",
+        allow_hyphen_values = true
+    )]
+    value: Option<String>,
+    /// The request's bytes: a file, or `-` for all of standard input
+    #[arg(long, value_name = "PATH|-")]
+    from: Option<PathBuf>,
+    /// How long a server may take to come and to reply
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
+    timeout: Duration,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    show: Show,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+One server is called: if there are several, the one that has the fewest calls of this client, which
+is the one that is linked first. The reply is printed as `sm2 topic echo` prints messages.
+
+Exit status: 0 the reply is printed, 1 there is none, 2 wrong usage, 130 Ctrl-C before it came.
+
+Examples:
+  sm2 service call sum '[1, 2, 3]'
+  sm2 service call plan '{\"goal\": {\"x\": 1, \"y\": 2}}' --timeout 30s --json
+  sm2 service call blob --from request.bin --hex";
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Answer<'a> {
+    service: &'a str,
+    /// Its node.
+    server: &'a str,
+    /// From the sending of the request to the reply.
+    took_ms: f64,
+    len_bytes: usize,
+    #[serde(flatten)]
+    content: Content<'a>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let value = arguments.value.as_deref().map(serde_json::from_str);
+    let value: Option<serde_json::Value> = value.transpose().map_err(CliError::Json)?;
+    let given = arguments.from.as_deref().map(read).transpose()?;
+    let session = Session::open(&arguments.domain, "call")?;
+    let client = session
+        .node
+        .client_builder::<[u8], [u8]>(arguments.service.as_str())
+        .any_types()
+        .declare()?;
+    let until = clock::now().after(arguments.timeout);
+    let Some([request_type, reply_type]) = server(arguments, &session, &client, until)? else {
+        return Ok(stopped(&session));
+    };
+    let mut schemas = Schemas::default();
+    let request = match (given, value) {
+        (Some(bytes), _) => bytes,
+        (None, Some(value)) => {
+            let schema = match is_bytes(&request_type) {
+                true => None,
+                false => schemas.of(&session, &request_type),
+            };
+            bytes_of(&value, &request_type, schema)?
+        }
+        (None, None) => Vec::new(),
+    };
+    let start = clock::now();
+    let Some(reply) = call(&session, &client, &request, until)? else {
+        return Ok(stopped(&session));
+    };
+    let took = clock::now().since(start);
+    let decodes = !arguments.show.raw && !arguments.show.hex && !is_bytes(&reply_type);
+    let schema = match decodes {
+        true => schemas.of(&session, &reply_type),
+        false => None,
+    };
+    let mut out = Output::new();
+    if arguments.json {
+        out.json(&Answer {
+            service: arguments.service.as_str(),
+            server: reply.server().as_str(),
+            took_ms: (took.as_secs_f64() * 1e6).round() / 1e3,
+            len_bytes: reply.len(),
+            content: Content::new(&reply, schema, arguments.show),
+        })?;
+    } else {
+        let lines = messages::lines(&reply, schema, arguments.show);
+        out.write(|out| out.write_all(&lines))?;
+    }
+    out.flush()?;
+    Ok(Ended::Done)
+}
+
+/// Only a signal ends a call without an answer.
+fn stopped(session: &Session) -> Ended {
+    session.stopped().map_or(Ended::No, Ended::Stopped)
+}
+
+/// Waits for a server; its types. None if a signal came.
+fn server(
+    arguments: &Arguments,
+    session: &Session,
+    client: &Client<[u8], [u8]>,
+    until: Instant,
+) -> Result<Option<[TypeId; 2]>, CliError> {
+    loop {
+        let links = client.links();
+        let open = links.iter().filter(|link| link.open && link.end.is_none());
+        let types = open
+            .map(|link| &link.peer.contract)
+            .find_map(|it| match it {
+                Contract::Server { request, reply, .. } => Some([request.clone(), reply.clone()]),
+                _ => None,
+            });
+        if session.stopped().is_some() {
+            return Ok(None);
+        }
+        if types.is_some() {
+            return Ok(types);
+        }
+        if clock::now() >= until {
+            return Err(no_server(arguments, session));
+        }
+        session.step(&[(client.as_fd(), For::Reading)], Some(until))?;
+    }
+}
+
+fn no_server(arguments: &Arguments, session: &Session) -> CliError {
+    let service = &arguments.service;
+    // What is wrong with the Manager is said elsewhere.
+    let hint = session.snapshot().map_or_else(
+        |_| String::new(),
+        |domain| {
+            let known = View::new(&domain).names(SERVICE);
+            names::hint(
+                service.as_str(),
+                known.into_iter().filter(|it| *it != service),
+            )
+        },
+    );
+    let service = service.to_string();
+    CliError::NoServer { service, hint }
+}
+
+/// Calls, and waits for the reply. None if a signal came: the call is cancelled then.
+fn call(
+    session: &Session,
+    client: &Client<[u8], [u8]>,
+    request: &[u8],
+    until: Instant,
+) -> Result<Option<Reply<[u8]>>, CliError> {
+    let left = until.since(clock::now());
+    let mut call = client.send(request, Some(left))?;
+    loop {
+        match call.try_wait() {
+            Ok(None) => {}
+            Ok(Some(reply)) => return Ok(Some(reply)),
+            Err(error @ CallError::Cancelled { .. }) if session.stopped().is_none() => {
+                return Err(error.into());
+            }
+            Err(CallError::Cancelled { .. }) => return Ok(None),
+            Err(error) => return Err(error.into()),
+        }
+        if session.stopped().is_some() {
+            return Ok(None);
+        }
+        session.step(&[(client.as_fd(), For::Reading)], Some(until))?;
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, CliError> {
+    if path.as_os_str() != "-" {
+        return fs::read(path).map_err(|source| CliError::file("read", path, source));
+    }
+    let mut bytes = Vec::new();
+    let read = io::stdin().lock().read_to_end(&mut bytes);
+    read.map_err(|source| CliError::file("read", Path::new("standard input"), source))?;
+    Ok(bytes)
+}

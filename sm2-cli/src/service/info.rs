@@ -1,0 +1,113 @@
+//! `sm2 service info`.
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::Name;
+
+use crate::{
+    Ended,
+    args::{Domain, name},
+    connect::Session,
+    error::CliError,
+    interfaces::{Interface, Type, table},
+    names,
+    output::Output,
+    view::{SERVICE, View},
+};
+
+/// `sm2 service info`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The service
+    #[arg(value_name = "NAME", value_parser = name)]
+    service: Name,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Exit status: 0 shown, 1 nobody is on such a service, 2 wrong usage.
+
+Examples:
+  sm2 service info sum
+  sm2 service info sum --json | jq -r .request.schema";
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Info {
+    /// The domain's revision.
+    revision: u64,
+    name: String,
+    request: Half,
+    reply: Half,
+    interfaces: Vec<Interface>,
+}
+
+/// What goes one way.
+#[derive(Default, Serialize)]
+struct Half {
+    /// None if nobody has stated one.
+    #[serde(rename = "type")]
+    data: Option<Type>,
+    /// The schema text of SPEC's Annex A; none if nobody registered it.
+    schema: Option<String>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "service-info")?;
+    let domain = session.snapshot()?;
+    let view = View::new(&domain);
+    let service = &arguments.service;
+    let all = domain
+        .interfaces()
+        .filter(|it| SERVICE.contains(&it.contract.kind()));
+    let interfaces: Vec<_> = all
+        .filter(|it| it.contract.name() == service)
+        .map(|it| Interface::new(&view, it))
+        .collect();
+    if interfaces.is_empty() {
+        return Err(names::unknown("service", service, view.names(SERVICE)));
+    }
+    let half = |data| -> Result<Half, CliError> {
+        Ok(Half {
+            data: Some(Type::from(data)),
+            schema: session.describe(data)?,
+        })
+    };
+    let [request, reply] = match view.service_types(service) {
+        Some([request, reply]) => [half(request)?, half(reply)?],
+        None => Default::default(),
+    };
+    let info = Info {
+        revision: domain.revision(),
+        name: service.to_string(),
+        request,
+        reply,
+        interfaces,
+    };
+    let mut out = Output::new();
+    match arguments.json {
+        true => out.json(&info)?,
+        false => print(&info, &mut out)?,
+    }
+    out.flush()?;
+    Ok(Ended::Done)
+}
+
+fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
+    out.line(format_args!("service         {}", info.name))?;
+    for (what, half) in [("request", &info.request), ("reply", &info.reply)] {
+        match &half.data {
+            Some(data) => out.line(format_args!("{what:<16}{data}"))?,
+            None => out.line(format_args!("{what:<16}nobody has stated a type"))?,
+        }
+        let schema = half.schema.as_deref().unwrap_or("nobody registered it");
+        out.line(format_args!("{:<16}{schema}", format!("{what} schema")))?;
+    }
+    out.line("")?;
+    out.line(table(&info.interfaces))
+}

@@ -1,0 +1,33 @@
+//! `sm2 service`: which services there are, and calling one.
+
+mod call;
+mod info;
+mod list;
+
+use clap::Subcommand;
+
+use crate::{Ended, error::CliError};
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// List the services of a domain
+    List(list::Arguments),
+    /// Show a service: its types, its servers and clients
+    Info(info::Arguments),
+    /// Call a service and print the reply
+    Call(Box<call::Arguments>),
+}
+
+/// Runs a command.
+///
+/// # Errors
+///
+/// What it failed with.
+pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
+    match command {
+        Command::List(arguments) => list::run(arguments),
+        Command::Info(arguments) => info::run(arguments),
+        Command::Call(arguments) => call::run(arguments),
+    }
+}

@@ -1,0 +1,253 @@
+//! A domain as one document.
+
+use serde::Serialize;
+use sm2_proto::{control::Item, domain::LinkView};
+
+use super::thing::{Limits, Link, Node, Thing, link_text};
+use crate::{
+    columns::Columns,
+    connect::Session,
+    error::CliError,
+    interfaces::{self, Interface},
+    output::Output,
+    sampling::{Sample, median_ns, millis},
+    topic::Fates,
+    view::View,
+};
+
+/// The object that `--json` prints. Field names are part of the command's interface.
+#[derive(Serialize)]
+pub(super) struct Document {
+    /// The Manager's epoch in hex digits; none if it has gone since.
+    epoch: Option<String>,
+    revision: u64,
+    limits: Option<Limits>,
+    nodes: Vec<Node>,
+    /// Those that were refused too.
+    interfaces: Vec<Interface>,
+    links: Vec<CountedLink>,
+    /// Claims, and pairs that are apart.
+    open: Vec<Thing>,
+    quotas: Vec<Quota>,
+    /// Nodes that keep no counters.
+    without_counters: Vec<String>,
+}
+
+/// A link and what its ends count; none for an end whose node keeps no counters.
+#[derive(Serialize)]
+struct CountedLink {
+    #[serde(flatten)]
+    link: Link,
+    counters: Option<Fates>,
+    taken: Option<Taken>,
+}
+
+/// What the demanding side of a link counts.
+#[derive(Serialize)]
+struct Taken {
+    messages: u64,
+    bytes: u64,
+    lost: u64,
+    /// The median of the last delays, up to 32.
+    delay_p50_ms: Option<f64>,
+}
+
+/// How much of a quota is used.
+#[derive(Serialize)]
+pub(crate) struct Quota {
+    /// `user 1000` or `node talker`.
+    pub(crate) of: String,
+    /// What is counted.
+    pub(crate) quota: &'static str,
+    pub(crate) used: u32,
+    pub(crate) limit: u32,
+}
+
+impl Document {
+    pub(super) fn new(session: &Session, view: &View<'_>, sample: &Sample) -> Self {
+        let itself = session.node.name();
+        let items = view.domain.items();
+        let mut document = Self {
+            epoch: session.node.epoch().map(|epoch| format!("{epoch:x}")),
+            revision: view.domain.revision(),
+            limits: view.domain.limits().map(Limits::from),
+            nodes: Vec::new(),
+            interfaces: Vec::new(),
+            links: view
+                .domain
+                .links()
+                .map(|it| counted(view, sample, &it))
+                .collect(),
+            open: Vec::new(),
+            quotas: quotas(view),
+            without_counters: Vec::new(),
+        };
+        for item in items.filter(|item| !matches!(item, Item::Link { .. })) {
+            match Thing::new(view, item) {
+                thing if thing.belongs_to(itself) => {}
+                Thing::Node(node) => document.nodes.push(node),
+                Thing::Interface(interface) => document.interfaces.push(interface),
+                thing @ (Thing::Claim { .. } | Thing::Apart { .. }) => document.open.push(thing),
+                Thing::Domain(_) | Thing::Link(_) => {}
+            }
+        }
+        let silent = sample.silent.iter().filter(|node| *node != itself);
+        document.without_counters = silent.map(ToString::to_string).collect();
+        document
+    }
+
+    /// # Errors
+    ///
+    /// [`CliError::Output`].
+    pub(super) fn print(&self, out: &mut Output) -> Result<(), CliError> {
+        let epoch = self.epoch.as_deref().unwrap_or("unknown");
+        out.line(format_args!(
+            "revision {} of epoch {epoch}: {} nodes, {} interfaces, {} links",
+            self.revision,
+            self.nodes.len(),
+            self.interfaces.len(),
+            self.links.len()
+        ))?;
+        let mut nodes = Columns::new(["NODE", "ID", "UID", "PID", "STATE"]);
+        for node in &self.nodes {
+            nodes.push([
+                node.name.clone(),
+                node.id.to_string(),
+                node.uid.to_string(),
+                node.pid.to_string(),
+                if node.resuming { "resuming" } else { "ready" }.into(),
+            ]);
+        }
+        if !self.nodes.is_empty() {
+            out.line(format_args!("\n{nodes}"))?;
+        }
+        if !self.interfaces.is_empty() {
+            out.line(format_args!("\n{}", interfaces::table(&self.interfaces)))?;
+        }
+        if !self.links.is_empty() {
+            out.line(format_args!("\n{}", self.links_table()))?;
+        }
+        let mut quotas = Columns::new(["QUOTA OF", "WHAT", "USED", "LIMIT"]);
+        for quota in &self.quotas {
+            quotas.push([
+                quota.of.clone(),
+                quota.quota.into(),
+                quota.used.to_string(),
+                quota.limit.to_string(),
+            ]);
+        }
+        if !self.quotas.is_empty() {
+            out.line(format_args!("\n{quotas}"))?;
+        }
+        for (at, thing) in self.open.iter().enumerate() {
+            let line_break = if at == 0 { "\n" } else { "" };
+            out.line(format_args!("{line_break}{thing}"))?;
+        }
+        Ok(())
+    }
+
+    fn links_table(&self) -> Columns<9> {
+        let mut table = Columns::new([
+            "OFFERING",
+            "DEMANDING",
+            "TERMS",
+            "OFFERED",
+            "DELIVERED",
+            "DROPPED",
+            "IN FLIGHT",
+            "LOST",
+            "P50 ms",
+        ]);
+        let number = |value: Option<u64>| value.map_or_else(|| "-".into(), |it| it.to_string());
+        for CountedLink {
+            link,
+            counters,
+            taken,
+        } in &self.links
+        {
+            let terms = match (link.reliable, link.sealed) {
+                (false, false) => "best effort",
+                (true, false) => "reliable",
+                (false, true) => "sealed",
+                (true, true) => "reliable, sealed",
+            };
+            let delay = taken.as_ref().and_then(|it| it.delay_p50_ms);
+            table.push([
+                link.offering.clone(),
+                link.demanding.clone(),
+                terms.into(),
+                number(counters.map(|it| it.offered)),
+                number(counters.map(|it| it.delivered)),
+                number(counters.map(|it| it.dropped())),
+                number(counters.map(|it| it.in_flight)),
+                number(taken.as_ref().map(|it| it.lost)),
+                delay.map_or_else(|| "-".into(), |delay| format!("{delay:.3}")),
+            ]);
+        }
+        table
+    }
+}
+
+fn counted(view: &View<'_>, sample: &Sample, link: &LinkView) -> CountedLink {
+    let taken = sample.demanding(view.domain, link);
+    CountedLink {
+        link: Link {
+            link: link_text(link.link),
+            offering: view.title(link.offering),
+            demanding: view.title(link.demanding),
+            version: link.version,
+            reliable: link.reliable,
+            sealed: link.sealed,
+        },
+        counters: sample
+            .offering(view.domain, link)
+            .map(|entry| Fates::from(&entry.fates)),
+        taken: taken.map(|entry| Taken {
+            messages: entry.messages,
+            bytes: entry.bytes,
+            lost: entry.lost,
+            delay_p50_ms: median_ns(entry).map(millis),
+        }),
+    }
+}
+
+/// What is used of each quota; none if the Manager does not say what the limits are.
+pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
+    let Some(limits) = view.domain.limits() else {
+        return Vec::new();
+    };
+    let mut quotas = Vec::new();
+    let mut add = |of: &str, quota, used, limit| {
+        let of = of.to_owned();
+        quotas.push(Quota {
+            of,
+            quota,
+            used,
+            limit,
+        });
+    };
+    for (uid, usage) in view.domain.users() {
+        let of = format!("user {uid}");
+        add(&of, "sessions", usage.sessions, limits.sessions_per_user);
+        add(
+            &of,
+            "interfaces",
+            usage.interfaces,
+            limits.interfaces_per_user,
+        );
+    }
+    for (node, usage) in view.domain.sessions() {
+        if (usage.interfaces, usage.links) == (0, 0) {
+            continue;
+        }
+        let of = format!("node {}", view.name_of(node));
+        add(
+            &of,
+            "interfaces",
+            usage.interfaces,
+            limits.interfaces_per_session,
+        );
+        add(&of, "links", usage.links, limits.links_per_session);
+    }
+    quotas
+}

@@ -1,0 +1,149 @@
+//! `sm2 snapshot`: the whole domain at one revision, or its changes from there on.
+
+pub(crate) mod document;
+mod thing;
+
+use std::{collections::BTreeMap, os::fd::AsFd};
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::{
+    control::{Change, Key},
+    domain::Domain as Mirror,
+};
+
+use self::{document::Document, thing::Thing};
+use crate::{
+    Ended, args::Domain, connect::Session, error::CliError, follow::Follow, output::Output,
+    sampling::Sampler, view::View, wait::For,
+};
+
+/// `sm2 snapshot`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// Go on with each change, one a line; it begins with all that there is
+    #[arg(long)]
+    watch: bool,
+    /// Print one JSON object; with --watch one for each change
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Nodes, interfaces (those that were refused too), links with what their publishers and servers count,
+pairs that match and are not linked, and how much of the quotas is used. All is as of one revision of
+the domain; counters are read a moment later. With --watch `+` is what is new or has changed, `-` what
+is gone; when another Manager takes over, the difference is printed.
+
+Exit status: 0 done or --watch was ended by Ctrl-C, 1 failed, 2 wrong usage.
+
+Examples:
+  sm2 snapshot
+  sm2 snapshot --json | jq '.links[] | select(.counters.overwritten > 0)'
+  sm2 snapshot --watch";
+
+/// Prints it.
+///
+/// # Errors
+///
+/// What it failed with.
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "snapshot")?;
+    if arguments.watch {
+        return watch(arguments, &session);
+    }
+    let domain = session.snapshot()?;
+    let nodes = domain.nodes().map(|node| node.node).collect();
+    let sample = Sampler::new().look(&session.node, &domain, &nodes)?;
+    let document = Document::new(&session, &View::new(&domain), &sample);
+    let mut out = Output::new();
+    match arguments.json {
+        true => out.json(&document)?,
+        false => document.print(&mut out)?,
+    }
+    out.flush()?;
+    Ok(Ended::Done)
+}
+
+/// A change as a line of JSON.
+#[derive(Serialize)]
+struct Line<'a> {
+    /// What the change leads to, with others that came at the same time.
+    revision: u64,
+    /// `set` or `removed`.
+    change: &'static str,
+    #[serde(flatten)]
+    thing: &'a Thing,
+}
+
+fn watch(arguments: &Arguments, session: &Session) -> Result<Ended, CliError> {
+    let mut follow = Follow::new(session, arguments.domain.connect_timeout)?;
+    let mut writer = Writer {
+        json: arguments.json,
+        out: Output::new(),
+        known: BTreeMap::new(),
+    };
+    let all = follow.domain().items().cloned();
+    let all = all.map(|item| Change::Set { item }).collect::<Vec<_>>();
+    writer.write(session, follow.domain(), &all)?;
+    loop {
+        let woken = follow.wait(&[(writer.out.as_fd(), For::Hangup)], None)?;
+        writer.write(session, follow.domain(), &woken.changes)?;
+        if session.stopped().is_some() || woken.ready == [true] {
+            return Ok(Ended::Done);
+        }
+    }
+}
+
+/// Where changes go.
+struct Writer {
+    json: bool,
+    out: Output,
+    /// What was there last: of what is gone, only its key is told.
+    known: BTreeMap<Key, Thing>,
+}
+
+impl Writer {
+    fn write(
+        &mut self,
+        session: &Session,
+        domain: &Mirror,
+        changes: &[Change],
+    ) -> Result<(), CliError> {
+        let view = View::new(domain);
+        let itself = session.node.name();
+        for change in changes {
+            match change {
+                Change::Set { item } => {
+                    let thing = Thing::new(&view, item);
+                    if !thing.belongs_to(itself) {
+                        self.line(domain.revision(), "set", &thing)?;
+                    }
+                    self.known.insert(item.key(), thing);
+                }
+                Change::Removed { key } => {
+                    let gone = self.known.remove(key);
+                    if let Some(thing) = gone.filter(|it| !it.belongs_to(itself)) {
+                        self.line(domain.revision(), "removed", &thing)?;
+                    }
+                }
+            }
+        }
+        self.out.flush()
+    }
+
+    fn line(&mut self, revision: u64, change: &'static str, thing: &Thing) -> Result<(), CliError> {
+        if self.json {
+            return self.out.json(&Line {
+                revision,
+                change,
+                thing,
+            });
+        }
+        let sign = if change == "set" { '+' } else { '-' };
+        self.out.line(format_args!("{sign} {thing}"))
+    }
+}

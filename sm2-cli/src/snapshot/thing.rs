@@ -1,0 +1,228 @@
+//! One thing in a domain, for people and as JSON.
+
+use std::fmt;
+
+use serde::Serialize;
+use sm2_proto::{
+    Farewell, LinkId, Name,
+    control::{Apart, Item},
+};
+
+use crate::{interfaces::Interface, view::View};
+
+/// An item, with names in place of numbers. Field names are part of the command's interface.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(tag = "item", rename_all = "snake_case")]
+pub(super) enum Thing {
+    /// What the operator allows.
+    Domain(Limits),
+    Node(Node),
+    /// Granted or refused.
+    Interface(Interface),
+    Link(Link),
+    /// A link of an earlier Manager that one end has claimed, and the other has not yet.
+    Claim {
+        link: String,
+        by: String,
+    },
+    /// Two interfaces that match and are not linked.
+    Apart {
+        offering: String,
+        demanding: String,
+        cause: String,
+    },
+}
+
+/// What the operator allows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub(super) struct Limits {
+    pub(super) sessions_per_user: u32,
+    pub(super) interfaces_per_session: u32,
+    pub(super) interfaces_per_user: u32,
+    pub(super) links_per_session: u32,
+    pub(super) seal_all: bool,
+    pub(super) waive_user_boundary: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct Node {
+    pub(super) id: u64,
+    pub(super) name: String,
+    pub(super) uid: u32,
+    pub(super) pid: i32,
+    /// Whether it is still claiming links of an earlier Manager.
+    pub(super) resuming: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct Link {
+    /// The Manager's epoch in hex digits, and its count.
+    pub(super) link: String,
+    /// The publisher or server: `node:topic`.
+    pub(super) offering: String,
+    /// The subscriber or client.
+    pub(super) demanding: String,
+    pub(super) version: u16,
+    pub(super) reliable: bool,
+    pub(super) sealed: bool,
+}
+
+impl Thing {
+    pub(super) fn new(view: &View<'_>, item: &Item) -> Self {
+        match *item {
+            Item::Domain { limits } => Self::Domain((&limits).into()),
+            Item::Node {
+                node,
+                ref name,
+                uid,
+                pid,
+                resuming,
+            } => Self::Node(Node {
+                id: node.0,
+                name: name.to_string(),
+                uid,
+                pid,
+                resuming,
+            }),
+            Item::Interface {
+                place,
+                ref contract,
+            } => Self::Interface(Interface::of(view, place, contract, None)),
+            Item::Refusal {
+                place,
+                ref contract,
+                ref reason,
+            } => Self::Interface(Interface::of(view, place, contract, Some(reason))),
+            Item::Link {
+                link,
+                offering,
+                demanding,
+                version,
+                reliable,
+                sealed,
+            } => Self::Link(Link {
+                link: link_text(link),
+                offering: view.title(offering),
+                demanding: view.title(demanding),
+                version,
+                reliable,
+                sealed,
+            }),
+            Item::Claim { link, place } => Self::Claim {
+                link: link_text(link),
+                by: view.title(place),
+            },
+            Item::Apart {
+                offering,
+                demanding,
+                cause,
+            } => Self::Apart {
+                offering: view.title(offering),
+                demanding: view.title(demanding),
+                cause: apart_text(view, cause),
+            },
+        }
+    }
+
+    /// Whether it is a node of that name, or part of it.
+    pub(super) fn belongs_to(&self, node: &Name) -> bool {
+        match self {
+            Self::Node(it) => it.name == node.as_str(),
+            Self::Interface(it) => it.node == node.as_str(),
+            _ => false,
+        }
+    }
+}
+
+impl From<&sm2_proto::control::Limits> for Limits {
+    fn from(of: &sm2_proto::control::Limits) -> Self {
+        Self {
+            sessions_per_user: of.sessions_per_user,
+            interfaces_per_session: of.interfaces_per_session,
+            interfaces_per_user: of.interfaces_per_user,
+            links_per_session: of.links_per_session,
+            seal_all: of.seal_all,
+            waive_user_boundary: of.waive_user_boundary,
+        }
+    }
+}
+
+/// `1f.7`: the Manager that made it, and its count.
+pub(super) fn link_text(link: LinkId) -> String {
+    format!("{:x}.{}", link.epoch, link.serial)
+}
+
+fn apart_text(view: &View<'_>, cause: Apart) -> String {
+    match cause {
+        Apart::Ended { code } => match Farewell::from_code(code) {
+            Some(Farewell::Done) => "one of them ended their link".into(),
+            _ => format!("one of them ended their link ({code})"),
+        },
+        Apart::Quota { node, limit } => {
+            format!(
+                "{} may not have more than {limit} links",
+                view.name_of(node)
+            )
+        }
+        Apart::Descriptors => "the Manager had no descriptors".into(),
+    }
+}
+
+impl fmt::Display for Thing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Domain(limits) => write!(
+                f,
+                "domain: {} sessions and {} interfaces per user, {} interfaces and {} links per node",
+                limits.sessions_per_user,
+                limits.interfaces_per_user,
+                limits.interfaces_per_session,
+                limits.links_per_session
+            ),
+            Self::Node(Node {
+                id,
+                name,
+                uid,
+                pid,
+                resuming,
+            }) => {
+                let state = if *resuming { ", resuming" } else { "" };
+                write!(
+                    f,
+                    "node {name}: number {id}, process {pid} of user {uid}{state}"
+                )
+            }
+            Self::Interface(it) => {
+                write!(
+                    f,
+                    "{} {}:{}: {}, {}",
+                    it.kind, it.node, it.name, it.types, it.qos
+                )?;
+                match &it.refused {
+                    Some(reason) => write!(f, ", refused: {reason}"),
+                    None => Ok(()),
+                }
+            }
+            Self::Link(link) => write!(f, "link {link}"),
+            Self::Claim { link, by } => write!(f, "claim of link {link} by {by}"),
+            Self::Apart {
+                offering,
+                demanding,
+                cause,
+            } => write!(f, "apart {offering} -> {demanding}: {cause}"),
+        }
+    }
+}
+
+impl fmt::Display for Link {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} -> {}", self.offering, self.demanding)?;
+        if self.reliable {
+            f.write_str(", reliable")?;
+        }
+        if self.sealed {
+            f.write_str(", sealed")?;
+        }
+        write!(f, " ({})", self.link)
+    }
+}

@@ -1,0 +1,70 @@
+//! Spans of time as people write and read them: `200ms`, `5s`, `1.5h`.
+
+use std::{fmt, time::Duration};
+
+/// How many nanoseconds a unit is.
+const UNITS: [(&str, f64); 6] = [
+    ("ns", 1.0),
+    ("us", 1e3),
+    ("ms", 1e6),
+    ("s", 1e9),
+    ("m", 60e9),
+    ("h", 3_600e9),
+];
+
+/// Nobody waits longer; far from where sums of times end.
+const MAX: Duration = Duration::from_secs(365 * 24 * 3_600);
+
+/// What is said of any text that is no span.
+const FORM: &str = "a time is a number and a unit, such as 200ms, 5s or 1.5m (ns, us, ms, s, m, h)";
+
+/// Reads a span above zero, as an option's value.
+pub(crate) fn span(text: &str) -> Result<Duration, String> {
+    match span_or_zero(text)? {
+        Duration::ZERO => Err("a time above 0 is needed".into()),
+        span => Ok(span),
+    }
+}
+
+/// Reads a span, which may be nothing.
+pub(crate) fn span_or_zero(text: &str) -> Result<Duration, String> {
+    let number_len = text
+        .find(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .unwrap_or(text.len());
+    let (number, unit) = text.split_at(number_len);
+    let unit = unit.trim_start();
+    // Without a unit it could be seconds here and milliseconds in the next program.
+    let found = UNITS.iter().find(|(name, _)| *name == unit);
+    let nanos = match (found, number.parse::<f64>()) {
+        (Some((_, factor)), Ok(number)) => number * factor,
+        (None, Ok(number)) if number == 0.0 && unit.is_empty() => 0.0,
+        _ => return Err(FORM.into()),
+    };
+    if nanos > MAX.as_nanos() as f64 {
+        return Err("a time is at most 8760h (a year)".into());
+    }
+    Ok(Duration::from_nanos(nanos as u64))
+}
+
+/// A span in the unit that suits it, with at most one decimal: `250 ms`, `1.5 s`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Span(pub(crate) Duration);
+
+impl fmt::Display for Span {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let nanos = self.0.as_nanos();
+        let (unit, factor) = match nanos {
+            0..1_000 => return write!(f, "{nanos} ns"),
+            1_000..1_000_000 => ("us", 1_000),
+            1_000_000..1_000_000_000 => ("ms", 1_000_000),
+            _ => ("s", 1_000_000_000),
+        };
+        match (nanos / factor, nanos % factor / (factor / 10)) {
+            (whole, 0) => write!(f, "{whole} {unit}"),
+            (whole, tenth) => write!(f, "{whole}.{tenth} {unit}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,301 @@
+//! The tables of `sm2 top`: topics and nodes with what they counted in the last interval.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value};
+use sm2_proto::{Contract, Kind, Name, NodeId, domain::InterfaceView};
+
+use super::state::Tab;
+use crate::{
+    sampling::{Sample, hundredths, median_ns, millis},
+    view::View,
+};
+
+/// All figures of one interval.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Figures {
+    pub(super) topics: Table,
+    pub(super) nodes: Table,
+}
+
+/// A table whose first column is the name.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Table {
+    pub(super) columns: &'static [Column],
+    pub(super) rows: Vec<Vec<Cell>>,
+}
+
+/// A column: its heading, its name in JSON, and how many decimals its numbers have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Column {
+    pub(super) heading: &'static str,
+    key: &'static str,
+    decimals: usize,
+}
+
+/// A cell.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Cell {
+    Text(String),
+    /// None if it is not known.
+    Number(Option<f64>),
+}
+
+const fn column(heading: &'static str, key: &'static str, decimals: usize) -> Column {
+    Column {
+        heading,
+        key,
+        decimals,
+    }
+}
+
+const TOPICS: &[Column] = &[
+    column("TOPIC", "name", 0),
+    column("TYPE", "type", 0),
+    column("PUBS", "publishers", 0),
+    column("SUBS", "subscribers", 0),
+    column("LINKS", "links", 0),
+    column("HZ", "hz", 2),
+    column("MB/s", "mb_per_s", 3),
+    column("P50 ms", "delay_p50_ms", 3),
+    column("DROPPED", "dropped", 0),
+    column("LOST", "lost", 0),
+];
+
+const NODES: &[Column] = &[
+    column("NODE", "name", 0),
+    column("PID", "pid", 0),
+    column("IFACES", "interfaces", 0),
+    column("LINKS", "links", 0),
+    column("OUT/s", "out_per_s", 2),
+    column("OUT MB/s", "out_mb_per_s", 3),
+    column("IN/s", "in_per_s", 2),
+    column("IN MB/s", "in_mb_per_s", 3),
+    column("DROPPED", "dropped", 0),
+    column("LOST", "lost", 0),
+];
+
+/// What is added up for a topic or a node; what no node counts stays unknown.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    interfaces: u32,
+    publishers: u32,
+    subscribers: u32,
+    links: usize,
+    out_per_s: Option<f64>,
+    out_bytes_per_s: Option<f64>,
+    in_per_s: Option<f64>,
+    in_bytes_per_s: Option<f64>,
+    dropped: Option<f64>,
+    lost: Option<f64>,
+    /// The longest of the links' medians.
+    delay_ns: Option<u64>,
+}
+
+impl Figures {
+    /// Those between two samples, without the node `itself`.
+    pub(super) fn new(view: &View<'_>, before: &Sample, now: &Sample, itself: &Name) -> Self {
+        let mut topics: BTreeMap<&Name, Sums> = BTreeMap::new();
+        let mut nodes: BTreeMap<NodeId, Sums> = BTreeMap::new();
+        for it in view.granted() {
+            let sums = sums(view, before, now, it);
+            if matches!(it.contract.kind(), Kind::Publisher | Kind::Subscriber) {
+                topics.entry(it.contract.name()).or_default().add(&sums);
+            }
+            nodes.entry(it.place.node).or_default().add(&sums);
+        }
+        let topics = topics.into_iter().map(|(name, sums)| {
+            let data = view.topic_type(name);
+            let data = data.map_or("-", |data| data.name.as_str());
+            sums.topic(name.as_str(), data)
+        });
+        let others = view.domain.nodes().filter(|node| node.name != itself);
+        let nodes = others.map(|node| {
+            let sums = nodes.get(&node.node).copied().unwrap_or_default();
+            sums.node(node.name.as_str(), node.pid)
+        });
+        Self {
+            topics: Table {
+                columns: TOPICS,
+                rows: topics.collect(),
+            },
+            nodes: Table {
+                columns: NODES,
+                rows: nodes.collect(),
+            },
+        }
+    }
+
+    pub(super) fn table(&self, tab: Tab) -> &Table {
+        match tab {
+            Tab::Topics => &self.topics,
+            Tab::Nodes => &self.nodes,
+        }
+    }
+
+    /// As one object.
+    pub(super) fn json(&self) -> Value {
+        serde_json::json!({ "topics": self.topics.json(), "nodes": self.nodes.json() })
+    }
+}
+
+/// What one interface has.
+fn sums(view: &View<'_>, before: &Sample, now: &Sample, it: InterfaceView<'_>) -> Sums {
+    let domain = view.domain;
+    let links = view.links_of(it.place);
+    let rate = now.rate(before, domain, it.place);
+    let mut sums = Sums {
+        interfaces: 1,
+        links: links.len(),
+        ..Sums::default()
+    };
+    if matches!(
+        it.contract,
+        Contract::Publisher { .. } | Contract::Client { .. }
+    ) {
+        sums.out_per_s = rate.map(|rate| rate.messages_per_s);
+        sums.out_bytes_per_s = rate.map(|rate| rate.bytes_per_s);
+    } else {
+        sums.in_per_s = rate.map(|rate| rate.messages_per_s);
+        sums.in_bytes_per_s = rate.map(|rate| rate.bytes_per_s);
+        sums.lost = now
+            .interface(domain, it.place)
+            .map(|entry| entry.lost as f64);
+    }
+    match it.contract.kind() {
+        Kind::Publisher => {
+            sums.publishers = 1;
+            for link in links {
+                let fates = now.offering(domain, link).map(|entry| entry.fates);
+                let dropped = fates.map(|it| {
+                    (it.offered - it.delivered.min(it.offered)).saturating_sub(it.in_flight) as f64
+                });
+                sums.dropped = plus(sums.dropped, dropped);
+            }
+        }
+        Kind::Subscriber => {
+            sums.subscribers = 1;
+            let ends = links.iter().filter_map(|link| now.demanding(domain, link));
+            sums.delay_ns = ends.filter_map(median_ns).max();
+        }
+        Kind::Server | Kind::Client => {}
+    }
+    sums
+}
+
+impl Sums {
+    fn add(&mut self, more: &Self) {
+        self.interfaces += more.interfaces;
+        self.publishers += more.publishers;
+        self.subscribers += more.subscribers;
+        self.links += more.links;
+        self.out_per_s = plus(self.out_per_s, more.out_per_s);
+        self.out_bytes_per_s = plus(self.out_bytes_per_s, more.out_bytes_per_s);
+        self.in_per_s = plus(self.in_per_s, more.in_per_s);
+        self.in_bytes_per_s = plus(self.in_bytes_per_s, more.in_bytes_per_s);
+        self.dropped = plus(self.dropped, more.dropped);
+        self.lost = plus(self.lost, more.lost);
+        self.delay_ns = self.delay_ns.max(more.delay_ns);
+    }
+
+    fn topic(&self, name: &str, data: &str) -> Vec<Cell> {
+        let number = |value: f64| Cell::Number(Some(value));
+        vec![
+            Cell::Text(name.to_owned()),
+            Cell::Text(data.to_owned()),
+            number(f64::from(self.publishers)),
+            number(f64::from(self.subscribers)),
+            // Each link has two ends here.
+            number((self.links / 2) as f64),
+            Cell::Number(self.out_per_s),
+            Cell::Number(self.out_bytes_per_s.map(|bytes| bytes / 1e6)),
+            Cell::Number(self.delay_ns.map(millis)),
+            Cell::Number(self.dropped),
+            Cell::Number(self.lost),
+        ]
+    }
+
+    fn node(&self, name: &str, pid: i32) -> Vec<Cell> {
+        let number = |value: f64| Cell::Number(Some(value));
+        vec![
+            Cell::Text(name.to_owned()),
+            number(f64::from(pid)),
+            number(f64::from(self.interfaces)),
+            number(self.links as f64),
+            Cell::Number(self.out_per_s),
+            Cell::Number(self.out_bytes_per_s.map(|bytes| bytes / 1e6)),
+            Cell::Number(self.in_per_s),
+            Cell::Number(self.in_bytes_per_s.map(|bytes| bytes / 1e6)),
+            Cell::Number(self.dropped),
+            Cell::Number(self.lost),
+        ]
+    }
+}
+
+/// What is known of the two, added up.
+fn plus(one: Option<f64>, other: Option<f64>) -> Option<f64> {
+    match (one, other) {
+        (Some(one), Some(other)) => Some(one + other),
+        (known, None) | (None, known) => known,
+    }
+}
+
+impl Table {
+    fn json(&self) -> Value {
+        let row = |row: &Vec<Cell>| {
+            let members = self.columns.iter().zip(row).map(|(column, cell)| {
+                let value = match cell {
+                    Cell::Text(text) => Value::from(text.as_str()),
+                    Cell::Number(Some(number)) if column.decimals == 0 => {
+                        Value::from(number.round() as i64)
+                    }
+                    Cell::Number(Some(number)) if column.decimals == 2 => {
+                        Value::from(hundredths(*number))
+                    }
+                    Cell::Number(number) => Value::from(*number),
+                };
+                (column.key.to_owned(), value)
+            });
+            Value::Object(members.collect::<Map<_, _>>())
+        };
+        self.rows.iter().map(row).collect()
+    }
+}
+
+impl Column {
+    #[cfg(test)]
+    pub(super) const fn test(heading: &'static str, decimals: usize) -> Self {
+        column(heading, heading, decimals)
+    }
+
+    /// A cell of this column as text.
+    pub(super) fn show(&self, cell: &Cell) -> String {
+        match cell {
+            Cell::Text(text) => text.clone(),
+            Cell::Number(Some(number)) => format!("{number:.*}", self.decimals),
+            Cell::Number(None) => "-".into(),
+        }
+    }
+}
+
+impl Cell {
+    pub(super) fn as_text(&self) -> &str {
+        match self {
+            Self::Text(text) => text,
+            Self::Number(_) => "",
+        }
+    }
+
+    /// Numbers from the largest on, what is not known last; texts by the alphabet.
+    pub(super) fn order(&self, other: &Self) -> std::cmp::Ordering {
+        match (self, other) {
+            (Self::Text(one), Self::Text(other)) => one.cmp(other),
+            (Self::Number(one), Self::Number(other)) => {
+                let value = |it: &Option<f64>| it.unwrap_or(f64::NEG_INFINITY);
+                value(other).total_cmp(&value(one))
+            }
+            (Self::Text(_), Self::Number(_)) => std::cmp::Ordering::Less,
+            (Self::Number(_), Self::Text(_)) => std::cmp::Ordering::Greater,
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! `sm2 top`: rates and losses of a domain, live. [`figures`] are the tables, [`state`] what a
+//! person does with them, [`draw`] how they look, [`screen`] the terminal and its restoration.
+
+mod draw;
+mod figures;
+mod screen;
+mod state;
+
+use std::{
+    io::{self, IsTerminal},
+    os::fd::AsFd,
+    time::Duration,
+};
+
+use clap::Args;
+use sm2_io::clock;
+use sm2_proto::Instant;
+
+use self::{
+    figures::Figures,
+    screen::Screen,
+    state::{After, State, Tab},
+};
+use crate::{
+    Ended,
+    args::Domain,
+    connect::Session,
+    error::CliError,
+    follow::Follow,
+    output::Output,
+    sampling::{Sample, Sampler},
+    time,
+    view::View,
+    wait::For,
+};
+
+/// `sm2 top`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// How often the figures change, such as 500ms
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = time::span)]
+    interval: Duration,
+    /// Print the figures of one interval as text, and end
+    #[arg(long)]
+    once: bool,
+    /// Print them as one JSON object, and end
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices.
+
+Keys: q quits; Tab or the left and right arrows switch between topics and nodes; up and down (or k
+and j) move; s sorts by the next column, r the other way round; / filters by name (Enter keeps it,
+Esc drops it). A `-` is a figure of a node that keeps no counters.
+
+Exit status: 0 ended by q, Ctrl-C or SIGTERM, 1 failed, 2 wrong usage (also: no terminal).
+
+Examples:
+  sm2 top
+  sm2 top --interval 200ms
+  sm2 top --once
+  sm2 top --json | jq '.topics[] | select(.lost > 0)'";
+
+/// Shows it.
+///
+/// # Errors
+///
+/// What it failed with; [`CliError::NoTerminal`] if nobody could see it.
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let once = arguments.once || arguments.json;
+    let has_person = io::stdin().is_terminal() && io::stdout().is_terminal();
+    if !(once || has_person) {
+        return Err(CliError::NoTerminal);
+    }
+    let session = Session::open(&arguments.domain, "top")?;
+    let mut monitor = Monitor {
+        follow: Follow::new(&session, arguments.domain.connect_timeout)?,
+        session: &session,
+        sampler: Sampler::new(),
+        before: None,
+    };
+    match once {
+        true => print(arguments, &mut monitor),
+        false => watch(arguments, &mut monitor),
+    }
+}
+
+/// Where figures come from.
+struct Monitor<'a> {
+    session: &'a Session,
+    follow: Follow<'a>,
+    sampler: Sampler,
+    before: Option<Sample>,
+}
+
+impl Monitor<'_> {
+    /// The figures since the last look; those of the first have no rates.
+    fn look(&mut self) -> Result<Figures, CliError> {
+        let domain = self.follow.domain();
+        let nodes = domain.nodes().map(|node| node.node).collect();
+        let now = self.sampler.look(&self.session.node, domain, &nodes)?;
+        let before = self.before.as_ref().unwrap_or(&now);
+        let itself = self.session.node.name();
+        let figures = Figures::new(&View::new(domain), before, &now, itself);
+        self.before = Some(now);
+        Ok(figures)
+    }
+}
+
+/// One interval, as text.
+fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliError> {
+    let mut out = Output::new();
+    monitor.look()?;
+    let due = clock::now().after(arguments.interval);
+    while clock::now() < due {
+        let woken = monitor
+            .follow
+            .wait(&[(out.as_fd(), For::Hangup)], Some(due))?;
+        if let Some(signal) = monitor.session.stopped() {
+            return Ok(Ended::Stopped(signal));
+        }
+        if woken.ready == [true] {
+            return Ok(Ended::Done);
+        }
+    }
+    let figures = monitor.look()?;
+    if arguments.json {
+        out.json(&figures.json())?;
+    } else {
+        for tab in [Tab::Topics, Tab::Nodes] {
+            for line in draw::text(&figures, tab) {
+                out.line(line)?;
+            }
+        }
+    }
+    out.flush()?;
+    Ok(Ended::Done)
+}
+
+/// Until a key or a signal ends it.
+fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliError> {
+    monitor.session.be_silent();
+    let mut state = State::default();
+    let mut figures = monitor.look()?;
+    let mut due = clock::now().after(arguments.interval);
+    let mut screen = Screen::open().map_err(CliError::Output)?;
+    let input = io::stdin();
+    loop {
+        state.connected = monitor.session.is_connected();
+        screen
+            .draw(|frame| draw::draw(frame, &figures, &mut state))
+            .map_err(CliError::Output)?;
+        let woken = monitor
+            .follow
+            .wait(&[(input.as_fd(), For::Reading)], Some(due))?;
+        if monitor.session.stopped().is_some() {
+            return Ok(Ended::Done);
+        }
+        if woken.ready == [true] {
+            for key in screen
+                .keys()
+                .map_err(CliError::system("read the keyboard"))?
+            {
+                if state.key(key, &figures) == After::Quit {
+                    return Ok(Ended::Done);
+                }
+            }
+        }
+        let now = clock::now();
+        if now >= due {
+            figures = monitor.look()?;
+            due = next(due, now, arguments.interval);
+        }
+    }
+}
+
+/// From the first on, however long each takes; one that is late does not hurry the next.
+fn next(due: Instant, now: Instant, interval: Duration) -> Instant {
+    due.after(interval).max(now)
+}

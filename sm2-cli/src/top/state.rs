@@ -1,0 +1,130 @@
+//! What a person does with the tables of `sm2 top`.
+
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+
+use super::figures::{Cell, Figures};
+
+/// Which table is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Tab {
+    #[default]
+    Topics,
+    Nodes,
+}
+
+/// What follows from a key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum After {
+    GoOn,
+    Quit,
+}
+
+/// What is shown of the figures, and how.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    pub(super) tab: Tab,
+    /// By which column rows are sorted; 0 is the name.
+    pub(super) sort: usize,
+    pub(super) reverse: bool,
+    /// What names have to contain.
+    pub(super) filter: String,
+    /// Whether keys go to the filter.
+    pub(super) typing: bool,
+    /// Counted from the first row that is shown.
+    pub(super) selected: usize,
+    /// Whether there is a Manager.
+    pub(super) connected: bool,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self {
+            tab: Tab::default(),
+            sort: 0,
+            reverse: false,
+            filter: String::new(),
+            typing: false,
+            selected: 0,
+            connected: true,
+        }
+    }
+}
+
+impl State {
+    /// Obeys a key.
+    pub(super) fn key(&mut self, key: KeyEvent, figures: &Figures) -> After {
+        if key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL) {
+            return After::Quit;
+        }
+        if self.typing {
+            self.type_into_filter(key.code);
+            return After::GoOn;
+        }
+        let last = self.rows(figures).len().saturating_sub(1);
+        match key.code {
+            KeyCode::Char('q') => return After::Quit,
+            KeyCode::Tab | KeyCode::BackTab | KeyCode::Left | KeyCode::Right => self.switch(),
+            KeyCode::Up | KeyCode::Char('k') => self.selected = self.selected.saturating_sub(1),
+            KeyCode::Down | KeyCode::Char('j') => self.selected += 1,
+            KeyCode::PageUp => self.selected = self.selected.saturating_sub(10),
+            KeyCode::PageDown => self.selected += 10,
+            KeyCode::Home => self.selected = 0,
+            KeyCode::End => self.selected = last,
+            KeyCode::Char('s') => {
+                self.sort = (self.sort + 1) % figures.table(self.tab).columns.len().max(1)
+            }
+            KeyCode::Char('r') => self.reverse = !self.reverse,
+            KeyCode::Char('/') => self.typing = true,
+            KeyCode::Esc => self.filter.clear(),
+            _ => {}
+        }
+        self.selected = self.selected.min(last);
+        After::GoOn
+    }
+
+    fn type_into_filter(&mut self, code: KeyCode) {
+        match code {
+            KeyCode::Enter => self.typing = false,
+            KeyCode::Esc => {
+                self.typing = false;
+                self.filter.clear();
+            }
+            KeyCode::Backspace => drop(self.filter.pop()),
+            KeyCode::Char(c) => self.filter.push(c),
+            _ => {}
+        }
+        self.selected = 0;
+    }
+
+    fn switch(&mut self) {
+        self.tab = match self.tab {
+            Tab::Topics => Tab::Nodes,
+            Tab::Nodes => Tab::Topics,
+        };
+        (self.sort, self.reverse, self.selected) = (0, false, 0);
+    }
+
+    /// The rows that are shown, in their order.
+    pub(super) fn rows<'a>(&self, figures: &'a Figures) -> Vec<&'a Vec<Cell>> {
+        let wanted = self.filter.to_lowercase();
+        let named = |row: &&Vec<Cell>| match row.first() {
+            Some(name) => name.as_text().to_lowercase().contains(&wanted),
+            None => false,
+        };
+        let mut rows: Vec<_> = figures.table(self.tab).rows.iter().filter(named).collect();
+        // Stable: of equal ones the first by name comes first.
+        rows.sort_by(
+            |one, other| match (one.get(self.sort), other.get(self.sort)) {
+                (Some(one), Some(other)) => one.order(other),
+                _ => std::cmp::Ordering::Equal,
+            },
+        );
+        if self.reverse {
+            rows.reverse();
+        }
+        rows
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -1,0 +1,90 @@
+//! `sm2 topic bw`: how many bytes are published.
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::Kind;
+
+use super::measure::{self, Look, Measure, cell};
+use crate::{Ended, error::CliError, sampling::hundredths};
+
+/// `sm2 topic bw`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    common: measure::Common,
+}
+
+const HELP: &str = "\
+Bytes are those of messages, each counted once, however many subscribers it has. MEAN SIZE is that
+of the interval's messages.
+
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices. A topic that is
+not there yet is waited for.
+
+Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
+--count reports were made.
+
+Examples:
+  sm2 topic bw camera
+  sm2 topic bw camera --interval 5s --count 1 --json";
+
+/// A publisher.
+#[derive(Serialize)]
+pub(super) struct Row {
+    node: String,
+    interface: u64,
+    /// Since it was declared.
+    messages: u64,
+    /// Since it was declared.
+    bytes: u64,
+    /// Over the interval; none for a publisher that was not there at its beginning.
+    bytes_per_s: Option<f64>,
+    /// Over the interval; none without a message.
+    mean_size_bytes: Option<f64>,
+}
+
+struct Bw;
+
+impl Measure<5> for Bw {
+    const ROLE: &str = "bw";
+    const OF: Kind = Kind::Publisher;
+    const ROWS: &str = "publishers";
+    const HEADINGS: [&str; 5] = ["PUBLISHER", "MB/s", "MEAN SIZE", "MESSAGES", "BYTES"];
+    const TEXTS: usize = 1;
+    type Row = Row;
+
+    fn rows(look: &Look<'_>) -> Vec<Row> {
+        let domain = look.view.domain;
+        let row = |place| {
+            let entry = look.now.interface(domain, place)?;
+            let rate = look.now.rate(look.before, domain, place);
+            let moving = rate.filter(|rate| rate.messages_per_s > 0.0);
+            Some(Row {
+                node: look.view.name_of(place.node).to_owned(),
+                interface: place.interface.0,
+                messages: entry.messages,
+                bytes: entry.bytes,
+                bytes_per_s: rate.map(|rate| hundredths(rate.bytes_per_s)),
+                mean_size_bytes: moving.map(|it| hundredths(it.bytes_per_s / it.messages_per_s)),
+            })
+        };
+        let publishers = look.counted(Kind::Publisher);
+        publishers.filter_map(|it| row(it.place)).collect()
+    }
+
+    fn cells(row: &Row) -> [String; 5] {
+        [
+            row.node.clone(),
+            cell(row.bytes_per_s.map(|bytes| bytes / 1e6), 6),
+            cell(row.mean_size_bytes, 0),
+            row.messages.to_string(),
+            row.bytes.to_string(),
+        ]
+    }
+}
+
+/// Reports until it is stopped.
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    measure::run::<5, Bw>(&arguments.common)
+}

@@ -1,0 +1,111 @@
+//! `sm2 topic delay`: how long messages are under way.
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::{Kind, counters::Entry};
+
+use super::measure::{self, Look, Measure, cell};
+use crate::{
+    Ended,
+    error::CliError,
+    sampling::{median_ns, millis},
+};
+
+/// `sm2 topic delay`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    common: measure::Common,
+}
+
+const HELP: &str = "\
+From publishing to the moment at which the subscriber's program took the message, in milliseconds,
+over the last messages of each link, up to 32; WORST is the longest since the link was made. A
+program that takes its messages late makes this long, not only the way.
+
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices. A topic that is
+not there yet is waited for.
+
+Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
+--count reports were made.
+
+Examples:
+  sm2 topic delay scan
+  sm2 topic delay scan --json | jq '.links[].p50_ms'";
+
+/// What a subscriber takes from one publisher.
+#[derive(Serialize)]
+pub(super) struct Row {
+    publisher: String,
+    subscriber: String,
+    /// Taken since the link was made.
+    messages: u64,
+    /// How many the next three are of.
+    recent: u32,
+    mean_ms: Option<f64>,
+    p50_ms: Option<f64>,
+    max_ms: Option<f64>,
+    /// Since the link was made.
+    worst_ms: f64,
+}
+
+struct Delay;
+
+impl Measure<7> for Delay {
+    const ROLE: &str = "delay";
+    const OF: Kind = Kind::Subscriber;
+    const ROWS: &str = "links";
+    const HEADINGS: [&str; 7] = [
+        "SUBSCRIBER",
+        "PUBLISHER",
+        "MEAN ms",
+        "P50 ms",
+        "MAX ms",
+        "WORST ms",
+        "MESSAGES",
+    ];
+    const TEXTS: usize = 2;
+    type Row = Row;
+
+    fn rows(look: &Look<'_>) -> Vec<Row> {
+        let row = |publisher, subscriber, entry: &Entry| {
+            let recent = entry.recent_delays();
+            Row {
+                publisher: look.view.name_of(publisher).to_owned(),
+                subscriber: look.view.name_of(subscriber).to_owned(),
+                messages: entry.messages,
+                recent: recent.map_or(0, |it| it.count),
+                mean_ms: recent.map(|it| millis(it.mean_ns)),
+                p50_ms: median_ns(entry).map(millis),
+                max_ms: recent.map(|it| millis(it.max_ns)),
+                worst_ms: millis(entry.delay_max_ns),
+            }
+        };
+        let subscribers = look.counted(Kind::Subscriber);
+        let links = subscribers.flat_map(|it| look.view.links_of(it.place));
+        links
+            .filter_map(|link| {
+                let entry = look.now.demanding(look.view.domain, link)?;
+                Some(row(link.offering.node, link.demanding.node, entry))
+            })
+            .collect()
+    }
+
+    fn cells(row: &Row) -> [String; 7] {
+        [
+            row.subscriber.clone(),
+            row.publisher.clone(),
+            cell(row.mean_ms, 3),
+            cell(row.p50_ms, 3),
+            cell(row.max_ms, 3),
+            cell(Some(row.worst_ms), 3),
+            row.messages.to_string(),
+        ]
+    }
+}
+
+/// Reports until it is stopped.
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    measure::run::<7, Delay>(&arguments.common)
+}

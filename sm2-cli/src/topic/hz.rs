@@ -1,0 +1,102 @@
+//! `sm2 topic hz`: how often messages are published.
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::{Kind, counters::Entry};
+
+use super::measure::{self, Look, Measure, cell};
+use crate::{
+    Ended,
+    error::CliError,
+    sampling::{Millis, hundredths},
+};
+
+/// `sm2 topic hz`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    common: measure::Common,
+}
+
+const HELP: &str = "\
+HZ is how many messages each publisher published per second of the interval; the other columns are
+the times between its last messages, up to 32 of them, in milliseconds.
+
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices. A topic that is
+not there yet is waited for.
+
+Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
+--count reports were made.
+
+Examples:
+  sm2 topic hz scan
+  sm2 topic hz scan --interval 200ms --count 5
+  sm2 topic hz scan --json | jq '.publishers[].hz'";
+
+/// A publisher.
+#[derive(Serialize)]
+pub(super) struct Row {
+    node: String,
+    interface: u64,
+    /// Since it was declared.
+    messages: u64,
+    /// Over the interval; none for a publisher that was not there at its beginning.
+    hz: Option<f64>,
+    /// Between its last messages; none with less than two.
+    gap_ms: Option<Millis>,
+}
+
+struct Hz;
+
+impl Measure<7> for Hz {
+    const ROLE: &str = "hz";
+    const OF: Kind = Kind::Publisher;
+    const ROWS: &str = "publishers";
+    const HEADINGS: [&str; 7] = [
+        "PUBLISHER",
+        "HZ",
+        "MEAN ms",
+        "MIN ms",
+        "MAX ms",
+        "STD DEV ms",
+        "MESSAGES",
+    ];
+    const TEXTS: usize = 1;
+    type Row = Row;
+
+    fn rows(look: &Look<'_>) -> Vec<Row> {
+        let domain = look.view.domain;
+        let row = |place| {
+            let entry: &Entry = look.now.interface(domain, place)?;
+            let rate = look.now.rate(look.before, domain, place);
+            Some(Row {
+                node: look.view.name_of(place.node).to_owned(),
+                interface: place.interface.0,
+                messages: entry.messages,
+                hz: rate.map(|rate| hundredths(rate.messages_per_s)),
+                gap_ms: entry.gaps().map(Millis::from),
+            })
+        };
+        let publishers = look.counted(Kind::Publisher);
+        publishers.filter_map(|it| row(it.place)).collect()
+    }
+
+    fn cells(row: &Row) -> [String; 7] {
+        let gap = |of: fn(&Millis) -> f64| cell(row.gap_ms.as_ref().map(of), 3);
+        [
+            row.node.clone(),
+            cell(row.hz, 2),
+            gap(|it| it.mean),
+            gap(|it| it.min),
+            gap(|it| it.max),
+            gap(|it| it.std_dev),
+            row.messages.to_string(),
+        ]
+    }
+}
+
+/// Reports until it is stopped.
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    measure::run::<7, Hz>(&arguments.common)
+}

@@ -1,0 +1,102 @@
+//! `sm2 topic info`.
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::Name;
+
+use crate::{
+    Ended,
+    args::{Domain, name},
+    connect::Session,
+    error::CliError,
+    interfaces::{Interface, Type, table},
+    names,
+    output::Output,
+    view::{TOPIC, View},
+};
+
+/// `sm2 topic info`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The topic
+    #[arg(value_name = "NAME", value_parser = name)]
+    topic: Name,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Shows its type, the schema by which `sm2 topic echo` reads its messages, and who publishes and
+subscribes, also those that the Manager refused. `sm2 why` says what keeps two of them apart.
+
+Exit status: 0 shown, 1 nobody is on such a topic, 2 wrong usage.
+
+Examples:
+  sm2 topic info scan
+  sm2 topic info scan --json | jq -r .schema";
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Info {
+    /// The domain's revision.
+    revision: u64,
+    name: String,
+    /// None if nobody has stated one.
+    #[serde(rename = "type")]
+    data: Option<Type>,
+    /// The schema text of SPEC's Annex A; none if nobody registered it.
+    schema: Option<String>,
+    interfaces: Vec<Interface>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "topic-info")?;
+    let domain = session.snapshot()?;
+    let view = View::new(&domain);
+    let topic = &arguments.topic;
+    let all = domain
+        .interfaces()
+        .filter(|it| TOPIC.contains(&it.contract.kind()));
+    let interfaces: Vec<_> = all
+        .filter(|it| it.contract.name() == topic)
+        .map(|it| Interface::new(&view, it))
+        .collect();
+    if interfaces.is_empty() {
+        return Err(names::unknown("topic", topic, view.names(TOPIC)));
+    }
+    let data = view.topic_type(topic);
+    let schema = match data {
+        Some(data) => session.describe(data)?,
+        None => None,
+    };
+    let info = Info {
+        revision: domain.revision(),
+        name: topic.to_string(),
+        data: data.map(Type::from),
+        schema,
+        interfaces,
+    };
+    let mut out = Output::new();
+    match arguments.json {
+        true => out.json(&info)?,
+        false => print(&info, &mut out)?,
+    }
+    out.flush()?;
+    Ok(Ended::Done)
+}
+
+fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
+    out.line(format_args!("topic   {}", info.name))?;
+    match &info.data {
+        Some(data) => out.line(format_args!("type    {data}"))?,
+        None => out.line("type    nobody has stated one")?,
+    }
+    let schema = info.schema.as_deref().unwrap_or("nobody registered it");
+    out.line(format_args!("schema  {schema}"))?;
+    out.line("")?;
+    out.line(table(&info.interfaces))
+}

@@ -1,0 +1,139 @@
+//! `sm2 topic loss`: what became of messages.
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::{Kind, link::Counters};
+
+use super::measure::{self, Look, Measure, cell};
+use crate::{Ended, error::CliError};
+
+/// `sm2 topic loss`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    common: measure::Common,
+}
+
+const HELP: &str = "\
+For each link since it was made: messages OFFERED to it, DELIVERED (given back by the subscriber's
+program), OVERWRITTEN (overtaken before they were sent), DISCARDED (overtaken before they were
+taken), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. OFFERED is the sum of all
+others. LOST is what the subscriber missed, by its own count.
+
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices. A topic that is
+not there yet is waited for.
+
+Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
+--count reports were made.
+
+Examples:
+  sm2 topic loss camera
+  sm2 topic loss camera --count 1 --json | jq '.links[] | select(.lost > 0)'";
+
+/// A link.
+#[derive(Serialize)]
+pub(super) struct Row {
+    publisher: String,
+    subscriber: String,
+    #[serde(flatten)]
+    fates: Fates,
+    /// None if the subscriber keeps no counters.
+    lost: Option<u64>,
+}
+
+/// What became of the messages of a link. Field names are part of the command's interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Fates {
+    pub(crate) offered: u64,
+    pub(crate) delivered: u64,
+    overwritten: u64,
+    discarded: u64,
+    deadline: u64,
+    closed: u64,
+    pub(crate) in_flight: u64,
+}
+
+impl Fates {
+    /// All that did not arrive, for whatever reason.
+    pub(crate) const fn dropped(&self) -> u64 {
+        self.overwritten
+            .saturating_add(self.discarded)
+            .saturating_add(self.deadline)
+            .saturating_add(self.closed)
+    }
+}
+
+impl From<&Counters> for Fates {
+    fn from(of: &Counters) -> Self {
+        Self {
+            offered: of.offered,
+            delivered: of.delivered,
+            overwritten: of.overwritten,
+            discarded: of.discarded,
+            deadline: of.deadline,
+            closed: of.closed,
+            in_flight: of.in_flight,
+        }
+    }
+}
+
+struct Loss;
+
+impl Measure<10> for Loss {
+    const ROLE: &str = "loss";
+    const OF: Kind = Kind::Publisher;
+    const ROWS: &str = "links";
+    const HEADINGS: [&str; 10] = [
+        "PUBLISHER",
+        "SUBSCRIBER",
+        "OFFERED",
+        "DELIVERED",
+        "OVERWRITTEN",
+        "DISCARDED",
+        "DEADLINE",
+        "CLOSED",
+        "IN FLIGHT",
+        "LOST",
+    ];
+    const TEXTS: usize = 2;
+    type Row = Row;
+
+    fn rows(look: &Look<'_>) -> Vec<Row> {
+        let publishers = look.counted(Kind::Publisher);
+        let links = publishers.flat_map(|it| look.view.links_of(it.place));
+        links
+            .filter_map(|link| {
+                let entry = look.now.offering(look.view.domain, link)?;
+                let taken = look.now.demanding(look.view.domain, link);
+                Some(Row {
+                    publisher: look.view.name_of(link.offering.node).to_owned(),
+                    subscriber: look.view.name_of(link.demanding.node).to_owned(),
+                    fates: Fates::from(&entry.fates),
+                    lost: taken.map(|entry| entry.lost),
+                })
+            })
+            .collect()
+    }
+
+    fn cells(row: &Row) -> [String; 10] {
+        let fates = &row.fates;
+        [
+            row.publisher.clone(),
+            row.subscriber.clone(),
+            fates.offered.to_string(),
+            fates.delivered.to_string(),
+            fates.overwritten.to_string(),
+            fates.discarded.to_string(),
+            fates.deadline.to_string(),
+            fates.closed.to_string(),
+            fates.in_flight.to_string(),
+            cell(row.lost.map(|lost| lost as f64), 0),
+        ]
+    }
+}
+
+/// Reports until it is stopped.
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    measure::run::<10, Loss>(&arguments.common)
+}

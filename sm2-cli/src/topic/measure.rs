@@ -1,0 +1,246 @@
+//! What `hz`, `bw`, `delay` and `loss` have in common: looking at the counters of a topic's nodes
+//! once per interval, from the time on that there is such a topic, until they are stopped.
+
+use std::{collections::BTreeSet, marker::PhantomData, os::fd::AsFd, time::Duration};
+
+use clap::Args;
+use serde::Serialize;
+use serde_json::json;
+use sm2_io::clock;
+use sm2_proto::{Instant, Kind, Name, NodeId, domain::InterfaceView};
+
+use crate::{
+    Ended,
+    args::{self, Domain},
+    columns::Stream,
+    connect::Session,
+    error::CliError,
+    follow::Follow,
+    names,
+    output::Output,
+    sampling::{Sample, Sampler},
+    time,
+    view::{TOPIC, View},
+    wait::For,
+};
+
+/// What all of them are told.
+#[derive(Args, Debug)]
+pub(crate) struct Common {
+    /// The topic
+    #[arg(value_name = "NAME", value_parser = args::name)]
+    topic: Name,
+    /// How long counting goes on for one report, such as 200ms
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = time::span)]
+    interval: Duration,
+    /// End after so many reports
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+    /// Print each report as one line of JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+/// One of the commands.
+pub(super) trait Measure<const N: usize> {
+    /// What its node is called.
+    const ROLE: &str;
+    /// Whose counters a report needs.
+    const OF: Kind;
+    /// The name of a report's rows in JSON.
+    const ROWS: &str;
+    /// The columns of its table.
+    const HEADINGS: [&str; N];
+    /// How many of these, from the first on, are no numbers.
+    const TEXTS: usize;
+    /// A row as JSON.
+    type Row: Serialize;
+
+    /// The rows of a report.
+    fn rows(look: &Look<'_>) -> Vec<Self::Row>;
+
+    /// A row as cells.
+    fn cells(row: &Self::Row) -> [String; N];
+}
+
+/// What a report is made of.
+pub(super) struct Look<'a> {
+    pub(super) view: View<'a>,
+    pub(super) topic: &'a Name,
+    pub(super) now: &'a Sample,
+    pub(super) before: &'a Sample,
+}
+
+impl<'a> Look<'a> {
+    /// The topic's interfaces of a kind whose nodes keep counters.
+    pub(super) fn counted(&self, kind: Kind) -> impl Iterator<Item = InterfaceView<'a>> {
+        let all = self.view.granted();
+        all.filter(move |it| it.contract.kind() == kind && it.contract.name() == self.topic)
+            .filter(|it| self.now.interface(self.view.domain, it.place).is_some())
+    }
+}
+
+/// Reports until a signal comes, nobody reads any more, or all reports are made.
+pub(super) fn run<const N: usize, M: Measure<N>>(arguments: &Common) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, M::ROLE)?;
+    let mut follow = Follow::new(&session, arguments.domain.connect_timeout)?;
+    let mut sampler = Sampler::new();
+    let mut printer = Printer::<N, M>::new(arguments);
+    let mut before: Option<Sample> = None;
+    let mut due = clock::now();
+    let mut reports = 0;
+    while arguments.count.is_none_or(|count| reports < count) {
+        if !is_there::<N, M>(&follow, &arguments.topic) {
+            before = None;
+            if !await_topic::<N, M>(&session, &mut follow, &arguments.topic, &printer.out)? {
+                return Ok(ended(&session, arguments));
+            }
+            due = clock::now();
+        }
+        let nodes = nodes_on(&follow, &arguments.topic);
+        let now = sampler.look(&session.node, follow.domain(), &nodes)?;
+        if let Some(before) = &before {
+            let look = Look {
+                view: View::new(follow.domain()),
+                topic: &arguments.topic,
+                now: &now,
+                before,
+            };
+            printer.print(&look)?;
+            reports += 1;
+        }
+        before = Some(now);
+        // From the first on, however long each takes; a report that is late does not hurry the next.
+        due = due.after(arguments.interval).max(clock::now());
+        let last = arguments.count == Some(reports);
+        if !last && !sleep(&session, &mut follow, &printer.out, due)? {
+            return Ok(ended(&session, arguments));
+        }
+    }
+    Ok(Ended::Done)
+}
+
+/// Ctrl-C is how it ends that has no other end; and so is the end of its reader.
+fn ended(session: &Session, arguments: &Common) -> Ended {
+    match session.stopped() {
+        Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),
+        _ => Ended::Done,
+    }
+}
+
+fn is_there<const N: usize, M: Measure<N>>(follow: &Follow<'_>, topic: &Name) -> bool {
+    let mut interfaces = follow.domain().interfaces();
+    interfaces.any(|it| {
+        it.refused.is_none() && it.contract.kind() == M::OF && it.contract.name() == topic
+    })
+}
+
+/// The nodes that have to do with a topic.
+fn nodes_on(follow: &Follow<'_>, topic: &Name) -> BTreeSet<NodeId> {
+    let view = View::new(follow.domain());
+    view.on(topic, TOPIC).map(|it| it.place.node).collect()
+}
+
+/// Waits until the topic has what is measured; false if the command is to end instead.
+fn await_topic<const N: usize, M: Measure<N>>(
+    session: &Session,
+    follow: &mut Follow<'_>,
+    topic: &Name,
+    out: &Output,
+) -> Result<bool, CliError> {
+    let view = View::new(follow.domain());
+    let known = view.names(TOPIC);
+    let hint = match known.contains(topic) {
+        true => String::new(),
+        false => names::hint(topic.as_str(), known),
+    };
+    eprintln!(
+        "sm2: waiting for a {} of {topic} (Ctrl-C ends){hint}",
+        M::OF
+    );
+    while !is_there::<N, M>(follow, topic) {
+        let woken = follow.wait(&[(out.as_fd(), For::Hangup)], None)?;
+        if session.stopped().is_some() || woken.ready == [true] {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Waits until `due`; false if the command is to end instead.
+fn sleep(
+    session: &Session,
+    follow: &mut Follow<'_>,
+    out: &Output,
+    due: Instant,
+) -> Result<bool, CliError> {
+    loop {
+        let woken = follow.wait(&[(out.as_fd(), For::Hangup)], Some(due))?;
+        if session.stopped().is_some() || woken.ready == [true] {
+            return Ok(false);
+        }
+        if clock::now() >= due {
+            return Ok(true);
+        }
+    }
+}
+
+/// Where reports go.
+struct Printer<'a, const N: usize, M> {
+    arguments: &'a Common,
+    out: Output,
+    table: Stream<N>,
+    /// Nodes of which it was said that they keep no counters.
+    named: BTreeSet<Name>,
+    measure: PhantomData<M>,
+}
+
+impl<'a, const N: usize, M: Measure<N>> Printer<'a, N, M> {
+    fn new(arguments: &'a Common) -> Self {
+        Self {
+            arguments,
+            out: Output::new(),
+            table: Stream::new(M::HEADINGS, M::TEXTS),
+            named: BTreeSet::new(),
+            measure: PhantomData,
+        }
+    }
+
+    fn print(&mut self, look: &Look<'_>) -> Result<(), CliError> {
+        for node in &look.now.silent {
+            if self.named.insert(node.clone()) {
+                eprintln!(
+                    "sm2: node {node} keeps no counters: what it does is not in these figures"
+                );
+            }
+        }
+        let rows = M::rows(look);
+        if self.arguments.json {
+            let interval = look.now.since(look.before).as_secs_f64();
+            self.out.json(&json!({
+                "topic": look.topic.as_str(),
+                "time_ns": clock::now().0,
+                "interval_s": thousandths(interval),
+                "without_counters": look.now.silent.iter().map(Name::as_str).collect::<Vec<_>>(),
+                M::ROWS: rows,
+            }))?;
+        } else {
+            let cells: Vec<_> = rows.iter().map(M::cells).collect();
+            for line in self.table.lines(&cells) {
+                self.out.line(line)?;
+            }
+        }
+        self.out.flush()
+    }
+}
+
+fn thousandths(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
+}
+
+/// A number as a cell; `-` for one that is not known.
+pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
+    value.map_or_else(|| "-".into(), |value| format!("{value:.decimals$}"))
+}

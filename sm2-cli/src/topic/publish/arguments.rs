@@ -1,0 +1,140 @@
+//! What `sm2 topic pub` is told.
+
+use clap::Args;
+use sm2_proto::{Name, schema::Schema};
+
+use super::super::source::{Input, MESSAGE_MAX_BYTES, Split};
+use crate::{
+    args::{Domain, Integrity, name, positive},
+    size::Size,
+};
+
+/// `sm2 topic pub`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The topic
+    #[arg(value_name = "NAME", value_parser = name)]
+    pub(super) topic: Name,
+    /// A file: one message. A folder: each file in the order of names. `-`: each line of standard input
+    #[arg(long, value_name = "PATH|-", value_parser = input, required_unless_present = "value")]
+    pub(super) from: Option<Input>,
+    /// A message as JSON, encoded by the schema of the topic's type; with --rate and --loop again and again
+    #[arg(long, value_name = "JSON", conflicts_with_all = ["from", "lines", "chunk", "whole"], allow_hyphen_values = true)]
+    pub(super) value: Option<String>,
+    #[command(flatten)]
+    parts: Parts,
+    /// Publish this many messages each second [default: as fast as they can be read]
+    #[arg(long, value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
+    pub(super) rate: Option<f64>,
+    /// Begin again at the end, until Ctrl-C
+    #[arg(long = "loop")]
+    pub(super) again: bool,
+    /// Offer to wait for subscribers that want every message (`sm2 topic echo --reliable`)
+    #[arg(long)]
+    pub(super) reliable: bool,
+    /// Share messages in memory that is used again, or seal each, so that nobody can change it any more
+    #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
+    pub(super) integrity: Integrity,
+    /// The messages' type [default: with --value the topic's, else bytes]; without a hash the topic's, if that is in use
+    #[arg(long = "type", value_name = "NAME[:HASH]", value_parser = data_type)]
+    pub(super) data: Option<DataType>,
+    /// The schema of --type, as `sm2 topic info` prints it: what the type's hash comes from
+    #[arg(long, value_name = "TEXT", requires = "data", value_parser = schema)]
+    pub(super) schema: Option<Schema>,
+    /// Begin when this many subscribers are there
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(super) wait: usize,
+    #[command(flatten)]
+    pub(super) domain: Domain,
+}
+
+/// What of an input is a message.
+#[derive(Args, Clone, Debug)]
+#[group(multiple = false)]
+struct Parts {
+    /// Each line is a message, without its newline
+    #[arg(long)]
+    lines: bool,
+    /// Each SIZE bytes are a message, such as 4096, 64kB or 1MiB
+    #[arg(long, value_name = "SIZE", value_parser = chunk)]
+    chunk: Option<Size>,
+    /// All is one message, also of standard input
+    #[arg(long)]
+    whole: bool,
+}
+
+const HELP: &str = "\
+With --reliable on both sides no message is lost: the publisher waits for subscribers that are
+behind, 10 s at most. Otherwise a subscriber that is too slow misses messages; standard error says
+how many.
+
+It goes on while the Manager is replaced, and says so on standard error.
+
+Exit status: 0 all published (or Ctrl-C with --loop), 1 failed, 2 wrong usage, 130 Ctrl-C before the end.
+
+Examples:
+  echo hello | sm2 topic pub chatter --from -
+  sm2 topic pub camera --from frames/ --rate 30 --loop
+  sm2 topic pub log --from /var/log/syslog --lines --reliable
+  sm2 topic pub goal --value '{\"x\": 1.5, \"y\": 0}' --rate 10 --loop
+  sm2 topic pub blob --from - --chunk 1MiB --reliable < disk.img";
+
+impl Arguments {
+    /// What of the input is one message.
+    pub(super) fn split(&self) -> Split {
+        match (&self.parts, &self.from) {
+            (Parts { lines: true, .. }, _) => Split::Lines,
+            (
+                Parts {
+                    chunk: Some(size), ..
+                },
+                _,
+            ) => Split::Chunks(size.0),
+            (Parts { whole: true, .. }, _) | (_, Some(Input::Path(_)) | None) => Split::Whole,
+            (_, Some(Input::StandardInput)) => Split::Lines,
+        }
+    }
+}
+
+/// A type as a person names it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct DataType {
+    pub(super) name: Name,
+    /// None if the domain is to be asked.
+    pub(super) hash: Option<u64>,
+}
+
+fn data_type(text: &str) -> Result<DataType, String> {
+    let (name_text, hash) = match text.split_once(':') {
+        None => (text, None),
+        Some((name_text, digits)) => {
+            let hash = u64::from_str_radix(digits, 16);
+            let hash = hash.map_err(|_| "a schema hash is up to 16 hex digits".to_owned())?;
+            (name_text, Some(hash))
+        }
+    };
+    let name = name(name_text)?;
+    Ok(DataType { name, hash })
+}
+
+fn input(text: &str) -> Result<Input, String> {
+    match text {
+        "" => Err("name a file or folder, or `-` for standard input".into()),
+        "-" => Ok(Input::StandardInput),
+        path => Ok(Input::Path(path.into())),
+    }
+}
+
+fn chunk(text: &str) -> Result<Size, String> {
+    match text.parse::<Size>() {
+        Ok(size) if size.0 > MESSAGE_MAX_BYTES => {
+            Err(format!("a chunk is at most {}", Size(MESSAGE_MAX_BYTES)))
+        }
+        result => result.map_err(|error| error.to_string()),
+    }
+}
+
+fn schema(text: &str) -> Result<Schema, String> {
+    Schema::parse(text).map_err(|error| error.to_string())
+}

@@ -1,0 +1,97 @@
+//! A domain as commands show it: its links by interface, its names by kind.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use sm2_proto::{
+    Contract, Kind, Name, NodeId, Place, TypeId,
+    domain::{Domain, InterfaceView, LinkView},
+};
+
+/// A domain at one revision, with its links in reach of their interfaces.
+#[derive(Clone, Debug)]
+pub(crate) struct View<'a> {
+    pub(crate) domain: &'a Domain,
+    links: BTreeMap<Place, Vec<LinkView>>,
+}
+
+impl<'a> View<'a> {
+    pub(crate) fn new(domain: &'a Domain) -> Self {
+        let mut links: BTreeMap<_, Vec<_>> = BTreeMap::new();
+        for link in domain.links() {
+            links.entry(link.offering).or_default().push(link);
+            if link.demanding != link.offering {
+                links.entry(link.demanding).or_default().push(link);
+            }
+        }
+        Self { domain, links }
+    }
+
+    /// The links of an interface.
+    pub(crate) fn links_of(&self, place: Place) -> &[LinkView] {
+        self.links.get(&place).map_or(&[], Vec::as_slice)
+    }
+
+    /// The name of a node; `?` for one that is gone.
+    pub(crate) fn name_of(&self, node: NodeId) -> &'a str {
+        self.domain
+            .node(node)
+            .map_or("?", |node| node.name.as_str())
+    }
+
+    /// An interface as a person names it: `talker:chatter`; a node as itself.
+    pub(crate) fn title(&self, place: Place) -> String {
+        let node = self.name_of(place.node);
+        match self.domain.interface(place) {
+            Some(it) => format!("{node}:{}", it.contract.name()),
+            None => node.to_owned(),
+        }
+    }
+
+    /// The granted interfaces.
+    pub(crate) fn granted(&self) -> impl Iterator<Item = InterfaceView<'a>> + use<'a> {
+        self.domain.interfaces().filter(|it| it.refused.is_none())
+    }
+
+    /// The granted interfaces of these kinds on a topic or service.
+    pub(crate) fn on(
+        &self,
+        name: &Name,
+        kinds: &[Kind],
+    ) -> impl Iterator<Item = InterfaceView<'a>> {
+        self.granted()
+            .filter(move |it| it.contract.name() == name && kinds.contains(&it.contract.kind()))
+    }
+
+    /// The names of all topics, or of all services, that have an interface.
+    pub(crate) fn names(&self, kinds: &[Kind]) -> BTreeSet<&'a Name> {
+        let all = self.granted().map(|it| it.contract);
+        let of_kind = all.filter(|it| kinds.contains(&it.kind()));
+        of_kind.map(Contract::name).collect()
+    }
+
+    /// The type of a topic, if anybody has stated one.
+    pub(crate) fn topic_type(&self, topic: &Name) -> Option<&'a TypeId> {
+        self.on(topic, TOPIC).find_map(|it| match it.contract {
+            Contract::Publisher { data, .. } => Some(data),
+            Contract::Subscriber { data, .. } => data.as_ref(),
+            Contract::Server { .. } | Contract::Client { .. } => None,
+        })
+    }
+
+    /// The types of a service's requests and replies, if anybody has stated them.
+    pub(crate) fn service_types(&self, service: &Name) -> Option<[&'a TypeId; 2]> {
+        self.on(service, SERVICE).find_map(|it| match it.contract {
+            Contract::Server { request, reply, .. } => Some([request, reply]),
+            Contract::Client { types, .. } => {
+                types.as_ref().map(|(request, reply)| [request, reply])
+            }
+            Contract::Publisher { .. } | Contract::Subscriber { .. } => None,
+        })
+    }
+}
+
+/// The kinds of interfaces that topics have.
+pub(crate) const TOPIC: &[Kind] = &[Kind::Publisher, Kind::Subscriber];
+
+/// The kinds of interfaces that services have.
+pub(crate) const SERVICE: &[Kind] = &[Kind::Server, Kind::Client];

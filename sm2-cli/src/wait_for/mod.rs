@@ -1,0 +1,110 @@
+//! `sm2 wait`: until something is true of the domain. [`expression`] is what one may say.
+
+mod expression;
+
+use std::time::Duration;
+
+use clap::Args;
+use serde::Serialize;
+use sm2_io::clock;
+use sm2_proto::domain::Domain as Mirror;
+
+use self::expression::{Expression, Seen};
+use crate::{
+    Ended, args::Domain, connect::Session, error::CliError, follow::Follow, output::Output, time,
+};
+
+/// `sm2 wait`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// What has to be true, such as 'topic:/scan publishers>=1'; several: all at the same time
+    #[arg(value_name = "EXPRESSION", required = true, value_parser = Expression::parse)]
+    expressions: Vec<Expression>,
+    /// Give up after so long [default: never]
+    #[arg(long, value_name = "TIME", value_parser = time::span_or_zero)]
+    timeout: Option<Duration>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Format:
+  topic:NAME CONDITION...    conditions: publishers, subscribers, links
+  service:NAME CONDITION...  conditions: servers, clients, links
+  node:NAME CONDITION...     conditions: up, gone, publishers, subscribers, servers, clients, links
+A condition but up and gone is a count, one of == != >= <= > <, and a number; = is ==. What is not
+there has 0 of everything. Nothing is asked again and again: the Manager says when something changes.
+While there is no Manager, the wait goes on.
+
+Exit status: 0 all is true, 1 it was not when the time was over (standard error says what was seen
+last), 2 wrong usage, 130 Ctrl-C.
+
+Examples:
+  sm2 wait 'topic:/scan publishers>=1 subscribers>=2' --timeout 5s
+  sm2 wait node:driver 'service:sum servers==1'
+  sm2 wait 'node:driver gone' --timeout 10s && echo it is down";
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Answer {
+    /// Whether all is true.
+    met: bool,
+    /// The domain's revision.
+    revision: u64,
+    waited_s: f64,
+    expressions: Vec<Seen>,
+}
+
+/// Waits.
+///
+/// # Errors
+///
+/// What it failed with.
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "wait")?;
+    let start = clock::now();
+    let until = arguments.timeout.map(|timeout| start.after(timeout));
+    let mut follow = Follow::new(&session, arguments.domain.connect_timeout)?;
+    let met = loop {
+        if arguments
+            .expressions
+            .iter()
+            .all(|it| it.is_met(follow.domain()))
+        {
+            break true;
+        }
+        if let Some(signal) = session.stopped() {
+            return Ok(Ended::Stopped(signal));
+        }
+        if until.is_some_and(|until| until <= clock::now()) {
+            break false;
+        }
+        follow.wait(&[], until)?;
+    };
+    let seen = seen(&arguments.expressions, follow.domain());
+    if !met {
+        for it in seen.iter().filter(|it| !it.met) {
+            eprintln!("sm2: {it}");
+        }
+    }
+    if arguments.json {
+        let waited = clock::now().since(start).as_secs_f64();
+        let mut out = Output::new();
+        out.json(&Answer {
+            met,
+            revision: follow.domain().revision(),
+            waited_s: (waited * 1e3).round() / 1e3,
+            expressions: seen,
+        })?;
+        out.flush()?;
+    }
+    Ok(if met { Ended::Done } else { Ended::No })
+}
+
+fn seen(expressions: &[Expression], domain: &Mirror) -> Vec<Seen> {
+    expressions.iter().map(|it| it.seen(domain)).collect()
+}

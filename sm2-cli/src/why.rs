@@ -1,0 +1,270 @@
+//! `sm2 why`: why two interfaces are linked, or are not; or what comes nearest to one.
+
+use clap::Args;
+use serde::Serialize;
+use sm2_proto::{
+    Contract, Place, Refusal, TypeId,
+    domain::{Domain as Mirror, Finding, Near, Verdict, nearest, why},
+    schema::Schema,
+};
+
+use crate::{
+    Ended,
+    args::Domain,
+    connect::Session,
+    error::CliError,
+    interfaces::Interface,
+    names::{Selector, titles},
+    output::Output,
+    view::View,
+};
+
+/// `sm2 why`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// An interface: NODE:TOPIC, or a topic, service or node alone if that says which
+    #[arg(value_name = "A", value_parser = Selector::parse)]
+    one: Selector,
+    /// The other one [default: whatever comes nearest to A]
+    #[arg(value_name = "B", value_parser = Selector::parse)]
+    other: Option<Selector>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+With A alone it shows who A is linked with, and which counterparts come nearest and why they do not
+match. Where types differ and their schemas are registered, it names the first field that does.
+
+Exit status: 0 linked, 1 not linked (or there is no such interface), 2 wrong usage.
+
+Examples:
+  sm2 why talker:scan listener:scan
+  sm2 why talker listener
+  sm2 why scan
+  sm2 why talker listener --json | jq .verdict.finding";
+
+/// The object that `--json` prints for two interfaces.
+#[derive(Serialize)]
+struct Pair {
+    /// The domain's revision.
+    revision: u64,
+    linked: bool,
+    verdict: Verdict,
+    /// Where the types of an interface that was refused for its type differ, if their schemas are
+    /// registered.
+    differences: Vec<String>,
+    /// In plain words.
+    text: String,
+}
+
+/// The object that `--json` prints for one name.
+#[derive(Serialize)]
+struct Around {
+    /// The domain's revision.
+    revision: u64,
+    /// Whether all of them have a link.
+    linked: bool,
+    interfaces: Vec<One>,
+}
+
+/// An interface and what is around it.
+#[derive(Serialize)]
+struct One {
+    interface: Interface,
+    linked_with: Vec<String>,
+    near: Vec<Near>,
+}
+
+/// Answers.
+///
+/// # Errors
+///
+/// What it failed with.
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "why")?;
+    let domain = session.snapshot()?;
+    let view = View::new(&domain);
+    let explain = |verdict: Verdict| {
+        // Without the schemas the rest of the answer stands.
+        verdict.with_schemas(|data| session.describe(data).ok().flatten())
+    };
+    let mut out = Output::new();
+    let linked = match &arguments.other {
+        Some(other) => {
+            let (one, other) = pair(&view, &arguments.one, other)?;
+            let verdict = explain(why(&domain, one, other));
+            let pair = Pair {
+                revision: domain.revision(),
+                linked: verdict.is_linked(),
+                text: verdict.to_string(),
+                differences: differences(&session, &domain, &verdict),
+                verdict,
+            };
+            if arguments.json {
+                out.json(&pair)?;
+            } else {
+                out.line(&pair.text)?;
+                for difference in &pair.differences {
+                    out.line(difference)?;
+                }
+            }
+            pair.linked
+        }
+        None => {
+            let places = arguments.one.places(&view)?;
+            let interfaces = places.into_iter().map(|place| one(&view, place, &explain));
+            let interfaces: Vec<_> = interfaces.flatten().collect();
+            let around = Around {
+                revision: domain.revision(),
+                linked: interfaces.iter().all(|it| !it.linked_with.is_empty()),
+                interfaces,
+            };
+            match arguments.json {
+                true => out.json(&around)?,
+                false => print(&around, &mut out)?,
+            }
+            around.linked
+        }
+    };
+    out.flush()?;
+    Ok(if linked { Ended::Done } else { Ended::No })
+}
+
+/// Where the types of a refused interface differ from those in use, one for each pair of types.
+/// (Of types that differ otherwise the verdict itself says so.)
+fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<String> {
+    let Finding::Refused { place, reason, .. } = &verdict.finding else {
+        return Vec::new();
+    };
+    let Some(refused) = domain.interface(*place) else {
+        return Vec::new();
+    };
+    let pairs = match (refused.contract, reason) {
+        (
+            Contract::Publisher { data, .. }
+            | Contract::Subscriber {
+                data: Some(data), ..
+            },
+            Refusal::TopicType { theirs },
+        ) => vec![(data, theirs)],
+        (
+            Contract::Server { request, reply, .. }
+            | Contract::Client {
+                types: Some((request, reply)),
+                ..
+            },
+            Refusal::ServiceType {
+                request: asks,
+                reply: expects,
+            },
+        ) => vec![(request, asks), (reply, expects)],
+        _ => Vec::new(),
+    };
+    // Without the schemas the rest of the answer stands.
+    let schema = |data: &TypeId| Schema::parse(&session.describe(data).ok()??).ok();
+    let difference = |(ours, theirs): (&TypeId, &TypeId)| {
+        let difference = schema(ours)?.difference(&schema(theirs)?)?;
+        Some(format!(
+            "First difference of {} (here: what was refused, there: what is in use): {difference}.",
+            ours.name
+        ))
+    };
+    pairs.into_iter().filter_map(difference).collect()
+}
+
+/// The two interfaces that two names mean.
+///
+/// # Errors
+///
+/// [`CliError::Unknown`], [`CliError::NoInterfaces`], [`CliError::Ambiguous`].
+fn pair(view: &View<'_>, one: &Selector, other: &Selector) -> Result<(Place, Place), CliError> {
+    let (ours, theirs) = (one.places(view)?, other.places(view)?);
+    if let ([one], [other]) = (&*ours, &*theirs) {
+        return Ok((*one, *other));
+    }
+    let mut pairs = Vec::new();
+    for &one in &ours {
+        for &other in theirs.iter().filter(|&&other| other != one) {
+            let verdict = why(view.domain, one, other);
+            let both = (verdict.one.place, verdict.other.place);
+            if let Some(rank) = rank(&verdict.finding)
+                && !pairs.contains(&(rank, both))
+            {
+                pairs.push((rank, both));
+            }
+        }
+    }
+    let best = pairs.iter().map(|(rank, _)| *rank).min();
+    pairs.retain(|(rank, _)| Some(*rank) == best);
+    match &*pairs {
+        [(_, pair)] => Ok(*pair),
+        _ => {
+            let (text, places) = match ours.len() > 1 {
+                true => (one, ours),
+                false => (other, theirs),
+            };
+            Err(CliError::Ambiguous {
+                text: text.to_string(),
+                candidates: titles(view, places),
+            })
+        }
+    }
+}
+
+/// How likely it is that a pair with this finding is meant; none if nobody means it.
+const fn rank(finding: &Finding) -> Option<u8> {
+    match finding {
+        Finding::Kinds | Finding::Unknown { .. } => None,
+        Finding::Names { near: None } => Some(2),
+        Finding::Names { near: Some(_) } => Some(1),
+        _ => Some(0),
+    }
+}
+
+fn one(view: &View<'_>, place: Place, explain: &impl Fn(Verdict) -> Verdict) -> Option<One> {
+    let peers = view
+        .links_of(place)
+        .iter()
+        .map(|link| match link.offering == place {
+            true => link.demanding,
+            false => link.offering,
+        });
+    let near = nearest(view.domain, place).into_iter().map(|near| Near {
+        verdict: explain(near.verdict),
+        ..near
+    });
+    Some(One {
+        interface: Interface::new(view, view.domain.interface(place)?),
+        linked_with: peers.map(|peer| view.title(peer)).collect(),
+        near: near.collect(),
+    })
+}
+
+fn print(around: &Around, out: &mut Output) -> Result<(), CliError> {
+    for it in &around.interfaces {
+        let Interface {
+            node, kind, name, ..
+        } = &it.interface;
+        let linked_with = match &*it.linked_with {
+            [] => "nobody".to_owned(),
+            some => some.join(", "),
+        };
+        out.line(format_args!(
+            "{node}'s {kind} of {name} is linked with {linked_with}."
+        ))?;
+        for near in &it.near {
+            for line in near.to_string().lines() {
+                out.line(format_args!("  {line}"))?;
+            }
+        }
+        if it.near.is_empty() && it.linked_with.is_empty() {
+            out.line("  Nobody in this domain comes near it.")?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,138 @@
+//! Messages of types that this program was not built with: printed and published by their schemas.
+
+use serde_json::json;
+
+use crate::common::Domain;
+
+const SCHEMA: &str = "plain:struct{x:f64,n:u32,}";
+
+/// Publishes a value again and again, as the type `nav/Point`.
+fn publish(value: &str) -> [&str; 12] {
+    [
+        "topic",
+        "pub",
+        "point",
+        "--type",
+        "nav/Point",
+        "--schema",
+        SCHEMA,
+        "--value",
+        value,
+        "--rate",
+        "200",
+        "--loop",
+    ]
+}
+
+#[test]
+fn values_are_published_and_printed_by_their_schema() {
+    let domain = Domain::new();
+    let _publish = domain.start(&publish("{\"x\": 1.5, \"n\": 7}"));
+    let echo = |options: &[&str]| {
+        let echo = ["topic", "echo", "point", "--count", "1"];
+        domain.run(&[&echo, options].concat()).stdout()
+    };
+    assert_eq!(echo(&[]), "{x: 1.5, n: 7}\n");
+    assert_eq!(echo(&["--hex"]), "000000000000f83f07000000\n");
+    assert_eq!(
+        echo(&["--raw"]),
+        "12 bytes: 00 00 00 00 00 00 f8 3f 07 00 00 00\n"
+    );
+    let line: serde_json::Value = serde_json::from_str(&echo(&["--json"])).unwrap();
+    assert_eq!(line["value"], json!({ "x": 1.5, "n": 7 }));
+    let both = ["topic", "echo", "point", "--hex", "--raw"];
+    domain.run(&both).failed(2, &["--hex", "--raw"]);
+
+    // Another publisher needs to know neither type nor schema.
+    let value = [
+        "topic",
+        "pub",
+        "point",
+        "--value",
+        "{\"x\": 0, \"n\": 1}",
+        "--wait",
+        "0",
+    ];
+    let published = domain.run(&value);
+    assert_eq!(published.code(), 0, "{published:?}");
+    assert!(
+        published.stderr().contains("1 while nobody was there"),
+        "{published:?}"
+    );
+    let wrong = ["topic", "pub", "point", "--value", "{\"x\": 0, \"n\": -1}"];
+    domain
+        .run(&wrong)
+        .failed(1, &["no message of type nav/Point", "n: "]);
+    let wrong = ["topic", "pub", "point", "--value", "{x: 0}"];
+    domain.run(&wrong).failed(2, &["no JSON", "quote it"]);
+}
+
+#[test]
+fn built_in_types_are_printed_too() {
+    let domain = Domain::new();
+    let node = domain.node("node");
+    let numbers = node
+        .publisher_builder::<[f64]>("numbers")
+        .latched(1)
+        .declare()
+        .unwrap();
+    numbers.publish(&[1.0, -0.5]).unwrap();
+    let text = node
+        .publisher_builder::<str>("text")
+        .latched(1)
+        .declare()
+        .unwrap();
+    text.publish("hello").unwrap();
+    let echo = |topic: &str| {
+        let echo = domain.start(&["topic", "echo", topic, "--count", "1"]);
+        // Nobody else moves this node on.
+        crate::common::until("the message is there", || {
+            node.spin_once(Some(std::time::Duration::from_millis(5)))
+                .unwrap();
+            !echo.stdout().is_empty()
+        });
+        echo.finish().stdout()
+    };
+    assert_eq!(echo("numbers"), "[1.0, -0.5]\n");
+    assert_eq!(echo("text"), "hello\n");
+}
+
+#[test]
+fn what_is_not_of_its_type_is_shown_as_bytes() {
+    let domain = Domain::new();
+    let _publish = domain.start(&publish("{\"x\": 1.5, \"n\": 7}"));
+    domain.wait_for("point", "publishers", 1);
+    let file = domain.path("wrong");
+    std::fs::write(&file, [1, 2, 3]).unwrap();
+    let echo = domain.start(&["topic", "echo", "point"]);
+    domain.wait_for("point", "subscribers", 1);
+    let from = file.to_str().unwrap();
+    let wrong = [
+        "topic",
+        "pub",
+        "point",
+        "--type",
+        "nav/Point",
+        "--from",
+        from,
+    ];
+    assert_eq!(domain.run(&wrong).code(), 0);
+    echo.await_stdout("3 bytes: 01 02 03  (not a message of its type: ");
+}
+
+#[test]
+fn a_value_without_a_schema_is_refused() {
+    let domain = Domain::new();
+    let value = |more: &[&str]| {
+        let value = ["topic", "pub", "a", "--wait", "0", "--value", "{\"x\": 1}"];
+        domain.run(&[&value, more].concat())
+    };
+    value(&[]).failed(1, &["have no fields", "--from"]);
+    value(&["--type", "nav/Point:7"]).failed(1, &["nobody has registered the schema", "--schema"]);
+    let schema = ["--type", "nav/Point:7", "--schema", SCHEMA];
+    value(&schema).failed(2, &["has the hash", "0000000000000007"]);
+    value(&["--schema", SCHEMA]).failed(2, &["--type"]);
+    value(&["--type", "nav/Point", "--schema", "plain:struct{"]).failed(2, &["--schema"]);
+    value(&["--from", "-"]).failed(2, &["--from", "--value"]);
+    domain.run(&["topic", "pub", "a"]).failed(2, &["--from"]);
+}

@@ -1,0 +1,126 @@
+//! `sm2 doctor`.
+
+use std::{fs, os::unix::fs::PermissionsExt};
+
+use serde_json::Value;
+
+use crate::common::{Domain, Finished, Running, sm2};
+
+fn report(finished: &Finished) -> Value {
+    serde_json::from_str(&finished.stdout()).unwrap()
+}
+
+/// What one check found.
+fn check<'a>(report: &'a Value, name: &str) -> &'a Value {
+    let mut checks = report["checks"].as_array().unwrap().iter();
+    checks.find(|it| it["check"] == name).unwrap()
+}
+
+#[test]
+fn a_domain_that_works_has_nothing_bad() {
+    let domain = Domain::new();
+    let doctor = domain.run(&["doctor", "--json"]);
+    assert_eq!(doctor.code(), 0, "{doctor:?}");
+    let report = report(&doctor);
+    assert_ne!(report["level"], "bad");
+    for name in [
+        "Manager",
+        "quotas",
+        "resuming nodes",
+        "leftovers",
+        "shared memory",
+        "kernel",
+    ] {
+        assert_eq!(check(&report, name)["level"], "ok", "{report:#}");
+    }
+    let manager = check(&report, "Manager")["found"].as_str().unwrap();
+    let uid = nix::unistd::geteuid();
+    let process = format!(
+        "process {} of user {uid}, protocol version 1, epoch ",
+        domain.manager_pid()
+    );
+    assert!(manager.starts_with(&process), "{manager}");
+    assert_eq!(check(&report, "standby")["level"], "warn");
+    for it in report["checks"].as_array().unwrap() {
+        assert_eq!(it["level"] == "ok", it["advice"].is_null(), "{it}");
+    }
+    let text = domain.run(&["doctor"]).stdout();
+    assert!(text.starts_with("LEVEL  CHECK"), "{text}");
+    assert!(text.contains("from --socket"), "{text}");
+}
+
+#[test]
+fn what_is_wrong_is_told_with_a_cure() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("none.sock");
+    let path = socket.to_str().unwrap();
+    let run = || Running::start(&mut sm2(&["doctor", "--json", "--socket", path])).finish();
+    let none = run();
+    assert_eq!(none.code(), 1, "{none:?}");
+    let found = report(&none);
+    let manager = check(&found, "Manager");
+    assert_eq!(manager["level"], "bad");
+    let cure = format!("start one with `sm2 manager --socket {path}`");
+    assert_eq!(manager["advice"], cure);
+
+    // What dead Managers leave, and a folder that anybody may write to.
+    fs::write(folder.path().join("none.sock.lock"), "").unwrap();
+    fs::write(folder.path().join("none.sock~"), "").unwrap();
+    fs::set_permissions(folder.path(), PermissionsExt::from_mode(0o777)).unwrap();
+    let found = report(&run());
+    let left = found["checks"].as_array().unwrap().iter();
+    let left: Vec<_> = left.filter(|it| it["check"] == "leftovers").collect();
+    assert_eq!(left.len(), 2, "{found:#}");
+    assert!(left.iter().all(|it| it["level"] == "warn"));
+    assert_eq!(check(&found, "folder")["level"], "bad");
+    assert!(
+        check(&found, "folder")["advice"]
+            .as_str()
+            .unwrap()
+            .contains("chmod o-w")
+    );
+
+    // A file that is no socket.
+    fs::write(&socket, "").unwrap();
+    let found = report(&run());
+    let left = found["checks"].as_array().unwrap().iter();
+    assert!(
+        left.clone()
+            .any(|it| it["found"].as_str().unwrap().contains("is not a socket"))
+    );
+    let wrong = Running::start(&mut sm2(&["doctor", "--domain", "a/b"])).finish();
+    wrong.failed(2, &["a/b"]);
+}
+
+#[test]
+fn refusals_and_full_quotas_are_named() {
+    let domain = Domain::with(&["--max-interfaces", "1"]);
+    let node = domain.node("greedy");
+    let _first = node.publisher::<str>("first").unwrap();
+    assert!(node.publisher::<str>("second").is_err());
+    let found = report(&domain.run(&["doctor", "--json"]));
+    let quotas = check(&found, "quotas");
+    assert_eq!(quotas["level"], "warn");
+    assert_eq!(quotas["found"], "node greedy: 1 of 1 interfaces");
+    let refused = check(&found, "refused interfaces");
+    assert_eq!(refused["found"], "greedy:second");
+    assert!(
+        refused["advice"]
+            .as_str()
+            .unwrap()
+            .contains("sm2 why greedy:second")
+    );
+}
+
+#[test]
+fn a_standby_is_seen() {
+    let domain = Domain::new();
+    let standby = domain.start(&["manager", "--standby"]);
+    let expression = format!("node:sm2/standby/{}", standby.pid());
+    let waited = domain.run(&["wait", &expression, "--timeout", "60s"]);
+    assert_eq!(waited.code(), 0, "{waited:?} {}", standby.stderr());
+    let found = report(&domain.run(&["doctor", "--json"]));
+    let check = check(&found, "standby");
+    assert_eq!(check["level"], "ok");
+    assert_eq!(check["found"], format!("process {}", standby.pid()));
+}

@@ -1,0 +1,59 @@
+//! `sm2 topic info` and `sm2 node info`.
+
+use serde_json::json;
+
+use crate::common::{Domain, listener, talker};
+
+#[test]
+fn a_topic_is_shown_with_its_type_and_interfaces() {
+    let domain = Domain::new();
+    let node = domain.node("imu");
+    let _publisher = node
+        .publisher_builder::<[f64]>("acceleration")
+        .depth(3)
+        .latched(2)
+        .declare()
+        .unwrap();
+    let (_listener, other) = listener(&domain, "acceleration", 1);
+    let info = domain.json(&["topic", "info", "/acceleration"]);
+    assert_eq!(info["name"], "acceleration");
+    assert_eq!(info["type"]["name"], "f64-list");
+    assert_eq!(info["schema"], "plain:list[f64]");
+    let interfaces = info["interfaces"].as_array().unwrap();
+    let publisher = interfaces
+        .iter()
+        .find(|it| it["kind"] == "publisher")
+        .unwrap();
+    assert_eq!(publisher["node"], "imu");
+    let qos = json!({ "depth": 3, "reliable": false, "latched": 2, "sealed": false });
+    assert_eq!(publisher["qos"], qos);
+    assert_eq!(publisher["links"], 1);
+    let subscriber = interfaces
+        .iter()
+        .find(|it| it["kind"] == "subscriber")
+        .unwrap();
+    assert_eq!(subscriber["node"], other);
+    assert_eq!(subscriber["type"], json!(null));
+
+    let text = domain.run(&["topic", "info", "acceleration"]).stdout();
+    assert!(text.contains("schema  plain:list[f64]"), "{text}");
+    assert!(text.contains("depth 3, latched 2"), "{text}");
+}
+
+#[test]
+fn a_node_is_shown_with_its_process_and_peers() {
+    let domain = Domain::new();
+    let (talker, one) = talker(&domain, "scan");
+    let (_listener, other) = listener(&domain, "scan", 1);
+    let info = domain.json(&["node", "info", &one]);
+    assert_eq!([&info["name"], &info["linked_with"][0]], [&*one, &*other]);
+    assert_eq!(info["pid"], talker.pid());
+    assert_eq!(info["resuming"], false);
+    assert_eq!(info["interfaces"][0]["name"], "scan");
+    let text = domain.run(&["node", "info", &other]).stdout();
+    assert!(text.contains(&format!("linked with  {one}")), "{text}");
+    assert!(text.contains("subscriber"), "{text}");
+    let _idle = domain.node("idle");
+    let text = domain.run(&["node", "info", "/idle"]).stdout();
+    assert!(text.ends_with("linked with  nobody\n"), "{text}");
+}

@@ -1,0 +1,95 @@
+//! A Manager that dies while commands run, and its successor.
+
+use nix::sys::signal::Signal;
+
+use crate::common::{Domain, listener, talker, until};
+
+const GONE: &str = "the Manager is gone: links go on";
+const BACK: &str = "a Manager is there again";
+
+#[test]
+fn commands_that_run_say_so_and_go_on() {
+    let mut domain = Domain::new();
+    let (talker, one) = talker(&domain, "scan");
+    let (listener, other) = listener(&domain, "scan", 1);
+    listener.await_stdout("hello");
+    let hz = domain.start(&["topic", "hz", "scan", "--interval", "50ms"]);
+    let watch = domain.start(&["snapshot", "--watch"]);
+    let wait = domain.start(&["wait", "node:newcomer", "--timeout", "60s"]);
+    watch.await_stdout("+ node sm2-wait");
+    until("hz has counted", || hz.stdout().lines().count() > 2);
+    let running = [&talker, &listener, &hz, &watch, &wait];
+
+    domain.kill_manager();
+    for command in running {
+        command.await_stderr(GONE);
+    }
+    // Links and counters do without it.
+    let (printed, counted) = (listener.stdout().len(), hz.stdout().len());
+    until("messages flow", || listener.stdout().len() > printed);
+    until("hz counts", || hz.stdout().len() > counted);
+
+    domain.start_manager();
+    for command in running {
+        command.await_stderr(BACK);
+    }
+    let linked = format!("node:{other} links==1");
+    assert_eq!(
+        domain
+            .run(&["wait", &linked, "--timeout", "60s", "--wait-manager", "60s"])
+            .code(),
+        0
+    );
+    let why = domain.run(&["why", &one, &other]);
+    assert_eq!(why.code(), 0, "{why:?}");
+    let counted = hz.stdout().len();
+    until("hz counts on", || hz.stdout().len() > counted);
+    let _newcomer = domain.node("newcomer");
+    assert_eq!(wait.finish().code(), 0);
+    watch.await_stdout("+ node newcomer");
+    for command in [hz, watch, listener] {
+        command.signal(Signal::SIGINT);
+        let finished = command.finish();
+        assert_eq!(finished.code(), 0, "{finished:?}");
+        let stderr = finished.stderr();
+        assert_eq!(stderr.matches(GONE).count(), 1, "{stderr}");
+    }
+}
+
+#[test]
+fn a_manager_that_is_not_there_yet_is_waited_for() {
+    let mut domain = Domain::new();
+    domain.stop_manager();
+    let list = domain.start(&["node", "list", "--wait-manager", "60s"]);
+    let stopped = domain.start(&["node", "list", "--wait-manager", "60s"]);
+    for waiting in [&list, &stopped] {
+        waiting.await_stderr("waiting 60 s for a Manager at");
+    }
+    stopped.signal(Signal::SIGINT);
+    assert_eq!(stopped.finish().code(), 130);
+    domain.start_manager();
+    let list = list.finish();
+    assert_eq!(list.code(), 0, "{list:?}");
+    assert!(list.stdout().starts_with("NODE"), "{list:?}");
+}
+
+#[test]
+fn waiting_for_a_manager_has_an_end() {
+    let mut domain = Domain::new();
+    domain.stop_manager();
+    let list = domain.run(&["topic", "list", "--wait-manager", "50ms"]);
+    assert_eq!(list.code(), 1);
+    assert!(list.stderr().contains("no Manager answers at"), "{list:?}");
+}
+
+#[test]
+fn a_manager_that_does_not_answer_is_told_in_time() {
+    let domain = Domain::new();
+    domain.signal_manager(Signal::SIGSTOP);
+    let list = domain.run(&["topic", "list", "--connect-timeout", "100ms"]);
+    let doctor = domain.run(&["doctor", "--connect-timeout", "100ms"]);
+    domain.signal_manager(Signal::SIGCONT);
+    list.failed(1, &["did not answer in time", "is it stopped?"]);
+    assert_eq!(doctor.code(), 1, "{doctor:?}");
+    assert!(doctor.stdout().contains("does not answer"), "{doctor:?}");
+}

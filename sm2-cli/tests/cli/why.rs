@@ -1,0 +1,117 @@
+//! `sm2 why`.
+
+use sm2_node::TypeId;
+
+use crate::common::{Domain, listener, talker};
+
+#[test]
+fn a_link_is_explained() {
+    let domain = Domain::new();
+    let (_talker, one) = talker(&domain, "scan");
+    let (_listener, other) = listener(&domain, "scan", 1);
+    let place = format!("{one}:/scan");
+    for (a, b) in [(&*one, &*other), (&*place, "scan"), ("scan", "scan")] {
+        let why = domain.run(&["why", a, b]);
+        assert_eq!(why.code(), 0, "{why:?}");
+        assert!(why.stdout().contains("are linked"), "{why:?}");
+    }
+    let why = domain.json(&["why", &one, &other]);
+    assert_eq!(why["linked"], true);
+    assert!(why["verdict"]["finding"]["linked"].is_object(), "{why}");
+    let around = domain.run(&["why", "scan"]);
+    assert_eq!(around.code(), 0);
+    let expected = format!("{one}'s publisher of scan is linked with {other}:scan.");
+    assert!(around.stdout().contains(&expected), "{around:?}");
+}
+
+#[test]
+fn what_does_not_match_is_explained() {
+    let domain = Domain::new();
+    let (_talker, one) = talker(&domain, "scan");
+    let echo = ["topic", "echo", "scan", "--reliable"];
+    let _reliable = domain.start(&echo);
+    domain.wait_for("scan", "subscribers", 1);
+    let why = domain.run(&["why", "scan", "scan"]);
+    assert_eq!(why.code(), 1, "{why:?}");
+    assert!(why.stdout().contains("demands reliability"), "{why:?}");
+    let why = domain.run(&["why", &one, "--json"]);
+    assert_eq!(why.code(), 1, "{why:?}");
+    let why: serde_json::Value = serde_json::from_str(&why.stdout()).unwrap();
+    let near = &why["interfaces"][0]["near"][0]["verdict"]["finding"];
+    assert_eq!(near, "reliability", "{why:#}");
+
+    let (_other, other) = listener(&domain, "sacn", 1);
+    let why = domain.run(&["why", &one, &other]);
+    assert_eq!(why.code(), 1);
+    assert!(
+        why.stdout()
+            .contains("names differ (by one character only)"),
+        "{why:?}"
+    );
+}
+
+#[test]
+fn types_that_differ_are_compared_by_their_schemas() {
+    let domain = Domain::new();
+    let schema = |text: &str| sm2_proto::schema::Schema::parse(text).unwrap();
+    let declare = |node: &sm2_node::Node, text: &str| {
+        let data = TypeId {
+            name: "nav/Point".parse().unwrap(),
+            hash: schema(text).hash(),
+        };
+        node.register_schema(data.clone(), text).unwrap();
+        data
+    };
+    let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+    let ours = declare(&talker, "plain:struct{x:f64,y:f64,}");
+    let theirs = declare(&listener, "plain:struct{x:f64,y:f32,}");
+    let _publisher = talker
+        .publisher_builder::<[u8]>("point")
+        .type_id(ours)
+        .declare()
+        .unwrap();
+    // It is refused, and remembered.
+    let refused = listener
+        .subscriber_builder::<[u8]>("point")
+        .type_id(theirs)
+        .declare();
+    assert!(refused.is_err());
+    let why = domain.run(&["why", "talker", "listener"]);
+    assert_eq!(why.code(), 1, "{why:?}");
+    let text = why.stdout();
+    assert!(text.contains("was refused"), "{text}");
+    assert!(text.contains("y: f32 here, f64 there"), "{text}");
+    let json = domain
+        .run(&["why", "listener", "talker", "--json"])
+        .stdout();
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["linked"], false);
+    assert_eq!(json["differences"].as_array().unwrap().len(), 1, "{json}");
+    let info = domain.run(&["topic", "info", "point"]).stdout();
+    assert!(info.contains("plain:struct{x:f64,y:f64,}"), "{info}");
+    assert!(info.contains("refused: "), "{info}");
+}
+
+#[test]
+fn names_that_say_too_little_or_nothing_are_told() {
+    let domain = Domain::new();
+    let (_one, _) = talker(&domain, "scan");
+    let (_first, first) = listener(&domain, "scan", 1);
+    let (_second, second) = listener(&domain, "scan", 2);
+    let both = domain.run(&["why", "scan", "scan"]);
+    both.failed(1, &["may be", &first, &second, "NODE:TOPIC"]);
+    let unknown = domain.run(&["why", "sacn"]);
+    unknown.failed(1, &["no topic, service or node sacn", "did you mean scan?"]);
+    let unknown = domain.run(&["why", &format!("{first}:image"), "scan"]);
+    unknown.failed(1, &["no interface of that node image"]);
+    domain
+        .run(&["why", "nobody:scan"])
+        .failed(1, &["no node nobody"]);
+    let _idle = domain.node("idle");
+    domain
+        .run(&["why", "idle"])
+        .failed(1, &["idle has declared no interface"]);
+    domain
+        .run(&["why", "two words"])
+        .failed(2, &["a name is segments"]);
+}

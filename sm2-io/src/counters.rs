@@ -1,0 +1,239 @@
+//! Counters in shared memory: a node writes, tools look, and looking costs the node nothing.
+//!
+//! The format is SPEC section 12; the fields and the arithmetic are
+//! [`sm2_proto::counters`]. [`CounterPage`] is the one writer of a file,
+//! [`CounterView`] one of its readers, in other processes as a rule.
+//!
+//! # How a consistent copy comes about
+//!
+//! Each entry is a seqlock. Its `turn` is odd while the entry is written; a reader
+//! copies the words and takes them only if `turn` was the same even number before and
+//! after. The writer never waits. Turns count for the whole file, so that an entry that
+//! is freed and used again never has an old one.
+//!
+//! Who wrote the file is not trusted: its seals make reading safe (no fault, no other
+//! size), each word is copied before anybody looks at it, and the attempts are bounded.
+//!
+//! Reading a shared mapping with atomics is defined by Rust for targets of 64 bits.
+
+mod view;
+
+pub use view::{CounterError, CounterView, Entries, Unreadable};
+
+use std::fs::File;
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::atomic::{AtomicU64, Ordering, fence};
+
+use sm2_proto::counters::{
+    ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, field, header, recent_index,
+};
+use sm2_proto::link::Counters;
+use sm2_proto::{Instant, InterfaceId, LinkId, Seals};
+
+use crate::mapping::MappingMut;
+use crate::memfd::{add_seals, create};
+
+/// A file of counters, which only this value can write.
+///
+/// It has room for [`MAX_ENTRIES`] entries, but takes memory only for those
+/// that were used: 4 KiB for each eight of them.
+#[derive(Debug)]
+pub struct CounterPage {
+    mapping: MappingMut,
+    file: File,
+    /// Entries from here on were never used.
+    fresh: u32,
+    freed: Vec<u32>,
+    /// Of the last change of any entry.
+    turn: u64,
+}
+
+/// The right to one entry of a [`CounterPage`], from [`CounterPage::allocate`]. Give it
+/// back with [`CounterPage::free`]; one that is dropped leaves its entry in use.
+#[derive(Debug, PartialEq, Eq, Hash)]
+#[must_use = "the entry stays in use until it is given to `free`"]
+pub struct CounterEntry(u32);
+
+impl CounterEntry {
+    /// The entry's number, from 0, as [`CounterView::read`] takes it.
+    #[must_use]
+    pub const fn index(&self) -> u32 {
+        self.0
+    }
+}
+
+impl CounterPage {
+    /// A file with no entry in use.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `memfd_create(2)`, `ftruncate(2)` and `mmap(2)` say: too many
+    /// descriptors, no memory.
+    //= SM2-CNT-003
+    pub fn new() -> io::Result<Self> {
+        let file = create(c"sm2-counters", MAX_FILE_BYTES)?;
+        let mapping = MappingMut::new(file.as_fd(), MAX_FILE_BYTES, false)?;
+        mapping.keep_sparse();
+        for (word, value) in mapping.words().iter().zip(header(MAX_ENTRIES)) {
+            word.store(value.to_le(), Ordering::Relaxed);
+        }
+        // After mapping: no writable mapping can be made from here on.
+        add_seals(&file, Seals::POOLED)?;
+        Ok(Self {
+            mapping,
+            file,
+            fresh: 0,
+            freed: Vec::new(),
+            turn: 0,
+        })
+    }
+
+    /// An entry for an interface as a whole, or for its end of a link, with all counts zero.
+    /// `None` if all [`MAX_ENTRIES`] are in use.
+    pub fn allocate(
+        &mut self,
+        interface: InterfaceId,
+        link: Option<LinkId>,
+    ) -> Option<CounterEntry> {
+        let index = match self.freed.pop() {
+            Some(index) => index,
+            None if self.fresh < MAX_ENTRIES => {
+                self.fresh += 1;
+                self.fresh - 1
+            }
+            None => return None,
+        };
+        let entry = CounterEntry(index);
+        let blank = Entry {
+            interface,
+            link,
+            ..Entry::default()
+        };
+        let mut update = self.update(&entry);
+        let words = blank.to_words(0);
+        for (field, value) in words.into_iter().enumerate().skip(field::TURN + 1) {
+            update.set(field, value);
+        }
+        drop(update);
+        Some(entry)
+    }
+
+    /// Ends the use of an entry. Readers see it no more; another may get its place.
+    //= SM2-CNT-005
+    pub fn free(&mut self, entry: CounterEntry) {
+        // The other words stay: who reads them sees that the turn has changed.
+        entry_words(&self.mapping, entry.0)[field::TURN].store(0, Ordering::Relaxed);
+        self.freed.push(entry.0);
+    }
+
+    /// Starts a change of an entry, which ends when the result is dropped. Readers have to
+    /// wait that long: do nothing else in between.
+    //= SM2-CNT-005
+    pub fn update(&mut self, entry: &CounterEntry) -> Update<'_> {
+        let words = entry_words(&self.mapping, entry.0);
+        // Odd, and greater than before, also if the last one was never dropped.
+        self.turn = (self.turn + 1) | 1;
+        words[field::TURN].store(self.turn.to_le(), Ordering::Relaxed);
+        // Pairs with the second fence of a reader: one that copied any word of what follows
+        // sees this turn, or a later one, when it looks at the turn again.
+        fence(Ordering::Release);
+        let turn = &mut self.turn;
+        Update { words, turn }
+    }
+}
+
+/// The descriptor to hand to readers: it cannot be written through.
+impl AsFd for CounterPage {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
+}
+
+fn entry_words(mapping: &MappingMut, index: u32) -> &[AtomicU64; ENTRY_FIELDS] {
+    // The header is as long as an entry.
+    let first = (index as usize + 1) * ENTRY_FIELDS;
+    mapping.words()[first..]
+        .first_chunk()
+        .expect("entries are numbered within the file")
+}
+
+/// A change of one entry; it ends, and readers see it, when this is dropped.
+///
+/// Writes words that changed and no others; allocates nothing, makes no system call.
+/// Sums wrap around at 2^64.
+#[derive(Debug)]
+pub struct Update<'a> {
+    words: &'a [AtomicU64; ENTRY_FIELDS],
+    turn: &'a mut u64,
+}
+
+//= SM2-CNT-004
+impl Update<'_> {
+    /// A sending side: one more message (or call) of `len_bytes` was published `at` this moment.
+    pub fn published(&mut self, at: Instant, len_bytes: u64) {
+        self.count(at, len_bytes, at.0);
+    }
+
+    /// A receiving side: the application took one more message (or request) of `len_bytes`
+    /// `at` this moment, which was `published` at that one.
+    pub fn taken(&mut self, at: Instant, published: Instant, len_bytes: u64) {
+        // What the other side says is published later than now was not delayed.
+        let delay_ns = at.0.saturating_sub(published.0);
+        self.count(at, len_bytes, delay_ns);
+        self.add(field::DELAY_SUM, delay_ns);
+        if delay_ns > self.get(field::DELAY_MAX) {
+            self.set(field::DELAY_MAX, delay_ns);
+        }
+    }
+
+    /// So many more messages were gone before the application saw them.
+    pub fn lost(&mut self, messages: u64) {
+        self.add(field::LOST, messages);
+    }
+
+    /// What became of a link's messages so far, on its sending side.
+    pub fn fates(&mut self, fates: &Counters) {
+        self.set(field::OFFERED, fates.offered);
+        self.set(field::DELIVERED, fates.delivered);
+        self.set(field::OVERWRITTEN, fates.overwritten);
+        self.set(field::DISCARDED, fates.discarded);
+        self.set(field::DEADLINE, fates.deadline);
+        self.set(field::CLOSED, fates.closed);
+        self.set(field::IN_FLIGHT, fates.in_flight);
+    }
+
+    fn count(&mut self, at: Instant, len_bytes: u64, recent: u64) {
+        let message = self.add(field::MESSAGES, 1);
+        self.add(field::BYTES, len_bytes);
+        self.set(field::LAST, at.0);
+        self.set(field::RECENT + recent_index(message), recent);
+    }
+
+    /// Nobody else writes, so that reading and writing need not be one step.
+    fn add(&mut self, field: usize, more: u64) -> u64 {
+        let sum = self.get(field).wrapping_add(more);
+        self.set(field, sum);
+        sum
+    }
+
+    fn get(&self, field: usize) -> u64 {
+        u64::from_le(self.words[field].load(Ordering::Relaxed))
+    }
+
+    fn set(&mut self, field: usize, value: u64) {
+        if self.get(field) != value {
+            self.words[field].store(value.to_le(), Ordering::Relaxed);
+        }
+    }
+}
+
+impl Drop for Update<'_> {
+    //= SM2-CNT-005
+    fn drop(&mut self) {
+        *self.turn += 1;
+        // Pairs with the first fence of a reader: one that sees this turn sees all words
+        // that were written before.
+        self.words[field::TURN].store(self.turn.to_le(), Ordering::Release);
+    }
+}

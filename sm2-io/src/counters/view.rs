@@ -1,0 +1,254 @@
+//! Looking at the counters of another process.
+
+use std::fs::File;
+use std::hint;
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::fs::FileExt;
+use std::sync::atomic::{Ordering, fence};
+use std::thread;
+
+use nix::errno::Errno;
+use nix::unistd::{Whence, lseek};
+use sm2_proto::Seals;
+use sm2_proto::counters::{ENTRY_BYTES, ENTRY_FIELDS, Entry, entries_in, field, header};
+
+use crate::mapping::Mapping;
+use crate::memfd::facts;
+
+/// How often an entry is read that changes meanwhile. A change takes some nanoseconds; one
+/// that outlasts this many attempts has a writer that was stopped, or that wants it so.
+const TRIES: u32 = 100;
+/// How many attempts beyond the first all entries together are worth: a file full of such
+/// entries must not cost a reader much.
+const TRIES_FOR_ALL: u32 = 1_000;
+/// Attempts before the writer is given the processor, in case it waits for this one.
+const TRIES_AT_ONCE: u32 = 20;
+
+/// A file of counters, opened for looking.
+#[derive(Debug)]
+pub struct CounterView {
+    mapping: Mapping,
+    file: File,
+    capacity: u32,
+}
+
+impl CounterView {
+    /// Checks a descriptor that came from somewhere, and maps it.
+    ///
+    /// # Errors
+    ///
+    /// See [`CounterError`]; the descriptor is closed then.
+    //= SM2-CNT-003
+    pub fn open(fd: OwnedFd) -> Result<Self, CounterError> {
+        let known = facts(fd.as_fd()).map_err(failed("look at"))?;
+        if !known.regular {
+            return Err(CounterError::NotAMemfd);
+        }
+        let seals = known.seals;
+        if !seals.contains(Seals::POOLED) {
+            return Err(CounterError::Seals { seals });
+        }
+        // The last one: the seals say so.
+        let size_bytes = known.size_bytes;
+        let capacity = entries_in(size_bytes).ok_or(CounterError::Size { size_bytes })?;
+        let file = File::from(fd);
+        let mut found = [0; ENTRY_BYTES as usize];
+        (file.read_exact_at(&mut found, 0)).map_err(failed("read"))?;
+        let expected = header(capacity).map(u64::to_le_bytes);
+        if found != *expected.as_flattened() {
+            return Err(CounterError::Header);
+        }
+        let mapping = Mapping::read_only(file.as_fd(), size_bytes, false).map_err(failed("map"))?;
+        Ok(Self {
+            mapping,
+            file,
+            capacity,
+        })
+    }
+
+    /// How many entries the file has room for. Their numbers are below.
+    #[must_use]
+    pub const fn capacity(&self) -> u32 {
+        self.capacity
+    }
+
+    /// Copies entry number `index`. `None` if it is not in use.
+    ///
+    /// Reading a part of the file that was never written makes the kernel add a page of
+    /// zeros to it; [`entries`](Self::entries) leaves out such parts.
+    ///
+    /// # Errors
+    ///
+    /// See [`Unreadable`].
+    ///
+    /// # Panics
+    ///
+    /// If there is no such entry.
+    //= SM2-CNT-005
+    pub fn read(&self, index: u32) -> Result<Option<Entry>, Unreadable> {
+        let capacity = self.capacity;
+        assert!(index < capacity, "entry {index} of {capacity}");
+        let mut spare = TRIES;
+        self.read_within(index, &mut spare)
+    }
+
+    /// As [`read`](Self::read), with at most so many attempts more than the first.
+    fn read_within(&self, index: u32, spare: &mut u32) -> Result<Option<Entry>, Unreadable> {
+        for tried in 1..=TRIES {
+            match self.attempt(index) {
+                Some(words) if words[field::TURN] == 0 => return Ok(None),
+                Some(words) => {
+                    let entry = Entry::from_words(&words);
+                    return entry.map(Some).ok_or(Unreadable::Malformed);
+                }
+                None if *spare == 0 => break,
+                None if tried < TRIES_AT_ONCE => hint::spin_loop(),
+                None => thread::yield_now(),
+            }
+            *spare -= 1;
+        }
+        Err(Unreadable::Torn)
+    }
+
+    /// All entries in use, with their numbers, in ascending order.
+    ///
+    /// One that is taken or freed meanwhile may be there or not.
+    #[must_use]
+    pub const fn entries(&self) -> Entries<'_> {
+        Entries {
+            view: self,
+            next: 0,
+            end: 0,
+            spare: TRIES_FOR_ALL,
+        }
+    }
+
+    /// The words of an entry, if they belong together.
+    //= SM2-CNT-005
+    fn attempt(&self, index: u32) -> Option<[u64; ENTRY_FIELDS]> {
+        let first = (index as usize + 1) * ENTRY_FIELDS;
+        let word = |field| u64::from_le(self.mapping.load(first + field));
+        let turn = word(field::TURN);
+        if turn % 2 == 1 {
+            return None;
+        }
+        // Pairs with the end of a change: who sees its turn sees what it wrote.
+        fence(Ordering::Acquire);
+        let mut words: [u64; ENTRY_FIELDS] = std::array::from_fn(word);
+        // Pairs with the start of a change: who saw any of it sees its turn.
+        fence(Ordering::Acquire);
+        if word(field::TURN) != turn {
+            return None;
+        }
+        // The copy in between is another reading, which a hostile writer can make differ.
+        words[field::TURN] = turn;
+        Some(words)
+    }
+
+    /// The numbers of the first entries from `index` on that are not in a hole of the file:
+    /// the first, and the one after the last.
+    fn written_from(&self, index: u32) -> Option<(u32, u32)> {
+        let seek = |to: u64, whence| {
+            let to = i64::try_from(to).map_err(|_| Errno::EINVAL)?;
+            // Everybody with this descriptor shares the position, and nobody uses it.
+            lseek(&self.file, to, whence).map(i64::cast_unsigned)
+        };
+        let offset = (u64::from(index) + 1) * ENTRY_BYTES;
+        let extent = seek(offset, Whence::SeekData)
+            .and_then(|start| Ok((start, seek(start, Whence::SeekHole)?)));
+        match extent {
+            Ok((start, end)) => {
+                // Where pages end, entries do.
+                let entry_at = |offset: u64| u32::try_from(offset / ENTRY_BYTES).ok();
+                let start = entry_at(start.max(offset))? - 1;
+                let end = entry_at(end)?.saturating_sub(1).min(self.capacity);
+                Some((start, end.max(start + 1)))
+            }
+            // Nothing but a hole to the end.
+            Err(Errno::ENXIO) => None,
+            // Not to be expected of memory files; then all of it must be read.
+            Err(_) => Some((index, self.capacity)),
+        }
+    }
+}
+
+/// The entries of a [`CounterView`] that are in use.
+#[derive(Clone, Debug)]
+pub struct Entries<'a> {
+    view: &'a CounterView,
+    next: u32,
+    /// Up to here the file has content.
+    end: u32,
+    /// Attempts that are left beyond the first of each entry.
+    spare: u32,
+}
+
+impl Iterator for Entries<'_> {
+    type Item = (u32, Result<Entry, Unreadable>);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if self.next >= self.end {
+                if self.next >= self.view.capacity {
+                    return None;
+                }
+                (self.next, self.end) = self.view.written_from(self.next)?;
+            }
+            let index = self.next;
+            self.next += 1;
+            if let Some(read) = self.view.read_within(index, &mut self.spare).transpose() {
+                return Some((index, read));
+            }
+        }
+    }
+}
+
+/// Why an entry gives nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
+pub enum Unreadable {
+    /// It changed during each attempt, or its writer was stopped in the middle of a change.
+    #[error("the entry is being written all the time: try again, or look what its node does")]
+    Torn,
+    /// It is complete, but not as SM2-CNT-004 says.
+    #[error("the entry has a kind or fields that this version does not know")]
+    Malformed,
+}
+
+/// Why a descriptor is not a file of counters.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CounterError {
+    /// Not a regular file in memory.
+    #[error("counters: the descriptor is not a memfd")]
+    NotAMemfd,
+    /// Seals are missing: its author could cut it short, or others could write.
+    #[error("counters: the memfd has the seals {:#x}, and needs {:#x}", seals.0, Seals::POOLED.0)]
+    Seals {
+        /// Those that it has.
+        seals: Seals,
+    },
+    /// No file of counters has this size.
+    #[error(
+        "counters: a memfd of {size_bytes} bytes; it must be a multiple of 512 from 1,024 to 4,194,304"
+    )]
+    Size {
+        /// The size.
+        size_bytes: u64,
+    },
+    /// The first 512 bytes are not those of a file of this version and size.
+    #[error("counters: the file does not begin like one of version 1 and its size")]
+    Header,
+    /// The operating system refused.
+    #[error("counters: cannot {action} the memfd: {source}")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+fn failed(action: &'static str) -> impl FnOnce(io::Error) -> CounterError {
+    move |source| CounterError::Io { action, source }
+}

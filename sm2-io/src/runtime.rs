@@ -1,0 +1,25 @@
+//! Descriptors that a tokio runtime watches (feature `tokio`).
+
+use std::io;
+use std::os::fd::{BorrowedFd, OwnedFd};
+
+use tokio::io::{Interest, unix::AsyncFd};
+
+/// Has the runtime watch whether a descriptor is readable: a duplicate of it, so that it stays
+/// open for as long as it is watched.
+///
+/// # Errors
+///
+/// Whatever `fcntl(2)` and `epoll_ctl(2)` say: too many descriptors, no memory, a file
+/// that cannot be watched.
+///
+/// # Panics
+///
+/// Outside of a tokio runtime with I/O enabled.
+pub fn watch_readable(fd: BorrowedFd<'_>) -> io::Result<AsyncFd<OwnedFd>> {
+    let fd = fd.try_clone_to_owned()?;
+    // SAFETY: an `OwnedFd` is open and stays the same descriptor until it is dropped, which
+    // the `AsyncFd` that owns it does last.
+    let watched = unsafe { AsyncFd::register_with_interest(fd, Interest::READABLE) };
+    Ok(watched?)
+}

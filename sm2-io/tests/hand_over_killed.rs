@@ -1,0 +1,215 @@
+//! Processes that contend for one domain, hand it over, and are killed at any instruction. In a
+//! file of its own: a process that is being started holds copies of all descriptors.
+
+use std::io::{BufRead, BufReader, Read};
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use sm2_io::{Claim, Endpoint, EndpointError, Listener, SeqPacket};
+
+const PATH: &str = "SM2_IO_TEST_HAND_OVER";
+const KILLS: usize = 200;
+/// Only reached by a failure.
+const LONG: Duration = Duration::from_secs(30);
+
+/// Does not outlive the test, however that ends.
+struct Started(Child);
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn start(test: &str, path: &Path, stdin: Stdio) -> (Started, BufReader<ChildStdout>) {
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", test, "--ignored", "--nocapture"])
+        .env(PATH, path)
+        .stdin(stdin)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(child.stdout.take().unwrap());
+    (Started(child), lines)
+}
+
+/// Reads until a line that ends like that; `false` at the end of the output.
+fn until(lines: &mut BufReader<ChildStdout>, end: &str) -> bool {
+    lines.lines().any(|line| line.unwrap().ends_with(end))
+}
+
+//= SM2-TRN-008 test
+//= SM2-RES-010 test
+#[test]
+fn never_two_owners() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("sm2/default.sock");
+    std::fs::create_dir(path.parent().unwrap()).unwrap();
+    let contend = || start("a_contender", &path, Stdio::piped());
+    let mut contenders: Vec<_> = (0..3).map(|_| contend()).collect();
+    for kill in 0..KILLS {
+        let (_, lines) = &mut contenders[kill % 3];
+        // It goes on meanwhile, so it may die anywhere.
+        assert!(until(lines, "owned"), "a contender failed: see above");
+        contenders[kill % 3] = contend();
+    }
+    for (mut contender, mut lines) in contenders {
+        drop(contender.0.stdin.take());
+        lines.read_to_end(&mut Vec::new()).unwrap();
+        assert!(contender.0.wait().unwrap().success());
+    }
+    // What the last ones left, if they were killed, is no obstacle.
+    let endpoint = Claim::acquire(&path).unwrap();
+    assert!(SeqPacket::connect(&path).is_ok());
+    drop(endpoint);
+    let left = path.parent().unwrap().read_dir().unwrap();
+    let left: Vec<_> = left.map(|entry| entry.unwrap().file_name()).collect();
+    assert!(left.iter().all(|name| name == "token"), "{left:?}");
+}
+
+#[test]
+#[ignore = "runs in child processes of another test"]
+fn a_contender() {
+    let Some(path) = std::env::var_os(PATH).map(PathBuf::from) else {
+        return;
+    };
+    let token = path.with_file_name("token");
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            // Until the other side closes it.
+            let _ = std::io::stdin().read(&mut [0]);
+            stop.store(true, Ordering::Relaxed);
+        });
+        let seed = std::process::id();
+        let (mut random, mut owned, late) = (seed, 0, Instant::now() + LONG);
+        while !stop.load(Ordering::Relaxed) {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            match Claim::acquire(&path) {
+                Ok(endpoint) => {
+                    owned += 1;
+                    // Once, as nobody may read more.
+                    contend(endpoint, &token, random >> 30, &stop, owned == 1 + seed % 5);
+                }
+                Err(EndpointError::Busy { .. }) if owned > 0 || Instant::now() < late => {
+                    std::thread::yield_now();
+                }
+                Err(error) => fail(&error.to_string()),
+            }
+        }
+    });
+}
+
+fn contend(endpoint: Endpoint, token: &Path, way: u32, stop: &AtomicBool, tell: bool) {
+    own(token);
+    if tell {
+        println!("owned");
+    }
+    if way == 0 {
+        return endpoint.close();
+    }
+    let hand_over = endpoint.hand_over();
+    if way == 1 {
+        return;
+    }
+    if way == 2 {
+        // Until a successor has come.
+        let late = Instant::now() + LONG;
+        while !hand_over.is_replaced() && !stop.load(Ordering::Relaxed) {
+            if Instant::now() > late {
+                fail("nobody came");
+            }
+            std::thread::yield_now();
+        }
+        return;
+    }
+    if let Ok(endpoint) = hand_over.reclaim() {
+        own(token);
+        drop(endpoint);
+    }
+}
+
+/// Has the token for a moment. It names its owner's process, in one step. Only one that was
+/// killed leaves it; and a process gives up its lock a little before it is gone.
+fn own(token: &Path) {
+    let me = std::process::id().to_string();
+    let late = Instant::now() + LONG;
+    while let Err(error) = symlink(&me, token) {
+        if error.kind() != std::io::ErrorKind::AlreadyExists {
+            fail(&format!("token: {error}"));
+        }
+        let Ok(other) = std::fs::read_link(token) else {
+            fail("two owners: the other one has just ended");
+        };
+        if is_dead(&other) {
+            std::fs::remove_file(token).unwrap();
+        } else if Instant::now() > late {
+            fail(&format!("two owners: {other:?} lives"));
+        } else {
+            std::thread::yield_now();
+        }
+    }
+    std::thread::yield_now();
+    match std::fs::read_link(token) {
+        Ok(owner) if owner == Path::new(&me) => std::fs::remove_file(token).unwrap(),
+        other => fail(&format!("two owners: the token says {other:?}")),
+    }
+}
+
+/// Gone, or a zombie that is to be waited for.
+fn is_dead(process: &Path) -> bool {
+    let Ok(stat) = std::fs::read_to_string(Path::new("/proc").join(process).join("stat")) else {
+        return true;
+    };
+    // The state stands behind the name, which may hold anything.
+    let state = stat
+        .rsplit(") ")
+        .next()
+        .and_then(|rest| rest.chars().next());
+    matches!(state, Some('Z' | 'X'))
+}
+
+/// Ends the whole process, also while another thread waits for input.
+fn fail(why: &str) -> ! {
+    eprintln!("{why}");
+    std::process::exit(1)
+}
+
+/// Whom do clients see? It matters to who wants to send a signal to the one that serves.
+#[test]
+fn who_takes_over_a_listening_socket_is_who_listens() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("default.sock");
+    let socket: OwnedFd = Listener::bind(&path, 5).unwrap().into();
+    let listens = || {
+        let client = SeqPacket::connect(&path).unwrap();
+        client.peer_credentials().unwrap().pid.cast_unsigned()
+    };
+    assert_eq!(listens(), std::process::id());
+    let (child, mut lines) = start("an_activated_one", &path, socket.into());
+    assert!(until(&mut lines, "adopted"));
+    assert_eq!(listens(), child.0.id());
+    assert!(matches!(
+        Claim::acquire(&path),
+        Err(EndpointError::Busy { .. })
+    ));
+}
+
+#[test]
+#[ignore = "runs in a child process of another test"]
+fn an_activated_one() {
+    if std::env::var_os(PATH).is_none() {
+        return;
+    }
+    let socket = std::os::fd::AsFd::as_fd(&std::io::stdin()).try_clone_to_owned();
+    let _endpoint = Claim::default().adopt(socket.unwrap()).unwrap();
+    println!("adopted");
+    loop {
+        std::thread::park();
+    }
+}

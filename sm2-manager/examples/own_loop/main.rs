@@ -1,0 +1,311 @@
+//! The Manager machine in a loop of your own: `own_loop [SOCKET]`.
+//!
+//! A broker around [`sm2_proto::manager::Manager`], without the loop of `sm2_manager` and
+//! without epoll: `poll(2)`, a map and a few queues. Nodes cannot tell it from `sm2 manager`:
+//!
+//! ```sh
+//! cargo run -p sm2-manager --example own_loop
+//! cargo run -p sm2-node --example listener
+//! cargo run -p sm2-node --example talker
+//! ```
+//!
+//! What a loop owes the machine, and where it is here:
+//!
+//! | it has to | here |
+//! | --- | --- |
+//! | number the connections, say whose they are, and carry datagrams | `accept`, `receive` |
+//! | carry out all outputs after each input | `step`, the one place |
+//! | come back at the deadline, with a `Tick` | `turn` |
+//! | keep what a socket does not take, and give up whoever does not read | `node.rs`, `note` |
+//! | go on where descriptors are short | `short`, `LinkFailed` |
+//!
+//! The sockets are sm2-io's: what `accept4` and `recvmsg` return are numbers in nix, and
+//! only `unsafe` makes them descriptors that somebody owns. So is the lock of the path.
+//!
+//! Ends on Ctrl-C with status 0. It says goodbye to its nodes; their links live on.
+
+mod node;
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::io::{self, Write};
+use std::os::fd::{AsFd, OwnedFd};
+use std::process::ExitCode;
+use std::{rc::Rc, time::Duration};
+
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, ppoll};
+use nix::sys::signal::{SigSet, Signal};
+use nix::sys::{signalfd::SignalFd, time::TimeSpec};
+use sm2_io::{Claim, Endpoint, RecvError, SeqPacket, clock, memfd};
+use sm2_proto::limits::DATAGRAM_MAX;
+use sm2_proto::manager::{Cause, Credentials, Input, Manager, Output, Policy};
+use sm2_proto::{Datagram, FdFacts, Instant, NodeId};
+
+use node::{Node, Sent};
+
+/// How many descriptors a node that is busy for a moment has not taken (SM2-TRN-010).
+const UNTAKEN: usize = 64;
+/// How many datagrams of one node are read before others have their turn.
+const TURN: usize = 32;
+/// When to try again what failed for want of descriptors.
+const PAUSE: Duration = Duration::from_millis(10);
+
+fn main() -> ExitCode {
+    match serve() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("own_loop: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn serve() -> Result<(), Box<dyn Error>> {
+    let mut mask = SigSet::empty();
+    mask.add(Signal::SIGINT);
+    mask.thread_block()?;
+    let interrupts = SignalFd::new(&mask)?;
+    let path = match std::env::args_os().nth(1) {
+        Some(path) => path.into(),
+        None => sm2_io::socket_path(None)?,
+    };
+    let mut broker = Broker::new(Claim::acquire(&path)?)?;
+    say(format_args!("serving {}", path.display()));
+    while broker.turn(&interrupts)? {}
+    broker.feed(Input::Shutdown);
+    Ok(())
+}
+
+struct Broker {
+    machine: Manager,
+    endpoint: Endpoint,
+    nodes: BTreeMap<NodeId, Node>,
+    last_session: u64,
+    /// Found not to read, while outputs were carried out.
+    stalled: Vec<NodeId>,
+    /// What came with the datagram that is being handled.
+    came: Vec<OwnedFd>,
+    /// Descriptors are short: nobody is accepted, and nothing that waits is sent, until then.
+    again: Option<Instant>,
+}
+
+impl Broker {
+    fn new(endpoint: Endpoint) -> io::Result<Self> {
+        let (mut epoch, mut secret) = ([0; 8], [0; 16]);
+        getrandom::fill(&mut epoch)?;
+        getrandom::fill(&mut secret)?;
+        let (epoch, secret) = (u64::from_ne_bytes(epoch), u128::from_ne_bytes(secret));
+        Ok(Self {
+            machine: Manager::new(epoch, secret, Policy::default()),
+            endpoint,
+            nodes: BTreeMap::new(),
+            last_session: 0,
+            stalled: Vec::new(),
+            came: Vec::new(),
+            again: None,
+        })
+    }
+
+    /// Waits, and does what there is to do; whether there will be another turn.
+    fn turn(&mut self, interrupts: &SignalFd) -> Result<bool, Box<dyn Error>> {
+        let wanted = |wanted, flags| if wanted { flags } else { PollFlags::empty() };
+        let open = self.again.is_none();
+        let listener = wanted(open, PollFlags::POLLIN);
+        let mut fds = vec![
+            PollFd::new(interrupts.as_fd(), PollFlags::POLLIN),
+            PollFd::new(self.endpoint.listener().as_fd(), listener),
+        ];
+        fds.extend(self.nodes.values().map(|node| {
+            let room = wanted(open && node.is_waiting(), PollFlags::POLLOUT);
+            PollFd::new(node.socket.as_fd(), PollFlags::POLLIN | room)
+        }));
+        let due = [self.machine.deadline(), self.again];
+        let due = due.into_iter().flatten().min();
+        let timeout = due.map(|due| TimeSpec::from_duration(due.since(clock::now())));
+        match ppoll(&mut fds, timeout, None) {
+            Err(Errno::EINTR) => return Ok(true),
+            result => result?,
+        };
+        let mut found = fds
+            .iter()
+            .map(|fd| fd.revents().unwrap_or(PollFlags::all()));
+        let interrupted = found.next() != Some(PollFlags::empty());
+        let knocking = found.next() != Some(PollFlags::empty());
+        let ready: Vec<_> = self.nodes.keys().copied().zip(found).collect();
+
+        // The name of whoever is gone is free for whoever comes (SM2-SES-003), so they are
+        // heard first, and to the end: what they can have left there is bounded.
+        let gone = |flags: PollFlags| flags.intersects(PollFlags::POLLHUP | PollFlags::POLLERR);
+        for &(session, _) in ready.iter().filter(|(_, flags)| gone(*flags)) {
+            while self.receive(session) {}
+        }
+        for &(session, flags) in ready.iter().filter(|(_, flags)| !gone(*flags)) {
+            if flags.contains(PollFlags::POLLOUT) {
+                let sent = self.nodes.get_mut(&session).map(Node::flush);
+                self.note(session, sent);
+            }
+            if flags.contains(PollFlags::POLLIN) {
+                (0..TURN).all(|_| self.receive(session));
+            }
+        }
+        if knocking {
+            self.accept();
+        }
+        if self.again.is_some_and(|again| again <= clock::now()) {
+            self.again = None;
+        }
+        self.feed(Input::Tick);
+        Ok(!interrupted)
+    }
+
+    fn accept(&mut self) {
+        let accepted = self.endpoint.listener().accept();
+        let socket = match accepted {
+            Ok(Some(socket)) => socket,
+            Ok(None) => return,
+            Err(error) => {
+                say(format_args!("cannot accept a connection: {error}"));
+                return self.short();
+            }
+        };
+        let peer = match socket.peer_credentials() {
+            Ok(peer) => peer,
+            Err(error) => return say(format_args!("a connection without credentials: {error}")),
+        };
+        self.last_session += 1;
+        let session = NodeId(self.last_session);
+        self.nodes.insert(session, Node::new(socket));
+        say(format_args!("{session} is process {}", peer.pid));
+        let credentials = Credentials {
+            uid: peer.uid,
+            gid: peer.gid,
+            pid: peer.pid,
+        };
+        self.feed(Input::Connected {
+            session,
+            credentials,
+        });
+    }
+
+    /// Hands one datagram to the machine; whether there may be another.
+    fn receive(&mut self, session: NodeId) -> bool {
+        let Some(node) = self.nodes.get(&session) else {
+            return false;
+        };
+        // One byte more than a datagram may have, so that a longer one shows.
+        let mut buffer = [0; DATAGRAM_MAX + 1];
+        let received = match node.socket.recv(&mut buffer) {
+            Ok(received) => received,
+            Err(RecvError::WouldBlock) => return false,
+            Err(RecvError::Closed | RecvError::Io(_)) => {
+                self.feed(Input::Closed { session });
+                return false;
+            }
+        };
+        // What cannot be asked for its facts is nothing that the machine takes.
+        let facts = |fd: &OwnedFd| memfd::facts(fd.as_fd()).unwrap_or_default();
+        let facts: Vec<FdFacts> = received.fds.iter().map(facts).collect();
+        self.came = received.fds.into_vec();
+        let datagram = Datagram {
+            bytes: &buffer[..received.len],
+            fds: &facts,
+            data_truncated: received.data_truncated,
+            control_truncated: received.control_truncated,
+        };
+        self.feed(Input::Datagram { session, datagram });
+        self.came.clear();
+        true
+    }
+
+    fn feed(&mut self, input: Input<'_>) {
+        self.step(input);
+        while let Some(session) = self.stalled.pop() {
+            self.step(Input::Stalled { session });
+        }
+    }
+
+    /// The one place where outputs are carried out.
+    fn step(&mut self, input: Input<'_>) {
+        if let Err(misuse) = self.machine.handle(clock::now(), input) {
+            say(format_args!("this loop has a bug: {misuse}"));
+        }
+        while let Some(output) = self.machine.poll() {
+            match output {
+                Output::Send { session, frame } => self.send(session, frame, None),
+                Output::Link { link, ends } => match SeqPacket::pair() {
+                    Ok((one, other)) => {
+                        let [(a, to_a), (b, to_b)] = ends;
+                        say(format_args!("{link} joins {a} and {b}"));
+                        self.send(a, to_a, Some(Rc::new(one.into())));
+                        self.send(b, to_b, Some(Rc::new(other.into())));
+                    }
+                    Err(error) => {
+                        say(format_args!("{link} was not made: {error}"));
+                        self.short();
+                        // The one input that may come before all outputs are out.
+                        let _ = (self.machine).handle(clock::now(), Input::LinkFailed { link });
+                    }
+                },
+                Output::KeepCounters { session } => {
+                    if let Some(node) = self.nodes.get_mut(&session) {
+                        node.counters = self.came.pop().map(Rc::new);
+                    }
+                }
+                Output::SendCounters { session, frame, of } => {
+                    let counters = self.nodes.get(&of).and_then(|node| node.counters.clone());
+                    self.send(session, frame, counters);
+                }
+                Output::HangUp {
+                    session,
+                    goodbye,
+                    cause,
+                } => self.hang_up(session, goodbye, cause),
+            }
+        }
+    }
+
+    fn hang_up(&mut self, session: NodeId, goodbye: Option<Vec<u8>>, cause: Cause) {
+        match cause {
+            Cause::Violation(rule) => say(format_args!("{session} broke the protocol: {rule}")),
+            Cause::Gone => say(format_args!("{session} is gone")),
+            Cause::Goodbye(code) => say(format_args!("{session} said goodbye: {code}")),
+            Cause::Farewell(why) => say(format_args!("{session} was told to go: {why}")),
+        }
+        if let Some(node) = self.nodes.remove(&session) {
+            node.close(goodbye);
+        }
+    }
+
+    fn send(&mut self, session: NodeId, frame: Vec<u8>, fd: Option<Rc<OwnedFd>>) {
+        let node = self.nodes.get_mut(&session);
+        let sent = node.map(|node| node.send(frame, fd));
+        self.note(session, sent);
+    }
+
+    fn note(&mut self, session: NodeId, sent: Option<Sent>) {
+        match sent {
+            Some(Sent::Well) | None => {}
+            Some(Sent::Crowded) => self.short(),
+            Some(Sent::Stalled) => self.stalled.push(session),
+        }
+    }
+
+    /// Descriptors are short: whoever has not taken most of them goes, if it is many, and
+    /// all others wait a moment.
+    fn short(&mut self) {
+        self.again = Some(clock::now().after(PAUSE));
+        let nodes = self.nodes.iter_mut();
+        let nodes = nodes.map(|(&session, node)| (node.untaken_fds(), session));
+        if let Some((untaken, session)) = nodes.max()
+            && untaken > UNTAKEN
+        {
+            self.stalled.push(session);
+        }
+    }
+}
+
+/// A line for whoever watches; that nobody does is no reason to end.
+fn say(line: std::fmt::Arguments<'_>) {
+    let _ = writeln!(io::stdout(), "{line}");
+}

@@ -1,0 +1,197 @@
+//! Where connections arrive, and whether they are let in.
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use sm2_io::{Endpoint, EndpointError, Epoll, HandOver, Interest, Listener, SeqPacket, clock};
+use sm2_proto::Instant;
+use tracing::{info, warn};
+
+use super::LISTENER;
+
+/// How long accepting pauses when the process has no descriptor to spare.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+/// How long a Manager waits for a successor.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// How long the lock is left to those who try to take it, before standbys are told.
+const PRECEDENCE: Duration = Duration::from_millis(100);
+/// How often it looks for a successor while it waits.
+const LOOK: Duration = Duration::from_millis(2);
+/// How often, once it wants its place back.
+const LOOK_LATE: Duration = Duration::from_millis(50);
+
+#[derive(Debug)]
+pub(super) struct Door {
+    path: PathBuf,
+    /// `None` only while it changes hands.
+    place: Option<Place>,
+    /// Whoever made the socket keeps it for the next Manager.
+    adopted: bool,
+    accept_again: Option<Instant>,
+}
+
+#[derive(Debug)]
+enum Place {
+    Ours(Endpoint),
+    Offered(Offer),
+}
+
+#[derive(Debug)]
+struct Offer {
+    place: HandOver,
+    since: Instant,
+    look_at: Instant,
+    standbys_told: bool,
+}
+
+/// What a Manager that hands over finds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Found {
+    /// Nothing new.
+    Nothing,
+    /// Nobody has come by himself: standbys may.
+    Unclaimed,
+    /// A successor has put its socket there.
+    Successor,
+}
+
+impl Door {
+    pub(super) fn new(endpoint: Endpoint, adopted: bool) -> Self {
+        Self {
+            path: endpoint.path().to_owned(),
+            place: Some(Place::Ours(endpoint)),
+            adopted,
+            accept_again: None,
+        }
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn listener(&self) -> Option<&Listener> {
+        self.place.as_ref().map(|place| match place {
+            Place::Ours(endpoint) => endpoint.listener(),
+            Place::Offered(offer) => offer.place.listener(),
+        })
+    }
+
+    pub(super) fn add_to(&self, epoll: &Epoll) -> io::Result<()> {
+        match self.listener() {
+            Some(listener) => epoll.add(listener, LISTENER, Interest::READABLE),
+            None => Ok(()),
+        }
+    }
+
+    /// Watches for connections, or ceases to; whether that worked.
+    fn watch(&self, epoll: &Epoll, interest: Interest) -> bool {
+        let watched = |listener| epoll.modify(listener, LISTENER, interest).is_ok();
+        self.listener().is_some_and(watched)
+    }
+
+    /// Whether connections are let in.
+    pub(super) const fn is_open(&self) -> bool {
+        matches!(self.place, Some(Place::Ours(_)))
+    }
+
+    /// The next connection, if one waits.
+    pub(super) fn accept(&self) -> io::Result<Option<SeqPacket>> {
+        self.listener().map_or(Ok(None), Listener::accept)
+    }
+
+    /// Pauses. The connection stays in the queue, and would wake the loop at once.
+    pub(super) fn pause(&mut self, epoll: &Epoll) {
+        if self.watch(epoll, Interest::NONE) {
+            self.accept_again = Some(clock::now().after(ACCEPT_PAUSE));
+        }
+    }
+
+    /// When [`resume`](Self::resume) and [`look`](Self::look) have something to do.
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        match self.place.as_ref()? {
+            Place::Ours(_) => self.accept_again,
+            Place::Offered(offer) => Some(offer.look_at),
+        }
+    }
+
+    /// Ends a pause that is over.
+    pub(super) fn resume(&mut self, epoll: &Epoll) {
+        let over = self.accept_again.is_some_and(|again| clock::now() >= again);
+        if self.is_open() && over && self.watch(epoll, Interest::READABLE) {
+            self.accept_again = None;
+        }
+    }
+
+    /// Gives up the lock, and lets nobody in.
+    //= SM2-RES-010
+    pub(super) fn offer(&mut self, epoll: &Epoll) {
+        if self.adopted {
+            warn!(
+                "was handed its socket, which whoever made it keeps: restart this Manager instead"
+            );
+            return;
+        }
+        match self.place.take() {
+            Some(Place::Ours(endpoint)) => {
+                info!("handing over");
+                let now = clock::now();
+                self.place = Some(Place::Offered(Offer {
+                    place: endpoint.hand_over(),
+                    since: now,
+                    look_at: now.after(LOOK),
+                    standbys_told: false,
+                }));
+                self.watch(epoll, Interest::NONE);
+            }
+            other => self.place = other,
+        }
+    }
+
+    /// Looks whether a successor is there. Takes the place back if none has come in time.
+    //= SM2-RES-010
+    pub(super) fn look(&mut self, epoll: &Epoll) -> Found {
+        let now = clock::now();
+        match self.place.take() {
+            Some(Place::Offered(offer)) if now >= offer.look_at => self.look_now(offer, now, epoll),
+            other => {
+                self.place = other;
+                Found::Nothing
+            }
+        }
+    }
+
+    fn look_now(&mut self, mut offer: Offer, now: Instant, epoll: &Epoll) -> Found {
+        if offer.place.is_replaced() {
+            self.place = Some(Place::Offered(offer));
+            return Found::Successor;
+        }
+        let mut found = Found::Nothing;
+        offer.look_at = now.after(LOOK);
+        if now >= offer.since.after(PATIENCE) {
+            match offer.place.reclaim() {
+                Ok(endpoint) => {
+                    info!("nobody has come to take over: going on");
+                    self.place = Some(Place::Ours(endpoint));
+                    self.watch(epoll, Interest::READABLE);
+                    return Found::Nothing;
+                }
+                Err(not) => {
+                    // Somebody has the lock, and is about to replace the socket.
+                    if !matches!(not.reason, EndpointError::Busy { .. }) {
+                        warn!(reason = %not.reason, "cannot take the domain back yet");
+                    }
+                    offer.place = not.hand_over;
+                    offer.look_at = now.after(LOOK_LATE);
+                }
+            }
+        } else if !offer.standbys_told && now >= offer.since.after(PRECEDENCE) {
+            offer.standbys_told = true;
+            found = Found::Unclaimed;
+        }
+        self.place = Some(Place::Offered(offer));
+        found
+    }
+}

@@ -1,0 +1,150 @@
+//! One session's way through the driver: from its connection to its end.
+
+use std::{
+    os::fd::{AsFd, OwnedFd},
+    sync::Arc,
+};
+
+use sm2_io::{Event, Interest, RecvError, SeqPacket, memfd};
+use sm2_proto::{
+    Datagram, Farewell, NodeId,
+    manager::{Cause, Credentials, Input},
+};
+use tracing::{debug, warn};
+
+use super::{Manager, TURN};
+use crate::connection::{Connection, Lost, Sent};
+
+impl Manager {
+    //= SM2-TRN-007
+    pub(super) fn connect(&mut self, socket: SeqPacket) {
+        self.last_session += 1;
+        let session = NodeId(self.last_session);
+        let watched = self.epoll.add(&socket, session.0, Interest::READABLE);
+        let peer = watched.and_then(|()| socket.peer_credentials());
+        let peer = match peer {
+            Ok(peer) => peer,
+            Err(error) => return warn!(%error, "cannot serve a connection"),
+        };
+        debug!(%session, uid = peer.uid, pid = peer.pid, "connected");
+        self.connections.insert(session, Connection::new(socket));
+        let credentials = Credentials {
+            uid: peer.uid,
+            gid: peer.gid,
+            pid: peer.pid,
+        };
+        self.feed(Input::Connected {
+            session,
+            credentials,
+        });
+    }
+
+    pub(super) fn serve(&mut self, session: NodeId, event: Event) {
+        if event.writable {
+            self.make_room(session);
+            self.feed(Input::Tick);
+        }
+        // Whoever hung up is read to the end, which the kernel's buffer bounds.
+        let turns = if event.hangup { usize::MAX } else { TURN };
+        for _ in 0..turns {
+            if !event.readable || !self.receive(session) {
+                return;
+            }
+        }
+    }
+
+    /// Reads one datagram; whether there may be another.
+    fn receive(&mut self, session: NodeId) -> bool {
+        let Some(connection) = self.connections.get(&session) else {
+            return false;
+        };
+        let mut buffer = std::mem::take(&mut self.buffer);
+        let received = connection.socket.recv(&mut buffer);
+        let go_on = match received {
+            Ok(received) => {
+                // Asked before the machine decides. What the kernel does not answer for is no
+                // memory file: no facts, and the machine refuses it.
+                let facts = |fd: &OwnedFd| memfd::facts(fd.as_fd()).unwrap_or_default();
+                let facts: Vec<_> = received.fds.iter().map(facts).collect();
+                let datagram = Datagram {
+                    bytes: &buffer[..received.len],
+                    fds: &facts,
+                    data_truncated: received.data_truncated,
+                    control_truncated: received.control_truncated,
+                };
+                self.feed_with(Input::Datagram { session, datagram }, received.fds);
+                true
+            }
+            Err(RecvError::WouldBlock) => false,
+            Err(RecvError::Closed) => {
+                self.feed(Input::Closed { session });
+                false
+            }
+            Err(RecvError::Io(error)) => {
+                warn!(%session, %error, "cannot read from a node");
+                self.feed(Input::Closed { session });
+                false
+            }
+        };
+        self.buffer = buffer;
+        go_on
+    }
+
+    pub(super) fn make_room(&mut self, session: NodeId) {
+        let Some(connection) = self.connections.get_mut(&session) else {
+            return;
+        };
+        let flushed = connection.flush();
+        self.sent(session, flushed);
+    }
+
+    /// Watches a socket for room exactly as long as frames wait for that.
+    fn sent(&mut self, session: NodeId, sent: Result<Sent, Lost>) {
+        let interest = match sent {
+            Ok(Sent::Taken) => Interest::READABLE,
+            Ok(Sent::Full) => Interest::BOTH,
+            Ok(Sent::Crowded) => {
+                self.crowded();
+                Interest::READABLE
+            }
+            // A closed socket is readable, and reading says what became of it.
+            Err(Lost::Closed) => return,
+            Err(Lost::Stalled) => return self.given_up.push_back(session),
+        };
+        if let Some(connection) = self.connections.get_mut(&session)
+            && connection.interest != interest
+        {
+            connection.interest = interest;
+            // Cannot fail for a socket that is in the set.
+            let _ = self.epoll.modify(&connection.socket, session.0, interest);
+        }
+    }
+
+    //= SM2-LNK-001
+    pub(super) fn send(&mut self, session: NodeId, frame: Vec<u8>, fd: Option<Arc<OwnedFd>>) {
+        let Some(connection) = self.connections.get_mut(&session) else {
+            return;
+        };
+        let sent = connection.send(frame, fd, self.queue_bytes);
+        self.sent(session, sent);
+    }
+
+    /// Where every session ends.
+    pub(super) fn hang_up(&mut self, session: NodeId, goodbye: Option<Vec<u8>>, cause: Cause) {
+        match cause {
+            Cause::Violation(rule) => {
+                warn!(%session, rule = rule.name(), clause = rule.clause(), "hung up: the node broke the protocol");
+            }
+            Cause::Farewell(Farewell::ShuttingDown) => debug!(%session, "said goodbye"),
+            Cause::Farewell(why) => warn!(%session, %why, clause = why.clause(), "hung up"),
+            Cause::Goodbye(code) => debug!(%session, %code, "the node said goodbye"),
+            Cause::Gone => debug!(%session, "the node is gone"),
+        }
+        let Some(connection) = self.connections.remove(&session) else {
+            return;
+        };
+        // Closing takes it out of the set too, but only once nobody else holds the socket.
+        let _ = self.epoll.remove(connection.socket.as_fd());
+        connection.say_goodbye(goodbye);
+    }
+}

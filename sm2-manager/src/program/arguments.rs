@@ -1,0 +1,95 @@
+//! The options of the command line.
+
+use std::{path::PathBuf, time::Duration};
+
+use clap::Args;
+use sm2_proto::manager::Policy;
+
+use crate::{Options, StartError};
+
+/// Options of a Manager's command line.
+#[derive(Args, Clone, Debug)]
+pub struct Arguments {
+    /// The domain to serve [default: $SM2_DOMAIN, else `default`]
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// Listen at this path instead of the domain's
+    #[arg(long, value_name = "PATH", conflicts_with = "domain")]
+    pub socket: Option<PathBuf>,
+    /// Permissions of the socket, octal: who may connect needs to write
+    #[arg(long, value_name = "MODE", default_value = "600", value_parser = octal)]
+    pub socket_mode: u32,
+    /// If another Manager serves the domain, wait for its end, however it ends, and take over
+    #[arg(long)]
+    pub standby: bool,
+    /// If another Manager serves the domain, make it hand over (SIGUSR2) and take its place
+    #[arg(long, conflicts_with = "standby")]
+    pub replace: bool,
+    /// Seal every message of the domain
+    #[arg(long)]
+    pub seal_all: bool,
+    /// Let links between different users go unsealed
+    #[arg(long, conflicts_with = "seal_all")]
+    pub waive_user_boundary: bool,
+    /// Sessions that one user may have
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = Policy::default().sessions_per_user)]
+    pub max_sessions: usize,
+    /// Interfaces that one node may have
+    #[arg(long, value_name = "N", default_value_t = Policy::default().interfaces_per_session)]
+    pub max_interfaces: usize,
+    /// Ends of links that one node may have
+    #[arg(long, value_name = "N", default_value_t = Policy::default().links_per_session)]
+    pub max_links: usize,
+    /// Seconds that a connection may take to greet
+    #[arg(long, value_name = "SECONDS", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..))]
+    pub greeting_timeout: u64,
+}
+
+impl Arguments {
+    pub(super) fn options(&self) -> Options {
+        let policy = Policy {
+            greeting: Duration::from_secs(self.greeting_timeout),
+            sessions_per_user: self.max_sessions,
+            interfaces_per_session: self.max_interfaces,
+            links_per_session: self.max_links,
+            seal_all: self.seal_all,
+            waive_user_boundary: self.waive_user_boundary,
+            ..Policy::default()
+        };
+        Options {
+            policy,
+            socket_mode: self.socket_mode,
+            ..Options::default()
+        }
+    }
+
+    pub(super) fn path(&self) -> Result<PathBuf, StartError> {
+        match &self.socket {
+            Some(path) => Ok(path.clone()),
+            None => Ok(sm2_io::socket_path(self.domain.as_deref())?),
+        }
+    }
+
+    /// The path, if the command line says which.
+    pub(super) fn explicit_path(&self) -> Result<Option<PathBuf>, StartError> {
+        match (&self.socket, &self.domain) {
+            (None, None) => Ok(None),
+            _ => self.path().map(Some),
+        }
+    }
+}
+
+fn octal(text: &str) -> Result<u32, String> {
+    match u32::from_str_radix(text, 8) {
+        Ok(mode) if mode <= 0o777 => Ok(mode),
+        _ => Err("give permissions as octal digits, such as 660".into()),
+    }
+}
+
+/// Nobody could join a Manager that allows none.
+fn positive(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count > 0 => Ok(count),
+        _ => Err("give a whole number of at least 1".into()),
+    }
+}

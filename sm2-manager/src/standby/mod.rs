@@ -1,0 +1,224 @@
+//! A Manager that waits for the end of another one.
+
+mod session;
+
+use std::{
+    io,
+    os::fd::AsFd,
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+use sm2_io::{EndpointError, SeqPacket, wait_readable};
+use tracing::{info, warn};
+
+use self::session::{Over, Session};
+use crate::{HandOver, Manager, Options, Outcome, RunError, StartError, Stopper, handles::Handles};
+
+/// How long somebody may hold the domain's lock when a standby starts, and not serve.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A Manager that serves its domain if nobody else does, and waits for the end of whoever does.
+///
+/// While another Manager serves, a standby is an ordinary node of the domain named
+/// `sm2/standby/<pid>` (with `-2`, `-3`, … where that is taken). It does nothing until that
+/// session ends; then it tries to take the domain's lock. Of several standbys one becomes the
+/// Manager, and the others wait for its end in turn.
+#[derive(Debug)]
+pub struct Standby {
+    path: PathBuf,
+    options: Options,
+    handles: Handles,
+    /// None after a hand-over: somebody else serves.
+    place: Option<Place>,
+}
+
+/// What a [`Standby`] does now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// It is the domain's Manager.
+    Serving,
+    /// Another Manager is, and it waits for its end.
+    StandingBy,
+}
+
+#[derive(Debug)]
+enum Place {
+    Serving(Box<Manager>),
+    StandingBy(Box<Session>),
+}
+
+impl Place {
+    const fn role(&self) -> Role {
+        match self {
+            Self::Serving(_) => Role::Serving,
+            Self::StandingBy(_) => Role::StandingBy,
+        }
+    }
+}
+
+impl Standby {
+    /// Claims the socket at `path`, or connects to the Manager that holds it. When this
+    /// returns, nodes can connect there; if this is the Manager, they are served once
+    /// [`run`](Self::run) is called.
+    ///
+    /// # Errors
+    ///
+    /// [`StartError::Endpoint`] if the place is not fit; [`StartError::NobodyServes`] if
+    /// somebody holds the domain, and is not to be connected to for 5 s;
+    /// [`StartError::Io`] if descriptors ran out.
+    pub fn start(path: &Path, options: Options) -> Result<Self, StartError> {
+        let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
+        let mut pause = Pause::new();
+        let start = Instant::now();
+        let place = loop {
+            match take(path, &options, &handles)? {
+                Ok(place) => break place,
+                Err(source) if start.elapsed() > PATIENCE => {
+                    let path = path.to_owned();
+                    return Err(StartError::NobodyServes { path, source });
+                }
+                Err(_) => pause.wait(&handles).map_err(StartError::io("wait"))?,
+            }
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            options,
+            handles,
+            place: Some(place),
+        })
+    }
+
+    /// The socket's path.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What it does, or will do once it runs.
+    #[must_use]
+    pub fn role(&self) -> Role {
+        let place = self.place.as_ref();
+        place.map_or(Role::StandingBy, Place::role)
+    }
+
+    /// What ends [`run`](Self::run).
+    #[must_use]
+    pub fn stopper(&self) -> Stopper {
+        self.handles.stopper()
+    }
+
+    /// What makes it leave the domain to another Manager, if it serves.
+    #[must_use]
+    pub fn hand_over(&self) -> HandOver {
+        self.handles.hand_over()
+    }
+
+    /// Serves and stands by, in turn, until a [`Stopper`] says so, or another Manager has
+    /// taken over after [`HandOver::start`]; run it again to stand by for that one. `on` hears
+    /// what it does now: at once, and whenever that has changed.
+    ///
+    /// A place that is not fit any more (a disk that is full, a folder that is gone) is tried
+    /// again and again.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError`] if the kernel does not let it wait.
+    //= SM2-TRN-008
+    pub fn run(&mut self, mut on: impl FnMut(Role)) -> Result<Outcome, RunError> {
+        let mut pause = Pause::new();
+        loop {
+            let place = match self.place.take() {
+                Some(place) => place,
+                None => match self.take(&mut pause)? {
+                    Some(place) => place,
+                    None => return Ok(Outcome::Stopped),
+                },
+            };
+            on(place.role());
+            match place {
+                Place::Serving(manager) => return manager.run(),
+                Place::StandingBy(session) => {
+                    info!(path = %self.path.display(), "standing by");
+                    match session.sit(&self.handles)? {
+                        Over::Stopped => return Ok(Outcome::Stopped),
+                        Over::Ended => pause = Pause::new(),
+                        // It took us in and threw us out, and may do so again.
+                        Over::NotWelcomed => pause.wait(&self.handles)?,
+                    }
+                }
+            }
+        }
+    }
+
+    /// Tries until somebody serves; none if it is stopped before.
+    fn take(&self, pause: &mut Pause) -> io::Result<Option<Place>> {
+        loop {
+            if is_stopped(&self.handles)? {
+                return Ok(None);
+            }
+            match take(&self.path, &self.options, &self.handles) {
+                Ok(Ok(place)) => return Ok(Some(place)),
+                // Whoever has the lock is about to serve, or to end.
+                Ok(Err(_)) => {}
+                Err(error) => pause.warn(&error),
+            }
+            pause.wait(&self.handles)?;
+        }
+    }
+}
+
+/// Becomes the Manager, or connects to whoever is; else why that one cannot be connected to.
+fn take(
+    path: &Path,
+    options: &Options,
+    handles: &Handles,
+) -> Result<io::Result<Place>, StartError> {
+    match Manager::bind_with(path, options, handles) {
+        Ok(manager) => return Ok(Ok(Place::Serving(Box::new(manager)))),
+        Err(StartError::Endpoint(EndpointError::Busy { .. })) => {}
+        Err(error) => return Err(error),
+    }
+    let connected = SeqPacket::connect(path).map(Session::new);
+    Ok(connected.map(|session| Place::StandingBy(Box::new(session))))
+}
+
+/// Ever longer pauses: the kernel frees the lock of a process that was killed only some
+/// moments after its sockets are closed.
+struct Pause {
+    next: Duration,
+    warned: Option<String>,
+}
+
+impl Pause {
+    const FIRST: Duration = Duration::from_micros(100);
+    const LAST: Duration = Duration::from_millis(100);
+
+    const fn new() -> Self {
+        Self {
+            next: Self::FIRST,
+            warned: None,
+        }
+    }
+
+    /// Waits; not longer than until the standby is stopped.
+    fn wait(&mut self, handles: &Handles) -> io::Result<()> {
+        wait_readable(&[handles.stop.as_fd()], Some(self.next))?;
+        self.next = (self.next * 2).min(Self::LAST);
+        Ok(())
+    }
+
+    /// Says what is in the way, once.
+    fn warn(&mut self, error: &StartError) {
+        let text = error.to_string();
+        if self.warned.as_ref() != Some(&text) {
+            warn!(%error, "cannot take over yet");
+            self.warned = Some(text);
+        }
+    }
+}
+
+/// Whether the standby is to stop.
+fn is_stopped(handles: &Handles) -> io::Result<bool> {
+    wait_readable(&[handles.stop.as_fd()], Some(Duration::ZERO))
+}

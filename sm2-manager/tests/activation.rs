@@ -1,0 +1,171 @@
+//! What a service manager such as systemd does: it binds the socket, hands it over as
+//! descriptor 3, and listens to what the Manager says of itself.
+
+mod common;
+
+use std::{
+    os::{
+        fd::OwnedFd,
+        unix::net::{UnixDatagram, UnixListener},
+    },
+    process::{Command, Stdio},
+    time::Duration,
+};
+
+use common::{Client, PATIENCE, Place, Program};
+use nix::sys::signal::Signal;
+use sm2_io::{Listener, SeqPacket};
+use sm2_proto::{Farewell, node::End};
+
+/// The service manager of one domain.
+struct Init {
+    place: Place,
+    socket: OwnedFd,
+    notify: UnixDatagram,
+}
+
+impl Init {
+    fn new() -> Self {
+        let place = Place::new();
+        let socket = Listener::bind(&place.socket(), 16).unwrap().into();
+        let notify = UnixDatagram::bind(place.folder().join("notify")).unwrap();
+        notify.set_read_timeout(Some(PATIENCE)).unwrap();
+        Self {
+            place,
+            socket,
+            notify,
+        }
+    }
+
+    /// The command that hands over `count` sockets from number 3 on.
+    fn command(&self, socket: OwnedFd, count: usize, options: &[&str]) -> Command {
+        // A shell puts the descriptors where they belong, and knows its process id.
+        let script = "exec 3<&0 4<&0 0</dev/null; LISTEN_PID=$$ exec \"$@\"";
+        let mut command = Command::new("sh");
+        command.args(["-c", script, "sh"]);
+        command.arg(env!("CARGO_BIN_EXE_sm2-manager")).args(options);
+        command.env("LISTEN_FDS", count.to_string());
+        command.env("NOTIFY_SOCKET", self.place.folder().join("notify"));
+        command.stdin(Stdio::from(socket));
+        command
+    }
+
+    fn start(&self, options: &[&str]) -> Program {
+        let socket = self.socket.try_clone().unwrap();
+        Program::start(self.command(socket, 1, options))
+    }
+
+    #[track_caller]
+    fn fails(&self, command: Command) -> String {
+        let mut program = Program::start(command);
+        assert_eq!(program.wait(), Some(1));
+        program.stderr()
+    }
+
+    /// Waits until it says this.
+    #[track_caller]
+    fn hears(&self, word: &str) {
+        let mut buffer = [0; 4096];
+        loop {
+            let len = self.notify.recv(&mut buffer).expect(word);
+            let text = String::from_utf8_lossy(&buffer[..len]);
+            if text.lines().any(|line| line == word) {
+                return;
+            }
+        }
+    }
+}
+
+//= SM2-TRN-008 sys
+#[test]
+fn whoever_connects_between_two_managers_is_served() {
+    let init = Init::new();
+    let path = init.place.socket();
+    // Already before the first.
+    let mut early = Client::connect(&path, "early").unwrap();
+    let mut manager = init.start(&[]);
+    init.hears("READY=1");
+    early.greeted().expect("a session");
+    assert_eq!(early.server(), std::process::id().cast_signed());
+    for round in 0..3 {
+        let node = init.place.client("node");
+        assert_eq!(node.server(), manager.pid(), "whom others would signal");
+        manager.kill();
+        manager.wait();
+        assert_eq!(node.ended(), End::Eof);
+        let mut between = Client::connect(&path, "between").expect("the socket is there");
+        manager = init.start(&[]);
+        init.hears("READY=1");
+        between.greeted().expect("a session");
+        assert_eq!(between.nodes(), ["between"], "round {round}");
+    }
+    let node = init.place.client("node");
+    manager.signal(Signal::SIGTERM);
+    init.hears("STOPPING=1");
+    assert_eq!(node.ended(), End::Peer(Farewell::ShuttingDown.code()));
+    assert_eq!(manager.wait(), Some(0));
+    assert_eq!(init.place.files(), ["domain.sock", "notify"]);
+    SeqPacket::connect(&path).expect("the socket is there");
+}
+
+#[test]
+fn a_manager_that_was_handed_its_socket_does_not_hand_over() {
+    let init = Init::new();
+    let manager = init.start(&["--socket", init.place.socket().to_str().unwrap()]);
+    init.hears("READY=1");
+    let mut node = init.place.client("node");
+    manager.signal(Signal::SIGUSR2);
+    manager.says("restart this Manager instead");
+    assert_eq!(node.nodes(), ["node"]);
+    let (status, text) = init.place.fails(&[]);
+    assert_eq!(status, Some(1), "{text}");
+    assert!(text.contains("another Manager serves"), "{text}");
+}
+
+#[test]
+fn what_is_of_no_use_is_refused_with_what_to_do() {
+    let init = Init::new();
+    let socket = || init.socket.try_clone().unwrap();
+    let text = init.fails(init.command(socket(), 2, &[]));
+    assert!(text.contains("one ListenSequentialPacket= line"), "{text}");
+
+    let stream = UnixListener::bind(init.place.folder().join("stream")).unwrap();
+    let text = init.fails(init.command(stream.into(), 1, &[]));
+    assert!(text.contains("use ListenSequentialPacket="), "{text}");
+
+    let (connected, _other) = SeqPacket::pair().unwrap();
+    let text = init.fails(init.command(connected.into(), 1, &[]));
+    assert!(text.contains("ListenSequentialPacket="), "{text}");
+
+    for option in ["--standby", "--replace"] {
+        let text = init.fails(init.command(socket(), 1, &[option]));
+        assert!(text.contains("LISTEN_FDS"), "{text}");
+    }
+    let text = init.fails(init.command(socket(), 1, &["--socket", "/run/other.sock"]));
+    assert!(text.contains("/run/other.sock"), "{text}");
+    assert!(text.contains("domain.sock"), "{text}");
+    SeqPacket::connect(&init.place.socket()).expect("the socket is there");
+}
+
+#[test]
+fn a_manager_that_makes_its_own_socket_says_when_it_serves_and_when_it_stands_by() {
+    let init = Init::new();
+    let place = Place::new();
+    let start = |options: &[&str]| {
+        let mut command = place.command(options);
+        command.env("NOTIFY_SOCKET", init.place.folder().join("notify"));
+        Program::start(command)
+    };
+    let mut active = start(&[]);
+    init.hears("STATUS=Serving");
+    let mut standby = start(&["--standby"]);
+    init.hears("STATUS=Standing by: another Manager serves");
+    active.kill();
+    init.hears("STATUS=Serving");
+    standby.signal(Signal::SIGTERM);
+    init.hears("STOPPING=1");
+    assert_eq!(standby.wait(), Some(0));
+    let silent = init.notify.set_read_timeout(Some(Duration::from_millis(1)));
+    silent.unwrap();
+    assert!(init.notify.recv(&mut [0; 100]).is_err(), "all was heard");
+}

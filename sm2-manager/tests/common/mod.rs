@@ -1,0 +1,353 @@
+//! What the tests of this crate share: Managers in processes of their own, and nodes that
+//! do nothing but have a session.
+#![allow(dead_code, reason = "each test uses some of it")]
+
+use std::{
+    fs::{self, Permissions},
+    io::{ErrorKind, IoSlice, Read},
+    os::{fd::AsFd, unix::fs::PermissionsExt},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    sync::{Arc, Mutex},
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+use sm2_io::{RecvError, SeqPacket, clock, wait_readable};
+use sm2_proto::{
+    Datagram, Name, Refusal,
+    control::Item,
+    limits::DATAGRAM_MAX,
+    node::{End, Input, Node, Output},
+};
+
+/// How long anything may take before it counts as a deadlock.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Waits until `done` says so.
+#[track_caller]
+pub(crate) fn eventually(what: &str, mut done: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !done() {
+        assert!(start.elapsed() < PATIENCE, "waited in vain: {what}");
+        thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// A folder with room for a domain.
+pub(crate) struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::Builder::new().prefix("sm2-").tempdir();
+        Self {
+            folder: folder.unwrap(),
+        }
+    }
+
+    pub(crate) fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub(crate) fn socket(&self) -> PathBuf {
+        self.folder().join("domain.sock")
+    }
+
+    /// The names of the files there, sorted.
+    pub(crate) fn files(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.folder()).unwrap();
+        let names = entries.map(|it| it.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<String> = names.collect();
+        names.sort();
+        names
+    }
+
+    /// The program, about to serve here.
+    pub(crate) fn command(&self, options: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-manager"));
+        command.arg("--socket").arg(self.socket()).args(options);
+        command.env_remove("SM2_LOG").env_remove("NOTIFY_SOCKET");
+        command
+    }
+
+    /// The program where another user can reach it, and this folder.
+    pub(crate) fn for_a_stranger(&self, options: &[&str]) -> Command {
+        fs::set_permissions(self.folder(), Permissions::from_mode(0o755)).unwrap();
+        let program = self.folder().join("program");
+        if !program.exists() {
+            // Not written by this process: a child that another thread is just starting would
+            // hold it open for writing, and no such file can be run.
+            let mut copy = Command::new("cp");
+            copy.arg(env!("CARGO_BIN_EXE_sm2-manager")).arg(&program);
+            assert!(copy.status().unwrap().success());
+        }
+        let mut command = Command::new(program);
+        command.arg("--socket").arg(self.socket()).args(options);
+        command
+    }
+
+    /// One that serves.
+    #[track_caller]
+    pub(crate) fn manager(&self, options: &[&str]) -> Program {
+        let program = Program::start(self.command(options));
+        program.says("serving");
+        program
+    }
+
+    /// One that stands by.
+    #[track_caller]
+    pub(crate) fn standby(&self) -> Program {
+        let program = Program::start(self.command(&["--standby"]));
+        program.says("standing by");
+        program
+    }
+
+    /// One that ends at once: its exit status, and what it said.
+    #[track_caller]
+    pub(crate) fn fails(&self, options: &[&str]) -> (Option<i32>, String) {
+        let mut program = Program::start(self.command(options));
+        let status = program.wait();
+        (status, program.stderr())
+    }
+
+    #[track_caller]
+    pub(crate) fn client(&self, name: &str) -> Client {
+        Client::welcomed(&self.socket(), name)
+    }
+}
+
+/// A Manager in a process of its own. Killed when dropped.
+pub(crate) struct Program {
+    child: Child,
+    stderr: Arc<Mutex<String>>,
+    reader: Option<JoinHandle<()>>,
+}
+
+impl Program {
+    pub(crate) fn start(mut command: Command) -> Self {
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+        let mut source = child.stderr.take().unwrap();
+        let stderr = Arc::new(Mutex::new(String::new()));
+        let collected = Arc::clone(&stderr);
+        let reader = thread::spawn(move || {
+            let mut buffer = [0; 4096];
+            while let Ok(len @ 1..) = source.read(&mut buffer) {
+                let text = String::from_utf8_lossy(&buffer[..len]);
+                collected.lock().unwrap().push_str(&text);
+            }
+        });
+        let reader = Some(reader);
+        Self {
+            child,
+            stderr,
+            reader,
+        }
+    }
+
+    pub(crate) fn pid(&self) -> i32 {
+        self.child.id().cast_signed()
+    }
+
+    pub(crate) fn stderr(&self) -> String {
+        self.stderr.lock().unwrap().clone()
+    }
+
+    #[track_caller]
+    pub(crate) fn says(&self, text: &str) {
+        eventually(text, || self.stderr().contains(text));
+    }
+
+    /// Sends it a signal; until it was waited for, its number is nobody else's.
+    pub(crate) fn signal(&self, signal: Signal) {
+        kill(Pid::from_raw(self.pid()), signal).unwrap();
+    }
+
+    /// SIGKILL, without waiting.
+    pub(crate) fn kill(&mut self) {
+        self.child.kill().unwrap();
+    }
+
+    pub(crate) fn is_running(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_none()
+    }
+
+    /// Waits for its end, and for all that it said; none if a signal ended it.
+    #[track_caller]
+    pub(crate) fn wait(&mut self) -> Option<i32> {
+        let mut status = None;
+        eventually("the end of a process", || {
+            status = self.child.try_wait().unwrap();
+            status.is_some()
+        });
+        if let Some(reader) = self.reader.take() {
+            reader.join().unwrap();
+        }
+        status.unwrap().code()
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if thread::panicking() {
+            eprintln!("process {} said: {}", self.pid(), self.stderr());
+        }
+    }
+}
+
+/// A node without interfaces.
+pub(crate) struct Client {
+    socket: SeqPacket,
+    machine: Node,
+    welcomed: bool,
+    refused: Option<Refusal>,
+    page: Option<Vec<Item>>,
+    buffer: Vec<u8>,
+}
+
+/// Why a node has no session, and may try again (SM2-RES-001).
+#[derive(Debug)]
+pub(crate) enum Retry {
+    /// Nobody listens there any more, or too many wait.
+    NotConnected,
+    /// The Manager ended before it had granted the greeting.
+    NotWelcomed,
+}
+
+impl Client {
+    /// Connects and greets, as often as it takes.
+    #[track_caller]
+    pub(crate) fn welcomed(path: &Path, name: &str) -> Self {
+        let mut client = None;
+        eventually("a session", || {
+            client = Self::attempt(path, name).ok();
+            client.is_some()
+        });
+        client.unwrap()
+    }
+
+    /// Connects and greets, once. What cannot be tried again is a panic.
+    #[track_caller]
+    pub(crate) fn attempt(path: &Path, name: &str) -> Result<Self, Retry> {
+        let mut client = Self::connect(path, name)?;
+        client.greeted()?;
+        Ok(client)
+    }
+
+    /// Connects, and says HELLO.
+    #[track_caller]
+    pub(crate) fn connect(path: &Path, name: &str) -> Result<Self, Retry> {
+        let socket = match SeqPacket::connect(path) {
+            Ok(socket) => socket,
+            Err(error) => match error.kind() {
+                ErrorKind::ConnectionRefused | ErrorKind::WouldBlock | ErrorKind::NotFound => {
+                    return Err(Retry::NotConnected);
+                }
+                _ => panic!("{name}: {error}"),
+            },
+        };
+        let mut client = Self {
+            socket,
+            machine: Node::new(Name::new(name).unwrap()),
+            welcomed: false,
+            refused: None,
+            page: None,
+            buffer: vec![0; DATAGRAM_MAX + 1],
+        };
+        client.carry_out();
+        Ok(client)
+    }
+
+    /// Waits for WELCOME.
+    #[track_caller]
+    pub(crate) fn greeted(&mut self) -> Result<(), Retry> {
+        self.until(|it| it.welcomed || it.refused.is_some() || it.machine.end().is_some());
+        assert_eq!(self.refused, None);
+        match (self.welcomed, self.machine.end()) {
+            (true, _) => Ok(()),
+            (false, Some(End::Violation(violation))) => panic!("{violation}"),
+            (false, _) => Err(Retry::NotWelcomed),
+        }
+    }
+
+    /// The process that listened when this connected.
+    pub(crate) fn server(&self) -> i32 {
+        self.socket.peer_credentials().unwrap().pid
+    }
+
+    pub(crate) fn epoch(&self) -> u64 {
+        self.machine.epoch().unwrap()
+    }
+
+    /// The names of the domain's nodes, in the order in which they came.
+    #[track_caller]
+    pub(crate) fn nodes(&mut self) -> Vec<String> {
+        self.page = None;
+        let query = Input::Query { after: None };
+        self.machine.handle(clock::now(), query).unwrap();
+        self.carry_out();
+        self.until(|it| it.page.is_some());
+        let items = self.page.take().unwrap().into_iter();
+        let names = items.filter_map(|item| match item {
+            Item::Node { name, .. } => Some(name.as_str().to_owned()),
+            _ => None,
+        });
+        names.collect()
+    }
+
+    /// Waits for the end of the session.
+    #[track_caller]
+    pub(crate) fn ended(mut self) -> End {
+        self.until(|it| it.machine.end().is_some());
+        self.machine.end().unwrap()
+    }
+
+    #[track_caller]
+    fn until(&mut self, mut done: impl FnMut(&Self) -> bool) {
+        let start = Instant::now();
+        while !done(self) {
+            assert!(start.elapsed() < PATIENCE, "the Manager says nothing");
+            let pause = Some(Duration::from_secs(1));
+            if wait_readable(&[self.socket.as_fd()], pause).unwrap() {
+                self.receive();
+            }
+        }
+    }
+
+    fn receive(&mut self) {
+        let input = match self.socket.recv(&mut self.buffer) {
+            Ok(received) => Input::Datagram(Datagram {
+                bytes: &self.buffer[..received.len],
+                fds: &[],
+                data_truncated: received.data_truncated,
+                control_truncated: received.control_truncated,
+            }),
+            Err(RecvError::WouldBlock) => return,
+            Err(RecvError::Closed | RecvError::Io(_)) => Input::Eof,
+        };
+        let _ = self.machine.handle(clock::now(), input);
+        self.carry_out();
+    }
+
+    fn carry_out(&mut self) {
+        while let Some(output) = self.machine.poll() {
+            match output {
+                // Whoever is gone does not take it; reading says so.
+                Output::Transmit(frame) => {
+                    let _ = self.socket.send(&[IoSlice::new(&frame)], &[]);
+                }
+                Output::Welcomed { .. } => self.welcomed = true,
+                Output::HelloRefused(reason) => self.refused = Some(reason),
+                Output::Page { items, .. } => self.page = Some(items),
+                _ => {}
+            }
+        }
+    }
+}

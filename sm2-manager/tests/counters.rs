@@ -1,0 +1,226 @@
+//! Descriptors that nodes hand to a Manager: it keeps one file of counters per session, and
+//! closes all others.
+
+mod common;
+
+use std::{
+    fs::{self, File},
+    io::IoSlice,
+    os::{
+        fd::{AsFd, BorrowedFd, OwnedFd},
+        unix::process::CommandExt,
+    },
+    process::Command,
+    thread,
+    time::Duration,
+};
+
+use common::{PATIENCE, Place, Program};
+use nix::unistd::{Uid, chown, geteuid};
+use sm2_io::{CounterPage, CounterView, RecvError, SeqPacket, memfd, wait_readable};
+use sm2_proto::{
+    Code, Datagram, InterfaceId, NodeId, Violation,
+    control::{ToManager, ToNode, decode_to_node, encode_to_manager},
+};
+
+/// A node that speaks frames.
+struct Raw {
+    socket: SeqPacket,
+    id: NodeId,
+}
+
+impl Raw {
+    fn welcomed(place: &Place, name: &str) -> Self {
+        let socket = SeqPacket::connect(&place.socket()).unwrap();
+        let mut raw = Self {
+            socket,
+            id: NodeId(0),
+        };
+        let hello = ToManager::Hello {
+            min_version: 1,
+            max_version: 1,
+            name: name.parse().unwrap(),
+            resuming: false,
+        };
+        raw.send(&hello, &[]);
+        let (ToNode::Welcome { node, .. }, None) = raw.next() else {
+            panic!("WELCOME expected");
+        };
+        raw.id = node;
+        raw
+    }
+
+    fn send(&self, frame: &ToManager, fds: &[BorrowedFd<'_>]) {
+        let bytes = encode_to_manager(frame);
+        self.socket.send(&[IoSlice::new(&bytes)], fds).unwrap();
+    }
+
+    fn inspect(&self, node: NodeId) {
+        self.send(&ToManager::Inspect { node }, &[]);
+    }
+
+    /// The next frame, and its descriptor.
+    #[track_caller]
+    fn next(&self) -> (ToNode, Option<OwnedFd>) {
+        self.try_next(PATIENCE).expect("a frame")
+    }
+
+    fn try_next(&self, patience: Duration) -> Option<(ToNode, Option<OwnedFd>)> {
+        wait_readable(&[self.socket.as_fd()], Some(patience)).unwrap();
+        let mut buffer = vec![0; 65_537];
+        let received = match self.socket.recv(&mut buffer) {
+            Ok(received) => received,
+            Err(RecvError::WouldBlock | RecvError::Closed) => return None,
+            Err(error) => panic!("{error}"),
+        };
+        let facts = |fd: &OwnedFd| memfd::facts(fd.as_fd()).unwrap();
+        let facts: Vec<_> = received.fds.iter().map(facts).collect();
+        let frame = decode_to_node(&Datagram {
+            bytes: &buffer[..received.len],
+            fds: &facts,
+            data_truncated: received.data_truncated,
+            control_truncated: received.control_truncated,
+        });
+        Some((frame.unwrap(), received.fds.into_iter().next()))
+    }
+
+    /// The code of its GOODBYE, and then the end.
+    #[track_caller]
+    fn goodbye(&self) -> Code {
+        let (ToNode::Goodbye { code }, None) = self.next() else {
+            panic!("GOODBYE expected");
+        };
+        assert!(self.try_next(PATIENCE).is_none(), "the end");
+        code
+    }
+}
+
+/// How many descriptors the Manager has open.
+fn open(manager: &Program) -> usize {
+    let entries = fs::read_dir(format!("/proc/{}/fd", manager.pid())).unwrap();
+    entries.count()
+}
+
+//= SM2-CNT-001, SM2-CNT-002 sys
+#[test]
+fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
+    let place = Place::new();
+    let manager = place.manager(&[]);
+    let tool = Raw::welcomed(&place, "tool");
+    let idle = open(&manager);
+
+    let node = Raw::welcomed(&place, "node");
+    let mut page = CounterPage::new().unwrap();
+    let entry = page.allocate(InterfaceId(7), None).unwrap();
+    node.send(&ToManager::Counters, &[page.as_fd()]);
+    node.inspect(node.id);
+    let (ToNode::Inspected { .. }, Some(_)) = node.next() else {
+        panic!("INSPECTED expected");
+    };
+    assert_eq!(open(&manager), idle + 2, "its socket and its file");
+
+    page.update(&entry).lost(3);
+    for _ in 0..3 {
+        tool.inspect(node.id);
+        tool.inspect(tool.id);
+    }
+    for _ in 0..3 {
+        let (ToNode::Inspected { node: of }, Some(file)) = tool.next() else {
+            panic!("INSPECTED expected");
+        };
+        assert_eq!(of, node.id);
+        let view = CounterView::open(file).unwrap();
+        assert_eq!(view.read(entry.index()).unwrap().unwrap().lost, 3);
+        let (ToNode::NotInspected { node: of }, None) = tool.next() else {
+            panic!("NOT_INSPECTED expected");
+        };
+        assert_eq!(of, tool.id);
+    }
+    assert_eq!(open(&manager), idle + 2, "what was shown was not copied");
+
+    drop(node);
+    common::eventually("it to let go of the file", || open(&manager) == idle);
+}
+
+//= SM2-TRN-005, SM2-CNT-001 sys
+#[test]
+fn every_other_descriptor_is_closed() {
+    let place = Place::new();
+    let manager = place.manager(&[]);
+    let witness = Raw::welcomed(&place, "witness");
+    let idle = open(&manager);
+    let page = CounterPage::new().unwrap();
+    let null = File::open("/dev/null").unwrap();
+    let (one, _other) = SeqPacket::pair().unwrap();
+    let many = vec![null.as_fd(); 200];
+    let one_too_many = [page.as_fd(), page.as_fd()];
+    let counters = ToManager::Counters;
+    let query = ToManager::Query { after: None };
+    for (frame, fds, violation) in [
+        (&counters, &[null.as_fd()][..], Violation::NotAMemfd),
+        (&counters, &[one.as_fd()], Violation::NotAMemfd),
+        (&counters, &[], Violation::FdCount),
+        (&counters, &one_too_many, Violation::FdCount),
+        (&counters, &many, Violation::FdCount),
+        (&query, &[page.as_fd()], Violation::FdCount),
+    ] {
+        let node = Raw::welcomed(&place, "node");
+        node.send(frame, fds);
+        assert_eq!(node.goodbye(), violation.code());
+        drop(node);
+        common::eventually("all to be closed", || open(&manager) == idle);
+    }
+    let node = Raw::welcomed(&place, "node");
+    node.send(&counters, &[page.as_fd()]);
+    node.send(&counters, &[page.as_fd()]);
+    assert_eq!(node.goodbye(), Violation::CountersTwice.code());
+    common::eventually("both to be closed", || open(&manager) == idle);
+    witness.inspect(witness.id);
+    let (ToNode::NotInspected { .. }, None) = witness.next() else {
+        panic!("NOT_INSPECTED expected");
+    };
+}
+
+/// Descriptors that are shown count as in flight, like those of links.
+//= SM2-TRN-010, SM2-TRN-009 sys
+#[test]
+fn whoever_asks_and_does_not_read_is_given_up() {
+    let place = Place::new();
+    let mut command = place.for_a_stranger(&["--socket-mode", "666"]);
+    let program = command.get_program().to_owned();
+    let options: Vec<_> = command.get_args().map(ToOwned::to_owned).collect();
+    // Few are allowed in flight, then; but to root any number is.
+    command = Command::new("sh");
+    command.args(["-c", "ulimit -n 128; exec \"$0\" \"$@\""]);
+    command.arg(program).args(options);
+    if geteuid().is_root() {
+        let nobody = 65_534;
+        chown(place.folder(), Some(Uid::from_raw(nobody)), None).unwrap();
+        command.uid(nobody).gid(nobody);
+    }
+    let manager = Program::start(command);
+    manager.says("serving");
+    let node = Raw::welcomed(&place, "node");
+    let page = CounterPage::new().unwrap();
+    node.send(&ToManager::Counters, &[page.as_fd()]);
+    let deaf = Raw::welcomed(&place, "deaf");
+    let bytes = encode_to_manager(&ToManager::Inspect { node: node.id });
+    for _ in 0..100_000 {
+        // Until it is hung up on, which it would read if it did.
+        match deaf.socket.send(&[IoSlice::new(&bytes)], &[]) {
+            Ok(()) => {}
+            Err(sm2_io::SendError::WouldBlock) => thread::yield_now(),
+            Err(_) => break,
+        }
+    }
+    manager.says("hung up");
+    // What it has not read is in flight until it closes its end.
+    drop(deaf);
+    let polite = Raw::welcomed(&place, "polite");
+    for _ in 0..100 {
+        polite.inspect(node.id);
+        let (ToNode::Inspected { .. }, Some(_)) = polite.next() else {
+            panic!("INSPECTED expected");
+        };
+    }
+}

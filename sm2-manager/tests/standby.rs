@@ -1,0 +1,183 @@
+//! A Manager ends, however it ends: a standby goes on.
+
+mod common;
+
+use std::{fs, process};
+
+use common::Place;
+use nix::sys::signal::Signal;
+use sm2_io::DomainLock;
+use sm2_manager::{Background, Options, Outcome, Role, Standby, StartError};
+use sm2_proto::{Farewell, node::End};
+
+//= SM2-TRN-008, SM2-SES-007 sys
+#[test]
+fn two_take_turns_while_each_is_killed() {
+    let place = Place::new();
+    let mut active = place.manager(&[]);
+    let mut epochs = vec![];
+    for round in 0..20 {
+        let standby = place.standby();
+        let mut node = place.client(&format!("node/{round}"));
+        assert_eq!(node.server(), active.pid());
+        assert!(
+            node.nodes()
+                .contains(&format!("sm2/standby/{}", standby.pid()))
+        );
+        active.kill();
+        assert_eq!(node.ended(), End::Eof);
+        // As often as it takes: nobody listens for a moment.
+        let node = place.client("next");
+        assert_eq!(node.server(), standby.pid());
+        epochs.push(node.epoch());
+        active = standby;
+    }
+    epochs.sort_unstable();
+    epochs.dedup();
+    assert_eq!(epochs.len(), 20, "each Manager has an epoch of its own");
+    assert_eq!(place.files(), ["domain.sock", "domain.sock.lock"]);
+}
+
+//= SM2-TRN-008 sys
+#[test]
+fn both_killed_and_one_started_later() {
+    let place = Place::new();
+    for option in [&[][..], &["--standby"], &["--replace"]] {
+        let mut active = place.manager(&[]);
+        let mut standby = place.standby();
+        standby.kill();
+        standby.wait();
+        active.kill();
+        active.wait();
+        assert_eq!(place.files(), ["domain.sock", "domain.sock.lock"]);
+        let later = place.manager(option);
+        assert_eq!(place.client("node").server(), later.pid(), "{option:?}");
+    }
+}
+
+//= SM2-TRN-008 sys
+#[test]
+fn of_several_standbys_one_serves_and_the_others_wait_for_its_end() {
+    let place = Place::new();
+    let mut active = place.manager(&[]);
+    let mut standbys: Vec<_> = (0..4).map(|_| place.standby()).collect();
+    while !standbys.is_empty() {
+        active.kill();
+        let mut node = place.client("node");
+        let winner = standbys.iter().position(|it| it.pid() == node.server());
+        active = standbys.remove(winner.expect("one of them"));
+        common::eventually("the others to stand by for it", || {
+            let nodes = node.nodes();
+            let name = |pid| format!("sm2/standby/{pid}");
+            let mut others = standbys.iter().map(|it| name(it.pid()));
+            others.all(|name| nodes.contains(&name))
+        });
+    }
+}
+
+//= SM2-SES-008, SM2-TRN-008 sys
+#[test]
+fn a_manager_that_is_stopped_leaves_the_domain_to_its_standby() {
+    let place = Place::new();
+    let mut active = place.manager(&[]);
+    let standby = place.standby();
+    let node = place.client("node");
+    active.signal(Signal::SIGTERM);
+    assert_eq!(node.ended(), End::Peer(Farewell::ShuttingDown.code()));
+    assert_eq!(active.wait(), Some(0));
+    let node = place.client("node");
+    assert_eq!(node.server(), standby.pid());
+}
+
+#[test]
+fn a_standby_ends_when_it_is_told_and_nobody_notices() {
+    let place = Place::new();
+    let active = place.manager(&[]);
+    let mut standby = place.standby();
+    let mut node = place.client("node");
+    assert_eq!(node.nodes().len(), 2);
+    // There is nothing to hand over.
+    standby.signal(Signal::SIGUSR2);
+    standby.signal(Signal::SIGTERM);
+    assert_eq!(standby.wait(), Some(0), "{}", standby.stderr());
+    common::eventually("its name to be free", || node.nodes() == ["node"]);
+    assert_eq!(node.server(), active.pid());
+    assert_eq!(place.files(), ["domain.sock", "domain.sock.lock"]);
+}
+
+/// What is in the way may go away: a full disk, a folder that is not mounted.
+#[test]
+fn a_standby_tries_again_where_the_place_is_not_fit() {
+    let place = Place::new();
+    let mut active = place.manager(&[]);
+    let mut standbys = [place.standby(), place.standby()];
+    // The socket is made under this name first.
+    let obstacle = place.folder().join("domain.sock~");
+    fs::create_dir(&obstacle).unwrap();
+    active.kill();
+    for standby in &standbys {
+        standby.says("cannot take over yet");
+    }
+    standbys[0].signal(Signal::SIGTERM);
+    assert_eq!(standbys[0].wait(), Some(0));
+    fs::remove_dir(&obstacle).unwrap();
+    let node = place.client("node");
+    assert_eq!(node.server(), standbys[1].pid());
+    let text = standbys[1].stderr();
+    assert_eq!(text.matches("cannot take over yet").count(), 1, "{text}");
+}
+
+#[test]
+fn standbys_of_one_process_have_names_of_their_own() {
+    let place = Place::new();
+    let active = Background::start(&place.socket(), Options::default()).unwrap();
+    let all: Vec<_> = (0..3)
+        .map(|_| Background::start_or_stand_by(&place.socket(), Options::default()).unwrap())
+        .collect();
+    let mut node = place.client("node");
+    let own = format!("sm2/standby/{}", process::id());
+    let names = [own.clone(), format!("{own}-2"), format!("{own}-3")];
+    common::eventually("three names", || {
+        let nodes = node.nodes();
+        names.iter().all(|name| nodes.contains(name))
+    });
+    let epoch = node.epoch();
+    active.stop().unwrap();
+    assert_ne!(place.client("node").epoch(), epoch, "one of them serves");
+    drop(all);
+    assert!(place.files().is_empty(), "{:?}", place.files());
+}
+
+#[test]
+fn a_standby_says_what_it_does() {
+    let place = Place::new();
+    let active = Background::start(&place.socket(), Options::default()).unwrap();
+    let mut standby = Standby::start(&place.socket(), Options::default()).unwrap();
+    assert_eq!(standby.role(), Role::StandingBy);
+    let stopper = standby.stopper();
+    let mut active = Some(active);
+    let mut roles = vec![];
+    let outcome = standby.run(|role| {
+        roles.push(role);
+        match active.take() {
+            Some(active) => active.stop().unwrap(),
+            None => stopper.stop(),
+        }
+    });
+    assert_eq!(outcome.unwrap(), Outcome::Stopped);
+    assert_eq!(roles, [Role::StandingBy, Role::Serving]);
+    assert!(place.files().is_empty(), "{:?}", place.files());
+    let alone = Standby::start(&place.socket(), Options::default()).unwrap();
+    assert_eq!(alone.role(), Role::Serving);
+}
+
+#[test]
+fn a_lock_whose_holder_does_not_serve_is_an_error() {
+    let place = Place::new();
+    let _lock = DomainLock::acquire(&place.socket()).unwrap();
+    let error = Standby::start(&place.socket(), Options::default()).unwrap_err();
+    assert!(
+        matches!(error, StartError::NobodyServes { .. }),
+        "{error:?}"
+    );
+}

@@ -1,0 +1,95 @@
+//! A node in a bare epoll loop: `loop_epoll [COUNT [PERIOD_MS]]`.
+//!
+//! One thread and one loop, which waits for three things: a node that hears `chatter` and
+//! publishes `heartbeat`, a timer of the program's own that says when, and Ctrl-C. With
+//! `sm2 manager` running, try it beside a talker:
+//!
+//! ```sh
+//! cargo run -p sm2-node --example loop_epoll -- 10
+//! cargo run -p sm2-node --example talker -- 10
+//! ```
+//!
+//! - **What to watch**: the descriptor of each subscriber and server, and of each client that
+//!   has calls under way, for reading, level-triggered. Each also stands for its whole
+//!   node: for new links, for room in a socket that was full, for the node's own timer. A
+//!   node that only publishes is watched by its own descriptor.
+//! - **What to call**: `try_recv`. It first moves the whole node on, so no other call is
+//!   needed. A node that only publishes: `spin_once(None)`.
+//! - **Nothing is missed**: a subscriber's descriptor stays readable until `try_recv` has
+//!   said that there is nothing, whichever call took the message from its socket. `publish`
+//!   below is such a call. So a turn may end early, with messages left for the next.
+//!
+//! Ends after COUNT messages with status 0, on Ctrl-C with status 130.
+
+mod common;
+
+use std::io::{Write, stdout};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use common::Outcome;
+use nix::errno::Errno;
+use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
+use sm2_node::{Node, Subscriber};
+
+const MESSAGES: u64 = 0;
+const TIMER: u64 = 1;
+const INTERRUPT: u64 = 2;
+
+/// How many messages are taken before others have their turn.
+const TURN: u64 = 64;
+
+fn main() -> ExitCode {
+    common::run(serve)
+}
+
+fn serve() -> Outcome<ExitCode> {
+    let mut left = common::argument(1, u64::MAX)?;
+    let period_ms = common::argument(2, 100)?;
+    let interrupts = common::interrupts()?;
+    let timer = common::every(Duration::from_millis(period_ms))?;
+
+    let node = Node::new("loop-epoll")?;
+    let topic = node.subscriber_builder::<str>("chatter").depth(1_024);
+    let subscriber = topic.declare()?;
+    let publisher = node.publisher::<u64>("heartbeat")?;
+
+    let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
+    let readable = |token| EpollEvent::new(EpollFlags::EPOLLIN, token);
+    epoll.add(&subscriber, readable(MESSAGES))?;
+    epoll.add(&timer, readable(TIMER))?;
+    epoll.add(&interrupts, readable(INTERRUPT))?;
+
+    let mut beat = 0;
+    let mut events = [EpollEvent::empty(); 8];
+    while left > 0 {
+        let count = match epoll.wait(&mut events, EpollTimeout::NONE) {
+            Err(Errno::EINTR) => continue,
+            result => result?,
+        };
+        for event in &events[..count] {
+            match event.data() {
+                MESSAGES => left -= receive(&subscriber, left)?,
+                TIMER => {
+                    timer.wait()?;
+                    beat += 1;
+                    publisher.publish(&beat)?;
+                }
+                _ => return Ok(common::INTERRUPTED.into()),
+            }
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Prints what there is, at most `left` messages; how many it was.
+fn receive(subscriber: &Subscriber<str>, left: u64) -> Outcome<u64> {
+    let turn = left.min(TURN);
+    for taken in 0..turn {
+        match subscriber.try_recv()? {
+            Some(sample) => writeln!(stdout(), "{} said: {}", sample.publisher(), &*sample)?,
+            None => return Ok(taken),
+        }
+    }
+    Ok(turn)
+}

@@ -1,0 +1,98 @@
+//! A node in a mio loop: `loop_mio [COUNT [PERIOD_MS]]`.
+//!
+//! The same program as `loop_epoll`, which says what to watch and what to call. What
+//! differs is the kind of trigger. mio is edge-triggered: it reports that a descriptor
+//! *became* readable, once. One wake-up may announce more than one turn takes from the node,
+//! or more than the node itself takes from its sockets in one call. So the descriptor is
+//! registered anew after each turn: if there is still something to do, mio reports it again.
+//!
+//! ```sh
+//! cargo run -p sm2-node --example loop_mio -- 10
+//! cargo run -p sm2-node --example talker -- 10
+//! ```
+//!
+//! Ends after COUNT messages with status 0, on Ctrl-C with status 130.
+
+mod common;
+
+use std::io::{ErrorKind, Write, stdout};
+use std::os::fd::{AsFd, AsRawFd};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use common::Outcome;
+use mio::unix::SourceFd;
+use mio::{Events, Interest, Poll, Token};
+use sm2_node::{Node, Subscriber};
+
+const MESSAGES: Token = Token(0);
+const TIMER: Token = Token(1);
+const INTERRUPT: Token = Token(2);
+
+/// How many messages are taken before others have their turn.
+const TURN: u64 = 64;
+
+fn main() -> ExitCode {
+    common::run(serve)
+}
+
+fn serve() -> Outcome<ExitCode> {
+    let mut left = common::argument(1, u64::MAX)?;
+    let period_ms = common::argument(2, 100)?;
+    let interrupts = common::interrupts()?;
+    let timer = common::every(Duration::from_millis(period_ms))?;
+
+    let node = Node::new("loop-mio")?;
+    let topic = node.subscriber_builder::<str>("chatter").depth(1_024);
+    let subscriber = topic.declare()?;
+    let publisher = node.publisher::<u64>("heartbeat")?;
+
+    let mut poll = Poll::new()?;
+    let watched = subscriber.as_fd().as_raw_fd();
+    for (number, token) in [
+        (watched, MESSAGES),
+        (timer.as_fd().as_raw_fd(), TIMER),
+        (interrupts.as_raw_fd(), INTERRUPT),
+    ] {
+        let registry = poll.registry();
+        registry.register(&mut SourceFd(&number), token, Interest::READABLE)?;
+    }
+
+    let mut beat = 0;
+    let mut events = Events::with_capacity(8);
+    while left > 0 {
+        match poll.poll(&mut events, None) {
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            result => result?,
+        }
+        for event in &events {
+            match event.token() {
+                MESSAGES => {
+                    left -= receive(&subscriber, left)?;
+                    let mut source = SourceFd(&watched);
+                    let registry = poll.registry();
+                    registry.reregister(&mut source, MESSAGES, Interest::READABLE)?;
+                }
+                TIMER => {
+                    timer.wait()?;
+                    beat += 1;
+                    publisher.publish(&beat)?;
+                }
+                _ => return Ok(common::INTERRUPTED.into()),
+            }
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Prints what there is, at most `left` messages; how many it was.
+fn receive(subscriber: &Subscriber<str>, left: u64) -> Outcome<u64> {
+    let turn = left.min(TURN);
+    for taken in 0..turn {
+        match subscriber.try_recv()? {
+            Some(sample) => writeln!(stdout(), "{} said: {}", sample.publisher(), &*sample)?,
+            None => return Ok(taken),
+        }
+    }
+    Ok(turn)
+}

@@ -1,0 +1,67 @@
+//! Calling a service in futures.
+
+use std::io;
+use std::time::Duration;
+
+use super::{IntoAsync, Watched};
+use crate::handle::until;
+use crate::{CallError, Client, Message, Reply, StoreError};
+
+/// A [`Client`] for futures. Any number of calls may be under way.
+#[derive(Debug)]
+pub struct AsyncClient<Q: Message + ?Sized, R: Message + ?Sized>(Watched<Client<Q, R>>);
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncClient<Q, R> {
+    /// Calls, and waits for the reply at most this long. If it is dropped before it is ready,
+    /// the call is cancelled.
+    ///
+    /// # Errors
+    ///
+    /// See [`CallError`].
+    ///
+    /// # Panics
+    ///
+    /// If the runtime has no timer.
+    pub async fn call(&self, request: &Q, timeout: Duration) -> Result<Reply<R>, CallError> {
+        let deadline = until(Some(timeout));
+        let service = || self.0.get().service().clone();
+        let failed = |source| CallError::Io {
+            service: service(),
+            source,
+        };
+        let reply = async {
+            let bytes = request.bytes().map_err(StoreError::Encode)?;
+            let sent = self.0.wait(|client| {
+                let sent = client.try_send(&bytes, deadline);
+                sent.transpose()
+            });
+            let mut call = sent.await.map_err(failed)??;
+            let reply = self.0.wait(|_| call.try_wait().transpose());
+            reply.await.map_err(failed)?
+        };
+        match tokio::time::timeout(timeout, reply).await {
+            Ok(reply) => reply,
+            Err(_) => Err(CallError::DeadlineExceeded { service: service() }),
+        }
+    }
+
+    /// The client.
+    #[must_use]
+    pub fn get_ref(&self) -> &Client<Q, R> {
+        self.0.get()
+    }
+
+    /// The client, for threads again.
+    #[must_use]
+    pub fn into_inner(self) -> Client<Q, R> {
+        self.0.into_inner()
+    }
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> IntoAsync for Client<Q, R> {
+    type Async = AsyncClient<Q, R>;
+
+    fn into_async(self) -> io::Result<AsyncClient<Q, R>> {
+        Watched::new(self).map(AsyncClient)
+    }
+}

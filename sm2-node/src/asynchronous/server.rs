@@ -1,0 +1,107 @@
+//! Answering the calls of a service in futures.
+
+use std::borrow::Borrow;
+use std::convert::Infallible;
+use std::fmt::Display;
+use std::io;
+use std::pin::{Pin, pin};
+use std::task::{Context, Poll};
+
+use futures_util::future::{Either, select};
+use futures_util::stream::{FuturesUnordered, Stream, StreamExt};
+
+use super::{IntoAsync, Watched};
+use crate::{Message, RecvError, Request, Server};
+
+/// A [`Server`] for futures, and a [`Stream`] of its requests, without an end.
+#[derive(Debug)]
+pub struct AsyncServer<Q: Message + ?Sized, R: Message + ?Sized>(Watched<Server<Q, R>>);
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncServer<Q, R> {
+    /// The next request. Cancellation-safe; several tasks may wait, and each request goes to one
+    /// of them.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`].
+    pub async fn recv(&self) -> Result<Request<Q, R>, RecvError> {
+        let received = self.0.wait(|it| it.try_recv().transpose()).await;
+        received.map_err(RecvError::Io)?
+    }
+
+    /// Answers every request by an async function, up to `concurrency` of them at a time, for as
+    /// long as it is polled. What the function returns as an error is told to the
+    /// client. If this is dropped, the requests under way are answered as failed.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecvError`]; a request that cannot be read is answered and skipped.
+    pub async fn serve<M: Borrow<R>, E: Display>(
+        &self,
+        concurrency: usize,
+        answer: impl AsyncFn(&Request<Q, R>) -> Result<M, E>,
+    ) -> Result<Infallible, RecvError> {
+        let answer = &answer;
+        let mut running = FuturesUnordered::new();
+        loop {
+            let next = match running.len() < concurrency.max(1) {
+                true => match select(pin!(self.recv()), running.next()).await {
+                    Either::Left((next, _)) => next,
+                    // An empty set says so at once: then only requests are waited for.
+                    Either::Right((None, next)) => next.await,
+                    Either::Right((Some(()), _)) => continue,
+                },
+                false => {
+                    running.next().await;
+                    continue;
+                }
+            };
+            match next {
+                Ok(request) => running.push(async move {
+                    let result = match answer(&request).await {
+                        Ok(reply) => request.reply(reply.borrow()),
+                        Err(error) => request.fail(&error.to_string()),
+                    };
+                    if let Err(error) = result {
+                        tracing::debug!(%error, "a reply was not sent");
+                    }
+                }),
+                Err(RecvError::Payload { .. }) => {}
+                // A client with that many requests under way gets some answered first.
+                Err(RecvError::TooManyBorrowed { .. }) if !running.is_empty() => {
+                    running.next().await;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// The server.
+    #[must_use]
+    pub fn get_ref(&self) -> &Server<Q, R> {
+        self.0.get()
+    }
+
+    /// The server, for threads again.
+    #[must_use]
+    pub fn into_inner(self) -> Server<Q, R> {
+        self.0.into_inner()
+    }
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> IntoAsync for Server<Q, R> {
+    type Async = AsyncServer<Q, R>;
+
+    fn into_async(self) -> io::Result<AsyncServer<Q, R>> {
+        Watched::new(self).map(AsyncServer)
+    }
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> Stream for AsyncServer<Q, R> {
+    type Item = Result<Request<Q, R>, RecvError>;
+
+    fn poll_next(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        let received = self.0.poll(context, |it| it.try_recv().transpose());
+        received.map(|it| Some(it.unwrap_or_else(|error| Err(RecvError::Io(error)))))
+    }
+}

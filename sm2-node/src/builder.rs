@@ -1,0 +1,164 @@
+//! How a node finds its Manager.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use sm2_io::{SeqPacket, socket_path};
+use sm2_proto::{Instant, Name, Refusal};
+
+use crate::driver::{Shared, Topic, may_return};
+use crate::{ConnectError, Node};
+
+/// How long a socket that nobody listens at is tried: its Manager has just died, and
+/// another one is about to take over.
+const SUCCESSION: Duration = Duration::from_millis(250);
+
+/// Where a node connects, and how long it tries.
+#[derive(Clone, Debug)]
+#[must_use = "a builder does nothing until connect is called"]
+pub struct NodeBuilder {
+    name: String,
+    domain: Option<String>,
+    socket: Option<PathBuf>,
+    timeout: Duration,
+    wait_for_manager: Duration,
+    #[cfg(feature = "embedded-manager")]
+    embedded: Option<sm2_manager::Options>,
+}
+
+impl NodeBuilder {
+    pub(crate) fn new(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            domain: None,
+            socket: None,
+            timeout: Duration::from_secs(5),
+            wait_for_manager: Duration::ZERO,
+            #[cfg(feature = "embedded-manager")]
+            embedded: None,
+        }
+    }
+
+    /// The domain of this name (SM2-TRN-002), whatever the environment says.
+    pub fn domain(mut self, domain: &str) -> Self {
+        self.domain = Some(domain.to_owned());
+        self
+    }
+
+    /// The Manager's socket itself, whatever domain and environment say.
+    pub fn socket(mut self, path: impl Into<PathBuf>) -> Self {
+        self.socket = Some(path.into());
+        self
+    }
+
+    /// How long the Manager may take to answer, here and to each declaration and question,
+    /// which includes the time until another Manager has taken over; 5 s by default.
+    pub const fn timeout(mut self, timeout: Duration) -> Self {
+        self.timeout = timeout;
+        self
+    }
+
+    /// How long to wait for a Manager to start, if there is none; not at all by default.
+    pub const fn wait_for_manager(mut self, timeout: Duration) -> Self {
+        self.wait_for_manager = timeout;
+        self
+    }
+
+    /// Makes sure that there is a Manager: if there is none, it is run by this process, on a
+    /// thread of its own; if there is one, that thread stands by to take over when it
+    /// goes. It lives as long as the node, and ends after it.
+    #[cfg(feature = "embedded-manager")]
+    pub fn embed_manager(mut self, options: sm2_manager::Options) -> Self {
+        self.embedded = Some(options);
+        self
+    }
+
+    /// Connects and greets.
+    ///
+    /// # Errors
+    ///
+    /// See [`ConnectError`].
+    pub fn connect(self) -> Result<Node, ConnectError> {
+        let name = Name::typed(&self.name).map_err(|reason| ConnectError::Name {
+            name: self.name,
+            reason,
+        })?;
+        let path = match self.socket {
+            Some(path) => path,
+            None => socket_path(self.domain.as_deref())?,
+        };
+        #[cfg(feature = "embedded-manager")]
+        let embedded = match self.embedded {
+            Some(options) => Some(sm2_manager::Background::start_or_stand_by(&path, options)?),
+            None => None,
+        };
+        let socket = connect(&path, self.timeout, self.wait_for_manager)?;
+        let failed = |source| ConnectError::Io {
+            path: path.clone(),
+            source,
+        };
+        let shared =
+            Shared::new(socket, path.clone(), name.clone(), self.timeout).map_err(failed)?;
+        let until = sm2_io::clock::now().after(self.timeout);
+        let answer = shared.wait(Topic::Session, Some(until), |inner| {
+            if let Some(reason) = inner.greeting_refusal() {
+                return Some(Err(match reason {
+                    Refusal::NameTaken => ConnectError::NameTaken { name: name.clone() },
+                    reason => ConnectError::Refused(reason.clone()),
+                }));
+            }
+            if inner.is_connected() {
+                return Some(Ok(()));
+            }
+            // One that is being replaced may hang up on who has just come: the node goes on to
+            // its successor.
+            let end = inner.away().filter(|end| !may_return(*end))?;
+            Some(Err(ConnectError::Ended(end)))
+        });
+        match answer.map_err(failed)? {
+            Some(Ok(())) => {
+                #[cfg(feature = "embedded-manager")]
+                let shared = shared.with_manager(embedded);
+                Ok(Node {
+                    shared: Arc::new(shared),
+                })
+            }
+            Some(Err(error)) => Err(error),
+            None => Err(match shared.lock().away() {
+                Some(end) => ConnectError::Ended(end),
+                None => ConnectError::TimedOut { path },
+            }),
+        }
+    }
+}
+
+/// Connects. A Manager that is there but busy is asked again until `timeout` is over, one
+/// that is not there is waited for as long as `absence` says.
+fn connect(path: &Path, timeout: Duration, absence: Duration) -> Result<SeqPacket, ConnectError> {
+    let now = sm2_io::clock::now();
+    loop {
+        let source = match SeqPacket::connect(path) {
+            Ok(socket) => return Ok(socket),
+            Err(error) => error,
+        };
+        let path = path.to_owned();
+        let (until, late) = match source.kind() {
+            io::ErrorKind::WouldBlock => (now.after(timeout), ConnectError::TimedOut { path }),
+            io::ErrorKind::NotFound => {
+                (now.after(absence), ConnectError::NoManager { path, source })
+            }
+            io::ErrorKind::ConnectionRefused => {
+                let until = now.after(absence.max(SUCCESSION));
+                (until, ConnectError::NoManager { path, source })
+            }
+            _ => return Err(ConnectError::Io { path, source }),
+        };
+        let now: Instant = sm2_io::clock::now();
+        if now >= until {
+            return Err(late);
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}

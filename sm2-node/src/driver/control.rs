@@ -1,0 +1,276 @@
+//! What the Manager says, and what it is told.
+
+use std::io;
+use std::sync::Arc;
+
+use sm2_io::{Epoll, Event, Interest, SeqPacket};
+use sm2_proto::control::Peer;
+use sm2_proto::link::Config;
+use sm2_proto::node::{self, End, Input, Output};
+use sm2_proto::{Contract, Farewell, InterfaceId, LinkId, NodeId, Refusal, TypeId};
+
+use super::datagram::Incoming;
+use super::interface::{Interface, State};
+use super::link::LinkDriver;
+use super::{BURST, Inner, Topic};
+
+impl Inner {
+    pub(super) fn on_session_event(&mut self, event: Event, epoll: &Epoll) {
+        if event.writable {
+            self.session.flush(epoll);
+        }
+        if event.readable {
+            for _ in 0..BURST {
+                match self.session.receive(&mut self.buffer) {
+                    Some(incoming) => self.drain_session(incoming, epoll),
+                    None => break,
+                }
+            }
+        }
+    }
+
+    /// Does all that the session's machine says: the one place where its outputs are matched.
+    pub(super) fn drain_session(&mut self, mut came: Incoming, epoll: &Epoll) {
+        while let Some(output) = self.session.poll() {
+            match output {
+                Output::Transmit(frame) => self.session.send(frame, None, epoll),
+                Output::TransmitCounters(frame) => match self.counting.descriptor() {
+                    Ok(fd) => self.session.send(frame, Some(fd), epoll),
+                    Err(error) => {
+                        tracing::warn!(%error, "tools will not see this node's counters");
+                    }
+                },
+                Output::Welcomed { .. } => self.welcomed(),
+                Output::HelloRefused(reason) => self.greeting_refused(reason),
+                Output::Declared { interface, matches } => {
+                    self.answered(interface, State::Live { matches });
+                }
+                Output::DeclareRefused { interface, reason } => self.refused(interface, reason),
+                Output::Linked {
+                    interface,
+                    link,
+                    version,
+                    reliable,
+                    sealed,
+                    peer,
+                } => {
+                    let terms = (link, version, reliable, sealed);
+                    self.linked(interface, terms, peer, &mut came, epoll);
+                }
+                Output::Unlink {
+                    interface,
+                    link,
+                    code,
+                } => {
+                    self.with(interface, epoll, |interface, tools| {
+                        interface.unlink(link, code, tools);
+                    });
+                    self.sleepers.wake(Topic::Interface(interface));
+                }
+                Output::Withdrawn { .. } => {}
+                Output::Page {
+                    revision,
+                    items,
+                    next,
+                } => self.page_came(revision, items, next),
+                Output::Changes {
+                    revision,
+                    changes,
+                    more,
+                } => self.changes_came(revision, changes.as_deref(), more),
+                Output::Inspected { .. } => self.counters_came(came.take_fd()),
+                Output::NotInspected { .. } => self.counters_came(None),
+                Output::Described { text, .. } => self.schema_came(text),
+                Output::Resumed => self.resumed(),
+                Output::Ended(end) => self.ended(end, epoll),
+            }
+        }
+    }
+
+    /// The first Manager has nothing to learn of this node; any other knows all of it
+    /// only when it is [resumed](Self::resumed).
+    fn welcomed(&mut self) {
+        for interface in self.interfaces.values_mut() {
+            interface.refused_again = None;
+        }
+        if self.counting.is_there() {
+            self.session.tell(Input::Counters);
+        }
+        for (data, text) in &self.schemas {
+            let (data, text) = (data.clone(), text.clone());
+            self.session.tell(Input::Schema { data, text });
+        }
+        if self.session.welcomed() {
+            self.connected();
+        }
+    }
+
+    //= SM2-RES-001
+    fn resumed(&mut self) {
+        tracing::info!(node = %self.name, "there is a Manager again");
+        self.connected();
+    }
+
+    fn connected(&mut self) {
+        self.session.away = None;
+        self.reconnect.done();
+        self.sleepers.wake(Topic::Session);
+    }
+
+    //= SM2-NOD-003
+    // Links are left alone.
+    fn ended(&mut self, end: End, epoll: &Epoll) {
+        self.session.hang_up(end, epoll);
+        self.questions.forget();
+        for interface in self.interfaces.values_mut() {
+            interface.links_due = 0;
+        }
+        self.come_back(end);
+        self.sleepers.wake(Topic::Session);
+    }
+
+    fn answered(&mut self, id: InterfaceId, state: State) {
+        match self.interfaces.get_mut(&id) {
+            Some(interface) => {
+                if let State::Live { matches } = state {
+                    interface.links_due = matches;
+                }
+                interface.state = state;
+            }
+            // Whoever declared it has given up waiting. Refused already, if it is not live.
+            None => self.session.tell(Input::Withdraw { interface: id }),
+        }
+        self.sleepers.wake(Topic::Interface(id));
+    }
+
+    fn refused(&mut self, id: InterfaceId, reason: Refusal) {
+        match self.interfaces.get_mut(&id) {
+            //= SM2-RES-009
+            Some(interface) if matches!(interface.state, State::Live { .. }) => {
+                tracing::warn!(
+                    kind = %interface.contract.kind(),
+                    name = %interface.contract.name(),
+                    %reason,
+                    "the new Manager does not take it; its links go on, and it gets no new ones"
+                );
+                interface.refused_again = Some(reason);
+            }
+            _ => self.answered(id, State::Refused(reason)),
+        }
+    }
+
+    /// A new link, whose socket came along.
+    fn linked(
+        &mut self,
+        id: InterfaceId,
+        (link, version, reliable, sealed): (LinkId, u16, bool, bool),
+        peer: Peer,
+        came: &mut Incoming,
+        epoll: &Epoll,
+    ) {
+        let Some(interface) = self.interfaces.get_mut(&id) else {
+            return;
+        };
+        interface.links_due = interface.links_due.saturating_sub(1);
+        let token = self.last_token + 1;
+        let socket = (came.take_fd())
+            .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
+            .and_then(SeqPacket::from_fd)
+            .and_then(|socket| {
+                epoll.add(&socket, token, Interest::READABLE)?;
+                Ok(socket)
+            });
+        match socket {
+            Ok(socket) => {
+                let config = Config::new(&interface.contract, link, version, reliable, sealed);
+                let entry = self.counting.allocate(id, Some(link));
+                let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry);
+                self.last_token = token;
+                self.routes.insert(token, id);
+                self.with(id, epoll, |interface, tools| {
+                    interface.add_link(token, driver, tools);
+                });
+            }
+            Err(error) => {
+                tracing::warn!(%link, peer = %peer.name, %error, "cannot use the link's socket");
+                let code = Farewell::Resources.code();
+                self.session.unlinked(id, link, code);
+            }
+        }
+        self.sleepers.wake(Topic::Interface(id));
+    }
+
+    // ---- what handles ask for ----
+
+    /// Why there is no Manager that knows all of this node, if there is none.
+    pub(crate) const fn away(&self) -> Option<End> {
+        self.session.away
+    }
+
+    /// Why the last greeting was not granted, if it was not.
+    pub(crate) const fn greeting_refusal(&self) -> Option<&Refusal> {
+        self.session.refused.as_ref()
+    }
+
+    /// Whether a Manager is there that knows all of this node.
+    pub(crate) const fn is_connected(&self) -> bool {
+        self.session.is_ready()
+    }
+
+    pub(crate) const fn node_id(&self) -> Option<NodeId> {
+        self.session.id()
+    }
+
+    pub(crate) const fn epoch(&self) -> Option<u64> {
+        self.session.epoch()
+    }
+
+    /// Whether the Manager that is there has this interface.
+    pub(crate) fn is_registered(&self, id: InterfaceId) -> bool {
+        let interface = self.interfaces.get(&id);
+        self.is_connected() && interface.is_some_and(Interface::is_granted)
+    }
+
+    /// Sends DECLARE, as soon as there is a Manager.
+    pub(crate) fn declare(
+        &mut self,
+        contract: Contract,
+        pool_limit_bytes: u64,
+        epoll: &Epoll,
+    ) -> Result<InterfaceId, node::Error> {
+        let id = self.session.declare(contract.clone())?;
+        if self.counting.start() {
+            self.session.tell(Input::Counters);
+        }
+        let entry = self.counting.allocate(id, None);
+        let interface = Interface::new(contract, pool_limit_bytes, entry);
+        self.interfaces.insert(id, interface);
+        self.drain_session(Incoming::default(), epoll);
+        Ok(id)
+    }
+
+    /// Tells this Manager and all that follow what a type looks like. The text's hash must be
+    /// that of the type.
+    //= SM2-SCH-001
+    pub(crate) fn register_schema(&mut self, data: TypeId, text: String, epoll: &Epoll) {
+        if self.schemas.get(&data) == Some(&text) {
+            return;
+        }
+        self.schemas.insert(data.clone(), text.clone());
+        self.session.tell(Input::Schema { data, text });
+        self.drain_session(Incoming::default(), epoll);
+    }
+
+    /// Ends an interface: its links with CLOSE, and then with the Manager.
+    pub(crate) fn withdraw(&mut self, id: InterfaceId, epoll: &Epoll) {
+        self.with(id, epoll, |interface, tools| interface.close(tools));
+        if let Some(interface) = self.interfaces.remove(&id) {
+            for token in interface.tokens() {
+                self.routes.remove(&token);
+            }
+        }
+        self.session.tell(Input::Withdraw { interface: id });
+        self.drain_session(Incoming::default(), epoll);
+        self.sleepers.wake(Topic::Session);
+    }
+}

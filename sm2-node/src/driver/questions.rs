@@ -1,0 +1,379 @@
+//! What the program asks the Manager, from any thread, and the answers.
+//!
+//! Of each kind of question one is under way at a time, and the others wait in the
+//! order in which they were asked, so that no thread is left behind and the Manager's queue
+//! for this node stays short. A session that ends takes along what was asked: who
+//! waits for an answer is told so, and asks the next Manager.
+//!
+//! Changes are an answer to nobody in particular: those after revision `a` are of use to
+//! whoever knows the domain at `a` or later (SM2-WCH-002). So one WATCH serves all [`Follower`]s.
+
+use std::collections::{HashMap, VecDeque};
+use std::os::fd::OwnedFd;
+
+use sm2_io::Epoll;
+use sm2_proto::control::{Change, Item, Key};
+use sm2_proto::node::Input;
+use sm2_proto::{Instant, NodeId, TypeId};
+
+use super::datagram::Incoming;
+use super::{Inner, Shared, Topic};
+use crate::QueryError;
+
+/// A question that is answered exactly once.
+#[derive(Clone, Debug)]
+pub(crate) enum Question {
+    /// The first items. From their revision on, changes are collected.
+    FirstPage,
+    /// The items after this one.
+    Page(Key),
+    /// A node's counters.
+    Inspect(NodeId),
+    /// The text of a type.
+    Describe(TypeId),
+}
+
+/// What the Manager said.
+#[derive(Debug)]
+pub(crate) enum Answer {
+    Page(Page),
+    /// The file of a node's counters.
+    Counters(Option<OwnedFd>),
+    Schema(Option<String>),
+}
+
+/// A part of the domain's state.
+#[derive(Debug)]
+pub(crate) struct Page {
+    pub(crate) epoch: u64,
+    pub(crate) revision: u64,
+    pub(crate) items: Vec<Item>,
+    pub(crate) next: Option<Key>,
+    /// Of the first page: who follows what changes from then on.
+    pub(crate) follower: Option<Ticket>,
+}
+
+/// How many changes are kept for somebody who does not fetch them.
+const CHANGES: usize = 4_096;
+
+/// Who waits.
+pub(crate) type Ticket = u64;
+
+#[derive(Debug, Default)]
+pub(super) struct Questions {
+    last_ticket: Ticket,
+    /// By kind. The first of each was sent.
+    queues: [VecDeque<(Ticket, Question)>; 3],
+    /// None: still to come.
+    answers: HashMap<Ticket, Option<Answer>>,
+    followers: HashMap<Ticket, Follower>,
+    /// The revision after which changes were asked for, if they were.
+    watching: Option<u64>,
+}
+
+/// Somebody who knows the domain at one revision, and collects what changes from there on.
+#[derive(Debug)]
+struct Follower {
+    epoch: u64,
+    revision: u64,
+    /// Whether the changes lead into the middle of some, and more follow.
+    more: bool,
+    changes: Vec<Change>,
+    /// Whether the changes from here on cannot be had.
+    lost: bool,
+}
+
+/// What changed up to a revision.
+#[derive(Debug)]
+pub(crate) struct Followed {
+    pub(crate) revision: u64,
+    pub(crate) changes: Vec<Change>,
+}
+
+/// The changes cannot be had: the Manager does not remember them, or it is another one.
+#[derive(Debug)]
+pub(crate) struct Lost;
+
+impl Questions {
+    const fn kind(question: &Question) -> usize {
+        match question {
+            Question::FirstPage | Question::Page(_) => 0,
+            Question::Inspect(_) => 1,
+            Question::Describe(_) => 2,
+        }
+    }
+
+    /// Enters a question; what is to be sent for it now, if none of its kind is under way.
+    fn ask(&mut self, question: Question) -> (Ticket, Option<Input<'static>>) {
+        let ticket = self.ticket();
+        self.answers.insert(ticket, None);
+        let queue = &mut self.queues[Self::kind(&question)];
+        let input = queue.is_empty().then(|| question.input());
+        queue.push_back((ticket, question));
+        (ticket, input)
+    }
+
+    /// The question that was answered, if somebody still waits, and what is to be sent next.
+    fn answered(&mut self, kind: usize) -> (Option<(Ticket, Question)>, Option<Input<'static>>) {
+        let (queue, answers) = (&mut self.queues[kind], &self.answers);
+        let answered = queue.pop_front();
+        queue.retain(|(ticket, _)| answers.contains_key(ticket));
+        let next = queue.front().map(|(_, question)| question.input());
+        (
+            answered.filter(|(ticket, _)| answers.contains_key(ticket)),
+            next,
+        )
+    }
+
+    fn follow(&mut self, epoch: u64, revision: u64) -> Ticket {
+        let ticket = self.ticket();
+        let follower = Follower {
+            epoch,
+            revision,
+            more: false,
+            changes: Vec::new(),
+            lost: false,
+        };
+        self.followers.insert(ticket, follower);
+        ticket
+    }
+
+    const fn ticket(&mut self) -> Ticket {
+        self.last_ticket += 1;
+        self.last_ticket
+    }
+
+    //= SM2-WCH-003
+    fn changes(&mut self, revision: u64, changes: Option<&[Change]>, more: bool) {
+        let Some(after) = self.watching.take() else {
+            return;
+        };
+        // Those who know less than `after` miss something, those beyond know all of it.
+        let of_use =
+            |it: &&mut Follower| !it.lost && after <= it.revision && it.revision < revision;
+        match changes {
+            Some(changes) => {
+                for follower in self.followers.values_mut().filter(of_use) {
+                    follower.changes.extend_from_slice(changes);
+                    follower.revision = revision;
+                    follower.more = more;
+                    if follower.changes.len() > CHANGES {
+                        follower.changes = Vec::new();
+                        follower.lost = true;
+                    }
+                }
+            }
+            None => {
+                for follower in self.followers.values_mut() {
+                    follower.lost |= follower.revision <= after;
+                }
+            }
+        }
+    }
+
+    /// Nobody waits for it any more. It may have been answered at the last moment.
+    fn abandon(&mut self, ticket: Ticket) {
+        if let Some(Some(Answer::Page(page))) = self.answers.remove(&ticket)
+            && let Some(follower) = page.follower
+        {
+            self.followers.remove(&follower);
+        }
+    }
+
+    /// The session is over.
+    pub(super) fn forget(&mut self) {
+        self.queues.iter_mut().for_each(VecDeque::clear);
+        self.answers.retain(|_, answer| answer.is_some());
+        self.watching = None;
+        for follower in self.followers.values_mut() {
+            follower.lost = true;
+        }
+    }
+}
+
+impl Question {
+    fn input(&self) -> Input<'static> {
+        match self {
+            Self::FirstPage => Input::Query { after: None },
+            Self::Page(after) => Input::Query {
+                after: Some(*after),
+            },
+            Self::Inspect(node) => Input::Inspect { node: *node },
+            Self::Describe(data) => Input::Describe { data: data.clone() },
+        }
+    }
+}
+
+/// What the Manager answered. The frames that this sends are drained by who calls it.
+impl Inner {
+    pub(super) fn page_came(&mut self, revision: u64, items: Vec<Item>, next: Option<Key>) {
+        let epoch = self.session.epoch().unwrap_or_default();
+        self.answer_came(0, |questions, question| {
+            let first = matches!(question, Question::FirstPage);
+            Answer::Page(Page {
+                epoch,
+                revision,
+                items,
+                next,
+                follower: first.then(|| questions.follow(epoch, revision)),
+            })
+        });
+    }
+
+    pub(super) fn counters_came(&mut self, file: Option<OwnedFd>) {
+        self.answer_came(1, |_, _| Answer::Counters(file));
+    }
+
+    pub(super) fn schema_came(&mut self, text: Option<String>) {
+        self.answer_came(2, |_, _| Answer::Schema(text));
+    }
+
+    pub(super) fn changes_came(&mut self, revision: u64, changes: Option<&[Change]>, more: bool) {
+        self.questions.changes(revision, changes, more);
+        self.sleepers.wake(Topic::Session);
+    }
+
+    fn answer_came(
+        &mut self,
+        kind: usize,
+        answer: impl FnOnce(&mut Questions, Question) -> Answer,
+    ) {
+        let (answered, next) = self.questions.answered(kind);
+        if let Some((ticket, question)) = answered {
+            let answer = answer(&mut self.questions, question);
+            self.questions.answers.insert(ticket, Some(answer));
+        }
+        if let Some(input) = next {
+            self.session.tell(input);
+        }
+        self.sleepers.wake(Topic::Session);
+    }
+}
+
+/// What a thread asks.
+impl Inner {
+    fn ask(&mut self, question: Question, epoll: &Epoll) -> Ticket {
+        let (ticket, input) = self.questions.ask(question);
+        if let Some(input) = input {
+            self.session.tell(input);
+            self.drain_session(Incoming::default(), epoll);
+        }
+        ticket
+    }
+
+    /// What a follower has collected when it has reached this revision. Asks for it, if need be.
+    fn followed(
+        &mut self,
+        ticket: Ticket,
+        revision: u64,
+        epoll: &Epoll,
+    ) -> Option<Result<Followed, Lost>> {
+        let Some(follower) = self.questions.followers.get_mut(&ticket) else {
+            return Some(Err(Lost));
+        };
+        if !follower.lost && follower.revision >= revision && !follower.more {
+            return Some(Ok(Followed {
+                revision: follower.revision,
+                changes: std::mem::take(&mut follower.changes),
+            }));
+        }
+        let after = follower.revision;
+        follower.lost |= self.session.epoch() != Some(follower.epoch);
+        match self.questions.watching {
+            _ if follower.lost => return Some(Err(Lost)),
+            // Somebody else waits for what comes after that, which may take for ever.
+            Some(later) if later > after => return Some(Err(Lost)),
+            Some(_) => {}
+            None => {
+                self.questions.watching = Some(after);
+                self.session.tell(Input::Watch { after });
+                self.drain_session(Incoming::default(), epoll);
+            }
+        }
+        None
+    }
+}
+
+impl Shared {
+    /// Asks as soon as there is a Manager to ask, unless that was done (`asked`), and waits for its
+    /// answer. `None`: the session ended before the answer came. If the time is over, `asked`
+    /// stays: go on with it, or [abandon](Self::abandon) it.
+    pub(crate) fn ask_once(
+        &self,
+        question: &Question,
+        asked: &mut Option<Ticket>,
+        until: Option<Instant>,
+    ) -> Result<Option<Answer>, QueryError> {
+        let answer = self.wait(Topic::Session, until, |inner| {
+            if asked.is_none() && inner.session.is_ready() {
+                *asked = Some(inner.ask(question.clone(), &self.epoll));
+            }
+            let ticket = (*asked)?;
+            match inner.questions.answers.get(&ticket) {
+                Some(None) => None,
+                Some(Some(_)) | None => {
+                    *asked = None;
+                    Some(inner.questions.answers.remove(&ticket).flatten())
+                }
+            }
+        });
+        answer
+            .map_err(QueryError::Io)?
+            .ok_or_else(|| self.too_late())
+    }
+
+    /// Asks, if need be one Manager after the other, until one answers.
+    pub(crate) fn ask(
+        &self,
+        question: &Question,
+        until: Option<Instant>,
+    ) -> Result<Answer, QueryError> {
+        let mut asked = None;
+        loop {
+            match self.ask_once(question, &mut asked, until) {
+                Ok(Some(answer)) => return Ok(answer),
+                Ok(None) => {}
+                Err(error) => {
+                    self.abandon(asked);
+                    return Err(error);
+                }
+            }
+        }
+    }
+
+    /// Nobody waits for this answer any more.
+    pub(crate) fn abandon(&self, asked: Option<Ticket>) {
+        if let Some(ticket) = asked {
+            self.lock().questions.abandon(ticket);
+        }
+    }
+
+    /// What it means that no answer came in time.
+    pub(crate) fn too_late(&self) -> QueryError {
+        self.lock()
+            .away()
+            .map_or(QueryError::TimedOut, QueryError::ManagerGone)
+    }
+
+    /// Follows what changes after this revision. The result must be [let go](Self::unfollow).
+    pub(crate) fn follow(&self, epoch: u64, revision: u64) -> Ticket {
+        self.lock().questions.follow(epoch, revision)
+    }
+
+    pub(crate) fn unfollow(&self, follower: Ticket) {
+        self.lock().questions.followers.remove(&follower);
+    }
+
+    /// Waits until a follower has all changes up to this revision at least. `None`: the
+    /// time is over.
+    pub(crate) fn wait_followed(
+        &self,
+        follower: Ticket,
+        revision: u64,
+        until: Option<Instant>,
+    ) -> std::io::Result<Option<Result<Followed, Lost>>> {
+        self.wait(Topic::Session, until, |inner| {
+            inner.followed(follower, revision, &self.epoll)
+        })
+    }
+}

@@ -1,0 +1,437 @@
+//! What a node can ask about its domain.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use common::{Domain, SOON, away, back, meet, next, until};
+use sm2_node::{Change, Domain as Mirror, Finding, Item, Key, Message, Node, Place, TypeId};
+
+fn names(domain: &Mirror) -> Vec<String> {
+    domain.nodes().map(|node| node.name.to_string()).collect()
+}
+
+/// The interfaces that nobody refused.
+fn topics(domain: &Mirror) -> Vec<String> {
+    let granted = domain.interfaces().filter(|it| it.refused.is_none());
+    granted.map(|it| it.contract.name().to_string()).collect()
+}
+
+//= SM2-WCH-003 test
+#[test]
+fn a_snapshot_shows_what_was_declared_before() {
+    let domain = Domain::new();
+    let node = domain.node("node");
+    assert_eq!(names(&node.snapshot().unwrap()), ["node"]);
+    let mut all = Vec::new();
+    // More than a page holds.
+    for count in 0..400 {
+        let name = format!("{}/{count:03}", "long-name".repeat(20));
+        all.push(node.publisher::<[u8]>(&name).unwrap());
+    }
+    let snapshot = node.snapshot().unwrap();
+    assert_eq!(topics(&snapshot).len(), 400);
+    assert!(snapshot.limits().is_some());
+    all.truncate(10);
+    until(|| topics(&node.snapshot().unwrap()).len() == 10);
+}
+
+//= SM2-WCH-003 test
+#[test]
+fn snapshots_are_exact_while_everything_changes() {
+    let domain = Domain::new();
+    let stop = AtomicBool::new(false);
+    let tool = domain.node("tool");
+    // What every snapshot has to show: it was there before, and stays.
+    let steady: Vec<_> = (0..150)
+        .map(|n| {
+            tool.publisher::<[u8]>(&format!("steady/{}/{n}", "x".repeat(220)))
+                .unwrap()
+        })
+        .collect();
+    thread::scope(|scope| {
+        for churner in 0..2 {
+            let (node, stop) = (domain.node(&format!("churner-{churner}")), &stop);
+            scope.spawn(move || {
+                while !stop.load(Ordering::Relaxed) {
+                    // Each pair is there as a whole, or not at all, but for one moment.
+                    let one = node.publisher::<[u8]>("churn").unwrap();
+                    let other = node.subscriber::<[u8]>("churn").unwrap();
+                    drop((one, other));
+                }
+            });
+        }
+        let readers: Vec<_> = (0..3)
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut last = 0;
+                    for _ in 0..20 {
+                        let snapshot = tool.snapshot().unwrap();
+                        assert!(snapshot.revision() >= last);
+                        last = snapshot.revision();
+                        let shown = topics(&snapshot);
+                        let kept = shown.iter().filter(|it| it.starts_with("steady")).count();
+                        assert_eq!(kept, steady.len());
+                        // A link stands between interfaces that are there.
+                        for link in snapshot.links() {
+                            assert!(snapshot.interface(link.offering).is_some());
+                            assert!(snapshot.interface(link.demanding).is_some());
+                        }
+                        for node in snapshot.nodes() {
+                            assert!(snapshot.interfaces_of(node.node).count() <= steady.len());
+                        }
+                    }
+                })
+            })
+            .collect();
+        let failed = readers.into_iter().filter_map(|it| it.join().err()).count();
+        stop.store(true, Ordering::Relaxed);
+        assert_eq!(failed, 0);
+    });
+}
+
+/// What a watch told, put together by hand.
+#[derive(Default)]
+struct Told(BTreeMap<Key, Item>);
+
+impl Told {
+    fn take(&mut self, changes: Vec<Change>) {
+        for change in changes {
+            match change {
+                Change::Set { item } => drop(self.0.insert(item.key(), item)),
+                Change::Removed { key } => assert!(self.0.remove(&key).is_some(), "{key:?}"),
+            }
+        }
+    }
+
+    fn is(&self, domain: &Mirror) -> bool {
+        self.0.values().eq(domain.items())
+    }
+}
+
+//= SM2-WCH-001, SM2-WCH-003 test
+#[test]
+fn a_watch_sees_every_change_also_that_of_the_manager() {
+    let mut domain = Domain::new();
+    let tool = domain.node("tool");
+    let node = domain.node("node");
+    let mut watch = tool.watch();
+    let mut told = Told::default();
+    assert_eq!(watch.domain().items().count(), 0);
+    told.take(watch.wait(Some(SOON)).unwrap());
+    assert!(told.is(watch.domain()) && told.is(&tool.snapshot().unwrap()));
+    assert!(
+        watch
+            .wait(Some(Duration::from_millis(2)))
+            .unwrap()
+            .is_empty()
+    );
+    for round in 0..50 {
+        let publisher = node.publisher::<u8>(&format!("topic/{round}")).unwrap();
+        told.take(watch.wait(Some(SOON)).unwrap());
+        assert!(
+            told.is(watch.domain()) && told.is(&tool.snapshot().unwrap()),
+            "round {round}"
+        );
+        drop(publisher);
+        told.take(watch.wait(Some(SOON)).unwrap());
+        assert!(
+            told.is(watch.domain()) && told.is(&tool.snapshot().unwrap()),
+            "round {round}"
+        );
+    }
+    let _kept = node.publisher::<u8>("kept").unwrap();
+    domain.stop();
+    away(&[&tool, &node]);
+    // What it knew when the Manager went, and no more.
+    while let changes = watch.wait(Some(Duration::from_millis(2))).unwrap()
+        && !changes.is_empty()
+    {
+        told.take(changes);
+    }
+    assert!(told.is(watch.domain()));
+    domain.start();
+    back(&[&tool, &node]);
+    until(|| {
+        told.take(watch.wait(Some(Duration::from_millis(2))).unwrap());
+        assert!(told.is(watch.domain()));
+        told.is(&tool.snapshot().unwrap())
+    });
+    assert_eq!(topics(watch.domain()), ["kept"]);
+}
+
+#[test]
+fn several_watches_and_questions_of_one_node_do_not_wait_for_each_other() {
+    let domain = Domain::new();
+    let tool = domain.node("tool");
+    let node = domain.node("node");
+    let mut early = tool.watch();
+    early.wait(Some(SOON)).unwrap();
+    let mut late = tool.watch();
+    late.wait(Some(SOON)).unwrap();
+    let publisher = node.publisher::<u8>("one").unwrap();
+    // This one goes on, and then waits at the end; the other one is behind.
+    assert!(!late.wait(Some(SOON)).unwrap().is_empty());
+    thread::scope(|scope| {
+        let ahead = scope.spawn(|| late.wait(Some(SOON)).unwrap());
+        for _ in 0..20 {
+            assert_eq!(topics(&tool.snapshot().unwrap()), ["one"]);
+            assert!(
+                tool.describe(&TypeId::clone(&u8::type_id()))
+                    .unwrap()
+                    .is_some()
+            );
+        }
+        assert!(!early.wait(Some(SOON)).unwrap().is_empty());
+        assert_eq!(topics(early.domain()), ["one"]);
+        drop(publisher);
+        assert!(!ahead.join().unwrap().is_empty());
+    });
+    assert!(topics(late.domain()).is_empty());
+}
+
+/// Who has read some pages needs changes that another one's question leaves out.
+#[test]
+fn a_watch_that_waits_at_the_end_does_not_hold_up_one_in_the_middle() {
+    let domain = Domain::new();
+    let tool = domain.node("tool");
+    let many: Vec<_> = (0..600)
+        .map(|n| {
+            tool.publisher::<[u8]>(&format!("{}/{n}", "x".repeat(240)))
+                .unwrap()
+        })
+        .collect();
+    // Not more than one page for each look.
+    let mut early = tool.watch();
+    for _ in 0..2 {
+        assert!(early.wait(Some(Duration::ZERO)).unwrap().is_empty());
+        thread::sleep(Duration::from_millis(2));
+    }
+    let one_more = tool.publisher::<u8>("one-more").unwrap();
+    let mut late = tool.watch();
+    assert_eq!(late.wait(Some(SOON)).unwrap().len(), many.len() + 3);
+    // From here on it waits for what comes after that.
+    assert!(late.wait(Some(Duration::ZERO)).unwrap().is_empty());
+    assert_eq!(early.wait(Some(SOON)).unwrap().len(), many.len() + 3);
+    drop(one_more);
+}
+
+/// What one Manager says is nothing to who followed the one before, whatever the revisions.
+#[test]
+fn a_watch_that_was_not_asked_during_the_change_is_exact_after_it() {
+    let mut domain = Domain::new();
+    let (tool, node, gone) = (
+        domain.node("tool"),
+        domain.node("node"),
+        domain.node("gone"),
+    );
+    // Its revision is one that the next Manager comes to, too.
+    for _ in 0..20 {
+        drop(node.publisher::<u8>("topic").unwrap());
+    }
+    let mut early = tool.watch();
+    let mut told = Told::default();
+    told.take(early.wait(Some(SOON)).unwrap());
+    assert!(early.wait(Some(Duration::ZERO)).unwrap().is_empty());
+    domain.stop();
+    away(&[&tool, &node]);
+    drop(gone);
+    domain.start();
+    back(&[&tool, &node]);
+    let mut late = tool.watch();
+    late.wait(Some(SOON)).unwrap();
+    while late.domain().revision() <= early.domain().revision() + 5 {
+        let _publisher = node.publisher::<u8>("topic").unwrap();
+        late.wait(Some(SOON)).unwrap();
+    }
+    until(|| topics(&tool.snapshot().unwrap()).is_empty());
+    // At once, and not by steps: there is no state in which both Managers have their word.
+    told.take(early.wait(Some(SOON)).unwrap());
+    assert!(told.is(early.domain()) && told.is(&tool.snapshot().unwrap()));
+    assert_eq!(names(early.domain()).len(), 2);
+}
+
+/// A watch is of use to who never waits.
+#[test]
+fn a_watch_that_is_only_polled_sees_changes() {
+    let domain = Domain::new();
+    let tool = domain.node("tool");
+    let mut watch = tool.watch();
+    until(|| !watch.wait(Some(Duration::ZERO)).unwrap().is_empty());
+    let _publisher = domain.node("node").publisher::<u8>("topic").unwrap();
+    until(|| {
+        watch.wait(Some(Duration::ZERO)).unwrap();
+        topics(watch.domain()) == ["topic"]
+    });
+}
+
+fn place(node: &Node, domain: &Mirror, kind: sm2_node::Kind) -> Place {
+    let mut found = domain.interfaces_of(node.id().unwrap());
+    found.find(|it| it.contract.kind() == kind).unwrap().place
+}
+
+//= SM2-MAT-001, SM2-WCH-004 test
+#[test]
+fn why_says_what_is_linked_and_what_is_not() {
+    let domain = Domain::new();
+    let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+    let publisher = talker.publisher::<u8>("topic").unwrap();
+    let subscriber = listener.subscriber::<u8>("topic").unwrap();
+    let demanding = listener.subscriber_builder::<u8>("topic").reliable(true);
+    let demanding = demanding.declare().unwrap();
+    let snapshot = listener.snapshot().unwrap();
+    let offers = place(&talker, &snapshot, sm2_node::Kind::Publisher);
+    let takes = place(&listener, &snapshot, sm2_node::Kind::Subscriber);
+    let verdict = listener.why(takes, offers).unwrap();
+    assert!(verdict.is_linked(), "{verdict:?}");
+    let near = demanding.why().unwrap();
+    assert_eq!(near.len(), 1, "{near:?}");
+    let near = format!("{near:?}");
+    assert!(near.contains("eliab"), "{near}");
+    let gone = Place {
+        interface: sm2_node::InterfaceId(99),
+        ..offers
+    };
+    let verdict = talker.why(takes, gone).unwrap();
+    assert!(
+        matches!(verdict.finding, Finding::Unknown { .. }),
+        "{verdict:?}"
+    );
+    // A topic of nearly that name, and a service.
+    let alone = listener.subscriber::<u8>("topics").unwrap();
+    assert!(!alone.why().unwrap().is_empty());
+    assert!(publisher.why().is_ok() && subscriber.is_registered());
+    let server = talker.server::<u8, u8>("add").unwrap();
+    let client = listener.client::<u8, u8>("ad").unwrap();
+    assert!(!server.why().unwrap().is_empty() && !client.why().unwrap().is_empty());
+}
+
+//= SM2-SCH-001, SM2-SCH-002 test
+#[test]
+fn types_that_are_declared_can_be_described() {
+    let mut domain = Domain::new();
+    let (node, tool) = (domain.node("node"), domain.node("tool"));
+    let numbers = <[f64]>::type_id();
+    assert_eq!(tool.describe(&numbers).unwrap(), None);
+    let publisher = node.publisher::<[f64]>("a").unwrap();
+    let _service = node.server::<str, u16>("b").unwrap();
+    for data in [numbers.clone(), str::type_id(), u16::type_id()] {
+        let text = tool.describe(&data).unwrap().expect("a text");
+        assert!(text.starts_with("plain:"), "{text}");
+    }
+    let text = "plain:u32";
+    let data = TypeId {
+        name: sm2_node::Name::new("mine").unwrap(),
+        hash: sm2_node::schema::message("plain", sm2_node::schema::text("u32")),
+    };
+    tool.register_schema(data.clone(), text).unwrap();
+    assert!(tool.register_schema(data.clone(), "plain:u64").is_err());
+    assert!(tool.register_schema(data.clone(), "plain:").is_err());
+    // The next Manager is told again.
+    domain.stop();
+    away(&[&node, &tool]);
+    domain.start();
+    back(&[&node, &tool]);
+    until(|| node.describe(&numbers).unwrap().is_some());
+    until(|| node.describe(&data).unwrap().as_deref() == Some(text));
+    drop(publisher);
+}
+
+//= SM2-CNT-002, SM2-CNT-004 test
+#[test]
+fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
+    let mut domain = Domain::new();
+    let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+    let tool = domain.node("tool");
+    assert!(
+        tool.inspect(talker.id().unwrap()).unwrap().is_none(),
+        "nothing is declared"
+    );
+    let publisher = talker.publisher::<[u8]>("topic").unwrap();
+    let subscriber = listener.subscriber::<[u8]>("topic").unwrap();
+    meet(&publisher, &[&subscriber]);
+    for len in 1..=40_usize {
+        publisher.publish(&vec![0; len * 200]).unwrap();
+        assert_eq!(next(&subscriber).len(), len * 200);
+    }
+    // The last is given back when both have been called.
+    until(|| publisher.counters().in_flight == 0 || subscriber.links().is_empty());
+    for round in 0..2 {
+        let look = |node: &Node| {
+            let mut view = None;
+            until(|| {
+                view = tool.inspect(node.id().unwrap()).unwrap();
+                view.is_some()
+            });
+            view.unwrap()
+        };
+        let (sent, taken) = (look(&talker), look(&listener));
+        let read = |view: &sm2_node::CounterView| -> Vec<_> {
+            view.entries().map(|(_, entry)| entry.unwrap()).collect()
+        };
+        let (sent, taken) = (read(&sent), read(&taken));
+        assert_eq!((sent.len(), taken.len()), (2, 2), "{sent:?} {taken:?}");
+        let link = publisher.links()[0].id;
+        for entry in sent.iter().chain(&taken) {
+            assert_eq!(entry.messages, 40 + round);
+            assert_eq!(entry.bytes, 200 * (40 * 41 / 2) + round);
+            assert!(entry.link.is_none_or(|it| it == link));
+            assert!(entry.last.0 > 0 && entry.lost == 0);
+        }
+        assert_eq!(sent[1].fates, publisher.counters());
+        assert_eq!(sent[1].recent().len(), 32);
+        assert!(
+            taken
+                .iter()
+                .all(|it| it.delay_max_ns > 0 && it.delay_sum_ns >= it.delay_max_ns)
+        );
+        assert_eq!(subscriber.links()[0].received.bytes, taken[1].bytes);
+        if round == 0 {
+            domain.stop();
+            away(&[&talker, &listener, &tool]);
+            domain.start();
+            back(&[&talker, &listener, &tool]);
+            publisher.publish(b"x").unwrap();
+            assert_eq!(next(&subscriber).len(), 1);
+            until(|| publisher.counters().in_flight == 0 || subscriber.links().is_empty());
+        }
+    }
+    drop(subscriber);
+    until(|| publisher.links()[0].end.is_some());
+    let view = tool.inspect(talker.id().unwrap()).unwrap().unwrap();
+    assert_eq!(view.entries().count(), 1, "that of the link is free again");
+    drop(publisher);
+    assert_eq!(view.entries().count(), 0);
+    assert!(tool.inspect(sm2_node::NodeId(999)).unwrap().is_none());
+}
+
+#[test]
+fn counters_of_a_service_count_calls() {
+    let domain = Domain::new();
+    let (serving, calling) = (domain.node("server"), domain.node("client"));
+    let server = serving.server::<u8, u8>("add").unwrap();
+    let client = calling.client::<u8, u8>("add").unwrap();
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            for _ in 0..5 {
+                let request = server.recv_timeout(SOON).unwrap().unwrap();
+                let sum = *request + 1;
+                request.reply(&sum).unwrap();
+            }
+        });
+        client.wait_for_servers(1, Some(SOON)).unwrap();
+        for number in 0..5 {
+            assert_eq!(*client.call(&number, SOON).unwrap(), number + 1);
+        }
+    });
+    for node in [&serving, &calling] {
+        let view = calling.inspect(node.id().unwrap()).unwrap().unwrap();
+        for (_, entry) in view.entries() {
+            assert_eq!(entry.unwrap().messages, 5);
+        }
+    }
+    assert_eq!(client.links()[0].received.messages, 5);
+}

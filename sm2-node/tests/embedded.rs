@@ -1,0 +1,111 @@
+//! Domains without a daemon: nodes that bring a Manager along.
+
+mod common;
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use common::{SOON, back, next, until};
+use sm2_manager::Options;
+use sm2_node::Node;
+
+fn node(name: &str, socket: &Path) -> Node {
+    let builder = Node::builder(name).socket(socket);
+    let builder = builder.embed_manager(Options::default());
+    builder.wait_for_manager(SOON).connect().unwrap()
+}
+
+#[test]
+fn the_first_node_brings_the_manager_and_the_second_takes_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("test.sock");
+    let first = node("first", &socket);
+    let second = node("second", &socket);
+    let plain = Node::builder("plain").socket(&socket).connect().unwrap();
+    let publisher = plain.publisher::<str>("topic").unwrap();
+    let subscriber = second.subscriber::<str>("topic").unwrap();
+    let epoch = second.epoch();
+    assert!(epoch.is_some() && epoch == first.epoch());
+    drop(first);
+    until(|| (second.epoch() != epoch) & (plain.epoch() != epoch));
+    back(&[&second, &plain]);
+    until(|| {
+        publisher.links().iter().any(|it| it.open) & subscriber.links().iter().any(|it| it.open)
+    });
+    publisher.publish("still here").unwrap();
+    assert_eq!(&*next(&subscriber), "still here");
+    assert_eq!(publisher.links().len(), 1);
+    // When the last of them is gone, so is the Manager.
+    drop((subscriber, second));
+    until(|| !plain.is_connected());
+    assert!(Node::builder("late").socket(&socket).connect().is_err());
+}
+
+const SOCKET: &str = "SM2_TEST_EMBEDDED_SOCKET";
+
+/// Not a test of its own: the process that is killed.
+#[test]
+fn a_process_with_a_manager() {
+    let Some(socket) = std::env::var_os(SOCKET) else {
+        return;
+    };
+    let node = node("first", Path::new(&socket));
+    let publisher = node.publisher::<u64>("elsewhere").unwrap();
+    println!("\nready");
+    loop {
+        publisher.publish(&1).unwrap();
+        node.spin_for(Duration::from_millis(5)).unwrap();
+    }
+}
+
+/// Killed when it is dropped.
+struct Killed(Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+//= SM2-NOD-003, SM2-RES-001 test
+#[test]
+fn when_the_process_of_the_manager_is_killed_another_takes_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("test.sock");
+    let mut process = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "a_process_with_a_manager", "--nocapture"])
+        .env(SOCKET, &socket)
+        .stdout(Stdio::piped())
+        .spawn()
+        .map(Killed)
+        .unwrap();
+    let output = BufReader::new(process.0.stdout.take().unwrap());
+    let mut lines = output.lines().map(Result::unwrap);
+    assert!(lines.any(|line| line == "ready"));
+    let second = node("second", &socket);
+    let other = Node::builder("other").socket(&socket).connect().unwrap();
+    let publisher = second.publisher::<u64>("topic").unwrap();
+    let subscriber = other.subscriber::<u64>("topic").unwrap();
+    until(|| {
+        publisher.links().iter().any(|it| it.open) & subscriber.links().iter().any(|it| it.open)
+    });
+    let epoch = second.epoch();
+    drop(process);
+    for number in 0..100 {
+        publisher.publish(&number).unwrap();
+        assert_eq!(*next(&subscriber), number);
+    }
+    until(|| (second.epoch() != epoch) & (other.epoch() != epoch));
+    back(&[&second, &other]);
+    for number in 0..100 {
+        publisher.publish(&number).unwrap();
+        assert_eq!(*next(&subscriber), number);
+    }
+    assert_eq!((publisher.links().len(), subscriber.links().len()), (1, 1));
+    // The name of whoever was killed is free.
+    let first = node("first", &socket);
+    assert_eq!(first.epoch(), second.epoch());
+}

@@ -1,0 +1,441 @@
+//! Managers that break the protocol, or do not want the node, while it comes back: it
+//! leaves them, its links go on, and the next Manager gets all that it has.
+
+mod common;
+
+use std::io::IoSlice;
+use std::os::fd::AsFd;
+use std::time::{Duration, Instant};
+
+use common::{SOON, until};
+use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
+use sm2_node::{
+    ConnectError, Contract, Demand, InterfaceId, LinkId, Name, Node, NodeId, Peer, Publisher,
+};
+use sm2_proto::control::{ToManager, ToNode, decode_to_manager, encode_to_node};
+use sm2_proto::{Datagram, Farewell, FdFacts, Refusal, Seals, Violation};
+
+/// A Manager in a test's own hands: on the thread of the node, which is called while the other
+/// side waits.
+struct Manager {
+    listener: Listener,
+    node: Option<Node>,
+    _folder: tempfile::TempDir,
+}
+
+const INTERFACE: InterfaceId = InterfaceId(1);
+const LINK: LinkId = LinkId {
+    epoch: 1,
+    serial: 1,
+};
+
+impl Manager {
+    /// With a node that has declared a publisher, and the other end of its link.
+    fn with_linked_node() -> (Self, Publisher<u8>, SeqPacket) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("test.sock");
+        let mut manager = Self {
+            listener: Listener::bind(&path, 4).unwrap(),
+            node: None,
+            _folder: folder,
+        };
+        let connecting = std::thread::spawn(move || {
+            let node = Node::builder("node").socket(path).connect().unwrap();
+            let publisher = node.publisher::<u8>("topic").unwrap();
+            (node, publisher)
+        });
+        let session = manager.accept();
+        assert!(matches!(
+            manager.read(&session),
+            ToManager::Hello {
+                resuming: false,
+                ..
+            }
+        ));
+        welcome(&session, 1);
+        assert!(matches!(manager.read(&session), ToManager::Declare { .. }));
+        send(&session, &declared(1));
+        let (node, publisher) = connecting.join().unwrap();
+        manager.node = Some(node);
+        let (theirs, ours) = SeqPacket::pair().unwrap();
+        let frame = encode_to_node(&link());
+        session
+            .send(&[IoSlice::new(&frame)], &[theirs.as_fd()])
+            .unwrap();
+        drop(theirs);
+        until(|| !publisher.links().is_empty());
+        ours.send(&[IoSlice::new(&open())], &[]).unwrap();
+        until(|| publisher.links()[0].open);
+        (manager, publisher, ours)
+    }
+
+    fn drive(&self) {
+        if let Some(node) = &self.node {
+            node.spin_once(None).unwrap();
+        }
+    }
+
+    fn accept(&self) -> SeqPacket {
+        let deadline = Instant::now() + SOON;
+        loop {
+            self.drive();
+            wait_readable(&[self.listener.as_fd()], Some(Duration::from_millis(1))).unwrap();
+            if let Some(session) = self.listener.accept().unwrap() {
+                return session;
+            }
+            assert!(Instant::now() < deadline, "the node does not come");
+        }
+    }
+
+    /// The next frame that is neither COUNTERS nor SCHEMA.
+    fn read(&self, session: &SeqPacket) -> ToManager {
+        self.try_read(session).expect("a frame")
+    }
+
+    /// The same; `None` if the node has hung up.
+    fn try_read(&self, session: &SeqPacket) -> Option<ToManager> {
+        let deadline = Instant::now() + SOON;
+        let mut buffer = vec![0; 65_536];
+        loop {
+            self.drive();
+            wait_readable(&[session.as_fd()], Some(Duration::from_millis(1))).unwrap();
+            let received = match session.recv(&mut buffer) {
+                Ok(received) => received,
+                Err(RecvError::WouldBlock) => {
+                    assert!(Instant::now() < deadline, "the node does not speak");
+                    continue;
+                }
+                Err(RecvError::Closed) => return None,
+                Err(error) => panic!("{error}"),
+            };
+            let facts = FdFacts {
+                regular: true,
+                seals: Seals(u32::MAX),
+                size_bytes: 1_024,
+            };
+            let facts = vec![facts; received.fds.into_iter().count()];
+            let datagram = Datagram {
+                fds: &facts,
+                ..Datagram::new(&buffer[..received.len])
+            };
+            match decode_to_manager(&datagram).unwrap() {
+                ToManager::Counters | ToManager::Schema { .. } => {}
+                frame => return Some(frame),
+            }
+        }
+    }
+
+    /// The next session, up to the renewed DECLARE.
+    fn resume(&self, epoch: u64) -> SeqPacket {
+        let session = self.accept();
+        assert!(matches!(
+            self.read(&session),
+            ToManager::Hello { resuming: true, .. }
+        ));
+        welcome(&session, epoch);
+        assert!(matches!(
+            self.read(&session),
+            ToManager::Declare {
+                interface: INTERFACE,
+                ..
+            }
+        ));
+        session
+    }
+
+    /// What a Manager that obeys is told.
+    #[must_use]
+    fn adopt(&self, epoch: u64) -> SeqPacket {
+        let session = self.resume(epoch);
+        send(&session, &declared(0));
+        assert!(matches!(
+            self.read(&session),
+            ToManager::Claim {
+                interface: INTERFACE,
+                link: LINK,
+                key: 7,
+                ..
+            }
+        ));
+        assert_eq!(self.read(&session), ToManager::Claimed);
+        let node = self.node.as_ref().unwrap();
+        node.wait_connected(Some(SOON)).unwrap();
+        assert_eq!(node.epoch(), Some(epoch));
+        session
+    }
+}
+
+fn send(session: &SeqPacket, frame: &ToNode) {
+    let frame = encode_to_node(frame);
+    session.send(&[IoSlice::new(&frame)], &[]).unwrap();
+}
+
+fn welcome(session: &SeqPacket, epoch: u64) {
+    let node = NodeId(epoch);
+    let version = 1;
+    send(
+        session,
+        &ToNode::Welcome {
+            version,
+            epoch,
+            node,
+        },
+    );
+}
+
+fn declared(matches: u32) -> ToNode {
+    ToNode::Declared {
+        interface: INTERFACE,
+        matches,
+    }
+}
+
+fn link() -> ToNode {
+    let demand = Demand {
+        depth: 8,
+        reliable: false,
+        max_borrowed: 4,
+        sealed: false,
+    };
+    ToNode::Link {
+        interface: INTERFACE,
+        link: LINK,
+        key: 7,
+        version: 1,
+        reliable: false,
+        sealed: false,
+        peer: Peer {
+            node: NodeId(9),
+            name: Name::new("peer").unwrap(),
+            interface: InterfaceId(1),
+            contract: Contract::Subscriber {
+                topic: Name::new("topic").unwrap(),
+                data: None,
+                demand,
+            },
+        },
+    }
+}
+
+/// OPEN of a receiver with a window of 12.
+fn open() -> [u8; 32] {
+    let mut frame = [0; 32];
+    (frame[0], frame[1], frame[2], frame[4]) = (1, 1, 1, 12);
+    (frame[8], frame[16], frame[24]) = (1, 1, 1);
+    frame
+}
+
+/// The link is as good as before.
+fn carries(publisher: &Publisher<u8>, peer: &SeqPacket) {
+    assert!(publisher.links()[0].open);
+    publisher.publish(&5).unwrap();
+    let mut buffer = vec![0; 65_536];
+    loop {
+        wait_readable(&[peer.as_fd()], Some(SOON)).unwrap();
+        let received = peer.recv(&mut buffer).unwrap();
+        if buffer[0] == 4 {
+            assert_eq!(received.len, 49);
+            break;
+        }
+    }
+    let mut release = [0; 16];
+    (release[0], release[2]) = (7, 1);
+    release[8..].copy_from_slice(&buffer[16..24]);
+    peer.send(&[IoSlice::new(&release)], &[]).unwrap();
+}
+
+//= SM2-NOD-001, SM2-NOD-003, SM2-RES-001, SM2-RES-002 test
+#[test]
+fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
+    let (manager, publisher, peer) = Manager::with_linked_node();
+    carries(&publisher, &peer);
+    let wrong = [
+        // Before WELCOME.
+        (None, declared(0), Violation::ExpectedWelcome),
+        // DECLARED out of its order.
+        (
+            Some(2),
+            ToNode::Declared {
+                interface: InterfaceId(9),
+                matches: 0,
+            },
+            Violation::UnknownInterface,
+        ),
+        // UNLINK of a link that it never had.
+        (
+            Some(3),
+            ToNode::Unlink {
+                interface: INTERFACE,
+                link: LinkId {
+                    epoch: 3,
+                    serial: 1,
+                },
+                code: Farewell::PeerGone.code(),
+            },
+            Violation::UnknownInterface,
+        ),
+        // An answer that nobody asked for.
+        (
+            Some(4),
+            ToNode::Changes {
+                revision: 1,
+                changes: None,
+                more: false,
+            },
+            Violation::UnexpectedChanges,
+        ),
+    ];
+    for (epoch, frame, violation) in wrong {
+        let session = match epoch {
+            Some(epoch) => manager.resume(epoch),
+            None => {
+                let session = manager.accept();
+                assert!(matches!(
+                    manager.read(&session),
+                    ToManager::Hello { resuming: true, .. }
+                ));
+                session
+            }
+        };
+        send(&session, &frame);
+        let code = violation.code();
+        assert_eq!(manager.read(&session), ToManager::Goodbye { code });
+        assert_eq!(manager.try_read(&session), None, "it hangs up");
+        assert!(!manager.node.as_ref().unwrap().is_connected());
+        carries(&publisher, &peer);
+    }
+    let _session = manager.adopt(5);
+    carries(&publisher, &peer);
+    assert!(publisher.is_registered());
+}
+
+//= SM2-RES-001 test
+#[test]
+fn managers_that_go_or_refuse_while_a_node_comes_back_are_followed_by_others() {
+    let (manager, publisher, peer) = Manager::with_linked_node();
+    // Gone before HELLO, before WELCOME, in the middle, after DECLARED.
+    drop(manager.accept());
+    let session = manager.accept();
+    manager.read(&session);
+    drop(session);
+    drop(manager.resume(2));
+    let session = manager.resume(3);
+    send(&session, &declared(0));
+    drop(session);
+    // HELLO is refused: it hangs up, and tries again.
+    for _ in 0..3 {
+        let session = manager.accept();
+        assert!(matches!(
+            manager.read(&session),
+            ToManager::Hello { resuming: true, .. }
+        ));
+        let reason = Refusal::NameTaken;
+        send(&session, &ToNode::HelloRefused { reason });
+        assert_eq!(manager.try_read(&session), None);
+        carries(&publisher, &peer);
+    }
+    let _session = manager.adopt(6);
+    carries(&publisher, &peer);
+}
+
+//= SM2-RES-009 test
+#[test]
+fn a_declaration_that_is_refused_is_renewed_in_the_next_session() {
+    let (manager, publisher, peer) = Manager::with_linked_node();
+    let session = manager.resume(2);
+    let refused = ToNode::DeclareRefused {
+        interface: INTERFACE,
+        reason: Refusal::TopicType {
+            theirs: sm2_node::TypeId {
+                name: Name::new("other").unwrap(),
+                hash: 1,
+            },
+        },
+    };
+    send(&session, &refused);
+    assert_eq!(
+        manager.read(&session),
+        ToManager::Claimed,
+        "nothing is claimed for it"
+    );
+    manager
+        .node
+        .as_ref()
+        .unwrap()
+        .wait_connected(Some(SOON))
+        .unwrap();
+    assert!(!publisher.is_registered());
+    carries(&publisher, &peer);
+    drop(session);
+    let _session = manager.adopt(3);
+    assert!(publisher.is_registered());
+    carries(&publisher, &peer);
+}
+
+/// Whoever lost its session, and not its Manager, has lost its links with it: the Manager has told
+/// the other sides.
+//= SM2-RES-002, SM2-SES-006 test
+#[test]
+fn links_of_the_manager_that_is_still_there_are_not_claimed() {
+    let (manager, publisher, peer) = Manager::with_linked_node();
+    let session = manager.resume(1);
+    send(&session, &declared(0));
+    assert_eq!(manager.read(&session), ToManager::Claimed);
+    drop(peer);
+    until(|| publisher.links()[0].end.is_some());
+    drop(publisher);
+    let interface = INTERFACE;
+    let next = manager.read(&session);
+    assert_eq!(next, ToManager::Withdraw { interface }, "and no UNLINKED");
+}
+
+/// A Manager that goes when a node has just come is followed by another one; what is said on
+/// purpose counts.
+#[test]
+fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("test.sock");
+    let manager = Manager {
+        listener: Listener::bind(&path, 4).unwrap(),
+        node: None,
+        _folder: folder,
+    };
+    let connect = || {
+        let builder = Node::builder("node").socket(path.clone());
+        std::thread::spawn(move || builder.timeout(SOON).connect())
+    };
+    let goodbye = |farewell: Farewell| ToNode::Goodbye {
+        code: farewell.code(),
+    };
+    let connecting = connect();
+    let hello = ToManager::Hello {
+        min_version: 1,
+        max_version: 1,
+        name: Name::new("node").unwrap(),
+        resuming: false,
+    };
+    for last in [None, Some(goodbye(Farewell::ShuttingDown))] {
+        let session = manager.accept();
+        assert_eq!(manager.read(&session), hello);
+        last.iter().for_each(|frame| send(&session, frame));
+    }
+    let session = manager.accept();
+    assert_eq!(manager.read(&session), hello);
+    welcome(&session, 1);
+    let node = connecting.join().unwrap().unwrap();
+    assert_eq!(node.epoch(), Some(1));
+    drop((node, session));
+    let wrong = [
+        (goodbye(Farewell::Stalled), "stalled"),
+        (declared(0), "expected-welcome"),
+    ];
+    for (frame, told) in wrong {
+        let connecting = connect();
+        let session = manager.accept();
+        manager.read(&session);
+        send(&session, &frame);
+        let error = connecting.join().unwrap().unwrap_err();
+        assert!(matches!(error, ConnectError::Ended(_)), "{error}");
+        assert!(error.to_string().contains(told), "{error}");
+    }
+}

@@ -1,0 +1,330 @@
+//! A node's counters, as they lie in a shared file, and what tools compute from them.
+//!
+//! The file is [`ENTRY_BYTES`] of header, then as many bytes for each entry; all fields are
+//! `u64`, little-endian ([`field`] names them). Reading and writing the file is done by
+//! `sm2-io`; here are the words once they are copied, and arithmetic that takes any
+//! content: a file's author is not trusted.
+//!
+//! Units: times and delays are nanoseconds, times of the host's monotonic clock.
+
+use core::time::Duration;
+
+use crate::link::Counters;
+use crate::{Instant, InterfaceId, LinkId};
+
+/// The first field of the header: the bytes `SM2C`, then the `u32` 1.
+//= SM2-CNT-003
+pub const MAGIC: u64 = u64::from_le_bytes(*b"SM2C\x01\0\0\0");
+
+/// The fields of an entry, and of the header.
+pub const ENTRY_FIELDS: usize = 64;
+
+/// The bytes of an entry, and of the header.
+pub const ENTRY_BYTES: u64 = 8 * ENTRY_FIELDS as u64;
+
+/// The size of the largest file, in bytes.
+pub const MAX_FILE_BYTES: u64 = 4_194_304;
+
+/// The entries of the largest file.
+pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
+
+/// How many messages an entry remembers one by one.
+pub const RECENT: usize = 32;
+
+/// Where the fields of an entry are (SM2-CNT-004).
+//= SM2-CNT-004
+#[allow(missing_docs, reason = "the fields of Entry say what they are")]
+pub mod field {
+    /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-005).
+    pub const TURN: usize = 0;
+    /// 1: an interface; 2: its end of a link.
+    pub const KIND: usize = 1;
+    pub const INTERFACE: usize = 2;
+    pub const LINK_EPOCH: usize = 3;
+    pub const LINK_SERIAL: usize = 4;
+    pub const MESSAGES: usize = 5;
+    pub const BYTES: usize = 6;
+    pub const LAST: usize = 7;
+    pub const LOST: usize = 8;
+    pub const OFFERED: usize = 9;
+    pub const DELIVERED: usize = 10;
+    pub const OVERWRITTEN: usize = 11;
+    pub const DISCARDED: usize = 12;
+    pub const DEADLINE: usize = 13;
+    pub const CLOSED: usize = 14;
+    pub const IN_FLIGHT: usize = 15;
+    pub const DELAY_SUM: usize = 16;
+    pub const DELAY_MAX: usize = 17;
+    /// The first of those that are zero, up to [`RECENT`].
+    pub const RESERVED: usize = 18;
+    /// The first of [`super::RECENT`] fields.
+    pub const RECENT: usize = 32;
+}
+
+const _: () = assert!(field::RECENT + RECENT == ENTRY_FIELDS);
+
+/// The field [`KIND`](field::KIND) of an interface as a whole.
+pub const KIND_INTERFACE: u64 = 1;
+/// The field [`KIND`](field::KIND) of one end of a link.
+pub const KIND_LINK: u64 = 2;
+
+/// How many entries a file of `size_bytes` has; `None` if no file of counters has that size.
+#[must_use]
+//= SM2-CNT-003
+pub const fn entries_in(size_bytes: u64) -> Option<u32> {
+    if !size_bytes.is_multiple_of(ENTRY_BYTES)
+        || size_bytes < 2 * ENTRY_BYTES
+        || size_bytes > MAX_FILE_BYTES
+    {
+        return None;
+    }
+    Some((size_bytes / ENTRY_BYTES) as u32 - 1)
+}
+
+/// The fields of the header of a file with that many entries.
+#[must_use]
+//= SM2-CNT-003
+pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
+    let mut fields = [0; ENTRY_FIELDS];
+    fields[0] = MAGIC;
+    fields[1] = entries as u64;
+    fields
+}
+
+/// Where message number `message` (the first is 1) stands among the recent ones.
+#[must_use]
+//= SM2-CNT-004
+pub const fn recent_index(message: u64) -> usize {
+    (message.wrapping_sub(1) % RECENT as u64) as usize
+}
+
+/// What a node has counted of one interface, or of its end of one link.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Entry {
+    /// The interface.
+    pub interface: InterfaceId,
+    /// The link of which this is one end; `None`: the interface as a whole.
+    pub link: Option<LinkId>,
+    /// Messages published, or taken by the application; requests taken; calls sent.
+    pub messages: u64,
+    /// The length of these messages, together.
+    pub bytes: u64,
+    /// When the last of them was published or taken; zero if there is none.
+    pub last: Instant,
+    /// Messages that were gone before the application saw them.
+    pub lost: u64,
+    /// Sending side of a link: what became of the messages. Else zeros.
+    pub fates: Counters,
+    /// Receiving side: from publication to taking, all messages together.
+    pub delay_sum_ns: u64,
+    /// Receiving side: the longest of these delays.
+    pub delay_max_ns: u64,
+    /// The last messages, by [`recent_index`]: a sending side notes when each was published,
+    /// a receiving side its delay. See [`recent`](Self::recent).
+    pub recent_ns: [u64; RECENT],
+}
+
+impl Default for Entry {
+    fn default() -> Self {
+        Self {
+            interface: InterfaceId(0),
+            link: None,
+            messages: 0,
+            bytes: 0,
+            last: Instant(0),
+            lost: 0,
+            fates: Counters::default(),
+            delay_sum_ns: 0,
+            delay_max_ns: 0,
+            recent_ns: [0; RECENT],
+        }
+    }
+}
+
+impl Entry {
+    /// Reads an entry; `None` if it is not in use, is being written, or is not as SM2-CNT-004
+    /// says: a kind that is unknown, an interface with a link, a reserved field that is not zero.
+    #[must_use]
+    //= SM2-CNT-004
+    pub fn from_words(words: &[u64; ENTRY_FIELDS]) -> Option<Self> {
+        let turn = words[field::TURN];
+        if turn == 0 || turn % 2 == 1 || words[field::RESERVED..field::RECENT] != [0; 14] {
+            return None;
+        }
+        let link = LinkId {
+            epoch: words[field::LINK_EPOCH],
+            serial: words[field::LINK_SERIAL],
+        };
+        let link = match (words[field::KIND], link) {
+            (KIND_LINK, link) => Some(link),
+            (
+                KIND_INTERFACE,
+                LinkId {
+                    epoch: 0,
+                    serial: 0,
+                },
+            ) => None,
+            _ => return None,
+        };
+        let mut recent_ns = [0; RECENT];
+        recent_ns.copy_from_slice(&words[field::RECENT..]);
+        Some(Self {
+            interface: InterfaceId(words[field::INTERFACE]),
+            link,
+            messages: words[field::MESSAGES],
+            bytes: words[field::BYTES],
+            last: Instant(words[field::LAST]),
+            lost: words[field::LOST],
+            fates: Counters {
+                offered: words[field::OFFERED],
+                delivered: words[field::DELIVERED],
+                overwritten: words[field::OVERWRITTEN],
+                discarded: words[field::DISCARDED],
+                deadline: words[field::DEADLINE],
+                closed: words[field::CLOSED],
+                in_flight: words[field::IN_FLIGHT],
+            },
+            delay_sum_ns: words[field::DELAY_SUM],
+            delay_max_ns: words[field::DELAY_MAX],
+            recent_ns,
+        })
+    }
+
+    /// The fields of this entry, with that [`TURN`](field::TURN).
+    #[must_use]
+    //= SM2-CNT-004
+    pub fn to_words(&self, turn: u64) -> [u64; ENTRY_FIELDS] {
+        let mut words = [0; ENTRY_FIELDS];
+        words[field::TURN] = turn;
+        words[field::KIND] = KIND_INTERFACE;
+        words[field::INTERFACE] = self.interface.0;
+        if let Some(link) = self.link {
+            words[field::KIND] = KIND_LINK;
+            words[field::LINK_EPOCH] = link.epoch;
+            words[field::LINK_SERIAL] = link.serial;
+        }
+        words[field::MESSAGES] = self.messages;
+        words[field::BYTES] = self.bytes;
+        words[field::LAST] = self.last.0;
+        words[field::LOST] = self.lost;
+        words[field::OFFERED] = self.fates.offered;
+        words[field::DELIVERED] = self.fates.delivered;
+        words[field::OVERWRITTEN] = self.fates.overwritten;
+        words[field::DISCARDED] = self.fates.discarded;
+        words[field::DEADLINE] = self.fates.deadline;
+        words[field::CLOSED] = self.fates.closed;
+        words[field::IN_FLIGHT] = self.fates.in_flight;
+        words[field::DELAY_SUM] = self.delay_sum_ns;
+        words[field::DELAY_MAX] = self.delay_max_ns;
+        words[field::RECENT..].copy_from_slice(&self.recent_ns);
+        words
+    }
+
+    /// What is noted of the last messages, at most [`RECENT`], the oldest first: times of
+    /// publication on a sending side, delays on a receiving one.
+    //= SM2-CNT-004
+    pub fn recent(&self) -> impl ExactSizeIterator<Item = u64> + Clone + '_ {
+        let noted = self.messages.min(RECENT as u64);
+        let oldest = self.messages - noted;
+        (0..noted as usize).map(move |n| self.recent_ns[recent_index(oldest + n as u64 + 1)])
+    }
+
+    /// The times between the last messages of a sending side; `None` with less than two. A
+    /// gap that would be negative counts as zero.
+    #[must_use]
+    pub fn gaps(&self) -> Option<Summary> {
+        let next = self.recent().skip(1);
+        Summary::of(self.recent().zip(next).map(|(a, b)| b.saturating_sub(a)))
+    }
+
+    /// The delays of the last messages of a receiving side; `None` without any.
+    #[must_use]
+    pub fn recent_delays(&self) -> Option<Summary> {
+        Summary::of(self.recent())
+    }
+
+    /// The mean delay of all messages of a receiving side; `None` without any.
+    #[must_use]
+    pub const fn mean_delay_ns(&self) -> Option<u64> {
+        self.delay_sum_ns.checked_div(self.messages)
+    }
+
+    /// How much came between an earlier look at the same entry and this one, which was
+    /// `elapsed` later. `None` if no time has passed, or if these are counters of something
+    /// else: other numbers, or less than before.
+    #[must_use]
+    pub fn rate_since(&self, earlier: &Self, elapsed: Duration) -> Option<Rate> {
+        let same = (self.interface, self.link) == (earlier.interface, earlier.link);
+        if !same || elapsed.is_zero() {
+            return None;
+        }
+        let messages = self.messages.checked_sub(earlier.messages)?;
+        let bytes = self.bytes.checked_sub(earlier.bytes)?;
+        let seconds = elapsed.as_secs_f64();
+        Some(Rate {
+            messages_per_s: messages as f64 / seconds,
+            bytes_per_s: bytes as f64 / seconds,
+        })
+    }
+}
+
+/// How fast counters grow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rate {
+    /// Messages per second.
+    pub messages_per_s: f64,
+    /// Bytes per second.
+    pub bytes_per_s: f64,
+}
+
+/// Some durations in brief.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Summary {
+    /// How many there are, at least one.
+    pub count: u32,
+    /// Their mean, rounded down.
+    pub mean_ns: u64,
+    /// The shortest.
+    pub min_ns: u64,
+    /// The longest.
+    pub max_ns: u64,
+    /// Their standard deviation (of just these, not estimated for others), rounded down.
+    pub std_dev_ns: u64,
+}
+
+impl Summary {
+    /// Of at most 2^32 durations in nanoseconds; `None` if there are none.
+    #[must_use]
+    pub fn of(durations: impl Iterator<Item = u64> + Clone) -> Option<Self> {
+        let mut count = 0_u32;
+        let (mut sum, mut min_ns, mut max_ns) = (0_u128, u64::MAX, 0);
+        for duration in durations.clone() {
+            count += 1;
+            sum += u128::from(duration);
+            min_ns = min_ns.min(duration);
+            max_ns = max_ns.max(duration);
+        }
+        // Never more than the largest duration, so it fits.
+        let mean_ns = sum.checked_div(u128::from(count))? as u64;
+        // For 32 durations it saturates only where they deviate by more than 2^61 ns (70 years).
+        let squares = durations.fold(0_u128, |sum, duration| {
+            let off = u128::from(duration.abs_diff(mean_ns));
+            sum.saturating_add(off * off)
+        });
+        let variance = squares / u128::from(count);
+        Some(Self {
+            count,
+            mean_ns,
+            min_ns,
+            max_ns,
+            std_dev_ns: variance.isqrt() as u64,
+        })
+    }
+
+    /// Where these are the times between messages: messages per second; `None` if
+    /// no time passed between them.
+    #[must_use]
+    pub fn per_second(&self) -> Option<f64> {
+        (self.mean_ns > 0).then(|| 1e9 / self.mean_ns as f64)
+    }
+}

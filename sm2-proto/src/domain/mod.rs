@@ -1,0 +1,106 @@
+//! The mirror of a domain: who is there, who is linked with whom, and why, or why not.
+//!
+//! | to do | call |
+//! | --- | --- |
+//! | keep a mirror | [`Mirror`]: says what to ask the Manager, takes the answers |
+//! | look around | [`Domain::nodes`], [`Domain::interfaces`], [`Domain::links`], [`Domain::find`] |
+//! | see what is used up | [`Domain::users`], [`Domain::sessions`], [`Domain::limits`] |
+//! | explain a pair | [`why`] |
+//! | explain a lonely interface | [`nearest`] |
+//!
+//! A [`Domain`] is what a Manager said, and as true as that: it may name nodes that it does
+//! not show. Whoever reads it gets an answer without them, never a panic, and it holds no more
+//! than what was sent.
+
+mod mirror;
+mod names;
+mod near;
+mod text;
+mod usage;
+mod verdict;
+mod view;
+mod why;
+
+use alloc::{collections::BTreeMap, vec::Vec};
+
+pub use self::{
+    mirror::{Ask, Mirror, Nonsense},
+    names::NearName,
+    near::{NEAR_MAX, Near, nearest},
+    usage::{SessionUsage, UserUsage},
+    verdict::{Finding, Part, Party, Reliability, Seal, TypePair, Verdict},
+    view::{InterfaceView, LinkView, NodeView},
+    why::why,
+};
+use crate::control::{Change, Item, Key};
+
+/// Everything that a domain consists of, as of one revision.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Domain {
+    revision: u64,
+    items: BTreeMap<Key, Item>,
+}
+
+impl Domain {
+    /// A domain without anything in it.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            revision: 0,
+            items: BTreeMap::new(),
+        }
+    }
+
+    /// Of which revision it is. Revisions of different Managers have nothing in common.
+    #[must_use]
+    pub const fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// All items in the order of their keys.
+    pub fn items(&self) -> impl Iterator<Item = &Item> {
+        self.items.values()
+    }
+
+    /// One item.
+    #[must_use]
+    pub fn get(&self, key: &Key) -> Option<&Item> {
+        self.items.get(key)
+    }
+
+    /// Adds the items of a page.
+    pub fn page(&mut self, items: impl IntoIterator<Item = Item>) {
+        self.items
+            .extend(items.into_iter().map(|item| (item.key(), item)));
+    }
+
+    /// Applies changes, which lead to `revision`.
+    pub fn apply(&mut self, revision: u64, changes: impl IntoIterator<Item = Change>) {
+        for change in changes {
+            match change {
+                Change::Set { item } => drop(self.items.insert(item.key(), item)),
+                Change::Removed { key } => drop(self.items.remove(&key)),
+            }
+        }
+        self.revision = revision;
+    }
+
+    /// Whether the change makes any difference here.
+    fn is_news(&self, change: &Change) -> bool {
+        match change {
+            Change::Set { item } => self.get(&item.key()) != Some(item),
+            Change::Removed { key } => self.items.contains_key(key),
+        }
+    }
+
+    /// The changes that make `newer` of this one: first what is gone, then what is there.
+    #[must_use]
+    pub fn difference(&self, newer: &Self) -> Vec<Change> {
+        let gone = self.items.keys().filter(|key| newer.get(key).is_none());
+        let gone = gone.map(|&key| Change::Removed { key });
+        let set = newer.items.iter();
+        let set = set.filter(|(key, item)| self.get(key) != Some(item));
+        let set = set.map(|(_, item)| Change::Set { item: item.clone() });
+        gone.chain(set).collect()
+    }
+}

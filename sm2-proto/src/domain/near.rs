@@ -1,0 +1,80 @@
+//! For an interface that nobody is linked with: who comes nearest, and why that is not enough.
+
+use alloc::vec::Vec;
+use core::fmt;
+
+use serde::Serialize;
+
+use super::{Domain, Finding, NearName, Verdict, names, why};
+use crate::Place;
+
+/// How many counterparts [`nearest`] names at most.
+pub const NEAR_MAX: usize = 8;
+
+/// A counterpart that is not linked with an interface, but could have been meant.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Near {
+    /// Where the counterpart is.
+    pub place: Place,
+    /// Why the two are not linked.
+    pub verdict: Verdict,
+}
+
+impl fmt::Display for Near {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.verdict.fmt(f)
+    }
+}
+
+/// How near a counterpart comes, nearest first.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Rank {
+    Matches,
+    Refused,
+    Mismatches,
+    Name(NearName),
+}
+
+/// The counterparts that come nearest to being linked with the interface at `place` and are
+/// not: the best first, at most [`NEAR_MAX`]. None if the domain has no such interface.
+#[must_use]
+pub fn nearest(domain: &Domain, place: Place) -> Vec<Near> {
+    let Some(ours) = domain.interface(place) else {
+        return Vec::new();
+    };
+    // First what costs little: a verdict looks at every link.
+    let counterparts = domain.interfaces().filter_map(|it| {
+        let counterpart = it.contract.kind().counterpart() == ours.contract.kind();
+        let same_name = it.contract.name() == ours.contract.name();
+        let near = names::near(ours.contract.name(), it.contract.name());
+        let near = if same_name { None } else { Some(near?) };
+        counterpart.then_some((near, it.place))
+    });
+    let mut candidates: Vec<_> = counterparts.collect();
+    candidates.sort_unstable();
+    let linked: Vec<_> = domain.links_of(place).collect();
+    candidates.retain(|&(_, theirs)| !linked.iter().any(|link| link.touches(theirs)));
+    let named_alike = candidates.iter().filter(|(near, _)| near.is_none()).count();
+    candidates.truncate(NEAR_MAX.max(named_alike));
+    let mut near: Vec<_> = candidates
+        .into_iter()
+        .map(|(_, theirs)| {
+            let verdict = why(domain, place, theirs);
+            (rank(&verdict), theirs, verdict)
+        })
+        .collect();
+    near.sort_unstable_by_key(|&(rank, place, _)| (rank, place));
+    near.truncate(NEAR_MAX);
+    near.into_iter()
+        .map(|(_, place, verdict)| Near { place, verdict })
+        .collect()
+}
+
+const fn rank(verdict: &Verdict) -> Rank {
+    match verdict.finding {
+        Finding::Refused { .. } => Rank::Refused,
+        Finding::Names { near: Some(near) } => Rank::Name(near),
+        _ if verdict.matches() => Rank::Matches,
+        _ => Rank::Mismatches,
+    }
+}

@@ -1,0 +1,290 @@
+//! Verdicts in plain words.
+
+use core::fmt;
+
+use super::{Finding, NearName, Part, Party, Reliability, Seal, TypePair, Verdict};
+use crate::{Farewell, Kind, NodeId, Place, Refusal};
+
+impl fmt::Display for Party {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            place,
+            node,
+            kind,
+            name,
+            ..
+        } = self;
+        match (node, kind, name) {
+            (Some(node), Some(kind), Some(name)) => write!(f, "{node}'s {kind} of {name}"),
+            (None, Some(kind), Some(name)) => write!(f, "the {kind} of {name} of {}", place.node),
+            (Some(node), ..) if self.is_node() => write!(f, "node {node} itself"),
+            (Some(node), ..) => write!(f, "{} of {node}", place.interface),
+            (None, ..) if self.is_node() => write!(f, "{}", place.node),
+            (None, ..) => write!(f, "{place}"),
+        }
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            one,
+            other,
+            finding,
+        } = self;
+        match finding {
+            Finding::Unknown { place } => write_unknown(f, self.party(*place)),
+            Finding::Linked {
+                reliability,
+                sealed,
+                ..
+            } => {
+                write!(f, "{one} and {other} are linked.\n{reliability}; ")?;
+                self.write_seals(f, sealed)
+            }
+            Finding::Kinds => self.write_kinds(f),
+            Finding::Names { near } => {
+                write!(f, "{one} and {other}: their names differ")?;
+                match near {
+                    Some(near) => write!(f, " ({near}).\nIf they mean the same, rename one."),
+                    None => f.write_str(".\nOnly equal names are linked."),
+                }
+            }
+            Finding::Refused {
+                place,
+                reason,
+                against,
+            } => write_refused(f, self.party(*place), reason, against.as_ref()),
+            Finding::Types { differ } => {
+                write!(f, "{one} and {other}: their types differ.")?;
+                differ.iter().try_for_each(|it| write!(f, "\n{it}"))
+            }
+            Finding::Reliability => write!(
+                f,
+                "{other} demands reliability, which {one} does not offer.\n\
+                 Make the publisher reliable, or let the subscriber do without."
+            ),
+            Finding::Claimed { by, .. } => {
+                let by = self.party(*by);
+                let absent = if by == one { other } else { one };
+                write!(
+                    f,
+                    "{by} has told the new Manager of a link; {absent} has not told what it \
+                     has yet.\nIt has a few seconds for that; the link itself goes on meanwhile."
+                )
+            }
+            Finding::Resuming { nodes } => {
+                write!(f, "{one} and {other} match, but the new Manager waits for ")?;
+                self.write_nodes(f, nodes)?;
+                f.write_str(" to tell which links it has.\nThat takes a moment: ask again.")
+            }
+            Finding::Ended { code } => {
+                write!(
+                    f,
+                    "{one} and {other} match, but one of them ended their link: "
+                )?;
+                match Farewell::from_code(*code) {
+                    Some(farewell) => f.write_str(meaning(farewell))?,
+                    None => write!(f, "{code}")?,
+                }
+                f.write_str(".\nThey are not linked again until one of them is declared anew.")
+            }
+            Finding::Quota { node, limit } => {
+                write!(f, "{one} and {other} match, but ")?;
+                self.write_nodes(f, &[*node])?;
+                write!(
+                    f,
+                    " may not have more than {limit} links.\n\
+                     Close some and declare again, or have the operator raise the limit."
+                )
+            }
+            Finding::Descriptors => write!(
+                f,
+                "{one} and {other} match, but the Manager had no descriptors for a link.\n\
+                 Raise the Manager's limit of open files and declare one of them again."
+            ),
+            Finding::Due => write!(
+                f,
+                "{one} and {other} match, and nothing is in the way.\n\
+                 If they are not linked in a moment, the Manager has more to say in its log."
+            ),
+        }
+    }
+}
+
+impl Verdict {
+    fn party(&self, place: Place) -> &Party {
+        if self.other.place == place {
+            &self.other
+        } else {
+            &self.one
+        }
+    }
+
+    fn write_kinds(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { one, other, .. } = self;
+        let (Some(kind), Some(theirs)) = (one.kind, other.kind) else {
+            return write!(f, "{one} and {other} are no counterparts.");
+        };
+        if one.place == other.place {
+            write!(f, "{one} is one interface; it takes two for a link.")?;
+        } else if kind == theirs {
+            write!(f, "{one} and {other} are both {kind}s.")?;
+        } else {
+            write!(f, "{one} and {other} are no counterparts.")?;
+        }
+        write!(f, "\nA {kind} is linked with {}s only.", kind.counterpart())
+    }
+
+    fn write_seals(&self, f: &mut fmt::Formatter<'_>, seals: &[Seal]) -> fmt::Result {
+        if seals.is_empty() {
+            return f.write_str(
+                "not sealed: nobody asks for it and no policy does, so the sender could still \
+                 change what it sent.",
+            );
+        }
+        f.write_str("sealed, since ")?;
+        for (at, seal) in seals.iter().enumerate() {
+            if at > 0 {
+                f.write_str(" and ")?;
+            }
+            match seal {
+                Seal::Asked { by } => write!(f, "{} asks for it", self.party(*by))?,
+                Seal::Policy => f.write_str("the domain seals every link")?,
+                Seal::Users => f.write_str("they belong to different users")?,
+                Seal::Kept => f.write_str("it was when an earlier Manager made it")?,
+            }
+        }
+        f.write_str(".")
+    }
+
+    fn write_nodes(&self, f: &mut fmt::Formatter<'_>, nodes: &[NodeId]) -> fmt::Result {
+        for (at, node) in nodes.iter().enumerate() {
+            if at > 0 {
+                f.write_str(" and ")?;
+            }
+            let ours = [&self.one, &self.other];
+            let party = ours.into_iter().find(|it| it.place.node == *node);
+            match party.and_then(|it| it.node.as_ref()) {
+                Some(name) => write!(f, "{name}")?,
+                None => write!(f, "{node}")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+fn write_unknown(f: &mut fmt::Formatter<'_>, party: &Party) -> fmt::Result {
+    if party.is_node() {
+        write!(f, "{party} is no interface.\nName one of its interfaces.")
+    } else {
+        write!(
+            f,
+            "there is no {party}.\nIt is gone, or never was: see what the domain shows now."
+        )
+    }
+}
+
+fn write_refused(
+    f: &mut fmt::Formatter<'_>,
+    party: &Party,
+    reason: &Refusal,
+    against: Option<&Party>,
+) -> fmt::Result {
+    write!(f, "{party} was refused: {reason}")?;
+    match (reason, against) {
+        (_, Some(against)) => write!(
+            f,
+            ", as {against} states.\nUse one type for both, or another name for one of them."
+        ),
+        (Refusal::TopicType { .. } | Refusal::ServiceType { .. }, None) => {
+            f.write_str(".\nWhoever stated that type is gone by now: declare it again.")
+        }
+        (Refusal::Quota { .. } | Refusal::NameTaken | Refusal::Version { .. }, None) => {
+            f.write_str(".")
+        }
+    }
+}
+
+impl fmt::Display for NearName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Case => "in upper and lower case only",
+            Self::Edit => "by one character only",
+            Self::Segments => "one is the other without some segments",
+            Self::Leading => "in the last segment only",
+        })
+    }
+}
+
+impl fmt::Display for Reliability {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Service => "reliable, as all links of services",
+            Self::Demanded => "reliable, since the subscriber demands it",
+            Self::NotDemanded => "not reliable, since the subscriber does not demand it",
+            Self::NotOffered => "not reliable, since the publisher does not offer it",
+        })
+    }
+}
+
+impl fmt::Display for TypePair {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            part,
+            offered,
+            demanded,
+            difference,
+        } = self;
+        let (offers, demands) = match part {
+            Part::Messages => (Kind::Publisher, Kind::Subscriber),
+            Part::Requests | Part::Replies => (Kind::Server, Kind::Client),
+        };
+        if offered.name == demanded.name {
+            write!(
+                f,
+                "{part}: both are named {}, but the schemas differ ({:016x} of the {offers}, \
+                 {:016x} of the {demands}): build both from the same definition",
+                offered.name, offered.hash, demanded.hash
+            )?;
+        } else {
+            write!(
+                f,
+                "{part}: {} of the {offers}, {} of the {demands}: one of them has to change",
+                offered.name, demanded.name
+            )?;
+            if offered.hash == demanded.hash {
+                f.write_str(" its name only")?;
+            }
+        }
+        match difference {
+            Some(difference) => write!(
+                f,
+                "; first difference (here: {offers}, there: {demands}): {difference}."
+            ),
+            None => f.write_str("."),
+        }
+    }
+}
+
+impl fmt::Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Messages => "messages",
+            Self::Requests => "requests",
+            Self::Replies => "replies",
+        })
+    }
+}
+
+const fn meaning(farewell: Farewell) -> &'static str {
+    match farewell {
+        Farewell::Done => "it wanted no more",
+        Farewell::GreetingTimeout => "it did not greet in time",
+        Farewell::Stalled => "the other one did not read what was sent to it",
+        Farewell::ShuttingDown => "it was shutting down",
+        Farewell::Resources => "it ran out of descriptors or memory",
+        Farewell::PeerGone => "the other end was gone without a word",
+        Farewell::NotAdopted => "the new Manager could not take the link over",
+    }
+}

@@ -1,0 +1,64 @@
+//! What of the quotas is used up.
+
+use alloc::collections::BTreeMap;
+
+use super::Domain;
+use crate::NodeId;
+
+/// What a user has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct UserUsage {
+    /// Sessions, of `Limits::sessions_per_user`.
+    pub sessions: u32,
+    /// Interfaces of all of them, of `Limits::interfaces_per_user`.
+    pub interfaces: u32,
+}
+
+/// What a session has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct SessionUsage {
+    /// Interfaces, of `Limits::interfaces_per_session`.
+    pub interfaces: u32,
+    /// Ends of links and claims, of `Limits::links_per_session`.
+    pub links: u32,
+}
+
+impl Domain {
+    /// What each user has.
+    #[must_use]
+    pub fn users(&self) -> BTreeMap<u32, UserUsage> {
+        let mut users: BTreeMap<_, UserUsage> = BTreeMap::new();
+        let sessions = self.sessions();
+        for node in self.nodes() {
+            let usage = users.entry(node.uid).or_default();
+            usage.sessions += 1;
+            usage.interfaces += sessions.get(&node.node).map_or(0, |it| it.interfaces);
+        }
+        users
+    }
+
+    /// What each session has.
+    #[must_use]
+    pub fn sessions(&self) -> BTreeMap<NodeId, SessionUsage> {
+        let mut sessions: BTreeMap<_, SessionUsage> = self
+            .nodes()
+            .map(|node| (node.node, SessionUsage::default()))
+            .collect();
+        let mut count = |node: &NodeId, counted: fn(&mut SessionUsage) -> &mut u32| {
+            if let Some(usage) = sessions.get_mut(node) {
+                *counted(usage) += 1;
+            }
+        };
+        for interface in self.interfaces().filter(|it| it.refused.is_none()) {
+            count(&interface.place.node, |it| &mut it.interfaces);
+        }
+        for link in self.links() {
+            count(&link.offering.node, |it| &mut it.links);
+            count(&link.demanding.node, |it| &mut it.links);
+        }
+        for (_, place) in self.claims() {
+            count(&place.node, |it| &mut it.links);
+        }
+        sessions
+    }
+}

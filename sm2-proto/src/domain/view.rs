@@ -1,0 +1,232 @@
+//! What there is in a domain, by kind.
+
+use alloc::vec::Vec;
+
+use super::Domain;
+use crate::{
+    Contract, InterfaceId, LinkId, Name, NodeId, Place, Refusal,
+    control::{Apart, Item, Key, Limits},
+};
+
+/// A node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NodeView<'a> {
+    /// Its number.
+    pub node: NodeId,
+    /// Its name.
+    pub name: &'a Name,
+    /// Its user, as the kernel says.
+    pub uid: u32,
+    /// Its process, as the kernel says.
+    pub pid: i32,
+    /// Whether it is still claiming links of an earlier Manager.
+    pub resuming: bool,
+}
+
+/// An interface, granted or refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InterfaceView<'a> {
+    /// Where it is.
+    pub place: Place,
+    /// What it is, or would have been.
+    pub contract: &'a Contract,
+    /// Why it was refused, if it was.
+    pub refused: Option<&'a Refusal>,
+}
+
+/// A link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LinkView {
+    /// Its number.
+    pub link: LinkId,
+    /// The publisher or server.
+    pub offering: Place,
+    /// The subscriber or client.
+    pub demanding: Place,
+    /// The version spoken on it.
+    pub version: u16,
+    /// Whether nothing on it may be displaced.
+    pub reliable: bool,
+    /// Whether every message on it is inline or sealed.
+    pub sealed: bool,
+}
+
+impl LinkView {
+    /// Whether one of its ends is there.
+    #[must_use]
+    pub fn touches(&self, place: Place) -> bool {
+        self.offering == place || self.demanding == place
+    }
+}
+
+impl Domain {
+    /// What the operator allows, if the Manager says so.
+    #[must_use]
+    pub fn limits(&self) -> Option<&Limits> {
+        match self.get(&Key::Domain)? {
+            Item::Domain { limits } => Some(limits),
+            _ => None,
+        }
+    }
+
+    /// All nodes in the order of their numbers.
+    pub fn nodes(&self) -> impl Iterator<Item = NodeView<'_>> {
+        self.items().filter_map(as_node)
+    }
+
+    /// One node.
+    #[must_use]
+    pub fn node(&self, node: NodeId) -> Option<NodeView<'_>> {
+        let place = Place::node(node);
+        self.get(&Key::Member { place }).and_then(as_node)
+    }
+
+    /// The node of that name.
+    #[must_use]
+    pub fn node_named(&self, name: &str) -> Option<NodeView<'_>> {
+        self.nodes().find(|node| node.name.as_str() == name)
+    }
+
+    /// All interfaces, granted or refused, in the order of their places.
+    pub fn interfaces(&self) -> impl Iterator<Item = InterfaceView<'_>> {
+        self.items().filter_map(as_interface)
+    }
+
+    /// The interfaces of one node.
+    pub fn interfaces_of(&self, node: NodeId) -> impl Iterator<Item = InterfaceView<'_>> {
+        let key = |interface| Key::Member {
+            place: Place {
+                node,
+                interface: InterfaceId(interface),
+            },
+        };
+        let of_node = self.items.range(key(0)..=key(u64::MAX));
+        of_node.filter_map(|(_, item)| as_interface(item))
+    }
+
+    /// One interface.
+    #[must_use]
+    pub fn interface(&self, place: Place) -> Option<InterfaceView<'_>> {
+        self.get(&Key::Member { place }).and_then(as_interface)
+    }
+
+    /// All links in the order of their numbers.
+    pub fn links(&self) -> impl Iterator<Item = LinkView> {
+        self.items().filter_map(as_link)
+    }
+
+    /// The links of one interface; one with itself comes once.
+    pub fn links_of(&self, place: Place) -> impl Iterator<Item = LinkView> {
+        self.links().filter(move |link| link.touches(place))
+    }
+
+    /// The links of an earlier Manager that only one end has claimed, and that end.
+    pub fn claims(&self) -> impl Iterator<Item = (LinkId, Place)> {
+        self.items().filter_map(|item| match *item {
+            Item::Claim { link, place } => Some((link, place)),
+            _ => None,
+        })
+    }
+
+    /// Why two interfaces that match are not linked, if the Manager says so: the
+    /// publisher or server first.
+    #[must_use]
+    pub fn apart(&self, offering: Place, demanding: Place) -> Option<Apart> {
+        let key = Key::Apart {
+            offering,
+            demanding,
+        };
+        match self.get(&key)? {
+            Item::Apart { cause, .. } => Some(*cause),
+            _ => None,
+        }
+    }
+
+    /// The interfaces that a person means: `node:topic`, or `topic` alone, or `node` alone
+    /// if no topic or service has that name. One leading `/` of each name is dropped.
+    #[must_use]
+    pub fn find(&self, text: &str) -> Vec<Place> {
+        if let Some((node, name)) = text.split_once(':') {
+            let (node, name) = (plain(node), plain(name));
+            return self.node_named(node).map_or_else(Vec::new, |node| {
+                let of_node = self.interfaces_of(node.node);
+                let named = of_node.filter(|it| it.contract.name().as_str() == name);
+                named.map(|it| it.place).collect()
+            });
+        }
+        let text = plain(text);
+        let named = self.interfaces();
+        let named = named.filter(|it| it.contract.name().as_str() == text);
+        let places: Vec<_> = named.map(|it| it.place).collect();
+        match self.node_named(text) {
+            Some(node) if places.is_empty() => {
+                self.interfaces_of(node.node).map(|it| it.place).collect()
+            }
+            _ => places,
+        }
+    }
+}
+
+const fn as_node(item: &Item) -> Option<NodeView<'_>> {
+    match item {
+        Item::Node {
+            node,
+            name,
+            uid,
+            pid,
+            resuming,
+        } => Some(NodeView {
+            node: *node,
+            name,
+            uid: *uid,
+            pid: *pid,
+            resuming: *resuming,
+        }),
+        _ => None,
+    }
+}
+
+const fn as_interface(item: &Item) -> Option<InterfaceView<'_>> {
+    match item {
+        Item::Interface { place, contract } => Some(InterfaceView {
+            place: *place,
+            contract,
+            refused: None,
+        }),
+        Item::Refusal {
+            place,
+            contract,
+            reason,
+        } => Some(InterfaceView {
+            place: *place,
+            contract,
+            refused: Some(reason),
+        }),
+        _ => None,
+    }
+}
+
+const fn as_link(item: &Item) -> Option<LinkView> {
+    match item {
+        Item::Link {
+            link,
+            offering,
+            demanding,
+            version,
+            reliable,
+            sealed,
+        } => Some(LinkView {
+            link: *link,
+            offering: *offering,
+            demanding: *demanding,
+            version: *version,
+            reliable: *reliable,
+            sealed: *sealed,
+        }),
+        _ => None,
+    }
+}
+
+fn plain(typed: &str) -> &str {
+    typed.strip_prefix('/').unwrap_or(typed)
+}

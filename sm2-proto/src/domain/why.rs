@@ -1,0 +1,220 @@
+//! Why two interfaces are linked or not, as the items of a domain explain it.
+
+use alloc::vec::Vec;
+
+use super::{
+    Domain, Finding, InterfaceView, LinkView, Part, Party, Reliability, Seal, TypePair, Verdict,
+    names,
+};
+use crate::{Contract, Kind, Mismatch, Place, Refusal, TypeId, control::Apart, match_contracts};
+
+/// Why the two are linked, or are not. The order of the two does not matter.
+//= SM2-MAT-001, SM2-MAT-003, SM2-WCH-004
+#[must_use]
+pub fn why(domain: &Domain, one: Place, other: Place) -> Verdict {
+    let (one, other) = sorted(domain, one, other);
+    let finding = match (domain.interface(one), domain.interface(other)) {
+        (None, _) => Finding::Unknown { place: one },
+        (_, None) => Finding::Unknown { place: other },
+        (Some(one), Some(other)) => find(domain, &one, &other),
+    };
+    Verdict {
+        one: domain.party(one),
+        other: domain.party(other),
+        finding,
+    }
+}
+
+/// The publisher or server first, if there is just one; else the lower place.
+fn sorted(domain: &Domain, one: Place, other: Place) -> (Place, Place) {
+    let rank = |place| {
+        let kind = domain.interface(place).map(|it| it.contract.kind());
+        let offers = matches!(kind, Some(Kind::Publisher | Kind::Server));
+        (!offers, place)
+    };
+    if rank(one) <= rank(other) {
+        (one, other)
+    } else {
+        (other, one)
+    }
+}
+
+fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> Finding {
+    let mut links = domain.links_of(one.place);
+    if let Some(link) = links.find(|it| it.offering == one.place && it.demanding == other.place) {
+        return linked(domain, link, one, other);
+    }
+    let mismatch = match_contracts(one.contract, other.contract).err();
+    match mismatch {
+        Some(Mismatch::Kind) => return Finding::Kinds,
+        Some(Mismatch::Name) => {
+            let near = names::near(one.contract.name(), other.contract.name());
+            return Finding::Names { near };
+        }
+        Some(Mismatch::Type | Mismatch::Reliability) | None => {}
+    }
+    // An interface that is not there cannot be linked, whatever its type.
+    let refused = [one, other].into_iter().find_map(|it| {
+        let reason = it.refused?.clone();
+        Some(Finding::Refused {
+            place: it.place,
+            against: against(domain, it.contract, &reason),
+            reason,
+        })
+    });
+    match (refused, mismatch) {
+        (Some(refused), _) => refused,
+        (None, Some(Mismatch::Type)) => Finding::Types {
+            differ: types(one.contract, other.contract),
+        },
+        (None, Some(_)) => Finding::Reliability,
+        (None, None) => obstacle(domain, one.place, other.place),
+    }
+}
+
+/// What keeps two apart that match.
+fn obstacle(domain: &Domain, offering: Place, demanding: Place) -> Finding {
+    match domain.apart(offering, demanding) {
+        Some(Apart::Ended { code }) => return Finding::Ended { code },
+        Some(Apart::Quota { node, limit }) => return Finding::Quota { node, limit },
+        Some(Apart::Descriptors) => return Finding::Descriptors,
+        None => {}
+    }
+    let resuming = |place: Place| domain.node(place.node).is_some_and(|it| it.resuming);
+    let claim = |by, absent| {
+        // Whose counterpart is still to come may be the other one.
+        let (link, _) = domain.claims().find(|&(_, place)| place == by)?;
+        resuming(absent).then_some(Finding::Claimed { link, by })
+    };
+    if let Some(claimed) = claim(offering, demanding).or_else(|| claim(demanding, offering)) {
+        return claimed;
+    }
+    let mut nodes: Vec<_> = [offering, demanding]
+        .into_iter()
+        .filter(|&place| resuming(place))
+        .map(|place| place.node)
+        .collect();
+    nodes.dedup();
+    if nodes.is_empty() {
+        Finding::Due
+    } else {
+        Finding::Resuming { nodes }
+    }
+}
+
+fn linked(
+    domain: &Domain,
+    link: LinkView,
+    one: &InterfaceView<'_>,
+    other: &InterfaceView<'_>,
+) -> Finding {
+    let reliability = match (one.contract, link.reliable) {
+        (Contract::Publisher { .. }, true) => Reliability::Demanded,
+        (Contract::Publisher { offer, .. }, false) if offer.reliable => Reliability::NotDemanded,
+        (Contract::Publisher { .. }, false) => Reliability::NotOffered,
+        _ => Reliability::Service,
+    };
+    Finding::Linked {
+        link: link.link,
+        version: link.version,
+        reliability,
+        sealed: if link.sealed {
+            seals(domain, one, other)
+        } else {
+            Vec::new()
+        },
+    }
+}
+
+//= SM2-MAT-003
+fn seals(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> Vec<Seal> {
+    let asked = [one, other].into_iter().filter(|it| it.contract.sealed());
+    let mut seals: Vec<_> = asked.map(|it| Seal::Asked { by: it.place }).collect();
+    let limits = domain.limits().copied().unwrap_or_default();
+    if limits.seal_all {
+        seals.push(Seal::Policy);
+    }
+    let uid = |it: &InterfaceView<'_>| domain.node(it.place.node).map(|it| it.uid);
+    if !limits.waive_user_boundary && uid(one) != uid(other) {
+        seals.push(Seal::Users);
+    }
+    if seals.is_empty() {
+        seals.push(Seal::Kept);
+    }
+    seals
+}
+
+/// The types that differ where both state one.
+fn types(offering: &Contract, demanding: &Contract) -> Vec<TypePair> {
+    let pair = |part, offered: &TypeId, demanded: &TypeId| {
+        (offered != demanded).then(|| TypePair {
+            part,
+            offered: offered.clone(),
+            demanded: demanded.clone(),
+            difference: None,
+        })
+    };
+    match (offering, demanding) {
+        (
+            Contract::Publisher { data, .. },
+            Contract::Subscriber {
+                data: Some(wanted), ..
+            },
+        ) => pair(Part::Messages, data, wanted).into_iter().collect(),
+        (
+            Contract::Server { request, reply, .. },
+            Contract::Client {
+                types: Some((asks, expects)),
+                ..
+            },
+        ) => {
+            let requests = pair(Part::Requests, request, asks);
+            let replies = pair(Part::Replies, reply, expects);
+            requests.into_iter().chain(replies).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// An interface that states the type for which another one was refused (SM2-IFC-005).
+fn against(domain: &Domain, refused: &Contract, reason: &Refusal) -> Option<Party> {
+    let states = |contract: &Contract| match (contract, reason) {
+        (
+            Contract::Publisher { data, .. }
+            | Contract::Subscriber {
+                data: Some(data), ..
+            },
+            Refusal::TopicType { theirs },
+        ) => data == theirs,
+        (
+            Contract::Server { request, reply, .. }
+            | Contract::Client {
+                types: Some((request, reply)),
+                ..
+            },
+            Refusal::ServiceType {
+                request: asks,
+                reply: expects,
+            },
+        ) => (request, reply) == (asks, expects),
+        _ => false,
+    };
+    let mut granted = domain.interfaces().filter(|it| it.refused.is_none());
+    let found = granted.find(|it| it.contract.name() == refused.name() && states(it.contract))?;
+    Some(domain.party(found.place))
+}
+
+impl Domain {
+    /// An interface with its names.
+    pub(super) fn party(&self, place: Place) -> Party {
+        let node = self.node(place.node);
+        let contract = self.interface(place).map(|it| it.contract);
+        Party {
+            place,
+            node: node.map(|it| it.name.clone()),
+            uid: node.map(|it| it.uid),
+            kind: contract.map(Contract::kind),
+            name: contract.map(|it| it.name().clone()),
+        }
+    }
+}

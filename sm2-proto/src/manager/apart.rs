@@ -1,0 +1,156 @@
+//! The pairs that match and are not linked, as far as they are remembered (SM2-WCH-004).
+
+use alloc::{
+    collections::{BTreeMap, BTreeSet},
+    vec::Vec,
+};
+use core::ops::Bound;
+
+use super::{Manager, links::Pair};
+use crate::{
+    NodeId, Place,
+    control::{Apart, Item, Key},
+};
+
+/// For each pair: why.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Pairs {
+    causes: BTreeMap<Pair, Apart>,
+    /// The same pairs, the demanding side first.
+    by_demanding: BTreeSet<(Place, Place)>,
+    /// How many of them each node offers. A node that offers none has no entry.
+    offered: BTreeMap<NodeId, usize>,
+}
+
+impl Manager {
+    /// A matching pair is not linked. Beyond its quota that is not remembered.
+    //= SM2-WCH-004
+    pub(super) fn set_apart(&mut self, pair: Pair, cause: Apart) {
+        if self
+            .apart
+            .insert(pair, cause, self.policy.apart_per_session)
+        {
+            self.changed(key(pair));
+        }
+    }
+
+    /// A pair is linked after all.
+    pub(super) fn joined(&mut self, pair: Pair) {
+        if self.apart.remove(pair) {
+            self.changed(key(pair));
+        }
+    }
+
+    /// An interface is gone, and what was remembered of it.
+    //= SM2-WCH-004
+    pub(super) fn forget_apart(&mut self, place: Place) {
+        for pair in self.apart.of(place) {
+            self.joined(pair);
+        }
+    }
+}
+
+impl Pairs {
+    pub(super) const fn new() -> Self {
+        Self {
+            causes: BTreeMap::new(),
+            by_demanding: BTreeSet::new(),
+            offered: BTreeMap::new(),
+        }
+    }
+
+    /// Whether there is room for it.
+    fn insert(&mut self, pair: Pair, cause: Apart, limit: usize) -> bool {
+        if !self.causes.contains_key(&pair) {
+            let offered = self.offered.get(&pair.offering.node).copied();
+            let offered = offered.unwrap_or(0) + 1;
+            if offered > limit {
+                return false;
+            }
+            self.offered.insert(pair.offering.node, offered);
+            self.by_demanding.insert((pair.demanding, pair.offering));
+        }
+        self.causes.insert(pair, cause);
+        true
+    }
+
+    /// Whether it was there.
+    fn remove(&mut self, pair: Pair) -> bool {
+        if self.causes.remove(&pair).is_none() {
+            return false;
+        }
+        self.by_demanding.remove(&(pair.demanding, pair.offering));
+        let node = pair.offering.node;
+        match self.offered.get_mut(&node) {
+            Some(offered) if *offered > 1 => *offered -= 1,
+            _ => drop(self.offered.remove(&node)),
+        }
+        true
+    }
+
+    /// All pairs of an interface.
+    fn of(&self, place: Place) -> Vec<Pair> {
+        let offering = self.causes.range(pair(place, Place::FIRST)..);
+        let offering = offering.map(|(&pair, _)| pair);
+        let demanding = self.by_demanding.range((place, Place::FIRST)..);
+        let demanding = demanding.map(|&(demanding, offering)| pair(offering, demanding));
+        offering
+            .take_while(|pair| pair.offering == place)
+            .chain(demanding.take_while(|pair| pair.demanding == place))
+            .collect()
+    }
+
+    pub(super) fn item(&self, pair: Pair) -> Option<Item> {
+        let &cause = self.causes.get(&pair)?;
+        Some(item(pair, cause))
+    }
+
+    /// In the order of their keys.
+    pub(super) fn items(
+        &self,
+        (offering, demanding): (Place, Place),
+    ) -> impl Iterator<Item = Item> {
+        let after = Bound::Excluded(pair(offering, demanding));
+        let rest = self.causes.range((after, Bound::Unbounded));
+        rest.map(|(&pair, &cause)| item(pair, cause))
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = Pair> {
+        self.causes.keys().copied()
+    }
+
+    /// Whether the tables say the same, and no node offers more than its quota.
+    pub(super) fn agree(&self, limit: usize) -> bool {
+        let mut recount = BTreeMap::new();
+        for pair in self.iter() {
+            *recount.entry(pair.offering.node).or_insert(0) += 1;
+        }
+        let listed = |pair: Pair| self.by_demanding.contains(&(pair.demanding, pair.offering));
+        recount == self.offered
+            && recount.values().all(|&offered| offered <= limit)
+            && self.by_demanding.len() == self.causes.len()
+            && self.iter().all(listed)
+    }
+}
+
+const fn pair(offering: Place, demanding: Place) -> Pair {
+    Pair {
+        offering,
+        demanding,
+    }
+}
+
+const fn key(pair: Pair) -> Key {
+    Key::Apart {
+        offering: pair.offering,
+        demanding: pair.demanding,
+    }
+}
+
+const fn item(pair: Pair, cause: Apart) -> Item {
+    Item::Apart {
+        offering: pair.offering,
+        demanding: pair.demanding,
+        cause,
+    }
+}

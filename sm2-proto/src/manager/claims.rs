@@ -1,0 +1,226 @@
+//! Links of earlier Managers: nodes that come back claim them, and a link that both of
+//! its ends have claimed is adopted (SPEC section 11).
+
+use alloc::{
+    collections::{BTreeMap, BTreeSet},
+    vec::Vec,
+};
+use core::ops::Bound;
+
+use super::{
+    Cause, Manager,
+    links::{Agreed, Pair},
+};
+use crate::{
+    Code, Farewell, Instant, LinkId, NodeId, Place, VERSION, Violation,
+    control::{Item, Key, ToNode},
+    match_contracts,
+};
+
+/// What two ends have to say alike of their link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct Claim {
+    pub(super) key: u64,
+    pub(super) agreed: Agreed,
+}
+
+/// The claims without a counterpart.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Claims {
+    half: BTreeMap<(LinkId, Place), Claim>,
+    /// The same, by what a counterpart has to say.
+    waiting: BTreeMap<(LinkId, Claim), Place>,
+    /// When those of a session that has claimed all it has are given up.
+    expiring: BTreeSet<(Instant, NodeId)>,
+}
+
+impl Manager {
+    //= SM2-RES-003, SM2-RES-004, SM2-RES-008
+    pub(super) fn claim(
+        &mut self,
+        place: Place,
+        link: LinkId,
+        claim: Claim,
+    ) -> Result<(), Violation> {
+        let Place { node, interface } = place;
+        let limit = self.policy.links_per_session();
+        let Some(session) = self.sessions.get_mut(&node) else {
+            return Ok(());
+        };
+        let known = session.has_link(interface, link)?;
+        if known || link.epoch == self.links.epoch() || claim.agreed.version != VERSION {
+            return Err(Violation::BadClaim);
+        }
+        if !session.may_claim() {
+            self.end_session(node, Cause::Farewell(Farewell::Resources));
+            return Ok(());
+        }
+        session.claim(interface, link);
+        if session.link_ends() > limit {
+            self.tell(place, link, Farewell::Resources.code());
+            return Ok(());
+        }
+        match self.claims.meet(link, place, claim) {
+            None => self.changed(Key::Claim { link, place }),
+            Some(other) => {
+                self.changed(Key::Claim { link, place: other });
+                self.adopt(link, [place, other], claim.agreed);
+            }
+        }
+        Ok(())
+    }
+
+    /// Both ends have claimed a link.
+    //= SM2-RES-004, SM2-RES-005
+    fn adopt(&mut self, link: LinkId, ends: [Place; 2], agreed: Agreed) {
+        match self.adoptable(ends, agreed) {
+            Some(pair) => self.record(link, pair, agreed),
+            None => {
+                for end in ends {
+                    self.tell(end, link, Farewell::NotAdopted.code());
+                }
+            }
+        }
+    }
+
+    /// Whether this Manager would have made such a link, now.
+    //= SM2-RES-005, SM2-MAT-003
+    fn adoptable(&self, [one, other]: [Place; 2], agreed: Agreed) -> Option<Pair> {
+        let (uid, ours) = self.whose(one)?;
+        let (their_uid, theirs) = self.whose(other)?;
+        let terms = match_contracts(ours, theirs).ok()?;
+        let pair = Pair::new(one, ours, other);
+        let sealed = terms.sealed || self.policy.seals(uid == their_uid);
+        let fits = agreed.terms.reliable == terms.reliable && (agreed.terms.sealed || !sealed);
+        (fits && !self.links.joins(pair)).then_some(pair)
+    }
+
+    /// The session has claimed all that it has: now it is linked like any other.
+    //= SM2-RES-006, SM2-RES-007, SM2-SES-004
+    pub(super) fn claimed(&mut self, now: Instant, node: NodeId) {
+        let Some(session) = self.sessions.get_mut(&node) else {
+            return;
+        };
+        let ended = session.settle();
+        if session.half_claims().next().is_some() {
+            let until = now.after(self.policy.recovery);
+            session.claims_until = Some(until);
+            self.claims.expiring.insert((until, node));
+        }
+        let interfaces = session.interface_ids();
+        self.greeting.remove(&node);
+        self.node_changed(node);
+        for interface in interfaces {
+            self.link_missing(Place { node, interface }, &ended);
+        }
+    }
+
+    /// Gives up claims whose counterparts did not come.
+    //= SM2-RES-006
+    pub(super) fn expire_claims(&mut self, now: Instant) {
+        while let Some(&(until, node)) = self.claims.expiring.first()
+            && until <= now
+        {
+            self.claims.expiring.pop_first();
+            let Some(session) = self.sessions.get_mut(&node) else {
+                continue;
+            };
+            session.claims_until = None;
+            for (interface, link) in session.half_claims().collect::<Vec<_>>() {
+                let place = Place { node, interface };
+                self.give_up_claim(place, link);
+                self.tell(place, link, Farewell::PeerGone.code());
+            }
+        }
+    }
+
+    /// A claim is over, without a word to anybody.
+    pub(super) fn give_up_claim(&mut self, place: Place, link: LinkId) {
+        if self.claims.remove(link, place) {
+            self.changed(Key::Claim { link, place });
+        }
+    }
+
+    /// The Manager says its farewell to a live end of a link.
+    pub(super) fn tell(&mut self, Place { node, interface }: Place, link: LinkId, code: Code) {
+        if let Some(session) = self.sessions.get_mut(&node) {
+            session.tell(interface, link);
+            self.send(
+                node,
+                &ToNode::Unlink {
+                    interface,
+                    link,
+                    code,
+                },
+            );
+        }
+    }
+}
+
+impl Claims {
+    pub(super) const fn new() -> Self {
+        Self {
+            half: BTreeMap::new(),
+            waiting: BTreeMap::new(),
+            expiring: BTreeSet::new(),
+        }
+    }
+
+    /// The end that claimed the same, which waits no more; none: this one waits now.
+    //= SM2-RES-004
+    fn meet(&mut self, link: LinkId, place: Place, claim: Claim) -> Option<Place> {
+        if let Some(other) = self.waiting.remove(&(link, claim)) {
+            self.half.remove(&(link, other));
+            return Some(other);
+        }
+        self.waiting.insert((link, claim), place);
+        self.half.insert((link, place), claim);
+        None
+    }
+
+    /// Whether it was there.
+    fn remove(&mut self, link: LinkId, place: Place) -> bool {
+        let Some(claim) = self.half.remove(&(link, place)) else {
+            return false;
+        };
+        self.waiting.remove(&(link, claim)).is_some()
+    }
+
+    /// A session is over that had claims to give up at some time.
+    pub(super) fn forget(&mut self, until: Instant, node: NodeId) {
+        self.expiring.remove(&(until, node));
+    }
+
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        let &(deadline, _) = self.expiring.first()?;
+        Some(deadline)
+    }
+
+    pub(super) fn item(&self, link: LinkId, place: Place) -> Option<Item> {
+        let there = self.half.contains_key(&(link, place));
+        there.then_some(Item::Claim { link, place })
+    }
+
+    /// In the order of their keys.
+    pub(super) fn items(&self, after: (LinkId, Place)) -> impl Iterator<Item = Item> {
+        let rest = (Bound::Excluded(after), Bound::Unbounded);
+        let rest = self.half.range(rest);
+        rest.map(|(&(link, place), _)| Item::Claim { link, place })
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = (LinkId, Place)> {
+        self.half.keys().copied()
+    }
+
+    pub(super) fn expiring(&self) -> impl Iterator<Item = (Instant, NodeId)> {
+        self.expiring.iter().copied()
+    }
+
+    /// Whether the tables say the same.
+    pub(super) fn agree(&self) -> bool {
+        let waits = |(&(link, place), &claim): (&(LinkId, Place), &Claim)| {
+            self.waiting.get(&(link, claim)) == Some(&place)
+        };
+        self.waiting.len() == self.half.len() && self.half.iter().all(waits)
+    }
+}

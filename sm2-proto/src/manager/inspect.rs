@@ -1,0 +1,46 @@
+//! COUNTERS and INSPECT: whoever keeps counters hands over their file, and whoever wants
+//! to read them gets it (SM2-CNT-001, SM2-CNT-002).
+
+use super::{Manager, Output};
+use crate::{
+    FdFacts, NodeId, Seals, Violation,
+    control::{ToNode, encode_to_node},
+    counters::entries_in,
+};
+
+impl Manager {
+    //= SM2-CNT-001, SM2-CNT-003
+    pub(super) fn keep_counters(
+        &mut self,
+        node: NodeId,
+        file: Option<&FdFacts>,
+    ) -> Result<(), Violation> {
+        let Some(session) = self.sessions.get_mut(&node) else {
+            return Ok(());
+        };
+        if session.has_counters {
+            return Err(Violation::CountersTwice);
+        }
+        let file = file.filter(|it| it.regular).ok_or(Violation::NotAMemfd)?;
+        if !file.seals.contains(Seals::POOLED) {
+            return Err(Violation::SealsMissing);
+        }
+        entries_in(file.size_bytes).ok_or(Violation::BadSize)?;
+        session.has_counters = true;
+        self.outputs
+            .push_back(Output::KeepCounters { session: node });
+        Ok(())
+    }
+
+    //= SM2-CNT-002
+    pub(super) fn inspect(&mut self, session: NodeId, of: NodeId) {
+        let kept = self.sessions.get(&of).is_some_and(|it| it.has_counters);
+        if kept {
+            let frame = encode_to_node(&ToNode::Inspected { node: of });
+            self.outputs
+                .push_back(Output::SendCounters { session, frame, of });
+        } else {
+            self.send(session, &ToNode::NotInspected { node: of });
+        }
+    }
+}

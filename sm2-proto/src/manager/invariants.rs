@@ -1,0 +1,127 @@
+//! What must hold between the tables of a Manager after each input, in debug builds.
+
+use super::{Manager, links::Pair, phase::Phase, session::Session};
+use crate::match_contracts;
+
+/// A domain with more interfaces and links than this is looked at once in [`SPACING`]
+/// revisions: a look costs as much as the domain is large.
+const SMALL: usize = 64;
+const SPACING: u64 = 64;
+
+impl Manager {
+    /// The first rule that does not hold.
+    pub(super) fn invariants(&self) -> Result<(), &'static str> {
+        let size = self.sessions.len() + self.channels.len() + self.links.len();
+        if size > SMALL && !self.log.revision().is_multiple_of(SPACING) {
+            return Ok(());
+        }
+        self.sessions_agree()?;
+        self.links_agree()?;
+        rules(&[
+            (
+                self.channels.are_tight(),
+                "each channel has interfaces, and a type as long as one states it",
+            ),
+            (
+                self.apart.agree(self.policy.apart_per_session)
+                    && self
+                        .apart
+                        .iter()
+                        .all(|it| self.is_match(it) && !self.links.joins(it)),
+                "pairs apart match, are not linked, and are within their quota",
+            ),
+            (
+                self.schemas.are(self.each().flat_map(Session::schemas)),
+                "each schema is there as often as sessions registered it",
+            ),
+            (
+                self.watchers
+                    .iter()
+                    .all(|it| self.sessions.contains_key(it)),
+                "whoever waits for changes is there",
+            ),
+        ])
+    }
+
+    fn each(&self) -> impl Iterator<Item = &Session> {
+        self.sessions.values()
+    }
+
+    fn sessions_agree(&self) -> Result<(), &'static str> {
+        let not_ready = self.sessions.iter();
+        let not_ready = not_ready.filter(|(_, it)| it.phase() != Phase::Ready);
+        let until = |session: &Session| session.claims_until;
+        rules(&[
+            (
+                self.each().filter(|it| it.is_welcomed()).count() == self.names.len(),
+                "each welcomed session has one name, and each name one",
+            ),
+            (
+                not_ready.map(|(id, _)| id).eq(self.greeting.keys()),
+                "each session that is not ready has a deadline, and no other one",
+            ),
+            (
+                self.each().map(Session::interfaces).sum::<usize>() == self.channels.ends(),
+                "each interface stands in one channel",
+            ),
+            (
+                self.each()
+                    .all(|it| it.refused().len() <= self.policy.refusals_per_session),
+                "refusals are remembered within their quota",
+            ),
+            (
+                self.users.are(self.each()),
+                "charges per user equal a recount",
+            ),
+            (
+                self.each().filter_map(until).count() == self.claims.expiring().count()
+                    && self
+                        .claims
+                        .expiring()
+                        .all(|(at, node)| self.sessions.get(&node).and_then(until) == Some(at)),
+                "the sessions whose claims expire are those that know it",
+            ),
+        ])
+    }
+
+    fn links_agree(&self) -> Result<(), &'static str> {
+        let ends = || self.each().flat_map(Session::live_ends);
+        let claims = ends().filter(|(_, _, pair)| pair.is_none()).count();
+        let made = self.links.iter().all(|(link, pair)| {
+            let has = |place: crate::Place| {
+                let session = self.sessions.get(&place.node);
+                session.and_then(|it| it.live_link(place.interface, link)) == Some(Some(pair))
+            };
+            pair.places().into_iter().all(has) && self.is_match(pair)
+        });
+        let claimed = self.claims.iter().all(|(link, place)| {
+            let session = self.sessions.get(&place.node);
+            session.and_then(|it| it.live_link(place.interface, link)) == Some(None)
+        });
+        rules(&[
+            (
+                self.each().all(Session::counts_its_ends),
+                "each session knows how many ends of links it has",
+            ),
+            (
+                self.links.agree() && made && ends().count() == 2 * self.links.len() + claims,
+                "links join matching pairs, each once, and both ends know",
+            ),
+            (
+                self.claims.agree() && claimed && self.claims.iter().count() == claims,
+                "each claim without a counterpart is a live end of its session",
+            ),
+        ])
+    }
+
+    fn is_match(&self, pair: Pair) -> bool {
+        let [one, other] = pair.places().map(|it| self.whose(it));
+        matches!((one, other), (Some((_, one)), Some((_, other)))
+            if match_contracts(one, other).is_ok())
+    }
+}
+
+fn rules(rules: &[(bool, &'static str)]) -> Result<(), &'static str> {
+    let broken = rules.iter().find(|(holds, _)| !holds);
+    broken.map_or(Ok(()), |&(_, rule)| Err(rule))
+}

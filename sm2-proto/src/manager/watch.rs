@@ -1,0 +1,91 @@
+//! WATCH: what has changed since a revision (SM2-WCH-001, SM2-WCH-002).
+
+use alloc::{collections::BTreeSet, vec::Vec};
+use core::mem;
+
+use super::Manager;
+use crate::{
+    NodeId, Violation,
+    control::{Change, Key, ToNode},
+    limits::DATAGRAM_MAX,
+};
+
+/// What a CHANGES takes besides its changes, at most: its number, the revision, the
+/// option, how many changes there are, and whether there are more.
+const HEAD_BYTES: usize = 1 + 10 + 1 + 3 + 1;
+
+impl Manager {
+    /// Something that a page can show has changed. Every change goes through here.
+    pub(super) fn changed(&mut self, key: Key) {
+        self.log.push(key);
+    }
+
+    //= SM2-WCH-001
+    pub(super) fn watch(&mut self, session: NodeId, after: u64) -> Result<(), Violation> {
+        if self.watchers.contains(&session) {
+            return Err(Violation::WatchTwice);
+        }
+        if after == self.log.revision() {
+            self.watchers.insert(session);
+        } else {
+            let changes = self.changes(after);
+            self.send(session, &changes);
+        }
+        Ok(())
+    }
+
+    /// Answers all who wait, if the domain has changed since the last input was handled.
+    /// They all waited for a change of that revision. Whoever is gone since has changed
+    /// the domain by that, and is not waited for any more either.
+    //= SM2-WCH-001
+    pub(super) fn wake_watchers(&mut self, before: u64) {
+        if self.log.revision() == before || self.watchers.is_empty() {
+            return;
+        }
+        let changes = self.changes(before);
+        for session in mem::take(&mut self.watchers) {
+            self.send(session, &changes);
+        }
+    }
+
+    //= SM2-WCH-002, SM2-WCH-003
+    fn changes(&self, after: u64) -> ToNode {
+        let mut room = DATAGRAM_MAX - HEAD_BYTES;
+        let mut seen = BTreeSet::new();
+        let mut changes = Vec::new();
+        let Some(changed) = self.log.since(after) else {
+            return ToNode::Changes {
+                revision: self.log.revision(),
+                changes: None,
+                more: false,
+            };
+        };
+        for (revision, key) in changed {
+            if !seen.insert(key) {
+                continue;
+            }
+            let change = match self.item(key) {
+                Some(item) => Change::Set { item },
+                None => Change::Removed { key },
+            };
+            let Some(left) = room.checked_sub(size_bytes(&change)) else {
+                return ToNode::Changes {
+                    revision: revision - 1,
+                    changes: Some(changes),
+                    more: true,
+                };
+            };
+            room = left;
+            changes.push(change);
+        }
+        ToNode::Changes {
+            revision: self.log.revision(),
+            changes: Some(changes),
+            more: false,
+        }
+    }
+}
+
+fn size_bytes(change: &Change) -> usize {
+    postcard::experimental::serialized_size(change).unwrap_or(DATAGRAM_MAX)
+}

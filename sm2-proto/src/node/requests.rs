@@ -1,0 +1,95 @@
+//! What a session has asked its Manager and waits for. Forgotten with the session.
+
+use alloc::collections::VecDeque;
+
+use super::Misuse;
+use crate::{NodeId, TypeId, Violation, schema::Schema};
+
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Requests {
+    /// Queries without their page.
+    queries: u64,
+    /// Whether a WATCH is without its CHANGES.
+    watching: bool,
+    /// Whether COUNTERS was sent.
+    counters: bool,
+    /// INSPECTs without their answer, oldest first.
+    inspecting: VecDeque<NodeId>,
+    /// DESCRIBEs without their answer, oldest first.
+    describing: VecDeque<TypeId>,
+}
+
+impl Requests {
+    pub(super) const fn query(&mut self) {
+        self.queries += 1;
+    }
+
+    //= SM2-IFC-007
+    pub(super) fn page(&mut self) -> Result<(), Violation> {
+        let queries = self.queries.checked_sub(1);
+        self.queries = queries.ok_or(Violation::UnexpectedPage)?;
+        Ok(())
+    }
+
+    //= SM2-WCH-001
+    pub(super) const fn watch(&mut self) -> Result<(), Misuse> {
+        if self.watching {
+            return Err(Misuse::WatchTwice);
+        }
+        self.watching = true;
+        Ok(())
+    }
+
+    //= SM2-WCH-001
+    pub(super) const fn changes(&mut self) -> Result<(), Violation> {
+        if !self.watching {
+            return Err(Violation::UnexpectedChanges);
+        }
+        self.watching = false;
+        Ok(())
+    }
+
+    //= SM2-CNT-001
+    pub(super) const fn counters(&mut self) -> Result<(), Misuse> {
+        if self.counters {
+            return Err(Misuse::CountersTwice);
+        }
+        self.counters = true;
+        Ok(())
+    }
+
+    pub(super) fn inspect(&mut self, node: NodeId) {
+        self.inspecting.push_back(node);
+    }
+
+    //= SM2-CNT-002
+    pub(super) fn inspected(&mut self, node: NodeId) -> Result<(), Violation> {
+        if self.inspecting.front() != Some(&node) {
+            return Err(Violation::UnexpectedCounters);
+        }
+        self.inspecting.pop_front();
+        Ok(())
+    }
+
+    pub(super) fn describe(&mut self, data: TypeId) {
+        self.describing.push_back(data);
+    }
+
+    //= SM2-SCH-002
+    pub(super) fn described(&mut self, data: &TypeId, text: Option<&str>) -> Result<(), Violation> {
+        if self.describing.front() != Some(data) {
+            return Err(Violation::UnexpectedSchema);
+        }
+        if !text.is_none_or(|text| is_text_of(text, data)) {
+            return Err(Violation::BadSchema);
+        }
+        self.describing.pop_front();
+        Ok(())
+    }
+}
+
+/// Whether the text is a schema's and has the type's hash.
+//= SM2-SCH-001
+pub(super) fn is_text_of(text: &str, data: &TypeId) -> bool {
+    Schema::parse(text).is_ok_and(|schema| schema.hash() == data.hash)
+}

@@ -1,0 +1,141 @@
+//! Where two schemas differ, for a person who wants to know why two programs do not fit.
+
+use alloc::{format, string::String};
+use core::fmt;
+
+use super::{Field, Schema, Type};
+
+/// The first place where two schemas differ.
+///
+/// `acceleration: array of 3 f64 here, array of 4 f64 there`
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// The fields that lead there, such as `points[].x`; empty for the message itself.
+    pub path: String,
+    /// What the one schema has there.
+    pub here: String,
+    /// What the other has there.
+    pub there: String,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { path, here, there } = self;
+        let path = if path.is_empty() { "message" } else { path };
+        write!(f, "{path}: {here} here, {there} there")
+    }
+}
+
+pub(super) fn of(here: &Schema, there: &Schema) -> Option<Difference> {
+    if here.encoding != there.encoding {
+        let side = |it: &Schema| format!("encoded as {}", it.encoding.name());
+        return difference("", side(here), side(there));
+    }
+    types("", &here.root, &there.root)
+}
+
+fn types(path: &str, here: &Type, there: &Type) -> Option<Difference> {
+    match (here, there) {
+        (Type::Struct(here), Type::Struct(there)) => fields(path, here, there),
+        (Type::Enum(here), Type::Enum(there)) => members(
+            path,
+            ("variant", "variants"),
+            (here.len(), there.len()),
+            |at| {
+                [
+                    here.get(at).map(|it| &*it.name),
+                    there.get(at).map(|it| &*it.name),
+                ]
+            },
+            |path, at| fields(path, &here[at].fields, &there[at].fields),
+        ),
+        (
+            Type::Array { element: here, len },
+            Type::Array {
+                element: there,
+                len: other,
+            },
+        ) if len == other => types(&format!("{path}[]"), here, there),
+        (Type::List(here), Type::List(there)) | (Type::Set(here), Type::Set(there)) => {
+            types(&format!("{path}[]"), here, there)
+        }
+        (
+            Type::Map { key, value },
+            Type::Map {
+                key: other_key,
+                value: other_value,
+            },
+        ) => types(&format!("{path}[key]"), key, other_key)
+            .or_else(|| types(&format!("{path}[]"), value, other_value)),
+        (Type::Option(here), Type::Option(there)) => types(path, here, there),
+        _ if here == there => None,
+        _ => difference(path, brief(here), brief(there)),
+    }
+}
+
+fn fields(path: &str, here: &[Field], there: &[Field]) -> Option<Difference> {
+    members(
+        path,
+        ("field", "fields"),
+        (here.len(), there.len()),
+        |at| {
+            [
+                here.get(at).map(|it| &*it.name),
+                there.get(at).map(|it| &*it.name),
+            ]
+        },
+        |path, at| types(path, &here[at].ty, &there[at].ty),
+    )
+}
+
+/// What has named members: the first name that differs, or else what differs in a member.
+fn members<'a>(
+    path: &str,
+    (one, many): (&str, &str),
+    (here, there): (usize, usize),
+    names: impl Fn(usize) -> [Option<&'a str>; 2],
+    content: impl Fn(&str, usize) -> Option<Difference>,
+) -> Option<Difference> {
+    for at in 0..here.max(there) {
+        let side = |name: Option<&str>, len: usize| match name {
+            Some(name) => format!("{one} {}", name.escape_debug()),
+            None if len == 0 => format!("no {many}"),
+            None => format!("no more than {len} {}", if len == 1 { one } else { many }),
+        };
+        match names(at) {
+            [Some(name), Some(other)] if name == other => {
+                let name = name.escape_debug();
+                let path = match path {
+                    "" => format!("{name}"),
+                    _ => format!("{path}.{name}"),
+                };
+                if let Some(found) = content(&path, at) {
+                    return Some(found);
+                }
+            }
+            [name, other] => return difference(path, side(name, here), side(other, there)),
+        }
+    }
+    None
+}
+
+fn difference(path: &str, here: String, there: String) -> Option<Difference> {
+    let path = path.into();
+    Some(Difference { path, here, there })
+}
+
+/// A type in a few words, however large it is.
+fn brief(ty: &Type) -> String {
+    let count = |len: usize, what: &str| format!("{len} {what}{}", if len == 1 { "" } else { "s" });
+    match ty {
+        Type::Scalar(scalar) => scalar.name().into(),
+        Type::Text => "string".into(),
+        Type::Struct(fields) => format!("structure of {}", count(fields.len(), "field")),
+        Type::Enum(variants) => format!("enumeration of {}", count(variants.len(), "variant")),
+        Type::Array { element, len } => format!("array of {len} {}", brief(element)),
+        Type::List(element) => format!("list of {}", brief(element)),
+        Type::Set(element) => format!("set of {}", brief(element)),
+        Type::Map { key, value } => format!("map from {} to {}", brief(key), brief(value)),
+        Type::Option(value) => format!("optional {}", brief(value)),
+    }
+}

@@ -1,0 +1,234 @@
+//! From a schema text to its tree: strict, so that each schema has exactly one text.
+
+use alloc::{boxed::Box, collections::BTreeSet, vec::Vec};
+
+use super::{Encoding, Field, Scalar, Schema, Type, Variant};
+use crate::limits::{SCHEMA_DEPTH_MAX, SCHEMA_TEXT_MAX};
+
+/// The longest name of an encoding, in bytes.
+const ENCODING_NAME_MAX: usize = 32;
+
+/// Why a text is not that of a schema.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("not a schema text: {reason}, at byte {at}")]
+pub struct ParseError {
+    /// Where, as an offset in bytes.
+    pub at: usize,
+    /// What was expected there.
+    pub reason: Reason,
+}
+
+/// What is wrong with a text that is not that of a schema.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Reason {
+    /// The whole text is too long.
+    #[error("it is longer than {SCHEMA_TEXT_MAX} bytes")]
+    TooLong,
+    /// Too many brackets are open.
+    #[error("it is nested more than {SCHEMA_DEPTH_MAX} deep")]
+    TooDeep,
+    /// It does not begin with the name of an encoding.
+    #[error("expected the name of an encoding: 1 to {ENCODING_NAME_MAX} of a-z, 0-9, `-`, `_`")]
+    Encoding,
+    /// No type has this name.
+    #[error("expected a type, such as u8, string or struct{{…}}")]
+    Type,
+    /// A field or variant has no name, or one with characters that names do not have.
+    #[error("expected a name")]
+    Name,
+    /// Two fields, or two variants, are named alike.
+    #[error("this name is there already")]
+    NameTwice,
+    /// The length of an array.
+    #[error("expected 16 hexadecimal digits, 0-9 and a-f")]
+    Length,
+    /// Another character than the only one that can follow.
+    #[error("expected `{0}`")]
+    Expected(char),
+    /// The schema is over before the text is.
+    #[error("expected the end")]
+    End,
+}
+
+//= SM2-TYP-001
+pub(super) fn schema(text: &str) -> Result<Schema, ParseError> {
+    let mut parser = Parser {
+        text,
+        at: 0,
+        depth: 0,
+    };
+    if text.len() > SCHEMA_TEXT_MAX {
+        return Err(parser.wrong(Reason::TooLong));
+    }
+    let name =
+        parser.take_while(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_".contains(c));
+    if name.is_empty() || name.len() > ENCODING_NAME_MAX {
+        return Err(ParseError {
+            at: 0,
+            reason: Reason::Encoding,
+        });
+    }
+    let encoding = Encoding::named(name);
+    parser.expect(':')?;
+    let root = parser.ty()?;
+    if parser.at < text.len() {
+        return Err(parser.wrong(Reason::End));
+    }
+    Ok(Schema { encoding, root })
+}
+
+/// Whether fields and variants can have this name.
+#[must_use]
+pub fn is_name(text: &str) -> bool {
+    !text.is_empty() && text.chars().all(is_name_char)
+}
+
+/// The rule needs no tables of Unicode. Whoever prints names escapes what is not printable.
+const fn is_name_char(c: char) -> bool {
+    c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '\u{a0}'..)
+}
+
+/// Its stack is bounded by `depth`, and what it makes by the text's length: each node of the
+/// tree takes at least two bytes.
+struct Parser<'a> {
+    text: &'a str,
+    at: usize,
+    /// How many brackets are open.
+    depth: usize,
+}
+
+impl<'a> Parser<'a> {
+    fn ty(&mut self) -> Result<Type, ParseError> {
+        let start = self.at;
+        match self.take_while(|c| c.is_ascii_lowercase() || c.is_ascii_digit()) {
+            "string" => Ok(Type::Text),
+            "struct" => Ok(Type::Struct(self.fields()?)),
+            "enum" => Ok(Type::Enum(self.variants()?)),
+            "array" => self.inside(|it| {
+                let element = Box::new(it.ty()?);
+                it.expect(';')?;
+                let len = it.len()?;
+                Ok(Type::Array { element, len })
+            }),
+            "list" => self.inside(|it| Ok(Type::List(Box::new(it.ty()?)))),
+            "set" => self.inside(|it| Ok(Type::Set(Box::new(it.ty()?)))),
+            "map" => self.inside(|it| {
+                let key = Box::new(it.ty()?);
+                it.expect(',')?;
+                let value = Box::new(it.ty()?);
+                Ok(Type::Map { key, value })
+            }),
+            "option" => self.inside(|it| Ok(Type::Option(Box::new(it.ty()?)))),
+            word => match Scalar::ALL.iter().find(|it| it.name() == word) {
+                Some(scalar) => Ok(Type::Scalar(*scalar)),
+                None => Err(ParseError {
+                    at: start,
+                    reason: Reason::Type,
+                }),
+            },
+        }
+    }
+
+    fn fields(&mut self) -> Result<Vec<Field>, ParseError> {
+        self.members(|it, name| {
+            let ty = it.ty()?;
+            Ok(Field { name, ty })
+        })
+    }
+
+    fn variants(&mut self) -> Result<Vec<Variant>, ParseError> {
+        self.members(|it, name| {
+            for c in "struct".chars() {
+                it.expect(c)?;
+            }
+            let fields = it.fields()?;
+            Ok(Variant { name, fields })
+        })
+    }
+
+    /// `{name:…,name:…,}`
+    fn members<M>(
+        &mut self,
+        mut member: impl FnMut(&mut Self, Box<str>) -> Result<M, ParseError>,
+    ) -> Result<Vec<M>, ParseError> {
+        self.open('{')?;
+        let mut names = BTreeSet::new();
+        let mut members = Vec::new();
+        while !self.rest().starts_with('}') {
+            let at = self.at;
+            let name = self.take_while(is_name_char);
+            if name.is_empty() {
+                return Err(self.wrong(Reason::Name));
+            }
+            if !names.insert(name) {
+                let reason = Reason::NameTwice;
+                return Err(ParseError { at, reason });
+            }
+            self.expect(':')?;
+            members.push(member(self, name.into())?);
+            self.expect(',')?;
+        }
+        self.close('}')?;
+        Ok(members)
+    }
+
+    /// `[…]`
+    fn inside(
+        &mut self,
+        content: impl FnOnce(&mut Self) -> Result<Type, ParseError>,
+    ) -> Result<Type, ParseError> {
+        self.open('[')?;
+        let content = content(self)?;
+        self.close(']')?;
+        Ok(content)
+    }
+
+    fn len(&mut self) -> Result<u64, ParseError> {
+        let at = self.at;
+        let digits = self.take_while(|c| c.is_ascii_digit() || matches!(c, 'a'..='f'));
+        match u64::from_str_radix(digits, 16) {
+            Ok(len) if digits.len() == 16 => Ok(len),
+            _ => Err(ParseError {
+                at,
+                reason: Reason::Length,
+            }),
+        }
+    }
+
+    fn open(&mut self, bracket: char) -> Result<(), ParseError> {
+        if self.depth == SCHEMA_DEPTH_MAX {
+            return Err(self.wrong(Reason::TooDeep));
+        }
+        self.depth += 1;
+        self.expect(bracket)
+    }
+
+    fn close(&mut self, bracket: char) -> Result<(), ParseError> {
+        self.depth -= 1;
+        self.expect(bracket)
+    }
+
+    fn expect(&mut self, expected: char) -> Result<(), ParseError> {
+        if !self.rest().starts_with(expected) {
+            return Err(self.wrong(Reason::Expected(expected)));
+        }
+        self.at += expected.len_utf8();
+        Ok(())
+    }
+
+    fn take_while(&mut self, belongs: impl Fn(char) -> bool) -> &'a str {
+        let rest = self.rest();
+        let len = rest.find(|c| !belongs(c)).unwrap_or(rest.len());
+        self.at += len;
+        &rest[..len]
+    }
+
+    fn rest(&self) -> &'a str {
+        &self.text[self.at..]
+    }
+
+    const fn wrong(&self, reason: Reason) -> ParseError {
+        let at = self.at;
+        ParseError { at, reason }
+    }
+}

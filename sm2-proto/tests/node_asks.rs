@@ -1,0 +1,128 @@
+//! What a node asks its Manager, and answers that nobody asked for (SPEC section 4.5).
+
+mod support;
+
+use sm2_proto::{
+    NodeId, TypeId, Violation,
+    control::{ToManager, ToNode},
+    node::{Input, Misuse, Output},
+};
+use support::{
+    contracts::data,
+    session::{NOW, changes, come_back, drain, page, ready, receive, schema, sent, violation},
+};
+
+//= SM2-IFC-007 test
+#[test]
+fn one_page_for_each_query() {
+    let mut node = ready();
+    node.handle(NOW, Input::Query { after: None })
+        .expect("ready");
+    drain(&mut node);
+    for _ in 0..2 {
+        assert!(matches!(
+            receive(&mut node, &page()).as_deref(),
+            Ok([Output::Page { .. }])
+        ));
+    }
+    assert_eq!(violation(&mut node, &page()), Violation::UnexpectedPage);
+}
+
+//= SM2-WCH-001 test
+#[test]
+fn one_answer_for_each_watch() {
+    let mut node = ready();
+    let again = node.handle(NOW, Input::Watch { after: 9 });
+    assert_eq!(again, Err(Misuse::WatchTwice.into()));
+    assert!(matches!(
+        receive(&mut node, &changes()).as_deref(),
+        Ok([Output::Changes { revision: 2, .. }])
+    ));
+    let unasked = violation(&mut node.clone(), &changes());
+    assert_eq!(unasked, Violation::UnexpectedChanges);
+    node.handle(NOW, Input::Watch { after: 9 }).expect("ready");
+    assert_eq!(sent(&drain(&mut node)), [ToManager::Watch { after: 9 }]);
+}
+
+//= SM2-CNT-001 test
+#[test]
+fn counters_go_out_once_per_session() {
+    let mut node = ready();
+    node.handle(NOW, Input::Counters).expect("ready");
+    let outputs = drain(&mut node);
+    assert!(matches!(&outputs[..], [Output::TransmitCounters(_)]));
+    let twice = node.handle(NOW, Input::Counters);
+    assert_eq!(twice, Err(Misuse::CountersTwice.into()));
+    come_back(&mut node);
+    assert_eq!(node.handle(NOW, Input::Counters), Ok(()));
+}
+
+//= SM2-CNT-002 test
+#[test]
+fn inspects_are_answered_in_their_order() {
+    let mut node = ready();
+    node.handle(NOW, Input::Inspect { node: NodeId(5) })
+        .expect("ready");
+    let frame = ToManager::Inspect { node: NodeId(5) };
+    assert_eq!(sent(&drain(&mut node)), [frame]);
+    let found = |node| ToNode::Inspected { node: NodeId(node) };
+    let none = |node| ToNode::NotInspected { node: NodeId(node) };
+    for early in [found(5), none(5)] {
+        let early = violation(&mut node.clone(), &early);
+        assert_eq!(early, Violation::UnexpectedCounters);
+    }
+    let answer = receive(&mut node, &found(4));
+    assert_eq!(answer, Ok(vec![Output::Inspected { node: NodeId(4) }]));
+    let answer = receive(&mut node, &none(5));
+    assert_eq!(answer, Ok(vec![Output::NotInspected { node: NodeId(5) }]));
+    for unasked in [found(4), none(5)] {
+        let unasked = violation(&mut node.clone(), &unasked);
+        assert_eq!(unasked, Violation::UnexpectedCounters);
+    }
+}
+
+//= SM2-SCH-001, SM2-SCH-002 test
+#[test]
+fn a_schema_has_the_hash_of_its_type() {
+    let (point, text) = schema();
+    let other = data("Scan");
+    let frame = |data: &TypeId, text: Option<&str>| ToNode::Described {
+        data: data.clone(),
+        text: text.map(str::to_owned),
+    };
+    let mut node = ready();
+    let describe = Input::Describe {
+        data: other.clone(),
+    };
+    node.handle(NOW, describe).expect("ready");
+    let broken = |bad: ToNode| violation(&mut node.clone(), &bad);
+    // Out of order, malformed, of another type.
+    assert_eq!(broken(frame(&other, None)), Violation::UnexpectedSchema);
+    assert_eq!(broken(frame(&point, Some("x"))), Violation::BadSchema);
+    assert_eq!(
+        broken(frame(&point, Some("plain:u8"))),
+        Violation::BadSchema
+    );
+    let described = |data: &TypeId, text: Option<&str>| Output::Described {
+        data: data.clone(),
+        text: text.map(str::to_owned),
+    };
+    drain(&mut node);
+    for (data, text) in [(&point, Some(&*text)), (&other, None)] {
+        let answer = receive(&mut node, &frame(data, text));
+        assert_eq!(answer, Ok(vec![described(data, text)]));
+    }
+    let unasked = violation(&mut node.clone(), &frame(&point, None));
+    assert_eq!(unasked, Violation::UnexpectedSchema);
+    // What we register is checked too.
+    let schema = |data: &TypeId, text: &str| Input::Schema {
+        data: data.clone(),
+        text: text.to_owned(),
+    };
+    for wrong in [schema(&other, &text), schema(&point, "x")] {
+        assert_eq!(node.handle(NOW, wrong), Err(Misuse::Schema.into()));
+    }
+    node.handle(NOW, schema(&point, &text)).expect("its hash");
+    let registered = ToManager::Schema { data: point, text };
+    assert_eq!(sent(&drain(&mut node)), [registered]);
+}

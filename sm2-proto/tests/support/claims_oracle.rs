@@ -1,0 +1,232 @@
+//! What SPEC section 11 makes of claims: lists, and no thought of cost.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use sm2_proto::{Contract, LinkId, NodeId, Place, control::Item, manager::Policy, match_contracts};
+
+use crate::support::bench::EPOCH;
+
+/// What a claim says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Said {
+    pub(crate) serial: u64,
+    pub(crate) key: u64,
+    pub(crate) reliable: bool,
+    pub(crate) sealed: bool,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Session {
+    pub(crate) node: NodeId,
+    pub(crate) uid: u32,
+    pub(crate) resuming: bool,
+    pub(crate) last: u64,
+    pub(crate) greet_until: u64,
+}
+
+/// One link: its number, how it is and whom it joins, the offering side first.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Link {
+    pub(crate) id: LinkId,
+    pub(crate) ends: [Place; 2],
+    pub(crate) reliable: bool,
+    pub(crate) sealed: bool,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Half {
+    pub(crate) id: LinkId,
+    pub(crate) place: Place,
+    pub(crate) said: Said,
+    pub(crate) until: Option<u64>,
+}
+
+/// What a session is told: to end a link, or of a new one.
+pub(crate) type Told = (Place, LinkId, Option<u16>);
+
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Oracle {
+    pub(crate) sessions: BTreeMap<NodeId, Session>,
+    pub(crate) interfaces: BTreeMap<Place, Contract>,
+    pub(crate) links: Vec<Link>,
+    pub(crate) halves: Vec<Half>,
+    /// Ends that were told and have not answered.
+    pub(crate) told: BTreeSet<(Place, LinkId)>,
+    /// Pairs that ended a link.
+    ended: BTreeSet<[Place; 2]>,
+    pub(crate) made: u64,
+    pub(crate) events: Vec<Told>,
+    pub(crate) now: u64,
+}
+
+impl Oracle {
+    pub(crate) fn tell(&mut self, place: Place, id: LinkId, code: u16) {
+        if self.interfaces.contains_key(&place) {
+            self.told.insert((place, id));
+            self.events.push((place, id, Some(code)));
+        }
+    }
+
+    /// The terms that SPEC demands of a link; none if the two do not match.
+    pub(crate) fn terms(&self, policy: &Policy, one: Place, other: Place) -> Option<(bool, bool)> {
+        let terms = match_contracts(&self.interfaces[&one], &self.interfaces[&other]).ok()?;
+        let same = self.sessions[&one.node].uid == self.sessions[&other.node].uid;
+        Some((terms.reliable, terms.sealed || policy.seal_all || !same))
+    }
+
+    pub(crate) fn pair(&self, one: Place, other: Place) -> [Place; 2] {
+        let offers = matches!(self.interfaces[&one], Contract::Publisher { .. });
+        if offers { [one, other] } else { [other, one] }
+    }
+
+    /// Links one with all that it can be linked with, for `session` is ready.
+    pub(crate) fn link_all(&mut self, policy: &Policy, one: Place) -> usize {
+        let before = self.links.len();
+        let others: Vec<Place> = self.interfaces.keys().copied().collect();
+        for other in others {
+            let Some((reliable, sealed)) = self.terms(policy, one, other) else {
+                continue;
+            };
+            let ends = self.pair(one, other);
+            let ready = !self.sessions[&other.node].resuming;
+            let linked = self.links.iter().any(|link| link.ends == ends);
+            if ready && !linked && !self.ended.contains(&ends) {
+                self.made += 1;
+                let id = LinkId {
+                    epoch: EPOCH,
+                    serial: self.made,
+                };
+                self.links.push(Link {
+                    id,
+                    ends,
+                    reliable,
+                    sealed,
+                });
+                self.events.extend(ends.map(|end| (end, id, None)));
+            }
+        }
+        self.links.len() - before
+    }
+
+    pub(crate) fn has(&self, place: Place, id: LinkId) -> bool {
+        self.told.contains(&(place, id))
+            || self
+                .halves
+                .iter()
+                .any(|it| it.place == place && it.id == id)
+            || self
+                .links
+                .iter()
+                .any(|it| it.id == id && it.ends.contains(&place))
+    }
+
+    pub(crate) fn claim(&mut self, policy: &Policy, place: Place, id: LinkId, said: Said) {
+        let meets = |it: &Half| it.id == id && it.said == said;
+        let Some(at) = self.halves.iter().position(meets) else {
+            let until = None;
+            self.halves.push(Half {
+                id,
+                place,
+                said,
+                until,
+            });
+            return;
+        };
+        let other = self.halves.remove(at).place;
+        let ends = self.pair(place, other);
+        let free = !self.links.iter().any(|link| link.ends == ends);
+        match self.terms(policy, place, other) {
+            Some((reliable, sealed))
+                if free && reliable == said.reliable && sealed <= said.sealed =>
+            {
+                self.links.push(Link {
+                    id,
+                    ends,
+                    reliable,
+                    sealed: said.sealed,
+                });
+            }
+            _ => {
+                self.tell(place, id, 6);
+                self.tell(other, id, 6);
+            }
+        }
+    }
+
+    /// An end of a link, or all of an interface, is gone.
+    pub(crate) fn drop_end(&mut self, place: Place, only: Option<LinkId>, code: u16) {
+        let dropped = |id: LinkId| only.is_none_or(|only| only == id);
+        self.halves
+            .retain(|it| it.place != place || !dropped(it.id));
+        self.told.retain(|&(it, id)| it != place || !dropped(id));
+        let gone = |link: &Link| link.ends.contains(&place) && dropped(link.id);
+        let ended: Vec<Link> = self.links.iter().filter(|it| gone(it)).cloned().collect();
+        self.links.retain(|link| !gone(link));
+        for link in ended {
+            for end in link.ends {
+                if end != place {
+                    self.tell(end, link.id, code);
+                }
+            }
+            if only.is_some() {
+                self.ended.insert(link.ends);
+            }
+        }
+    }
+
+    pub(crate) fn leave(&mut self, node: NodeId) {
+        let places: Vec<Place> = self.interfaces.keys().copied().collect();
+        let own: Vec<Place> = places.into_iter().filter(|it| it.node == node).collect();
+        for place in &own {
+            self.interfaces.remove(place);
+        }
+        for place in own {
+            self.drop_end(place, None, 5);
+        }
+        self.sessions.remove(&node);
+    }
+
+    pub(crate) fn wait(&mut self, ms: u64) {
+        self.now += ms;
+        let late = |it: &Session| it.resuming && it.greet_until <= self.now;
+        let late: Vec<NodeId> = self
+            .sessions
+            .values()
+            .filter(|it| late(it))
+            .map(|it| it.node)
+            .collect();
+        for node in late {
+            self.leave(node);
+        }
+        let now = self.now;
+        let (over, rest) = std::mem::take(&mut self.halves)
+            .into_iter()
+            .partition(|it| it.until.is_some_and(|until| until <= now));
+        self.halves = rest;
+        let over: Vec<Half> = over;
+        for half in over {
+            self.tell(half.place, half.id, 5);
+        }
+    }
+
+    pub(crate) fn relations(&self) -> Vec<Item> {
+        let mut items: Vec<Item> = self
+            .links
+            .iter()
+            .map(|link| Item::Link {
+                link: link.id,
+                offering: link.ends[0],
+                demanding: link.ends[1],
+                version: 1,
+                reliable: link.reliable,
+                sealed: link.sealed,
+            })
+            .collect();
+        items.extend(self.halves.iter().map(|half| Item::Claim {
+            link: half.id,
+            place: half.place,
+        }));
+        items.sort_by_key(Item::key);
+        items
+    }
+}

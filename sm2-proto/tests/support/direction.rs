@@ -1,0 +1,108 @@
+//! The two directions of control frames, so that each property is written once.
+
+use proptest::prelude::*;
+use serde_json::Value;
+use sm2_proto::{
+    Datagram, FdFacts, Violation,
+    control::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_node},
+};
+
+use crate::naive;
+
+pub(crate) const FDS: [FdFacts; 3] = [FdFacts {
+    regular: false,
+    size_bytes: 0,
+    seals: sm2_proto::Seals(0),
+}; 3];
+
+/// What a frame means, and its bytes again.
+pub(crate) type Decoded = Result<(Value, Vec<u8>), Violation>;
+
+/// One of the two directions, so that each property is written once.
+pub(crate) struct Direction {
+    pub(crate) decode: fn(&Datagram<'_>) -> Decoded,
+    pub(crate) naive: fn(&[u8], usize) -> Result<Value, &'static str>,
+    pub(crate) fds: fn(&[u8]) -> usize,
+}
+
+pub(crate) const TO_MANAGER: Direction = Direction {
+    decode: |datagram| {
+        let frame = decode_to_manager(datagram)?;
+        Ok((json(&frame), encode_to_manager(&frame)))
+    },
+    naive: naive::to_manager,
+    fds: |bytes| usize::from(bytes.first() == Some(&9)),
+};
+
+pub(crate) const TO_NODE: Direction = Direction {
+    decode: |datagram| {
+        let frame = decode_to_node(datagram)?;
+        Ok((json(&frame), encode_to_node(&frame)))
+    },
+    naive: naive::to_node,
+    fds: |bytes| usize::from(matches!(bytes.first(), Some(4 | 10))),
+};
+
+pub(crate) fn json(frame: &impl serde::Serialize) -> Value {
+    serde_json::to_value(frame).expect("a frame has a meaning")
+}
+
+pub(crate) fn datagram(bytes: &[u8], fds: usize) -> Datagram<'_> {
+    Datagram {
+        fds: &FDS[..fds],
+        ..Datagram::new(bytes)
+    }
+}
+
+impl Direction {
+    /// Both decoders say the same, and what is accepted has this one encoding.
+    pub(crate) fn agrees(&self, bytes: &[u8], fds: usize) -> Result<(), TestCaseError> {
+        let decoded = (self.decode)(&datagram(bytes, fds));
+        if let Ok((_, again)) = &decoded {
+            prop_assert_eq!(again, bytes);
+        }
+        let decoded = decoded.map(|(meaning, _)| meaning);
+        let naive = (self.naive)(bytes, fds);
+        prop_assert_eq!(decoded.map_err(Violation::name), naive);
+        Ok(())
+    }
+
+    pub(crate) fn violation(&self, bytes: &[u8]) -> Option<Violation> {
+        let fds = (self.fds)(bytes);
+        let violation = (self.decode)(&datagram(bytes, fds)).err();
+        assert_eq!(
+            (self.naive)(bytes, fds).err(),
+            violation.map(Violation::name)
+        );
+        violation
+    }
+
+    /// What breaks one byte of a frame, or two, or its length.
+    pub(crate) fn mutants_agree(
+        &self,
+        frame: &[u8],
+        edits: &[(u16, u8, u8)],
+    ) -> Result<(), TestCaseError> {
+        let mut bytes = frame.to_vec();
+        let fds = (self.fds)(frame);
+        self.agrees(&bytes, fds)?;
+        for &(at, byte, edit) in edits {
+            let at = usize::from(at) % (bytes.len() + 1);
+            match edit % 6 {
+                0 => bytes.insert(at, byte),
+                1 if at < bytes.len() => drop(bytes.remove(at)),
+                2 => bytes.truncate(at),
+                // A longer varint of the same value, if one ends here.
+                3 if at < bytes.len() && bytes[at] < 0x80 => {
+                    bytes[at] |= 0x80;
+                    bytes.insert(at + 1, 0);
+                }
+                4 if at < bytes.len() => bytes[at] ^= 1 << (byte % 8),
+                _ if at < bytes.len() => bytes[at] = byte,
+                _ => {}
+            }
+            self.agrees(&bytes, fds)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,101 @@
+//! Somebody who reads the domain's pages after each step, and has watched it from the
+//! first revision on.
+
+use std::collections::BTreeMap;
+
+use sm2_proto::{
+    Datagram, Instant, NodeId,
+    control::{Change, Item, Key, Limits, ToManager, ToNode, encode_to_manager},
+    manager::{Input, Manager},
+};
+
+use super::bench::{Event, read};
+
+#[derive(Clone, Debug)]
+pub(crate) struct Onlooker {
+    revision: u64,
+    /// What the pages said at that revision.
+    items: Vec<Item>,
+    /// What the changes make of the empty domain.
+    mirror: BTreeMap<Key, Item>,
+}
+
+impl Onlooker {
+    pub(crate) fn new(limits: Limits) -> Self {
+        Self {
+            revision: 0,
+            items: Vec::new(),
+            mirror: BTreeMap::from([(Key::Domain, Item::Domain { limits })]),
+        }
+    }
+
+    /// Pages show exactly what is expected, a revision is one state, and whoever watches
+    /// has it too.
+    //= SM2-IFC-007, SM2-WCH-002, SM2-WCH-003 test
+    pub(crate) fn check(&mut self, manager: &Manager, session: NodeId, expected: &[Item]) {
+        let items = list(manager, session);
+        assert_eq!(items, expected);
+        let revision = manager.revision();
+        let changed = items != self.items;
+        assert!(revision > self.revision || !changed, "revision {revision}");
+        if revision > self.revision {
+            self.watch(manager, session);
+        }
+        assert!(self.mirror.values().eq(&items), "{:?}", self.mirror);
+        (self.revision, self.items) = (revision, items);
+    }
+
+    /// Applies what has changed since the last look.
+    fn watch(&mut self, manager: &Manager, session: NodeId) {
+        let after = self.revision;
+        let answer = ask(manager, session, &ToManager::Watch { after });
+        let ToNode::Changes {
+            revision,
+            changes: Some(changes),
+            more: false,
+        } = answer
+        else {
+            panic!("{answer:?} are no changes");
+        };
+        assert_eq!(revision, manager.revision());
+        for change in changes {
+            match change {
+                Change::Set { item } => drop(self.mirror.insert(item.key(), item)),
+                Change::Removed { key } => drop(self.mirror.remove(&key)),
+            }
+        }
+    }
+}
+
+/// All pages together, without disturbing anybody.
+fn list(manager: &Manager, session: NodeId) -> Vec<Item> {
+    let mut items = Vec::new();
+    let mut after = None;
+    loop {
+        let answer = ask(manager, session, &ToManager::Query { after });
+        let ToNode::Page {
+            items: more, next, ..
+        } = answer
+        else {
+            panic!("{answer:?} is no page");
+        };
+        items.extend(more);
+        after = next;
+        if after.is_none() {
+            return items;
+        }
+    }
+}
+
+/// The answer that a session would get.
+fn ask(manager: &Manager, session: NodeId, frame: &ToManager) -> ToNode {
+    let mut aside = manager.clone();
+    let bytes = encode_to_manager(frame);
+    let datagram = Datagram::new(&bytes);
+    let asked = aside.handle(Instant(1), Input::Datagram { session, datagram });
+    asked.expect("the driver keeps the contract");
+    match aside.poll().map(read) {
+        Some(Event::Sent(_, answer)) => answer,
+        other => panic!("{other:?} is no answer to {frame:?}"),
+    }
+}

@@ -1,0 +1,115 @@
+//! What has to be so when all is quiet.
+
+use sm2_proto::{
+    Contract, InterfaceId, LinkId, Place,
+    control::Apart,
+    domain::{Ask, Domain, Finding, nearest, why},
+    match_contracts, node,
+};
+
+use super::{Pair, Socket, World};
+
+impl World {
+    /// What has to be so when all is quiet.
+    pub(crate) fn check(&mut self) {
+        let domain = self.look();
+        let places: Vec<_> = self.places();
+        assert_eq!(
+            domain
+                .interfaces()
+                .filter(|it| it.refused.is_none())
+                .count(),
+            places.len()
+        );
+        assert_eq!(domain.claims().count(), 0, "all claims met or gave up");
+        let mut shown = 0;
+        for (link, pair) in self.held() {
+            assert_eq!(pair.sockets, [Socket::Held; 2], "{link}");
+            // A link of two that were refused goes on, and is not claimed (SM2-RES-009).
+            let granted = |end| places.iter().any(|it| it.end == end);
+            let [one, other] = pair.ends.map(granted);
+            assert_eq!(one, other, "{link} has no claim of one end");
+            shown += usize::from(one);
+        }
+        assert_eq!(domain.links().count(), shown);
+        for (link, pair) in &self.pairs {
+            let gone = pair.sockets == [Socket::Closed; 2];
+            assert!(!gone || pair.doomed, "{link} was lost for nothing");
+        }
+        for one in &places {
+            let near = nearest(&domain, one.place);
+            assert!(near.iter().all(|it| !it.verdict.is_linked()));
+            for other in &places {
+                self.check_pair(&domain, one, other);
+            }
+        }
+    }
+
+    fn check_pair(&self, domain: &Domain, one: &Granted, other: &Granted) {
+        let ends = [one.end, other.end];
+        let same = |pair: &Pair| pair.ends == ends || pair.ends == [ends[1], ends[0]];
+        let links: Vec<_> = self.held().filter(|(_, pair)| same(pair)).collect();
+        let verdict = why(domain, one.place, other.place);
+        assert_eq!(verdict, why(domain, other.place, one.place));
+        let matches = match_contracts(&one.contract, &other.contract).is_ok();
+        assert_eq!(verdict.matches(), matches, "{verdict}");
+        match (&links[..], &verdict.finding) {
+            ([(id, _)], Finding::Linked { link, .. }) => assert_eq!(*id, link),
+            ([], Finding::Ended { .. }) => {
+                let (offering, demanding) = (verdict.one.place, verdict.other.place);
+                let apart = domain.apart(offering, demanding);
+                assert!(matches!(apart, Some(Apart::Ended { .. })));
+                let mut ends = ends;
+                ends.sort_unstable();
+                assert!(self.broken.contains(&ends), "{verdict}");
+            }
+            ([], _) => assert!(!matches, "{verdict}"),
+            _ => panic!("{links:?}: {verdict}"),
+        }
+    }
+
+    fn held(&self) -> impl Iterator<Item = (&LinkId, &Pair)> {
+        let held = |(_, pair): &(&LinkId, &Pair)| pair.sockets.contains(&Socket::Held);
+        self.pairs.iter().filter(held)
+    }
+
+    /// What the present Manager has granted.
+    fn places(&self) -> Vec<Granted> {
+        let mut places = Vec::new();
+        for (at, program) in self.programs.iter().enumerate() {
+            let node = program.node.id().expect("all is quiet");
+            for (&interface, ours) in &program.interfaces {
+                assert!(ours.answered, "all is quiet");
+                if !ours.refused {
+                    places.push(Granted {
+                        end: (at, interface),
+                        place: Place { node, interface },
+                        contract: ours.contract.clone(),
+                    });
+                }
+            }
+        }
+        places
+    }
+
+    /// The domain, as the first node reads it.
+    //= SM2-WCH-003 model
+    fn look(&mut self) -> Domain {
+        self.programs[0].mirror.restart();
+        while let Some(ask) = self.programs[0].mirror.ask() {
+            let input = match ask {
+                Ask::Page { after } => node::Input::Query { after },
+                Ask::Changes { after } => node::Input::Watch { after },
+            };
+            self.feed_node(0, input, None);
+            self.be_quiet();
+        }
+        self.programs[0].mirror.domain().clone()
+    }
+}
+
+struct Granted {
+    end: (usize, InterfaceId),
+    place: Place,
+    contract: Contract,
+}

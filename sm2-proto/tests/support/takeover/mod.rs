@@ -1,0 +1,443 @@
+//! A domain without a kernel in which Managers come and go, and nodes stay.
+
+mod check;
+mod nodes;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use sm2_proto::{
+    Code, Contract, Datagram, Farewell, FdFacts, Instant, InterfaceId, LinkId, NodeId,
+    control::{ToNode, decode_to_node},
+    domain::Mirror,
+    manager::{self, Cause, Credentials, Manager, Policy},
+    node::{self, Node},
+};
+
+use crate::support::contracts::name;
+
+pub(crate) const NODES: usize = 3;
+const USER: Credentials = Credentials {
+    uid: 1_000,
+    gid: 1_000,
+    pid: 1,
+};
+
+/// Where one end of a link's socket pair is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Socket {
+    Underway,
+    Held,
+    Closed,
+}
+
+/// A link's two ends, as the Manager that made it numbered them.
+#[derive(Clone, Debug)]
+struct Pair {
+    ends: [(usize, InterfaceId); 2],
+    sockets: [Socket; 2],
+    /// Whether anybody had reason to end it.
+    doomed: bool,
+}
+
+#[derive(Clone, Debug)]
+struct Interface {
+    contract: Contract,
+    answered: bool,
+    /// By the present session's Manager, though an earlier one granted it.
+    refused: bool,
+}
+
+/// What a node has still to read.
+#[derive(Clone, Debug)]
+enum Down {
+    Frame(Vec<u8>, Option<LinkId>),
+    Eof,
+}
+
+#[derive(Clone, Debug)]
+struct Connection {
+    session: NodeId,
+    up: VecDeque<Vec<u8>>,
+    down: VecDeque<Down>,
+}
+
+#[derive(Debug)]
+struct Program {
+    node: Node,
+    connection: Option<Connection>,
+    /// Connections that the node has closed and the Manager has not read to their end.
+    closed: VecDeque<Connection>,
+    interfaces: BTreeMap<InterfaceId, Interface>,
+    links: BTreeSet<(InterfaceId, LinkId)>,
+    mirror: Mirror,
+}
+
+#[derive(Debug)]
+pub(crate) struct World {
+    now: Instant,
+    epoch: u64,
+    sessions: u64,
+    manager: Option<Manager>,
+    programs: Vec<Program>,
+    pairs: BTreeMap<LinkId, Pair>,
+    /// Pairs that the present Manager may keep apart, since one of them broke its link.
+    broken: BTreeSet<[(usize, InterfaceId); 2]>,
+}
+
+impl World {
+    pub(crate) fn new() -> Self {
+        let program = |at: usize| Program {
+            node: Node::new(name(["lidar", "planner", "arm"][at])),
+            connection: None,
+            closed: VecDeque::new(),
+            interfaces: BTreeMap::new(),
+            links: BTreeSet::new(),
+            mirror: Mirror::new(),
+        };
+        let mut world = Self {
+            now: Instant(1),
+            epoch: 0,
+            sessions: 0,
+            manager: None,
+            programs: (0..NODES).map(program).collect(),
+            pairs: BTreeMap::new(),
+            broken: BTreeSet::new(),
+        };
+        world.start();
+        for at in 0..NODES {
+            world.connect(at);
+            world.node_works(at, None);
+        }
+        world
+    }
+
+    pub(crate) fn start(&mut self) {
+        if self.manager.is_none() {
+            self.epoch += 1;
+            self.manager = Some(Manager::new(self.epoch, 7, Policy::default()));
+            self.broken.clear();
+        }
+    }
+
+    fn connect(&mut self, at: usize) {
+        self.sessions += 1;
+        let session = NodeId(self.sessions);
+        self.programs[at].connection = Some(Connection {
+            session,
+            up: VecDeque::new(),
+            down: VecDeque::new(),
+        });
+        self.feed_manager(manager::Input::Connected {
+            session,
+            credentials: USER,
+        });
+    }
+
+    pub(crate) fn reconnect(&mut self, at: usize) {
+        if self.manager.is_none() || !self.programs[at].node.is_away() {
+            return;
+        }
+        // A Manager hears those who are gone before those who come.
+        while self.manager_reads_closed(at) {}
+        self.connect(at);
+        self.feed_node(at, node::Input::Reconnected, None);
+    }
+
+    pub(crate) fn declare(&mut self, at: usize, contract: Contract) {
+        let program = &mut self.programs[at];
+        if let Ok(interface) = program.node.declare(contract.clone()) {
+            let declared = Interface {
+                contract,
+                answered: false,
+                refused: false,
+            };
+            program.interfaces.insert(interface, declared);
+            self.node_works(at, None);
+        }
+    }
+
+    pub(crate) fn withdraw(&mut self, at: usize, pick: usize) {
+        let program = &mut self.programs[at];
+        let Some(&interface) = program.interfaces.keys().nth(pick) else {
+            return;
+        };
+        let withdrawn = node::Input::Withdraw { interface };
+        if program.node.handle(self.now, withdrawn).is_err() {
+            // It is being declared.
+            return;
+        }
+        program.interfaces.remove(&interface);
+        let ends: Vec<_> = program.links.iter().copied().collect();
+        for (ours, link) in ends {
+            if ours == interface {
+                self.doom(link);
+                self.close_end(at, interface, link);
+            }
+        }
+        self.doom_underway(at, Some(interface));
+        self.node_works(at, None);
+    }
+
+    pub(crate) fn break_link(&mut self, at: usize, pick: usize) {
+        let Some(&(interface, link)) = self.programs[at].links.iter().nth(pick) else {
+            return;
+        };
+        self.doom(link);
+        let mut ends = self.pairs[&link].ends;
+        ends.sort_unstable();
+        self.broken.insert(ends);
+        self.close_end(at, interface, link);
+        self.say_unlinked(at, interface, link, Code(71));
+    }
+
+    /// The other end of a link is gone: so is ours.
+    pub(crate) fn notice(&mut self, at: usize) {
+        for (interface, link) in self.programs[at].links.clone() {
+            let Pair { ends, sockets, .. } = &self.pairs[&link];
+            let ours = end_of(ends, at, interface);
+            if sockets[1 - ours] == Socket::Closed {
+                self.close_end(at, interface, link);
+                self.say_unlinked(at, interface, link, Farewell::PeerGone.code());
+            }
+        }
+    }
+
+    fn say_unlinked(&mut self, at: usize, interface: InterfaceId, link: LinkId, code: Code) {
+        let unlinked = node::Input::Unlinked {
+            interface,
+            link,
+            code,
+        };
+        self.feed_node(at, unlinked, None);
+    }
+
+    fn doom(&mut self, link: LinkId) {
+        if let Some(pair) = self.pairs.get_mut(&link) {
+            pair.doomed = true;
+        }
+    }
+
+    /// Links that a node, or one of its interfaces, has not seen yet.
+    fn doom_underway(&mut self, at: usize, interface: Option<InterfaceId>) {
+        let touches = |pair: &Pair| {
+            let ours = |end: &(usize, InterfaceId)| {
+                end.0 == at && interface.is_none_or(|interface| interface == end.1)
+            };
+            pair.ends.iter().any(ours)
+        };
+        for pair in self.pairs.values_mut().filter(|pair| touches(pair)) {
+            pair.doomed = true;
+        }
+    }
+
+    fn close_end(&mut self, at: usize, interface: InterfaceId, link: LinkId) {
+        self.programs[at].links.remove(&(interface, link));
+        if let Some(Pair { ends, sockets, .. }) = self.pairs.get_mut(&link) {
+            sockets[end_of(ends, at, interface)] = Socket::Closed;
+        }
+    }
+
+    /// A descriptor that nobody received.
+    fn lose(&mut self, at: usize, link: LinkId) {
+        if let Some(pair) = self.pairs.get_mut(&link) {
+            pair.doomed = true;
+            for (end, socket) in pair.ends.iter().zip(&mut pair.sockets) {
+                if end.0 == at && *socket == Socket::Underway {
+                    *socket = Socket::Closed;
+                }
+            }
+        }
+    }
+
+    pub(crate) fn kill(&mut self, sent: usize) {
+        if self.manager.take().is_none() {
+            return;
+        }
+        for at in 0..NODES {
+            self.programs[at].closed.clear();
+            let Some(connection) = &mut self.programs[at].connection else {
+                continue;
+            };
+            connection.up.clear();
+            let keep = connection.down.len().min(sent);
+            let lost = connection.down.split_off(keep);
+            connection.down.push_back(Down::Eof);
+            for frame in lost {
+                if let Down::Frame(_, Some(link)) = frame {
+                    self.lose(at, link);
+                }
+            }
+        }
+    }
+
+    pub(crate) fn shutdown(&mut self) {
+        if self.manager.is_some() {
+            self.feed_manager(manager::Input::Shutdown);
+            self.manager = None;
+            for program in &mut self.programs {
+                program.closed.clear();
+                if let Some(connection) = &mut program.connection {
+                    connection.up.clear();
+                }
+            }
+        }
+    }
+
+    pub(crate) fn stall(&mut self, at: usize) {
+        let Some(Connection { session, .. }) = self.programs[at].connection else {
+            return;
+        };
+        if self.manager.is_some() {
+            self.doom_underway(at, None);
+            self.feed_manager(manager::Input::Stalled { session });
+        }
+    }
+
+    /// Whether there was anything to read.
+    pub(crate) fn manager_reads(&mut self, at: usize) -> bool {
+        if self.manager_reads_closed(at) {
+            return true;
+        }
+        let Some(connection) = &mut self.programs[at].connection else {
+            return false;
+        };
+        let session = connection.session;
+        let Some(bytes) = connection.up.pop_front() else {
+            return false;
+        };
+        self.feed_manager(manager::Input::Datagram {
+            session,
+            datagram: Datagram::new(&bytes),
+        });
+        true
+    }
+
+    fn manager_reads_closed(&mut self, at: usize) -> bool {
+        let Some(connection) = self.programs[at].closed.front_mut() else {
+            return false;
+        };
+        let session = connection.session;
+        if let Some(bytes) = connection.up.pop_front() {
+            self.feed_manager(manager::Input::Datagram {
+                session,
+                datagram: Datagram::new(&bytes),
+            });
+        } else {
+            self.programs[at].closed.pop_front();
+            self.doom_underway(at, None);
+            self.feed_manager(manager::Input::Closed { session });
+        }
+        true
+    }
+
+    fn feed_manager(&mut self, input: manager::Input<'_>) {
+        let Some(manager) = &mut self.manager else {
+            return;
+        };
+        manager.handle(self.now, input).expect("sessions grow");
+        let outputs: Vec<_> = std::iter::from_fn(|| manager.poll()).collect();
+        for output in outputs {
+            match output {
+                manager::Output::Send { session, frame } => {
+                    self.send(session, Down::Frame(frame, None));
+                }
+                manager::Output::Link { link, ends } => self.link(link, ends),
+                manager::Output::HangUp {
+                    session,
+                    goodbye,
+                    cause,
+                } => {
+                    let violation = matches!(cause, Cause::Violation(_));
+                    assert!(!violation, "{session}: {cause:?}");
+                    if let Some(goodbye) = goodbye {
+                        self.send(session, Down::Frame(goodbye, None));
+                    }
+                    self.send(session, Down::Eof);
+                    if let Some(connection) = self.connection(session) {
+                        connection.up.clear();
+                    }
+                }
+                other @ (manager::Output::KeepCounters { .. }
+                | manager::Output::SendCounters { .. }) => panic!("nobody counts: {other:?}"),
+            }
+        }
+    }
+
+    fn connection(&mut self, session: NodeId) -> Option<&mut Connection> {
+        let connections = self.programs.iter_mut().flat_map(|it| &mut it.connection);
+        connections.into_iter().find(|it| it.session == session)
+    }
+
+    /// What is sent to a node that has closed its end is lost.
+    fn send(&mut self, session: NodeId, down: Down) -> bool {
+        let connection = self.connection(session);
+        connection
+            .map(|connection| connection.down.push_back(down))
+            .is_some()
+    }
+
+    fn link(&mut self, link: LinkId, ends: [(NodeId, Vec<u8>); 2]) {
+        let places = ends.each_ref().map(|(session, frame)| {
+            let facts = [FdFacts::default()];
+            let datagram = Datagram {
+                fds: &facts,
+                ..Datagram::new(frame)
+            };
+            match decode_to_node(&datagram) {
+                Ok(ToNode::Link { interface, .. }) => (*session, interface),
+                other => panic!("{other:?} is no LINK"),
+            }
+        });
+        let programs = &self.programs;
+        let owner = |session: NodeId| {
+            let of = |it: &Program| {
+                let mut all = it.connection.iter().chain(&it.closed);
+                all.any(|it| it.session == session)
+            };
+            programs.iter().position(of).expect("a session of ours")
+        };
+        let ours = places.map(|(session, interface)| (owner(session), interface));
+        let pair = Pair {
+            ends: ours,
+            sockets: [Socket::Underway; 2],
+            doomed: false,
+        };
+        assert!(self.pairs.insert(link, pair).is_none(), "{link} is new");
+        for ((session, frame), (at, _)) in ends.into_iter().zip(ours) {
+            if !self.send(session, Down::Frame(frame, Some(link))) {
+                self.lose(at, link);
+            }
+        }
+    }
+
+    /// Everybody reads and reconnects until there is nothing left to do, and all claims
+    /// that are to come have come.
+    pub(crate) fn settle(&mut self) {
+        self.start();
+        loop {
+            self.be_quiet();
+            let Some(deadline) = self.manager.as_ref().and_then(Manager::deadline) else {
+                return;
+            };
+            self.now = self.now.max(deadline);
+            self.feed_manager(manager::Input::Tick);
+        }
+    }
+
+    fn be_quiet(&mut self) {
+        let mut busy = true;
+        while busy {
+            busy = false;
+            for at in 0..NODES {
+                self.reconnect(at);
+                self.notice(at);
+                busy |= self.manager_reads(at) | self.node_reads(at);
+            }
+        }
+    }
+}
+
+fn end_of(ends: &[(usize, InterfaceId); 2], at: usize, interface: InterfaceId) -> usize {
+    let ours = ends.iter().position(|end| *end == (at, interface));
+    ours.expect("an end of the link")
+}

@@ -1,0 +1,103 @@
+//! Random histories of a domain whose Manager is killed and replaced: the shipped Managers and
+//! the shipped nodes, with frames in flight delivered or lost as chance will have it.
+//!
+//! Checked at each step: nobody is ever accused of a violation. Checked whenever all is quiet:
+//! each pair that is to be linked has exactly one link, and that is the one it had, as long as
+//! neither end gave it up; what nodes hold is what the Manager shows; and
+//! `sm2_proto::domain` explains it.
+
+mod support;
+#[path = "support/takeover/mod.rs"]
+mod takeover;
+
+use proptest::{collection::vec, prelude::*};
+use sm2_proto::Contract;
+use support::{
+    cases,
+    contracts::{data, publisher_with, subscriber_with},
+};
+use takeover::{NODES, World};
+
+/// One thing that happens. The numbers pick among whatever it can happen to.
+#[derive(Clone, Debug)]
+enum Step {
+    Declare(usize, Contract),
+    Withdraw(usize, usize),
+    /// A node meets a violation on a link, say.
+    Break(usize, usize),
+    /// A node sees that the other end of a link is gone.
+    Notice(usize),
+    ManagerReads(usize),
+    NodeReads(usize),
+    /// The Manager ends; of what it meant to send, a part is not sent any more.
+    Kill(usize),
+    /// It says goodbye first.
+    Shutdown,
+    Start,
+    Reconnect(usize),
+    /// The Manager gives a node up.
+    Stall(usize),
+    Settle,
+}
+
+fn contract() -> impl Strategy<Value = Contract> {
+    // A second type now and then: what is declared again may be refused.
+    let data = prop_oneof![6 => Just("A"), 1 => Just("B")].prop_map(data);
+    let topic = prop_oneof![Just("scan"), Just("image")];
+    (topic, data, any::<[bool; 3]>()).prop_map(|(topic, data, [offers, reliable, sealed])| {
+        if offers {
+            publisher_with(topic, &data, reliable, sealed)
+        } else {
+            subscriber_with(topic, Some(&data), reliable, sealed)
+        }
+    })
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    let node = || 0..NODES;
+    prop_oneof![
+        6 => (node(), contract()).prop_map(|(node, contract)| Step::Declare(node, contract)),
+        1 => (node(), 0..4_usize).prop_map(|(node, pick)| Step::Withdraw(node, pick)),
+        1 => (node(), 0..4_usize).prop_map(|(node, pick)| Step::Break(node, pick)),
+        3 => node().prop_map(Step::Notice),
+        16 => node().prop_map(Step::ManagerReads),
+        16 => node().prop_map(Step::NodeReads),
+        3 => (0..6_usize).prop_map(Step::Kill),
+        1 => Just(Step::Shutdown),
+        4 => Just(Step::Start),
+        6 => node().prop_map(Step::Reconnect),
+        1 => node().prop_map(Step::Stall),
+        2 => Just(Step::Settle),
+    ]
+}
+
+proptest! {
+    #![proptest_config(cases(200))]
+
+    //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-006, SM2-RES-007, SM2-NOD-003, SM2-MAT-002 model
+    #[test]
+    fn managers_come_and_go(steps in vec(step(), 1..160)) {
+        let mut world = World::new();
+        for step in steps {
+            match step {
+                Step::Declare(node, contract) => world.declare(node, contract),
+                Step::Withdraw(node, pick) => world.withdraw(node, pick),
+                Step::Break(node, pick) => world.break_link(node, pick),
+                Step::Notice(node) => world.notice(node),
+                Step::ManagerReads(node) => drop(world.manager_reads(node)),
+                Step::NodeReads(node) => drop(world.node_reads(node)),
+                Step::Kill(sent) => world.kill(sent),
+                Step::Shutdown => world.shutdown(),
+                Step::Start => world.start(),
+                Step::Reconnect(node) => world.reconnect(node),
+                Step::Stall(node) => world.stall(node),
+                Step::Settle => {
+                    world.settle();
+                    world.check();
+                }
+            }
+        }
+        world.settle();
+        world.check();
+    }
+}

@@ -1,0 +1,281 @@
+//! A Manager dies, in whatever way, and another one goes on: what the nodes of the domain
+//! notice of it is nothing.
+
+use std::{
+    collections::BTreeSet,
+    thread,
+    time::{Duration, Instant},
+};
+
+use sm2_node::{Node, NodeBuilder};
+use sm2_proto::{LinkId, domain::Domain};
+use sm2_tests::{
+    actor::number,
+    domain::{ManagerProcess, TempDomain},
+    eventually,
+    process::{Process, actor},
+    random::Random,
+};
+
+const NODES: usize = 50;
+const NODES_PER_PROCESS: usize = 5;
+/// How far away those are that a node hears: two of them, so there are 100 links.
+const HEARS: [&str; 2] = ["1", "8"];
+const KILLS: usize = 50;
+
+/// The nodes under load: fifty with 100 links, and two with one that carries 10 MB at 30 Hz.
+struct Load(Vec<Process>);
+
+impl Load {
+    fn start(domain: &TempDomain) -> Self {
+        let flow = |prefix: &str, options: &[(&str, usize)], hears: &str| {
+            let mut command = actor("flow");
+            command.arg("--socket").arg(domain.socket());
+            command.args(["--prefix", prefix, "--hears", hears]);
+            for (name, value) in options {
+                command.args([name.to_string(), value.to_string()]);
+            }
+            Process::start(command)
+        };
+        let mut all: Vec<Process> = (0..NODES / NODES_PER_PROCESS)
+            .map(|process| {
+                let options = [
+                    ("--first", process * NODES_PER_PROCESS),
+                    ("--count", NODES_PER_PROCESS),
+                    ("--total", NODES),
+                    ("--rate", 20),
+                    ("--size", 100),
+                ];
+                flow("flow", &options, &HEARS.join(","))
+            })
+            .collect();
+        let two = |index, rate, hearers| {
+            [
+                ("--first", index),
+                ("--count", 1),
+                ("--total", 2),
+                ("--rate", rate),
+                ("--size", 10_000_000),
+                ("--hearers", hearers),
+            ]
+        };
+        all.push(flow("big", &two(0, 30, 1), ""));
+        all.push(flow("big", &two(1, 0, 0), "1"));
+        let mut load = Self(all);
+        load.step("linked", "go");
+        load.step("flowing", "");
+        load
+    }
+
+    /// Hears a word of all, and says one to all.
+    fn step(&mut self, heard: &str, say: &str) {
+        for process in &self.0 {
+            assert_eq!(process.expect_line(), heard);
+        }
+        self.0.iter_mut().for_each(|process| process.say(say));
+    }
+
+    /// Ends the flow: every message has arrived once, in its order, on the first link that
+    /// ever was between two nodes.
+    fn stop(&mut self) {
+        self.0.iter_mut().for_each(|process| process.say("stop"));
+        let reports: Vec<String> = self.0.iter().map(Process::expect_line).collect();
+        let sum = |key: &str, reports: &[String]| -> u64 {
+            reports.iter().map(|report| number(report, key)).sum()
+        };
+        let (big, small) = (&reports[reports.len() - 2..], &reports[..reports.len() - 2]);
+        assert_eq!(sum("received", small), 2 * sum("published", small));
+        assert_eq!(sum("links", small), 2 * NODES as u64);
+        assert_eq!(sum("received", big), sum("published", big));
+        assert_eq!(sum("links", big), 1);
+        println!(
+            "{} small messages and {} of 10 MB, none lost, none doubled",
+            sum("received", small),
+            sum("received", big)
+        );
+    }
+}
+
+/// What a domain consists of but for standbys and the observer, by names that outlive a Manager.
+#[derive(Debug, PartialEq, Eq)]
+struct State {
+    nodes: BTreeSet<String>,
+    interfaces: BTreeSet<String>,
+    links: BTreeSet<(LinkId, String)>,
+}
+
+const OBSERVER: &str = "observer";
+
+impl State {
+    fn of(domain: &Domain) -> Self {
+        let counts = |name: &str| !name.starts_with("sm2/standby") && name != OBSERVER;
+        let mut state = Self {
+            nodes: BTreeSet::new(),
+            interfaces: BTreeSet::new(),
+            links: BTreeSet::new(),
+        };
+        let name = |node| domain.node(node).map_or("?", |it| it.name.as_str());
+        let nodes = domain.nodes().map(|it| it.name.as_str().to_owned());
+        state.nodes = nodes.filter(|name| counts(name)).collect();
+        for it in domain.interfaces() {
+            let owner = name(it.place.node);
+            if counts(owner) {
+                let number = it.place.interface.0;
+                let text = format!("{owner} {number} {:?}", it.contract);
+                state.interfaces.insert(text);
+            }
+        }
+        for it in domain.links() {
+            let ends = [it.offering, it.demanding];
+            let ends = ends.map(|end| format!("{} {}", name(end.node), end.interface.0));
+            state.links.insert((it.link, ends.join(" -> ")));
+        }
+        state
+    }
+
+    /// The state once it is this one.
+    #[track_caller]
+    fn comes_back(&self, observer: &Node) {
+        let mut last = None;
+        let back = sm2_tests::in_time(|| {
+            last = observer.snapshot().ok().map(|it| Self::of(&it));
+            last.as_ref() == Some(self)
+        });
+        let Some(last) = last.filter(|_| !back) else {
+            return;
+        };
+        let gone: Vec<_> = self.links.difference(&last.links).collect();
+        let new: Vec<_> = last.links.difference(&self.links).collect();
+        let missing: Vec<_> = self.nodes.difference(&last.nodes).collect();
+        panic!("links gone: {gone:?}\nlinks new: {new:?}\nnodes missing: {missing:?}");
+    }
+}
+
+fn observer(domain: &TempDomain) -> Node {
+    let builder: NodeBuilder = Node::builder(OBSERVER).socket(domain.socket());
+    // A declaration may have to wait until somebody starts a Manager.
+    let builder = builder.timeout(sm2_tests::PATIENCE);
+    builder.connect().expect("a session")
+}
+
+/// Declares something now, and how long it took until it was granted.
+fn declaration(observer: &Node, round: usize) -> Duration {
+    let start = Instant::now();
+    let publisher = observer.publisher::<[u8]>(&format!("probe/{round}"));
+    publisher.expect("granted");
+    start.elapsed()
+}
+
+/// The Managers of a domain: one that serves, and one that stands by.
+struct Pair {
+    active: ManagerProcess,
+    standby: ManagerProcess,
+}
+
+impl Pair {
+    fn start(domain: &TempDomain) -> Self {
+        let active = domain.manager();
+        let standby = domain.manager_start(&["--standby", "true"]);
+        standby.log_says("standing by");
+        Self { active, standby }
+    }
+
+    /// Kills the one that serves; the other is on its own then, until `refill`.
+    fn kill(&mut self) {
+        self.active.kill();
+    }
+
+    /// Waits until the standby serves, and starts another.
+    fn refill(&mut self, domain: &TempDomain) {
+        self.standby.log_says("serving");
+        let standby = domain.manager_start(&["--standby", "true"]);
+        standby.log_says("standing by");
+        self.active = std::mem::replace(&mut self.standby, standby);
+    }
+}
+
+/// The median and the longest, for people to read.
+fn print_times(what: &str, mut times: Vec<Duration>) {
+    times.sort_unstable();
+    let p50 = times[times.len() / 2];
+    println!(
+        "{what}: p50 {p50:?}, max {:?}, n {}",
+        times[times.len() - 1],
+        times.len()
+    );
+}
+
+//= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-007, SM2-NOD-003 sys
+//= SM2-TRN-008, SM2-SES-008 sys
+#[test]
+fn fifty_kills_of_the_manager_under_load_are_not_noticed() {
+    let domain = TempDomain::new();
+    let mut managers = Pair::start(&domain);
+    let mut load = Load::start(&domain);
+    let observer = observer(&domain);
+    let before = State::of(&observer.snapshot().expect("a snapshot"));
+    assert_eq!(before.nodes.len(), NODES + 2);
+    assert_eq!(before.links.len(), 2 * NODES + 1);
+    let mut random = Random::new(2_026);
+    let mut times = Vec::new();
+    for round in 0..KILLS {
+        // Also in the middle of a resumption.
+        thread::sleep(Duration::from_millis(random.next() % 150));
+        managers.kill();
+        times.push(declaration(&observer, round));
+        managers.refill(&domain);
+        if round % 5 == 4 {
+            before.comes_back(&observer);
+        }
+    }
+    before.comes_back(&observer);
+    load.stop();
+    print_times("a declaration, from the kill on", times);
+}
+
+//= SM2-RES-001, SM2-RES-004 sys
+#[test]
+fn both_managers_killed_and_one_started_later() {
+    let domain = TempDomain::new();
+    let mut managers = Pair::start(&domain);
+    let mut load = Load::start(&domain);
+    let observer = observer(&domain);
+    let before = State::of(&observer.snapshot().expect("a snapshot"));
+    let mut times = Vec::new();
+    for round in 0..3 {
+        managers.standby.kill();
+        managers.active.kill();
+        // The load flows, the nodes try again and again.
+        thread::sleep(Duration::from_secs(2));
+        managers = Pair::start(&domain);
+        times.push(declaration(&observer, round));
+        before.comes_back(&observer);
+    }
+    load.stop();
+    print_times("a declaration, from the start on", times);
+}
+
+#[test]
+fn a_hand_over_is_not_noticed() {
+    let domain = TempDomain::new();
+    let mut active = domain.manager();
+    let mut load = Load::start(&domain);
+    let observer = observer(&domain);
+    let before = State::of(&observer.snapshot().expect("a snapshot"));
+    for round in 0..10 {
+        let next = domain.manager_start(&["--replace", "true"]);
+        declaration(&observer, round);
+        next.log_says("serving");
+        let exit = active.wait();
+        assert_eq!(
+            exit,
+            sm2_tests::process::Exit::Status(0),
+            "{}",
+            active.log()
+        );
+        active = next;
+        before.comes_back(&observer);
+    }
+    load.stop();
+    eventually("the last one to serve", || !active.has_ended());
+}
