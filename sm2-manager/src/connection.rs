@@ -37,6 +37,9 @@ pub(crate) struct Connection {
     given_up: bool,
     /// The file of its counters, once it has handed that over.
     pub(crate) counters: Option<Arc<OwnedFd>>,
+    /// Keeps the place of that file: without one the kernel would cut it off, and the node would
+    /// be blamed for it.
+    pub(crate) place: Option<OwnedFd>,
 }
 
 /// What became of a frame that is not lost.
@@ -64,7 +67,7 @@ pub(crate) enum Lost {
 }
 
 impl Connection {
-    pub(crate) const fn new(socket: SeqPacket) -> Self {
+    pub(crate) const fn new(socket: SeqPacket, place: OwnedFd) -> Self {
         Self {
             socket,
             interest: Interest::READABLE,
@@ -73,6 +76,7 @@ impl Connection {
             sent_fds: 0,
             given_up: false,
             counters: None,
+            place: Some(place),
         }
     }
 

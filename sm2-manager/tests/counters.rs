@@ -32,7 +32,17 @@ struct Raw {
 impl Raw {
     fn welcomed(place: &Place, name: &str) -> Self {
         let socket = SeqPacket::connect(&place.socket()).unwrap();
-        let mut raw = Self {
+        let mut raw = Self::greeting(socket, name);
+        let (ToNode::Welcome { node, .. }, None) = raw.next() else {
+            panic!("WELCOME expected");
+        };
+        raw.id = node;
+        raw
+    }
+
+    /// One that has said HELLO.
+    fn greeting(socket: SeqPacket, name: &str) -> Self {
+        let raw = Self {
             socket,
             id: NodeId(0),
         };
@@ -42,11 +52,8 @@ impl Raw {
             name: name.parse().unwrap(),
             resuming: false,
         };
-        raw.send(&hello, &[]);
-        let (ToNode::Welcome { node, .. }, None) = raw.next() else {
-            panic!("WELCOME expected");
-        };
-        raw.id = node;
+        // Whoever is not served may be hung up on already: reading says so.
+        let _ = (raw.socket).send(&[IoSlice::new(&encode_to_manager(&hello))], &[]);
         raw
     }
 
@@ -99,6 +106,40 @@ impl Raw {
 fn open(manager: &Program) -> usize {
     let entries = fs::read_dir(format!("/proc/{}/fd", manager.pid())).unwrap();
     entries.count()
+}
+
+/// It takes no more nodes than it can take the counters of.
+//= SM2-CNT-001, SM2-TRN-005 sys
+#[test]
+fn a_manager_that_is_short_of_descriptors_blames_no_node() {
+    let place = Place::new();
+    let mut command = Command::new("sh");
+    command.arg("-c").arg("ulimit -n 32; exec \"$0\" \"$@\"");
+    let program = place.command(&[]);
+    command.arg(program.get_program()).args(program.get_args());
+    let manager = Program::start(command);
+    manager.says("serving");
+    let mut nodes: Vec<Raw> = Vec::new();
+    while !manager.stderr().contains("cannot") {
+        let name = format!("node-{}", nodes.len());
+        let socket = SeqPacket::connect(&place.socket()).unwrap();
+        let raw = Raw::greeting(socket, &name);
+        let answered = || wait_readable(&[raw.socket.as_fd()], Some(Duration::from_millis(10)));
+        while !answered().unwrap() && !manager.stderr().contains("cannot") {}
+        // The last one finds no descriptor left for it, and may be left waiting.
+        if let Some((ToNode::Welcome { node, .. }, None)) = raw.try_next(Duration::ZERO) {
+            nodes.push(Raw { id: node, ..raw });
+        }
+    }
+    assert!(nodes.len() > 4, "{}", nodes.len());
+    let page = CounterPage::new().unwrap();
+    for node in &nodes {
+        node.send(&ToManager::Counters, &[page.as_fd()]);
+        node.inspect(node.id);
+        let (ToNode::Inspected { .. }, Some(_)) = node.next() else {
+            panic!("INSPECTED expected");
+        };
+    }
 }
 
 //= SM2-CNT-001, SM2-CNT-002 sys

@@ -1,6 +1,7 @@
 //! One session's way through the driver: from its connection to its end.
 
 use std::{
+    io,
     os::fd::{AsFd, OwnedFd},
     sync::Arc,
 };
@@ -21,13 +22,14 @@ impl Manager {
         self.last_session += 1;
         let session = NodeId(self.last_session);
         let watched = self.epoll.add(&socket, session.0, Interest::READABLE);
-        let peer = watched.and_then(|()| socket.peer_credentials());
-        let peer = match peer {
-            Ok(peer) => peer,
+        let served = watched.and_then(|()| Ok((socket.peer_credentials()?, self.place()?)));
+        let (peer, place) = match served {
+            Ok(served) => served,
             Err(error) => return warn!(%error, "cannot serve a connection"),
         };
         debug!(%session, uid = peer.uid, pid = peer.pid, "connected");
-        self.connections.insert(session, Connection::new(socket));
+        self.connections
+            .insert(session, Connection::new(socket, place));
         let credentials = Credentials {
             uid: peer.uid,
             gid: peer.gid,
@@ -55,11 +57,17 @@ impl Manager {
 
     /// Reads one datagram; whether there may be another.
     fn receive(&mut self, session: NodeId) -> bool {
-        let Some(connection) = self.connections.get(&session) else {
+        let Some(connection) = self.connections.get_mut(&session) else {
             return false;
         };
+        // Now it is the place of what may come.
+        connection.place = None;
         let mut buffer = std::mem::take(&mut self.buffer);
         let received = connection.socket.recv(&mut buffer);
+        let used = received.as_ref().is_ok_and(|it| !it.fds.is_empty());
+        if !used {
+            self.keep_place(session);
+        }
         let go_on = match received {
             Ok(received) => {
                 // Asked before the machine decides. What the kernel does not answer for is no
@@ -87,7 +95,25 @@ impl Manager {
             }
         };
         self.buffer = buffer;
+        if used {
+            self.keep_place(session);
+        }
         go_on
+    }
+
+    /// Whoever has handed over no counters may still do so.
+    fn keep_place(&mut self, session: NodeId) {
+        let owes = |it: &Connection| it.counters.is_none();
+        if self.connections.get(&session).is_some_and(owes) {
+            let place = self.place().ok();
+            if let Some(connection) = self.connections.get_mut(&session) {
+                connection.place = place;
+            }
+        }
+    }
+
+    fn place(&self) -> io::Result<OwnedFd> {
+        self.handles.stop.as_fd().try_clone_to_owned()
     }
 
     pub(super) fn make_room(&mut self, session: NodeId) {
