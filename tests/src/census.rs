@@ -7,6 +7,9 @@ use crate::in_time;
 /// The kind of the files that nodes keep their counters in.
 const COUNTERS: &str = "memfd:sm2-counters";
 
+/// The kind of what a Manager keeps the places of these files with, among others.
+const PLACE: &str = "anon_inode";
+
 /// Open descriptors by kind, and mappings of memory files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Census {
@@ -48,6 +51,15 @@ impl Census {
     pub fn and_counters(&self, nodes: usize) -> Self {
         let mut more = self.clone();
         more.kinds.insert(COUNTERS.to_owned(), nodes);
+        more
+    }
+
+    /// The same for a Manager, which keeps a place for the file of each session until it has come.
+    #[must_use]
+    pub fn and_counters_in_their_places(&self, nodes: usize) -> Self {
+        let mut more = self.and_counters(nodes);
+        let places = more.kinds.get_mut(PLACE).expect("places for counters");
+        *places -= nodes;
         more
     }
 

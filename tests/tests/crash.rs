@@ -111,7 +111,7 @@ fn processes_killed_at_random_moments_leave_the_others_alone() {
     let domain = TempDomain::new();
     let manager = domain.manager();
     let mut survivors = Survivors::connect(&domain);
-    let baseline = manager.census().and_counters(ROLES.len());
+    let baseline = (manager.census()).and_counters_in_their_places(ROLES.len());
     survivors.go();
     let victim = |role| storm(&domain, &format!("victim-{role}"), role, "true");
     let mut victims = ROLES.map(victim);
