@@ -67,7 +67,7 @@ impl Session {
     pub(crate) fn is_connected(&self) -> bool {
         let connected = self.node.is_connected();
         if self.connected.replace(connected) != connected && !self.silent.get() {
-            eprintln!(
+            say!(
                 "sm2: {}",
                 match connected {
                     true => "a Manager is there again",
@@ -97,9 +97,11 @@ impl Session {
     ) -> Result<Vec<bool>, CliError> {
         let interrupt = (self.interrupt.as_fd(), For::Reading);
         let others: Vec<_> = others.iter().copied().chain([interrupt]).collect();
-        let ready = step(&self.node, &others, until);
-        self.is_connected();
-        ready
+        let (moved, ready) = turn(&self.node, &others, until)?;
+        if moved {
+            self.is_connected();
+        }
+        Ok(ready)
     }
 
     /// Moves the node on until `until`; whether a signal came before.
@@ -108,9 +110,15 @@ impl Session {
     ///
     /// As [`step`](Self::step).
     pub(crate) fn pause(&self, until: Instant) -> Result<bool, CliError> {
-        let stopped = pause(&self.node, self.interrupt.as_fd(), until);
-        self.is_connected();
-        stopped
+        loop {
+            self.step(&[], Some(until))?;
+            if self.stopped().is_some() {
+                return Ok(true);
+            }
+            if clock::now() >= until {
+                return Ok(false);
+            }
+        }
     }
 
     /// What there is in the domain, at one revision.
@@ -143,14 +151,24 @@ pub(crate) fn step(
     others: &[(BorrowedFd<'_>, For)],
     until: Option<Instant>,
 ) -> Result<Vec<bool>, CliError> {
+    Ok(turn(node, others, until)?.1)
+}
+
+/// As [`step`], and whether the node had something to do.
+fn turn(
+    node: &Node,
+    others: &[(BorrowedFd<'_>, For)],
+    until: Option<Instant>,
+) -> Result<(bool, Vec<bool>), CliError> {
     let failed = || CliError::system("wait for messages");
     let fds = [&[(node.as_fd(), For::Reading)], others].concat();
     let timeout = until.map(|until| until.since(clock::now()));
     let mut ready = wait(&fds, timeout).map_err(failed())?;
-    if ready.remove(0) {
+    let moved = ready.remove(0);
+    if moved {
         node.spin_once(None).map_err(failed())?;
     }
-    Ok(ready)
+    Ok((moved, ready))
 }
 
 /// Moves `node` on until `until`; whether `stop` was readable before.
@@ -210,7 +228,7 @@ impl Domain {
                         said = true;
                         let patience = Span(self.wait_manager.unwrap_or_default());
                         let path = path.display();
-                        eprintln!("sm2: waiting {patience} for a Manager at {path} (Ctrl-C ends)");
+                        say!("sm2: waiting {patience} for a Manager at {path} (Ctrl-C ends)");
                     }
                 }
                 Err(error) => return Err(self.explain(path, error)),

@@ -9,6 +9,9 @@
 //! [`output`] and [`columns`].
 #![forbid(unsafe_code)]
 
+#[macro_use]
+mod say;
+
 mod args;
 mod columns;
 mod completions;
@@ -84,7 +87,8 @@ fn main() -> ExitCode {
         Err(error) if error.is_broken_pipe() => ExitCode::SUCCESS,
         Err(error @ CliError::Stopped(_)) => ExitCode::from(error.status()),
         Err(error) => {
-            eprintln!("sm2: {error}");
+            // A server's own words may be part of it.
+            say!("sm2: {}", text::one_line(&error.to_string()));
             ExitCode::from(error.status())
         }
     }

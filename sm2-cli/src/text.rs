@@ -40,6 +40,18 @@ pub(crate) fn write_bytes(out: &mut Vec<u8>, message: &[u8]) {
     out.extend_from_slice(line.as_bytes());
 }
 
+/// A text that others may have written, on one line, which does nothing to a terminal.
+pub(crate) fn one_line(text: &str) -> String {
+    let mut line = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c.is_control() {
+            true => line.extend(c.escape_default()),
+            false => line.push(c),
+        }
+    }
+    line
+}
+
 /// Bytes as two hex digits each, with a separator between them.
 pub(crate) struct Hex<'a>(pub(crate) &'a [u8], pub(crate) &'a str);
 

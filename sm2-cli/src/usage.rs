@@ -44,7 +44,7 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
             Err(ExitCode::from(STATUS))
         }
         _ => {
-            eprintln!("sm2: {}", one_line(&error, &arguments));
+            say!("sm2: {}", one_line(&error, &arguments));
             Err(ExitCode::from(STATUS))
         }
     }

@@ -1,9 +1,11 @@
 //! `sm2 why`: why two interfaces are linked, or are not; or what comes nearest to one.
 
+use std::collections::BTreeSet;
+
 use clap::Args;
 use serde::Serialize;
 use sm2_proto::{
-    Contract, Place, Refusal, TypeId,
+    Contract, Kind, Place, Refusal, TypeId,
     domain::{Domain as Mirror, Finding, Near, Verdict, nearest, why},
     schema::Schema,
 };
@@ -47,6 +49,9 @@ Examples:
   sm2 why talker listener
   sm2 why scan
   sm2 why talker listener --json | jq .verdict.finding";
+
+/// So many pairs are looked at for names that look alike.
+const PAIRS_MAX: usize = 1_024;
 
 /// The object that `--json` prints for two interfaces.
 #[derive(Serialize)]
@@ -187,22 +192,9 @@ fn pair(view: &View<'_>, one: &Selector, other: &Selector) -> Result<(Place, Pla
     if let ([one], [other]) = (&*ours, &*theirs) {
         return Ok((*one, *other));
     }
-    let mut pairs = Vec::new();
-    for &one in &ours {
-        for &other in theirs.iter().filter(|&&other| other != one) {
-            let verdict = why(view.domain, one, other);
-            let both = (verdict.one.place, verdict.other.place);
-            if let Some(rank) = rank(&verdict.finding)
-                && !pairs.contains(&(rank, both))
-            {
-                pairs.push((rank, both));
-            }
-        }
-    }
-    let best = pairs.iter().map(|(rank, _)| *rank).min();
-    pairs.retain(|(rank, _)| Some(*rank) == best);
+    let pairs = likeliest(view, counterparts(view, &ours, &theirs));
     match &*pairs {
-        [(_, pair)] => Ok(*pair),
+        [pair] => Ok(*pair),
         _ => {
             let (text, places) = match ours.len() > 1 {
                 true => (one, ours),
@@ -216,13 +208,39 @@ fn pair(view: &View<'_>, one: &Selector, other: &Selector) -> Result<(Place, Pla
     }
 }
 
-/// How likely it is that a pair with this finding is meant; none if nobody means it.
-const fn rank(finding: &Finding) -> Option<u8> {
-    match finding {
-        Finding::Kinds | Finding::Unknown { .. } => None,
-        Finding::Names { near: None } => Some(2),
-        Finding::Names { near: Some(_) } => Some(1),
-        _ => Some(0),
+/// All pairs of which one offers what the other demands, each once.
+fn counterparts(view: &View<'_>, ours: &[Place], theirs: &[Place]) -> Vec<(Place, Place)> {
+    let kind = |place| view.domain.interface(place).map(|it| it.contract.kind());
+    let all = ours
+        .iter()
+        .flat_map(|&one| theirs.iter().map(move |&other| (one, other)));
+    let fitting = all.filter(|&(one, other)| kind(one).map(Kind::counterpart) == kind(other));
+    let each_once: BTreeSet<_> = fitting
+        .map(|(one, other)| (one.min(other), one.max(other)))
+        .collect();
+    each_once.into_iter().collect()
+}
+
+/// Those of the same name; if there are none, those whose names look alike; if there are none, all.
+fn likeliest(view: &View<'_>, pairs: Vec<(Place, Place)>) -> Vec<(Place, Place)> {
+    let name = |place| view.domain.interface(place).map(|it| it.contract.name());
+    let same = |&(one, other): &(Place, Place)| name(one) == name(other);
+    let named: Vec<_> = pairs.iter().copied().filter(same).collect();
+    if !named.is_empty() {
+        return named;
+    }
+    // A verdict looks at every link: nobody means one of so many pairs.
+    if pairs.len() > PAIRS_MAX {
+        return pairs;
+    }
+    let is_near = |&(one, other): &(Place, Place)| {
+        let finding = why(view.domain, one, other).finding;
+        matches!(finding, Finding::Names { near: Some(_) })
+    };
+    let near: Vec<_> = pairs.iter().copied().filter(is_near).collect();
+    match near.is_empty() {
+        true => pairs,
+        false => near,
     }
 }
 

@@ -1,5 +1,5 @@
 //! Messages of types that this program does not know, by their schemas: [`decode`] for
-//! `sm2 topic echo`, [`encode`] for what a person gives as JSON, [`show`] for the terminal.
+//! `sm2 topic echo`, [`encode`] for what a person gives as JSON, [`show()`] for the terminal.
 //!
 //! | type | JSON, in and out |
 //! | --- | --- |

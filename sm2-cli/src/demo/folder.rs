@@ -3,6 +3,7 @@
 use std::{
     env,
     fs::{self, File, Metadata},
+    io,
     os::unix::fs::MetadataExt,
     path::Path,
     time::Duration,
@@ -28,7 +29,8 @@ pub(super) const SOCKET: &str = "demo.sock";
 /// The file that the Manager of a demo has locked.
 const LOCK: &str = "demo.sock.lock";
 
-/// A folder that is younger may be one whose Manager is about to start.
+/// A folder that is younger may be one whose Manager is about to take its lock: to try that lock would
+/// already be in its way.
 const MIN_AGE: Duration = Duration::from_secs(60);
 
 /// A folder of the demo's own, which goes with it. Those of demos that were killed while they
@@ -70,15 +72,14 @@ fn remove_leftovers(parent: &Path) {
 /// Whether a folder is of this user, and of a demo that is dead: nobody holds its lock. (A process'
 /// number would say nothing about one in another container.)
 fn is_leftover(folder: &Path, found: &Metadata) -> bool {
-    if !found.is_dir() || found.uid() != geteuid().as_raw() {
+    let age = found.modified().ok().and_then(|at| at.elapsed().ok());
+    let is_old = age.is_some_and(|age| age > MIN_AGE);
+    if !found.is_dir() || found.uid() != geteuid().as_raw() || !is_old {
         return false;
     }
     match File::open(folder.join(LOCK)) {
         Ok(file) => Flock::lock(file, FlockArg::LockExclusiveNonblock).is_ok(),
-        Err(_) => {
-            let age = found.modified().ok().and_then(|at| at.elapsed().ok());
-            age.is_some_and(|age| age > MIN_AGE)
-        }
+        Err(error) => error.kind() == io::ErrorKind::NotFound,
     }
 }
 

@@ -96,10 +96,14 @@ fn files(nodes: Option<u64>) -> Check {
 fn shared_memory() -> Check {
     const CHECK: &str = "shared memory";
     let noexec = fs::read_to_string("/proc/sys/vm/memfd_noexec").unwrap_or_default();
+    let noexec = match noexec.trim() {
+        "" => String::new(),
+        value => format!(" (vm.memfd_noexec is {value})"),
+    };
     match try_seals() {
         Ok(true) => Check::ok(
             CHECK,
-            "memfd and seals work; /dev/shm and memlock are not needed",
+            format!("memfd and seals work{noexec}; /dev/shm and memlock are not needed"),
         ),
         Ok(false) => Check::bad(
             CHECK,
@@ -107,10 +111,7 @@ fn shared_memory() -> Check {
             "is this a sandbox (gVisor, an old container runtime)? run outside of it",
         ),
         Err(error) => {
-            let found = match noexec.trim() {
-                "" => error.to_string(),
-                value => format!("{error} (vm.memfd_noexec is {value})"),
-            };
+            let found = format!("{error}{noexec}");
             let advice =
                 "memfd_create(2) or F_ADD_SEALS is not allowed here: look at seccomp rules";
             Check::bad(CHECK, found, advice)

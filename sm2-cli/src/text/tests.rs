@@ -25,3 +25,10 @@ fn anything_else_is_its_length_and_head() {
     assert_eq!(shown(&[7; 33]), format!("33 bytes: {head} …\n"));
     assert_eq!(shown(&[7; 32]), format!("32 bytes: {head}\n"));
 }
+
+#[test]
+fn what_others_wrote_stays_on_its_line() {
+    assert_eq!(one_line("grün: `a b`"), "grün: `a b`");
+    let hostile = "no\n\x1b[2J\u{9b}2J";
+    assert_eq!(one_line(hostile), "no\\n\\u{1b}[2J\\u{9b}2J");
+}

@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut tally = Tally::default();
     let end = echo(arguments, &session, &subscriber, &mut sink, &mut tally)?;
     sink.out.flush()?;
-    eprintln!("{tally}");
+    say!("{tally}");
     Ok(match end {
         // Ctrl-C is how it ends that has no other end.
         Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),

@@ -22,7 +22,7 @@ pub(super) fn say(
     let many = if count == 1 { "" } else { "s" };
     let reason = silent(links).or_else(|| why(session, topic, wanted));
     let reason = reason.map_or_else(String::new, |reason| format!("; {reason}"));
-    eprintln!("sm2: waiting for {count} {wanted}{many} of {topic} (Ctrl-C ends){reason}");
+    say!("sm2: waiting for {count} {wanted}{many} of {topic} (Ctrl-C ends){reason}");
 }
 
 /// A node that is linked and has not opened its end: only it can do that.

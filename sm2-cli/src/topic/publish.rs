@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         feed.settle()?;
     }
     let counters = publisher.counters();
-    eprintln!("{}", Summary(feed.tally, counters));
+    say!("{}", Summary(feed.tally, counters));
     let missed = match flushed {
         false if arguments.reliable => counters.deadline + counters.in_flight,
         _ => counters.deadline,

@@ -11,7 +11,10 @@ use std::fmt;
 use serde::Serialize;
 use sm2_proto::{Kind, Name, domain::Domain};
 
-use crate::args;
+use crate::{
+    args, names,
+    view::{SERVICE, TOPIC, View},
+};
 
 /// One subject, and what has to be true of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -171,6 +174,20 @@ impl Expression {
         seen.links = links.count() as u64;
         seen.met = self.conditions.iter().all(|it| it.is_met(&seen));
         seen
+    }
+
+    /// What may be meant instead of a name that the domain does not have, with its punctuation.
+    pub(super) fn hint(&self, domain: &Domain) -> String {
+        let view = View::new(domain);
+        let known: Vec<_> = match self.subject {
+            Subject::Topic => view.names(TOPIC).into_iter().collect(),
+            Subject::Service => view.names(SERVICE).into_iter().collect(),
+            Subject::Node => domain.nodes().map(|node| node.name).collect(),
+        };
+        match known.contains(&&self.name) {
+            true => String::new(),
+            false => names::hint(self.name.as_str(), known),
+        }
     }
 
     /// Whether an interface belongs to the subject.

@@ -87,8 +87,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     };
     let seen = seen(&arguments.expressions, follow.domain());
     if !met {
-        for it in seen.iter().filter(|it| !it.met) {
-            eprintln!("sm2: {it}");
+        let unmet = arguments.expressions.iter().zip(&seen);
+        for (expression, seen) in unmet.filter(|(_, seen)| !seen.met) {
+            say!("sm2: {seen}{}", expression.hint(follow.domain()));
         }
     }
     if arguments.json {

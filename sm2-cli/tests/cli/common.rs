@@ -1,7 +1,7 @@
 //! Real `sm2` processes in a domain of the test's own.
 
 use std::{
-    fs,
+    fmt, fs,
     io::Read,
     path::{Path, PathBuf},
     process::{Child, Command, ExitStatus, Stdio},
@@ -46,8 +46,12 @@ impl Domain {
         let folder = tempfile::tempdir().unwrap();
         let socket = folder.path().join("sm2.sock");
         let mut command = sm2(&["manager", "--socket"]);
-        let manager = Running::start(command.arg(&socket).args(arguments));
-        until("the Manager listens", || socket.exists());
+        let mut manager = Running::start(command.arg(&socket).args(arguments));
+        until("the Manager listens", || {
+            let ended = manager.child.try_wait().unwrap();
+            assert_eq!(ended, None, "the Manager ended: {}", manager.stderr());
+            socket.exists()
+        });
         Self { folder, manager }
     }
 
@@ -144,7 +148,6 @@ struct Reader {
 }
 
 /// A process that has ended.
-#[derive(Debug)]
 pub(crate) struct Finished {
     pub(crate) status: ExitStatus,
     pub(crate) output: Vec<u8>,
@@ -225,6 +228,16 @@ impl Drop for Running {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
+    }
+}
+
+impl fmt::Debug for Finished {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Finished")
+            .field("status", &self.status)
+            .field("output", &String::from_utf8_lossy(&self.output))
+            .field("errors", &String::from_utf8_lossy(&self.errors))
+            .finish()
     }
 }
 

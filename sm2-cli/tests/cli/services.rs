@@ -49,7 +49,7 @@ fn serving<Q, R>(
 
 fn sum(numbers: &[f64]) -> Result<Box<f64>, String> {
     match numbers {
-        [] => Err("nothing to add".into()),
+        [] => Err("nothing\n\x1b[2Jto add".into()),
         numbers => Ok(Box::new(numbers.iter().sum())),
     }
 }
@@ -77,7 +77,7 @@ fn a_call_takes_and_prints_values() {
 
         // A server that says no, a value that is none of the type, JSON that is none.
         let failed = domain.run(&["service", "call", "math/sum"]);
-        failed.failed(1, &["math/sum", "nothing to add"]);
+        failed.failed(1, &["math/sum", "nothing\\n\\u{1b}[2Jto add"]);
         let wrong = domain.run(&["service", "call", "math/sum", "{\"a\": 1}"]);
         wrong.failed(1, &["no message of type", "expected", "object"]);
         let broken = domain.run(&["service", "call", "math/sum", "[1,"]);

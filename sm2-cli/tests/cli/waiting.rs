@@ -48,6 +48,8 @@ fn a_time_out_says_what_was_seen_last() {
         1,
         &["'topic:scan publishers>=2' is not true: 1 publishers, 0 subscribers, 0 links"],
     );
+    let mistyped = domain.run(&["wait", "topic:sacn links>0", "--timeout", "0"]);
+    mistyped.failed(1, &["0 links; did you mean scan?"]);
     let vain = domain.run(&["wait", "node:x", "--timeout", "10ms", "--json"]);
     vain.failed(1, &["the node is not there"]);
     let answer: serde_json::Value = serde_json::from_str(&vain.stdout()).unwrap();

@@ -4,10 +4,10 @@
 use std::{
     fs::{self, File},
     path::Path,
-    process::Command,
+    process::{Command, Stdio},
 };
 
-use crate::common::{Domain, Finished, Running, files, noise, sm2, until};
+use crate::common::{Domain, Finished, Running, files, noise, sm2, talker, until};
 use nix::sys::signal::Signal;
 
 fn run(arguments: &[&str]) -> Finished {
@@ -22,9 +22,23 @@ fn no_manager_is_told_with_its_socket_and_the_cure() {
     let start = format!("start one with `sm2 manager --socket {socket}`");
     for command in [
         &["topic", "list"][..],
-        &["node", "list"],
+        &["topic", "info", "a"],
         &["topic", "echo", "a"],
         &["topic", "pub", "a", "--from", "/dev/null"],
+        &["topic", "hz", "a"],
+        &["topic", "bw", "a"],
+        &["topic", "delay", "a"],
+        &["topic", "loss", "a"],
+        &["service", "list"],
+        &["service", "info", "a"],
+        &["service", "call", "a"],
+        &["node", "list"],
+        &["node", "info", "a"],
+        &["snapshot"],
+        &["snapshot", "--watch"],
+        &["wait", "node:a"],
+        &["why", "a"],
+        &["top", "--once"],
     ] {
         let finished = run(&[command, &["--socket", socket]].concat());
         finished.failed(1, &["no Manager answers at", socket, &start]);
@@ -226,6 +240,67 @@ fn output_that_cannot_be_written_is_told() {
             errors.starts_with("sm2: cannot write to standard output: No space"),
             "{errors}"
         );
+    }
+}
+
+#[test]
+fn output_that_nobody_reads_is_a_quiet_end() {
+    let domain = Domain::new();
+    let (_talker, node) = talker(&domain, "a");
+    for command in [
+        &["topic", "list"][..],
+        &["topic", "info", "a"],
+        &["topic", "hz", "a", "--interval", "10ms"],
+        &["topic", "bw", "a", "--interval", "10ms"],
+        &["topic", "loss", "a", "--interval", "10ms"],
+        &["topic", "delay", "nothing"],
+        &["service", "list"],
+        &["node", "list", "--json"],
+        &["node", "info", &node],
+        &["snapshot"],
+        &["snapshot", "--watch"],
+        &["wait", "node:x gone", "--json"],
+        &["why", "a"],
+        &["top", "--once", "--interval", "10ms"],
+        &["doctor"],
+    ] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command_line = domain.command(command);
+        let mut ended = command_line
+            .stdout(writer)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // The pipe's end that this process has is part of the command line.
+        drop(command_line);
+        until(&format!("{command:?} ends"), || {
+            ended.try_wait().unwrap().is_some()
+        });
+        let ended = ended.wait_with_output().unwrap();
+        let errors = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(0), "{command:?}: {errors}");
+        let waits = errors.starts_with("sm2: waiting for") && errors.lines().count() == 1;
+        assert!(errors.is_empty() || waits, "{command:?}: {errors}");
+    }
+}
+
+#[test]
+fn talk_that_nobody_hears_changes_nothing() {
+    let domain = Domain::new();
+    for (command, code) in [
+        (&["wait", "node:x", "--timeout", "0"][..], 1),
+        (&["topic", "info", "x"], 1),
+        (&["topic", "echo", "two words"], 2),
+        (
+            &["topic", "pub", "a", "--from", "/dev/null", "--wait", "0"],
+            0,
+        ),
+    ] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let status = domain.command(command).stderr(writer).status().unwrap();
+        assert_eq!(status.code(), Some(code), "{command:?}");
     }
 }
 

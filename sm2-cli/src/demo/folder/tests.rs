@@ -1,43 +1,45 @@
-use std::fs::FileTimes;
+use std::{fs::FileTimes, os::unix::fs::symlink, path::PathBuf, time::SystemTime};
 
 use super::*;
 
-fn is_there(parent: &Path, name: &str) -> bool {
-    fs::symlink_metadata(parent.join(name)).is_ok()
+/// A folder with these files, of this age.
+fn make(parent: &Path, name: &str, files: &[&str], age: Duration) -> PathBuf {
+    let folder = parent.join(name);
+    fs::create_dir(&folder).unwrap();
+    for file in files {
+        fs::write(folder.join(file), "").unwrap();
+    }
+    let times = FileTimes::new().set_modified(SystemTime::now() - age);
+    File::open(&folder).unwrap().set_times(times).unwrap();
+    folder
 }
 
 #[test]
 fn only_folders_of_dead_demos_are_removed() {
     let parent = tempfile::tempdir().unwrap();
-    let make = |name: &str| {
-        let folder = parent.path().join(name);
-        fs::create_dir(&folder).unwrap();
-        folder
-    };
-    // Dead: a lock that nobody holds, or no lock for a long time.
-    fs::write(make("sm2-demo-dead").join(LOCK), "").unwrap();
-    let old = make("sm2-demo-old");
-    let long_ago = std::time::SystemTime::now() - 2 * MIN_AGE;
-    let times = FileTimes::new().set_modified(long_ago);
-    File::open(&old).unwrap().set_times(times).unwrap();
-    // Not dead, or none of ours.
-    let alive = make("sm2-demo-alive").join(LOCK);
-    fs::write(&alive, "").unwrap();
+    let parent = parent.path();
+    let old = 2 * MIN_AGE;
+    make(parent, "sm2-demo-dead", &[LOCK, SOCKET], old);
+    make(parent, "sm2-demo-never-alive", &[], old);
+    // Alive, about to be, or none of ours.
+    let alive = make(parent, "sm2-demo-alive", &[LOCK, SOCKET], old).join(LOCK);
     let lock = Flock::lock(File::open(&alive).unwrap(), FlockArg::LockExclusive).unwrap();
-    make("sm2-demo-young");
-    fs::write(make("other").join(LOCK), "").unwrap();
-    std::os::unix::fs::symlink(
-        parent.path().join("other"),
-        parent.path().join("sm2-demo-link"),
-    )
-    .unwrap();
+    make(parent, "sm2-demo-starts", &[], Duration::ZERO);
+    make(parent, "sm2-demo-locks", &[LOCK], Duration::ZERO);
+    let other = make(parent, "other", &[LOCK], old);
+    symlink(other, parent.join("sm2-demo-link")).unwrap();
 
-    remove_leftovers(parent.path());
-    for name in ["sm2-demo-alive", "sm2-demo-young", "other", "sm2-demo-link"] {
-        assert!(is_there(parent.path(), name), "{name}");
-    }
-    for name in ["sm2-demo-dead", "sm2-demo-old"] {
-        assert!(!is_there(parent.path(), name), "{name}");
-    }
+    remove_leftovers(parent);
+    let left = fs::read_dir(parent).unwrap();
+    let mut left: Vec<_> = left.map(|it| it.unwrap().file_name()).collect();
+    left.sort_unstable();
+    let expected = [
+        "other",
+        "sm2-demo-alive",
+        "sm2-demo-link",
+        "sm2-demo-locks",
+        "sm2-demo-starts",
+    ];
+    assert_eq!(left, expected);
     drop(lock);
 }
