@@ -192,8 +192,8 @@ impl Manager {
 
     fn accept(&mut self) {
         for _ in 0..TURN {
-            match self.door.accept() {
-                Ok(Some(socket)) => self.connect(socket),
+            match self.let_in() {
+                Ok(Some((socket, place))) => self.connect(socket, place),
                 Ok(None) => return,
                 Err(error) if self.make_descriptors(&error) => self.feed(Input::Tick),
                 Err(error) => {
@@ -208,8 +208,8 @@ impl Manager {
     /// one and were not let in are told, too.
     //= SM2-RES-010, SM2-SES-008
     fn leave(&mut self) {
-        while let Ok(Some(socket)) = self.door.accept() {
-            self.connect(socket);
+        while let Ok(Some((socket, place))) = self.let_in() {
+            self.connect(socket, place);
         }
         self.feed(Input::Shutdown);
         info!("handed over");

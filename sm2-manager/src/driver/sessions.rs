@@ -17,14 +17,21 @@ use super::{Manager, TURN};
 use crate::connection::{Connection, Lost, Sent};
 
 impl Manager {
+    /// The next connection, and the place of its counters. Who would have none waits.
+    pub(super) fn let_in(&self) -> io::Result<Option<(SeqPacket, OwnedFd)>> {
+        let place = self.place()?;
+        let socket = self.door.accept()?;
+        Ok(socket.map(|socket| (socket, place)))
+    }
+
     //= SM2-TRN-007
-    pub(super) fn connect(&mut self, socket: SeqPacket) {
+    pub(super) fn connect(&mut self, socket: SeqPacket, place: OwnedFd) {
         self.last_session += 1;
         let session = NodeId(self.last_session);
         let watched = self.epoll.add(&socket, session.0, Interest::READABLE);
-        let served = watched.and_then(|()| Ok((socket.peer_credentials()?, self.place()?)));
-        let (peer, place) = match served {
-            Ok(served) => served,
+        let peer = watched.and_then(|()| socket.peer_credentials());
+        let peer = match peer {
+            Ok(peer) => peer,
             Err(error) => return warn!(%error, "cannot serve a connection"),
         };
         debug!(%session, uid = peer.uid, pid = peer.pid, "connected");
