@@ -125,7 +125,9 @@ fn a_manager_that_is_short_of_descriptors_blames_no_node() {
         let socket = SeqPacket::connect(&place.socket()).unwrap();
         let raw = Raw::greeting(socket, &name);
         let answered = || wait_readable(&[raw.socket.as_fd()], Some(Duration::from_millis(10)));
-        while !answered().unwrap() && !manager.stderr().contains("cannot") {}
+        common::eventually("a WELCOME, or a word why there is none", || {
+            answered().unwrap() || manager.stderr().contains("cannot")
+        });
         // The last one finds no descriptor left for it, and may be left waiting.
         if let Some((ToNode::Welcome { node, .. }, None)) = raw.try_next(Duration::ZERO) {
             nodes.push(Raw { id: node, ..raw });

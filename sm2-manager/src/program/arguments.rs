@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Ends of links that one node may have
     #[arg(long, value_name = "N", default_value_t = Policy::default().links_per_session)]
     pub max_links: usize,
-    /// Seconds that a connection may take to greet
+    /// Seconds that a connection may take to greet, and to claim its links if it comes back
     #[arg(long, value_name = "SECONDS", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..))]
     pub greeting_timeout: u64,
 }

@@ -78,7 +78,7 @@ pub enum Item {
 /// What the operator allows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Limits {
-    /// Ready sessions of one user.
+    /// Welcomed sessions of one user.
     pub sessions_per_user: u32,
     /// Interfaces of one session.
     pub interfaces_per_session: u32,

@@ -283,7 +283,7 @@ const fn meaning(farewell: Farewell) -> &'static str {
         Farewell::GreetingTimeout => "it did not greet in time",
         Farewell::Stalled => "the other one did not read what was sent to it",
         Farewell::ShuttingDown => "it was shutting down",
-        Farewell::Resources => "it ran out of descriptors or memory",
+        Farewell::Resources => "it ran out of descriptors or memory, or of what it may have",
         Farewell::PeerGone => "the other end was gone without a word",
         Farewell::NotAdopted => "the new Manager could not take the link over",
     }

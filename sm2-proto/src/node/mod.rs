@@ -36,9 +36,12 @@
 //!
 //! [`Input::Close`] is legal in every state but the last, and leads there. Each
 //! [`Input::Withdraw`] that is taken is answered with one [`Output::Withdrawn`], at the latest by
-//! the end of the session. What else was asked and not answered is forgotten with it.
+//! the end of the session, unless [`Input::Close`] ends all at once. What else was asked and not
+//! answered is forgotten with the session.
 
 mod event;
+#[cfg(feature = "fuzzing")]
+pub(crate) mod fuzz;
 mod interface;
 mod receive;
 mod requests;
