@@ -305,7 +305,10 @@ fn they_match_and_something_is_in_the_way() {
         (0, "it wanted no more"),
         (1, "it did not greet in time"),
         (3, "it was shutting down"),
-        (4, "it ran out of descriptors or memory, or of what it may have"),
+        (
+            4,
+            "it ran out of descriptors or memory, or of what it may have",
+        ),
         (5, "the other end was gone without a word"),
         (6, "the new Manager could not take the link over"),
     ] {
