@@ -6,16 +6,17 @@
 //!
 //! # How a consistent copy comes about
 //!
-//! Each entry is a seqlock. Its `turn` is odd while the entry is written; a reader
-//! copies the words and takes them only if `turn` was the same even number before and
-//! after. The writer never waits. Turns count for the whole file, so that an entry that
-//! is freed and used again never has an old one.
+//! Each entry is a seqlock (`seqlock.rs`): a reader copies the words of an entry and takes
+//! them only if nothing changed meanwhile, which its `turn` says. The writer never waits.
+//! Turns count for the whole file, so that an entry that is freed and used again never has
+//! an old one.
 //!
 //! Who wrote the file is not trusted: its seals make reading safe (no fault, no other
 //! size), each word is copied before anybody looks at it, and the attempts are bounded.
 //!
 //! Reading a shared mapping with atomics is defined by Rust for targets of 64 bits.
 
+mod seqlock;
 mod view;
 
 pub use view::{CounterError, CounterView, Entries, Unreadable};
@@ -23,7 +24,6 @@ pub use view::{CounterError, CounterView, Entries, Unreadable};
 use std::fs::File;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use sm2_proto::counters::{
     ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, field, header, recent_index,
@@ -33,6 +33,9 @@ use sm2_proto::{Instant, InterfaceId, LinkId, Seals};
 
 use crate::mapping::MappingMut;
 use crate::memfd::{add_seals, create};
+use crate::sync::{AtomicU64, Ordering};
+
+use self::seqlock::Change;
 
 /// A file of counters, which only this value can write.
 ///
@@ -122,8 +125,7 @@ impl CounterPage {
     /// Ends the use of an entry. Readers see it no more; another may get its place.
     //= SM2-CNT-005
     pub fn free(&mut self, entry: CounterEntry) {
-        // The other words stay: who reads them sees that the turn has changed.
-        entry_words(&self.mapping, entry.0)[field::TURN].store(0, Ordering::Relaxed);
+        seqlock::free(entry_words(self.mapping.words(), entry.0));
         self.freed.push(entry.0);
     }
 
@@ -131,15 +133,10 @@ impl CounterPage {
     /// wait that long: do nothing else in between.
     //= SM2-CNT-005
     pub fn update(&mut self, entry: &CounterEntry) -> Update<'_> {
-        let words = entry_words(&self.mapping, entry.0);
-        // Odd, and greater than before, also if the last one was never dropped.
-        self.turn = (self.turn + 1) | 1;
-        words[field::TURN].store(self.turn.to_le(), Ordering::Relaxed);
-        // Pairs with the second fence of a reader: one that copied any word of what follows
-        // sees this turn, or a later one, when it looks at the turn again.
-        fence(Ordering::Release);
-        let turn = &mut self.turn;
-        Update { words, turn }
+        let words = entry_words(self.mapping.words(), entry.0);
+        Update {
+            change: Change::begin(words, &mut self.turn),
+        }
     }
 }
 
@@ -150,10 +147,11 @@ impl AsFd for CounterPage {
     }
 }
 
-fn entry_words(mapping: &MappingMut, index: u32) -> &[AtomicU64; ENTRY_FIELDS] {
+/// The words of entry number `index` of a file, which has that many.
+fn entry_words(file: &[AtomicU64], index: u32) -> &[AtomicU64; ENTRY_FIELDS] {
     // The header is as long as an entry.
     let first = (index as usize + 1) * ENTRY_FIELDS;
-    mapping.words()[first..]
+    file[first..]
         .first_chunk()
         .expect("entries are numbered within the file")
 }
@@ -164,8 +162,7 @@ fn entry_words(mapping: &MappingMut, index: u32) -> &[AtomicU64; ENTRY_FIELDS] {
 /// Sums wrap around at 2^64.
 #[derive(Debug)]
 pub struct Update<'a> {
-    words: &'a [AtomicU64; ENTRY_FIELDS],
-    turn: &'a mut u64,
+    change: Change<'a, ENTRY_FIELDS>,
 }
 
 //= SM2-CNT-004
@@ -218,22 +215,10 @@ impl Update<'_> {
     }
 
     fn get(&self, field: usize) -> u64 {
-        u64::from_le(self.words[field].load(Ordering::Relaxed))
+        self.change.get(field)
     }
 
     fn set(&mut self, field: usize, value: u64) {
-        if self.get(field) != value {
-            self.words[field].store(value.to_le(), Ordering::Relaxed);
-        }
-    }
-}
-
-impl Drop for Update<'_> {
-    //= SM2-CNT-005
-    fn drop(&mut self) {
-        *self.turn += 1;
-        // Pairs with the first fence of a reader: one that sees this turn sees all words
-        // that were written before.
-        self.words[field::TURN].store(self.turn.to_le(), Ordering::Release);
+        self.change.set(field, value);
     }
 }

@@ -54,6 +54,7 @@ mod runtime;
 mod segment;
 pub mod slots;
 pub mod socket;
+mod sync;
 pub mod timer;
 pub mod waker;
 

@@ -21,10 +21,11 @@ use std::io;
 use std::num::NonZeroUsize;
 use std::os::fd::BorrowedFd;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use nix::libc::c_void;
 use nix::sys::mman::{self, MapFlags, MmapAdvise, ProtFlags};
+
+use crate::sync::AtomicU64;
 
 /// What the kernel can map with a single page-table entry on the machines that
 /// matter here.
@@ -96,10 +97,10 @@ impl Mapping {
         self.region.start.as_ptr()
     }
 
-    /// Copies the aligned word number `index`, which another process may be changing.
-    /// Relaxed: the only ordering that Rust promises for read-only memory.
-    pub(crate) fn load(&self, index: usize) -> u64 {
-        self.region.words()[index].load(Ordering::Relaxed)
+    /// The whole aligned words, which another process may be changing. Only for relaxed
+    /// loads: Rust promises no others for read-only memory, and a store would fault.
+    pub(crate) fn words(&self) -> &[AtomicU64] {
+        self.region.words()
     }
 }
 

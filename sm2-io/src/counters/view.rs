@@ -5,16 +5,17 @@ use std::hint;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::FileExt;
-use std::sync::atomic::{Ordering, fence};
 use std::thread;
 
 use nix::errno::Errno;
 use nix::unistd::{Whence, lseek};
 use sm2_proto::Seals;
-use sm2_proto::counters::{ENTRY_BYTES, ENTRY_FIELDS, Entry, entries_in, field, header};
+use sm2_proto::counters::{ENTRY_BYTES, Entry, entries_in, field, header};
 
 use crate::mapping::Mapping;
 use crate::memfd::facts;
+
+use super::{entry_words, seqlock};
 
 /// How often an entry is read that changes meanwhile. A change takes some nanoseconds; one
 /// that outlasts this many attempts has a writer that was stopped, or that wants it so.
@@ -95,8 +96,9 @@ impl CounterView {
 
     /// As [`read`](Self::read), with at most so many attempts more than the first.
     fn read_within(&self, index: u32, spare: &mut u32) -> Result<Option<Entry>, Unreadable> {
+        let words = entry_words(self.mapping.words(), index);
         for tried in 1..=TRIES {
-            match self.attempt(index) {
+            match seqlock::copy(words) {
                 Some(words) if words[field::TURN] == 0 => return Ok(None),
                 Some(words) => {
                     let entry = Entry::from_words(&words);
@@ -122,28 +124,6 @@ impl CounterView {
             end: 0,
             spare: TRIES_FOR_ALL,
         }
-    }
-
-    /// The words of an entry, if they belong together.
-    //= SM2-CNT-005
-    fn attempt(&self, index: u32) -> Option<[u64; ENTRY_FIELDS]> {
-        let first = (index as usize + 1) * ENTRY_FIELDS;
-        let word = |field| u64::from_le(self.mapping.load(first + field));
-        let turn = word(field::TURN);
-        if turn % 2 == 1 {
-            return None;
-        }
-        // Pairs with the end of a change: who sees its turn sees what it wrote.
-        fence(Ordering::Acquire);
-        let mut words: [u64; ENTRY_FIELDS] = std::array::from_fn(word);
-        // Pairs with the start of a change: who saw any of it sees its turn.
-        fence(Ordering::Acquire);
-        if word(field::TURN) != turn {
-            return None;
-        }
-        // The copy in between is another reading, which a hostile writer can make differ.
-        words[field::TURN] = turn;
-        Some(words)
     }
 
     /// The numbers of the first entries from `index` on that are not in a hole of the file:

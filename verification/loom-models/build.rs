@@ -1,0 +1,124 @@
+//! Makes modules of shipped sources: as they are, and broken in one place each.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+/// A name, what stands in the source exactly once, and what to put there.
+type Change = (&'static str, &'static str, &'static str);
+
+/// Ways to break the seqlock. `tests/counters.rs` expects each to be found.
+const SEQLOCK: &[Change] = &[
+    (
+        "no_release_fence",
+        "        fence(Ordering::Release);\n",
+        "",
+    ),
+    (
+        "relaxed_end",
+        "self.words[TURN].store(self.turn.to_le(), Ordering::Release);",
+        "self.words[TURN].store(self.turn.to_le(), Ordering::Relaxed);",
+    ),
+    (
+        "no_odd_turn",
+        "        words[TURN].store(turn.to_le(), Ordering::Relaxed);\n",
+        "",
+    ),
+    ("odd_taken", "if turn % 2 == 1 {", "if false {"),
+    ("no_second_look", "if word(TURN) != turn {", "if false {"),
+    (
+        "no_first_acquire",
+        "    fence(Ordering::Acquire);\n    let mut copied",
+        "    let mut copied",
+    ),
+    (
+        "no_second_acquire",
+        "    fence(Ordering::Acquire);\n    if word(TURN)",
+        "    if word(TURN)",
+    ),
+];
+
+/// Ways to break the waiting. `tests/sleepers.rs` expects each to be found.
+const WAIT: &[Change] = &[
+    ("no_wake", "sleeper.waker.wake();", ""),
+    (
+        "entered_late",
+        "            let waker = inner.sleepers.enter(topic)?;\n            drop(inner);\n",
+        "            drop(inner);\n            let waker = self.lock().sleepers.enter(topic)?;\n",
+    ),
+    (
+        "no_sockets",
+        "[self.epoll.as_fd(), waker.as_fd()]",
+        "[waker.as_fd()]",
+    ),
+    (
+        "own_topic_only",
+        "(sleeper.topic == topic || topic == Topic::Session)",
+        "sleeper.topic == topic",
+    ),
+    ("woken_for_ever", "sleeper.woken = false;", ""),
+    (
+        "bell_not_rung",
+        "        inner.sleepers.wake(topic);\n        Ok(bell)",
+        "        Ok(bell)",
+    ),
+];
+
+/// The kernel of the model in place of the real one.
+const KERNEL: &[(&str, &str)] = &[
+    ("std::os::fd::", "crate::kernel::"),
+    ("sm2_io::", "crate::kernel::"),
+];
+
+fn main() {
+    variants("counters", "sm2-io/src/counters/seqlock.rs", &[], SEQLOCK);
+    variants("sleepers", "sm2-node/src/driver/wait.rs", KERNEL, WAIT);
+}
+
+/// Writes `$OUT_DIR/<test>.rs`: for the source as it ships, and for each change, a module
+/// with that source and `tests/<test>/scenarios.rs`, which tests it.
+fn variants(test: &str, source: &str, renamed: &[(&str, &str)], changes: &[Change]) {
+    let here = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("set by Cargo"));
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("set by Cargo"));
+    let path = here.join("../..").join(source);
+    println!("cargo::rerun-if-changed={}", path.display());
+    let mut shipped = fs::read_to_string(&path).expect("the source is there");
+    for (from, to) in renamed {
+        assert!(
+            shipped.contains(from),
+            "{source} has no `{from}`: mend build.rs"
+        );
+        shipped = shipped.replace(from, to);
+    }
+    let scenarios = here.join("tests").join(test).join("scenarios.rs");
+    let stem = path.file_stem().and_then(|it| it.to_str()).expect("a name");
+    let mut modules = String::new();
+    let mut add = |name: &str, text: &str| {
+        let file = out.join(format!("{test}_{name}.rs"));
+        fs::write(&file, text).expect("OUT_DIR is writable");
+        module(&mut modules, name, stem, &file, &scenarios);
+    };
+    add("shipped", &shipped);
+    for (name, from, to) in changes {
+        let count = shipped.matches(from).count();
+        assert_eq!(
+            count, 1,
+            "{source}, {name}: not once: `{from}`; mend build.rs"
+        );
+        add(name, &shipped.replace(from, to));
+    }
+    fs::write(out.join(format!("{test}.rs")), modules).expect("OUT_DIR is writable");
+}
+
+fn module(modules: &mut String, name: &str, stem: &str, file: &Path, scenarios: &Path) {
+    // A test needs not all that is there, and what is broken even less.
+    write!(
+        modules,
+        "#[allow(dead_code, unused)]\nmod {name} {{\n\
+         #[path = {file:?}]\nmod {stem};\n\
+         #[path = {scenarios:?}]\npub(crate) mod scenarios;\n\
+         use scenarios::*;\n\
+         }}\n"
+    )
+    .expect("a string takes all");
+}
