@@ -53,6 +53,8 @@ pub mod manager;
 mod matching;
 mod name;
 pub mod node;
+#[cfg(any(kani, test))]
+mod proofs;
 mod refusal;
 pub mod schema;
 mod time;

@@ -6,3 +6,4 @@
 //! what else is checked, where, and what is still to come.
 
 pub mod clauses;
+pub mod model;

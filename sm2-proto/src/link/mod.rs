@@ -40,6 +40,8 @@ mod inbound;
 mod outbound;
 mod packet;
 mod phase;
+#[cfg(any(kani, test))]
+mod proofs;
 mod receive;
 mod segments;
 mod types;

@@ -1,5 +1,8 @@
 //! The links that are live at both ends: whose they are, and on what terms.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::collections::{BTreeMap, BTreeSet};
 use core::{fmt, hash::Hasher, ops::Bound};
 

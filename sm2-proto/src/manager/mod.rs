@@ -32,6 +32,8 @@ mod log;
 mod page;
 mod phase;
 mod policy;
+#[cfg(any(kani, test))]
+mod proofs;
 mod schemas;
 mod session;
 mod watch;

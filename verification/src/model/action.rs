@@ -1,0 +1,60 @@
+//! What can happen, and how it reads in a trace.
+
+use std::fmt;
+
+use sm2_proto::{InterfaceId, LinkId};
+
+/// One thing that happens; nodes are counted from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Action {
+    /// The Manager reads a node's next frame, or the end of its connection.
+    ManagerReads(u8),
+    /// A node reads its next frame, or the end of its connection.
+    NodeReads(u8),
+    /// A node connects, for the first time or again.
+    Connects(u8),
+    /// A node sees that the other end of a link is gone.
+    Notices(u8, InterfaceId, LinkId),
+    /// Another Manager begins.
+    ManagerBegins,
+    /// Nobody has anything to do until the Manager's deadline.
+    TimePasses,
+    /// A program declares the first interface that it has not.
+    Declares(u8),
+    /// A program withdraws an interface.
+    Withdraws(u8, InterfaceId),
+    /// A program ends a link.
+    Closes(u8, InterfaceId, LinkId),
+    /// A process dies.
+    NodeDies(u8),
+    /// The Manager dies; what it has sent is there.
+    ManagerDies,
+    /// The Manager reads a node's next frame and dies after so many frames of its answer.
+    ManagerDiesAnswering(u8, u8),
+}
+
+impl fmt::Display for Action {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::ManagerReads(at) => write!(f, "the Manager reads from node {at}"),
+            Self::NodeReads(at) => write!(f, "node {at} reads"),
+            Self::Connects(at) => write!(f, "node {at} connects"),
+            Self::Notices(at, interface, link) => {
+                write!(f, "node {at} sees the end of {link} at {interface}")
+            }
+            Self::ManagerBegins => write!(f, "another Manager begins"),
+            Self::TimePasses => write!(f, "time passes until the Manager's deadline"),
+            Self::Declares(at) => write!(f, "node {at} declares"),
+            Self::Withdraws(at, interface) => write!(f, "node {at} withdraws {interface}"),
+            Self::Closes(at, interface, link) => {
+                write!(f, "node {at} ends {link} at {interface}")
+            }
+            Self::NodeDies(at) => write!(f, "the process of node {at} dies"),
+            Self::ManagerDies => write!(f, "the Manager dies"),
+            Self::ManagerDiesAnswering(at, sent) => write!(
+                f,
+                "the Manager reads from node {at} and dies after {sent} frames of its answer"
+            ),
+        }
+    }
+}

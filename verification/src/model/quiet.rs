@@ -1,0 +1,218 @@
+//! What has to hold in a moment as such, and what once nothing is left to happen by itself.
+
+use std::collections::BTreeMap;
+
+use sm2_proto::{
+    Contract, Datagram, LinkId, Place,
+    control::{Apart, Item},
+    domain::{Ask, Domain, Mirror},
+    manager::{self, Manager},
+    match_contracts,
+    node::{self, Node},
+};
+
+use super::{
+    Action, Failure, Property, Scope,
+    world::{End, Socket, World},
+};
+
+impl World {
+    /// What has to hold in this moment, in which `actions` can happen. Whether all is quiet.
+    ///
+    /// # Errors
+    ///
+    /// The first property that does not hold.
+    //= SM2-MAT-002, SM2-RES-002, SM2-RES-004, SM2-RES-007 model
+    pub fn check(&self, scope: &Scope, actions: &[Action]) -> Result<bool, Failure> {
+        let mut joined = Vec::new();
+        for (link, pair) in &self.pairs {
+            if pair.sockets == [Socket::Held; 2] && !pair.doomed {
+                let mut ends = pair.ends;
+                ends.sort_unstable();
+                if joined.contains(&ends) {
+                    return fail(Property::OneLinkPerPair, format!("{link} is another link"));
+                }
+                joined.push(ends);
+            }
+        }
+        let goes_on = |action: &Action| {
+            matches!(
+                action,
+                Action::ManagerReads(_)
+                    | Action::NodeReads(_)
+                    | Action::Connects(_)
+                    | Action::Notices(..)
+                    | Action::ManagerBegins
+                    | Action::TimePasses
+            )
+        };
+        if actions.iter().any(goes_on) {
+            return Ok(false);
+        }
+        self.check_quiet(scope)?;
+        Ok(true)
+    }
+
+    fn check_quiet(&self, scope: &Scope) -> Result<(), Failure> {
+        let ends = self.ends(scope)?;
+        for (link, pair) in &self.pairs {
+            let known = pair.ends.iter().all(|end| ends.contains_key(end));
+            if pair.sockets != [Socket::Held; 2] || !known {
+                return fail(Property::Converges, format!("{link} has one end: {pair:?}"));
+            }
+        }
+        for program in &self.programs {
+            let connection = program.connection.iter();
+            let named = connection.flat_map(|it| &it.ends);
+            for (end, said) in named.clone() {
+                if said.contains(&true) {
+                    let what = format!("{end:?} has one farewell alone");
+                    return fail(Property::OneFarewell, what);
+                }
+            }
+            if !named.map(|(end, _)| end).eq(&program.links) {
+                let what = "a node and its Manager know different links";
+                return fail(Property::Converges, what.into());
+            }
+        }
+        let places: Vec<_> = ends.iter().collect();
+        for (index, (one, (_, ours))) in places.iter().enumerate() {
+            for (other, (_, theirs)) in &places[index + 1..] {
+                let pair = [**one, **other];
+                let same = |it: [End; 2]| it == pair || it == [pair[1], pair[0]];
+                let links = self.pairs.values().filter(|it| same(it.ends)).count();
+                let wanted = usize::from(match_contracts(ours, theirs).is_ok());
+                if links != wanted && !(links == 0 && self.broken.contains(&pair)) {
+                    let what = format!("{pair:?} has {links} links, not {wanted}");
+                    return fail(Property::Converges, what);
+                }
+            }
+        }
+        self.check_mirror(&ends)
+    }
+
+    /// What is declared, and where the Manager has it.
+    fn ends<'a>(&self, scope: &'a Scope) -> Result<BTreeMap<End, (Place, &'a Contract)>, Failure> {
+        let mut ends = BTreeMap::new();
+        for (at, program) in (0_u8..).zip(&self.programs) {
+            let (true, Some(node)) = (program.node.is_ready(), program.node.id()) else {
+                return fail(Property::Converges, format!("node {at} is never ready"));
+            };
+            if scope.eager && !program.undeclared.is_empty() {
+                return fail(Property::Converges, format!("node {at} has not declared"));
+            }
+            for (&interface, &contract) in &program.interfaces {
+                let contract = &scope.programs[usize::from(at)][usize::from(contract)];
+                let place = Place { node, interface };
+                ends.insert((at, program.life, interface), (place, contract));
+            }
+        }
+        Ok(ends)
+    }
+
+    //= SM2-IFC-007, SM2-WCH-004 model
+    fn check_mirror(&self, ends: &BTreeMap<End, (Place, &Contract)>) -> Result<(), Failure> {
+        let place_of = |end: &End| ends.get(end).map(|(place, _)| *place);
+        let mut links: Vec<(LinkId, [Place; 2])> = Vec::new();
+        for (link, pair) in &self.pairs {
+            if let [Some(one), Some(other)] = pair.ends.each_ref().map(place_of) {
+                let mut places = [one, other];
+                places.sort_unstable();
+                links.push((*link, places));
+            }
+        }
+        let mut interfaces: Vec<_> = ends.values().map(|it| (it.0, it.1.clone())).collect();
+        interfaces.sort_unstable_by_key(|(place, _)| *place);
+        let mut shown = (Vec::new(), Vec::new(), 0);
+        for item in self.look()?.items() {
+            match item {
+                Item::Domain { .. } => {}
+                Item::Node { resuming, .. } if !resuming => shown.2 += 1,
+                Item::Interface { place, contract } => shown.0.push((*place, contract.clone())),
+                Item::Link {
+                    link,
+                    offering,
+                    demanding,
+                    ..
+                } => {
+                    let mut places = [*offering, *demanding];
+                    places.sort_unstable();
+                    shown.1.push((*link, places));
+                }
+                Item::Apart {
+                    offering,
+                    demanding,
+                    cause: Apart::Ended { .. },
+                } if self.is_broken(*offering, *demanding, place_of) => {}
+                other => return fail(Property::MirrorIsExact, format!("{other:?} is shown")),
+            }
+        }
+        let exact = shown == (interfaces, links, self.programs.len());
+        if exact {
+            return Ok(());
+        }
+        fail(Property::MirrorIsExact, format!("shown are {shown:?}"))
+    }
+
+    fn is_broken(
+        &self,
+        offering: Place,
+        demanding: Place,
+        place_of: impl Fn(&End) -> Option<Place>,
+    ) -> bool {
+        let wanted = [Some(offering), Some(demanding)];
+        self.broken.iter().any(|ends| {
+            let mut places = ends.each_ref().map(&place_of);
+            let straight = places == wanted;
+            places.reverse();
+            straight || places == wanted
+        })
+    }
+
+    /// The domain as the first node reads it; the moment stays what it is.
+    fn look(&self) -> Result<Domain, Failure> {
+        let unread = || Failure {
+            property: Property::MirrorIsExact,
+            what: "the domain cannot be read".into(),
+        };
+        let mut node: Node = self.programs[0].node.clone();
+        let mut manager = Manager::clone(self.manager.as_ref().ok_or_else(unread)?);
+        let session = node.id().ok_or_else(unread)?;
+        let mut mirror = Mirror::new();
+        while let Some(Ask::Page { after }) = mirror.ask() {
+            let asked = node.handle(self.now, node::Input::Query { after });
+            asked.map_err(|_| unread())?;
+            while let Some(output) = node.poll() {
+                let node::Output::Transmit(bytes) = output else {
+                    return Err(unread());
+                };
+                let datagram = Datagram::new(&bytes);
+                let input = manager::Input::Datagram { session, datagram };
+                manager.handle(self.now, input).map_err(|_| unread())?;
+            }
+            while let Some(output) = manager.poll() {
+                let manager::Output::Send { frame, .. } = output else {
+                    return Err(unread());
+                };
+                let datagram = node::Input::Datagram(Datagram::new(&frame));
+                node.handle(self.now, datagram).map_err(|_| unread())?;
+            }
+            while let Some(output) = node.poll() {
+                let node::Output::Page {
+                    revision,
+                    items,
+                    next,
+                } = output
+                else {
+                    return Err(unread());
+                };
+                mirror.page(revision, items, next).map_err(|_| unread())?;
+            }
+        }
+        Ok(mirror.into_domain())
+    }
+}
+
+fn fail<T>(property: Property, what: String) -> Result<T, Failure> {
+    Err(Failure { property, what })
+}

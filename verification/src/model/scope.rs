@@ -1,0 +1,219 @@
+//! Who is there and what may happen: the bounds of a search.
+
+use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
+
+/// How often each thing may happen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Budget {
+    /// A program withdraws an interface, and declares its like again.
+    pub withdrawals: u8,
+    /// A program ends a link.
+    pub closes: u8,
+    /// A process dies, and another one of its name takes its place.
+    pub node_crashes: u8,
+    /// The Manager dies, and another one takes its place.
+    pub manager_crashes: u8,
+}
+
+/// What the harness does wrong on purpose, to see that it is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fault {
+    /// UNLINKED never reaches the Manager.
+    UnlinkedLost,
+    /// WITHDRAWN passes what was sent before it, as if there were no *dropping*.
+    WithdrawnOvertakes,
+    /// CLAIM carries another key than LINK did.
+    OtherKey,
+    /// The next Manager numbers from where the one before it began.
+    EpochAgain,
+    /// The Manager never sees the end of a connection.
+    EndUnseen,
+    /// LINK states terms that nobody asked for.
+    OtherTerms,
+    /// DECLARED comes twice.
+    DeclaredTwice,
+    /// CLAIMED never reaches the Manager.
+    ClaimedLost,
+}
+
+/// The bounds of one search.
+#[derive(Clone, Debug)]
+pub struct Scope {
+    /// What it is called.
+    pub name: &'static str,
+    /// What each node's program wants to have declared.
+    pub programs: Vec<Vec<Contract>>,
+    /// What may happen how often.
+    pub budget: Budget,
+    /// Whether programs declare as soon as they can, in one step; else each DECLARE is a
+    /// step of its own, at any time.
+    pub eager: bool,
+    /// Whether the search begins where everybody is connected, linked and quiet.
+    pub settled: bool,
+    /// What is wrong on purpose.
+    pub fault: Option<Fault>,
+}
+
+impl Scope {
+    /// All scopes, quick ones first.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let [lidar, camera] = ["lidar", "camera"];
+        let scope = |name, programs, budget| Self {
+            name,
+            programs,
+            budget,
+            eager: true,
+            settled: true,
+            fault: None,
+        };
+        let crashes = |node_crashes, manager_crashes| Budget {
+            node_crashes,
+            manager_crashes,
+            ..Budget::default()
+        };
+        let withdrawals = |withdrawals| Budget {
+            withdrawals,
+            ..Budget::default()
+        };
+        let crossed = || {
+            vec![
+                vec![publisher(lidar), subscriber(camera)],
+                vec![subscriber(lidar), publisher(camera)],
+            ]
+        };
+        let fan = |nodes: usize, topics: &[&str]| {
+            let mut all = vec![topics.iter().map(|it| publisher(it)).collect::<Vec<_>>()];
+            let sink: Vec<_> = topics.iter().map(|it| subscriber(it)).collect();
+            all.resize(nodes, sink);
+            all
+        };
+        let service = || {
+            vec![
+                vec![server("plan")],
+                vec![client("plan")],
+                vec![client("plan")],
+            ]
+        };
+        vec![
+            Self {
+                settled: false,
+                eager: false,
+                ..scope("cold-2x2", crossed(), Budget::default())
+            },
+            Self {
+                settled: false,
+                ..scope("cold-crash-2x1", fan(2, &[lidar]), crashes(1, 1))
+            },
+            Self {
+                eager: false,
+                ..scope("churn-once-2x2", crossed(), withdrawals(1))
+            },
+            Self {
+                eager: false,
+                ..scope("churn-2x2", crossed(), withdrawals(2))
+            },
+            scope(
+                "close-churn-takeover-2x1",
+                fan(2, &[lidar]),
+                Budget {
+                    withdrawals: 1,
+                    closes: 1,
+                    manager_crashes: 1,
+                    node_crashes: 0,
+                },
+            ),
+            scope("crash-2x2", crossed(), crashes(1, 1)),
+            scope("takeovers-2x2", crossed(), crashes(0, 2)),
+            scope(
+                "self-1x1",
+                vec![vec![publisher(lidar), subscriber(lidar)]],
+                Budget {
+                    withdrawals: 1,
+                    closes: 1,
+                    manager_crashes: 1,
+                    node_crashes: 1,
+                },
+            ),
+            scope("service-3", service(), crashes(1, 1)),
+            scope(
+                "service-churn-3",
+                service(),
+                Budget {
+                    withdrawals: 1,
+                    manager_crashes: 1,
+                    ..Budget::default()
+                },
+            ),
+            scope("takeover-3x2", fan(3, &[lidar, camera]), crashes(0, 1)),
+            scope("crash-3x2", fan(3, &[lidar, camera]), crashes(1, 1)),
+            scope("crash-4x1", fan(4, &[lidar]), crashes(1, 1)),
+        ]
+    }
+
+    /// The scope of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::all().into_iter().find(|it| it.name == name)
+    }
+}
+
+fn name(text: &str) -> Name {
+    Name::new(text).expect("scopes are written with legal names")
+}
+
+fn data(text: &str) -> TypeId {
+    TypeId {
+        name: name(text),
+        hash: 7,
+    }
+}
+
+fn publisher(topic: &str) -> Contract {
+    Contract::Publisher {
+        topic: name(topic),
+        data: data("T"),
+        offer: Offer {
+            depth: 1,
+            reliable: true,
+            latched: 0,
+            sealed: false,
+        },
+    }
+}
+
+fn subscriber(topic: &str) -> Contract {
+    Contract::Subscriber {
+        topic: name(topic),
+        data: None,
+        demand: Demand {
+            depth: 1,
+            reliable: false,
+            max_borrowed: 1,
+            sealed: false,
+        },
+    }
+}
+
+const QOS: ServiceQos = ServiceQos {
+    depth: 1,
+    max_borrowed: 1,
+    sealed: false,
+};
+
+fn server(service: &str) -> Contract {
+    Contract::Server {
+        service: name(service),
+        request: data("Q"),
+        reply: data("A"),
+        qos: QOS,
+    }
+}
+
+fn client(service: &str) -> Contract {
+    Contract::Client {
+        service: name(service),
+        types: None,
+        qos: QOS,
+    }
+}
