@@ -1,5 +1,12 @@
 //! The bodies of the fuzz targets in `fuzz/`, each beside the machine that it is about.
 
+pub(crate) mod script;
+
+/// Pages, changes and counters of a Manager that does not obey SPEC.
+pub fn domain_mirror(data: &[u8]) {
+    crate::domain::fuzz::mirror(data);
+}
+
 /// Datagrams and operations on one end of a link, in the order that the bytes say.
 pub fn link_frames(data: &[u8]) {
     crate::link::fuzz::frames(data);
@@ -8,4 +15,14 @@ pub fn link_frames(data: &[u8]) {
 /// Operations on a few sessions of one Manager, in the order that the bytes say.
 pub fn manager_session(data: &[u8]) {
     crate::manager::fuzz::session(data);
+}
+
+/// Frames of a hostile Manager and operations on one node, in the order that the bytes say.
+pub fn node_session(data: &[u8]) {
+    crate::node::fuzz::session(data);
+}
+
+/// Two schema texts, parted by a line feed.
+pub fn schema_text(data: &[u8]) {
+    crate::schema::fuzz::text(data);
 }

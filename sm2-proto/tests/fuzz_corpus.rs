@@ -11,8 +11,11 @@ fn every_seed() {
     for target in fs::read_dir(corpus).expect("the corpus is part of the project") {
         let target = target.expect("readable").path();
         let body = match target.file_name().and_then(|name| name.to_str()) {
-            Some("manager_session") => fuzz::manager_session,
+            Some("domain_mirror") => fuzz::domain_mirror,
             Some("link_frames") => fuzz::link_frames,
+            Some("manager_session") => fuzz::manager_session,
+            Some("node_session") => fuzz::node_session,
+            Some("schema_text") => fuzz::schema_text,
             other => panic!("{other:?} has no body here"),
         };
         let seeds = fs::read_dir(&target).expect("readable");
@@ -24,5 +27,5 @@ fn every_seed() {
         }
         targets += 1;
     }
-    assert_eq!(targets, 2);
+    assert_eq!(targets, 5);
 }

@@ -12,6 +12,8 @@
 //! not show. Whoever reads it gets an answer without them, never a panic, and it holds no more
 //! than what was sent.
 
+#[cfg(feature = "fuzzing")]
+pub(crate) mod fuzz;
 mod mirror;
 mod names;
 mod near;

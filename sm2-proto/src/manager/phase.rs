@@ -65,7 +65,7 @@ pub const REQUESTS: [Request; 13] = [
 ];
 
 impl Request {
-    pub(super) const fn of(frame: &ToManager) -> Self {
+    pub(crate) const fn of(frame: &ToManager) -> Self {
         match frame {
             ToManager::Hello { .. } => Self::Hello,
             ToManager::Declare { .. } => Self::Declare,

@@ -9,6 +9,8 @@
 //! whose text ([`Display`](fmt::Display)) is the one that it came from.
 
 mod difference;
+#[cfg(feature = "fuzzing")]
+pub(crate) mod fuzz;
 pub mod hash;
 mod layout;
 mod parse;

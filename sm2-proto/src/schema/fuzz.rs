@@ -1,0 +1,40 @@
+//! The body of the fuzz target `schema_text`.
+
+use alloc::format;
+use core::str;
+
+use super::{Layout, Schema, hash};
+
+/// Only what is exactly the text of a schema is read; what is read says the same again.
+//= SM2-TYP-001 fuzz
+pub(crate) fn text(data: &[u8]) {
+    let Ok(text) = str::from_utf8(data) else {
+        return;
+    };
+    let (one, other) = text.split_once('\n').unwrap_or((text, text));
+    let (Some(one), Some(other)) = (read(one), read(other)) else {
+        return;
+    };
+    let same = one == other;
+    assert_eq!(one.difference(&other).is_none(), same);
+    assert_eq!(other.difference(&one).is_none(), same);
+    assert!(!same || one.hash() == other.hash());
+}
+
+fn read(text: &str) -> Option<Schema> {
+    let schema = Schema::parse(text).ok()?;
+    assert_eq!(format!("{schema}"), text);
+    assert_eq!(Schema::parse(text).as_ref(), Ok(&schema));
+    let root = hash::message(schema.encoding().name(), schema.root().hash());
+    assert_eq!(schema.hash(), root);
+    if let Ok(layout) = Layout::of(schema.root()) {
+        assert_eq!(layout.elements(layout.fixed_bytes), Some(0));
+        for bytes in [0, 1, layout.fixed_bytes + 1, u64::MAX] {
+            if let Some(elements) = layout.elements(bytes) {
+                let each = layout.element_bytes.unwrap_or(0);
+                assert_eq!(layout.fixed_bytes + each * elements, bytes);
+            }
+        }
+    }
+    Some(schema)
+}
