@@ -20,8 +20,11 @@ use crate::error::CliError;
 /// Reads counters again and again.
 #[derive(Debug)]
 pub(crate) struct Sampler {
-    /// The files of the nodes that have one; the numbers of nodes are never used again.
-    files: HashMap<NodeId, CounterView>,
+    /// The Manager that gave the nodes their numbers: the next one gives others.
+    epoch: Option<u64>,
+    /// The files of the nodes that have one, and the number that a node had then: one that
+    /// was started again has another file.
+    files: HashMap<Name, (NodeId, CounterView)>,
 }
 
 /// The counters of some nodes at about one moment.
@@ -53,6 +56,7 @@ impl Sampler {
             let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
         }
         Self {
+            epoch: None,
             files: HashMap::new(),
         }
     }
@@ -68,14 +72,52 @@ impl Sampler {
         domain: &Domain,
         wanted: &BTreeSet<NodeId>,
     ) -> Result<Sample, CliError> {
-        self.files.retain(|id, _| wanted.contains(id));
-        for id in wanted {
-            // Without a Manager nobody can be asked; the files that are known go on.
-            if self.files.contains_key(id) || !node.is_connected() {
+        let wanted: HashMap<Name, NodeId> = (wanted.iter())
+            .filter_map(|&id| Some((domain.node(id)?.name.clone(), id)))
+            .collect();
+        self.files.retain(|name, _| wanted.contains_key(name));
+        self.open(node, &wanted)?;
+        let mut sample = Sample {
+            at: clock::now(),
+            entries: HashMap::new(),
+            silent: BTreeSet::new(),
+        };
+        for name in wanted.into_keys() {
+            match self.files.get(&name) {
+                Some((_, file)) => sample.add(&name, file),
+                None => drop(sample.silent.insert(name)),
+            }
+        }
+        Ok(sample)
+    }
+
+    /// Asks for the files that are not open yet, or no more the right ones.
+    fn open(&mut self, node: &Node, wanted: &HashMap<Name, NodeId>) -> Result<(), CliError> {
+        // Without a Manager nobody can be asked; the files that are known go on.
+        let Some(epoch) = node.epoch().filter(|_| node.is_connected()) else {
+            return Ok(());
+        };
+        if self.epoch.replace(epoch) != Some(epoch) {
+            self.files.clear();
+        }
+        let is_open = |(name, id)| self.files.get(name).is_some_and(|(of, _)| of == id);
+        if wanted.iter().all(is_open) {
+            return Ok(());
+        }
+        // Asked for anew: what the caller knows may be the numbers of another Manager.
+        let domain = match node.snapshot() {
+            Ok(domain) => domain,
+            Err(QueryError::TimedOut | QueryError::ManagerGone(_)) => return Ok(()),
+            Err(error) => return Err(error.into()),
+        };
+        let nodes = domain.nodes().filter(|it| wanted.contains_key(it.name));
+        for it in nodes {
+            if (self.files.get(it.name)).is_some_and(|(of, _)| *of == it.node) {
                 continue;
             }
-            match node.inspect(*id) {
-                Ok(Some(file)) => drop(self.files.insert(*id, file)),
+            self.files.remove(it.name);
+            match node.inspect(it.node) {
+                Ok(Some(file)) => drop(self.files.insert(it.name.clone(), (it.node, file))),
                 Ok(None)
                 // Nor is a file that is none: one node must not spoil the figures of the others.
                 | Err(
@@ -84,21 +126,12 @@ impl Sampler {
                 Err(error) => return Err(error.into()),
             }
         }
-        let mut sample = Sample {
-            at: clock::now(),
-            entries: HashMap::new(),
-            silent: BTreeSet::new(),
-        };
-        for id in wanted {
-            let Some(known) = domain.node(*id) else {
-                continue;
-            };
-            match self.files.get(id) {
-                Some(file) => sample.add(known.name, file),
-                None => drop(sample.silent.insert(known.name.clone())),
-            }
+        if node.epoch() != Some(epoch) {
+            // Some of these answers are another Manager's, for other nodes.
+            self.epoch = None;
+            self.files.clear();
         }
-        Ok(sample)
+        Ok(())
     }
 }
 

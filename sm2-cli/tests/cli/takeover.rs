@@ -1,8 +1,11 @@
 //! A Manager that dies while commands run, and its successor.
 
-use nix::sys::signal::Signal;
+use std::collections::HashMap;
 
-use crate::common::{Domain, listener, talker, until};
+use nix::sys::signal::Signal;
+use serde_json::Value;
+
+use crate::common::{Domain, Running, listener, talker, until};
 
 const GONE: &str = "the Manager is gone: links go on";
 const BACK: &str = "a Manager is there again";
@@ -92,4 +95,62 @@ fn a_manager_that_does_not_answer_is_told_in_time() {
     list.failed(1, &["did not answer in time", "is it stopped?"]);
     assert_eq!(doctor.code(), 1, "{doctor:?}");
     assert!(doctor.stdout().contains("does not answer"), "{doctor:?}");
+}
+
+/// The next Manager gives other numbers to the nodes: nobody's figures become another's.
+#[test]
+fn figures_stay_those_of_their_node_when_managers_change() {
+    let mut domain = Domain::new();
+    let mut talkers = Vec::new();
+    let hz = ["topic", "hz", "scan", "--interval", "20ms", "--json"];
+    let hz = domain.start(&hz);
+    for count in 1..=5 {
+        let talker = [
+            "topic",
+            "pub",
+            "scan",
+            "--value",
+            "\"hello\"",
+            "--rate",
+            "200",
+        ];
+        let talker = domain.start(&[&talker[..], &["--loop", "--wait", "0"]].concat());
+        domain.wait_for("scan", "publishers", count);
+        talkers.push(talker);
+        // The next one starts later, so that it has sent less.
+        until("it counts", || reports(&hz).len() as u64 > 10 * count);
+    }
+    for _ in 0..4 {
+        domain.kill_manager();
+        domain.start_manager();
+        let before = reports(&hz).len();
+        until("all are counted on", || {
+            let all = reports(&hz);
+            let full = all
+                .iter()
+                .skip(before)
+                .filter(|it| it.len() == talkers.len());
+            full.count() > 5
+        });
+    }
+    let all = reports(&hz);
+    for talker in &talkers {
+        let name = &format!("sm2-pub-{}", talker.pid());
+        let counts: Vec<u64> = all.iter().filter_map(|it| it.get(name).copied()).collect();
+        assert!(counts.is_sorted(), "{name}: {counts:?}");
+    }
+}
+
+/// What `hz` has said so far: how many messages each publisher has sent.
+fn reports(hz: &Running) -> Vec<HashMap<String, u64>> {
+    let text = hz.stdout();
+    // The last line may not be whole yet.
+    let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+    let publishers = |line: &str| {
+        let report: Value = serde_json::from_str(line).expect("JSON");
+        let all = report["publishers"].as_array().expect("publishers").clone();
+        let one = |it: Value| Some((it["node"].as_str()?.to_owned(), it["messages"].as_u64()?));
+        all.into_iter().filter_map(one).collect()
+    };
+    whole.lines().map(publishers).collect()
 }
