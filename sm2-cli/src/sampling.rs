@@ -22,6 +22,8 @@ use crate::error::CliError;
 pub(crate) struct Sampler {
     /// The Manager that gave the nodes their numbers: the next one gives others.
     epoch: Option<u64>,
+    /// The numbers that it gave, as far as they were asked for.
+    numbers: HashMap<Name, NodeId>,
     /// The files of the nodes that have one, and the number that a node had then: one that
     /// was started again has another file.
     files: HashMap<Name, (NodeId, CounterView)>,
@@ -57,6 +59,7 @@ impl Sampler {
         }
         Self {
             epoch: None,
+            numbers: HashMap::new(),
             files: HashMap::new(),
         }
     }
@@ -98,26 +101,33 @@ impl Sampler {
             return Ok(());
         };
         if self.epoch.replace(epoch) != Some(epoch) {
+            self.numbers.clear();
             self.files.clear();
         }
-        let is_open = |(name, id)| self.files.get(name).is_some_and(|(of, _)| of == id);
-        if wanted.iter().all(is_open) {
-            return Ok(());
+        if wanted
+            .iter()
+            .any(|(name, id)| self.numbers.get(name) != Some(id))
+        {
+            // Asked for anew: what the caller knows may be the numbers of another Manager.
+            let domain = match node.snapshot() {
+                Ok(domain) => domain,
+                Err(QueryError::TimedOut | QueryError::ManagerGone(_)) => return Ok(()),
+                Err(error) => return Err(error.into()),
+            };
+            let numbers = domain.nodes().map(|it| (it.name.clone(), it.node));
+            self.numbers = numbers.collect();
         }
-        // Asked for anew: what the caller knows may be the numbers of another Manager.
-        let domain = match node.snapshot() {
-            Ok(domain) => domain,
-            Err(QueryError::TimedOut | QueryError::ManagerGone(_)) => return Ok(()),
-            Err(error) => return Err(error.into()),
-        };
-        let nodes = domain.nodes().filter(|it| wanted.contains_key(it.name));
-        for it in nodes {
-            if (self.files.get(it.name)).is_some_and(|(of, _)| *of == it.node) {
+        for (name, &id) in self
+            .numbers
+            .iter()
+            .filter(|(name, _)| wanted.contains_key(*name))
+        {
+            if self.files.get(name).is_some_and(|(of, _)| *of == id) {
                 continue;
             }
-            self.files.remove(it.name);
-            match node.inspect(it.node) {
-                Ok(Some(file)) => drop(self.files.insert(it.name.clone(), (it.node, file))),
+            self.files.remove(name);
+            match node.inspect(id) {
+                Ok(Some(file)) => drop(self.files.insert(name.clone(), (id, file))),
                 Ok(None)
                 // Nor is a file that is none: one node must not spoil the figures of the others.
                 | Err(
