@@ -3,9 +3,9 @@
 use std::fmt;
 
 use serde::Serialize;
-use sm2_proto::{Contract, Place, Refusal, TypeId, domain::InterfaceView};
+use sm2_proto::{Contract, Kind, Name, Place, Refusal, TypeId, domain::InterfaceView};
 
-use crate::{columns::Columns, view::View};
+use crate::{columns::Columns, connect::Session, error::CliError, names, view::View};
 
 /// An interface. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -58,6 +58,59 @@ pub(crate) struct Qos {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) max_borrowed: Option<u16>,
     pub(crate) sealed: bool,
+}
+
+/// The type that somebody has stated, and its schema.
+#[derive(Default, Serialize)]
+pub(crate) struct Stated {
+    /// None if nobody has stated one.
+    #[serde(rename = "type")]
+    pub(crate) data: Option<Type>,
+    /// The schema text of SPEC's Annex A; none if nobody registered it.
+    schema: Option<String>,
+}
+
+impl Stated {
+    /// Asks for the schema.
+    ///
+    /// # Errors
+    ///
+    /// As [`Session::describe`].
+    pub(crate) fn of(session: &Session, data: Option<&TypeId>) -> Result<Self, CliError> {
+        let Some(data) = data else {
+            return Ok(Self::default());
+        };
+        Ok(Self {
+            data: Some(data.into()),
+            schema: session.describe(data)?,
+        })
+    }
+
+    pub(crate) fn schema(&self) -> &str {
+        self.schema.as_deref().unwrap_or("nobody registered it")
+    }
+}
+
+/// The interfaces on a topic or service, also those that were refused.
+///
+/// # Errors
+///
+/// That there are none, with names that come near.
+pub(crate) fn on(
+    view: &View<'_>,
+    kinds: &[Kind],
+    what: &'static str,
+    name: &Name,
+) -> Result<Vec<Interface>, CliError> {
+    let all = view.domain.interfaces();
+    let there: Vec<_> = all
+        .filter(|it| kinds.contains(&it.contract.kind()) && it.contract.name() == name)
+        .map(|it| Interface::new(view, it))
+        .collect();
+    if there.is_empty() {
+        return Err(names::unknown(what, name, view.names(kinds)));
+    }
+    Ok(there)
 }
 
 impl Interface {

@@ -9,8 +9,7 @@ use crate::{
     args::{Domain, name},
     connect::Session,
     error::CliError,
-    interfaces::{Interface, Type, table},
-    names,
+    interfaces::{self, Interface, Stated, table},
     output::Output,
     view::{SERVICE, View},
 };
@@ -42,19 +41,9 @@ struct Info {
     /// The domain's revision.
     revision: u64,
     name: String,
-    request: Half,
-    reply: Half,
+    request: Stated,
+    reply: Stated,
     interfaces: Vec<Interface>,
-}
-
-/// What goes one way.
-#[derive(Default, Serialize)]
-struct Half {
-    /// None if nobody has stated one.
-    #[serde(rename = "type")]
-    data: Option<Type>,
-    /// The schema text of SPEC's Annex A; none if nobody registered it.
-    schema: Option<String>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
@@ -62,31 +51,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let domain = session.snapshot()?;
     let view = View::new(&domain);
     let service = &arguments.service;
-    let all = domain
-        .interfaces()
-        .filter(|it| SERVICE.contains(&it.contract.kind()));
-    let interfaces: Vec<_> = all
-        .filter(|it| it.contract.name() == service)
-        .map(|it| Interface::new(&view, it))
-        .collect();
-    if interfaces.is_empty() {
-        return Err(names::unknown("service", service, view.names(SERVICE)));
-    }
-    let half = |data| -> Result<Half, CliError> {
-        Ok(Half {
-            data: Some(Type::from(data)),
-            schema: session.describe(data)?,
-        })
-    };
+    let interfaces = interfaces::on(&view, SERVICE, "service", service)?;
     let [request, reply] = match view.service_types(service) {
-        Some([request, reply]) => [half(request)?, half(reply)?],
-        None => Default::default(),
+        Some(types) => types.map(Some),
+        None => [None; 2],
     };
     let info = Info {
         revision: domain.revision(),
         name: service.to_string(),
-        request,
-        reply,
+        request: Stated::of(&session, request)?,
+        reply: Stated::of(&session, reply)?,
         interfaces,
     };
     let mut out = Output::new();
@@ -105,8 +79,8 @@ fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
             Some(data) => out.line(format_args!("{what:<16}{data}"))?,
             None => out.line(format_args!("{what:<16}nobody has stated a type"))?,
         }
-        let schema = half.schema.as_deref().unwrap_or("nobody registered it");
-        out.line(format_args!("{:<16}{schema}", format!("{what} schema")))?;
+        let schema = format!("{what} schema");
+        out.line(format_args!("{schema:<16}{}", half.schema()))?;
     }
     out.line("")?;
     out.line(table(&info.interfaces))

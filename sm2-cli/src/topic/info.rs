@@ -9,8 +9,7 @@ use crate::{
     args::{Domain, name},
     connect::Session,
     error::CliError,
-    interfaces::{Interface, Type, table},
-    names,
+    interfaces::{self, Interface, Stated, table},
     output::Output,
     view::{TOPIC, View},
 };
@@ -45,11 +44,8 @@ struct Info {
     /// The domain's revision.
     revision: u64,
     name: String,
-    /// None if nobody has stated one.
-    #[serde(rename = "type")]
-    data: Option<Type>,
-    /// The schema text of SPEC's Annex A; none if nobody registered it.
-    schema: Option<String>,
+    #[serde(flatten)]
+    stated: Stated,
     interfaces: Vec<Interface>,
 }
 
@@ -58,26 +54,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let domain = session.snapshot()?;
     let view = View::new(&domain);
     let topic = &arguments.topic;
-    let all = domain
-        .interfaces()
-        .filter(|it| TOPIC.contains(&it.contract.kind()));
-    let interfaces: Vec<_> = all
-        .filter(|it| it.contract.name() == topic)
-        .map(|it| Interface::new(&view, it))
-        .collect();
-    if interfaces.is_empty() {
-        return Err(names::unknown("topic", topic, view.names(TOPIC)));
-    }
-    let data = view.topic_type(topic);
-    let schema = match data {
-        Some(data) => session.describe(data)?,
-        None => None,
-    };
+    let interfaces = interfaces::on(&view, TOPIC, "topic", topic)?;
     let info = Info {
         revision: domain.revision(),
         name: topic.to_string(),
-        data: data.map(Type::from),
-        schema,
+        stated: Stated::of(&session, view.topic_type(topic))?,
         interfaces,
     };
     let mut out = Output::new();
@@ -91,12 +72,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 
 fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
     out.line(format_args!("topic   {}", info.name))?;
-    match &info.data {
+    match &info.stated.data {
         Some(data) => out.line(format_args!("type    {data}"))?,
         None => out.line("type    nobody has stated one")?,
     }
-    let schema = info.schema.as_deref().unwrap_or("nobody registered it");
-    out.line(format_args!("schema  {schema}"))?;
+    out.line(format_args!("schema  {}", info.stated.schema()))?;
     out.line("")?;
     out.line(table(&info.interfaces))
 }
