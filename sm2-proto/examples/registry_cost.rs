@@ -156,9 +156,20 @@ impl Domain {
     fn feed(&mut self, input: Input<'_>) {
         let taken = self.manager.handle(Instant(0), input);
         taken.expect("session numbers grow");
+        let mut linked = None;
         while let Some(output) = self.manager.poll() {
             let over = matches!(output, Output::HangUp { .. });
             assert!(!over, "everybody keeps to SPEC: {output:?}");
+            if let Output::Link { ends, .. } = output {
+                linked = Some(ends.map(|(session, _)| session));
+            }
+        }
+        // Everybody reads at once.
+        for session in linked.into_iter().flatten() {
+            if self.manager.awaits_room(session) {
+                let drained = self.manager.handle(Instant(0), Input::Drained { session });
+                drained.expect("that is no connection");
+            }
         }
     }
 }

@@ -1,6 +1,11 @@
-//! The bodies of the fuzz targets in `fuzz/`, each beside the machine that it is about.
+//! The bodies of fuzz targets in `fuzz/`, each beside the machine that it is about.
+//!
+//! Those that compare with an oracle are with the oracles, in `tests/fuzzed/`; those of other
+//! crates in the `fuzz.rs` of these. [`Script`] is what all of them read.
 
 pub(crate) mod script;
+
+pub use script::Script;
 
 /// Pages, changes and counters of a Manager that does not obey SPEC.
 pub fn domain_mirror(data: &[u8]) {

@@ -1,5 +1,8 @@
 //! The one name grammar (SPEC section 2): nothing to normalise, nothing to bypass.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::{borrow::ToOwned, string::String};
 use core::{fmt, str::FromStr};
 

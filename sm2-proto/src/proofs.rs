@@ -3,15 +3,28 @@
 //! Under `cargo kani` these are proofs; under `cargo test` a stand-in for the `kani` crate
 //! runs them (`verification/README.md`).
 
+use core::time::Duration;
+
 use crate::{
-    Code, Contract, Datagram, Demand, Farewell, Name, Offer, ServiceQos, TypeId, Violation,
+    Code, Contract, Datagram, Demand, Farewell, FdFacts, Instant, Name, Offer, Seals, ServiceQos,
+    TypeId, Violation,
     counters::{
-        ENTRY_BYTES, ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, RECENT, entries_in, field,
-        recent_index,
+        ENTRY_BYTES, ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, RECENT, Summary, entries_in,
+        field, recent_index,
     },
     limits::{DATAGRAM_MAX, WINDOW_MAX},
     match_contracts,
 };
+
+/// Any index of something with so many elements, at most 256.
+pub(crate) fn below(len: usize) -> usize {
+    usize::from(kani::any_where(|at: &u8| usize::from(*at) < len))
+}
+
+/// Any of these.
+pub(crate) fn one_of<T: Clone>(all: &[T]) -> T {
+    all[below(all.len())].clone()
+}
 
 fn name(first: bool) -> Name {
     Name::new(if first { "a" } else { "b" }).expect("a legal name")
@@ -21,6 +34,20 @@ fn type_id(first: bool) -> TypeId {
     TypeId {
         name: name(true),
         hash: u64::from(first),
+    }
+}
+
+/// A subscriber of which nothing matters.
+pub(crate) fn subscriber() -> Contract {
+    Contract::Subscriber {
+        topic: name(true),
+        data: None,
+        demand: Demand {
+            depth: 1,
+            reliable: false,
+            max_borrowed: 1,
+            sealed: false,
+        },
     }
 }
 
@@ -39,7 +66,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
             offer: Offer {
                 depth,
                 reliable,
-                latched: 0,
+                latched: max_borrowed,
                 sealed,
             },
         },
@@ -91,14 +118,19 @@ fn matching_is_symmetric() {
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn legal_contracts_have_legal_windows() {
-    // Beyond the range on both sides, without many values that say nothing new.
-    let contract = contract(kani::any::<u16>() % 1_030, kani::any::<u16>() % 1_030);
-    kani::assume(contract.check_qos().is_ok());
+    // Of a publisher the second one is `latched`, which may be none.
+    let (depth, other): (u16, u16) = kani::any();
+    let contract = contract(depth, other);
     let publishes = matches!(contract, Contract::Publisher { .. });
-    assert_eq!(contract.window() == 0, publishes);
-    assert!(contract.window() <= WINDOW_MAX);
-    kani::cover!(contract.window() > 2, "more than the least window");
-    kani::cover!(publishes, "a publisher");
+    let depth_is_legal = (1..=1_024).contains(&depth);
+    let legal = depth_is_legal && other <= 1_024 && (publishes || other > 0);
+    assert_eq!(contract.check_qos().is_ok(), legal);
+    if legal {
+        assert_eq!(contract.window() == 0, publishes);
+        assert!(contract.window() <= WINDOW_MAX);
+        kani::cover!(contract.window() == WINDOW_MAX, "the largest window");
+        kani::cover!(publishes && other == 0, "nothing is latched");
+    }
 }
 
 //= SM2-CNT-003 kani
@@ -177,6 +209,128 @@ fn truncated_datagrams_are_refused() {
     kani::cover!(len > DATAGRAM_MAX && !data_truncated, "one byte too long");
 }
 
+/// A datagram without a cut has exactly the number of descriptors that its type names, and
+/// whatever was cut off is reported first.
+//= SM2-TRN-004, SM2-TRN-005 kani
+#[cfg_attr(kani, kani::proof)]
+fn descriptors_are_counted() {
+    let files = [FdFacts::default(); 3];
+    let (came, wanted) = (below(4), below(4));
+    let datagram = Datagram {
+        fds: &files[..came],
+        ..Datagram::new(&[1])
+    };
+    let expected = if came == wanted {
+        Ok(())
+    } else {
+        Err(Violation::FdCount)
+    };
+    assert_eq!(datagram.check_fds(wanted), expected);
+    kani::cover!(came > wanted && wanted > 0, "more than wanted");
+    kani::cover!(came == wanted && came == 1, "one");
+}
+
+/// A deadline is never before the moment that it is counted from, and exact until the end of time.
+//= SM2-SES-004, SM2-RES-006 kani
+#[cfg_attr(kani, kani::proof)]
+fn deadlines_saturate() {
+    let now = Instant(kani::any());
+    let nanos = kani::any_where(|nanos: &u32| *nanos < 1_000_000_000);
+    let seconds: u64 = kani::any();
+    let wait = Duration::new(seconds, nanos);
+    let exact = u128::from(now.0) + 1_000_000_000 * u128::from(seconds) + u128::from(nanos);
+    let deadline = now.after(wait);
+    assert!(deadline >= now);
+    match u64::try_from(exact) {
+        Ok(exact) => {
+            assert_eq!(deadline, Instant(exact));
+            assert_eq!(deadline.since(now), wait);
+            kani::cover!(seconds > 0 && nanos > 0, "exact");
+        }
+        Err(_) => {
+            assert_eq!(deadline, Instant(u64::MAX));
+            kani::cover!(true, "beyond the end of time");
+        }
+    }
+    assert!(deadline == now || now.since(deadline).is_zero());
+}
+
+/// Every set of seals against every set that may be needed.
+//= SM2-SEG-001, SM2-CNT-003 kani
+#[cfg_attr(kani, kani::proof)]
+fn seals_are_all_needed() {
+    // Those that the kernel has, and two that it may get.
+    let has: u8 = kani::any();
+    let needed = kani::any_where(|needed: &u8| *needed < 32);
+    let contains = Seals(u32::from(has)).contains(Seals(u32::from(needed)));
+    let mut missing = 0;
+    let mut bit = 1;
+    while bit < 32 {
+        missing += u8::from(needed & bit != 0 && has & bit == 0);
+        bit *= 2;
+    }
+    assert_eq!(contains, missing == 0);
+    kani::cover!(
+        contains && u32::from(needed) == Seals::POOLED.0,
+        "a pooled file"
+    );
+    kani::cover!(missing == 1 && needed.count_ones() == 4, "one is missing");
+}
+
+/// What a stranger's file says does no harm to whoever reads it: no count of messages, time or
+/// delay is too large.
+//= SM2-CNT-004, SM2-CNT-005 kani
+#[cfg_attr(kani, kani::proof)]
+// 32 recent messages.
+#[cfg_attr(kani, kani::unwind(34))]
+fn a_strangers_counters_can_be_read() {
+    let mut entry = Entry {
+        messages: kani::any(),
+        delay_sum_ns: kani::any(),
+        ..Entry::default()
+    };
+    let noted = entry.messages.min(RECENT as u64) as usize;
+    // The last message stands where its number says.
+    let (last, value) = (recent_index(entry.messages), kani::any());
+    entry.recent_ns[last] = value;
+    assert_eq!(entry.recent().len(), noted);
+    assert_eq!(entry.recent().last(), (noted > 0).then_some(value));
+    assert_eq!(entry.gaps().is_some(), noted > 1);
+    assert_eq!(
+        entry.recent_delays().map(|it| it.max_ns),
+        (noted > 0).then_some(value)
+    );
+    assert_eq!(entry.mean_delay_ns().is_some(), entry.messages > 0);
+    kani::cover!(
+        entry.messages == u64::MAX,
+        "as many messages as there are numbers"
+    );
+    kani::cover!(noted == 1, "one message");
+}
+
+/// Mean and deviation of any three durations are in their range.
+//= SM2-CNT-004 kani
+#[cfg_attr(kani, kani::proof)]
+// Three durations; the root of 128 bits takes 64 steps.
+#[cfg_attr(kani, kani::unwind(66))]
+fn summaries_are_in_range() {
+    let durations: [u64; 3] = kani::any();
+    let Some(summary) = Summary::of(durations.into_iter()) else {
+        panic!("there are three");
+    };
+    let sum: u128 = durations.iter().map(|it| u128::from(*it)).sum();
+    assert_eq!(u128::from(summary.mean_ns), sum / 3);
+    assert!(durations.contains(&summary.min_ns) && durations.contains(&summary.max_ns));
+    assert!((summary.min_ns..=summary.max_ns).contains(&summary.mean_ns));
+    assert!(summary.std_dev_ns <= summary.max_ns - summary.min_ns);
+    assert!(Summary::of([0; 0].into_iter()).is_none());
+    kani::cover!(summary.std_dev_ns > u64::from(u32::MAX), "far apart");
+    kani::cover!(
+        summary.max_ns == u64::MAX && summary.min_ns > 0,
+        "the longest there is"
+    );
+}
+
 #[cfg(test)]
 kani::explored! {
     matching_is_symmetric: 2,
@@ -186,4 +340,9 @@ kani::explored! {
     counter_entries_are_canonical: 2,
     codes_have_one_meaning: 2,
     truncated_datagrams_are_refused: 2,
+    descriptors_are_counted: 2,
+    deadlines_saturate: 2,
+    seals_are_all_needed: 2,
+    a_strangers_counters_can_be_read: 2,
+    summaries_are_in_range: 2,
 }

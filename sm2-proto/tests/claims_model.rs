@@ -3,38 +3,18 @@
 
 #[path = "support/claims_oracle.rs"]
 mod claims_oracle;
+#[path = "support/claims_play.rs"]
+mod claims_play;
 mod support;
 
-use std::{collections::BTreeSet, time::Duration};
-
-use claims_oracle::{Oracle, Said, Session, Told};
+use claims_oracle::Said;
+use claims_play::{INTERFACES, Op, Play, SLOTS};
 use proptest::{collection::vec, prelude::*};
-use sm2_proto::{
-    Contract, InterfaceId, LinkId, NodeId, Place,
-    control::{Item, Key, ToManager, ToNode},
-    manager::{Input, Policy},
-};
+use sm2_proto::Contract;
 use support::{
-    bench::{Bench, EPOCH, Event, UNLIMITED, hello, resuming, unlinked, withdraw},
     cases,
     contracts::{data, publisher_with, subscriber_with},
 };
-
-const SLOTS: usize = 4;
-const INTERFACES: u64 = 3;
-
-#[derive(Clone, Debug)]
-enum Op {
-    Join(usize, bool, u32),
-    Leave(usize),
-    Declare(usize, Contract),
-    Withdraw(usize, u64),
-    Claim(usize, u64, Said),
-    Claimed(usize),
-    /// Ends a link that the node has, or is told to end.
-    Unlinked(usize, usize),
-    Wait(u64),
-}
 
 fn contract() -> impl Strategy<Value = Contract> {
     any::<[bool; 4]>().prop_map(|[offers, other, reliable, sealed]| {
@@ -73,213 +53,6 @@ fn op() -> impl Strategy<Value = Op> {
     ]
 }
 
-/// What the Manager told everybody of links.
-fn told(events: &[Event]) -> Vec<Told> {
-    let one = |node: NodeId, frame: &ToNode| match *frame {
-        ToNode::Unlink {
-            interface,
-            link,
-            code,
-        } => Some((Place { node, interface }, link, Some(code.0))),
-        ToNode::Link {
-            interface, link, ..
-        } => Some((Place { node, interface }, link, None)),
-        _ => None,
-    };
-    let each = events.iter().flat_map(|event| match event {
-        Event::Sent(to, frame) => vec![one(*to, frame)],
-        Event::Linked(_, ends) => ends.iter().map(|(to, frame)| one(*to, frame)).collect(),
-        _ => Vec::new(),
-    });
-    let mut told: Vec<Told> = each.flatten().collect();
-    told.sort_unstable();
-    told
-}
-
-fn relations(bench: &Bench, asks: NodeId) -> Vec<Item> {
-    let mut aside = bench.clone();
-    let before = Key::Member {
-        place: Place {
-            node: NodeId(u64::MAX),
-            interface: InterfaceId(u64::MAX),
-        },
-    };
-    let after = Some(before);
-    let events = aside.send(asks, &ToManager::Query { after });
-    let [
-        Event::Sent(
-            _,
-            ToNode::Page {
-                items, next: None, ..
-            },
-        ),
-    ] = &events[..]
-    else {
-        panic!("{events:?}");
-    };
-    let related = |item: &&Item| !matches!(item, Item::Apart { .. });
-    items.iter().filter(related).cloned().collect()
-}
-
-/// Does one thing to both; what the Manager said of links.
-fn step(
-    bench: &mut Bench,
-    oracle: &mut Oracle,
-    slots: &mut [Option<NodeId>; SLOTS],
-    policy: &Policy,
-    op: Op,
-) -> Vec<Event> {
-    let session = |oracle: &Oracle, at: usize| {
-        let node = slots[at].filter(|node| oracle.sessions.contains_key(node));
-        node.map(|node| oracle.sessions[&node].clone())
-    };
-    let at_place = |node: NodeId, interface: u64| Place {
-        node,
-        interface: InterfaceId(interface),
-    };
-    match op {
-        Op::Join(at, back, uid) if session(oracle, at).is_none() => {
-            let text = format!("n{at}");
-            let node = bench.connect(uid);
-            bench.send(node, &if back { resuming(&text) } else { hello(&text) });
-            slots[at] = Some(node);
-            oracle.sessions.insert(
-                node,
-                Session {
-                    node,
-                    uid,
-                    resuming: back,
-                    last: 0,
-                    greet_until: oracle.now + 2_000,
-                },
-            );
-            Vec::new()
-        }
-        Op::Leave(at) => match session(oracle, at) {
-            Some(Session { node, .. }) => {
-                oracle.leave(node);
-                bench.close(node)
-            }
-            None => Vec::new(),
-        },
-        Op::Declare(at, contract) => match session(oracle, at) {
-            Some(Session {
-                node,
-                resuming,
-                last,
-                ..
-            }) if last < INTERFACES => {
-                let place = at_place(node, last + 1);
-                oracle.interfaces.insert(place, contract.clone());
-                if let Some(session) = oracle.sessions.get_mut(&node) {
-                    session.last += 1;
-                }
-                let events = bench.declare(node, last + 1, &contract);
-                let matches = if resuming {
-                    0
-                } else {
-                    oracle.link_all(policy, place)
-                };
-                let answer = ToNode::Declared {
-                    interface: place.interface,
-                    matches: u32::try_from(matches).expect("few"),
-                };
-                assert_eq!(events[0], Event::Sent(node, answer));
-                events
-            }
-            _ => Vec::new(),
-        },
-        Op::Withdraw(at, interface) => match session(oracle, at) {
-            Some(Session { node, .. })
-                if oracle.interfaces.contains_key(&at_place(node, interface)) =>
-            {
-                let place = at_place(node, interface);
-                oracle.interfaces.remove(&place);
-                oracle.drop_end(place, None, 0);
-                bench.send(node, &withdraw(interface))
-            }
-            _ => Vec::new(),
-        },
-        Op::Claim(at, interface, said) => {
-            let id = LinkId {
-                epoch: EPOCH - 1,
-                serial: said.serial,
-            };
-            match session(oracle, at) {
-                Some(Session {
-                    node,
-                    resuming: true,
-                    ..
-                }) if oracle.interfaces.contains_key(&at_place(node, interface))
-                    && !oracle.has(at_place(node, interface), id) =>
-                {
-                    oracle.claim(policy, at_place(node, interface), id, said);
-                    let frame = ToManager::Claim {
-                        interface: InterfaceId(interface),
-                        link: id,
-                        key: said.key,
-                        version: 1,
-                        reliable: said.reliable,
-                        sealed: said.sealed,
-                    };
-                    bench.send(node, &frame)
-                }
-                _ => Vec::new(),
-            }
-        }
-        Op::Claimed(at) => match session(oracle, at) {
-            Some(Session {
-                node,
-                resuming: true,
-                ..
-            }) => {
-                if let Some(session) = oracle.sessions.get_mut(&node) {
-                    session.resuming = false;
-                }
-                for half in &mut oracle.halves {
-                    if half.place.node == node {
-                        half.until = Some(oracle.now + 5_000);
-                    }
-                }
-                let places: Vec<Place> = oracle.interfaces.keys().copied().collect();
-                for place in places.into_iter().filter(|it| it.node == node) {
-                    oracle.link_all(policy, place);
-                }
-                bench.send(node, &ToManager::Claimed)
-            }
-            _ => Vec::new(),
-        },
-        Op::Unlinked(at, pick) => {
-            let Some(Session { node, .. }) = session(oracle, at) else {
-                return Vec::new();
-            };
-            let mut own: BTreeSet<(Place, LinkId)> = oracle.told.clone();
-            own.extend(oracle.halves.iter().map(|it| (it.place, it.id)));
-            own.extend(
-                oracle
-                    .links
-                    .iter()
-                    .flat_map(|it| it.ends.map(|end| (end, it.id))),
-            );
-            own.retain(|(place, _)| place.node == node);
-            let Some(&(place, id)) = own.iter().nth(pick) else {
-                return Vec::new();
-            };
-            if !oracle.told.contains(&(place, id)) {
-                oracle.events.push((place, id, Some(5)));
-            }
-            oracle.drop_end(place, Some(id), 5);
-            bench.send(node, &unlinked(place.interface.0, id))
-        }
-        Op::Wait(ms) => {
-            bench.now = bench.now.after(Duration::from_millis(ms));
-            oracle.wait(ms);
-            bench.input(Input::Tick)
-        }
-        Op::Join(..) => Vec::new(),
-    }
-}
-
 proptest! {
     #![proptest_config(cases(600))]
 
@@ -287,17 +60,9 @@ proptest! {
     //= SM2-LNK-003, SM2-LNK-004, SM2-SES-004 test
     #[test]
     fn claims(seal_all in any::<bool>(), ops in vec(op(), 1..120)) {
-        let policy = Policy { seal_all, ..UNLIMITED };
-        let mut bench = Bench::new(policy);
-        let observer = bench.node(9, "observer");
-        let mut oracle = Oracle::default();
-        let mut slots = [None; SLOTS];
+        let mut play = Play::new(seal_all);
         for op in ops {
-            oracle.events.clear();
-            let events = step(&mut bench, &mut oracle, &mut slots, &policy, op.clone());
-            oracle.events.sort_unstable();
-            prop_assert_eq!(&told(&events), &oracle.events, "{:?}", op);
-            prop_assert_eq!(relations(&bench, observer), oracle.relations(), "{:?}", op);
+            play.step(&op);
         }
     }
 }

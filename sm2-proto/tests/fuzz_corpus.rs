@@ -1,31 +1,68 @@
-//! Replays the seeds of `fuzz/corpus/` through the bodies of the fuzz targets.
+//! Replays the seeds and findings of `fuzz/` through the bodies of the fuzz targets.
 
-use std::{fs, path::Path};
+#[path = "support/claims_oracle.rs"]
+mod claims_oracle;
+#[path = "support/claims_play.rs"]
+mod claims_play;
+#[path = "support/direction.rs"]
+#[allow(dead_code, reason = "a part is for random tests")]
+mod direction;
+#[path = "link_support/driver.rs"]
+mod driver;
+mod fuzzed;
+mod link_support;
+#[path = "support/naive_control.rs"]
+mod naive;
+#[path = "link_support/ops.rs"]
+#[allow(dead_code, reason = "a part is for random tests")]
+mod ops;
+#[path = "link_support/pair.rs"]
+mod pair;
+#[path = "../../fuzz/replay.rs"]
+mod replay;
+mod support;
+#[path = "support/takeover/mod.rs"]
+mod takeover;
 
 use sm2_proto::fuzz;
 
+/// The body of a target, or the crate that has it and replays its seeds.
+type Body = Result<fn(&[u8]), &'static str>;
+
+/// Every target of `fuzz/`.
+const TARGETS: [(&str, Body); 10] = [
+    ("command_line", Err("sm2-cli")),
+    ("control_codec", Ok(fuzzed::control_codec)),
+    ("counters_page", Err("sm2-cli")),
+    ("domain_mirror", Ok(fuzz::domain_mirror)),
+    ("link_frames", Ok(fuzz::link_frames)),
+    ("link_pair", Ok(fuzzed::link_pair)),
+    ("manager_session", Ok(fuzz::manager_session)),
+    ("node_session", Ok(fuzz::node_session)),
+    ("schema_text", Err("sm2-cli")),
+    ("takeover", Ok(fuzzed::takeover)),
+];
+
 #[test]
 fn every_seed() {
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus");
-    let mut targets = 0;
-    for target in fs::read_dir(corpus).expect("the corpus is part of the project") {
-        let target = target.expect("readable").path();
-        let body = match target.file_name().and_then(|name| name.to_str()) {
-            Some("domain_mirror") => fuzz::domain_mirror,
-            Some("link_frames") => fuzz::link_frames,
-            Some("manager_session") => fuzz::manager_session,
-            Some("node_session") => fuzz::node_session,
-            Some("schema_text") => fuzz::schema_text,
-            other => panic!("{other:?} has no body here"),
-        };
-        let seeds = fs::read_dir(&target).expect("readable");
-        let seeds: Vec<_> = seeds.map(|seed| seed.expect("readable").path()).collect();
-        assert!(!seeds.is_empty(), "{target:?} has seeds");
-        for seed in seeds {
-            println!("{}", seed.display());
-            body(&fs::read(seed).expect("readable"));
+    for (target, body) in TARGETS {
+        if let Ok(body) = body {
+            replay::replay(target, body);
         }
-        targets += 1;
     }
-    assert_eq!(targets, 5);
+}
+
+/// None is forgotten: each target has seeds, and a test that replays them.
+#[test]
+fn every_target() {
+    let names: Vec<_> = TARGETS.iter().map(|(name, _)| (*name).to_owned()).collect();
+    assert_eq!(replay::targets(), names);
+    assert_eq!(replay::corpora(), names);
+    for (target, body) in TARGETS {
+        if let Err(elsewhere) = body {
+            let test = format!("../{elsewhere}/tests/fuzz_corpus.rs");
+            let text = std::fs::read_to_string(&test).expect("it replays that target");
+            assert!(text.contains(&format!("\"{target}\"")), "{test}: {target}");
+        }
+    }
 }

@@ -11,7 +11,7 @@ mod support;
 mod takeover;
 
 use proptest::{collection::vec, prelude::*};
-use sm2_proto::Contract;
+use sm2_proto::{Contract, manager::Policy};
 use support::{
     cases,
     contracts::{data, publisher_with, subscriber_with},
@@ -37,6 +37,8 @@ enum Step {
     Reconnect(usize),
     /// The Manager gives a node up.
     Stall(usize),
+    /// The Manager goes on with what it put off.
+    GoOn,
     Settle,
 }
 
@@ -67,17 +69,28 @@ fn step() -> impl Strategy<Value = Step> {
         4 => Just(Step::Start),
         6 => node().prop_map(Step::Reconnect),
         1 => node().prop_map(Step::Stall),
+        4 => Just(Step::GoOn),
         2 => Just(Step::Settle),
     ]
+}
+
+/// Almost everything is put off, or hardly anything.
+fn policy() -> impl Strategy<Value = Policy> {
+    let few = || prop_oneof![2 => Just(1_usize), 1 => Just(2), 1 => Just(256)];
+    (few(), few()).prop_map(|(links_ahead, pairs_per_turn)| Policy {
+        links_ahead,
+        pairs_per_turn,
+        ..Policy::default()
+    })
 }
 
 proptest! {
     #![proptest_config(cases(200))]
 
-    //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-006, SM2-RES-007, SM2-NOD-003, SM2-MAT-002 model
+    //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-006, SM2-RES-007, SM2-NOD-003, SM2-MAT-002, SM2-LNK-007 model
     #[test]
-    fn managers_come_and_go(steps in vec(step(), 1..160)) {
-        let mut world = World::new();
+    fn managers_come_and_go(policy in policy(), steps in vec(step(), 1..160)) {
+        let mut world = World::with(policy);
         for step in steps {
             match step {
                 Step::Declare(node, contract) => world.declare(node, contract),
@@ -91,6 +104,7 @@ proptest! {
                 Step::Start => world.start(),
                 Step::Reconnect(node) => world.reconnect(node),
                 Step::Stall(node) => world.stall(node),
+                Step::GoOn => drop(world.go_on()),
                 Step::Settle => {
                     world.settle();
                     world.check();

@@ -19,11 +19,12 @@ use super::{entry_words, seqlock};
 
 /// How often an entry is read that changes meanwhile. A change takes some nanoseconds; one
 /// that outlasts this many attempts has a writer that was stopped, or that wants it so.
-const TRIES: u32 = 100;
+const TRIES: u32 = 24;
 /// How many attempts beyond the first all entries together are worth: a file full of such
 /// entries must not cost a reader much.
-const TRIES_FOR_ALL: u32 = 1_000;
-/// Attempts before the writer is given the processor, in case it waits for this one.
+const TRIES_FOR_ALL: u32 = 240;
+/// Attempts before the writer is given the processor, in case it waits for this one. Each
+/// attempt beyond may take as long as other programs want to run.
 const TRIES_AT_ONCE: u32 = 20;
 
 /// A file of counters, opened for looking.

@@ -16,6 +16,7 @@
 //! | number the connections, say whose they are, and carry datagrams | `accept`, `receive` |
 //! | carry out all outputs after each input | `step`, the one place |
 //! | come back at the deadline, with a `Tick` | `turn` |
+//! | say when a socket has taken all, where the machine waits for that | `feed` |
 //! | keep what a socket does not take, and give up whoever does not read | `node.rs`, `note` |
 //! | go on where descriptors are short | `short`, `LinkFailed` |
 //!
@@ -84,6 +85,8 @@ struct Broker {
     last_session: u64,
     /// Found not to read, while outputs were carried out.
     stalled: Vec<NodeId>,
+    /// Who may have taken all that was sent to them, where the machine waits for that.
+    drained: Vec<NodeId>,
     /// What came with the datagram that is being handled.
     came: Vec<OwnedFd>,
     /// Descriptors are short: nobody is accepted, and nothing that waits is sent, until then.
@@ -102,6 +105,7 @@ impl Broker {
             nodes: BTreeMap::new(),
             last_session: 0,
             stalled: Vec::new(),
+            drained: Vec::new(),
             came: Vec::new(),
             again: None,
         })
@@ -223,6 +227,12 @@ impl Broker {
         while let Some(session) = self.stalled.pop() {
             self.step(Input::Stalled { session });
         }
+        while let Some(session) = self.drained.pop() {
+            let waiting = self.nodes.get(&session).map(Node::is_waiting);
+            if waiting == Some(false) && self.machine.awaits_room(session) {
+                self.step(Input::Drained { session });
+            }
+        }
     }
 
     /// The one place where outputs are carried out.
@@ -285,6 +295,7 @@ impl Broker {
 
     fn note(&mut self, session: NodeId, sent: Option<Sent>) {
         match sent {
+            Some(Sent::Well) if self.machine.awaits_room(session) => self.drained.push(session),
             Some(Sent::Well) | None => {}
             Some(Sent::Crowded) => self.short(),
             Some(Sent::Stalled) => self.stalled.push(session),

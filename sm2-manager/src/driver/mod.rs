@@ -5,7 +5,7 @@ mod sessions;
 mod shortage;
 
 use std::{
-    collections::{HashMap, VecDeque},
+    collections::{BTreeSet, HashMap, VecDeque},
     io,
     os::fd::OwnedFd,
     path::Path,
@@ -47,6 +47,8 @@ pub struct Manager {
     last_session: u64,
     /// Nodes that were found not to read while outputs were carried out.
     given_up: VecDeque<NodeId>,
+    /// Nodes whose sockets took all that was sent to them, where the machine waits for that.
+    drained: BTreeSet<NodeId>,
     send_again: Option<Instant>,
     queue_bytes: usize,
     buffer: Vec<u8>,
@@ -107,6 +109,7 @@ impl Manager {
             connections: HashMap::new(),
             last_session: 0,
             given_up: VecDeque::new(),
+            drained: BTreeSet::new(),
             send_again: None,
             queue_bytes: options.queue_bytes,
             // One byte more than a datagram may have, so that a longer one shows.
@@ -225,6 +228,13 @@ impl Manager {
         self.step(input, fds);
         while let Some(session) = self.given_up.pop_front() {
             self.step(Input::Stalled { session }, ReceivedFds::default());
+        }
+        //= SM2-LNK-007
+        while let Some(session) = self.drained.pop_first() {
+            let waiting = self.connections.get(&session).map(Connection::is_waiting);
+            if waiting == Some(false) && self.machine.awaits_room(session) {
+                self.step(Input::Drained { session }, ReceivedFds::default());
+            }
         }
     }
 

@@ -134,7 +134,12 @@ impl Manager {
     /// Watches a socket for room exactly as long as frames wait for that.
     fn sent(&mut self, session: NodeId, sent: Result<Sent, Lost>) {
         let interest = match sent {
-            Ok(Sent::Taken) => Interest::READABLE,
+            Ok(Sent::Taken) => {
+                if self.machine.awaits_room(session) {
+                    self.drained.insert(session);
+                }
+                Interest::READABLE
+            }
             Ok(Sent::Full) => Interest::BOTH,
             Ok(Sent::Crowded) => {
                 self.crowded();

@@ -8,6 +8,8 @@
 
 mod activation;
 mod arguments;
+#[cfg(feature = "fuzzing")]
+pub mod fuzz;
 mod replace;
 
 use std::{

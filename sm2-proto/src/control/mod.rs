@@ -3,6 +3,8 @@
 mod codec;
 mod frames;
 mod items;
+#[cfg(any(kani, test))]
+mod proofs;
 
 pub use codec::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_node};
 pub use frames::{Peer, ToManager, ToNode};

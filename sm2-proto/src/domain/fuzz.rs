@@ -16,7 +16,7 @@ use crate::{
 //= SM2-WCH-003 fuzz
 pub(crate) fn mirror(data: &[u8]) {
     let mut fuzz = Fuzz {
-        script: Script(data),
+        script: Script::new(data),
         mirror: Mirror::new(),
         follower: BTreeMap::new(),
         said: 0,

@@ -13,29 +13,67 @@ const NAMES: [&str; 4] = ["a", "b", "c", "d/e"];
 const TEXTS: [&str; 4] = ["plain:u8", "postcard:string", "postcard:u64", "plain:"];
 
 /// The bytes, spent from the front. Every method gives `None` when they are used up.
-pub(crate) struct Script<'a>(pub(crate) &'a [u8]);
+#[derive(Clone, Debug)]
+pub struct Script<'a>(&'a [u8]);
 
 impl<'a> Script<'a> {
-    pub(crate) fn byte(&mut self) -> Option<u8> {
+    /// All of them are still to be spent.
+    #[must_use]
+    pub const fn new(data: &'a [u8]) -> Self {
+        Self(data)
+    }
+
+    /// The next one.
+    pub fn byte(&mut self) -> Option<u8> {
         let (&byte, rest) = self.0.split_first()?;
         self.0 = rest;
         Some(byte)
     }
 
+    /// One of so many choices, from 0.
+    ///
+    /// # Panics
+    ///
+    /// If there is none.
+    pub fn below(&mut self, choices: u8) -> Option<usize> {
+        Some(usize::from(self.byte()? % choices))
+    }
+
     /// As many as a byte says, or what is left.
-    pub(crate) fn bytes(&mut self) -> Option<&'a [u8]> {
-        let len = usize::from(self.byte()?).min(self.0.len());
-        let (bytes, rest) = self.0.split_at(len);
+    pub fn bytes(&mut self) -> Option<&'a [u8]> {
+        let len = self.byte()?;
+        Some(self.at_most(len.into()))
+    }
+
+    /// So many, or what is left.
+    pub fn at_most(&mut self, len: usize) -> &'a [u8] {
+        let (bytes, rest) = self.0.split_at(len.min(self.0.len()));
         self.0 = rest;
-        Some(bytes)
+        bytes
     }
 
     /// Small, but for one in 256.
-    pub(crate) fn number(&mut self) -> Option<u64> {
+    pub fn number(&mut self) -> Option<u64> {
         Some(match self.byte()? {
             u8::MAX => u64::MAX,
             byte => u64::from(byte % 8),
         })
+    }
+
+    /// Mostly `right`; sometimes next to it, sometimes far from it.
+    pub(crate) fn near(&mut self, right: u64) -> Option<u64> {
+        Some(match self.byte()? {
+            0xff => right.wrapping_add(1),
+            0xfe => right.wrapping_sub(1),
+            0xfd => 0,
+            0xfc => u64::MAX,
+            _ => right,
+        })
+    }
+
+    /// True for one byte in 256.
+    pub(crate) fn rarely(&mut self) -> Option<bool> {
+        Some(self.byte()? == u8::MAX)
     }
 
     pub(crate) fn name(&mut self) -> Option<Name> {
@@ -79,16 +117,22 @@ impl<'a> Script<'a> {
         Some((TypeId { name, hash }, text.into()))
     }
 
+    /// Legal, but for one in 256.
     pub(crate) fn contract(&mut self) -> Option<Contract> {
         let choice = self.byte()?;
+        // Zero is out of range.
+        self.contract_as(choice, u16::from(choice != u8::MAX))
+    }
+
+    /// The one of this number, with this depth.
+    pub(crate) fn contract_as(&mut self, choice: u8, depth: u16) -> Option<Contract> {
         let [reliable, sealed, stated] = [4, 8, 16].map(|bit| choice & bit != 0);
         let name = self.name()?;
         let data = TypeId {
             name: self.name()?,
             hash: 0,
         };
-        // Zero is out of range.
-        let (depth, max_borrowed) = (u16::from(choice != u8::MAX), 1);
+        let max_borrowed = 1;
         let qos = ServiceQos {
             depth,
             max_borrowed,
@@ -220,7 +264,8 @@ impl<'a> Script<'a> {
         })
     }
 
-    pub(crate) fn items(&mut self) -> Option<Vec<Item>> {
+    /// Up to seven items of a domain, in any order, with few names and small numbers.
+    pub fn items(&mut self) -> Option<Vec<Item>> {
         let count = self.byte()? % 8;
         (0..count).map(|_| self.item()).collect()
     }

@@ -6,6 +6,9 @@
 //! 256 are named at a time, so a segment that has to be attached always finds
 //! one to detach: among 256 attached ones at most 255 hold unreleased messages.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::{

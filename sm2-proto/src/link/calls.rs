@@ -1,5 +1,8 @@
 //! The calls of one link without a reply: SPEC section 9 from both ends.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::collections::{BTreeMap, BTreeSet};
 use core::mem;
 

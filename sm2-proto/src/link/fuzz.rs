@@ -15,24 +15,26 @@ use super::{
     Body, Input, Message, Role, SegmentInfo, Status,
     wire::{Carrier, Form, Frame, Given, LANE_SOCKET, MessageFrame, Open},
 };
-use crate::{Code, Datagram, FdFacts, Instant, LinkId, Seals};
+use crate::{Code, Datagram, FdFacts, Instant, LinkId, Seals, fuzz::Script};
 
 const LINK: LinkId = LinkId {
     epoch: 1,
     serial: 2,
 };
 const NOW: Instant = Instant(0);
+/// Of a segment's slots, and of sealed messages, mostly.
+const STRIDE: u64 = 4_096;
 
 /// Runs what the bytes say. Panics if the machine broke a promise.
 //= SM2-WIR-001, SM2-QOS-004 fuzz
 pub(crate) fn frames(data: &[u8]) {
     check_round_trip(data, &[]);
     check_round_trip(data, &[FdFacts::default()]);
-    let mut script = Script(data);
-    let mut world = World::new(&mut script);
-    while !script.0.is_empty() {
-        world.step(&mut script);
-    }
+    let mut script = Script::new(data);
+    let Some(mut world) = World::new(&mut script) else {
+        return;
+    };
+    while world.step(&mut script).is_some() {}
     world.input(Input::Eof);
     assert!(world.link.end().is_some() && world.pending.is_empty());
 }
@@ -49,106 +51,74 @@ fn check_round_trip(bytes: &[u8], fds: &[FdFacts]) {
     }
 }
 
-/// The bytes, spent from the front; zeros when they are used up.
-struct Script<'a>(&'a [u8]);
-
-impl Script<'_> {
-    fn byte(&mut self) -> u8 {
-        let Some((first, rest)) = self.0.split_first() else {
-            return 0;
-        };
-        self.0 = rest;
-        *first
-    }
-
-    /// True once in 256 bytes: what rarely happens.
-    fn rarely(&mut self) -> bool {
-        self.byte() == 0xff
-    }
-
-    fn small(&mut self, bound: u8) -> u64 {
-        u64::from(self.byte() % bound)
-    }
-
-    /// Mostly `right`; sometimes near it, sometimes anything.
-    fn near(&mut self, right: u64) -> u64 {
-        match self.byte() {
-            0xff => right.wrapping_add(1),
-            0xfe => right.wrapping_sub(1),
-            0xfd => 0,
-            0xfc => u64::MAX,
-            _ => right,
-        }
-    }
-
-    fn bytes(&mut self, count: usize) -> Vec<u8> {
-        (0..count).map(|_| self.byte()).collect()
-    }
-}
-
 impl World {
-    fn step(&mut self, script: &mut Script<'_>) {
-        match script.byte() % 20 {
+    fn step(&mut self, script: &mut Script<'_>) -> Option<()> {
+        match script.byte()? % 20 {
             0 => {
-                let len = usize::from(script.byte());
-                let bytes = script.bytes(len);
-                self.datagram(&bytes, &[]);
+                let bytes = script.bytes()?;
+                self.datagram(bytes, &[]);
             }
-            1 | 2 => self.peer_open(script),
-            3 => self.peer_attach(script),
+            1 | 2 => self.peer_open(script)?,
+            3 => self.peer_attach(script)?,
             4 => self.frame(
                 &Frame::Detach {
-                    segment: script.small(4) as u32,
+                    segment: script.below(4)? as u32,
                 },
                 &[],
             ),
-            5..=7 => self.peer_message(script),
-            8 => self.peer_release(script),
+            5..=7 => self.peer_message(script)?,
+            8 => self.peer_release(script)?,
             9 => {
-                let call = self.call(script);
+                let call = self.call(script)?;
                 self.frame(&Frame::Cancel { call }, &[]);
             }
-            10..=12 => self.send(script),
+            10..=12 => self.send(script)?,
             13 | 14 => self.take(),
             15 => {
-                let held = self.held.iter().nth(script.small(4) as usize).copied();
-                let sequence = script.near(held.unwrap_or(1));
+                let held = self.held.iter().nth(script.below(4)?).copied();
+                let sequence = script.near(held.unwrap_or(1))?;
                 self.held.remove(&sequence);
                 self.input(Input::Release { sequence });
             }
             16 => self.input(Input::Blocked),
             17 => self.input(Input::Writable),
-            18 => self.wish(script),
-            _ if script.rarely() => self.end(script),
+            18 => self.wish(script)?,
+            _ if script.rarely()? => self.end(script)?,
             _ => {}
         }
+        Some(())
     }
 
-    fn peer_open(&mut self, script: &mut Script<'_>) {
+    fn peer_open(&mut self, script: &mut Script<'_>) -> Option<()> {
         let config = *self.link.config();
         let window = if config.role == Role::Receiver {
             0
         } else {
-            1 + script.small(6)
+            1 + script.below(6)? as u64
         };
         self.frame(
             &Frame::Open(Open {
-                role: script.near(config.role.counterpart() as u64) as u8,
-                version: script.near(1) as u16,
-                window: script.near(window) as u32,
+                role: script.near(config.role.counterpart() as u64)? as u8,
+                version: script.near(1)? as u16,
+                window: script.near(window)? as u32,
                 link: LINK,
-                lanes: script.near(u64::from(LANE_SOCKET)) as u32,
+                lanes: script.near(u64::from(LANE_SOCKET))? as u32,
             }),
             &[],
         );
+        Some(())
     }
 
-    fn peer_attach(&mut self, script: &mut Script<'_>) {
-        let (id, stride, slots) = (script.small(4) as u32, script.near(4096), script.near(2));
+    fn peer_attach(&mut self, script: &mut Script<'_>) -> Option<()> {
+        let (id, stride, slots) = (
+            script.below(4)? as u32,
+            script.near(STRIDE)?,
+            script.near(2)?,
+        );
         let facts = FdFacts {
-            regular: !script.rarely(),
-            size_bytes: script.near(stride.wrapping_mul(slots)),
-            seals: Seals(script.near(u64::from(Seals::POOLED.0)) as u32),
+            regular: !script.rarely()?,
+            size_bytes: script.near(stride.wrapping_mul(slots))?,
+            seals: Seals(script.near(u64::from(Seals::POOLED.0))? as u32),
         };
         self.frame(
             &Frame::Attach(SegmentInfo {
@@ -158,10 +128,11 @@ impl World {
             }),
             &[facts],
         );
+        Some(())
     }
 
-    fn peer_message(&mut self, script: &mut Script<'_>) {
-        let carrier = match script.byte() {
+    fn peer_message(&mut self, script: &mut Script<'_>) -> Option<()> {
+        let carrier = match script.byte()? {
             0xff => Carrier::Data,
             0xfe => Carrier::Reply,
             _ => match self.link.config().role {
@@ -171,35 +142,35 @@ impl World {
             },
         };
         let is_reply = carrier == Carrier::Reply;
-        let sequence = script.near(self.peer.0 + 1);
+        let sequence = script.near(self.peer.0 + 1)?;
         let id = if is_reply {
-            self.call(script)
+            self.call(script)?
         } else {
-            self.peer.1 + 1 + script.small(3)
+            self.peer.1 + 1 + script.below(3)? as u64
         };
         let status = if is_reply {
-            Status::ALL[script.small(4) as usize]
+            Status::ALL[script.below(4)?]
         } else {
             Status::Ok
         };
         let rest = if status.has_payload() {
-            vec![7; script.small(5) as usize]
+            vec![7; script.below(5)?]
         } else {
             vec![]
         };
-        let len = script.near(rest.len() as u64);
-        let (form, rest) = match script.byte() % 3 {
-            0 => (Form::Inline, &rest[..]),
+        let (form, rest, fits) = match script.byte()? % 3 {
+            0 => (Form::Inline, &rest[..], rest.len() as u64),
             1 => {
-                let (segment, slot) = (script.small(4) as u32, script.small(3) as u32);
-                (Form::Pooled { segment, slot }, &[][..])
+                let (segment, slot) = (script.below(4)? as u32, script.below(3)? as u32);
+                (Form::Pooled { segment, slot }, &[][..], STRIDE)
             }
-            _ => (Form::Sealed, &[][..]),
+            _ => (Form::Sealed, &[][..], STRIDE),
         };
+        let len = script.near(fits)?;
         let facts = FdFacts {
             regular: true,
-            size_bytes: script.near(4096),
-            seals: Seals(script.near(u64::from(Seals::SEALED.0)) as u32),
+            size_bytes: script.near(STRIDE)?,
+            seals: Seals(script.near(u64::from(Seals::SEALED.0))? as u32),
         };
         let time = Instant(9);
         let frame = Frame::Message(MessageFrame {
@@ -219,20 +190,19 @@ impl World {
                 self.calls.push(id);
             }
         }
+        Some(())
     }
 
-    fn peer_release(&mut self, script: &mut Script<'_>) {
-        let count = 1 + script.small(3) as usize;
+    fn peer_release(&mut self, script: &mut Script<'_>) -> Option<()> {
+        let count = 1 + script.below(3)?;
         let named: Vec<u64> = self.sent.iter().copied().take(count).collect();
-        let named: Vec<u64> = named
-            .into_iter()
-            .map(|sequence| script.near(sequence))
-            .collect();
+        let named = named.into_iter().map(|sequence| script.near(sequence));
+        let named: Vec<u64> = named.collect::<Option<_>>()?;
         let rest: Vec<u8> = named
             .iter()
             .flat_map(|sequence| sequence.to_le_bytes())
             .collect();
-        let given = if script.byte() & 1 == 0 {
+        let given = if script.byte()? & 1 == 0 {
             Given::Consumed
         } else {
             Given::Discarded
@@ -248,39 +218,40 @@ impl World {
         for sequence in named {
             self.sent.remove(&sequence);
         }
+        Some(())
     }
 
-    fn send(&mut self, script: &mut Script<'_>) {
+    fn send(&mut self, script: &mut Script<'_>) -> Option<()> {
         self.own += 1;
         let role = self.link.config().role;
         let id = if role == Role::Server {
-            self.call(script)
+            self.call(script)?
         } else {
-            script.near(self.own)
+            script.near(self.own)?
         };
-        let status = if role == Role::Server && script.byte() % 4 == 3 {
+        let status = if role == Role::Server && script.byte()? % 4 == 3 {
             Status::Cancelled
         } else {
             Status::Ok
         };
         let content = if status.has_payload() {
-            script.bytes(3)
+            script.at_most(3)
         } else {
-            Vec::new()
+            &[]
         };
-        let body = match script.byte() % 3 {
-            0 => Body::Inline(Bytes::from(content.clone())),
+        let body = match script.byte()? % 3 {
+            0 => Body::Inline(Bytes::copy_from_slice(content)),
             1 => {
-                let (id, stride, slots) = (script.small(4) as u32, script.near(4096), 2);
+                let (id, stride, slots) = (script.below(4)? as u32, script.near(STRIDE)?, 2);
                 let segment = SegmentInfo { id, stride, slots };
                 Body::Pooled {
                     segment,
-                    slot: script.small(3) as u32,
+                    slot: script.below(3)? as u32,
                 }
             }
             _ => Body::Sealed,
         };
-        let len = script.near(content.len() as u64);
+        let len = script.near(content.len() as u64)?;
         let key = self.own;
         self.pending.insert(key);
         let message = Message {
@@ -297,6 +268,7 @@ impl World {
             self.calls.push(id);
         }
         self.drain();
+        Some(())
     }
 
     fn take(&mut self) {
@@ -313,31 +285,33 @@ impl World {
         self.drain();
     }
 
-    fn wish(&mut self, script: &mut Script<'_>) {
-        match script.byte() % 3 {
+    fn wish(&mut self, script: &mut Script<'_>) -> Option<()> {
+        match script.byte()? % 3 {
             0 => self.input(Input::Skip),
             1 => {
-                let call = self.call(script);
+                let call = self.call(script)?;
                 self.input(Input::Cancel { call });
             }
             _ => self.input(Input::Retire {
-                segment: script.small(4) as u32,
+                segment: script.below(4)? as u32,
             }),
         }
+        Some(())
     }
 
-    fn end(&mut self, script: &mut Script<'_>) {
-        let code = Code(u16::from(script.byte()));
-        match script.byte() % 3 {
+    fn end(&mut self, script: &mut Script<'_>) -> Option<()> {
+        let code = Code(u16::from(script.byte()?));
+        match script.byte()? % 3 {
             0 => self.input(Input::Close(code)),
             1 => self.frame(&Frame::Close(code), &[]),
             _ => self.input(Input::Eof),
         }
+        Some(())
     }
 
     /// One of the last calls, or none.
-    fn call(&self, script: &mut Script<'_>) -> u64 {
-        let back = script.small(4) as usize;
+    fn call(&self, script: &mut Script<'_>) -> Option<u64> {
+        let back = script.below(4)?;
         let call = self.calls.iter().rev().nth(back).copied();
         script.near(call.unwrap_or(1))
     }

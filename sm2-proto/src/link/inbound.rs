@@ -4,6 +4,9 @@
 //! application gives it back, and then waits for the RELEASE that names it.
 //! Up to there it is unreleased: it counts against the window and keeps its slot.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::{
     collections::{BTreeMap, BTreeSet, VecDeque},
     vec::Vec,

@@ -4,6 +4,9 @@
 //! it is sent, and then *unreleased* until RELEASE names it. Only waiting
 //! messages are displaced or counted against `depth`.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::collections::{BTreeMap, VecDeque};
 use core::mem;
 

@@ -1,21 +1,53 @@
 //! Harnesses for a link's tables, frames, addresses and windows.
 
 use super::{
-    Config, Frame, FrameKind, Role,
+    Body, Config, End, Error, Frame, FrameKind, Input, Link, Message, Output, Role,
     inbound::Inbound,
     phase::{Phase, admit},
     segments::{Geometry, Verified},
     types::Status,
-    wire::{Carrier, Form, MessageFrame},
+    wire::{Carrier, Form, MessageFrame, Open},
 };
 use crate::{
-    Datagram, FdFacts, Instant, LinkId, Seals, Violation,
-    limits::{MESSAGE_HEAD, SEGMENT_BYTES_MAX, SLOTS_MAX},
+    Code, Datagram, FdFacts, Instant, LinkId, Seals, VERSION, Violation,
+    limits::{MESSAGE_HEAD, SEGMENT_BYTES_MAX, SLOTS_MAX, WINDOW_MAX},
+    proofs::{below, one_of},
 };
 
+const NOW: Instant = Instant(0);
+
 fn role() -> Role {
-    Role::ALL[usize::from(kani::any_where(|at: &u8| *at < 4))]
+    one_of(&Role::ALL)
 }
+
+fn config(role: Role) -> Config {
+    Config {
+        id: LinkId {
+            epoch: 7,
+            serial: 8,
+        },
+        version: VERSION,
+        role,
+        reliable: false,
+        sealed: false,
+        depth: 1,
+        max_borrowed: 1,
+    }
+}
+
+/// The column *received by* of SPEC section 7: for kinds 1 to 9, whether by sender, receiver,
+/// caller and server.
+const RECEIVED_BY: [[bool; 4]; 9] = [
+    [true, true, true, true],
+    [false, true, true, true],
+    [false, true, true, true],
+    [false, true, false, false],
+    [false, false, false, true],
+    [false, false, true, false],
+    [true, false, true, true],
+    [false, false, false, true],
+    [true, true, true, true],
+];
 
 //= SM2-OPN-001, SM2-WIR-002 kani
 #[cfg_attr(kani, kani::proof)]
@@ -23,16 +55,19 @@ fn role() -> Role {
 fn link_phase_table() {
     let (role, opening) = (role(), kani::any());
     let phase = if opening { Phase::Opening } else { Phase::Open };
-    let Some(kind) = FrameKind::from_number(kani::any()) else {
+    let number: u8 = kani::any();
+    let Some(kind) = FrameKind::from_number(number) else {
+        assert!(number == 0 || number > 9);
         return;
     };
+    let received = RECEIVED_BY[usize::from(number) - 1][role as usize];
     let verdict = admit(phase, role, kind);
     let expected = match kind {
         FrameKind::Close => Ok(()),
         FrameKind::Open if opening => Ok(()),
         FrameKind::Open => Err(Violation::UnexpectedOpen),
         _ if opening => Err(Violation::ExpectedOpen),
-        kind if kind.is_received_by(role) => Ok(()),
+        _ if received => Ok(()),
         _ => Err(Violation::WrongRole),
     };
     assert_eq!(verdict, expected);
@@ -71,20 +106,16 @@ const RESERVED: [(u8, usize, &[usize]); 6] = [
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(34))]
 fn fixed_frames_are_canonical() {
-    let (number, exact, reserved) = RESERVED[usize::from(kani::any::<u8>() % 6)];
+    let (number, exact, reserved) = one_of(&RESERVED);
     let (other_len, clean): (bool, bool) = kani::any();
     let mut bytes: [u8; 33] = kani::any();
     bytes[0] = number;
     if clean {
         reserved.iter().for_each(|at| bytes[*at] = 0);
         // Often the only fault: one reserved byte.
-        bytes[reserved[usize::from(kani::any::<u8>()) % reserved.len()]] = kani::any();
+        bytes[one_of(reserved)] = kani::any();
     }
-    let len = if other_len {
-        usize::from(kani::any::<u8>() % 34)
-    } else {
-        exact
-    };
+    let len = if other_len { below(34) } else { exact };
     let kind = is_canonical(&bytes[..len]);
     if kind.is_some() {
         assert!(reserved.iter().all(|at| bytes[*at] == 0));
@@ -99,14 +130,46 @@ fn fixed_frames_are_canonical() {
     );
 }
 
+/// Each byte of a frame that is else zeros: which ones are reserved, and which values are not legal.
+//= SM2-WIR-001, SM2-TRN-005, SM2-MSG-004 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(34))]
+fn each_reserved_byte_is_checked() {
+    let (number, exact, reserved) = one_of(&RESERVED);
+    let at = 1 + below(exact - 1);
+    let value = kani::any();
+    let mut bytes = [0; 32];
+    (bytes[0], bytes[at]) = (number, value);
+    let descriptors = [FdFacts::default()];
+    let fds = below(2);
+    let datagram = Datagram {
+        fds: &descriptors[..fds],
+        ..Datagram::new(&bytes[..exact])
+    };
+    let attach = number == FrameKind::Attach as u8;
+    let unknown_fate = number == FrameKind::Release as u8 && at == 1 && value > 1;
+    let expected = if reserved.contains(&at) && value != 0 {
+        Err(Violation::ReservedNotZero)
+    } else if unknown_fate {
+        Err(Violation::Malformed)
+    } else if (fds == 1) != attach {
+        Err(Violation::FdCount)
+    } else {
+        Ok(())
+    };
+    assert_eq!(Frame::decode(&datagram).map(drop), expected);
+    kani::cover!(unknown_fate, "an unknown fate");
+    kani::cover!(expected.is_ok() && attach, "ATTACH");
+}
+
 /// DECODE-TOTAL and DECODE-CANONICAL for frames that carry messages.
 //= SM2-WIR-001, SM2-PAY-001, SM2-PAY-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(52))]
 fn message_frames_are_canonical() {
-    let carrier = 4 + kani::any::<u8>() % 3;
-    let form = kani::any::<u8>() % 4;
-    let rest = kani::any::<u8>() % 3;
+    let carrier = kani::any_where(|kind: &u8| (4..7).contains(kind));
+    let form = kani::any_where(|form: &u8| *form < 4);
+    let rest = kani::any_where(|rest: &u8| *rest < 3);
     let mut bytes: [u8; MESSAGE_HEAD + 2] = kani::any();
     (bytes[0], bytes[1]) = (carrier, form);
     if kani::any() {
@@ -159,7 +222,8 @@ fn only_sealed_files_are_accepted() {
     let facts = FdFacts {
         regular: kani::any(),
         size_bytes: kani::any(),
-        seals: Seals(u32::from(kani::any::<u8>()) | kani::any::<u32>() << 8),
+        // The bits that matter, and all others.
+        seals: Seals(below(32) as u32 | kani::any::<u32>() << 5),
     };
     let bits = |mask| facts.seals.0 & mask == mask;
     let (sealed, pooled) = (Verified::sealed(&facts), Verified::pooled(&facts));
@@ -250,12 +314,147 @@ fn receiver_keeps_to_its_window() {
     }
 }
 
+/// The first OPEN opens the link exactly if each of its fields is legal; else nothing changes.
+//= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004 kani
+#[cfg_attr(kani, kani::proof)]
+// 32 bytes of OPEN; nine kinds of frames.
+#[cfg_attr(kani, kani::unwind(34))]
+fn open_is_checked() {
+    let mut link = Link::new(config(role()));
+    let ours = *link.config();
+    let (right_link, right_version): (bool, bool) = kani::any();
+    let open = Open {
+        role: kani::any(),
+        version: VERSION + u16::from(!right_version),
+        window: one_of(&[0, 1, WINDOW_MAX, WINDOW_MAX + 1, u32::MAX]),
+        link: if right_link { ours.id } else { LinkId::FIRST },
+        lanes: one_of(&[0, 1, 3]),
+    };
+    // SPEC section 7: sender and receiver, caller and server are counterparts.
+    let theirs = [1, 0, 3, 2][ours.role as usize];
+    let named = open.role == theirs && right_link && right_version;
+    let window = if ours.role == Role::Receiver {
+        open.window == 0
+    } else {
+        (1..=2_048).contains(&open.window)
+    };
+    let expected = if !named {
+        Err(Violation::BadOpen)
+    } else if !window {
+        Err(Violation::BadWindow)
+    } else if open.lanes & 1 == 0 {
+        Err(Violation::BadOpen)
+    } else {
+        Ok(())
+    };
+    let before = link.clone();
+    let bytes = Frame::Open(open).head();
+    let verdict = link.receive(Phase::Opening, &Datagram::new(&bytes));
+    assert_eq!(verdict, expected);
+    assert_eq!(link.is_open(), expected.is_ok());
+    assert!(expected.is_ok() || link == before);
+    kani::cover!(
+        expected.is_ok() && open.lanes == 3,
+        "with a lane that is unknown"
+    );
+    kani::cover!(
+        expected == Err(Violation::BadWindow),
+        "a window that is too large"
+    );
+}
+
+/// LNK-ABSORB: an end says what is due, CLOSE at most once, and then nothing, whatever comes.
+//= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005 kani
+#[cfg_attr(kani, kani::proof)]
+// At most four outputs; nine kinds of frames; heads of at most 48 bytes.
+#[cfg_attr(kani, kani::unwind(50))]
+fn an_ended_link_is_silent() {
+    let mut link = Link::new(config(role()));
+    if kani::any() {
+        link.state = Ok(Phase::Open);
+        link.outbound.open(1);
+    }
+    (link.greeted, link.blocked) = kani::any();
+    let close = Frame::Close(Code(3)).head();
+    let message = Message {
+        key: 1,
+        id: 1,
+        time: NOW,
+        status: Status::Ok,
+        len: 0,
+        body: Body::Inline(bytes::Bytes::new()),
+    };
+    let asks = matches!(link.config.role, Role::Sender | Role::Caller);
+    let has_message = asks && kani::any();
+    if has_message {
+        assert_eq!(link.handle(NOW, Input::Send(message.clone())), Ok(()));
+    }
+    let violation = End::Violation(Violation::UnknownFrame);
+    let (end, input) = match below(5) {
+        0 => (End::Eof, Input::Eof),
+        1 => (End::Eof, Input::Datagram(Datagram::new(&[]))),
+        2 => (End::Local(Code(5)), Input::Close(Code(5))),
+        3 => (End::Peer(Code(3)), Input::Datagram(Datagram::new(&close))),
+        _ => (violation, Input::Datagram(Datagram::new(&[0xff]))),
+    };
+    let is_violation = end == violation;
+    let verdict = link.handle(NOW, input);
+    assert_eq!(
+        verdict,
+        if is_violation {
+            Err(Error::Ended(end))
+        } else {
+            Ok(())
+        }
+    );
+    let (mut closes, mut settled, mut lost, mut ended) = (0, 0, 0, 0);
+    while let Some(output) = link.poll() {
+        assert_eq!(ended, 0, "nothing comes behind it");
+        match output {
+            Output::Transmit(packet) => {
+                assert!(packet.head[0] == FrameKind::Close as u8);
+                closes += 1;
+            }
+            Output::Settled { key: 1, .. } => settled += 1,
+            Output::CallFailed { call: 1 } => lost += 1,
+            Output::Ended(found) => {
+                assert_eq!(found, end);
+                ended += 1;
+            }
+            _ => panic!("nothing else is due"),
+        }
+    }
+    let says = matches!(end, End::Local(_) | End::Violation(_)) && !link.blocked;
+    let calls = has_message && link.config.role == Role::Caller;
+    assert_eq!((ended, closes), (1, u32::from(says)));
+    assert_eq!((settled, lost), (u32::from(has_message), u32::from(calls)));
+    let later = match below(10) {
+        0 => Input::Eof,
+        1 => Input::Datagram(Datagram::new(&close)),
+        2 => Input::Datagram(Datagram::new(&[0xff])),
+        3 => Input::Send(message),
+        4 => Input::Skip,
+        5 => Input::Release { sequence: 1 },
+        6 => Input::Cancel { call: 1 },
+        7 => Input::Writable,
+        8 => Input::Blocked,
+        _ => Input::Close(Code(9)),
+    };
+    assert_eq!(link.handle(NOW, later), Err(Error::Ended(end)));
+    assert!(link.poll().is_none() && link.end() == Some(end));
+    kani::cover!(closes == 1 && lost == 1, "a call is lost");
+    kani::cover!(is_violation && closes == 0, "the socket takes no CLOSE");
+}
+
 #[cfg(test)]
 kani::explored! {
     link_phase_table: 2,
     fixed_frames_are_canonical: 4,
+    each_reserved_byte_is_checked: 2,
     message_frames_are_canonical: 3,
     slots_are_inside: 2,
     only_sealed_files_are_accepted: 3,
     receiver_keeps_to_its_window: 3,
+    open_is_checked: 2,
+    an_ended_link_is_silent: 2,
 }

@@ -1,5 +1,8 @@
 //! The pairs that match and are not linked, as far as they are remembered (SM2-WCH-004).
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::{
     collections::{BTreeMap, BTreeSet},
     vec::Vec,

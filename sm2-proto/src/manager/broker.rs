@@ -1,6 +1,6 @@
 //! Interfaces and who is linked with whom (SPEC sections 4.3, 4.4 and 5).
 
-use alloc::{collections::BTreeSet, sync::Arc, vec::Vec};
+use alloc::{sync::Arc, vec::Vec};
 
 use super::{
     Manager, Output,
@@ -102,7 +102,7 @@ impl Manager {
         self.sessions.get(&node).map_or(0, Session::link_ends)
     }
 
-    //= SM2-IFC-002
+    //= SM2-IFC-002, SM2-LNK-007
     fn admitted(&mut self, place: Place, contract: Contract, matches: &Matches) {
         let Some(session) = self.sessions.get_mut(&place.node) else {
             return;
@@ -116,20 +116,27 @@ impl Manager {
             self.member_changed(Place { interface, ..place });
         }
         self.member_changed(place);
-        self.send(
-            place.node,
-            &ToNode::Declared {
-                interface: place.interface,
-                matches: count(matches.linked.len()),
-            },
-        );
         for &other in &matches.full {
             let pair = Pair::new(place, &contract, other);
             self.set_apart(pair, self.quota(other.node));
         }
+        let answer_at = self.outputs.len();
+        // What is announced comes: LINKs that wait may be overtaken by the link's end.
+        let mut announced = 0;
         for &other in &matches.linked {
-            self.link(place, other);
+            announced += usize::from(self.link(place, other));
         }
+        let declared = ToNode::Declared {
+            interface: place.interface,
+            matches: count(announced),
+        };
+        self.outputs.insert(
+            answer_at,
+            Output::Send {
+                session: place.node,
+                frame: encode_to_node(&declared),
+            },
+        );
     }
 
     //= SM2-WCH-004
@@ -157,29 +164,49 @@ impl Manager {
     }
 
     /// Links an interface with each match that it has no link with, as far as the quotas
-    /// of both go; but with none of the pairs that ended their link.
+    /// of both go; but with none of the pairs that ended their link. Looks at no more than
+    /// `left` counterparts after a place; how many of these are spent.
     //= SM2-RES-007, SM2-LNK-004
-    pub(super) fn link_missing(&mut self, place: Place, ended: &BTreeSet<Pair>) {
-        let session = self.sessions.get(&place.node);
-        let Some(contract) = session.and_then(|it| it.contract(place.interface)) else {
-            return;
+    pub(super) fn link_missing(&mut self, (place, after): (Place, Place), left: usize) -> usize {
+        let Some(session) = self.sessions.get(&place.node) else {
+            return left;
         };
-        let contract = Arc::clone(contract);
-        let Some(channel) = self.channels.get(&contract) else {
-            return;
+        let contract = session.contract(place.interface).map(Arc::clone);
+        let Some(contract) = contract else {
+            return left;
         };
-        let matches = channel.matches(&contract);
-        let missing = matches.filter(|other| {
-            let pair = Pair::new(place, &contract, *other);
-            self.may_link(other.node) && !self.links.joins(pair) && !ended.contains(&pair)
-        });
-        for other in missing.collect::<Vec<_>>() {
+        let mut looked = 0;
+        let mut last = None;
+        let mut missing = Vec::new();
+        if let Some(channel) = self.channels.get(&contract) {
+            for (other, matches) in channel.counterparts(&contract, after).take(left) {
+                looked += 1;
+                last = Some(other);
+                let pair = Pair::new(place, &contract, other);
+                if matches
+                    && self.may_link(other.node)
+                    && !self.links.joins(pair)
+                    && !session.has_ended(pair)
+                {
+                    missing.push(other);
+                }
+            }
+        }
+        if let Some(session) = self.sessions.get_mut(&place.node) {
+            let more = last.filter(|_| looked == left);
+            session.settled(place.interface, more);
+        }
+        for other in missing {
             let pair = Pair::new(place, &contract, other);
             match self.full(pair) {
                 Some(node) => self.set_apart(pair, self.quota(node)),
-                None => self.link(place, other),
+                None => {
+                    self.link(place, other);
+                }
             }
         }
+        // An interface without counterparts costs something, too.
+        looked.max(1)
     }
 
     /// A node that may not have one more link of this pair.
@@ -190,28 +217,46 @@ impl Manager {
         nodes.find(|&node| self.link_ends(node) + ends(node) > limit)
     }
 
+    /// Makes a link of a pair. Whether its LINKs go out at once.
     //= SM2-LNK-001, SM2-LNK-002, SM2-MAT-002, SM2-MAT-003, SM2-VER-002
-    fn link(&mut self, one: Place, other: Place) {
-        let (Some((uid, ours)), Some((their_uid, theirs))) = (self.whose(one), self.whose(other))
-        else {
-            return;
+    fn link(&mut self, one: Place, other: Place) -> bool {
+        let (Some((us, ours)), Some((them, theirs))) = (self.end(one), self.end(other)) else {
+            return false;
         };
         let Ok(terms) = match_contracts(ours, theirs) else {
-            return;
+            return false;
         };
         let pair = Pair::new(one, ours, other);
-        let (Some(ours), Some(theirs)) = (self.peer(one), self.peer(other)) else {
-            return;
-        };
         let agreed = Agreed {
             version: VERSION,
             terms: Terms {
-                sealed: terms.sealed || self.policy.seals(uid == their_uid),
+                sealed: terms.sealed
+                    || (self.policy).seals(us.credentials().uid == them.credentials().uid),
                 ..terms
             },
         };
+        let waits = self.must_wait(one.node, us) || self.must_wait(other.node, them);
         let (link, key) = self.links.number();
-        self.record(link, pair, agreed);
+        self.record(link, pair, agreed, usize::from(!waits));
+        if waits {
+            self.pace.owe(pair, link);
+        } else {
+            self.announce((link, key), [one, other], agreed);
+        }
+        !waits
+    }
+
+    /// Tells both sides of a live link.
+    //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-007
+    pub(super) fn announce(
+        &mut self,
+        (link, key): (LinkId, u64),
+        [one, other]: [Place; 2],
+        agreed: Agreed,
+    ) {
+        let (Some(ours), Some(theirs)) = (self.peer(one), self.peer(other)) else {
+            return;
+        };
         let frame = |interface: InterfaceId, peer: Peer| {
             encode_to_node(&ToNode::Link {
                 interface,
@@ -230,12 +275,14 @@ impl Manager {
         self.outputs.push_back(Output::Link { link, ends });
     }
 
-    /// A link is live from now on: one that is made, or one that is adopted.
-    pub(super) fn record(&mut self, link: LinkId, pair: Pair, agreed: Agreed) {
+    /// A link is live from now on: one that is made, or one that is adopted. Each end is sent so
+    /// many LINKs for it at once.
+    pub(super) fn record(&mut self, link: LinkId, pair: Pair, agreed: Agreed, frames: usize) {
         self.links.insert(link, pair, agreed);
         for place in pair.places() {
             if let Some(session) = self.sessions.get_mut(&place.node) {
                 session.link(place.interface, link, pair);
+                session.ahead += frames;
             }
         }
         self.joined(pair);
@@ -255,9 +302,14 @@ impl Manager {
 
     /// An interface's user and contract.
     pub(super) fn whose(&self, place: Place) -> Option<(u32, &Contract)> {
+        let (session, contract) = self.end(place)?;
+        Some((session.credentials().uid, contract))
+    }
+
+    fn end(&self, place: Place) -> Option<(&Session, &Contract)> {
         let session = self.sessions.get(&place.node)?;
         let contract = session.contract(place.interface)?;
-        Some((session.credentials().uid, contract))
+        Some((session, contract))
     }
 
     /// An interface as the other side of a link gets to know it.
@@ -277,13 +329,23 @@ impl Manager {
         let Some(pair) = self.links.made(link) else {
             return;
         };
+        if self.pace.owes(pair.offering.node, link) {
+            // Nobody was asked to make it yet.
+            return;
+        }
         self.forget_link(link, pair);
         for place in pair.places() {
-            if let Some(session) = self.sessions.get_mut(&place.node) {
-                session.unlink(place.interface, link);
-            }
+            self.unlink(place, link);
         }
+        self.not_sent(pair);
         self.set_apart(pair, Apart::Descriptors);
+    }
+
+    /// An end of a link that its session was never told of is gone.
+    fn unlink(&mut self, place: Place, link: LinkId) {
+        if let Some(session) = self.sessions.get_mut(&place.node) {
+            session.unlink(place.interface, link);
+        }
     }
 
     //= SM2-IFC-003
@@ -326,6 +388,10 @@ impl Manager {
         let Place { node, interface } = place;
         let session = self.sessions.get_mut(&node);
         let session = session.ok_or(Violation::UnknownInterface)?;
+        if self.pace.owes(node, link) && session.has_link(interface, link)? {
+            // It was not told of it, so it can but guess.
+            return Err(Violation::UnknownLink);
+        }
         match session.farewell(interface, link)? {
             Farewells::Both => {}
             Farewells::First(pair) => {
@@ -357,13 +423,21 @@ impl Manager {
         self.set_apart(pair, Apart::Ended { code });
     }
 
-    /// One end of a link is gone: the other one is told, if the link was live at both.
+    /// One end of a link is gone: the other one is told, if the link was live at both and it
+    /// has heard of it.
+    //= SM2-LNK-007
     fn end_link(&mut self, link: LinkId, pair: Option<Pair>, gone: Place, code: Code) {
         match pair {
             None => self.give_up_claim(gone, link),
             Some(pair) => {
+                let unheard_of = self.pace.cancel(pair, link);
+                let other = pair.other(gone);
                 if self.forget_link(link, pair) {
-                    self.tell(pair.other(gone), link, code);
+                    if unheard_of {
+                        self.unlink(other, link);
+                    } else {
+                        self.tell(other, link, code);
+                    }
                 }
             }
         }

@@ -1,9 +1,13 @@
 //! Topics and services: who stands on which side of each, and its types.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::{
     collections::{BTreeMap, btree_map::Entry},
     sync::Arc,
 };
+use core::ops::Bound;
 
 use crate::{Contract, Kind, Name, Place, Refusal, TypeId, match_contracts, matching::Types};
 
@@ -129,11 +133,22 @@ impl Channel {
     }
 
     /// The interfaces that match, in ascending order.
-    //= SM2-MAT-001
     pub(super) fn matches(&self, contract: &Contract) -> impl Iterator<Item = Place> {
-        let others = self.side(contract.kind().counterpart()).iter();
-        let matching = others.filter(|(_, theirs)| match_contracts(contract, theirs).is_ok());
-        matching.map(|(&end, _)| end)
+        let all = self.counterparts(contract, Place::FIRST);
+        all.filter_map(|(end, matches)| matches.then_some(end))
+    }
+
+    /// The interfaces on the other side after a place, in ascending order, and whether they
+    /// match.
+    //= SM2-MAT-001
+    pub(super) fn counterparts(
+        &self,
+        contract: &Contract,
+        after: Place,
+    ) -> impl Iterator<Item = (Place, bool)> {
+        let others = self.side(contract.kind().counterpart());
+        let rest = others.range((Bound::Excluded(after), Bound::Unbounded));
+        rest.map(|(&end, theirs)| (end, match_contracts(contract, theirs).is_ok()))
     }
 
     const fn side(&self, kind: Kind) -> &BTreeMap<Place, Arc<Contract>> {

@@ -1,6 +1,9 @@
 //! Links of earlier Managers: nodes that come back claim them, and a link that both of
 //! its ends have claimed is adopted (SPEC section 11).
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::{
     collections::{BTreeMap, BTreeSet},
     vec::Vec,
@@ -74,7 +77,7 @@ impl Manager {
     //= SM2-RES-004, SM2-RES-005
     fn adopt(&mut self, link: LinkId, ends: [Place; 2], agreed: Agreed) {
         match self.adoptable(ends, agreed) {
-            Some(pair) => self.record(link, pair, agreed),
+            Some(pair) => self.record(link, pair, agreed, 0),
             None => {
                 for end in ends {
                     self.tell(end, link, Farewell::NotAdopted.code());
@@ -101,18 +104,15 @@ impl Manager {
         let Some(session) = self.sessions.get_mut(&node) else {
             return;
         };
-        let ended = session.settle();
+        session.settle();
         if session.half_claims().next().is_some() {
             let until = now.after(self.policy.recovery);
             session.claims_until = Some(until);
             self.claims.expiring.insert((until, node));
         }
-        let interfaces = session.interface_ids();
         self.greeting.remove(&node);
         self.node_changed(node);
-        for interface in interfaces {
-            self.link_missing(Place { node, interface }, &ended);
-        }
+        self.settle(node);
     }
 
     /// Gives up claims whose counterparts did not come.

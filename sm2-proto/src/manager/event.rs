@@ -48,6 +48,12 @@ pub enum Input<'a> {
         /// Which link.
         link: LinkId,
     },
+    /// A node's socket has taken all that was sent to it. To be fed when that is so, at least if
+    /// [`Manager::awaits_room`](super::Manager::awaits_room) says so.
+    Drained {
+        /// Which node.
+        session: NodeId,
+    },
     /// The deadline has come.
     Tick,
     /// The Manager has given up its lock, for whoever wants to take over: say goodbye to

@@ -4,15 +4,14 @@
 //! small quotas. An operation is a byte, its kind in the lower half and the
 //! connection in the upper one, and then what [`Fuzz::step`] reads for it.
 
-use alloc::{borrow::ToOwned, collections::BTreeSet, string::String, vec::Vec};
+use alloc::{collections::BTreeSet, vec::Vec};
 use core::time::Duration;
 
 use super::{Credentials, Input, Manager, Output, Policy};
 use crate::{
-    Code, Contract, Datagram, Demand, FdFacts, Instant, InterfaceId, LinkId, Name, NodeId, Offer,
-    Place, Seals, ServiceQos, TypeId,
+    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId, Place, Seals,
     control::{Key, ToManager, decode_to_node, encode_to_manager},
-    schema::Schema,
+    fuzz::script::Script,
 };
 
 const EPOCH: u64 = 1;
@@ -28,6 +27,8 @@ const POLICY: Policy = Policy {
     refusals_per_session: 2,
     apart_per_session: 3,
     changes_remembered: 20,
+    links_ahead: 256,
+    pairs_per_turn: 256,
     seal_all: false,
     waive_user_boundary: false,
 };
@@ -63,7 +64,7 @@ const FILES: [FdFacts; 4] = [
 //= SM2-FRM-001, SM2-SES-005, SM2-SES-006 fuzz
 pub(crate) fn session(data: &[u8]) {
     let mut fuzz = Fuzz {
-        data,
+        script: Script::new(data),
         manager: Manager::new(EPOCH, 7, POLICY),
         now: Instant(0),
         connections: [NodeId(0); CONNECTIONS],
@@ -84,7 +85,7 @@ pub(crate) fn session(data: &[u8]) {
 }
 
 struct Fuzz<'a> {
-    data: &'a [u8],
+    script: Script<'a>,
     manager: Manager,
     now: Instant,
     connections: [NodeId; CONNECTIONS],
@@ -98,34 +99,21 @@ struct Fuzz<'a> {
 }
 
 impl<'a> Fuzz<'a> {
-    fn byte(&mut self) -> Option<u8> {
-        let (&byte, rest) = self.data.split_first()?;
-        self.data = rest;
-        Some(byte)
-    }
-
-    fn bytes(&mut self) -> Option<&'a [u8]> {
-        let len = usize::from(self.byte()?).min(self.data.len());
-        let (bytes, rest) = self.data.split_at(len);
-        self.data = rest;
-        Some(bytes)
-    }
-
     /// One operation; none when the bytes are used up.
     fn step(&mut self) -> Option<()> {
-        let operation = self.byte()?;
+        let operation = self.script.byte()?;
         let at = usize::from(operation >> 4) % CONNECTIONS;
         let session = self.connections[at];
         match operation & 0xf {
             0 => self.connect(at),
             1 => {
-                let bytes = self.bytes()?;
+                let bytes = self.script.bytes()?;
                 self.datagram(session, Datagram::new(bytes));
             }
             2 => {
-                let flags = self.byte()?;
+                let flags = self.script.byte()?;
                 let datagram = Datagram {
-                    bytes: self.bytes()?,
+                    bytes: self.script.bytes()?,
                     fds: &FDS[..usize::from(flags & 3) % FDS.len()],
                     data_truncated: flags & 4 != 0,
                     control_truncated: flags & 8 != 0,
@@ -135,14 +123,14 @@ impl<'a> Fuzz<'a> {
             3 => self.feed(Input::Closed { session }),
             4 => self.feed(Input::Stalled { session }),
             5 => {
-                let pause = Duration::from_millis(u64::from(self.byte()?) * 20);
+                let pause = Duration::from_millis(u64::from(self.script.byte()?) * 20);
                 self.now = self.now.after(pause);
                 self.feed(Input::Tick);
             }
-            6 => self.shortage = self.byte()? % 8,
+            6 => self.shortage = self.script.byte()? % 8,
             7 => self.feed(Input::Shutdown),
             9 => {
-                let file = usize::from(self.byte()?) % FILES.len();
+                let file = usize::from(self.script.byte()?) % FILES.len();
                 let frame = encode_to_manager(&ToManager::Counters);
                 let datagram = Datagram {
                     fds: &FILES[file..=file],
@@ -177,13 +165,13 @@ impl<'a> Fuzz<'a> {
 
     /// A frame that is legal as such, of few names and small numbers.
     fn frame(&mut self) -> Option<ToManager> {
-        Some(match self.byte()? % 12 {
+        Some(match self.script.byte()? % 12 {
             0 => {
-                let choice = self.byte()?;
+                let choice = self.script.byte()?;
                 ToManager::Hello {
                     min_version: u16::from(choice % 4),
                     max_version: 2,
-                    name: self.name()?,
+                    name: self.script.name()?,
                     resuming: choice & 4 != 0,
                 }
             }
@@ -204,7 +192,7 @@ impl<'a> Fuzz<'a> {
             },
             5 => ToManager::Goodbye { code: Code(0) },
             6 => {
-                let choice = self.byte()?;
+                let choice = self.script.byte()?;
                 ToManager::Claim {
                     interface: self.interface()?,
                     link: self.link()?,
@@ -220,21 +208,21 @@ impl<'a> Fuzz<'a> {
             },
             9 => ToManager::Inspect { node: self.node()? },
             10 => {
-                let (data, text) = self.schema()?;
+                let (data, text) = self.script.schema()?;
                 ToManager::Schema { data, text }
             }
             _ => ToManager::Describe {
-                data: self.schema()?.0,
+                data: self.script.schema()?.0,
             },
         })
     }
 
     fn node(&mut self) -> Option<NodeId> {
-        Some(NodeId(self.byte()?.into()))
+        Some(NodeId(self.script.byte()?.into()))
     }
 
     fn interface(&mut self) -> Option<InterfaceId> {
-        Some(InterfaceId(self.byte()?.into()))
+        Some(InterfaceId(self.script.byte()?.into()))
     }
 
     fn place(&mut self) -> Option<Place> {
@@ -246,7 +234,7 @@ impl<'a> Fuzz<'a> {
 
     /// One of this Manager's links, or of another one's.
     fn link(&mut self) -> Option<LinkId> {
-        let serial = self.byte()?;
+        let serial = self.script.byte()?;
         Some(LinkId {
             epoch: EPOCH + u64::from(serial >> 7),
             serial: u64::from(serial & 0x7f),
@@ -254,7 +242,7 @@ impl<'a> Fuzz<'a> {
     }
 
     fn key(&mut self) -> Option<Key> {
-        Some(match self.byte()? % 5 {
+        Some(match self.script.byte()? % 5 {
             0 => Key::Domain,
             1 => Key::Member {
                 place: self.place()?,
@@ -276,73 +264,14 @@ impl<'a> Fuzz<'a> {
 
     /// The domain's revision, or one before or after it.
     fn revision(&mut self) -> Option<u64> {
-        let ago = u64::from(self.byte()? % 32);
+        let ago = u64::from(self.script.byte()? % 32);
         Some((self.manager.revision() + 2).saturating_sub(ago))
     }
 
-    /// A type and its text, or another one's.
-    fn schema(&mut self) -> Option<(TypeId, String)> {
-        let choice = usize::from(self.byte()?);
-        let texts = ["plain:u8", "postcard:string", "postcard:u64", "plain:"];
-        let text = texts[choice % texts.len()];
-        let hash = Schema::parse(text).map_or(1, |schema| schema.hash());
-        let hash = hash ^ u64::from(choice > 200);
-        let name = self.name()?;
-        Some((TypeId { name, hash }, text.to_owned()))
-    }
-
-    fn name(&mut self) -> Option<Name> {
-        let names = ["a", "b", "c", "d/e"];
-        Name::new(names[usize::from(self.byte()?) % names.len()]).ok()
-    }
-
+    /// A legal one.
     fn contract(&mut self) -> Option<Contract> {
-        let choice = self.byte()?;
-        let [reliable, sealed, stated] = [4, 8, 16].map(|bit| choice & bit != 0);
-        let name = self.name()?;
-        let data = TypeId {
-            name: self.name()?,
-            hash: 0,
-        };
-        let (depth, max_borrowed) = (1, 1);
-        let qos = ServiceQos {
-            depth,
-            max_borrowed,
-            sealed,
-        };
-        Some(match choice % 4 {
-            0 => Contract::Publisher {
-                topic: name,
-                data,
-                offer: Offer {
-                    depth,
-                    reliable,
-                    latched: 0,
-                    sealed,
-                },
-            },
-            1 => Contract::Subscriber {
-                topic: name,
-                data: stated.then_some(data),
-                demand: Demand {
-                    depth,
-                    reliable,
-                    max_borrowed,
-                    sealed,
-                },
-            },
-            2 => Contract::Server {
-                service: name,
-                request: data.clone(),
-                reply: data,
-                qos,
-            },
-            _ => Contract::Client {
-                service: name,
-                types: stated.then(|| (data.clone(), data)),
-                qos,
-            },
-        })
+        let choice = self.script.byte()?;
+        self.script.contract_as(choice, 1)
     }
 
     fn datagram(&mut self, session: NodeId, datagram: Datagram<'_>) {

@@ -35,6 +35,10 @@ impl Manager {
                 "each schema is there as often as sessions registered it",
             ),
             (
+                self.pace_agrees(),
+                "links wait for their LINKs, and sessions to be linked, only as long as they have to",
+            ),
+            (
                 self.watchers
                     .iter()
                     .all(|it| self.sessions.contains_key(it)),

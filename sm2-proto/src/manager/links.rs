@@ -8,7 +8,7 @@ use core::{fmt, hash::Hasher, ops::Bound};
 
 use siphasher::sip::SipHasher24;
 
-use crate::{Contract, Kind, LinkId, Place, Terms, control::Item};
+use crate::{Contract, Kind, LinkId, NodeId, Place, Terms, control::Item};
 
 /// A publisher or server, and a subscriber or client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -32,6 +32,12 @@ impl Pair {
 
     pub(super) const fn places(self) -> [Place; 2] {
         [self.offering, self.demanding]
+    }
+
+    /// The sessions of both ends, each once.
+    pub(super) fn nodes(self) -> impl Iterator<Item = NodeId> {
+        let [one, other] = self.places().map(|it| it.node);
+        core::iter::once(one).chain((other != one).then_some(other))
     }
 
     pub(super) fn other(self, one: Place) -> Place {
@@ -84,7 +90,20 @@ impl Links {
         self.last_serial += 1;
         let serial = self.last_serial;
         let epoch = self.epoch;
-        (LinkId { epoch, serial }, self.secret.key(serial))
+        let link = LinkId { epoch, serial };
+        (link, self.key(link))
+    }
+
+    /// The key of a link of this Manager.
+    pub(super) fn key(&self, link: LinkId) -> u64 {
+        self.secret.key(link.serial)
+    }
+
+    /// The pair of a link that this Manager made and that is live, and what holds on it.
+    pub(super) fn made_as(&self, link: LinkId) -> Option<(Pair, Agreed)> {
+        let pair = self.made(link)?;
+        let &(_, agreed) = self.live.get(&(link, pair.offering))?;
+        Some((pair, agreed))
     }
 
     /// A link is live. No two of them join the same pair.

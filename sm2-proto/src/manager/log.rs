@@ -1,5 +1,8 @@
 //! What has changed in the domain lately: one key for each revision.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::collections::VecDeque;
 
 use crate::control::Key;

@@ -5,15 +5,17 @@
 //! | feed | [`Manager::handle`] |
 //! | drain | [`Manager::poll`] until it gives nothing, after every feed |
 //! | deadline | [`Manager::deadline`]: then feed [`Input::Tick`] |
-//! | inspect | [`Manager::revision`], [`Manager::sessions`], [`Manager::links`] |
+//! | inspect | [`Manager::revision`], [`Manager::sessions`], [`Manager::links`], [`Manager::awaits_room`] |
 //!
 //! One machine serves all sessions. The driver numbers the connections that it
 //! accepts, makes the socket pairs that [`Output::Link`] asks for, and closes
 //! the connections that [`Output::HangUp`] names. A violation ends the session
 //! of whoever committed it and nothing else.
 //!
-//! Each operation costs O(log n) in the size of the domain, plus the
-//! counterparts on the topic or service that it touches.
+//! Each input costs O(log n) in the size of the domain, plus the counterparts on the topic
+//! or service, or the links, that it touches. What would take longer is done in parts: then the
+//! deadline has come already, and each [`Input::Tick`] does one part. LINKs wait for those
+//! who do not read ([`Manager::awaits_room`]).
 //!
 //! A complete driver in a loop of its own, with what it owes the machine, is the example
 //! `own_loop` of `sm2-manager`.
@@ -29,6 +31,7 @@ mod inspect;
 mod invariants;
 mod links;
 mod log;
+mod pace;
 mod page;
 mod phase;
 mod policy;
@@ -49,6 +52,7 @@ use self::{
     claims::{Claim, Claims},
     links::{Agreed, Links},
     log::Log,
+    pace::{Pace, Turns},
     policy::Users,
     schemas::Schemas,
     session::Session,
@@ -85,6 +89,12 @@ pub struct Manager {
     /// By when each session that is not ready has to be. They came in the order
     /// of their numbers, so the first one's deadline is the earliest.
     greeting: BTreeMap<NodeId, Instant>,
+    /// Which LINKs wait until the nodes have read others.
+    pace: Pace,
+    /// The sessions that have claimed all they have, and are not linked with all others yet.
+    settling: Turns,
+    /// Since when something was put off that can be done now.
+    due: Option<Instant>,
     outputs: VecDeque<Output>,
 }
 
@@ -109,6 +119,9 @@ impl Manager {
             schemas: Schemas::new(),
             watchers: BTreeSet::new(),
             greeting: BTreeMap::new(),
+            pace: Pace::new(),
+            settling: Turns::new(),
+            due: None,
             outputs: VecDeque::new(),
         }
     }
@@ -131,11 +144,12 @@ impl Manager {
         self.links.len()
     }
 
-    /// When [`Input::Tick`] is due.
+    /// When [`Input::Tick`] is due. A moment that has passed means: at once, but after
+    /// whatever else has come; a Tick does only a part of what there is to do.
     #[must_use]
     pub fn deadline(&self) -> Option<Instant> {
         let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
-        [greeting, self.claims.deadline()]
+        [greeting, self.claims.deadline(), self.due]
             .into_iter()
             .flatten()
             .min()
@@ -172,11 +186,13 @@ impl Manager {
                 self.end_session(session, Cause::Farewell(Farewell::Stalled));
             }
             Input::LinkFailed { link } => self.link_failed(link),
-            Input::Tick => {}
+            Input::Drained { session } => self.drained(session),
+            Input::Tick => self.go_on(),
             Input::DismissStandbys => self.dismiss_standbys(),
             Input::Shutdown => self.shut_down(),
         }
         self.wake_watchers(before);
+        self.due = self.has_work().then_some(now);
         debug_assert_eq!(self.invariants(), Ok(()));
         Ok(())
     }
@@ -348,6 +364,7 @@ impl Manager {
                 self.end_interface(place, remains, Farewell::PeerGone);
             }
         }
+        self.forget_pace(id);
         let goodbye = cause
             .code()
             .map(|code| encode_to_node(&ToNode::Goodbye { code }));
@@ -362,6 +379,7 @@ impl Manager {
     //= SM2-SES-008
     fn shut_down(&mut self) {
         for (link, pair) in self.links.iter().collect::<Vec<_>>() {
+            self.pace.cancel(pair, link);
             self.forget_link(link, pair);
         }
         let sessions: Vec<NodeId> = self.sessions.keys().copied().collect();

@@ -1,5 +1,8 @@
 //! What the operator allows: quotas per user and per session, and when to seal.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::collections::BTreeMap;
 use core::time::Duration;
 
@@ -32,6 +35,10 @@ pub struct Policy {
     pub apart_per_session: usize,
     /// Changes of the domain that are remembered.
     pub changes_remembered: usize,
+    /// LINKs that a session is sent before its socket has taken all of them; none counts as one.
+    pub links_ahead: usize,
+    /// How many pairs of a session that has claimed all it has are looked at for one input.
+    pub pairs_per_turn: usize,
     /// Whether every link of the domain is sealed.
     pub seal_all: bool,
     /// Whether links between different users may be unsealed.
@@ -52,6 +59,8 @@ impl Default for Policy {
             refusals_per_session: 16,
             apart_per_session: 256,
             changes_remembered: 4_096,
+            links_ahead: 256,
+            pairs_per_turn: 256,
             seal_all: false,
             waive_user_boundary: false,
         }
@@ -67,6 +76,15 @@ impl Policy {
 
     pub(super) fn links_per_session(&self) -> usize {
         self.links_per_session.min(LINKS_MAX)
+    }
+
+    //= SM2-LNK-007
+    pub(super) const fn links_ahead(&self) -> usize {
+        if self.links_ahead == 0 {
+            1
+        } else {
+            self.links_ahead
+        }
     }
 
     /// What of this everybody may know.

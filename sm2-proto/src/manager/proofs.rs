@@ -1,17 +1,23 @@
-//! Harnesses for the Manager's tables and charges.
+//! Harnesses for the Manager's tables and charges, and for sessions that begin and end.
 
 use super::{
+    Cause, Credentials, Input, Manager, Misuse, Output,
     phase::{PHASES, Phase, REQUESTS, Request, legal},
     policy::{Policy, Users, within},
 };
-use crate::{Quota, Refusal, Violation, limits::LINKS_MAX};
+use crate::{
+    Code, Datagram, Farewell, FdFacts, Instant, Name, NodeId, Quota, Refusal, Seals, VERSION,
+    Violation,
+    control::{ToNode, encode_to_node},
+    limits::LINKS_MAX,
+    proofs::{below, one_of},
+};
 
 //= SM2-SES-001, SM2-RES-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(14))]
 fn session_phase_table() {
-    let phase = PHASES[usize::from(kani::any_where(|at: &u8| *at < 3))];
-    let request = REQUESTS[usize::from(kani::any_where(|at: &u8| *at < 13))];
+    let (phase, request) = (one_of(&PHASES), one_of(&REQUESTS));
     let claims = matches!(request, Request::Claim | Request::Claimed);
     let verdict = legal(phase, request);
     if request == Request::Goodbye {
@@ -121,10 +127,274 @@ fn charges_end_at_zero() {
     assert!(users == Users::new());
 }
 
+const NOW: Instant = Instant(0);
+
+/// The session that a harness is about.
+const OURS: NodeId = NodeId(3);
+
+/// One that has nothing to do with it.
+const OTHER: NodeId = NodeId(4);
+
+const fn user(uid: u32) -> Credentials {
+    Credentials {
+        uid,
+        gid: 1,
+        pid: 1,
+    }
+}
+
+fn name(text: &str) -> Name {
+    Name::new(text).expect("a legal name")
+}
+
+/// A Manager with two connections of one user.
+fn manager(policy: Policy) -> Manager {
+    let mut manager = Manager::new(7, 1, policy);
+    for session in [OURS, OTHER] {
+        manager.connect(NOW, session, user(1));
+    }
+    manager
+}
+
+/// Brings a connection into a phase.
+fn bring(manager: &mut Manager, session: NodeId, phase: Phase, text: &str) {
+    let resuming = phase == Phase::Resuming;
+    if phase != Phase::Greeting {
+        let welcomed = manager.hello(session, [1, 1], name(text), resuming);
+        assert_eq!(welcomed, Ok(()));
+    }
+    assert_eq!(manager.sessions[&session].phase(), phase);
+}
+
+/// MGR-IDS: a connection is taken exactly if its number is greater than all before it.
+//= SM2-SES-007 kani
+#[cfg_attr(kani, kani::proof)]
+// One session.
+#[cfg_attr(kani, kani::unwind(4))]
+fn session_numbers_are_fresh() {
+    let mut manager = Manager::new(7, 1, Policy::default());
+    let (last, next): (u64, u64) = kani::any();
+    manager.last_session = last;
+    let before = manager.clone();
+    let session = NodeId(next);
+    let credentials = user(1);
+    let connected = Input::Connected {
+        session,
+        credentials,
+    };
+    let verdict = manager.handle(NOW, connected.clone());
+    if next > last {
+        assert_eq!(verdict, Ok(()));
+        assert!(manager.last_session == next && manager.sessions.contains_key(&session));
+        let again = manager.handle(NOW, connected);
+        assert_eq!(
+            again,
+            Err(Misuse::SessionNumber(session)),
+            "never used twice"
+        );
+    } else {
+        assert_eq!(verdict, Err(Misuse::SessionNumber(session)));
+        assert!(manager == before);
+    }
+    kani::cover!(next > last && next == u64::MAX, "the last number");
+    kani::cover!(last == u64::MAX, "no number is left");
+}
+
+/// HELLO is granted exactly if nothing speaks against it, and refused for the first reason.
+//= SM2-SES-002, SM2-SES-003, SM2-IFC-006 kani
+#[cfg_attr(kani, kani::proof)]
+// Two sessions; names of one byte, frames of at most 12.
+#[cfg_attr(kani, kani::unwind(14))]
+fn hello_is_refused_in_order() {
+    let (taken, quota_used, resuming): (bool, bool, bool) = kani::any();
+    let limit = if quota_used { 1 } else { 2 };
+    let mut manager = manager(Policy {
+        sessions_per_user: limit,
+        ..Policy::default()
+    });
+    bring(&mut manager, OTHER, Phase::Ready, "a");
+    manager.outputs.clear();
+    let (min, max): (u16, u16) = (any_version(), any_version());
+    let verdict = manager.hello(
+        OURS,
+        [min, max],
+        name(if taken { "a" } else { "b" }),
+        resuming,
+    );
+    let phase = manager.sessions[&OURS].phase();
+    if min == 0 || min > max {
+        assert_eq!(verdict, Err(Violation::BadVersionRange));
+        assert!(manager.outputs.is_empty() && phase == Phase::Greeting);
+        return;
+    }
+    assert_eq!(verdict, Ok(()));
+    let refusal = if min > VERSION {
+        Some(Refusal::Version { min: 1, max: 1 })
+    } else if taken {
+        Some(Refusal::NameTaken)
+    } else if quota_used {
+        let quota = Quota::SessionsPerUser;
+        Some(Refusal::Quota { quota, limit: 1 })
+    } else {
+        None
+    };
+    let granted = refusal.is_none();
+    let frame = encode_to_node(&match refusal {
+        Some(reason) => ToNode::HelloRefused { reason },
+        None => ToNode::Welcome {
+            version: VERSION,
+            epoch: 7,
+            node: OURS,
+        },
+    });
+    let answer = Output::Send {
+        session: OURS,
+        frame,
+    };
+    assert!(manager.outputs == [answer]);
+    let ready = if resuming {
+        Phase::Resuming
+    } else {
+        Phase::Ready
+    };
+    assert!(phase == if granted { ready } else { Phase::Greeting });
+    // Whoever is not ready has a deadline.
+    assert_eq!(manager.greeting.contains_key(&OURS), phase != Phase::Ready);
+    assert_eq!(manager.names.len(), 1 + usize::from(granted));
+    kani::cover!(
+        granted && resuming && max > VERSION,
+        "a newer node comes back"
+    );
+    kani::cover!(taken && quota_used && min > VERSION, "three reasons");
+}
+
+/// Versions around the one that there is.
+fn any_version() -> u16 {
+    one_of(&[0, 1, 2, u16::MAX])
+}
+
+/// MGR-ABSORB: a session ends once, with a GOODBYE if one is due; then nothing that still comes
+/// from it has any effect. Nobody else notices.
+//= SM2-SES-001, SM2-SES-005, SM2-SES-006, SM2-RES-003 kani
+#[cfg_attr(kani, kani::proof)]
+// Two sessions; frames of one byte.
+#[cfg_attr(kani, kani::unwind(14))]
+fn an_ended_session_is_silent() {
+    let mut manager = manager(Policy::default());
+    let (phase, theirs) = (one_of(&PHASES), one_of(&PHASES));
+    bring(&mut manager, OURS, phase, "a");
+    bring(&mut manager, OTHER, theirs, "b");
+    manager.outputs.clear();
+    let bystander = manager.sessions[&OTHER].clone();
+    let session = OURS;
+    let datagram = |bytes| Input::Datagram {
+        session,
+        datagram: Datagram::new(bytes),
+    };
+    // CLAIMED; 13 is no frame.
+    let early = match phase {
+        Phase::Greeting => Cause::Violation(Violation::ExpectedHello),
+        _ => Cause::Violation(Violation::UnexpectedClaim),
+    };
+    let (input, cause) = match below(5) {
+        0 => {
+            kani::assume(phase != Phase::Resuming);
+            (datagram(&[7]), early)
+        }
+        1 => (datagram(&[13]), Cause::Violation(Violation::UnknownFrame)),
+        2 => (datagram(&[5, 9]), Cause::Goodbye(Code(9))),
+        3 => (Input::Closed { session }, Cause::Gone),
+        _ => (
+            Input::Stalled { session },
+            Cause::Farewell(Farewell::Stalled),
+        ),
+    };
+    assert_eq!(manager.handle(NOW, input), Ok(()));
+    let goodbye = match cause {
+        Cause::Violation(violation) => Some(violation.code()),
+        Cause::Farewell(farewell) => Some(farewell.code()),
+        Cause::Gone | Cause::Goodbye(_) => None,
+    };
+    let goodbye = goodbye.map(|code| encode_to_node(&ToNode::Goodbye { code }));
+    let hang_up = Output::HangUp {
+        session,
+        goodbye,
+        cause,
+    };
+    assert!(manager.poll() == Some(hang_up) && manager.poll().is_none());
+    let late = match below(5) {
+        0 => datagram(&[7]),
+        1 => datagram(&[13]),
+        2 => datagram(&[5, 9]),
+        3 => Input::Closed { session },
+        _ => Input::Stalled { session },
+    };
+    let before = manager.clone();
+    assert_eq!(manager.handle(NOW, late), Ok(()));
+    assert!(manager == before && manager.poll().is_none());
+    assert!(manager.sessions() == 1 && manager.sessions[&OTHER] == bystander);
+    assert_eq!(manager.names.len(), usize::from(theirs != Phase::Greeting));
+    kani::cover!(
+        cause == early && phase == Phase::Ready,
+        "a claim that is too late"
+    );
+    kani::cover!(
+        cause == Cause::Gone && phase == Phase::Resuming,
+        "gone while it resumes"
+    );
+}
+
+/// A file of counters is kept once, and only as a regular file with its seals and a legal size.
+//= SM2-CNT-001, SM2-CNT-003 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(14))]
+fn counters_are_kept_once() {
+    let mut manager = manager(Policy::default());
+    bring(&mut manager, OURS, Phase::Ready, "a");
+    manager.outputs.clear();
+    let file = FdFacts {
+        regular: kani::any(),
+        size_bytes: kani::any(),
+        // The first six seals of the kernel.
+        seals: Seals(below(64) as u32),
+    };
+    let bits = file.seals.0 & 0x17 == 0x17;
+    let size = file.size_bytes;
+    let expected = if !file.regular {
+        Err(Violation::NotAMemfd)
+    } else if !bits {
+        Err(Violation::SealsMissing)
+    } else if !size.is_multiple_of(512) || !(1_024..=4_194_304).contains(&size) {
+        Err(Violation::BadSize)
+    } else {
+        Ok(())
+    };
+    assert_eq!(manager.keep_counters(OURS, Some(&file)), expected);
+    let kept = manager.outputs.pop_front();
+    assert_eq!(
+        kept == Some(Output::KeepCounters { session: OURS }),
+        expected.is_ok()
+    );
+    if expected.is_ok() {
+        let again = manager.keep_counters(OURS, Some(&file));
+        assert_eq!(again, Err(Violation::CountersTwice));
+    }
+    assert!(manager.outputs.is_empty());
+    kani::cover!(expected.is_ok(), "kept");
+    kani::cover!(
+        expected == Err(Violation::BadSize),
+        "a size that is not legal"
+    );
+}
+
 #[cfg(test)]
 kani::explored! {
     session_phase_table: 2,
     quota_is_exact: 2,
     users_apart_are_sealed: 2,
     charges_end_at_zero: 2,
+    session_numbers_are_fresh: 2,
+    hello_is_refused_in_order: 2,
+    an_ended_session_is_silent: 2,
+    counters_are_kept_once: 2,
 }

@@ -1,5 +1,8 @@
 //! One connection: whose it is, how far it has come, what it declared.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -9,7 +12,7 @@ use core::ops::Bound;
 
 use super::{Credentials, Policy, STANDBY_PREFIX, links::Pair, phase::Phase, policy::within};
 use crate::{
-    Contract, Instant, InterfaceId, LinkId, Name, Place, Quota, Refusal, TypeId, Violation,
+    Contract, Instant, InterfaceId, LinkId, Name, NodeId, Place, Quota, Refusal, TypeId, Violation,
     control::Item, limits::LINKS_MAX,
 };
 
@@ -20,10 +23,14 @@ pub(super) struct Session {
     name: Option<Name>,
     /// As long as it is resuming.
     resumption: Option<Resumption>,
+    /// As long as there are pairs that nobody has looked at since.
+    settling: Option<Settling>,
     last_interface: u64,
     interfaces: BTreeMap<InterfaceId, Interface>,
     /// What was refused lately, and why.
     refused: BTreeMap<InterfaceId, (Contract, Refusal)>,
+    /// How many LINKs it was sent since its socket last had taken all that was sent to it.
+    pub(super) ahead: usize,
     /// How many ends of links all interfaces have together.
     link_ends: usize,
     /// When its claims are given up, if it has claimed all that it has and some of it
@@ -42,6 +49,17 @@ struct Resumption {
     /// How many claims came.
     claims: usize,
     /// Pairs whose adopted links ended again: they are not linked anew.
+    ended: BTreeSet<Pair>,
+}
+
+/// What is still to be linked of a session that has claimed all that it has (SM2-RES-007).
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Settling {
+    /// Which interface comes next, and after which of its counterparts.
+    next: (InterfaceId, Place),
+    /// The last interface that was there at CLAIMED.
+    last: InterfaceId,
+    /// Pairs that are not linked anew.
     ended: BTreeSet<Pair>,
 }
 
@@ -75,9 +93,11 @@ impl Session {
             credentials,
             name: None,
             resumption: None,
+            settling: None,
             last_interface: 0,
             interfaces: BTreeMap::new(),
             refused: BTreeMap::new(),
+            ahead: 0,
             link_ends: 0,
             claims_until: None,
             has_counters: false,
@@ -116,9 +136,47 @@ impl Session {
         self.resumption = resuming.then(Resumption::default);
     }
 
-    /// All is claimed. The pairs that are not to be linked anew.
-    pub(super) fn settle(&mut self) -> BTreeSet<Pair> {
-        self.resumption.take().unwrap_or_default().ended
+    /// All is claimed. What is there now is to be linked as far as it is not.
+    pub(super) fn settle(&mut self) {
+        self.settling = Some(Settling {
+            next: (InterfaceId(0), Place::FIRST),
+            last: InterfaceId(self.last_interface),
+            ended: self.resumption.take().unwrap_or_default().ended,
+        });
+    }
+
+    /// Whether there are pairs of it that nobody has looked at since it claimed all it has.
+    pub(super) const fn is_settling(&self) -> bool {
+        self.settling.is_some()
+    }
+
+    /// The next interface to be linked, and after which counterpart. None once all are.
+    pub(super) fn unsettled(&mut self, node: NodeId) -> Option<(Place, Place)> {
+        let Settling { next, last, .. } = self.settling.as_ref()?;
+        let following = self.interfaces.range(next.0..).next();
+        let Some((&interface, _)) = following.filter(|(id, _)| *id <= last) else {
+            self.settling = None;
+            return None;
+        };
+        let begun = next.0 == interface;
+        let after = if begun { next.1 } else { Place::FIRST };
+        Some((Place { node, interface }, after))
+    }
+
+    /// So far this has come: up to a counterpart of an interface, or to its last one.
+    pub(super) fn settled(&mut self, interface: InterfaceId, up_to: Option<Place>) {
+        if let Some(settling) = &mut self.settling {
+            settling.next = match up_to {
+                Some(counterpart) => (interface, counterpart),
+                None => (InterfaceId(interface.0.saturating_add(1)), Place::FIRST),
+            };
+        }
+    }
+
+    /// Whether a pair that is not settled has ended its link.
+    pub(super) fn has_ended(&self, pair: Pair) -> bool {
+        let settling = self.settling.as_ref();
+        settling.is_some_and(|it| it.ended.contains(&pair))
     }
 
     /// Spends an interface number.
@@ -306,11 +364,13 @@ impl Session {
         }
     }
 
-    /// An adopted link has ended before all is claimed.
+    /// A link has ended before all is claimed, or settled.
     //= SM2-RES-007
     pub(super) fn ended(&mut self, pair: Pair) {
-        if let Some(resumption) = &mut self.resumption {
-            resumption.ended.insert(pair);
+        let resumption = self.resumption.as_mut().map(|it| &mut it.ended);
+        let settling = self.settling.as_mut().map(|it| &mut it.ended);
+        if let Some(ended) = resumption.or(settling) {
+            ended.insert(pair);
         }
     }
 

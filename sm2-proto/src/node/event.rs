@@ -218,6 +218,9 @@ pub enum Misuse {
     /// The interface is not live.
     #[error("no live interface has that number")]
     NotLive,
+    /// All 2^64 - 1 numbers of interfaces are used (SM2-IFC-001).
+    #[error("no number is left for another interface: end this node and begin a new one")]
+    NumbersSpent,
     /// One WATCH at a time (SM2-WCH-001).
     #[error("the changes that were asked for have not come yet: wait for them")]
     WatchTwice,

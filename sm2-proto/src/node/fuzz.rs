@@ -29,7 +29,7 @@ pub(crate) fn session(data: &[u8]) {
         return;
     };
     let mut fuzz = Fuzz {
-        script: Script(data),
+        script: Script::new(data),
         node: Node::new(name),
         session: Some(Session::default()),
         welcomed: false,

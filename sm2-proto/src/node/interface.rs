@@ -1,5 +1,8 @@
 //! One interface of a node and its ends of links (the tables in SPEC sections 4.3 and 11).
 
+#[cfg(any(kani, test))]
+pub(super) mod proofs;
+
 use alloc::collections::BTreeMap;
 
 use super::Misuse;

@@ -43,6 +43,8 @@ mod event;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
 mod interface;
+#[cfg(any(kani, test))]
+mod proofs;
 mod receive;
 mod requests;
 mod resume;
@@ -162,12 +164,14 @@ impl Node {
     /// # Errors
     ///
     /// [`Misuse::NotReady`] before the first WELCOME, [`Misuse::Qos`] for what
-    /// SM2-FRM-003 does not allow, [`Error::Ended`] after [`Input::Close`].
+    /// SM2-FRM-003 does not allow, [`Misuse::NumbersSpent`] when no number is left,
+    /// [`Error::Ended`] after [`Input::Close`].
     //= SM2-IFC-001, SM2-RES-002
     pub fn declare(&mut self, contract: Contract) -> Result<InterfaceId, Error> {
         self.check_welcomed_once()?;
         contract.check_qos()?;
-        self.last_interface += 1;
+        let number = self.last_interface.checked_add(1);
+        self.last_interface = number.ok_or(Misuse::NumbersSpent)?;
         let interface = InterfaceId(self.last_interface);
         let mut ours = Interface::new(contract);
         if self.is_ready() {

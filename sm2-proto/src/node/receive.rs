@@ -1,5 +1,8 @@
 //! What the Manager says (the tables of SPEC sections 4.2 and 4.3).
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use super::{
     End, Interface, Node, Output, Phase,
     interface::{Answer, Answered, Link},

@@ -1,5 +1,8 @@
 //! What a session has asked its Manager and waits for. Forgotten with the session.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use alloc::collections::VecDeque;
 
 use super::Misuse;

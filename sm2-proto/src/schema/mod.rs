@@ -14,6 +14,8 @@ pub(crate) mod fuzz;
 pub mod hash;
 mod layout;
 mod parse;
+#[cfg(any(kani, test))]
+mod proofs;
 
 use alloc::{boxed::Box, vec::Vec};
 use core::fmt;

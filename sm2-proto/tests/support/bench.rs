@@ -28,6 +28,8 @@ pub(crate) const UNLIMITED: Policy = Policy {
     refusals_per_session: usize::MAX,
     apart_per_session: usize::MAX,
     changes_remembered: usize::MAX,
+    links_ahead: usize::MAX,
+    pairs_per_turn: usize::MAX,
     seal_all: false,
     waive_user_boundary: false,
 };

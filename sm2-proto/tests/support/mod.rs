@@ -4,6 +4,7 @@
 pub(crate) mod bench;
 pub(crate) mod contracts;
 pub(crate) mod items;
+pub(crate) mod matching;
 pub(crate) mod onlooker;
 pub(crate) mod oracle;
 pub(crate) mod session;

@@ -7,17 +7,14 @@ use sm2_proto::{
     control::{Apart, Item, Limits, ToManager, ToNode},
 };
 
-use super::bench::Event;
+pub(crate) use super::matching::Terms;
+use super::{
+    bench::{EPOCH, Event},
+    matching::terms,
+};
 
 /// An interface anywhere in the domain.
 pub(crate) type End = (NodeId, InterfaceId);
-
-/// What both sides of a link have to know of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Terms {
-    pub(crate) reliable: bool,
-    pub(crate) sealed: bool,
-}
 
 #[derive(Clone, Debug)]
 struct Session {
@@ -25,7 +22,7 @@ struct Session {
     name: Option<Name>,
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Oracle {
     sessions: BTreeMap<NodeId, Session>,
     interfaces: BTreeMap<End, Contract>,
@@ -35,9 +32,28 @@ pub(crate) struct Oracle {
     apart: BTreeMap<[End; 2], Apart>,
     /// All that was refused and not granted later.
     refused: BTreeMap<End, (Contract, Refusal)>,
+    /// How many links were made.
+    made: u64,
+    /// Links that nobody was told of.
+    unheard: BTreeSet<LinkId>,
+    /// How many LINKs a session may be sent ahead of its reading.
+    links_ahead: usize,
 }
 
 impl Oracle {
+    pub(crate) fn new(links_ahead: usize) -> Self {
+        Self {
+            sessions: BTreeMap::new(),
+            interfaces: BTreeMap::new(),
+            links: BTreeMap::new(),
+            apart: BTreeMap::new(),
+            refused: BTreeMap::new(),
+            made: 0,
+            unheard: BTreeSet::new(),
+            links_ahead,
+        }
+    }
+
     pub(crate) fn connected(&mut self, node: NodeId, uid: u32) {
         self.sessions.insert(node, Session { uid, name: None });
     }
@@ -53,7 +69,14 @@ impl Oracle {
     }
 
     /// A node's legal frame, and what the Manager made of it.
+    //= SM2-LNK-007 test
     pub(crate) fn handled(&mut self, node: NodeId, frame: ToManager, events: &[Event]) {
+        // One answer, and for each link that is concerned no more than its own frames.
+        let ends = self.links.values().flatten();
+        let links = ends.filter(|&&(it, _)| it == node).count();
+        let declares = matches!(frame, ToManager::Declare { .. });
+        let most = 1 + if declares { self.links_ahead } else { links };
+        assert!(events.len() <= most, "{} outputs", events.len());
         match frame {
             ToManager::Hello { name, .. } => self.hello(node, name, events),
             ToManager::Declare {
@@ -72,6 +95,29 @@ impl Oracle {
             ToManager::Goodbye { .. } => self.gone(node),
             other => panic!("nobody sends {other:?} here"),
         }
+    }
+
+    /// What the Manager had put off.
+    pub(crate) fn ticked(&mut self, events: &[Event]) {
+        assert!(events.len() <= self.links_ahead, "{events:?}");
+        for event in events {
+            self.linked(event);
+        }
+    }
+
+    /// Both sides of a link that was made are told of it, once, as long as both are there.
+    //= SM2-LNK-007 test
+    fn linked(&mut self, event: &Event) {
+        let Event::Linked(link, ends) = event else {
+            panic!("{event:?} is no link");
+        };
+        assert!(self.unheard.remove(link), "{link} is told once");
+        let ends = ends.each_ref().map(|(node, frame)| match frame {
+            ToNode::Link { interface, .. } => (*node, *interface),
+            other => panic!("{other:?} is no LINK"),
+        });
+        assert_eq!(self.links[link], pair(ends[0], ends[1]));
+        assert!(ends.iter().all(|end| self.interfaces.contains_key(end)));
     }
 
     /// The first of the two farewells says why.
@@ -115,20 +161,22 @@ impl Oracle {
         let (answer, links) = events.split_first().expect("DECLARE is answered");
         let declared = ToNode::Declared {
             interface: end.1,
-            matches: u32::try_from(matching.len()).expect("few matches"),
+            matches: u32::try_from(links.len()).expect("few matches"),
         };
         assert_eq!(answer, &Event::Sent(end.0, declared));
-        let mut linked = BTreeSet::new();
-        for event in links {
-            let Event::Linked(link, [_, (node, ToNode::Link { interface, .. })]) = event else {
-                panic!("{event:?} is no link");
-            };
-            linked.insert((*node, *interface));
-            self.links.insert(*link, pair(end, (*node, *interface)));
-        }
-        assert_eq!(linked, matching);
-        assert_eq!(links.len(), matching.len(), "each pair once");
         self.interfaces.insert(end, contract);
+        for other in matching {
+            self.made += 1;
+            let link = LinkId {
+                epoch: EPOCH,
+                serial: self.made,
+            };
+            self.links.insert(link, pair(end, other));
+            self.unheard.insert(link);
+        }
+        for event in links {
+            self.linked(event);
+        }
     }
 
     /// The pairs that are to be linked, and how.
@@ -230,53 +278,6 @@ fn place((node, interface): End) -> Place {
 
 pub(crate) fn pair(one: End, other: End) -> [End; 2] {
     [one.min(other), one.max(other)]
-}
-
-/// SM2-MAT-001 and, for the two sides alone, SM2-MAT-003.
-fn terms(one: &Contract, other: &Contract) -> Option<Terms> {
-    match (one, other) {
-        (
-            Contract::Publisher { topic, data, offer },
-            Contract::Subscriber {
-                topic: theirs,
-                data: wanted,
-                demand,
-            },
-        ) => {
-            let same = topic == theirs && (wanted.is_none() || wanted.as_ref() == Some(data));
-            let terms = Terms {
-                reliable: demand.reliable,
-                sealed: offer.sealed || demand.sealed,
-            };
-            (same && (offer.reliable || !demand.reliable)).then_some(terms)
-        }
-        (
-            Contract::Server {
-                service,
-                request,
-                reply,
-                qos,
-            },
-            Contract::Client {
-                service: theirs,
-                types,
-                qos: wanted,
-            },
-        ) => {
-            let same_types = match types {
-                None => true,
-                Some((a, b)) => a == request && b == reply,
-            };
-            let terms = Terms {
-                reliable: true,
-                sealed: qos.sealed || wanted.sealed,
-            };
-            (service == theirs && same_types).then_some(terms)
-        }
-        (Contract::Subscriber { .. }, Contract::Publisher { .. })
-        | (Contract::Client { .. }, Contract::Server { .. }) => terms(other, one),
-        _ => None,
-    }
 }
 
 /// SM2-IFC-005: two interfaces that state different types for one topic or service.

@@ -1,6 +1,8 @@
 //! The shipped Manager and shipped nodes, joined by queues that behave as
 //! seqpacket sockets do: first in, first out, and the end of the stream last.
 
+mod checks;
+
 use std::collections::{BTreeMap, VecDeque};
 
 use sm2_proto::{
@@ -13,7 +15,7 @@ use sm2_proto::{
 use super::{
     bench::{EPOCH, Event, read},
     onlooker::Onlooker,
-    oracle::{End, Oracle, Terms, pair},
+    oracle::{End, Oracle, Terms},
 };
 
 const NOW: Instant = Instant(1);
@@ -63,7 +65,6 @@ pub(crate) struct World {
     sockets: BTreeMap<NodeId, Socket>,
     processes: Vec<Option<Process>>,
     connections: u64,
-    last_link: u64,
     /// How many of the next links find no descriptors.
     shortage: u8,
     /// Links that found none and that the oracle has not heard of.
@@ -74,22 +75,29 @@ pub(crate) struct World {
     trace: Vec<(NodeId, Vec<u8>)>,
     /// Whether rogues send their bytes, or just go.
     rogues: bool,
+    /// The policy's.
+    links_ahead: usize,
 }
 
 impl World {
-    pub(crate) fn new(slots: usize, rogues: bool) -> Self {
+    /// No node is sent more than so many LINKs ahead of its reading.
+    pub(crate) fn new(slots: usize, rogues: bool, links_ahead: usize) -> Self {
+        let policy = Policy {
+            links_ahead,
+            ..Policy::default()
+        };
         Self {
-            manager: Manager::new(EPOCH, 1, Policy::default()),
-            oracle: Oracle::default(),
+            manager: Manager::new(EPOCH, 1, policy),
+            oracle: Oracle::new(links_ahead),
             sockets: BTreeMap::new(),
             processes: vec![None; slots],
             connections: 0,
-            last_link: 0,
             shortage: 0,
             failed: Vec::new(),
             onlooker: Onlooker::new(LIMITS),
             trace: Vec::new(),
             rogues,
+            links_ahead,
         }
     }
 
@@ -348,9 +356,7 @@ impl World {
                     let frame = decode_to_manager(&datagram).expect("it was legal");
                     self.oracle.handled(session, frame, &events);
                 }
-                for link in std::mem::take(&mut self.failed) {
-                    self.oracle.link_failed(link);
-                }
+                self.hear_of_failures();
             }
             None => {
                 self.feed(Input::Closed { session });
@@ -380,6 +386,11 @@ impl World {
             self.tell(slot, node::Input::Eof);
             return true;
         };
+        if socket.to_node.is_empty() && self.manager.awaits_room(session) {
+            let drained = self.manager.handle(NOW, Input::Drained { session });
+            drained.expect("the driver keeps the contract");
+            assert_eq!(self.manager.poll(), None);
+        }
         self.trace.push((session, bytes.clone()));
         let datagram = Datagram {
             fds,
@@ -389,9 +400,27 @@ impl World {
         true
     }
 
+    /// The Manager goes on with what it put off. Whether it had put off anything.
+    pub(crate) fn tick(&mut self) -> bool {
+        let due = self.manager.deadline().is_some_and(|due| due <= NOW);
+        if due {
+            let events = self.feed(Input::Tick);
+            self.oracle.ticked(&events);
+            self.hear_of_failures();
+            self.check_listing();
+        }
+        due
+    }
+
+    fn hear_of_failures(&mut self) {
+        for link in std::mem::take(&mut self.failed) {
+            self.oracle.link_failed(link);
+        }
+    }
+
     /// Everything that is under way arrives.
     pub(crate) fn settle(&mut self) {
-        while self.manager_reads(0) | self.node_reads(0) {}
+        while self.manager_reads(0) | self.node_reads(0) | self.tick() {}
         self.check_links();
     }
 
@@ -414,11 +443,6 @@ impl World {
         match output {
             Output::Send { session, frame } => self.send(session, frame, &[]),
             Output::Link { link, ends } => {
-                assert!(
-                    link.epoch == EPOCH && link.serial > self.last_link,
-                    "{link}"
-                );
-                self.last_link = link.serial;
                 if self.shortage > 0 {
                     self.shortage -= 1;
                     let failed = self.manager.handle(NOW, Input::LinkFailed { link });
@@ -448,52 +472,7 @@ impl World {
             && !socket.node_is_gone
         {
             socket.to_node.push_back((frame, fds));
+            self.check_pace(session);
         }
-    }
-
-    // What has to hold.
-
-    /// Pages and changes show exactly what the oracle says.
-    fn check_listing(&mut self) {
-        assert_eq!(self.manager.sessions(), self.oracle.sessions());
-        if let Some(session) = self.oracle.a_ready_session() {
-            let expected = self.oracle.listing(LIMITS);
-            self.onlooker.check(&self.manager, session, &expected);
-        }
-    }
-
-    /// When nothing is under way, both sides of each link know of it, alike,
-    /// and there is a link for each pair that is to have one.
-    fn check_links(&self) {
-        let mut known: BTreeMap<[End; 2], Vec<(LinkId, Terms)>> = BTreeMap::new();
-        for process in self.processes.iter().flatten() {
-            for (&(interface, link), &(other, terms)) in &process.links {
-                let ends = pair((process.session, interface), other);
-                known.entry(ends).or_default().push((link, terms));
-            }
-        }
-        for (ends, sides) in &known {
-            assert!(
-                matches!(sides[..], [one, other] if one == other),
-                "{ends:?}: {sides:?}"
-            );
-        }
-        let known: BTreeMap<_, _> = known.iter().map(|(ends, it)| (*ends, it[0].1)).collect();
-        assert_eq!(known, self.oracle.pairs());
-        assert_eq!(self.manager.links(), known.len());
-    }
-
-    /// Nothing is kept of whoever is gone; the machine's own invariants, which
-    /// are checked after each input, say the rest.
-    pub(crate) fn end(mut self) -> (Manager, Vec<(NodeId, Vec<u8>)>) {
-        self.settle();
-        let last = (self.manager.clone(), std::mem::take(&mut self.trace));
-        for slot in 0..self.processes.len() {
-            self.crash(slot);
-        }
-        self.settle();
-        assert_eq!((self.manager.sessions(), self.manager.links()), (0, 0));
-        assert!(self.sockets.is_empty());
-        last
     }
 }

@@ -11,9 +11,9 @@ use super::{
         Config, Delivery, End, Error, Input, Link, Misuse, Output, Packet, Payload, Role,
         wire::Frame,
     },
-    LINK, NOW, Script,
+    LINK, NOW,
 };
-use crate::{Datagram, FdFacts};
+use crate::{Datagram, FdFacts, fuzz::Script};
 
 /// One machine, and what its driver and its peer must know of it.
 pub(super) struct World {
@@ -37,16 +37,17 @@ pub(super) struct World {
 }
 
 impl World {
-    pub(super) fn new(script: &mut Script<'_>) -> Self {
-        let flags = script.byte();
+    /// None if the bytes do not say what it is.
+    pub(super) fn new(script: &mut Script<'_>) -> Option<Self> {
+        let flags = script.byte()?;
         let config = Config {
             id: LINK,
             version: 1,
             role: Role::ALL[usize::from(flags & 3)],
             reliable: flags & 4 != 0,
             sealed: flags & 8 != 0,
-            depth: u16::from(script.byte() % 4),
-            max_borrowed: u16::from(script.byte() % 4),
+            depth: u16::from(script.byte()? % 4),
+            max_borrowed: u16::from(script.byte()? % 4),
         };
         let mut world = Self {
             link: Link::new(config),
@@ -61,7 +62,7 @@ impl World {
             calls: Vec::new(),
         };
         world.drain();
-        world
+        Some(world)
     }
 
     pub(super) fn datagram(&mut self, bytes: &[u8], fds: &[FdFacts]) {

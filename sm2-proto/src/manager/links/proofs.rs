@@ -1,6 +1,91 @@
-//! Harnesses for the numbers of links, from any count.
+//! Harnesses for the numbers of links, from any count, and for the tables, from any three links.
 
-use super::Links;
+use super::{Agreed, LinkId, Links, Pair, Place, Terms};
+use crate::{
+    NodeId, VERSION,
+    proofs::{below, one_of},
+};
+
+const OURS: LinkId = LinkId {
+    epoch: 7,
+    serial: 1,
+};
+
+/// Made by another Manager, and claimed twice under one number.
+const ADOPTED: LinkId = LinkId {
+    epoch: 6,
+    serial: 1,
+};
+
+const fn pair(offering: u64, demanding: u64) -> Pair {
+    Pair {
+        offering: Place::node(NodeId(offering)),
+        demanding: Place::node(NodeId(demanding)),
+    }
+}
+
+const LINKS: [(LinkId, Pair); 3] = [
+    (OURS, pair(1, 2)),
+    (ADOPTED, pair(2, 1)),
+    (ADOPTED, pair(3, 4)),
+];
+
+const AGREED: Agreed = Agreed {
+    version: VERSION,
+    terms: Terms {
+        reliable: true,
+        sealed: false,
+    },
+};
+
+fn links(live: [bool; 3]) -> Links {
+    let mut links = Links::new(OURS.epoch, 5);
+    for ((link, pair), _) in LINKS.into_iter().zip(live).filter(|(_, is)| *is) {
+        links
+            .live
+            .insert((link, pair.offering), (pair.demanding, AGREED));
+        links.pairs.insert(pair);
+    }
+    links
+}
+
+/// A pair has one link, a link ends once, and adopted links of one number are told apart; only
+/// links that this Manager made can fail to be made.
+//= SM2-MAT-002, SM2-RES-004, SM2-RES-005 kani
+#[cfg_attr(kani, kani::proof)]
+// Three links.
+#[cfg_attr(kani, kani::unwind(6))]
+fn a_pair_has_one_link() {
+    let mut live: [bool; 3] = kani::any();
+    let mut links = links(live);
+    assert!(links.agree());
+    let at = below(3);
+    let ((link, pair), is_live) = (LINKS[at], live[at]);
+    assert_eq!(links.joins(pair), is_live);
+    assert_eq!(links.item(link, pair.offering).is_some(), is_live);
+    match below(3) {
+        0 => {
+            kani::assume(!is_live);
+            links.insert(link, pair, AGREED);
+            live[at] = true;
+            kani::cover!(at == 2 && live[1], "two of one number");
+        }
+        1 => {
+            // Of a pair under another link's number nothing ends.
+            let other = one_of(&LINKS).0;
+            let found = links.remove(other, pair);
+            assert_eq!(found, is_live && other == link);
+            live[at] = is_live && !found;
+        }
+        _ => {
+            let made = links.made(link);
+            assert_eq!(made, (at == 0 && is_live).then_some(pair));
+            kani::cover!(made.is_none() && is_live, "adopted");
+        }
+    }
+    assert!(links == self::links(live));
+    assert!(links.agree());
+}
 
 //= SM2-LNK-002 kani
 #[cfg_attr(kani, kani::proof)]
@@ -19,4 +104,5 @@ fn link_numbers_grow() {
 #[cfg(test)]
 kani::explored! {
     link_numbers_grow: 2,
+    a_pair_has_one_link: 2,
 }

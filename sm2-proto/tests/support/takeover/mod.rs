@@ -74,6 +74,7 @@ struct Program {
 
 #[derive(Debug)]
 pub(crate) struct World {
+    policy: Policy,
     now: Instant,
     epoch: u64,
     sessions: u64,
@@ -85,7 +86,12 @@ pub(crate) struct World {
 }
 
 impl World {
+    #[allow(dead_code, reason = "not every test chooses a policy")]
     pub(crate) fn new() -> Self {
+        Self::with(Policy::default())
+    }
+
+    pub(crate) fn with(policy: Policy) -> Self {
         let program = |at: usize| Program {
             node: Node::new(name(["lidar", "planner", "arm"][at])),
             connection: None,
@@ -95,6 +101,7 @@ impl World {
             mirror: Mirror::new(),
         };
         let mut world = Self {
+            policy,
             now: Instant(1),
             epoch: 0,
             sessions: 0,
@@ -114,7 +121,7 @@ impl World {
     pub(crate) fn start(&mut self) {
         if self.manager.is_none() {
             self.epoch += 1;
-            self.manager = Some(Manager::new(self.epoch, 7, Policy::default()));
+            self.manager = Some(Manager::new(self.epoch, 7, self.policy));
             self.broken.clear();
         }
     }
@@ -336,6 +343,10 @@ impl World {
         };
         manager.handle(self.now, input).expect("sessions grow");
         let outputs: Vec<_> = std::iter::from_fn(|| manager.poll()).collect();
+        let links = outputs.iter();
+        let links = links.filter(|it| matches!(it, manager::Output::Link { .. }));
+        let most = 2 * self.policy.links_ahead;
+        assert!(links.count() <= most, "{outputs:?}");
         for output in outputs {
             match output {
                 manager::Output::Send { session, frame } => {
@@ -360,6 +371,27 @@ impl World {
                 other @ (manager::Output::KeepCounters { .. }
                 | manager::Output::SendCounters { .. }) => panic!("nobody counts: {other:?}"),
             }
+        }
+    }
+
+    /// The Manager goes on with what it put off. Whether it had put off anything.
+    pub(crate) fn go_on(&mut self) -> bool {
+        let deadline = self.manager.as_ref().and_then(Manager::deadline);
+        let due = deadline.is_some_and(|due| due <= self.now);
+        if due {
+            self.feed_manager(manager::Input::Tick);
+        }
+        due
+    }
+
+    /// A node has read something: all of it, it may be.
+    pub(super) fn drained(&mut self, at: usize) {
+        if let (Some(connection), Some(manager)) = (&self.programs[at].connection, &self.manager)
+            && connection.down.is_empty()
+            && manager.awaits_room(connection.session)
+        {
+            let session = connection.session;
+            self.feed_manager(manager::Input::Drained { session });
         }
     }
 
@@ -433,6 +465,7 @@ impl World {
                 self.notice(at);
                 busy |= self.manager_reads(at) | self.node_reads(at);
             }
+            busy |= self.go_on();
         }
     }
 }

@@ -25,6 +25,7 @@ impl World {
                 self.feed_node(at, node::Input::Datagram(datagram), link);
             }
         }
+        self.drained(at);
         true
     }
 

@@ -1,0 +1,34 @@
+//! What a fuzz target checks of a Manager's command line. Nothing is started.
+
+use std::time::Duration;
+
+use sm2_io::{EndpointError, endpoint::MAX_PATH_BYTES};
+
+use super::Arguments;
+use crate::StartError;
+
+/// What a command line asks for is what it says, and a Manager can have it: at least one
+/// session, time to greet, permissions and nothing else in the mode. Panics if not.
+pub fn check(arguments: &Arguments) {
+    let options = arguments.options();
+    let policy = options.policy;
+    assert!(options.socket_mode <= 0o777);
+    assert!(policy.sessions_per_user > 0);
+    assert!(policy.greeting >= Duration::from_secs(1));
+    assert!(!(policy.seal_all && policy.waive_user_boundary));
+    assert!(!(arguments.standby && arguments.replace));
+    match arguments.explicit_path() {
+        Ok(path) => {
+            let asked = arguments.socket.is_some() || arguments.domain.is_some();
+            assert_eq!(path.is_some(), asked);
+            if let (Some(path), None) = (&path, &arguments.socket) {
+                assert!(path.is_absolute() && path.as_os_str().len() <= MAX_PATH_BYTES);
+            }
+        }
+        // A path that is too long is refused where it is bound, as any socket's is.
+        Err(StartError::Endpoint(
+            EndpointError::DomainName { .. } | EndpointError::PathTooLong { .. },
+        )) => {}
+        Err(other) => panic!("{other}"),
+    }
+}

@@ -1,0 +1,259 @@
+//! Harnesses for the calls of a link: one step from any state of three calls.
+
+use alloc::collections::BTreeMap;
+
+use super::{Call, Got, Misuse, Placed, Reply, Served, Status};
+use crate::{
+    Violation,
+    limits::CALLS_MAX,
+    proofs::{below, one_of},
+};
+
+/// The ids of the calls; 4 is the next one.
+const CALLS: [u64; 3] = [1, 2, 3];
+
+/// A call at its caller, and whether its CANCEL has to be sent; none: it has its reply.
+fn any_placed() -> Option<(Call, bool)> {
+    let (sent, cancelled, due): (bool, bool, bool) = kani::any();
+    kani::assume(!due || (sent && cancelled));
+    kani::any::<bool>().then_some((Call { sent, cancelled }, due))
+}
+
+fn placed(calls: [Option<(Call, bool)>; 3]) -> Placed {
+    let mut books = Placed::default();
+    for (id, call) in CALLS.into_iter().zip(calls) {
+        if let Some((call, due)) = call {
+            books.calls.insert(id, call);
+            books.cancels.extend(due.then_some(id));
+        }
+    }
+    books.invariants();
+    books
+}
+
+/// The caller: a reply comes to a call that was sent and has none, once; CANCEL goes out once,
+/// and only for a call that was sent and waits.
+//= SM2-SRV-002, SM2-SRV-003, SM2-SRV-004, SM2-SRV-005 kani
+#[cfg_attr(kani, kani::proof)]
+// Three calls; trees of at most four entries.
+#[cfg_attr(kani, kani::unwind(6))]
+fn a_call_is_answered_once() {
+    // Of the calls around it only its neighbours in the tree matter.
+    let mut calls = [any_placed(), any_placed(), any_placed()];
+    let mut books = placed(calls);
+    let at = below(4);
+    let id = at as u64 + 1;
+    let call = calls.get(at).copied().flatten();
+    match below(5) {
+        0 => {
+            let status = one_of(&Status::ALL);
+            let len = u64::from(kani::any::<bool>());
+            let sent = call.is_some_and(|(call, _)| call.sent);
+            let empty = matches!(status, Status::Cancelled | Status::DeadlinePassed);
+            let expected = if !sent {
+                Err(Violation::UnknownCall)
+            } else if empty && len > 0 {
+                Err(Violation::BadLength)
+            } else {
+                Ok(())
+            };
+            assert_eq!(books.check_reply(id, status, len), expected);
+            kani::cover!(
+                expected == Err(Violation::BadLength),
+                "a reply that must be empty"
+            );
+            if expected.is_ok() {
+                books.replied(id);
+                calls[at] = None;
+                let again = books.check_reply(id, status, len);
+                assert_eq!(again, Err(Violation::UnknownCall), "answered once");
+                kani::cover!(true, "answered");
+            }
+        }
+        1 => {
+            kani::assume(call.is_some_and(|(call, _)| !call.sent));
+            books.sent(id);
+            if let Some((call, due)) = &mut calls[at] {
+                (call.sent, *due) = (true, call.cancelled);
+                kani::cover!(*due, "cancelled before it left");
+            }
+        }
+        2 => {
+            let made = id <= 3;
+            let expected = if made {
+                Ok(())
+            } else {
+                Err(Misuse::UnknownCall)
+            };
+            assert_eq!(books.cancel(id, Some(3)), expected);
+            if let Some(Some((call, due))) = calls.get_mut(at) {
+                *due = *due || (call.sent && !call.cancelled);
+                call.cancelled = true;
+            }
+        }
+        3 => {
+            let due = |call: &Option<(Call, bool)>| call.is_some_and(|(_, due)| due);
+            let first = calls.iter().position(due);
+            assert_eq!(books.poll(), first.map(|at| CALLS[at]));
+            if let Some(at) = first {
+                let (call, due) = calls[at].as_mut().expect("a call");
+                *due = false;
+                assert!(call.sent && call.cancelled);
+            }
+        }
+        _ => {
+            let lost = books.end();
+            let open = CALLS.into_iter().zip(calls).filter(|(_, it)| it.is_some());
+            assert!(open.map(|(id, _)| id).eq(lost), "each fails, once");
+            assert!(books == Placed::default());
+            return;
+        }
+    }
+    assert!(books == placed(calls));
+    assert_eq!(books.len(), calls.iter().flatten().count());
+}
+
+/// A call at its server; none: its REPLY is released, or it never came.
+fn any_got() -> Option<Got> {
+    let reply = one_of(&[Reply::Owed, Reply::Queued, Reply::Sent]);
+    let cancelled = kani::any();
+    kani::any::<bool>().then_some(Got { reply, cancelled })
+}
+
+fn served(calls: [Option<Got>; 4]) -> Served {
+    let open = |got: &&Got| got.reply != Reply::Sent;
+    let books = Served {
+        calls: (1..)
+            .zip(calls)
+            .filter_map(|(id, got)| Some((id, got?)))
+            .collect(),
+        open: calls.iter().flatten().filter(open).count(),
+        last: Some(if calls[3].is_some() { 4 } else { 3 }),
+    };
+    books.invariants();
+    books
+}
+
+/// The server: each call is replied to once, and cancelled at most once, until its REPLY is
+/// released.
+//= SM2-SRV-002, SM2-SRV-003, SM2-SRV-004 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(6))]
+fn a_call_is_replied_to_once() {
+    let mut calls = [any_got(), any_got(), any_got(), None];
+    let mut books = served(calls);
+    let at = below(4);
+    let id = at as u64 + 1;
+    let got = calls[at];
+    let owed = got.is_some_and(|got| got.reply == Reply::Owed);
+    match below(5) {
+        0 => {
+            let expected = if at < 3 {
+                Err(Violation::BadId)
+            } else {
+                Ok(())
+            };
+            assert_eq!(books.check_request(id), expected);
+            if expected.is_ok() {
+                books.requested(id);
+                let (reply, cancelled) = (Reply::Owed, false);
+                calls[at] = Some(Got { reply, cancelled });
+                assert_eq!(
+                    books.check_request(id),
+                    Err(Violation::BadId),
+                    "numbers grow"
+                );
+            }
+        }
+        1 => {
+            let expected = match got {
+                None => Err(Violation::UnknownCall),
+                Some(got) if got.cancelled => Err(Violation::BadCancel),
+                Some(_) => Ok(owed),
+            };
+            assert_eq!(books.cancel(id), expected);
+            if let Some(got) = &mut calls[at] {
+                got.cancelled = true;
+            }
+            kani::cover!(expected == Ok(false), "CANCEL crossed the REPLY");
+        }
+        2 => {
+            let expected = if owed {
+                Ok(())
+            } else {
+                Err(Misuse::UnknownCall)
+            };
+            assert_eq!(books.check(id), expected);
+            if let (true, Some(got)) = (owed, &mut calls[at]) {
+                books.reply(id);
+                got.reply = Reply::Queued;
+                assert_eq!(books.check(id), Err(Misuse::UnknownCall), "replied to once");
+            }
+        }
+        3 => {
+            books.sent(id);
+            if let Some(
+                got @ Got {
+                    reply: Reply::Queued,
+                    ..
+                },
+            ) = &mut calls[at]
+            {
+                got.reply = Reply::Sent;
+                kani::cover!(true, "the REPLY left");
+            }
+        }
+        _ => {
+            // Only what was sent is released.
+            kani::assume(got.is_none_or(|got| got.reply == Reply::Sent));
+            books.released(id);
+            calls[at] = None;
+        }
+    }
+    assert!(books == served(calls));
+    assert_eq!(books.len(), books.open);
+}
+
+/// 1,024 calls may be open, and not one more, at either end.
+//= SM2-SRV-002 kani
+#[cfg_attr(kani, kani::proof)]
+// All 1,024 calls, and the next one.
+#[cfg_attr(kani, kani::unwind(1026))]
+fn no_more_calls_than_the_limit() {
+    let open = CALLS_MAX - below(2);
+    let ids = 1..=open as u64;
+    let books = Placed {
+        calls: ids.clone().map(|id| (id, Call::default())).collect(),
+        ..Placed::default()
+    };
+    books.invariants();
+    let full = open == CALLS_MAX;
+    assert_eq!(
+        books.check(),
+        if full { Err(Misuse::CallLimit) } else { Ok(()) }
+    );
+    let (reply, cancelled) = (Reply::Owed, false);
+    let calls: BTreeMap<_, _> = ids.map(|id| (id, Got { reply, cancelled })).collect();
+    let last = Some(open as u64);
+    let mut books = Served { calls, open, last };
+    books.invariants();
+    let next = open as u64 + 1;
+    let expected = if full {
+        Err(Violation::CallLimit)
+    } else {
+        Ok(())
+    };
+    assert_eq!(books.check_request(next), expected);
+    // One whose REPLY left no longer counts.
+    books.reply(1);
+    books.sent(1);
+    assert_eq!(books.check_request(next), Ok(()));
+    kani::cover!(full, "one too many");
+}
+
+#[cfg(test)]
+kani::explored! {
+    a_call_is_answered_once: 3,
+    a_call_is_replied_to_once: 2,
+    no_more_calls_than_the_limit: 1,
+}

@@ -1,0 +1,98 @@
+//! Harnesses for the pairs apart: one step from any state of four pairs.
+
+use super::{Apart, NodeId, Pair, Pairs, Place, pair};
+use crate::{
+    Code, InterfaceId,
+    proofs::{below, one_of},
+};
+
+const fn place(node: u64) -> Place {
+    Place {
+        node: NodeId(node),
+        interface: InterfaceId(1),
+    }
+}
+
+/// Two nodes that offer; two that demand, of which one offers too.
+const PAIRS: [Pair; 4] = [
+    pair(place(1), place(2)),
+    pair(place(1), place(3)),
+    pair(place(2), place(2)),
+    pair(place(2), place(3)),
+];
+
+const CAUSE: Apart = Apart::Descriptors;
+
+fn books(there: [bool; 4]) -> Pairs {
+    let mut books = Pairs::new();
+    for it in PAIRS
+        .into_iter()
+        .zip(there)
+        .filter(|(_, is)| *is)
+        .map(|(it, _)| it)
+    {
+        books.causes.insert(it, CAUSE);
+        books.by_demanding.insert((it.demanding, it.offering));
+        *books.offered.entry(it.offering.node).or_insert(0) += 1;
+    }
+    books
+}
+
+/// No node offers more pairs apart than its quota; what is remembered is found from both sides,
+/// and forgotten from both.
+//= SM2-WCH-004 kani
+#[cfg_attr(kani, kani::proof)]
+// Four pairs.
+#[cfg_attr(kani, kani::unwind(7))]
+fn pairs_apart_keep_their_quota() {
+    let limit = below(4);
+    let mut there: [bool; 4] = kani::any();
+    let offered = |of: Place| {
+        let pairs = PAIRS.into_iter().zip(there);
+        pairs.filter(|(it, is)| *is && it.offering == of).count()
+    };
+    kani::assume(offered(place(1)) <= limit && offered(place(2)) <= limit);
+    let mut books = books(there);
+    assert!(books.agree(limit));
+    let at = below(4);
+    let is_there = there[at];
+    match below(3) {
+        0 => {
+            let room = is_there || offered(PAIRS[at].offering) < limit;
+            let cause = one_of(&[CAUSE, Apart::Ended { code: Code(3) }]);
+            assert_eq!(books.insert(PAIRS[at], cause, limit), room);
+            assert_eq!(books.item(PAIRS[at]).is_some(), room);
+            if room {
+                // Only the last cause is remembered.
+                assert_eq!(books.causes.insert(PAIRS[at], CAUSE), Some(cause));
+                there[at] = true;
+            }
+            kani::cover!(!room && limit > 0, "the quota is used up");
+            kani::cover!(is_there, "known already");
+        }
+        1 => {
+            assert_eq!(books.remove(PAIRS[at]), is_there);
+            assert!(!books.remove(PAIRS[at]));
+            there[at] = false;
+        }
+        _ => {
+            let of = one_of(&[place(1), place(2), place(3)]);
+            let found = books.of(of);
+            for (it, is) in PAIRS.into_iter().zip(there) {
+                let is = is && (it.offering == of || it.demanding == of);
+                assert_eq!(found.contains(&it), is);
+            }
+            kani::cover!(
+                found.len() == 2 && of == place(3),
+                "from the demanding side"
+            );
+        }
+    }
+    assert!(books == self::books(there));
+    assert!(books.agree(limit));
+}
+
+#[cfg(test)]
+kani::explored! {
+    pairs_apart_keep_their_quota: 3,
+}

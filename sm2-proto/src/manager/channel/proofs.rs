@@ -1,0 +1,152 @@
+//! Harnesses for topics and services: one interface more or less, from any state of two.
+
+use alloc::sync::Arc;
+
+use super::{Channels, Contract, Kind, Name, Place, TypeId};
+use crate::{
+    Demand, InterfaceId, NodeId, Offer, Refusal, ServiceQos,
+    proofs::{below, one_of},
+};
+
+fn name(text: &str) -> Name {
+    Name::new(text).expect("a legal name")
+}
+
+/// A type of which only the hash differs.
+fn data(hash: u64) -> TypeId {
+    let name = name("t");
+    TypeId { name, hash }
+}
+
+/// An interface on "a" or on "b", with a type or, where it need not have one, with none.
+fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
+    let qos = ServiceQos {
+        depth: 1,
+        max_borrowed: 1,
+        sealed: false,
+    };
+    match kind {
+        Kind::Publisher => Contract::Publisher {
+            topic: name(on),
+            data: data(hash.unwrap_or(1)),
+            offer: Offer {
+                depth: 1,
+                reliable: false,
+                latched: 0,
+                sealed: false,
+            },
+        },
+        Kind::Subscriber => Contract::Subscriber {
+            topic: name(on),
+            data: hash.map(data),
+            demand: Demand {
+                depth: 1,
+                reliable: false,
+                max_borrowed: 1,
+                sealed: false,
+            },
+        },
+        Kind::Server => Contract::Server {
+            service: name(on),
+            request: data(1),
+            reply: data(hash.unwrap_or(1)),
+            qos,
+        },
+        Kind::Client => Contract::Client {
+            service: name(on),
+            types: hash.map(|hash| (data(1), data(hash))),
+            qos,
+        },
+    }
+}
+
+const KINDS: [Kind; 4] = [
+    Kind::Publisher,
+    Kind::Subscriber,
+    Kind::Server,
+    Kind::Client,
+];
+
+fn any_contract(on: &str, hashes: &[u64]) -> Contract {
+    let kind = one_of(&KINDS);
+    let states = matches!(kind, Kind::Publisher | Kind::Server) || kani::any();
+    contract(kind, on, if states { Some(one_of(hashes)) } else { None })
+}
+
+const fn place(node: u64) -> Place {
+    let (node, interface) = (NodeId(node), InterfaceId(1));
+    Place { node, interface }
+}
+
+/// A topic or service has one type as long as anybody states one; topics and services of one
+/// name have nothing to do with each other. Matches are the counterparts, in ascending order.
+//= SM2-NAM-002, SM2-IFC-005, SM2-MAT-001 kani
+#[cfg_attr(kani, kani::proof)]
+// Three interfaces; names of one byte.
+#[cfg_attr(kani, kani::unwind(5))]
+fn a_channel_has_one_type() {
+    let mut channels = Channels::new();
+    let mut there = alloc::vec::Vec::new();
+    for node in 0..below(3) as u64 {
+        // Those who state a type state the same.
+        let contract = Arc::new(any_contract("a", &[1]));
+        channels.insert(place(node), &contract);
+        there.push((place(node), contract));
+    }
+    assert!(channels.are_tight());
+    let on = one_of(&["a", "b"]);
+    let new = Arc::new(any_contract(on, &[1, 2]));
+    let is_topic = |it: &Contract| matches!(it.kind(), Kind::Publisher | Kind::Subscriber);
+    let beside = |it: &Contract| on == "a" && is_topic(it) == is_topic(&new);
+    let typed = there
+        .iter()
+        .any(|(_, it)| beside(it) && it.types().is_some());
+    let other = *new == contract(new.kind(), on, Some(2)) && new.types().is_some();
+    let verdict = channels
+        .get(&new)
+        .map_or(Ok(()), |it| it.refuse_types(&new));
+    let expected = match (typed && other, is_topic(&new)) {
+        (false, _) => Ok(()),
+        (true, true) => Err(Refusal::TopicType { theirs: data(1) }),
+        (true, false) => Err(Refusal::ServiceType {
+            request: data(1),
+            reply: data(1),
+        }),
+    };
+    assert_eq!(verdict, expected);
+    kani::cover!(expected.is_err() && there.len() == 2, "another type");
+    kani::cover!(
+        !typed && other && !there.is_empty() && on == "a",
+        "the first type"
+    );
+    if expected.is_ok() {
+        let counterpart = new.kind().counterpart();
+        let matches = there
+            .iter()
+            .filter(|(_, it)| beside(it) && it.kind() == counterpart);
+        let found = channels
+            .get(&new)
+            .into_iter()
+            .flat_map(|it| it.matches(&new));
+        assert!(matches.map(|(place, _)| *place).eq(found));
+        channels.insert(place(9), &new);
+        there.push((place(9), new));
+    }
+    assert_eq!(channels.ends(), there.len());
+    assert!(channels.are_tight());
+    if !there.is_empty() {
+        let (place, gone) = there.remove(below(there.len()));
+        channels.remove(place, &gone);
+        channels.remove(place, &gone);
+    }
+    assert_eq!(channels.ends(), there.len());
+    assert!(
+        channels.are_tight(),
+        "it has a type as long as one states it"
+    );
+}
+
+#[cfg(test)]
+kani::explored! {
+    a_channel_has_one_type: 2,
+}

@@ -1,0 +1,99 @@
+//! Harnesses for what users are charged: one step from any charges.
+
+use super::{Policy, Quota, Refusal, Usage, Users, count};
+use crate::proofs::{below, one_of};
+
+/// MGR-CHARGES from any charges: each step changes what it is about, and no other user; a user
+/// with nothing has no entry; what is left decides refusals.
+//= SM2-IFC-006 kani
+#[cfg_attr(kani, kani::proof)]
+// Two users.
+#[cfg_attr(kani, kani::unwind(4))]
+fn a_step_changes_its_own_charge() {
+    // No machine has as many connections as there are numbers.
+    let any = || kani::any_where(|count: &usize| *count < usize::MAX - 1);
+    let (greeting, welcomed, interfaces) = (one_of(&[0, 1, 2, 9]), any(), any());
+    let mut usage = Usage {
+        greeting,
+        welcomed,
+        interfaces,
+    };
+    let bystander = Usage {
+        welcomed: 1,
+        ..Usage::default()
+    };
+    let mut users = Users::new();
+    users.0.insert(2, bystander);
+    if usage != Usage::default() {
+        users.0.insert(1, usage);
+    }
+    let limit: usize = kani::any();
+    let policy = Policy {
+        greetings_per_user: limit,
+        sessions_per_user: limit,
+        interfaces_per_user: limit,
+        ..Policy::default()
+    };
+    match below(5) {
+        0 => {
+            usage.greeting += 1;
+            assert_eq!(users.connect(1, &policy), usage.greeting <= limit);
+        }
+        1 => {
+            // Whoever is welcomed was not before.
+            kani::assume(greeting > 0);
+            (usage.greeting, usage.welcomed) = (greeting - 1, welcomed + 1);
+            users.greet(1);
+        }
+        2 => {
+            usage.interfaces += 1;
+            users.declare(1);
+        }
+        3 => {
+            let was_welcomed = kani::any();
+            let all = kani::any::<bool>();
+            let owned = if all { interfaces } else { 0 };
+            let left = if was_welcomed {
+                &mut usage.welcomed
+            } else {
+                &mut usage.greeting
+            };
+            kani::assume(*left > 0);
+            *left -= 1;
+            usage.interfaces -= owned;
+            users.leave(1, was_welcomed, owned);
+            kani::cover!(usage == Usage::default(), "the last one left");
+        }
+        _ => {
+            kani::assume(interfaces > 0);
+            usage.interfaces -= 1;
+            users.withdraw(1, 1);
+        }
+    }
+    assert!(users.0.get(&2) == Some(&bystander));
+    let charged = users.0.get(&1).copied();
+    assert!(charged == (usage != Usage::default()).then_some(usage));
+    let refused = |quota| {
+        let limit = count(limit);
+        Err(Refusal::Quota { quota, limit })
+    };
+    let session = if usage.welcomed < limit {
+        Ok(())
+    } else {
+        refused(Quota::SessionsPerUser)
+    };
+    assert_eq!(users.refuse_session(1, &policy), session);
+    let room = usage.interfaces < limit;
+    let interface = if room {
+        Ok(())
+    } else {
+        refused(Quota::InterfacesPerUser)
+    };
+    assert_eq!(users.refuse_interface(1, &policy), interface);
+    kani::cover!(!room && limit > 0, "used up");
+}
+
+#[cfg(test)]
+kani::explored! {
+    a_step_changes_its_own_charge: 2,
+}

@@ -1,0 +1,377 @@
+//! Harnesses for one interface of a node: one step from any state, by the table of SPEC section 4.3.
+
+use alloc::collections::BTreeMap;
+
+use super::{Answer, Answered, Interface, Link, Misuse, Standing, State, Withdrawal};
+use crate::{
+    Contract, Demand, InterfaceId, LinkId, Name, NodeId, Offer, Terms, TypeId, VERSION, Violation,
+    control::Peer,
+    proofs::{below, one_of},
+};
+
+const STATES: [State; 7] = [
+    State::Queued,
+    State::Declaring,
+    State::Dormant,
+    State::Renewing,
+    State::Doomed,
+    State::Live,
+    State::Dropping,
+];
+
+/// The rows of SPEC section 4.3, and what the Manager has not heard of in this session.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Row {
+    Unheard,
+    Declaring,
+    Live,
+    Dropping,
+}
+
+const fn row(state: State) -> Row {
+    match state {
+        State::Queued | State::Dormant => Row::Unheard,
+        State::Declaring | State::Renewing | State::Doomed => Row::Declaring,
+        State::Live => Row::Live,
+        State::Dropping => Row::Dropping,
+    }
+}
+
+/// Two links, made by two Managers.
+const LINKS: [LinkId; 2] = [
+    LinkId {
+        epoch: 1,
+        serial: 9,
+    },
+    LinkId {
+        epoch: 2,
+        serial: 3,
+    },
+];
+
+const TERMS: Link = Link {
+    key: 5,
+    version: VERSION,
+    terms: Terms {
+        reliable: false,
+        sealed: false,
+    },
+};
+
+fn topic() -> Name {
+    Name::new("a").expect("a legal name")
+}
+
+fn data() -> TypeId {
+    let name = topic();
+    TypeId { name, hash: 1 }
+}
+
+fn publisher(reliable: bool, sealed: bool) -> Contract {
+    Contract::Publisher {
+        topic: topic(),
+        data: data(),
+        offer: Offer {
+            depth: 1,
+            reliable,
+            latched: 0,
+            sealed,
+        },
+    }
+}
+
+fn subscriber(topic: Name, reliable: bool, sealed: bool) -> Peer {
+    Peer {
+        node: NodeId(1),
+        name: data().name,
+        interface: InterfaceId(1),
+        contract: Contract::Subscriber {
+            topic,
+            data: None,
+            demand: Demand {
+                depth: 1,
+                reliable,
+                max_borrowed: 1,
+                sealed,
+            },
+        },
+    }
+}
+
+fn interface(state: State, standings: [Option<Standing>; 2]) -> Interface {
+    let links = LINKS.into_iter().zip(standings);
+    let links: BTreeMap<_, _> = links
+        .filter_map(|(id, standing)| Some((id, (standing?, TERMS))))
+        .collect();
+    Interface {
+        contract: publisher(false, false),
+        state,
+        links,
+    }
+}
+
+/// A link's end in any standing that the interface's state allows.
+fn any_standing(state: State) -> Option<Standing> {
+    let standing = one_of(&[
+        None,
+        Some(Standing::Unclaimed),
+        Some(Standing::Known),
+        Some(Standing::Left),
+    ]);
+    kani::assume(match state {
+        // No Manager has ever granted it.
+        State::Queued | State::Declaring => standing.is_none(),
+        // All its links are of earlier sessions.
+        State::Dormant | State::Renewing | State::Doomed => {
+            matches!(standing, None | Some(Standing::Unclaimed))
+        }
+        State::Live | State::Dropping => true,
+    });
+    standing
+}
+
+/// A state that this session's Manager has not heard of, has to answer, knows, or forgets.
+pub(in crate::node) fn any_interface() -> Interface {
+    let state = one_of(&STATES);
+    interface(state, [any_standing(state), any_standing(state)])
+}
+
+/// What a node's books have to say of it: whether it waits for an answer to DECLARE.
+pub(in crate::node) fn is_declaring(interface: &Interface) -> bool {
+    row(interface.state) == Row::Declaring
+}
+
+/// Whether it may be so without a session.
+pub(in crate::node) fn is_unheard(interface: &Interface) -> bool {
+    row(interface.state) == Row::Unheard
+}
+
+/// Whether it may be so while the session is resumed (false: once it is).
+pub(in crate::node) fn fits(interface: &Interface, resuming: bool) -> bool {
+    match interface.state {
+        State::Queued => resuming,
+        State::Declaring => !resuming,
+        State::Renewing | State::Doomed => resuming,
+        State::Dormant | State::Dropping => true,
+        // What was brought along is claimed by then.
+        State::Live => {
+            let mut standings = interface.links.values().map(|(standing, _)| *standing);
+            resuming || standings.all(|it| it != Standing::Unclaimed)
+        }
+    }
+}
+
+/// Whether LINK of an unknown link, and UNLINK of the first one, are legal now, and whether
+/// they mean anything: not if they crossed WITHDRAW.
+pub(in crate::node) fn expected_link(interface: &Interface) -> Result<bool, Violation> {
+    match row(interface.state) {
+        Row::Unheard | Row::Declaring => Err(Violation::UnknownInterface),
+        Row::Live => Ok(true),
+        Row::Dropping => Ok(false),
+    }
+}
+
+/// CLI-DROPPING and the other rows: what the Manager may say of an interface.
+//= SM2-IFC-002, SM2-IFC-004, SM2-LNK-003, SM2-LNK-005, SM2-RES-009 kani
+#[cfg_attr(kani, kani::proof)]
+// Two links; names of one byte.
+#[cfg_attr(kani, kani::unwind(4))]
+fn interface_table() {
+    let mut it = any_interface();
+    let (before, at) = (it.clone(), row(it.state));
+    let standing = it.links.get(&LINKS[0]).map(|(standing, _)| *standing);
+    kani::cover!(
+        at == Row::Dropping && standing.is_some(),
+        "a link of a dropped interface"
+    );
+    match below(5) {
+        0 => {
+            let answer = it.declared();
+            assert_eq!(answer.is_ok(), at == Row::Declaring);
+            if before.state == State::Doomed {
+                assert!(answer == Ok(Answered::Doomed) && it.state == State::Dropping);
+            } else if answer.is_ok() {
+                assert!(it.state == State::Live);
+                let first = before.state == State::Declaring;
+                assert_eq!(answer == Ok(Answered::First), first);
+            }
+        }
+        1 => {
+            let answer = it.refused();
+            assert_eq!(answer.is_ok(), at == Row::Declaring);
+            // One that was granted before lives on, and is declared again with the next session.
+            if answer == Ok(Answered::Renewed) {
+                assert!(before.state == State::Renewing && it.state == State::Dormant);
+                assert!(it.links == before.links);
+            }
+        }
+        2 => {
+            assert_eq!(it.withdrawn().is_ok(), at == Row::Dropping);
+        }
+        3 => {
+            let peer = subscriber(topic(), false, false);
+            let expected = if at == Row::Unheard || at == Row::Declaring {
+                Err(Violation::UnknownInterface)
+            } else if standing.is_some() {
+                Err(Violation::LinkNumber)
+            } else {
+                Ok(at == Row::Live)
+            };
+            assert_eq!(it.link(LINKS[0], TERMS, &peer), expected);
+            let known = expected.is_ok().then_some(Standing::Known).or(standing);
+            let now = it.links.get(&LINKS[0]).map(|(standing, _)| *standing);
+            assert!(now == known);
+            kani::cover!(expected == Ok(false), "LINK that crossed WITHDRAW");
+        }
+        _ => {
+            let expected = match (at, standing) {
+                (Row::Unheard | Row::Declaring, _) => Err(Violation::UnknownInterface),
+                (_, None | Some(Standing::Unclaimed)) => Err(Violation::UnknownLink),
+                (Row::Live, Some(Standing::Known)) => Ok(Answer::Unlinked),
+                _ => Ok(Answer::Nothing),
+            };
+            assert_eq!(it.unlink(LINKS[0]), expected);
+            assert!(it.unlink(LINKS[0]).is_err(), "one farewell each way");
+            kani::cover!(expected == Ok(Answer::Unlinked), "the Manager was first");
+        }
+    }
+    assert!(it.state == before.state || at == Row::Declaring);
+}
+
+/// Of one end UNLINKED goes out once in a session, whoever is first, and never behind WITHDRAW.
+//= SM2-LNK-003, SM2-LNK-004, SM2-IFC-004 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(4))]
+fn one_farewell_of_each_end() {
+    let mut it = any_interface();
+    let (state, link) = (it.state, LINKS[0]);
+    let standing = it.links.get(&link).map(|(standing, _)| *standing);
+    let known = state == State::Live && standing == Some(Standing::Known);
+    let mut said = 0;
+    for _ in 0..3 {
+        let says = if kani::any() {
+            it.close_link(link)
+        } else {
+            it.unlink(link) == Ok(Answer::Unlinked)
+        };
+        said += u8::from(says);
+    }
+    assert_eq!(said, u8::from(known));
+    kani::cover!(said == 1, "one farewell");
+    kani::cover!(standing == Some(Standing::Left), "said before");
+}
+
+/// What the program and the session do to an interface: declared once, renewed once with each
+/// session, claimed once, and gone only when it was given up.
+//= SM2-RES-002, SM2-RES-009, SM2-NOD-003, SM2-SES-006 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(4))]
+fn interfaces_outlive_sessions() {
+    let mut it = any_interface();
+    let before = it.clone();
+    let standings = LINKS.map(|link| before.links.get(&link).map(|(standing, _)| *standing));
+    match below(6) {
+        0 => {
+            let sends = it.declare().is_some();
+            assert_eq!(sends, before.state == State::Queued);
+            assert!(it.declare().is_none(), "declared once");
+        }
+        1 => {
+            let sends = it.renew().is_some();
+            assert_eq!(sends, before.state == State::Dormant);
+            assert!(it.renew().is_none(), "renewed once");
+        }
+        2 => {
+            let expected = match before.state {
+                State::Live => Ok(Withdrawal::Send),
+                State::Renewing => Ok(Withdrawal::Wait),
+                State::Queued | State::Dormant => Ok(Withdrawal::Forget),
+                State::Declaring | State::Doomed | State::Dropping => Err(Misuse::NotLive),
+            };
+            assert_eq!(it.withdraw(), expected);
+            let gone = expected == Ok(Withdrawal::Forget);
+            assert!(
+                gone || it.withdraw() == Err(Misuse::NotLive),
+                "given up once"
+            );
+        }
+        3 => {
+            let given_up = matches!(before.state, State::Doomed | State::Dropping);
+            let lives = it.away();
+            assert_eq!(lives, !given_up);
+            if lives {
+                assert!(row(it.state) == Row::Unheard);
+                for (link, standing) in LINKS.into_iter().zip(standings) {
+                    let stays = standing.is_some_and(|it| it != Standing::Left);
+                    let now = it.links.get(&link).map(|(standing, _)| *standing);
+                    assert!(now == stays.then_some(Standing::Unclaimed));
+                }
+                kani::cover!(
+                    it.links.len() == 2,
+                    "its links are claimed from the next Manager"
+                );
+            }
+        }
+        4 => {
+            let over = it.forget(1).eq(standings[0].map(|_| LINKS[0]));
+            assert!(over, "those of this Manager, and no others");
+            assert_eq!(it.links.len(), usize::from(standings[1].is_some()));
+        }
+        _ => {
+            let unclaimed = |it: Option<Standing>| it == Some(Standing::Unclaimed);
+            let due = standings.into_iter().filter(|it| unclaimed(*it)).count();
+            let live = before.state == State::Live;
+            assert_eq!(it.claim().count(), if live { due } else { 0 });
+            assert_eq!(it.claim().count(), 0, "claimed once");
+            kani::cover!(live && due == 2, "two claims");
+        }
+    }
+}
+
+/// LINK is taken exactly with a peer that matches, and with the terms that both ask for; only
+/// `sealed` may be more.
+//= SM2-LNK-005, SM2-MAT-003, SM2-VER-002 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(4))]
+fn links_have_the_terms_that_were_asked_for() {
+    let [offers, seals, demands, demands_seals]: [bool; 4] = kani::any();
+    let (other_topic, next_version): (bool, bool) = kani::any();
+    let terms = Terms {
+        reliable: kani::any(),
+        sealed: kani::any(),
+    };
+    let mut it = Interface {
+        contract: publisher(offers, seals),
+        ..interface(State::Live, [None, None])
+    };
+    let theirs = if other_topic { "b" } else { "a" };
+    let theirs = Name::new(theirs).expect("a legal name");
+    let link = Link {
+        key: 1,
+        version: VERSION + u16::from(next_version),
+        terms,
+    };
+    let matches = !other_topic && (offers || !demands);
+    let fits = terms.reliable == demands && (terms.sealed || !(seals || demands_seals));
+    let expected = if matches && fits && !next_version {
+        Ok(true)
+    } else {
+        Err(Violation::BadLink)
+    };
+    let peer = subscriber(theirs, demands, demands_seals);
+    assert_eq!(it.link(LINKS[0], link, &peer), expected);
+    assert_eq!(it.links.len(), usize::from(expected.is_ok()));
+    let asked = seals || demands_seals;
+    kani::cover!(
+        expected.is_ok() && !asked && terms.sealed,
+        "sealed by the Manager"
+    );
+}
+
+#[cfg(test)]
+kani::explored! {
+    interface_table: 3,
+    one_farewell_of_each_end: 2,
+    interfaces_outlive_sessions: 2,
+    links_have_the_terms_that_were_asked_for: 1,
+}

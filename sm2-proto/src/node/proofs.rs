@@ -1,0 +1,128 @@
+//! Harnesses for a node as a whole: its numbers, and its silence after the end.
+
+use super::{End, Error, Input, Misuse, Node, Output, Phase};
+use crate::{
+    Code, Datagram, Farewell, Instant, InterfaceId, LinkId, Name, NodeId, Violation,
+    proofs::{below, one_of, subscriber},
+};
+
+const NOW: Instant = Instant(0);
+
+fn name() -> Name {
+    Name::new("n").expect("a legal name")
+}
+
+fn node(phase: Phase) -> Node {
+    let mut node = Node::new(name());
+    node.outputs.clear();
+    node.welcomed = true;
+    node.phase = phase;
+    node
+}
+
+/// CLI-IDS: an interface has a number that is greater than all before it, from any count; when
+/// no number is left, nothing is declared.
+//= SM2-IFC-001 kani
+#[cfg_attr(kani, kani::proof)]
+// Names of one byte, frames of at most 24.
+#[cfg_attr(kani, kani::unwind(26))]
+fn interface_numbers_are_fresh() {
+    let mut node = node(one_of(&[
+        Phase::Ready(NodeId(1), 2),
+        Phase::Resuming(NodeId(1), 2),
+        Phase::Away(End::Eof),
+    ]));
+    let last: u64 = kani::any();
+    node.last_interface = last;
+    let before = node.clone();
+    let declared = node.declare(subscriber());
+    if last == u64::MAX {
+        assert_eq!(declared, Err(Error::Misuse(Misuse::NumbersSpent)));
+        assert!(node == before);
+    } else {
+        let interface = InterfaceId(last + 1);
+        assert_eq!(declared, Ok(interface));
+        assert_eq!(node.last_interface, last + 1);
+        assert!(node.interfaces.contains_key(&interface));
+        // DECLARE goes out at once if the session is ready, else behind CLAIMED.
+        let ready = node.is_ready();
+        assert_eq!(node.declaring.len(), usize::from(ready));
+        assert_eq!(node.outputs.len(), usize::from(ready));
+        kani::cover!(ready && last > u64::from(u32::MAX), "beyond 32 bits");
+    }
+    kani::cover!(last == u64::MAX, "no number is left");
+}
+
+/// CLI-ABSORB: after its own end a node answers everything with its first reason, and says
+/// nothing; away, it takes nothing that needs a session.
+//= SM2-NOD-001, SM2-NOD-003, SM2-SES-005 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(26))]
+fn an_ended_node_is_silent() {
+    let mut node = node(one_of(&[
+        Phase::Greeting,
+        Phase::Refused,
+        Phase::Ready(NodeId(1), 2),
+        Phase::Away(End::Eof),
+    ]));
+    let was_away = node.is_away();
+    let code = Farewell::Done.code();
+    let violation = Violation::UnknownFrame;
+    let (end, input) = match below(3) {
+        0 => (End::Local(code), Input::Close(code)),
+        1 => (End::Eof, Input::Eof),
+        _ => {
+            let datagram = Datagram::new(&[0xff]);
+            (End::Violation(violation), Input::Datagram(datagram))
+        }
+    };
+    let is_final = end == End::Local(code);
+    let breaks = end == End::Violation(violation);
+    // Without a session nothing can end it.
+    kani::assume(is_final || !was_away);
+    let verdict = node.handle(NOW, input);
+    assert_eq!(verdict.is_err(), breaks);
+    let mut farewells = 0;
+    let mut last = None;
+    while let Some(output) = node.poll() {
+        farewells += usize::from(matches!(output, Output::Transmit(_)));
+        last = Some(output);
+    }
+    assert!(last == Some(Output::Ended(end)));
+    assert_eq!(farewells, usize::from((is_final && !was_away) || breaks));
+    assert_eq!((node.end(), node.is_away()), (Some(end), !is_final));
+    let later = match below(8) {
+        0 => Input::Datagram(Datagram::new(&[8, 0])),
+        1 => Input::Eof,
+        2 => Input::Greet(name()),
+        3 => Input::Query { after: None },
+        4 => Input::Watch { after: 0 },
+        5 => Input::Counters,
+        6 => Input::Inspect { node: NodeId(1) },
+        _ => Input::Unlinked {
+            interface: InterfaceId(1),
+            link: LinkId::FIRST,
+            code: Code(0),
+        },
+    };
+    // Away, links still end; there is nobody to tell.
+    let forgets = matches!(later, Input::Unlinked { .. }) && !is_final;
+    let before = node.clone();
+    let verdict = node.handle(NOW, later);
+    assert_eq!(verdict, if forgets { Ok(()) } else { Err(end.into()) });
+    assert!(node == before && node.poll().is_none());
+    if is_final {
+        assert_eq!(node.declare(subscriber()), Err(end.into()));
+        assert_eq!(node.handle(NOW, Input::Reconnected), Err(end.into()));
+        assert_eq!(node.handle(NOW, Input::Close(code)), Err(end.into()));
+        assert!(node == before);
+    }
+    kani::cover!(is_final && was_away, "closed without a session");
+    kani::cover!(breaks, "the Manager broke SPEC");
+}
+
+#[cfg(test)]
+kani::explored! {
+    interface_numbers_are_fresh: 2,
+    an_ended_node_is_silent: 2,
+}

@@ -1,0 +1,221 @@
+//! Harnesses for what the Manager says: one frame in any phase, with one interface in any state.
+
+use alloc::{string::String, vec::Vec};
+
+use super::{End, Node, Output, Phase};
+use crate::{
+    Code, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId, VERSION, Violation,
+    control::ToNode,
+    node::interface::proofs::{any_interface, expected_link, fits, is_declaring, is_unheard},
+    proofs::{below, one_of},
+};
+
+/// The interface that the node has; 2 is one that it does not have.
+const OURS: InterfaceId = InterfaceId(1);
+
+const LINK: LinkId = LinkId {
+    epoch: 77,
+    serial: 1,
+};
+
+/// A node in any phase, with an interface that this phase allows, and with questions or none.
+fn any_node() -> Node {
+    let mut node = Node::new(Name::new("n").expect("a legal name"));
+    node.outputs.clear();
+    let (id, epoch) = (NodeId(4), 70);
+    node.phase = one_of(&[
+        Phase::Greeting,
+        Phase::Refused,
+        Phase::Resuming(id, epoch),
+        Phase::Ready(id, epoch),
+        Phase::Away(End::Eof),
+        Phase::Ended(End::Eof),
+    ]);
+    let ended = matches!(node.phase, Phase::Ended(_));
+    if !ended && kani::any() {
+        node.welcomed = true;
+        node.last_interface = OURS.0;
+        let interface = any_interface();
+        kani::assume(match node.phase {
+            Phase::Resuming(..) => fits(&interface, true),
+            Phase::Ready(..) => fits(&interface, false),
+            _ => is_unheard(&interface),
+        });
+        if is_declaring(&interface) {
+            node.declaring.push_back(OURS);
+        }
+        node.interfaces.insert(OURS, interface);
+    }
+    if let Phase::Resuming(..) = node.phase {
+        // It would be ready otherwise.
+        kani::assume(!node.declaring.is_empty());
+    }
+    if let Phase::Ready(..) | Phase::Resuming(..) = node.phase {
+        node.welcomed = true;
+        if kani::any() {
+            node.requests.query();
+            assert_eq!(node.requests.watch(), Ok(()));
+            node.requests.inspect(NodeId(9));
+            node.requests.describe(data());
+        }
+    }
+    node
+}
+
+fn data() -> TypeId {
+    TypeId {
+        name: Name::new("t").expect("a legal name"),
+        hash: 1,
+    }
+}
+
+/// Any frame but LINK, which needs a peer and is the interface's own business.
+fn any_frame(interface: InterfaceId) -> ToNode {
+    let code = Code(3);
+    match below(12) {
+        0 => ToNode::Welcome {
+            version: one_of(&[VERSION, VERSION + 1, 0]),
+            epoch: one_of(&[70, 71]),
+            node: NodeId(5),
+        },
+        1 => ToNode::HelloRefused {
+            reason: Refusal::NameTaken,
+        },
+        2 => ToNode::Declared {
+            interface,
+            matches: 0,
+        },
+        3 => ToNode::DeclareRefused {
+            interface,
+            reason: Refusal::Quota {
+                quota: Quota::InterfacesPerUser,
+                limit: 1,
+            },
+        },
+        4 => ToNode::Unlink {
+            interface,
+            link: LINK,
+            code,
+        },
+        5 => ToNode::Withdrawn { interface },
+        6 => ToNode::Page {
+            revision: 1,
+            items: Vec::new(),
+            next: None,
+        },
+        7 => ToNode::Goodbye { code },
+        8 => ToNode::Changes {
+            revision: 1,
+            changes: None,
+            more: false,
+        },
+        9 => ToNode::Inspected { node: NodeId(9) },
+        10 => ToNode::NotInspected { node: NodeId(8) },
+        _ => ToNode::Described {
+            data: data(),
+            text: kani::any::<bool>().then(String::new),
+        },
+    }
+}
+
+/// CLI-PHASE: what the tables of SPEC sections 4.2 and 4.3 say of a frame. A violation changes
+/// nothing and has no other effect than the end of the session.
+//= SM2-NOD-001, SM2-NOD-002, SM2-IFC-002, SM2-IFC-007, SM2-WCH-001, SM2-CNT-002, SM2-SCH-002 kani
+//= SM2-FRM-004, SM2-LNK-003 kani
+#[cfg_attr(kani, kani::proof)]
+// One interface with two links; names of one byte, frames of at most 24.
+#[cfg_attr(kani, kani::unwind(26))]
+fn session_table() {
+    let mut node = any_node();
+    let named = one_of(&[OURS, InterfaceId(2)]);
+    let frame = any_frame(named);
+    let before = node.clone();
+    let ours = before.interfaces.get(&named);
+    let declaring = ours.is_some_and(is_declaring);
+    let asked = before.requests != Default::default();
+    let welcomes = matches!(frame, ToNode::Welcome { .. } | ToNode::HelloRefused { .. });
+    let says_goodbye = matches!(frame, ToNode::Goodbye { .. });
+    let expected = match (before.phase, &frame) {
+        (Phase::Away(_) | Phase::Ended(_), _) | (_, ToNode::Goodbye { .. }) => Ok(()),
+        (Phase::Greeting, ToNode::Welcome { version: 1, .. } | ToNode::HelloRefused { .. }) => {
+            Ok(())
+        }
+        (Phase::Greeting, ToNode::Welcome { .. }) => Err(Violation::BadVersion),
+        (_, _) if welcomes => Err(Violation::UnexpectedWelcome),
+        (Phase::Greeting | Phase::Refused, _) => Err(Violation::ExpectedWelcome),
+        (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) if declaring => Ok(()),
+        (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) => {
+            Err(Violation::UnknownInterface)
+        }
+        // That link is none of the interface's.
+        (_, ToNode::Unlink { .. }) => match ours.map(expected_link) {
+            Some(Ok(_)) => Err(Violation::UnknownLink),
+            _ => Err(Violation::UnknownInterface),
+        },
+        (_, ToNode::Withdrawn { .. }) => match ours.map(expected_link) {
+            Some(Ok(false)) => Ok(()),
+            _ => Err(Violation::UnknownInterface),
+        },
+        (_, ToNode::Page { .. }) if !asked => Err(Violation::UnexpectedPage),
+        (_, ToNode::Changes { .. }) if !asked => Err(Violation::UnexpectedChanges),
+        (_, ToNode::Inspected { .. }) if !asked => Err(Violation::UnexpectedCounters),
+        (_, ToNode::NotInspected { .. }) => Err(Violation::UnexpectedCounters),
+        (_, ToNode::Described { .. }) if !asked => Err(Violation::UnexpectedSchema),
+        (_, ToNode::Described { text: Some(_), .. }) => Err(Violation::BadSchema),
+        _ => Ok(()),
+    };
+    assert_eq!(node.step(frame), expected);
+    let is_over = matches!(before.phase, Phase::Away(_) | Phase::Ended(_));
+    if expected.is_err() || is_over {
+        assert!(node == before, "a violation has no other effect");
+    }
+    if says_goodbye && !is_over {
+        assert!(node.is_away() && node.declaring.is_empty());
+        assert!(node.outputs.back() == Some(&Output::Ended(End::Peer(Code(3)))));
+    }
+    kani::cover!(is_over, "late");
+    kani::cover!(expected == Err(Violation::UnknownLink), "no such link");
+    kani::cover!(expected.is_ok() && declaring, "answered");
+    kani::cover!(
+        expected.is_ok() && welcomes && node.welcomed && node.declaring.is_empty(),
+        "welcomed again, and nothing to declare"
+    );
+}
+
+/// CLAIMED goes out when the last renewed DECLARE is answered, once, and not before.
+//= SM2-RES-002 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(26))]
+fn claims_wait_for_all_answers() {
+    let mut node = any_node();
+    kani::assume(matches!(node.phase, Phase::Resuming(..)));
+    let more = kani::any::<bool>();
+    if more {
+        // Another one waits behind it.
+        node.declaring.push_back(InterfaceId(2));
+        node.interfaces
+            .insert(InterfaceId(2), node.interfaces[&OURS].clone());
+    }
+    let answer = if kani::any() {
+        ToNode::Declared {
+            interface: OURS,
+            matches: 0,
+        }
+    } else {
+        ToNode::DeclareRefused {
+            interface: OURS,
+            reason: Refusal::NameTaken,
+        }
+    };
+    assert_eq!(node.step(answer), Ok(()));
+    assert_eq!(node.is_ready(), !more);
+    let resumed = node.outputs.iter().filter(|it| **it == Output::Resumed);
+    assert_eq!(resumed.count(), usize::from(!more));
+    kani::cover!(more, "not yet");
+}
+
+#[cfg(test)]
+kani::explored! {
+    session_table: 4,
+    claims_wait_for_all_answers: 1,
+}

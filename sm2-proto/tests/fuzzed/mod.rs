@@ -1,0 +1,10 @@
+//! The bodies of the fuzz targets that compare with an oracle, beside the oracles.
+//!
+//! `fuzz_corpus.rs` replays them, `fuzz/src/lib.rs` compiles them for libFuzzer; both name the
+//! modules that these use at their root.
+
+mod control_codec;
+mod link_pair;
+mod takeover;
+
+pub(crate) use self::{control_codec::control_codec, link_pair::link_pair, takeover::takeover};

@@ -1,0 +1,58 @@
+//! Whether two interfaces are to be linked, and how: SM2-MAT-001 and SM2-MAT-003 as they read,
+//! without the code that the machines use. The model in `verification/` has this file as well.
+
+use sm2_proto::Contract;
+
+/// What both sides of a link have to know of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Terms {
+    pub(crate) reliable: bool,
+    pub(crate) sealed: bool,
+}
+
+/// SM2-MAT-001 and, for the two sides alone, SM2-MAT-003.
+pub(crate) fn terms(one: &Contract, other: &Contract) -> Option<Terms> {
+    match (one, other) {
+        (
+            Contract::Publisher { topic, data, offer },
+            Contract::Subscriber {
+                topic: theirs,
+                data: wanted,
+                demand,
+            },
+        ) => {
+            let same = topic == theirs && (wanted.is_none() || wanted.as_ref() == Some(data));
+            let terms = Terms {
+                reliable: demand.reliable,
+                sealed: offer.sealed || demand.sealed,
+            };
+            (same && (offer.reliable || !demand.reliable)).then_some(terms)
+        }
+        (
+            Contract::Server {
+                service,
+                request,
+                reply,
+                qos,
+            },
+            Contract::Client {
+                service: theirs,
+                types,
+                qos: wanted,
+            },
+        ) => {
+            let same_types = match types {
+                None => true,
+                Some((a, b)) => a == request && b == reply,
+            };
+            let terms = Terms {
+                reliable: true,
+                sealed: qos.sealed || wanted.sealed,
+            };
+            (service == theirs && same_types).then_some(terms)
+        }
+        (Contract::Subscriber { .. }, Contract::Publisher { .. })
+        | (Contract::Client { .. }, Contract::Server { .. }) => terms(other, one),
+        _ => None,
+    }
+}

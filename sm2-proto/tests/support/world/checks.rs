@@ -1,0 +1,63 @@
+//! What has to hold.
+
+use std::collections::BTreeMap;
+
+use sm2_proto::{LinkId, NodeId, manager::Manager};
+
+use super::{LIMITS, World};
+use crate::support::oracle::{End, Terms, pair};
+
+impl World {
+    /// Pages and changes show exactly what the oracle says.
+    pub(super) fn check_listing(&mut self) {
+        assert_eq!(self.manager.sessions(), self.oracle.sessions());
+        if let Some(session) = self.oracle.a_ready_session() {
+            let expected = self.oracle.listing(LIMITS);
+            self.onlooker.check(&self.manager, session, &expected);
+        }
+    }
+
+    /// When nothing is under way, both sides of each link know of it, alike,
+    /// and there is a link for each pair that is to have one.
+    pub(super) fn check_links(&self) {
+        let mut known: BTreeMap<[End; 2], Vec<(LinkId, Terms)>> = BTreeMap::new();
+        for process in self.processes.iter().flatten() {
+            for (&(interface, link), &(other, terms)) in &process.links {
+                let ends = pair((process.session, interface), other);
+                known.entry(ends).or_default().push((link, terms));
+            }
+        }
+        for (ends, sides) in &known {
+            assert!(
+                matches!(sides[..], [one, other] if one == other),
+                "{ends:?}: {sides:?}"
+            );
+        }
+        let known: BTreeMap<_, _> = known.iter().map(|(ends, it)| (*ends, it[0].1)).collect();
+        assert_eq!(known, self.oracle.pairs());
+        assert_eq!(self.manager.links(), known.len());
+    }
+
+    /// Nobody is sent more LINKs than the policy allows before it has read all; one more is the
+    /// second of a link of its own two ends.
+    //= SM2-LNK-007 test
+    pub(super) fn check_pace(&self, session: NodeId) {
+        let waiting = self.sockets[&session].to_node.iter();
+        let links = waiting.filter(|(_, fds)| !fds.is_empty()).count();
+        assert!(links <= self.links_ahead + 1, "{links} LINKs for {session}");
+    }
+
+    /// Nothing is kept of whoever is gone; the machine's own invariants, which
+    /// are checked after each input, say the rest.
+    pub(crate) fn end(mut self) -> (Manager, Vec<(NodeId, Vec<u8>)>) {
+        self.settle();
+        let last = (self.manager.clone(), std::mem::take(&mut self.trace));
+        for slot in 0..self.processes.len() {
+            self.crash(slot);
+        }
+        self.settle();
+        assert_eq!((self.manager.sessions(), self.manager.links()), (0, 0));
+        assert!(self.sockets.is_empty());
+        last
+    }
+}

@@ -1,0 +1,34 @@
+//! What people read of values: in errors, and where a program prints them.
+
+use sm2_proto::{
+    Code, Farewell, Name,
+    link::wire::Frame,
+    manager::{Manager, Policy},
+};
+
+#[test]
+fn a_value_that_is_no_name_is_said_to_be_none() {
+    let error = serde_json::from_str::<Name>("7").expect_err("a number");
+    assert!(error.to_string().contains("expected a name"), "{error}");
+}
+
+#[test]
+fn a_frame_head_shows_its_bytes() {
+    let shown = format!("{:?}", Frame::Close(Code(0x0102)).head());
+    assert_eq!(shown, "Head([9, 0, 2, 1, 0, 0, 0, 0])");
+}
+
+#[test]
+fn a_manager_does_not_show_its_secret() {
+    let shown = format!("{:?}", Manager::new(1, 0x0123_4567_89ab, Policy::default()));
+    assert!(shown.contains("Secret"), "{shown}");
+    for secret in ["1250999896491", "123456789ab"] {
+        assert!(!shown.contains(secret), "{shown}");
+    }
+}
+
+#[test]
+fn a_farewell_is_called_as_in_the_specification() {
+    assert_eq!(Farewell::PeerGone.to_string(), "peer-gone");
+    assert_eq!(Farewell::ShuttingDown.to_string(), "shutting-down");
+}
