@@ -1,4 +1,4 @@
-//! Bytes as schema texts.
+//! Bytes as schema texts, and as a message of the first.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| sm2_proto::fuzz::schema_text(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| sm2_cli::fuzz::schema_text(data));

@@ -80,18 +80,11 @@ impl Sampler {
             .collect();
         self.files.retain(|name, _| wanted.contains_key(name));
         self.open(node, &wanted)?;
-        let mut sample = Sample {
-            at: clock::now(),
-            entries: HashMap::new(),
-            silent: BTreeSet::new(),
-        };
-        for name in wanted.into_keys() {
-            match self.files.get(&name) {
-                Some((_, file)) => sample.add(&name, file),
-                None => drop(sample.silent.insert(name)),
-            }
-        }
-        Ok(sample)
+        let files = wanted.into_keys().map(|name| {
+            let file = self.files.get(&name).map(|(_, file)| file);
+            (name, file)
+        });
+        Ok(Sample::new(clock::now(), files))
     }
 
     /// Asks for the files that are not open yet, or no more the right ones.
@@ -146,6 +139,25 @@ impl Sampler {
 }
 
 impl Sample {
+    /// What is in the files of these nodes, or that they have none.
+    pub(crate) fn new<'f>(
+        at: Instant,
+        files: impl IntoIterator<Item = (Name, Option<&'f CounterView>)>,
+    ) -> Self {
+        let mut sample = Self {
+            at,
+            entries: HashMap::new(),
+            silent: BTreeSet::new(),
+        };
+        for (name, file) in files {
+            match file {
+                Some(file) => sample.add(&name, file),
+                None => drop(sample.silent.insert(name)),
+            }
+        }
+        sample
+    }
+
     fn add(&mut self, node: &Name, file: &CounterView) {
         // One that is being written all the time is left out this time.
         for entry in file.entries().filter_map(|(_, entry)| entry.ok()) {

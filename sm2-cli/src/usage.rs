@@ -22,14 +22,7 @@ pub(crate) const STATUS: u8 = 2;
 /// The exit status, when all is done already: the help or version that was asked for is
 /// printed, or what is wrong is said.
 pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
-    // No command of its own, so that neither help nor completions have it.
-    let parsed = match arguments.get(1) {
-        Some(word) if word == demo::PART => {
-            demo::PartArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
-        }
-        _ => Cli::try_parse_from(&arguments).map(|cli| cli.command),
-    };
-    let error = match parsed {
+    let error = match read(&arguments) {
         Ok(command) => return Ok(command),
         Err(error) => error,
     };
@@ -50,8 +43,19 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
     }
 }
 
+/// The command that a command line is. Nothing is printed.
+pub(crate) fn read(arguments: &[OsString]) -> Result<Command, Error> {
+    // No command of its own, so that neither help nor completions have it.
+    match arguments.get(1) {
+        Some(word) if word == demo::PART => {
+            demo::PartArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
+        }
+        _ => Cli::try_parse_from(arguments).map(|cli| cli.command),
+    }
+}
+
 /// The error without its prefix, usage and line breaks, and with the command to ask for help.
-fn one_line(error: &Error, arguments: &[OsString]) -> String {
+pub(crate) fn one_line(error: &Error, arguments: &[OsString]) -> String {
     let rendered = error.render().to_string();
     let lines = rendered
         .lines()

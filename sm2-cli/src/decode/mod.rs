@@ -3,7 +3,7 @@
 //!
 //! | type | JSON, in and out |
 //! | --- | --- |
-//! | numbers | numbers; 128-bit ones, `"NaN"`, `"inf"` and `"-inf"` as texts |
+//! | numbers | numbers; 128-bit ones (out only, where the encoding is `json`), `"NaN"`, `"inf"` and `"-inf"` as texts |
 //! | structure | object; a tuple is an array, one of a single value that value, an empty one `null` |
 //! | enumeration | `"Name"`, or `{"Name": fields}` |
 //! | map | object, if keys are texts, characters, whole numbers or booleans; else pairs |

@@ -3,6 +3,8 @@
 
 mod draw;
 mod figures;
+#[cfg(feature = "fuzzing")]
+pub(crate) mod fuzz;
 mod screen;
 mod state;
 

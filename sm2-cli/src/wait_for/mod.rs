@@ -1,6 +1,8 @@
 //! `sm2 wait`: until something is true of the domain. [`expression`] is what one may say.
 
 mod expression;
+#[cfg(feature = "fuzzing")]
+pub(crate) mod fuzz;
 
 use std::time::Duration;
 

@@ -1,0 +1,4 @@
+//! Bytes as control frames, to the codec and to a naive decoder.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| sm2_fuzz::control_codec(data));

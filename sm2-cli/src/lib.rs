@@ -1,0 +1,111 @@
+//! `sm2`: an SM2 domain from a shell.
+//!
+//! One module per command or group of commands; `sm2 manager` is [`sm2_manager::program`]. A
+//! command returns how it ended or a `error::CliError`; only this file turns that into an
+//! exit status and a line on standard error. It is a library for the sake of the fuzz targets:
+//! the program's own file, `main.rs`, calls [`main`] and no more.
+//!
+//! Shared by commands: `connect` (a node in the domain, signals), `follow` (its changes),
+//! `view` (what there is), `names` (what a person means), `sampling` (counters of nodes),
+//! `output` and `columns`.
+#![forbid(unsafe_code)]
+
+#[macro_use]
+mod say;
+
+mod args;
+mod columns;
+mod completions;
+mod connect;
+mod decode;
+mod demo;
+mod doctor;
+mod error;
+mod follow;
+#[cfg(feature = "fuzzing")]
+pub mod fuzz;
+mod interfaces;
+mod interrupt;
+mod manual;
+mod messages;
+mod names;
+mod node;
+mod output;
+mod sampling;
+mod service;
+mod size;
+mod snapshot;
+mod text;
+mod time;
+mod top;
+mod topic;
+mod usage;
+mod view;
+mod wait;
+mod wait_for;
+mod why;
+
+use std::{env, io, process::ExitCode};
+
+use crate::{args::Command, error::CliError, interrupt::Stopped};
+
+/// How a command ended that did not fail.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ended {
+    /// All was done, or it was stopped where that is how it ends.
+    Done,
+    /// All was done, and the answer is no; what it says is said already.
+    No,
+    /// A signal came before all was done.
+    Stopped(Stopped),
+}
+
+/// The program: does what its command line says, and returns its exit status.
+#[must_use]
+pub fn main() -> ExitCode {
+    let command = match usage::parse(env::args_os().collect()) {
+        Ok(command) => command,
+        Err(status) => return status,
+    };
+    if !matches!(command, Command::Manager(_)) {
+        log_errors();
+    }
+    let result = match command {
+        Command::Manager(arguments) => return sm2_manager::program::main(&arguments),
+        Command::Topic(command) => topic::run(&command),
+        Command::Service(command) => service::run(&command),
+        Command::Node(command) => node::run(&command),
+        Command::Snapshot(arguments) => snapshot::run(&arguments),
+        Command::Wait(arguments) => wait_for::run(&arguments),
+        Command::Why(arguments) => why::run(&arguments),
+        Command::Top(arguments) => top::run(&arguments),
+        Command::Doctor(arguments) => doctor::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Man(arguments) => manual::run(&arguments),
+        Command::Demo(arguments) => demo::run(&arguments),
+        Command::DemoPart(arguments) => demo::run_part(&arguments),
+    };
+    match result {
+        Ok(Ended::Done) => ExitCode::SUCCESS,
+        Ok(Ended::No) => ExitCode::FAILURE,
+        Ok(Ended::Stopped(signal)) => ExitCode::from(signal.status()),
+        Err(error) if error.is_broken_pipe() => ExitCode::SUCCESS,
+        Err(error @ CliError::Stopped(_)) => ExitCode::from(error.status()),
+        Err(error) => {
+            // A server's own words may be part of it.
+            say!("sm2: {}", text::one_line(&error.to_string()));
+            ExitCode::from(error.status())
+        }
+    }
+}
+
+/// Logs go to standard error; `SM2_LOG` says which. By default only errors, since what
+/// a command has to say it says itself.
+fn log_errors() {
+    let filter = tracing_subscriber::EnvFilter::try_from_env("SM2_LOG")
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(io::stderr)
+        .init();
+}
