@@ -1,22 +1,17 @@
-//! The shipped Manager and nodes together, in every order of events within bounds.
+//! The shipped machines in every order of events within bounds.
 //!
-//! [`Scope`] says who is there and what may happen, [`World`] is one moment of it, [`explore`]
-//! visits every moment that can be reached, shortest ways first, and checks each
-//! [`Property`] in it. Links are two ends that are open or closed; what flows on them is no part
-//! of this model.
+//! A [`System`] says what can happen at any moment; [`explore`] visits every moment that can be
+//! reached, shortest ways first, and checks each [`Property`] in it. [`domain`] is the Manager
+//! with its nodes, [`link`] the two ends of one link.
 
-mod action;
+pub mod domain;
 mod explorer;
-mod ports;
+mod golden;
+pub mod link;
 mod properties;
-mod quiet;
-mod scope;
-mod world;
 
 pub use self::{
-    action::Action,
-    explorer::{Counterexample, Report, explore},
+    explorer::{Counterexample, Progress, Report, System, explore, explore_telling},
+    golden::Golden,
     properties::{Failure, Property},
-    scope::{Budget, Fault, Scope},
-    world::World,
 };

@@ -1,67 +1,124 @@
-//! Everything that can happen in small domains: the quick scopes. All of them, with their
-//! traces: `cargo run --release -p sm2-verification --bin model`.
+//! Everything that can happen in small domains: the scopes that a debug build can search. All
+//! of them, with their traces: `cargo run --profile model -p sm2-verification --bin model`.
 
-use sm2_verification::model::{Fault, Property, Scope, explore};
+use sm2_verification::model::{
+    Property,
+    domain::{COUNTS, Fault, Findings, Scope},
+    explore,
+};
 
-const COUNTS: &str = include_str!("../model-counts.txt");
 /// Scopes that are small enough for a debug build.
-const QUICK: [&str; 4] = [
+const SMALL: [&str; 7] = [
     "cold-2x2",
+    "cold-crash-2x1",
     "churn-once-2x2",
     "takeovers-2x2",
     "takeover-3x2",
+    "crash-2x1",
+    "stall-2x2",
 ];
+/// Those that a debug build can also search without reductions.
+const SMALLEST: [&str; 5] = [
+    "cold-2x2",
+    "takeovers-2x2",
+    "takeover-3x2",
+    "crash-2x1",
+    "churn-once-2x2",
+];
+
+/// What the harness does wrong, where that is seen, and by what.
+const FAULTS: [(Fault, &str, Property); 13] = [
+    (Fault::UnlinkedLost, "crash-2x1", Property::OneFarewell),
+    (
+        Fault::WithdrawnOvertakes,
+        "churn-once-2x2",
+        Property::NodeAccusesNobody,
+    ),
+    (
+        Fault::DeclaredTwice,
+        "cold-2x2",
+        Property::NodeAccusesNobody,
+    ),
+    (Fault::OtherTerms, "cold-2x2", Property::NodeAccusesNobody),
+    (Fault::OtherKey, "takeovers-2x2", Property::OneLinkPerPair),
+    (Fault::EpochAgain, "takeovers-2x2", Property::LinksSurvive),
+    (
+        Fault::ClaimedLost,
+        "takeovers-2x2",
+        Property::ManagerAccusesNobody,
+    ),
+    (
+        Fault::EndUnseen,
+        "crash-2x1",
+        Property::ManagerAccusesNobody,
+    ),
+    (Fault::DeclareLost, "cold-2x2", Property::Converges),
+    (Fault::LinkTwice, "cold-2x2", Property::FreshIds),
+    (Fault::ItemLost, "takeovers-2x2", Property::MirrorIsExact),
+    (Fault::SessionAgain, "cold-2x2", Property::Invariants),
+    (Fault::HangUpUnsaid, "crash-2x1", Property::KnowsItsLinks),
+];
+
+fn named(name: &str, fault: Option<Fault>, reduced: bool) -> Scope {
+    let scope = Scope::named(name).expect("a scope");
+    Scope {
+        fault,
+        reduced,
+        ..scope
+    }
+}
 
 //= SM2-NOD-001, SM2-NOD-003, SM2-SES-005, SM2-SES-006, SM2-LNK-002, SM2-LNK-003, SM2-LNK-004 model
 //= SM2-MAT-002, SM2-RES-002, SM2-RES-004, SM2-RES-007, SM2-IFC-004, SM2-IFC-007, SM2-TRN-006 model
 #[test]
-fn nothing_breaks_in_the_quick_scopes() {
-    for name in QUICK {
-        let scope = Scope::named(name).expect("a scope");
-        let report = explore(&scope, usize::MAX);
+fn nothing_breaks_in_the_small_scopes() {
+    for name in SMALL {
+        let report = explore(&named(name, None, true), usize::MAX);
         assert!(report.failure.is_none(), "{name}: {:?}", report.failure);
-        let counts = format!(
-            "{name} {} {} {} {}",
-            report.states, report.transitions, report.depth, report.quiet
-        );
-        assert!(COUNTS.lines().any(|line| line == counts), "{counts} is new");
+        assert!(COUNTS.has(name, &report), "{name}: {report} is new");
     }
 }
 
 #[test]
 fn each_fault_is_found() {
-    let faults = [
-        (Fault::UnlinkedLost, "self-1x1", Property::OneFarewell),
-        (
-            Fault::WithdrawnOvertakes,
-            "churn-once-2x2",
-            Property::NodeAccusesNobody,
-        ),
-        (
-            Fault::DeclaredTwice,
-            "cold-2x2",
-            Property::NodeAccusesNobody,
-        ),
-        (Fault::OtherTerms, "cold-2x2", Property::NodeAccusesNobody),
-        (Fault::OtherKey, "takeovers-2x2", Property::OneLinkPerPair),
-        (Fault::EpochAgain, "takeovers-2x2", Property::LinksSurvive),
-        (
-            Fault::ClaimedLost,
-            "takeovers-2x2",
-            Property::ManagerAccusesNobody,
-        ),
-        (
-            Fault::EndUnseen,
-            "crash-2x2",
-            Property::ManagerAccusesNobody,
-        ),
-    ];
-    let found = faults.map(|(fault, name, _)| {
-        let mut scope = Scope::named(name).expect("a scope");
-        scope.fault = Some(fault);
-        let found = explore(&scope, usize::MAX).failure;
-        (fault, name, found.map(|it| it.failure.property))
+    let found = FAULTS.map(|(fault, name, property)| {
+        let found = Findings::of(&named(name, Some(fault), true));
+        let failures = found.map(|it| it.failures).unwrap_or_default();
+        (fault, name, failures.contains(&property))
     });
-    let wanted = faults.map(|(fault, name, property)| (fault, name, Some(property)));
+    let wanted = FAULTS.map(|(fault, name, _)| (fault, name, true));
     assert_eq!(found, wanted);
+}
+
+/// Also one of a debug assertion: this one is about the Manager's driver.
+#[cfg(debug_assertions)]
+#[test]
+fn a_panic_is_found() {
+    let report = explore(&named("cold-2x2", Some(Fault::Unpolled), true), usize::MAX);
+    let failure = report.failure.expect("a failure").failure;
+    assert_eq!(failure.property, Property::Invariants);
+    assert!(failure.what.contains("polled first"), "{failure}");
+}
+
+#[test]
+fn reductions_lose_nothing() {
+    for name in SMALLEST {
+        let [reduced, whole] = [true, false]
+            .map(|reduced| Findings::of(&named(name, None, reduced)).expect("a search to its end"));
+        assert!(reduced.states < whole.states, "{name} is not reduced");
+        assert!(!whole.quiet.is_empty());
+        assert_eq!(whole.failures, reduced.failures, "{name}");
+        assert!(whole.say_the_same(&reduced), "{name}: other quiet moments");
+    }
+}
+
+#[test]
+fn reductions_hide_no_fault() {
+    for (fault, name, _) in FAULTS {
+        let [reduced, whole] = [true, false].map(|reduced| {
+            let found = Findings::of(&named(name, Some(fault), reduced));
+            found.map(|it| it.failures).expect("a search to its end")
+        });
+        assert_eq!(reduced, whole, "{fault:?} in {name}");
+    }
 }

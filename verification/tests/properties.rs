@@ -1,71 +1,348 @@
-//! PROPERTIES.md and the Kani harnesses name each other.
+//! PROPERTIES.md, what runs, and the Kani harnesses name each other.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// The harness of each row, by its full path.
-fn named(table: &str) -> BTreeSet<String> {
-    table
-        .split('`')
-        .filter(|word| word.starts_with("sm2_proto::") && !word.contains(' '))
-        .map(str::to_owned)
-        .collect()
+use sm2_verification::properties::{
+    Engine, Extent, Gap, GapKind, Outcome, Register, Session, outcomes, proofs, proofs_below,
+    readme_table, same_figures, with_table,
+};
+
+/// Two properties, and a check of each kind of run.
+const TEXT: &str = "\
+# Properties
+
+| group | what is shown | within which bound |
+| --- | --- | --- |
+| ONE, TWO | numbers | up to 2 |
+
+| engine | what its word is worth |
+| --- | --- |
+| model | a proof |
+| libFuzzer | a sample |
+
+| property | statement | clauses | shown by |
+| --- | --- | --- | --- |
+| ONE-A | One is \\| one | SM2-TRN-001, SM2-TRN-002 | model 2, libFuzzer 1 |
+| TWO-B | Two is two |  | model 1 |
+
+## Checks
+
+| harness | shows | engine | bound | run | last run |
+| --- | --- | --- | --- | --- | --- |
+| `small` | ONE-A, TWO-B | model | 1 node | quick | 706 states, 1379 transitions |
+| `large` | ONE-A | model | 2 nodes | full | 9000 states, 9001 transitions |
+
+Words between the tables.
+
+| harness | shows | engine | bound | run | last run |
+| --- | --- | --- | --- | --- | --- |
+| `bytes` | ONE-A | libFuzzer | 20 s | quick | ~120000 executions, ~6100/s |
+";
+
+fn register(text: &str) -> Register {
+    let (register, gaps) = Register::parse(text);
+    assert_eq!(gaps, []);
+    register
 }
 
-/// The functions behind a `kani::proof` in a source, below the path of its module.
-fn harnesses(source: &str, module: &str) -> BTreeSet<String> {
-    let marker = "#[cfg_attr(kani, kani::proof)]";
-    let name = |rest: &str| Some(rest.split_once("fn ")?.1.split_once('(')?.0.to_owned());
-    source
-        .split(marker)
-        .skip(1)
-        .filter_map(name)
-        .map(|name| format!("{module}::{name}"))
-        .collect()
-}
-
-/// All harnesses below a folder of sources.
-fn below(folder: &Path, module: &str) -> BTreeSet<String> {
-    let mut found = BTreeSet::new();
-    for entry in fs::read_dir(folder).expect("a folder") {
-        let path: PathBuf = entry.expect("an entry").path();
-        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-        let module = match stem.as_ref() {
-            "lib" | "mod" => module.to_owned(),
-            stem => format!("{module}::{stem}"),
-        };
-        if path.is_dir() {
-            found.extend(below(&path, &module));
-        } else {
-            found.extend(harnesses(
-                &fs::read_to_string(&path).expect("text"),
-                &module,
-            ));
-        }
+fn outcome(engine: Engine, harness: &str, covered: &str) -> Outcome {
+    Outcome {
+        engine,
+        harness: harness.to_owned(),
+        held: true,
+        time_s: 0.5,
+        covered: covered.to_owned(),
     }
-    found
+}
+
+/// A quick run in which all is as the rows say.
+fn as_it_should_be() -> Session {
+    let listed = BTreeSet::from(["small".to_owned(), "large".to_owned()]);
+    Session {
+        engines: BTreeMap::from([
+            (Engine::Model, Extent::RanQuick(listed)),
+            (Engine::LibFuzzer, Extent::RanQuick(BTreeSet::new())),
+        ]),
+        only: None,
+        outcomes: vec![
+            outcome(Engine::Model, "small", "706 states, 1379 transitions"),
+            outcome(Engine::LibFuzzer, "bytes", "~99000 executions, ~4950/s"),
+        ],
+    }
+}
+
+fn gaps(session: &Session) -> Vec<GapKind> {
+    let gaps = session.gaps(&register(TEXT));
+    gaps.into_iter().map(|it| it.kind).collect()
+}
+
+/// What reading finds wrong once `from` has become `to`.
+fn broken(from: &str, to: &str) -> Vec<Gap> {
+    assert_eq!(TEXT.matches(from).count(), 1, "{from}");
+    Register::parse(&TEXT.replace(from, to)).1
+}
+
+fn line(text: &str) -> Option<usize> {
+    let at = TEXT.lines().position(|it| it.contains(text));
+    Some(at.expect("a line with it") + 1)
 }
 
 #[test]
-fn every_row_has_its_harness_and_every_harness_its_row() {
+fn every_harness_has_its_row_and_every_row_its_harness() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let table = fs::read_to_string(here.join("PROPERTIES.md")).expect("the table");
-    let there = below(&here.join("../sm2-proto/src"), "sm2_proto");
+    let text = fs::read_to_string(here.join("PROPERTIES.md")).expect("the tables");
+    let register = register(&text);
+    let named = register.of(Engine::StandIn);
+    let named: BTreeSet<_> = named.map(|it| it.harness.clone()).collect();
+    let there = proofs_below(&here.join("../sm2-proto/src"), "sm2_proto").expect("sources");
     assert!(!there.is_empty());
-    assert_eq!(named(&table), there);
+    assert_eq!(named, there);
 }
 
 #[test]
-fn reads_names_from_tables_and_sources() {
-    let table = "| X | … | `sm2_proto::a::one` | `cargo test` |";
+fn what_is_read_is_written_byte_for_byte() {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let shipped = fs::read_to_string(here.join("PROPERTIES.md")).expect("the tables");
+    for text in [TEXT, &shipped] {
+        let mut register = register(text);
+        for check in register.checks().to_vec() {
+            register.record(check.engine, &check.harness, &check.last_run);
+        }
+        register.record_engines();
+        assert_eq!(register.text(), text);
+    }
+}
+
+#[test]
+fn nothing_is_wrong_when_all_is_as_the_rows_say() {
+    assert_eq!(gaps(&as_it_should_be()), []);
+}
+
+#[test]
+fn stale_figures_are_found() {
+    let mut session = as_it_should_be();
+    session.outcomes[0].covered = "707 states, 1379 transitions".to_owned();
+    let found = session.gaps(&register(TEXT));
+    assert!(matches!(
+        found[..],
+        [Gap {
+            kind: GapKind::Stale { .. },
+            ..
+        }]
+    ));
+    assert_eq!(found[0].line, line("`small`"));
+    session.outcomes[0].held = false;
+    assert_eq!(gaps(&session), [], "its verdict says that it failed");
+}
+
+#[test]
+fn noise_is_allowed_and_no_more() {
+    let same = [
+        ("~100 executions", "~3000 executions"),
+        ("~100 executions", "~4 executions"),
+        ("~0 executions", "~0 executions"),
+        ("3 paths, ~1.5 s", "3 paths, ~9.5 s"),
+        ("about ~that", "about ~that"),
+    ];
+    let other = [
+        ("~100 executions", "~3001 executions"),
+        ("~100 executions", "~3 executions"),
+        ("~100 executions", "~0 executions"),
+        ("~100 executions", "100 executions"),
+        ("~100 executions", "~100 paths"),
+        ("3 paths, ~1.5 s", "4 paths, ~1.5 s"),
+        ("706 states", "706 states, 1 more"),
+        ("not run", "1 tests"),
+    ];
+    for (before, now) in same {
+        assert!(same_figures(before, now), "{before}: {now}");
+    }
+    for (before, now) in other {
+        assert!(!same_figures(before, now), "{before}: {now}");
+    }
+}
+
+#[test]
+fn a_row_without_its_check_is_found() {
+    let mut session = as_it_should_be();
+    session.outcomes.remove(0);
+    let (engine, harness) = (Engine::Model, "small".to_owned());
+    assert_eq!(gaps(&session), [GapKind::Silent { engine, harness }]);
+}
+
+#[test]
+fn a_full_row_is_looked_up_in_a_quick_run_and_wanted_in_a_full_one() {
+    let harness = "large".to_owned();
+    let engine = Engine::Model;
+    let mut session = as_it_should_be();
+    let listed = BTreeSet::from(["small".to_owned()]);
+    session.engines.insert(engine, Extent::RanQuick(listed));
+    let unlisted = GapKind::Unlisted {
+        engine,
+        harness: harness.clone(),
+    };
+    assert_eq!(gaps(&session), [unlisted]);
+    session.engines.insert(engine, Extent::Ran);
+    assert_eq!(gaps(&session), [GapKind::Silent { engine, harness }]);
+}
+
+#[test]
+fn a_check_without_a_row_is_found_and_a_row_is_made_of_it() {
+    let mut session = as_it_should_be();
+    let new = outcome(Engine::LibFuzzer, "words", "~7 executions | more");
+    session.outcomes.push(new);
+    let (engine, harness) = (Engine::LibFuzzer, "words".to_owned());
+    assert_eq!(gaps(&session), [GapKind::NoRow { engine, harness }]);
+    let row = "| `words` | ? | libFuzzer | ? | quick | ~7 executions \\| more |";
+    assert_eq!(session.missing(&register(TEXT)), [row]);
+    let text = TEXT
+        .replace("## Checks\n", &format!("{}\n{row}\n", "## Checks\n\n| harness | shows | engine | bound | run | last run |\n| --- | --- | --- | --- | --- | --- |"))
+        .replace("| ? | libFuzzer", "| TWO-B | libFuzzer")
+        .replace("| model 1 |", "| model 1, libFuzzer 1 |");
+    assert_eq!(session.gaps(&register(&text)), []);
+}
+
+#[test]
+fn who_failed_or_was_not_asked_owes_nothing() {
+    let mut session = as_it_should_be();
+    session.outcomes.clear();
+    session.engines.insert(Engine::Model, Extent::Partly);
+    session.engines.remove(&Engine::LibFuzzer);
+    assert_eq!(gaps(&session), []);
+    session.engines.insert(Engine::LibFuzzer, Extent::Ran);
+    session.only = Some(BTreeSet::from([(Engine::Model, "small".to_owned())]));
+    assert_eq!(gaps(&session), []);
+}
+
+#[test]
+fn kani_has_the_rows_of_the_stand_in() {
+    let text = TEXT
+        .replace("| model | a proof |", "| model | a proof |\n| stand-in | paths |")
+        .replace("| model 1 |", "| stand-in 1, model 1 |")
+        .replace("Words", "| harness | shows | engine | bound | run | last run |\n| `h` | TWO-B | stand-in | 2 | quick | Samples |\n\nWords");
+    let session = Session {
+        engines: BTreeMap::from([(Engine::Kani, Extent::Ran)]),
+        only: None,
+        outcomes: vec![outcome(Engine::Kani, "h", "45 checks, 2/2 covers")],
+    };
+    assert_eq!(session.gaps(&register(&text)), []);
+}
+
+#[test]
+fn figures_are_written_for_what_held_and_ran_alone() {
+    let mut session = as_it_should_be();
+    session.outcomes[0].covered = "8 states, 9 transitions".to_owned();
+    session.outcomes[1].held = false;
+    let mut written = register(TEXT);
+    session.write(&mut written);
+    let wanted = TEXT.replace("706 states, 1379 transitions", "8 states, 9 transitions");
+    assert_eq!(written.text(), wanted);
+}
+
+#[test]
+fn what_the_tables_do_not_agree_about_is_found() {
+    let rows = [
+        ("| `small` |", "| small |", GapKind::Harness("small".into())),
+        (
+            "| model | 1 node",
+            "| modle | 1 node",
+            GapKind::Engine("modle".into()),
+        ),
+        (
+            "1 node | quick",
+            "1 node | fast",
+            GapKind::Run("fast".into()),
+        ),
+        (
+            "| Two is two |  |",
+            "| Two is two | SM2-TRN |",
+            GapKind::Clause("SM2-TRN".into()),
+        ),
+    ];
+    for (from, to, kind) in rows {
+        let found = broken(from, to);
+        assert!(found.iter().any(|it| it.kind == kind), "{to}: {found:?}");
+    }
+    let rows = [
+        ("1 node | quick", "1 node  | quick", GapKind::Untidy),
+        ("| Two is two |  |", "| Two is two |  | |", GapKind::Untidy),
+        ("| `large` |", "| `small` |", GapKind::Twice("small".into())),
+        (
+            "| TWO-B | Two",
+            "| SIX-B | Two",
+            GapKind::NoGroup("SIX-B".into()),
+        ),
+        ("ONE-A, TWO-B", "ONE-A", GapKind::Unshown("TWO-B".into())),
+        (
+            "ONE-A, TWO-B",
+            "ONE-A, TWO-B, TWO-C",
+            GapKind::UnknownProperty("TWO-C".into()),
+        ),
+        (
+            "| libFuzzer | a sample |\n",
+            "",
+            GapKind::NoEngine(Engine::LibFuzzer),
+        ),
+    ];
+    for (from, to, kind) in rows {
+        let found = broken(from, to);
+        assert!(found.iter().any(|it| it.kind == kind), "{to}: {found:?}");
+    }
+    let found = broken("| libFuzzer | 20 s", "| mutants | 20 s");
+    assert!(
+        !found
+            .iter()
+            .any(|it| matches!(it.kind, GapKind::Unshown(_)))
+    );
+    let text = TEXT.replace("ONE-A, TWO-B", "ONE-A");
+    let text = text.replace("`bytes` | ONE-A | libFuzzer", "`bytes` | TWO-B | mutants");
+    let found = Register::parse(&text).1;
+    let unshown = GapKind::Unshown("TWO-B".into());
+    assert!(found.iter().any(|it| it.kind == unshown), "{found:?}");
+    let (name, now) = ("ONE-A".to_owned(), "model 2, libFuzzer 1".to_owned());
+    let stale = GapKind::StaleEngines { name, now };
+    assert_eq!(broken("model 2,", "model 3,")[0].kind, stale);
+}
+
+#[test]
+fn the_tables_of_the_readme_are_kept_between_their_markers() {
+    let table = readme_table(&register(TEXT));
+    assert!(
+        table.contains("| ONE, TWO | numbers | model 2, libFuzzer 1 | up to 2 |"),
+        "{table}"
+    );
+    assert!(table.contains("| model | a proof | 2 |"), "{table}");
+    let readme = "# A\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nB\n";
+    let once = with_table(readme, &table).expect("markers");
+    assert_eq!(with_table(&once, &table), Ok(once.clone()));
+    assert!(
+        once.starts_with("# A\n") && once.ends_with("-->\nB\n"),
+        "{once}"
+    );
+    assert!(with_table("# A\n", &table).is_err());
+}
+
+#[test]
+fn lines_of_results_are_read_or_refused() {
+    let line = "stand-in\ta::b\tok\t1.3\tExhaustive, 2 paths, 0 rejected\n";
+    let read = outcomes(line).expect("a line");
+    assert_eq!((read[0].engine, read[0].held), (Engine::StandIn, true));
+    assert!(!outcomes("model\tx\tFAILED\t0.0\t\n").expect("a line")[0].held);
+    for bad in [
+        "model\tx\tok\t1.0",
+        "mode\tx\tok\t1\ty",
+        "model\tx\tyes\t1\ty",
+        "model\tx\tok\t-\ty",
+    ] {
+        assert!(outcomes(bad).is_err(), "{bad}");
+    }
+}
+
+#[test]
+fn reads_names_from_sources() {
     let source = "#[cfg_attr(kani, kani::proof)]\n#[cfg_attr(kani, kani::unwind(2))]\nfn two() {}";
-    assert_eq!(
-        named(table),
-        BTreeSet::from(["sm2_proto::a::one".to_owned()])
-    );
-    assert_eq!(
-        harnesses(source, "sm2_proto::a"),
-        BTreeSet::from(["sm2_proto::a::two".to_owned()])
-    );
+    let named = BTreeSet::from(["sm2_proto::a::two".to_owned()]);
+    assert_eq!(proofs(source, "sm2_proto::a"), named);
 }

@@ -1,11 +1,18 @@
 //! Values of any content.
 
-use crate::runner::{assume, choose, wide};
+use crate::runner::{assume, choose, choose_where, sixteen, wide};
 
 /// A type that [`any`] can make.
 pub trait Arbitrary: Sized {
     /// Any value of the type.
     fn any() -> Self;
+
+    /// Any value for which `holds`. Where there are few values, none is tried in vain.
+    fn any_where(holds: impl Fn(&Self) -> bool) -> Self {
+        let value = Self::any();
+        assume(holds(&value));
+        value
+    }
 }
 
 /// Any value.
@@ -14,11 +21,9 @@ pub fn any<T: Arbitrary>() -> T {
     T::any()
 }
 
-/// Any value for which `holds`.
-pub fn any_where<T: Arbitrary>(holds: impl FnOnce(&T) -> bool) -> T {
-    let value = T::any();
-    assume(holds(&value));
-    value
+/// Any value for which `holds`, which says the same whenever it is asked.
+pub fn any_where<T: Arbitrary>(holds: impl Fn(&T) -> bool) -> T {
+    T::any_where(holds)
 }
 
 impl Arbitrary for bool {
@@ -28,16 +33,32 @@ impl Arbitrary for bool {
 }
 
 macro_rules! narrow {
-    ($($int:ty: $values:literal),*) => {$(
+    ($($int:ty),*) => {$(
         impl Arbitrary for $int {
             fn any() -> Self {
-                choose($values) as Self
+                choose(256) as Self
+            }
+
+            fn any_where(holds: impl Fn(&Self) -> bool) -> Self {
+                choose_where(|value| holds(&(value as Self))) as Self
             }
         }
     )*};
 }
 
-narrow!(u8: 256, i8: 256, u16: 65_536, i16: 65_536);
+narrow!(u8, i8);
+
+macro_rules! middling {
+    ($($int:ty),*) => {$(
+        impl Arbitrary for $int {
+            fn any() -> Self {
+                sixteen() as Self
+            }
+        }
+    )*};
+}
+
+middling!(u16, i16);
 
 macro_rules! wide {
     ($($int:ty),*) => {$(
@@ -50,27 +71,3 @@ macro_rules! wide {
 }
 
 wide!(u32, i32, u64, i64, usize, isize, u128, i128);
-
-impl<T: Arbitrary, const N: usize> Arbitrary for [T; N] {
-    fn any() -> Self {
-        std::array::from_fn(|_| T::any())
-    }
-}
-
-impl<T: Arbitrary> Arbitrary for Option<T> {
-    fn any() -> Self {
-        bool::any().then(T::any)
-    }
-}
-
-impl<A: Arbitrary, B: Arbitrary> Arbitrary for (A, B) {
-    fn any() -> Self {
-        (A::any(), B::any())
-    }
-}
-
-impl<A: Arbitrary, B: Arbitrary, C: Arbitrary> Arbitrary for (A, B, C) {
-    fn any() -> Self {
-        (A::any(), B::any(), C::any())
-    }
-}

@@ -5,6 +5,8 @@
 //! no proof. Depend on it as `kani = { package = "sm2-kani-standin", … }`, for tests only.
 
 mod arbitrary;
+mod composite;
+mod results;
 mod runner;
 
 pub use arbitrary::{Arbitrary, any, any_where};
@@ -43,8 +45,8 @@ macro_rules! explored {
             $(
                 #[test]
                 fn $harness() {
-                    let name = concat!(module_path!(), "::", stringify!($harness));
-                    $crate::explore(name, &$crate::Limits::new($covers), super::$harness);
+                    let test = concat!(module_path!(), "::", stringify!($harness));
+                    $crate::explore(test, &$crate::Limits::new($covers), super::$harness);
                 }
             )*
         }

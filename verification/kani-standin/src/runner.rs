@@ -1,9 +1,14 @@
 //! Paths through a harness: recorded choices, then samples.
 
+#[cfg(test)]
+mod tests;
+
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::panic::{self, AssertUnwindSafe};
+
+use crate::results;
 
 /// How far a run goes, and what it has to meet.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +28,7 @@ impl Limits {
     #[must_use]
     pub const fn new(covers: usize) -> Self {
         Self {
-            paths: 70_000,
+            paths: 80_000,
             samples: 20_000,
             covers,
             seed: 1,
@@ -68,6 +73,18 @@ pub struct Report {
 }
 
 impl Report {
+    /// How far it went, in short.
+    #[must_use]
+    pub fn covered(&self) -> String {
+        let Self {
+            mode,
+            paths,
+            rejected,
+            ..
+        } = self;
+        format!("{mode:?}, {paths} paths, {rejected} rejected")
+    }
+
     /// Whether the run shows anything.
     pub fn verdict(&self, limits: &Limits) -> Result<(), Failure> {
         let hit = self.covers.values().filter(|hits| **hits > 0).count();
@@ -85,30 +102,35 @@ impl Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            mode,
-            paths,
-            rejected,
-            covers,
-            ..
-        } = self;
-        write!(f, "{mode:?}, {paths} paths, {rejected} rejected")?;
-        covers
+        f.write_str(&self.covered())?;
+        self.covers
             .iter()
             .try_for_each(|(cover, hits)| write!(f, "\n    {hits} x {cover}"))
     }
 }
 
+/// One of several alternatives.
+struct Choice {
+    value: u64,
+    alternatives: u64,
+    /// What they stand for, where they are some of the numbers below 256.
+    legal: Vec<u8>,
+}
+
 #[derive(Default)]
 struct State {
-    /// The choices of this path, each with the number of its alternatives.
-    path: Vec<(u64, u64)>,
+    /// The choices of this path.
+    path: Vec<Choice>,
     at: usize,
     /// The generator of samples; none while paths go depth first.
     random: Option<u64>,
     /// Of 16 choices of this sample, how many are 0: deep paths often need many of them.
     zeros: u64,
     lossy: bool,
+    /// Whether 16 bits were asked for.
+    sixteen: bool,
+    /// Whether 16 bits are boundary values, as they are where all of them were too many.
+    coarse: bool,
     chosen: bool,
     covers: BTreeMap<&'static str, u64>,
 }
@@ -134,31 +156,76 @@ impl State {
     fn choose(&mut self, alternatives: u64) -> u64 {
         self.chosen = true;
         if let Some(seed) = &mut self.random {
-            let choice = match next(seed) % 16 {
+            let value = match next(seed) % 16 {
                 draw if draw < self.zeros => 0,
                 draw if draw % 2 == 0 => next(seed) % alternatives.min(16),
                 _ => next(seed) % alternatives,
             };
-            self.path.push((choice, alternatives));
-            return choice;
+            self.push(value, alternatives);
+            return value;
         }
         if self.at == self.path.len() {
-            self.path.push((0, alternatives));
+            self.push(0, alternatives);
         }
-        let (choice, before) = self.path[self.at];
-        assert_eq!(before, alternatives, "the harness is not deterministic");
+        let choice = &self.path[self.at];
+        assert_eq!(
+            choice.alternatives, alternatives,
+            "the harness is not deterministic"
+        );
         self.at += 1;
-        choice
+        choice.value
+    }
+
+    fn push(&mut self, value: u64, alternatives: u64) {
+        self.path.push(Choice {
+            value,
+            alternatives,
+            legal: Vec::new(),
+        });
+    }
+
+    /// What the choice that comes now stands for, if this path shares it with the one before.
+    fn again(&mut self) -> Option<u8> {
+        if self.random.is_some() {
+            return None;
+        }
+        let choice = self.path.get(self.at)?;
+        let legal = choice.legal.get(choice.value as usize);
+        self.at += usize::from(legal.is_some());
+        legal.copied()
+    }
+
+    fn choices(&self) -> String {
+        let choices = self.path.iter().map(|it| {
+            let value = it.legal.get(it.value as usize).copied();
+            (value.map_or(it.value, u64::from), it.alternatives)
+        });
+        format!("{:?}", choices.collect::<Vec<_>>())
+    }
+
+    /// One of the boundary values.
+    fn boundary(&mut self, values: &[u64]) -> u64 {
+        self.lossy = true;
+        let at = self.choose(values.len() as u64);
+        values[at as usize]
+    }
+
+    /// Begins again with boundary values for 16 bits; false if none were asked for.
+    fn coarsen(&mut self) -> bool {
+        self.path.clear();
+        self.coarse = self.sixteen;
+        self.coarse
     }
 
     /// Makes `path` the next one; false after the last.
     fn advance(&mut self) -> bool {
         self.path.truncate(self.at);
-        while let Some((choice, alternatives)) = self.path.pop() {
-            if choice + 1 < alternatives {
-                self.path.push((choice + 1, alternatives));
+        while let Some(choice) = self.path.last_mut() {
+            choice.value += 1;
+            if choice.value < choice.alternatives {
                 return true;
             }
+            self.path.pop();
         }
         false
     }
@@ -169,6 +236,46 @@ impl State {
 pub fn choose(alternatives: u64) -> u64 {
     with(|state| state.choose(alternatives))
 }
+
+/// Any of the numbers below 256 for which `holds`. Asks once for each choice, not for each path.
+pub(crate) fn choose_where(holds: impl Fn(u8) -> bool) -> u8 {
+    if let Some(value) = with(State::again) {
+        return value;
+    }
+    let legal: Vec<u8> = (0..=u8::MAX).filter(|value| holds(*value)).collect();
+    with(|state| state.chosen = true);
+    assume(!legal.is_empty());
+    with(|state| {
+        let at = state.choose(legal.len() as u64);
+        let value = legal[at as usize];
+        if let Some(choice) = state.path.last_mut() {
+            choice.legal = legal;
+        }
+        value
+    })
+}
+
+/// 16 bits: all there are, unless that is too much.
+pub(crate) fn sixteen() -> u64 {
+    with(|state| {
+        state.sixteen = true;
+        let coarse = match &mut state.random {
+            Some(seed) => next(seed).is_multiple_of(2),
+            None => state.coarse,
+        };
+        if coarse {
+            state.boundary(&SIXTEEN)
+        } else {
+            state.choose(1 << 16)
+        }
+    })
+}
+
+/// Around the limits of SPEC section 2 that 16 bits hold, and the ends of the range.
+const SIXTEEN: [u64; 18] = [
+    0, 1, 2, 3, 255, 256, 511, 512, 513, 1_023, 1_024, 1_025, 2_048, 2_049, 32_767, 32_768, 65_534,
+    65_535,
+];
 
 /// An integer too wide to go through: boundary values, or a sample.
 pub(crate) fn wide(bits: u32) -> u128 {
@@ -187,7 +294,7 @@ pub(crate) fn wide(bits: u32) -> u128 {
                     >> (128 - bits_set)
             }
             Some((1, draw)) => 4_096 * u128::from(draw % 4_096),
-            _ => match state.choose(10) {
+            _ => match state.choose(14) {
                 0 => 0,
                 1 => 1,
                 2 => 2,
@@ -197,6 +304,10 @@ pub(crate) fn wide(bits: u32) -> u128 {
                 6 => u128::MAX - 1,
                 7 => (1 << 16) + 1,
                 8 => 512,
+                9 => 1_024,
+                10 => 1_025,
+                11 => (1 << 16) - 1,
+                12 => 1 << 16,
                 _ => u128::MAX,
             },
         };
@@ -227,20 +338,25 @@ pub fn run(limits: &Limits, harness: impl Fn()) -> Report {
         paths += 1;
         if let Err(cause) = panic::catch_unwind(AssertUnwindSafe(&harness)) {
             if !cause.is::<Rejected>() {
-                with(|state| eprintln!("choices (value, alternatives): {:?}", state.path));
+                with(|state| eprintln!("choices (value, alternatives): {}", state.choices()));
                 panic::resume_unwind(cause);
             }
             rejected += 1;
         }
     };
-    let mut complete = false;
-    for _ in 0..limits.paths {
-        with(|state| state.at = 0);
-        path();
-        if !with(State::advance) {
-            complete = true;
-            break;
+    let mut depth_first = || {
+        for _ in 0..limits.paths {
+            with(|state| state.at = 0);
+            path();
+            if !with(State::advance) {
+                return true;
+            }
         }
+        false
+    };
+    let mut complete = depth_first();
+    if !complete && with(State::coarsen) {
+        complete = depth_first();
     }
     let mode = match (complete, with(|state| state.lossy)) {
         (true, false) => Mode::Exhaustive,
@@ -266,89 +382,24 @@ pub fn run(limits: &Limits, harness: impl Fn()) -> Report {
     })
 }
 
-/// Runs a harness and prints what the run covered.
+/// Runs a harness, prints what the run covered, and adds it to the results, if they are asked for.
 ///
 /// # Panics
 ///
 /// As the harness does, and if the run shows nothing: see [`Failure`].
-pub fn explore(name: &str, limits: &Limits, harness: impl Fn()) {
-    let report = run(limits, harness);
+pub fn explore(test: &str, limits: &Limits, harness: impl Fn()) {
+    // `explored!` makes the tests in a module of its own.
+    let name = &test.replace("::explored::", "::");
+    let begin = std::time::Instant::now();
+    let report = panic::catch_unwind(AssertUnwindSafe(|| run(limits, harness)));
+    let covered = match &report {
+        Ok(report) => report.verdict(limits).map(|()| report.covered()).ok(),
+        Err(_) => None,
+    };
+    results::append(name, covered.as_deref(), begin.elapsed());
+    let report = report.unwrap_or_else(|cause| panic::resume_unwind(cause));
     println!("{name}: {report}");
     if let Err(failure) = report.verdict(limits) {
         panic!("{name} shows nothing: {failure:?}");
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{any, any_where};
-
-    fn verdict(covers: usize, harness: impl Fn()) -> Result<(), Failure> {
-        let limits = Limits::new(covers);
-        run(&limits, harness).verdict(&limits)
-    }
-
-    #[test]
-    fn goes_through_a_small_tree() {
-        let report = run(&Limits::new(0), || {
-            let (_, wide): (bool, bool) = any();
-            if wide {
-                let _: u8 = any();
-            }
-        });
-        assert_eq!(report.mode, Mode::Exhaustive);
-        assert_eq!(report.paths, 2 + 2 * 256);
-        assert_eq!(report.rejected, 0);
-    }
-
-    #[test]
-    fn samples_what_is_wide() {
-        let report = run(&Limits::new(0), || crate::assume(any::<u64>() > 0));
-        assert_eq!(report.mode, Mode::BoundariesAndSamples);
-        let report = run(&Limits::new(0), || {
-            crate::assume(any::<[u8; 3]>() != [0; 3])
-        });
-        assert_eq!(report.mode, Mode::Samples);
-    }
-
-    #[test]
-    fn counts_rejected_paths() {
-        let report = run(&Limits::new(0), || {
-            any_where(|byte: &u8| *byte < 6);
-        });
-        assert_eq!((report.paths, report.rejected), (256, 250));
-    }
-
-    #[test]
-    #[should_panic(expected = "seven")]
-    fn finds_the_one_bad_value() {
-        run(&Limits::new(0), || crate::assert(any::<u8>() != 7, "seven"));
-    }
-
-    #[test]
-    fn fails_when_all_is_rejected() {
-        let all = verdict(0, || crate::assume(u16::from(any::<u8>()) == 256));
-        assert_eq!(all, Err(Failure::AllRejected));
-    }
-
-    #[test]
-    fn fails_when_a_cover_is_not_hit_or_not_reached() {
-        let never = verdict(1, || {
-            crate::cover!(u16::from(any::<u8>()) == 256, "no byte")
-        });
-        assert_eq!(never, Err(Failure::Uncovered));
-        let unreached = verdict(1, || {
-            if any::<u8>() > 254 && any_where(|_: &bool| false) {
-                crate::cover!(true, "nobody comes here");
-            }
-        });
-        assert_eq!(unreached, Err(Failure::Uncovered));
-        assert_eq!(verdict(1, || crate::cover!(any::<bool>(), "half")), Ok(()));
-    }
-
-    #[test]
-    fn fails_when_nothing_is_chosen() {
-        assert_eq!(verdict(0, || ()), Err(Failure::NothingChosen));
     }
 }

@@ -1,23 +1,63 @@
 //! Running a model through loom, and saying how far that went.
 
 use std::env;
+use std::fs::OpenOptions;
+use std::io::Write as _;
 use std::panic;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
 use std::time::Instant;
+
+/// Names the file to which each model appends a line: the format is that of `verification/check`.
+const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
 
 /// Runs a model through all executions with at most so many preemptions (`None`: all there are),
 /// prints a line, and panics as the first execution does that fails.
 pub fn holds(name: &str, preemptions: Option<usize>, model: fn()) {
-    let start = Instant::now();
-    let executions = Arc::new(AtomicU64::new(0));
-    explore(preemptions, model, &executions);
-    let executions = executions.load(Ordering::Relaxed);
+    let told = Told::new(name);
+    explore(preemptions, model, &told.executions);
+    let executions = told.executions.load(Ordering::Relaxed);
     let bound = preemptions.map_or("unbounded".to_owned(), |it| format!("preemptions <= {it}"));
-    let time_s = start.elapsed().as_secs_f64();
+    let time_s = told.start.elapsed().as_secs_f64();
     println!("holds    {name:<34} {executions:>8} executions  {time_s:>6.2} s  {bound}");
     assert!(executions > 1, "nothing happened at once in {name}");
+}
+
+/// Appends the result of a model as it goes out of scope: failed, if that is by a panic.
+struct Told<'a> {
+    name: &'a str,
+    start: Instant,
+    executions: Arc<AtomicU64>,
+}
+
+impl<'a> Told<'a> {
+    fn new(name: &'a str) -> Self {
+        Self {
+            name,
+            start: Instant::now(),
+            executions: Arc::default(),
+        }
+    }
+}
+
+impl Drop for Told<'_> {
+    fn drop(&mut self) {
+        let Some(file) = env::var_os(RESULTS) else {
+            return;
+        };
+        let verdict = if thread::panicking() { "FAILED" } else { "ok" };
+        let time_s = self.start.elapsed().as_secs_f64();
+        let executions = self.executions.load(Ordering::Relaxed);
+        let name = self.name;
+        let line = format!("loom\t{name}\t{verdict}\t{time_s:.1}\t{executions} executions\n");
+        let file = OpenOptions::new().create(true).append(true).open(file);
+        if let Err(error) = file.and_then(|mut it| it.write_all(line.as_bytes())) {
+            // A panic while another one unwinds would hide both.
+            eprintln!("{RESULTS}: {error}");
+        }
+    }
 }
 
 /// Names the broken model that a child process runs.
@@ -42,6 +82,7 @@ pub fn fails(name: &str, preemptions: Option<usize>, because: &str, model: fn())
         }
         return;
     }
+    let told = Told::new(name);
     let output = Command::new(env::current_exe().expect("a program"))
         .args(["--exact", "each_part_of_it_is_needed", "--nocapture"])
         .env(BROKEN, name)
@@ -51,6 +92,8 @@ pub fn fails(name: &str, preemptions: Option<usize>, because: &str, model: fn())
     assert!(!output.status.success(), "{name}: no execution shows it");
     assert!(text.contains(because), "{name}: failed otherwise: {text}");
     let executions = text.split(" executions:").next().unwrap_or_default();
+    let executions: u64 = executions.trim().parse().expect("the hook counts them");
+    told.executions.store(executions, Ordering::Relaxed);
     println!("refuted  {name:<34} {executions:>8} executions  {because}");
 }
 

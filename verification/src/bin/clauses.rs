@@ -6,10 +6,13 @@
 use std::env;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use sm2_verification::clauses::{self, Report};
+use sm2_verification::{
+    clauses::{self, Report},
+    workspace,
+};
 
 const USAGE: &str = "usage: clauses [--list] [ROOT]
 Compares SPEC.md below ROOT (default: the workspace) with the code and checks that cite it.
@@ -33,15 +36,6 @@ fn main() -> ExitCode {
         Ok(report) => print(&text(&report, list), ExitCode::FAILURE),
         Err(error) => refuse(&format!("clauses: {error}")),
     }
-}
-
-/// The folder above this crate when Cargo runs us, else the current one.
-fn workspace() -> PathBuf {
-    env::var_os("CARGO_MANIFEST_DIR")
-        .as_deref()
-        .map(Path::new)
-        .and_then(Path::parent)
-        .map_or_else(|| PathBuf::from("."), Path::to_owned)
 }
 
 fn text(report: &Report, list: bool) -> String {

@@ -1,66 +1,133 @@
-//! `model [SCOPE...]`: searches the scopes, all of them if none is named.
+//! `model [--quick | SCOPE...]`: searches the scopes, all of them if none is named.
+//! `model --list`: their names. `model --step SCOPE`: a person goes through one.
 //!
-//! Prints the figures of each, and the shortest way to a failure. Status 0: all held, and the
-//! counts are those of `model-counts.txt`; 1: not so; 2: there is no such scope.
+//! Prints the figures of each, and the shortest way to a failure; how far a long search is, on
+//! standard error. Status 0: all held, and the counts are those of `model-counts.txt`; 1: not so;
+//! 2: there is no such scope or option. If `SM2_VERIFICATION_RESULTS` names a file, a line for each
+//! scope is added to it.
+//!
+//! `model --compare SCOPE...`: searches each one with the reductions and without.
 
-use std::env;
-use std::io::{self, Write as _};
-use std::process::ExitCode;
+use std::{
+    env,
+    io::{self, Write as _},
+    process::ExitCode,
+};
 
-use sm2_verification::model::{Report, Scope, explore};
+use sm2_verification::model::{
+    domain::{COUNTS, Findings, Scope, walk_by_hand},
+    explore_telling,
+};
 
-/// What was counted before.
-const COUNTS: &str = include_str!("../../model-counts.txt");
 const LIMIT: usize = 40_000_000;
 
-fn main() -> ExitCode {
-    run().unwrap_or(ExitCode::from(2))
+enum Asked {
+    List,
+    Search(Vec<Scope>),
+    Compare(Vec<Scope>),
+    Step(Scope),
 }
 
-fn run() -> io::Result<ExitCode> {
-    let names: Vec<_> = env::args().skip(1).collect();
-    let mut out = io::stdout().lock();
-    let mut scopes = Scope::all();
-    if let Some(unknown) = names.iter().find(|it| Scope::named(it).is_none()) {
-        writeln!(out, "there is no scope {unknown}; there are:")?;
-        for scope in scopes {
-            writeln!(out, "  {}", scope.name)?;
+fn main() -> ExitCode {
+    let arguments: Vec<_> = env::args().skip(1).collect();
+    match asked(&arguments) {
+        Ok(asked) => run(asked).unwrap_or_else(|error| {
+            eprintln!("model: {error}");
+            ExitCode::from(2)
+        }),
+        Err(wrong) => {
+            eprintln!(
+                "model: {wrong}; usage: model [--list | --quick | --step SCOPE | [--compare] SCOPE...]"
+            );
+            ExitCode::from(2)
         }
-        return Ok(ExitCode::from(2));
     }
-    scopes.retain(|it| names.is_empty() || names.iter().any(|name| name == it.name));
+}
+
+fn asked(arguments: &[String]) -> Result<Asked, String> {
+    let named = |name: &String| {
+        let scope = Scope::named(name);
+        scope.ok_or_else(|| format!("there is no scope {name} (--list names them)"))
+    };
+    let words: Vec<_> = arguments.iter().map(String::as_str).collect();
+    match words[..] {
+        [] => Ok(Asked::Search(Scope::all())),
+        ["--list"] => Ok(Asked::List),
+        ["--quick"] => Ok(Asked::Search(Scope::quick())),
+        ["--compare", _, ..] => {
+            let scopes = arguments[1..].iter().map(named);
+            scopes.collect::<Result<_, _>>().map(Asked::Compare)
+        }
+        ["--step", _] => named(&arguments[1]).map(Asked::Step),
+        _ => arguments
+            .iter()
+            .map(named)
+            .collect::<Result<_, _>>()
+            .map(Asked::Search),
+    }
+}
+
+fn run(asked: Asked) -> io::Result<ExitCode> {
+    let mut out = io::stdout().lock();
     let mut held = true;
-    for scope in scopes {
-        let report = explore(&scope, LIMIT);
-        held &= tell(&mut out, &scope, &report)?;
+    match asked {
+        Asked::List => {
+            let quick: Vec<_> = Scope::quick().iter().map(|it| it.name).collect();
+            for scope in Scope::all() {
+                let mark = if quick.contains(&scope.name) {
+                    " (quick)"
+                } else {
+                    ""
+                };
+                writeln!(out, "{}{mark}", scope.name)?;
+            }
+        }
+        Asked::Compare(scopes) => {
+            for scope in scopes {
+                held &= compare(&mut out, &scope)?;
+            }
+        }
+        Asked::Step(scope) => walk_by_hand(&scope, &mut io::stdin().lock(), &mut out)?,
+        Asked::Search(scopes) => {
+            for scope in scopes {
+                let report = explore_telling(&scope, LIMIT, |so_far| {
+                    eprintln!(
+                        "  {}: {} states, {} of them waiting, depth {}",
+                        scope.name, so_far.states, so_far.waiting, so_far.depth
+                    );
+                });
+                held &= COUNTS.tell(&mut out, scope.name, &report)?;
+            }
+        }
     }
     Ok(ExitCode::from(u8::from(!held)))
 }
 
-fn tell(out: &mut impl io::Write, scope: &Scope, report: &Report) -> io::Result<bool> {
-    let counts = format!(
-        "{} {} {} {} {}",
-        scope.name, report.states, report.transitions, report.depth, report.quiet
-    );
-    let (name, time) = (scope.name, report.time.as_secs_f64());
-    writeln!(
-        out,
-        "{name}: {} states, {} transitions, depth {}, {} quiet, {time:.1} s",
-        report.states, report.transitions, report.depth, report.quiet
-    )?;
-    if report.cut_short {
-        writeln!(out, "  stopped at {LIMIT} states")?;
-    }
-    if let Some(found) = &report.failure {
-        writeln!(out, "  {}", found.failure)?;
-        for (step, action) in (1..).zip(&found.steps) {
-            writeln!(out, "  {step:3} {action}")?;
+fn compare(out: &mut impl io::Write, scope: &Scope) -> io::Result<bool> {
+    let [reduced, whole] = [true, false].map(|reduced| {
+        Findings::of(&Scope {
+            reduced,
+            ..scope.clone()
+        })
+    });
+    let name = scope.name;
+    match (reduced, whole) {
+        (Ok(reduced), Ok(whole)) => {
+            let same = reduced.say_the_same(&whole);
+            let (few, all) = (reduced.states, whole.states);
+            let verdict = if same { "the same" } else { "NOT the same" };
+            let quiet = whole.quiet.len();
+            writeln!(
+                out,
+                "{name}: {few} states of {all} say {verdict}, {quiet} quiet moments but for names"
+            )?;
+            Ok(same)
         }
-        return Ok(false);
+        (one, other) => {
+            for failed in [one.err(), other.err()].into_iter().flatten() {
+                writeln!(out, "{name}: {}", failed.failure)?;
+            }
+            Ok(false)
+        }
     }
-    let as_before = COUNTS.lines().any(|line| line == counts);
-    if !as_before {
-        writeln!(out, "  model-counts.txt does not have: {counts}")?;
-    }
-    Ok(as_before && !report.cut_short)
 }

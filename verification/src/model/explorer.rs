@@ -2,16 +2,62 @@
 
 use std::{
     collections::{HashSet, VecDeque},
-    hash::{DefaultHasher, Hash, Hasher},
+    fmt,
+    hash::{BuildHasherDefault, DefaultHasher, Hash, Hasher},
     panic::{AssertUnwindSafe, catch_unwind},
     time::{Duration, Instant},
 };
 
-use super::{Action, Failure, Property, Scope, World};
+use super::{Failure, Property};
+
+/// How often a search tells how far it is.
+const TOLD_EVERY: Duration = Duration::from_secs(5);
+/// What a search looks at the clock for.
+const LOOKED_EVERY: usize = 4_096;
+
+/// Something whose every moment can be visited.
+pub trait System {
+    /// All there is at one time. What its hash leaves out must not matter to what can follow.
+    type Moment: Hash;
+    /// One thing that happens, as it reads in a trace.
+    type Action: Copy + fmt::Debug + fmt::Display;
+
+    /// Where it begins.
+    ///
+    /// # Errors
+    ///
+    /// What breaks on the way there.
+    fn first(&self) -> Result<Self::Moment, Failure>;
+
+    /// All that can happen now, always in the same order.
+    fn actions(&self, moment: &Self::Moment) -> Vec<Self::Action>;
+
+    /// What has to hold in a moment in which `actions` can happen. Whether all is quiet.
+    ///
+    /// # Errors
+    ///
+    /// The first property that does not hold.
+    fn check(&self, moment: &Self::Moment, actions: &[Self::Action]) -> Result<bool, Failure>;
+
+    /// The moment after one of its actions.
+    ///
+    /// # Errors
+    ///
+    /// What the step breaks.
+    fn step(&self, moment: &Self::Moment, action: Self::Action) -> Result<Self::Moment, Failure>;
+
+    /// By what moments are told apart. Those of one print count as one: whatever can follow
+    /// one of them can follow the other, but for names.
+    fn print(&self, moment: &Self::Moment) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        moment.hash(&mut hasher);
+        hasher.finish()
+    }
+}
 
 /// What a search has found.
 #[derive(Debug)]
-pub struct Report {
+pub struct Report<A> {
     /// Different moments.
     pub states: usize,
     /// Steps between them.
@@ -25,24 +71,63 @@ pub struct Report {
     /// Whether the search stopped at its limit of states.
     pub cut_short: bool,
     /// The first failure.
-    pub failure: Option<Counterexample>,
+    pub failure: Option<Counterexample<A>>,
+}
+
+impl<A> fmt::Display for Report<A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            states,
+            transitions,
+            depth,
+            quiet,
+            ..
+        } = self;
+        write!(
+            f,
+            "{states} states, {transitions} transitions, depth {depth}, {quiet} quiet"
+        )
+    }
 }
 
 /// How a property comes to be broken.
 #[derive(Debug)]
-pub struct Counterexample {
+pub struct Counterexample<A> {
     /// Which, and what was seen.
     pub failure: Failure,
     /// What happened, in order.
-    pub steps: Vec<Action>,
+    pub steps: Vec<A>,
 }
 
-/// Visits every moment of the scope, but no more than `limit`, up to the first failure.
+/// How far a search has come.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    /// Moments reached so far.
+    pub states: usize,
+    /// Those of them that were not visited yet.
+    pub waiting: usize,
+    /// How many steps the present one is from the beginning.
+    pub depth: usize,
+}
+
+/// Visits every moment, but no more than `limit`, up to the first failure.
 #[must_use]
-pub fn explore(scope: &Scope, limit: usize) -> Report {
+pub fn explore<S: System>(system: &S, limit: usize) -> Report<S::Action> {
+    explore_telling(system, limit, |_| ())
+}
+
+/// As [`explore`]; tells every few seconds how far it is.
+#[must_use]
+pub fn explore_telling<S: System>(
+    system: &S,
+    limit: usize,
+    mut tell: impl FnMut(Progress),
+) -> Report<S::Action> {
     let began = Instant::now();
+    let mut told = began;
     let mut search = Search {
-        seen: HashSet::new(),
+        system,
+        seen: HashSet::default(),
         ways: Vec::new(),
         waiting: VecDeque::new(),
     };
@@ -55,14 +140,14 @@ pub fn explore(scope: &Scope, limit: usize) -> Report {
         cut_short: false,
         failure: None,
     };
-    let first = guarded(|| World::new(scope));
-    match first {
-        Ok(world) => search.add(world, None, 0),
+    match guarded(|| system.first()) {
+        Ok(moment) => search.add(moment, None, 0),
         Err(failure) => report.failure = Some(search.trace(failure, None)),
     }
-    while let Some((world, at, depth)) = search.waiting.pop_front() {
+    let mut visited = 0_usize;
+    while let Some((moment, at, depth)) = search.waiting.pop_front() {
         report.depth = depth;
-        if let Err(failure) = expand(scope, &world, at, depth, &mut search, &mut report) {
+        if let Err(failure) = expand(&moment, at, depth, &mut search, &mut report) {
             report.failure = Some(failure);
             break;
         }
@@ -70,32 +155,41 @@ pub fn explore(scope: &Scope, limit: usize) -> Report {
             report.cut_short = true;
             break;
         }
+        visited += 1;
+        if visited.is_multiple_of(LOOKED_EVERY) && told.elapsed() >= TOLD_EVERY {
+            told = Instant::now();
+            tell(Progress {
+                states: search.ways.len(),
+                waiting: search.waiting.len(),
+                depth,
+            });
+        }
     }
     report.states = search.ways.len();
     report.time = began.elapsed();
     report
 }
 
-fn expand(
-    scope: &Scope,
-    world: &World,
+fn expand<S: System>(
+    moment: &S::Moment,
     at: usize,
     depth: usize,
-    search: &mut Search,
-    report: &mut Report,
-) -> Result<(), Counterexample> {
+    search: &mut Search<'_, S>,
+    report: &mut Report<S::Action>,
+) -> Result<(), Counterexample<S::Action>> {
+    let system = search.system;
     let (actions, quiet) = guarded(|| {
-        let actions = world.actions(scope);
-        let quiet = world.check(scope, &actions)?;
+        let actions = system.actions(moment);
+        let quiet = system.check(moment, &actions)?;
         Ok((actions, quiet))
     })
     .map_err(|failure| search.trace(failure, Some((at, None))))?;
     report.quiet += usize::from(quiet);
-    for action in actions {
-        let next = guarded(|| world.step(scope, action))
+    for (number, action) in actions.into_iter().enumerate() {
+        let next = guarded(|| system.step(moment, action))
             .map_err(|failure| search.trace(failure, Some((at, Some(action)))))?;
         report.transitions += 1;
-        search.add(next, Some((at, action)), depth + 1);
+        search.add(next, Some((at, number)), depth + 1);
     }
     Ok(())
 }
@@ -112,35 +206,71 @@ fn guarded<T>(step: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     })
 }
 
-struct Search {
-    /// Fingerprints: two moments of one print would count as one (with 10^7 moments the
-    /// chance of that is about 3 in 10^6).
-    seen: HashSet<u64>,
-    /// How each moment was first reached.
-    ways: Vec<Option<(usize, Action)>>,
-    waiting: VecDeque<(World, usize, usize)>,
-}
+/// Prints are spread well as they are.
+#[derive(Default)]
+struct AsItIs(u64);
 
-impl Search {
-    fn add(&mut self, world: World, way: Option<(usize, Action)>, depth: usize) {
-        let mut hasher = DefaultHasher::new();
-        world.hash(&mut hasher);
-        if self.seen.insert(hasher.finish()) {
-            self.waiting.push_back((world, self.ways.len(), depth));
-            self.ways.push(way);
+impl Hasher for AsItIs {
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.0 = self.0.rotate_left(8) ^ u64::from(byte);
         }
     }
 
-    fn trace(&self, failure: Failure, last: Option<(usize, Option<Action>)>) -> Counterexample {
-        let mut steps = Vec::new();
-        if let Some((mut at, action)) = last {
-            steps.extend(action);
-            while let Some((before, action)) = self.ways[at] {
-                steps.push(action);
-                at = before;
-            }
+    fn write_u64(&mut self, print: u64) {
+        self.0 = print;
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}
+
+/// How a moment was first reached: from which one, by the how manieth of its actions.
+type Way = Option<(u32, u16)>;
+
+struct Search<'a, S: System> {
+    system: &'a S,
+    /// Two moments of one print would count as one (with 10^7 moments the chance of that
+    /// is about 3 in 10^6).
+    seen: HashSet<u64, BuildHasherDefault<AsItIs>>,
+    ways: Vec<Way>,
+    waiting: VecDeque<(S::Moment, usize, usize)>,
+}
+
+impl<S: System> Search<'_, S> {
+    fn add(&mut self, moment: S::Moment, way: Option<(usize, usize)>, depth: usize) {
+        if self.seen.insert(self.system.print(&moment)) {
+            self.waiting.push_back((moment, self.ways.len(), depth));
+            let small = |(at, number)| {
+                let at = u32::try_from(at).expect("fewer than 2^32 moments");
+                (at, u16::try_from(number).expect("fewer than 2^16 actions"))
+            };
+            self.ways.push(way.map(small));
         }
-        steps.reverse();
+    }
+
+    /// Goes the shortest way again, to know its actions.
+    fn trace(
+        &self,
+        failure: Failure,
+        last: Option<(usize, Option<S::Action>)>,
+    ) -> Counterexample<S::Action> {
+        let mut numbers = Vec::new();
+        let mut place = last.map(|(at, _)| at);
+        while let Some((before, number)) = place.and_then(|at| self.ways[at]) {
+            numbers.push(usize::from(number));
+            place = usize::try_from(before).ok();
+        }
+        let mut steps = Vec::new();
+        let mut moment = guarded(|| self.system.first()).ok();
+        for number in numbers.into_iter().rev() {
+            let Some(now) = moment else { break };
+            let action = self.system.actions(&now)[number];
+            steps.push(action);
+            moment = guarded(|| self.system.step(&now, action)).ok();
+        }
+        steps.extend(last.and_then(|(_, action)| action));
         Counterexample { failure, steps }
     }
 }

@@ -4,16 +4,18 @@ use std::rc::Rc;
 
 use sm2_proto::{
     Code, Datagram, FdFacts, InterfaceId, LinkId, NodeId,
-    control::{
-        ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
-    },
-    manager::{self, Cause, Credentials, Manager},
+    control::{ToManager, ToNode, decode_to_manager, decode_to_node},
+    manager::{self, Cause, Credentials},
     node::{self, End as SessionEnd},
 };
 
 use super::{
-    Fault, Property, Scope,
-    world::{Connection, Down, End, Pair, Socket, World},
+    super::Property,
+    Fault, Scope,
+    books::{Books, Side},
+    faults,
+    print::Kept,
+    world::{Connection, Down, End, Frame, Pair, Socket, World},
 };
 
 const USER: Credentials = Credentials {
@@ -22,18 +24,34 @@ const USER: Credentials = Credentials {
     pid: 1,
 };
 
+impl Connection {
+    /// The Manager has closed its end: what it has not read is lost, what it has sent is not.
+    pub(super) fn end(&mut self) {
+        self.up.clear();
+        self.books.manager_ends();
+        if !self.dead {
+            self.down.push_back(Down::Eof);
+        }
+        self.dead = true;
+    }
+}
+
 impl World {
     pub(super) fn connect(&mut self, scope: &Scope, at: u8) {
-        self.sessions += 1;
-        let session = NodeId(self.sessions);
+        let mut session = self.next_session();
+        if scope.fault == Some(Fault::SessionAgain) && self.sessions > 1 {
+            self.sessions -= 1;
+            session.0 -= 1;
+        }
         let program = self.program(at);
         program.connection = Some(Connection {
             session,
             life: program.life,
             dead: false,
+            resuming: false,
             up: [].into(),
             down: [].into(),
-            ends: [].into(),
+            books: Books::default(),
         });
         let begun = std::mem::replace(&mut program.begun, true);
         let connected = manager::Input::Connected {
@@ -56,8 +74,19 @@ impl World {
             return;
         };
         let (session, life) = (connection.session, connection.life);
-        if let Some(bytes) = connection.up.pop_front() {
-            let datagram = Datagram::new(&bytes);
+        if let Some(frame) = connection.up.pop_front() {
+            match frame.says {
+                ToManager::Hello { resuming, .. } => connection.resuming = resuming,
+                ToManager::Claimed => connection.resuming = false,
+                ToManager::Claim {
+                    interface, link, ..
+                } => connection.books.hear(Side::Manager, interface, link),
+                ToManager::Unlinked {
+                    interface, link, ..
+                } => connection.books.read(Side::Manager, interface, link),
+                _ => {}
+            }
+            let datagram = Datagram::new(&frame.bytes);
             self.feed_manager(scope, manager::Input::Datagram { session, datagram }, limit);
         } else {
             program.closed.pop_front();
@@ -66,40 +95,29 @@ impl World {
         }
     }
 
-    /// How many frames the Manager would send upon what a node sent.
-    pub(super) fn frames_of_answer(&self, at: u8) -> u8 {
-        let program = &self.programs[usize::from(at)];
-        let connection = program.closed.front().or(program.connection.as_ref());
-        let (Some(connection), Some(manager)) = (connection, &self.manager) else {
-            return 0;
-        };
-        let session = connection.session;
-        let mut manager = Manager::clone(manager);
-        let input = match connection.up.front() {
-            Some(bytes) => manager::Input::Datagram {
-                session,
-                datagram: Datagram::new(bytes),
-            },
-            None => manager::Input::Closed { session },
-        };
-        if manager.handle(self.now, input).is_err() {
-            return 0;
-        }
-        let frames = std::iter::from_fn(|| manager.poll()).map(|output| match output {
-            manager::Output::Link { .. } => 2,
-            manager::Output::Send { .. } => 1,
-            _ => 0,
-        });
-        frames.sum()
-    }
-
     pub(super) fn feed_manager(&mut self, scope: &Scope, input: manager::Input<'_>, limit: usize) {
         let now = self.now;
-        let Some(manager) = self.manager.as_mut().map(Rc::make_mut) else {
+        let manager = self.manager.as_mut().map(Rc::make_mut);
+        let Some(manager) = manager.map(Kept::machine_mut) else {
             return;
         };
-        let taken = manager.handle(now, input);
+        let given_up = matches!(
+            input,
+            manager::Input::Stalled { .. } | manager::Input::Shutdown
+        );
+        let mut taken = manager.handle(now, input);
+        if scope.fault == Some(Fault::Unpolled) {
+            return;
+        }
         let outputs: Vec<_> = std::iter::from_fn(|| manager.poll()).collect();
+        // These sockets take at once all that is sent to them: nobody waits for room.
+        for output in &outputs {
+            if let manager::Output::Link { ends, .. } = output {
+                for &(session, _) in ends {
+                    taken = taken.and(manager.handle(now, manager::Input::Drained { session }));
+                }
+            }
+        }
         if let Err(error) = taken {
             self.fail(Property::Invariants, error);
         }
@@ -109,15 +127,34 @@ impl World {
                 manager::Output::Send { session, frame } => {
                     if left > 0 {
                         left -= 1;
-                        self.send_down(scope, session, &frame, None);
+                        self.send_down(scope, session, frame, None);
                     }
                 }
-                manager::Output::Link { link, ends } => self.link(scope, link, ends, &mut left),
+                manager::Output::Link { link, ends } => {
+                    if scope.fault == Some(Fault::LinkTwice) {
+                        self.link(scope, link, ends.clone(), &mut left);
+                    }
+                    self.link(scope, link, ends, &mut left);
+                }
                 manager::Output::HangUp {
                     cause: Cause::Gone, ..
                 } => {}
+                manager::Output::HangUp {
+                    session,
+                    goodbye,
+                    cause: Cause::Farewell(_),
+                } if given_up => self.manager_hangs_up(scope, session, goodbye),
                 other => self.fail(Property::ManagerAccusesNobody, format_args!("{other:?}")),
             }
+        }
+    }
+
+    fn manager_hangs_up(&mut self, scope: &Scope, session: NodeId, goodbye: Option<Vec<u8>>) {
+        if let Some(goodbye) = goodbye {
+            self.send_down(scope, session, goodbye, None);
+        }
+        if let Some((_, connection)) = self.connection(session) {
+            connection.end();
         }
     }
 
@@ -135,10 +172,10 @@ impl World {
         &mut self,
         scope: &Scope,
         session: NodeId,
-        frame: &[u8],
+        bytes: Vec<u8>,
         link: Option<(LinkId, InterfaceId)>,
     ) {
-        let Some(decoded) = decode_down(frame, link.is_some()) else {
+        let Some(says) = decode_down(&bytes, link.is_some()) else {
             return self.fail(
                 Property::NodeAccusesNobody,
                 "a frame that cannot be decoded",
@@ -147,44 +184,25 @@ impl World {
         let Some((at, connection)) = self.connection(session) else {
             return;
         };
-        let mut wrong = None;
-        match &decoded {
+        let books = &mut connection.books;
+        let wrong = match says {
             ToNode::Link {
                 interface, link, ..
-            } => drop(connection.ends.insert((*interface, *link), [false; 2])),
+            } => books.name(Side::Manager, interface, link),
             ToNode::Unlink {
                 interface, link, ..
-            } => wrong = farewell(connection, *interface, *link, 0),
+            } => books.farewell(Side::Manager, interface, link),
             ToNode::Withdrawn { interface } => {
-                connection.ends.retain(|(of, _), _| of != interface);
+                books.forget(interface);
+                None
             }
-            _ => {}
-        }
-        let mut bytes = Rc::from(frame);
-        let mut first = false;
-        let mut twice = false;
-        match (scope.fault, decoded) {
-            (Some(Fault::WithdrawnOvertakes), ToNode::Withdrawn { .. }) => first = true,
-            (Some(Fault::DeclaredTwice), ToNode::Declared { .. }) => twice = true,
-            (Some(Fault::OtherTerms), ToNode::Link { .. }) => {
-                bytes = other_terms(frame);
-            }
-            _ => {}
-        }
-        let down = Down::Frame(bytes, link);
-        if twice {
-            connection.down.push_back(down.clone());
-        }
-        if first {
-            connection.down.push_front(down);
-        } else {
-            connection.down.push_back(down);
-        }
+            _ => None,
+        };
+        let frame = Frame { bytes, says };
+        faults::send_down(scope.fault, frame, link, &mut connection.down);
         if let Some(wrong) = wrong {
-            self.fail(
-                Property::OneFarewell,
-                format_args!("UNLINK to node {at}: {wrong}"),
-            );
+            let what = format!("the Manager to node {at}: {wrong}");
+            self.fail(Property::OneFarewell, what);
         }
     }
 
@@ -201,9 +219,10 @@ impl World {
         self.last_link = Some(link);
         let mut places = [(0, 0, InterfaceId(0)); 2];
         for ((session, frame), place) in ends.iter().zip(&mut places) {
-            let Some(ToNode::Link { interface, .. }) = decode_down(frame, true) else {
+            let Some(ToNode::Link { interface, key, .. }) = decode_down(frame, true) else {
                 return self.fail(Property::NodeAccusesNobody, "LINK without a LINK");
             };
+            Rc::make_mut(&mut self.keys).insert(link, key);
             *place = self.owner(*session, interface);
         }
         // The WITHDRAW of one of them, or its process' end, may be on the way.
@@ -220,7 +239,7 @@ impl World {
         for ((session, frame), end) in ends.into_iter().zip(places) {
             if *left > 0 && self.connection(session).is_some() {
                 *left -= 1;
-                self.send_down(scope, session, &frame, Some((link, end.2)));
+                self.send_down(scope, session, frame, Some((link, end.2)));
             } else {
                 *left = left.saturating_sub(1);
                 self.lose(end, link);
@@ -241,15 +260,26 @@ impl World {
     }
 
     pub(super) fn node_reads(&mut self, scope: &Scope, at: u8) {
-        let connection = self.program(at).connection.as_mut();
-        match connection.and_then(|it| it.down.pop_front()) {
+        let Some(connection) = self.program(at).connection.as_mut() else {
+            return;
+        };
+        match connection.down.pop_front() {
             None => {}
             Some(Down::Eof) => self.feed_node(scope, at, node::Input::Eof, None),
-            Some(Down::Frame(bytes, link)) => {
+            Some(Down::Frame(frame, link)) => {
+                match frame.says {
+                    ToNode::Link {
+                        interface, link, ..
+                    } => connection.books.hear(Side::Node, interface, link),
+                    ToNode::Unlink {
+                        interface, link, ..
+                    } => connection.books.read(Side::Node, interface, link),
+                    _ => {}
+                }
                 let facts = link.map(|_| FdFacts::default());
                 let datagram = Datagram {
                     fds: facts.as_slice(),
-                    ..Datagram::new(&bytes)
+                    ..Datagram::new(&frame.bytes)
                 };
                 self.feed_node(scope, at, node::Input::Datagram(datagram), link);
             }
@@ -296,7 +326,7 @@ impl World {
     ) {
         while let Some(output) = self.program(at).node.poll() {
             match output {
-                node::Output::Transmit(bytes) => self.send_up(scope, at, &bytes),
+                node::Output::Transmit(bytes) => self.send_up(scope, at, bytes),
                 node::Output::Welcomed { .. } => {
                     // A program that comes back has declared before.
                     let first = self.program(at).interfaces.is_empty();
@@ -317,13 +347,7 @@ impl World {
                     interface,
                     link,
                     code,
-                } => {
-                    if self.pairs.get(&link).is_some_and(|pair| !pair.doomed) {
-                        let what = format!("{link} was ended for nothing: {code}");
-                        self.fail(Property::LinksSurvive, what);
-                    }
-                    self.close_end(at, interface, link);
-                }
+                } => self.end_at_node(at, interface, link, code),
                 node::Output::Ended(end) => {
                     if matches!(end, SessionEnd::Violation(_) | SessionEnd::Local(_)) {
                         self.fail(Property::NodeAccusesNobody, end);
@@ -344,63 +368,63 @@ impl World {
         }
     }
 
-    fn send_up(&mut self, scope: &Scope, at: u8, frame: &[u8]) {
-        let Ok(decoded) = decode_to_manager(&Datagram::new(frame)) else {
+    fn end_at_node(&mut self, at: u8, interface: InterfaceId, link: LinkId, code: Code) {
+        if self.pairs.get(&link).is_some_and(|pair| !pair.doomed) {
+            let what = format!("{link} was ended for nothing: {code}");
+            self.fail(Property::LinksSurvive, what);
+        }
+        self.check_known(at, interface, link, "is told to end");
+        self.close_end(at, interface, link);
+    }
+
+    fn check_known(&mut self, at: u8, interface: InterfaceId, link: LinkId, what: &str) {
+        if !self.program(at).links.contains(&(interface, link)) {
+            let what = format!("node {at} {what} {link}, which it has not");
+            self.fail(Property::KnowsItsLinks, what);
+        }
+    }
+
+    //= SM2-IFC-004, SM2-RES-002 model
+    fn send_up(&mut self, scope: &Scope, at: u8, bytes: Vec<u8>) {
+        let Ok(says) = decode_to_manager(&Datagram::new(&bytes)) else {
             return self.fail(
                 Property::ManagerAccusesNobody,
                 "a frame that cannot be decoded",
             );
         };
-        let Some(connection) = self.program(at).connection.as_mut() else {
+        if let ToManager::Claim {
+            interface, link, ..
+        } = says
+        {
+            self.check_known(at, interface, link, "claims");
+        }
+        let program = self.program(at);
+        let Some(connection) = program.connection.as_mut() else {
             return;
         };
-        let mut wrong = None;
-        match decoded {
+        let wrong = match says {
             ToManager::Unlinked {
                 interface, link, ..
-            } => wrong = farewell(connection, interface, link, 1),
+            } => {
+                let live = program.interfaces.contains_key(&interface);
+                let wrong = (connection.books).farewell(Side::Node, interface, link);
+                let dropped = || (!live).then(|| format!("{interface} is withdrawn"));
+                wrong.or_else(dropped)
+            }
             ToManager::Claim {
                 interface, link, ..
-            } => drop(connection.ends.insert((interface, link), [false; 2])),
-            _ => {}
-        }
-        let bytes = match (scope.fault, decoded) {
-            (Some(Fault::UnlinkedLost), ToManager::Unlinked { .. })
-            | (Some(Fault::ClaimedLost), ToManager::Claimed) => None,
-            (Some(Fault::OtherKey), claim @ ToManager::Claim { .. }) => Some(other_key(claim, at)),
-            _ => Some(Rc::from(frame)),
+            } => connection.books.name(Side::Node, interface, link),
+            _ => None,
         };
         if !connection.dead {
-            connection.up.extend(bytes);
+            let frame = faults::send_up(scope.fault, Frame { bytes, says }, at);
+            connection.up.extend(frame.map(Rc::new));
         }
         if let Some(wrong) = wrong {
-            self.fail(
-                Property::OneFarewell,
-                format_args!("UNLINKED of node {at}: {wrong}"),
-            );
+            let what = format!("node {at} to the Manager: {wrong}");
+            self.fail(Property::OneFarewell, what);
         }
     }
-}
-
-/// Notes a farewell of one side (0 the Manager, 1 the node); what is wrong with it, if anything.
-//= SM2-LNK-003 model
-fn farewell(
-    connection: &mut Connection,
-    interface: InterfaceId,
-    link: LinkId,
-    side: usize,
-) -> Option<String> {
-    let said = connection.ends.get_mut(&(interface, link));
-    let Some(said) = said.filter(|said| !said[side]) else {
-        return Some(format!(
-            "{link} of {interface} has no such farewell to come"
-        ));
-    };
-    said[side] = true;
-    if *said == [true; 2] {
-        connection.ends.remove(&(interface, link));
-    }
-    None
 }
 
 fn decode_down(frame: &[u8], link: bool) -> Option<ToNode> {
@@ -410,19 +434,4 @@ fn decode_down(frame: &[u8], link: bool) -> Option<ToNode> {
         ..Datagram::new(frame)
     };
     decode_to_node(&datagram).ok()
-}
-
-fn other_terms(frame: &[u8]) -> Rc<[u8]> {
-    let mut decoded = decode_down(frame, true);
-    if let Some(ToNode::Link { reliable, .. }) = &mut decoded {
-        *reliable = !*reliable;
-    }
-    decoded.map_or_else(|| Rc::from(frame), |it| encode_to_node(&it).into())
-}
-
-fn other_key(mut claim: ToManager, at: u8) -> Rc<[u8]> {
-    if let ToManager::Claim { key, .. } = &mut claim {
-        *key ^= u64::from(at);
-    }
-    encode_to_manager(&claim).into()
 }

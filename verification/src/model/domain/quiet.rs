@@ -7,12 +7,14 @@ use sm2_proto::{
     control::{Apart, Item},
     domain::{Ask, Domain, Mirror},
     manager::{self, Manager},
-    match_contracts,
     node::{self, Node},
 };
 
 use super::{
-    Action, Failure, Property, Scope,
+    super::{Failure, Property},
+    Action, Budget, Fault, Scope,
+    books::Books,
+    matching::{Terms, terms},
     world::{End, Socket, World},
 };
 
@@ -22,7 +24,7 @@ impl World {
     /// # Errors
     ///
     /// The first property that does not hold.
-    //= SM2-MAT-002, SM2-RES-002, SM2-RES-004, SM2-RES-007 model
+    //= SM2-MAT-001, SM2-MAT-002, SM2-MAT-003, SM2-RES-002, SM2-RES-004, SM2-RES-007 model
     pub fn check(&self, scope: &Scope, actions: &[Action]) -> Result<bool, Failure> {
         let mut joined = Vec::new();
         for (link, pair) in &self.pairs {
@@ -35,22 +37,27 @@ impl World {
                 joined.push(ends);
             }
         }
-        let goes_on = |action: &Action| {
-            matches!(
-                action,
-                Action::ManagerReads(_)
-                    | Action::NodeReads(_)
-                    | Action::Connects(_)
-                    | Action::Notices(..)
-                    | Action::ManagerBegins
-                    | Action::TimePasses
-            )
-        };
-        if actions.iter().any(goes_on) {
+        if actions.iter().any(Action::goes_on) {
             return Ok(false);
         }
         self.check_quiet(scope)?;
         Ok(true)
+    }
+
+    /// This moment after all that happens by itself, and is to be declared, has happened: one
+    /// order of it.
+    ///
+    /// # Errors
+    ///
+    /// What broke on the way, or does not hold there.
+    pub fn settled(mut self, scope: &Scope) -> Result<Self, Failure> {
+        self.budget = Budget::default();
+        while let Some(&action) = self.actions(scope).first() {
+            self.check(scope, &[action])?;
+            self = self.step(scope, action)?;
+        }
+        self.check(scope, &[])?;
+        Ok(self)
     }
 
     fn check_quiet(&self, scope: &Scope) -> Result<(), Failure> {
@@ -62,15 +69,12 @@ impl World {
             }
         }
         for program in &self.programs {
-            let connection = program.connection.iter();
-            let named = connection.flat_map(|it| &it.ends);
-            for (end, said) in named.clone() {
-                if said.contains(&true) {
-                    let what = format!("{end:?} has one farewell alone");
-                    return fail(Property::OneFarewell, what);
-                }
+            let books = program.connection.iter().map(|it| &it.books);
+            if let Some(end) = books.clone().find_map(Books::half_said) {
+                let what = format!("{end:?} lacks a farewell, or nobody read it");
+                return fail(Property::OneFarewell, what);
             }
-            if !named.map(|(end, _)| end).eq(&program.links) {
+            if !books.flat_map(Books::ends).eq(&program.links) {
                 let what = "a node and its Manager know different links";
                 return fail(Property::Converges, what.into());
             }
@@ -81,14 +85,14 @@ impl World {
                 let pair = [**one, **other];
                 let same = |it: [End; 2]| it == pair || it == [pair[1], pair[0]];
                 let links = self.pairs.values().filter(|it| same(it.ends)).count();
-                let wanted = usize::from(match_contracts(ours, theirs).is_ok());
+                let wanted = usize::from(terms(ours, theirs).is_some());
                 if links != wanted && !(links == 0 && self.broken.contains(&pair)) {
                     let what = format!("{pair:?} has {links} links, not {wanted}");
                     return fail(Property::Converges, what);
                 }
             }
         }
-        self.check_mirror(&ends)
+        self.check_mirror(scope, &ends)
     }
 
     /// What is declared, and where the Manager has it.
@@ -111,7 +115,11 @@ impl World {
     }
 
     //= SM2-IFC-007, SM2-WCH-004 model
-    fn check_mirror(&self, ends: &BTreeMap<End, (Place, &Contract)>) -> Result<(), Failure> {
+    fn check_mirror(
+        &self,
+        scope: &Scope,
+        ends: &BTreeMap<End, (Place, &Contract)>,
+    ) -> Result<(), Failure> {
         let place_of = |end: &End| ends.get(end).map(|(place, _)| *place);
         let mut links: Vec<(LinkId, [Place; 2])> = Vec::new();
         for (link, pair) in &self.pairs {
@@ -124,7 +132,7 @@ impl World {
         let mut interfaces: Vec<_> = ends.values().map(|it| (it.0, it.1.clone())).collect();
         interfaces.sort_unstable_by_key(|(place, _)| *place);
         let mut shown = (Vec::new(), Vec::new(), 0);
-        for item in self.look()?.items() {
+        for item in self.look(scope)?.items() {
             match item {
                 Item::Domain { .. } => {}
                 Item::Node { resuming, .. } if !resuming => shown.2 += 1,
@@ -133,8 +141,20 @@ impl World {
                     link,
                     offering,
                     demanding,
+                    reliable,
+                    sealed,
                     ..
                 } => {
+                    let contract = |place: &Place| {
+                        let mut all = ends.values().filter(|(it, _)| it == place);
+                        all.next().map(|(_, contract)| *contract)
+                    };
+                    let both = contract(offering).zip(contract(demanding));
+                    let wanted = both.and_then(|(one, other)| terms(one, other));
+                    let (reliable, sealed) = (*reliable, *sealed);
+                    if wanted != Some(Terms { reliable, sealed }) {
+                        return fail(Property::MirrorIsExact, format!("{item:?} is shown"));
+                    }
                     let mut places = [*offering, *demanding];
                     places.sort_unstable();
                     shown.1.push((*link, places));
@@ -170,13 +190,13 @@ impl World {
     }
 
     /// The domain as the first node reads it; the moment stays what it is.
-    fn look(&self) -> Result<Domain, Failure> {
+    fn look(&self, scope: &Scope) -> Result<Domain, Failure> {
         let unread = || Failure {
             property: Property::MirrorIsExact,
             what: "the domain cannot be read".into(),
         };
         let mut node: Node = self.programs[0].node.clone();
-        let mut manager = Manager::clone(self.manager.as_ref().ok_or_else(unread)?);
+        let mut manager = Manager::clone(self.manager.as_ref().ok_or_else(unread)?.machine());
         let session = node.id().ok_or_else(unread)?;
         let mut mirror = Mirror::new();
         while let Some(Ask::Page { after }) = mirror.ask() {
@@ -200,12 +220,15 @@ impl World {
             while let Some(output) = node.poll() {
                 let node::Output::Page {
                     revision,
-                    items,
+                    mut items,
                     next,
                 } = output
                 else {
                     return Err(unread());
                 };
+                if scope.fault == Some(Fault::ItemLost) {
+                    items.pop();
+                }
                 mirror.page(revision, items, next).map_err(|_| unread())?;
             }
         }

@@ -2,6 +2,8 @@
 
 use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
 
+use super::Fault;
+
 /// How often each thing may happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Budget {
@@ -13,27 +15,10 @@ pub struct Budget {
     pub node_crashes: u8,
     /// The Manager dies, and another one takes its place.
     pub manager_crashes: u8,
-}
-
-/// What the harness does wrong on purpose, to see that it is found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Fault {
-    /// UNLINKED never reaches the Manager.
-    UnlinkedLost,
-    /// WITHDRAWN passes what was sent before it, as if there were no *dropping*.
-    WithdrawnOvertakes,
-    /// CLAIM carries another key than LINK did.
-    OtherKey,
-    /// The next Manager numbers from where the one before it began.
-    EpochAgain,
-    /// The Manager never sees the end of a connection.
-    EndUnseen,
-    /// LINK states terms that nobody asked for.
-    OtherTerms,
-    /// DECLARED comes twice.
-    DeclaredTwice,
-    /// CLAIMED never reaches the Manager.
-    ClaimedLost,
+    /// The Manager gives up a node that does not read.
+    pub stalls: u8,
+    /// The Manager ends in good order, and another one takes its place.
+    pub shutdowns: u8,
 }
 
 /// The bounds of one search.
@@ -50,9 +35,15 @@ pub struct Scope {
     pub eager: bool,
     /// Whether the search begins where everybody is connected, linked and quiet.
     pub settled: bool,
+    /// Whether moments that differ in names alone count as one, and actions that make no
+    /// difference go first.
+    pub reduced: bool,
     /// What is wrong on purpose.
     pub fault: Option<Fault>,
 }
+
+/// What takes longer than that.
+const SLOW: [&str; 2] = ["crash-3x2", "crash-4x1"];
 
 impl Scope {
     /// All scopes, quick ones first.
@@ -65,6 +56,7 @@ impl Scope {
             budget,
             eager: true,
             settled: true,
+            reduced: true,
             fault: None,
         };
         let crashes = |node_crashes, manager_crashes| Budget {
@@ -120,9 +112,10 @@ impl Scope {
                     withdrawals: 1,
                     closes: 1,
                     manager_crashes: 1,
-                    node_crashes: 0,
+                    ..Budget::default()
                 },
             ),
+            scope("crash-2x1", fan(2, &[lidar]), crashes(1, 1)),
             scope("crash-2x2", crossed(), crashes(1, 1)),
             scope("takeovers-2x2", crossed(), crashes(0, 2)),
             scope(
@@ -133,6 +126,7 @@ impl Scope {
                     closes: 1,
                     manager_crashes: 1,
                     node_crashes: 1,
+                    ..Budget::default()
                 },
             ),
             scope("service-3", service(), crashes(1, 1)),
@@ -146,9 +140,53 @@ impl Scope {
                 },
             ),
             scope("takeover-3x2", fan(3, &[lidar, camera]), crashes(0, 1)),
+            scope(
+                "stall-2x2",
+                crossed(),
+                Budget {
+                    stalls: 2,
+                    ..Budget::default()
+                },
+            ),
+            scope(
+                "stall-crash-3x1",
+                fan(3, &[lidar]),
+                Budget {
+                    stalls: 1,
+                    node_crashes: 1,
+                    ..Budget::default()
+                },
+            ),
+            scope(
+                "shutdown-2x2",
+                crossed(),
+                Budget {
+                    shutdowns: 1,
+                    node_crashes: 1,
+                    ..Budget::default()
+                },
+            ),
+            scope(
+                "shutdown-stall-2x1",
+                fan(2, &[lidar]),
+                Budget {
+                    shutdowns: 1,
+                    stalls: 1,
+                    manager_crashes: 1,
+                    ..Budget::default()
+                },
+            ),
             scope("crash-3x2", fan(3, &[lidar, camera]), crashes(1, 1)),
             scope("crash-4x1", fan(4, &[lidar]), crashes(1, 1)),
         ]
+    }
+
+    /// Those that take few seconds in an optimised build.
+    #[must_use]
+    pub fn quick() -> Vec<Self> {
+        let mut all = Self::all();
+        all.retain(|it| !SLOW.contains(&it.name));
+        all
     }
 
     /// The scope of that name.

@@ -31,6 +31,26 @@ pub enum Action {
     ManagerDies,
     /// The Manager reads a node's next frame and dies after so many frames of its answer.
     ManagerDiesAnswering(u8, u8),
+    /// The Manager ends in good order, for another one to take its place.
+    ManagerShutsDown,
+    /// A node does not read in time, and the Manager hangs up.
+    Stalls(u8),
+}
+
+impl Action {
+    /// Whether it happens by itself, sooner or later; else somebody has to choose it.
+    #[must_use]
+    pub const fn goes_on(&self) -> bool {
+        matches!(
+            self,
+            Self::ManagerReads(_)
+                | Self::NodeReads(_)
+                | Self::Connects(_)
+                | Self::Notices(..)
+                | Self::ManagerBegins
+                | Self::TimePasses
+        )
+    }
 }
 
 impl fmt::Display for Action {
@@ -55,6 +75,8 @@ impl fmt::Display for Action {
                 f,
                 "the Manager reads from node {at} and dies after {sent} frames of its answer"
             ),
+            Self::ManagerShutsDown => write!(f, "the Manager shuts down"),
+            Self::Stalls(at) => write!(f, "the Manager gives up node {at}, which does not read"),
         }
     }
 }

@@ -1,0 +1,60 @@
+//! What the command is asked.
+
+use std::process::ExitCode;
+
+const USAGE: &str = "usage: verification/check [--quick] [--write] [--missing] [--only WORD...]
+       verification/check --table
+
+Runs every check that this machine can run, and compares what they covered with PROPERTIES.md.
+
+  --quick      leave out the rows marked `full`, and let each engine keep to its quick bounds
+  --only       only these engines, properties or harnesses
+  --write      write what was covered into PROPERTIES.md, and its table into README.md
+  --missing    print a row for each check that has none
+  --table      print README.md's table and run nothing
+
+Status 0: all held and the files say so; 1: not so, or nothing was run; 2: it could not be tried;
+77: this machine can run none of it; 130: interrupted.
+Logs and results of each engine are in target/verification/.";
+
+/// The command line.
+#[derive(Debug, Default)]
+pub(crate) struct Args {
+    pub(crate) quick: bool,
+    pub(crate) write: bool,
+    pub(crate) missing: bool,
+    pub(crate) table: bool,
+    /// Engines, properties and harnesses; empty: all.
+    pub(crate) only: Vec<String>,
+}
+
+impl Args {
+    /// Reads the words after the program's name; else the status to end with.
+    pub(crate) fn parse(words: impl Iterator<Item = String>) -> Result<Self, ExitCode> {
+        let mut args = Self::default();
+        let mut naming = false;
+        for word in words {
+            match word.as_str() {
+                "--quick" => args.quick = true,
+                "--write" => args.write = true,
+                "--missing" => args.missing = true,
+                "--table" => args.table = true,
+                "--only" => naming = true,
+                "--help" | "-h" => {
+                    println!("{USAGE}");
+                    return Err(ExitCode::SUCCESS);
+                }
+                name if naming && !name.starts_with('-') => args.only.push(word),
+                _ => {
+                    eprintln!("check: `{word}` was not expected\n{USAGE}");
+                    return Err(ExitCode::from(2));
+                }
+            }
+        }
+        if naming && args.only.is_empty() {
+            eprintln!("check: --only what?\n{USAGE}");
+            return Err(ExitCode::from(2));
+        }
+        Ok(args)
+    }
+}

@@ -1,0 +1,265 @@
+//! `check`: runs every check that this machine can run, and says whether PROPERTIES.md is true.
+//!
+//! Each engine runs by itself, its output in a log; what it reports goes into one table at the
+//! end, and is compared with the rows of PROPERTIES.md. Status 0: all held and all agrees; 1: not
+//! so, or nothing was run; 2: it could not be tried; 77: this machine can run none of it; 130:
+//! interrupted, with everything that was started ended.
+
+mod args;
+mod plan;
+mod process;
+mod run;
+mod screen;
+mod step;
+mod table;
+
+use std::collections::BTreeSet;
+use std::env;
+use std::fs;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use sm2_verification::clauses::{self, Level};
+use sm2_verification::properties::{
+    Engine, Gap, GapKind, Register, Run, Session, readme_table, with_table,
+};
+
+use self::args::Args;
+use self::plan::Plan;
+use self::process::Interrupts;
+use self::run::{Ran, Verdict};
+use self::screen::Screen;
+
+/// A check failed, or files and run do not agree, or nothing was run at all.
+const FAILED: u8 = 1;
+/// This machine can run nothing of what was asked for.
+const SKIPPED: u8 = 77;
+/// How much of a failed engine's log is shown.
+const LAST_LINES: usize = 25;
+/// As the shell tells of a program that SIGINT ended.
+const INTERRUPTED: u8 = 130;
+
+fn main() -> ExitCode {
+    let args = match Args::parse(env::args().skip(1)) {
+        Ok(args) => args,
+        Err(status) => return status,
+    };
+    match Check::new(args).and_then(Check::run) {
+        Ok(status) => status,
+        Err(error) => {
+            let _ = writeln!(io::stderr().lock(), "check: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+struct Check {
+    args: Args,
+    root: PathBuf,
+    register: Register,
+    broken: Vec<Gap>,
+    session: Session,
+    runs: Vec<Ran>,
+}
+
+impl Check {
+    fn new(args: Args) -> io::Result<Self> {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("..")
+            .canonicalize()?;
+        let (register, broken) = Register::parse(&fs::read_to_string(properties(&root))?);
+        Ok(Self {
+            args,
+            root,
+            register,
+            broken,
+            session: Session::default(),
+            runs: Vec::new(),
+        })
+    }
+
+    fn run(mut self) -> io::Result<ExitCode> {
+        if self.args.table {
+            return say(&readme_table(&self.register)).map(|()| ExitCode::SUCCESS);
+        }
+        if let Some(unknown) = self.select() {
+            say(&format!(
+                "no engine, property or harness is called {unknown}"
+            ))?;
+            return Ok(ExitCode::from(2));
+        }
+        let start = Instant::now();
+        let interrupts = Interrupts::watch()?;
+        let engines = self.engines();
+        for (index, engine) in engines.iter().enumerate() {
+            let screen = Screen::new(*engine, index + 1, engines.len());
+            if !self.engine(*engine, &interrupts, screen)? {
+                say(&table::render(&self.register, &self.runs))?;
+                say(&format!("interrupted while {engine} ran"))?;
+                return Ok(ExitCode::from(INTERRUPTED));
+            }
+        }
+        say(&table::render(&self.register, &self.runs))?;
+        if self.args.write {
+            self.write()?;
+        }
+        let gaps = self.gaps()?;
+        for gap in &gaps {
+            say(&format!("GAP {gap}"))?;
+        }
+        if self.args.missing {
+            say(&self.session.missing(&self.register).join("\n"))?;
+        }
+        self.summary(gaps.len(), start)
+    }
+
+    /// Finds out which rows were asked for; or which word means nothing.
+    fn select(&mut self) -> Option<String> {
+        let mut chosen = BTreeSet::new();
+        for word in &self.args.only {
+            let rows = self.register.checks().iter().filter(|it| {
+                it.engine.word() == word || it.harness == *word || it.shows.contains(word)
+            });
+            let rows: Vec<_> = rows.map(|it| (it.engine, it.harness.clone())).collect();
+            // An engine may have no rows yet.
+            if rows.is_empty() && Engine::named(word).is_none() {
+                return Some(word.clone());
+            }
+            chosen.extend(rows);
+        }
+        self.session.only = (!self.args.only.is_empty()).then_some(chosen);
+        None
+    }
+
+    /// Whether all that an engine has is asked for.
+    fn whole(&self, engine: Engine) -> bool {
+        self.args.only.is_empty() || self.args.only.iter().any(|it| it == engine.word())
+    }
+
+    /// The engines to run, in their order.
+    fn engines(&self) -> Vec<Engine> {
+        let asked = |engine: &Engine| {
+            let rows = self.session.only.iter().flatten();
+            self.whole(*engine) || rows.into_iter().any(|(it, _)| it == engine)
+        };
+        Engine::ALL.into_iter().filter(asked).collect()
+    }
+
+    /// Runs one engine; false if that was interrupted.
+    fn engine(&mut self, engine: Engine, stop: &Interrupts, screen: Screen) -> io::Result<bool> {
+        let asked = |harness: &String| {
+            let key = (engine, harness.clone());
+            self.whole(engine) || self.session.only.iter().any(|it| it.contains(&key))
+        };
+        let rows = self.register.of(engine);
+        let rows = rows.map(|it| (it.harness.clone(), it.run == Run::Quick));
+        let rows = rows.filter(|(harness, _)| asked(harness)).collect();
+        let plan = Plan::new(engine, self.args.quick, self.whole(engine), rows);
+        let folder = target(&self.root).join("verification");
+        let Some(ran) = run::run(&plan, &self.root, &folder, stop, screen)? else {
+            return Ok(false);
+        };
+        if let Verdict::Failed { .. } = ran.verdict {
+            let lines = run::last_lines(&ran.log, LAST_LINES);
+            say(&format!("{lines}\n--- the end of {}\n", ran.log.display()))?;
+        }
+        self.session.engines.insert(engine, ran.extent.clone());
+        self.session.outcomes.extend(ran.outcomes.iter().cloned());
+        self.runs.push(ran);
+        Ok(true)
+    }
+
+    /// Brings PROPERTIES.md and README.md up to date.
+    fn write(&mut self) -> io::Result<()> {
+        self.session.write(&mut self.register);
+        replace(&properties(&self.root), &self.register.text())?;
+        (self.register, self.broken) = Register::parse(&self.register.text());
+        let text = fs::read_to_string(readme(&self.root))?;
+        match with_table(&text, &readme_table(&self.register)) {
+            Ok(text) => replace(&readme(&self.root), &text),
+            // Among the gaps.
+            Err(_) => Ok(()),
+        }
+    }
+
+    fn gaps(&mut self) -> io::Result<Vec<Gap>> {
+        let mut gaps = std::mem::take(&mut self.broken);
+        gaps.extend(self.unknown_clauses()?);
+        gaps.extend(self.session.gaps(&self.register));
+        let text = fs::read_to_string(readme(&self.root))?;
+        let kind = match with_table(&text, &readme_table(&self.register)) {
+            Ok(made) if made == text => None,
+            Ok(_) => Some(GapKind::Readme),
+            Err(kind) => Some(kind),
+        };
+        gaps.extend(kind.map(|kind| Gap { line: None, kind }));
+        Ok(gaps)
+    }
+
+    fn unknown_clauses(&self) -> io::Result<Vec<Gap>> {
+        let spec = clauses::check(&self.root).map_err(io::Error::other)?;
+        let in_force = |level| matches!(level, Level::Must | Level::Should | Level::May);
+        let mut gaps = Vec::new();
+        for property in self.register.properties() {
+            for clause in &property.clauses {
+                let found = spec.clauses().get(clause);
+                if !found.is_some_and(|it| in_force(it.level)) {
+                    let kind = GapKind::UnknownClause(clause.to_string());
+                    let line = Some(property.line());
+                    gaps.push(Gap { line, kind });
+                }
+            }
+        }
+        Ok(gaps)
+    }
+
+    /// Prints the last line, and says with which status to end.
+    fn summary(&self, gaps: usize, start: Instant) -> io::Result<ExitCode> {
+        let checks = self.session.outcomes.len();
+        let failed = self.session.outcomes.iter().filter(|it| !it.held).count();
+        let ended =
+            |is: fn(&Verdict) -> bool| self.runs.iter().filter(|it| is(&it.verdict)).count();
+        let bad = ended(|it| matches!(it, Verdict::Failed { .. }));
+        let skipped = ended(|it| matches!(it, Verdict::Skipped { .. }));
+        let engines = self.runs.len();
+        let time_s = start.elapsed().as_secs();
+        say(&format!(
+            "{checks} checks of {engines} engines in {time_s} s: {failed} checks and {bad} engines \
+             failed, {skipped} engines skipped, {gaps} gaps"
+        ))?;
+        let well = failed == 0 && bad == 0 && gaps == 0;
+        Ok(ExitCode::from(match (well, checks, skipped) {
+            (true, 0, 0) => FAILED,
+            (true, 0, _) => SKIPPED,
+            (true, ..) => 0,
+            (false, ..) => FAILED,
+        }))
+    }
+}
+
+fn properties(root: &Path) -> PathBuf {
+    root.join("verification/PROPERTIES.md")
+}
+
+fn readme(root: &Path) -> PathBuf {
+    root.join("README.md")
+}
+
+fn target(root: &Path) -> PathBuf {
+    env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |it| root.join(it))
+}
+
+/// Writes a file that is not so yet.
+fn replace(path: &Path, text: &str) -> io::Result<()> {
+    if fs::read_to_string(path)? != text {
+        fs::write(path, text)?;
+    }
+    Ok(())
+}
+
+/// A reader that has gone away, such as `head`, ends the run.
+fn say(text: &str) -> io::Result<()> {
+    writeln!(io::stdout().lock(), "{text}")
+}

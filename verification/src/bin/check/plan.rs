@@ -1,0 +1,209 @@
+//! How each engine is run.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::env;
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use sm2_verification::properties::Engine;
+
+use crate::process::{Ended, Interrupts};
+use crate::step::{Reports, Step};
+use crate::target;
+
+const FUZZ_SECONDS: &str = "SM2_CI_FUZZ_SECONDS";
+
+/// The programs of engines that take names, or `--quick`, or `--list`.
+const fn programs(engine: Engine) -> &'static [&'static str] {
+    match engine {
+        Engine::Model => &[
+            "cargo run -q --locked -p sm2-verification --profile model --bin model --",
+            "cargo run -q --locked -p sm2-verification --profile model --bin link-model --",
+        ],
+        Engine::Angr => &["verification/symbolic/run"],
+        Engine::Mutants => &["cargo run -q --locked -p sm2-verification --bin mutants --"],
+        _ => &[],
+    }
+}
+
+/// What has to be run for an engine.
+pub(crate) struct Plan {
+    engine: Engine,
+    /// Whether it is to keep to its quick bounds.
+    quick: bool,
+    /// Whether all of its checks are asked for, not only those of `rows`.
+    whole: bool,
+    /// The rows that are asked for, and whether they are quick ones.
+    rows: BTreeMap<String, bool>,
+}
+
+/// Names of checks; or why there are none.
+type Listed = Result<BTreeSet<String>, String>;
+
+impl Plan {
+    pub(crate) fn new(
+        engine: Engine,
+        quick: bool,
+        whole: bool,
+        rows: BTreeMap<String, bool>,
+    ) -> Self {
+        Self {
+            engine,
+            quick,
+            whole,
+            rows,
+        }
+    }
+
+    pub(crate) const fn engine(&self) -> Engine {
+        self.engine
+    }
+
+    pub(crate) const fn is_quick(&self) -> bool {
+        self.quick
+    }
+
+    /// The programs to run, one after the other; none if all that is asked for are rows of a
+    /// full run, and this is a quick one.
+    pub(crate) fn steps(
+        &self,
+        root: &Path,
+        stop: &Interrupts,
+    ) -> io::Result<Result<Vec<Step>, String>> {
+        if !self.rows.is_empty() && self.wanted().next().is_none() {
+            return Ok(Ok(Vec::new()));
+        }
+        let itself = |line: &str| vec![Step::new(line, Reports::Itself)];
+        let engine = self.engine;
+        Ok(Ok(match engine {
+            Engine::Clauses => vec![Step::new(
+                "cargo run -q --locked -p sm2-verification --bin clauses",
+                Reports::After(engine, "check links; "),
+            )],
+            Engine::NoStd => {
+                let line = "cargo build --release --locked --manifest-path verification/no-std/Cargo.toml --target-dir";
+                vec![Step::new(line, Reports::Built(engine)).with([target(root).join("no-std")])]
+            }
+            Engine::StandIn => itself("cargo test --locked -p sm2-proto --lib explored"),
+            Engine::Test | Engine::Proptest | Engine::Vector => self.tests(root)?,
+            Engine::Loom => itself("verification/loom"),
+            Engine::LibFuzzer => {
+                let seconds = if self.quick { "20" } else { "60" };
+                let seconds = env::var(FUZZ_SECONDS).unwrap_or_else(|_| seconds.to_owned());
+                let step = Step::new(&format!(".ci/fuzz {seconds}"), Reports::Itself);
+                let names = self.wanted().filter(|_| !self.whole);
+                vec![step.with(names)]
+            }
+            Engine::Kani => itself("verification/kani"),
+            Engine::Model | Engine::Angr | Engine::Mutants => return self.listing(root, stop),
+        }))
+    }
+
+    /// The programs that list their checks: each with those of its checks that are asked for.
+    fn listing(&self, root: &Path, stop: &Interrupts) -> io::Result<Result<Vec<Step>, String>> {
+        let mut steps = Vec::new();
+        for program in programs(self.engine) {
+            let step = Step::new(program, Reports::Itself);
+            if self.whole {
+                let quick = self.quick.then_some("--quick");
+                steps.push(step.with(quick));
+                continue;
+            }
+            let listed = match self.list(program, root, stop)? {
+                Ok(listed) => listed,
+                Err(why) => return Ok(Err(why)),
+            };
+            let names: Vec<_> = self.wanted().filter(|it| listed.contains(*it)).collect();
+            if !names.is_empty() {
+                steps.push(step.with(names));
+            }
+        }
+        Ok(Ok(steps))
+    }
+
+    /// The rows that this run has to run.
+    fn wanted(&self) -> impl Iterator<Item = &String> {
+        let wanted = |(_, quick): &(&String, &bool)| **quick || !self.quick;
+        self.rows.iter().filter(wanted).map(|(name, _)| name)
+    }
+
+    fn tests(&self, root: &Path) -> io::Result<Vec<Step>> {
+        let step = |name: &String| {
+            let reports = Reports::Tests(self.engine, name.clone());
+            test_line(root, name).map(|line| Step::new(&line, reports))
+        };
+        self.wanted().map(step).collect()
+    }
+
+    /// Which of the checks that a quick run leaves out there are.
+    pub(crate) fn listed(&self, root: &Path, stop: &Interrupts) -> io::Result<Listed> {
+        let full = self.rows.iter().filter(|(_, quick)| !**quick);
+        let full: Vec<_> = full.map(|(name, _)| name).collect();
+        if full.is_empty() {
+            return Ok(Ok(BTreeSet::new()));
+        }
+        if let Engine::Test | Engine::Proptest | Engine::Vector = self.engine {
+            let is_there = |name: &&String| root.join(file_of(name)).is_file();
+            return Ok(Ok(full.into_iter().filter(is_there).cloned().collect()));
+        }
+        let mut all = BTreeSet::new();
+        for program in programs(self.engine) {
+            match self.list(program, root, stop)? {
+                Ok(listed) => all.extend(listed),
+                Err(why) => return Ok(Err(why)),
+            }
+        }
+        Ok(Ok(all))
+    }
+
+    /// What a program says that it can check: the first word of each line.
+    fn list(&self, program: &str, root: &Path, stop: &Interrupts) -> io::Result<Listed> {
+        let output = target(root).join(format!("verification/{}.list", self.engine));
+        let step = Step::new(program, Reports::Itself).with(["--list"]);
+        match step.print(root, &output, stop)? {
+            Ended::Well => {
+                let text = fs::read_to_string(&output)?;
+                let first = |line: &str| line.split_whitespace().next().map(str::to_owned);
+                Ok(Ok(text.lines().filter_map(first).collect()))
+            }
+            ended => Ok(Err(format!("{ended:?} of: {step}"))),
+        }
+    }
+}
+
+/// `crate/tests/target.rs::test` without the test.
+fn file_of(name: &str) -> &str {
+    name.split_once("::").map_or(name, |(file, _)| file)
+}
+
+/// The command for `crate/tests/target.rs`, or for a module `crate/src/module.rs`; and for one
+/// test of such a file, `...rs::test`.
+///
+/// Of the whole workspace, where the name is of one package alone: then nothing is built anew
+/// that `cargo test --workspace` has built.
+fn test_line(root: &Path, name: &str) -> io::Result<String> {
+    let (file, test) = name.split_once("::").unwrap_or((name, ""));
+    let path = file.trim_end_matches(".rs");
+    if let Some((_, module)) = path.split_once("/src/") {
+        let module = module.trim_end_matches("/mod").replace('/', "::");
+        return Ok(format!(
+            "cargo test --locked --workspace --lib {module}::{test}"
+        ));
+    }
+    let (package, target) = path.rsplit_once("/tests/").unwrap_or((path, ""));
+    let mut packages = 0;
+    for entry in fs::read_dir(root)? {
+        let namesake = entry?.path().join("tests").join(target);
+        packages += usize::from(namesake.with_extension("rs").is_file());
+    }
+    let of = match packages {
+        1 => "--workspace".to_owned(),
+        _ => format!("--manifest-path {package}/Cargo.toml"),
+    };
+    let all = format!("cargo test --locked {of} --test {target}");
+    Ok(match test {
+        "" => all,
+        test => format!("{all} -- --exact {test}"),
+    })
+}

@@ -1,0 +1,124 @@
+//! Starting programs so that they can be ended.
+
+use std::ffi::OsString;
+use std::fs::{self, OpenOptions};
+use std::io;
+use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::{Signal, killpg};
+use nix::unistd::Pid;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+/// Which status says that this machine cannot run the program.
+const CANNOT: i32 = 77;
+const TURN: Duration = Duration::from_millis(50);
+/// How long a program may take to end once it was told to.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Whether somebody wants the run to end.
+pub(crate) struct Interrupts(Arc<AtomicBool>);
+
+impl Interrupts {
+    /// Takes SIGINT, SIGTERM and SIGHUP from here on.
+    pub(crate) fn watch() -> io::Result<Self> {
+        let flag = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            signal_hook::flag::register(signal, Arc::clone(&flag))?;
+        }
+        Ok(Self(flag))
+    }
+
+    /// Whether that was so.
+    pub(crate) fn seen(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// How a program ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Ended {
+    Well,
+    /// This machine cannot run it.
+    Skipped,
+    /// Its status, in words.
+    Failed(String),
+    /// It was ended, with all that it had started.
+    Interrupted,
+}
+
+impl Ended {
+    fn of(status: ExitStatus) -> Self {
+        match (status.code(), status.signal()) {
+            (Some(0), _) => Self::Well,
+            (Some(CANNOT), _) => Self::Skipped,
+            (Some(code), _) => Self::Failed(format!("status {code}")),
+            (None, signal) => Self::Failed(format!("signal {}", signal.unwrap_or_default())),
+        }
+    }
+}
+
+/// Runs a program in a process group of its own, its output appended to `log`.
+pub(crate) fn run(
+    words: &[OsString],
+    environment: &[(&str, OsString)],
+    folder: &Path,
+    log: &Path,
+    stop: &Interrupts,
+    mut turn: impl FnMut(),
+) -> io::Result<Ended> {
+    let Some((program, args)) = words.split_first() else {
+        return Err(io::ErrorKind::InvalidInput.into());
+    };
+    let out = OpenOptions::new().create(true).append(true).open(log)?;
+    let started = Command::new(program)
+        .args(args)
+        .envs(environment.iter().map(|(name, value)| (name, value)))
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .stdout(out.try_clone()?)
+        .stderr(out)
+        .process_group(0)
+        .spawn();
+    let mut child = match started {
+        Ok(child) => child,
+        Err(error) => return Ok(Ended::Failed(format!("no start, {error},"))),
+    };
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Ended::of(status));
+        }
+        if stop.seen() {
+            return end(&mut child).map(|()| Ended::Interrupted);
+        }
+        turn();
+        thread::sleep(TURN);
+    }
+}
+
+/// Ends the process group of `child`: first asked, then made to.
+fn end(child: &mut Child) -> io::Result<()> {
+    let Ok(id) = i32::try_from(child.id()) else {
+        return child.kill();
+    };
+    let group = Pid::from_raw(id);
+    let _ = killpg(group, Signal::SIGTERM);
+    let start = Instant::now();
+    while child.try_wait()?.is_none() && start.elapsed() < PATIENCE {
+        thread::sleep(TURN);
+    }
+    // What the program started may outlive it; none left is what is wanted.
+    let _ = killpg(group, Signal::SIGKILL);
+    child.wait().map(drop)
+}
+
+/// How many lines a file has.
+pub(crate) fn lines(path: &Path) -> usize {
+    let count = |text: String| text.lines().count();
+    fs::read_to_string(path).map_or(0, count)
+}

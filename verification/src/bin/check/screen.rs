@@ -1,0 +1,75 @@
+//! Which engine is running, on standard error.
+
+use std::io::{self, IsTerminal, Write as _};
+use std::time::{Duration, Instant};
+
+use sm2_verification::properties::Engine;
+
+use crate::run::Verdict;
+
+/// How often a line that cannot be rewritten is written.
+const IN_A_LOG: Duration = Duration::from_secs(60);
+const ON_A_TERMINAL: Duration = Duration::from_millis(500);
+
+/// The line of one engine.
+pub(crate) struct Screen {
+    name: String,
+    terminal: bool,
+    start: Instant,
+    shown: Instant,
+}
+
+impl Screen {
+    pub(crate) fn new(engine: Engine, number: usize, of: usize) -> Self {
+        let now = Instant::now();
+        let screen = Self {
+            name: format!("[{number:2}/{of}] {engine:<9}"),
+            terminal: io::stderr().is_terminal(),
+            start: now,
+            shown: now,
+        };
+        if !screen.terminal {
+            screen.write("started");
+        }
+        screen
+    }
+
+    /// Says how far it got, if it is time to.
+    pub(crate) fn progress(&mut self, checks: impl FnOnce() -> usize) {
+        let every = if self.terminal {
+            ON_A_TERMINAL
+        } else {
+            IN_A_LOG
+        };
+        if self.shown.elapsed() >= every {
+            self.shown = Instant::now();
+            let time_s = self.start.elapsed().as_secs();
+            self.write(&format!("{} checks so far, {time_s} s", checks()));
+        }
+    }
+
+    /// Says how it ended.
+    pub(crate) fn ended(&self, verdict: &Verdict, checks: usize) {
+        let time_s = self.start.elapsed().as_secs_f64();
+        let word = match verdict {
+            Verdict::Held => format!("{checks} checks, {time_s:.1} s"),
+            Verdict::Skipped { why } => format!("skipped: {why}"),
+            Verdict::Failed { why } => format!("FAILED after {time_s:.1} s: {why}"),
+        };
+        self.write(&word);
+        if self.terminal {
+            let _ = writeln!(io::stderr());
+        }
+    }
+
+    fn write(&self, word: &str) {
+        let mut out = io::stderr().lock();
+        // That nobody reads along is no failure.
+        let _ = if self.terminal {
+            write!(out, "\r\x1b[2K{}  {word}", self.name)
+        } else {
+            writeln!(out, "{}  {word}", self.name)
+        };
+        let _ = out.flush();
+    }
+}

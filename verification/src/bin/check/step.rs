@@ -1,0 +1,143 @@
+//! One program of an engine, and where its results come from.
+
+use std::ffi::OsString;
+use std::fmt;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write as _};
+use std::path::Path;
+use std::time::Instant;
+
+use sm2_verification::properties::Engine;
+
+use crate::process::{self, Ended, Interrupts};
+use crate::screen::Screen;
+
+/// Names the file to which runners append their results.
+const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
+
+/// One program.
+pub(crate) struct Step {
+    words: Vec<OsString>,
+    reports: Reports,
+}
+
+/// Where a program's results come from.
+pub(crate) enum Reports {
+    /// It writes them.
+    Itself,
+    /// It is one check, whose last line says what it covered after this text.
+    After(Engine, &'static str),
+    /// It is one check that leaves no text.
+    Built(Engine),
+    /// It is a test target.
+    Tests(Engine, String),
+}
+
+impl Step {
+    pub(crate) fn new(line: &str, reports: Reports) -> Self {
+        Self {
+            words: line.split(' ').map(OsString::from).collect(),
+            reports,
+        }
+    }
+
+    /// Adds words to its line.
+    pub(crate) fn with(mut self, words: impl IntoIterator<Item = impl Into<OsString>>) -> Self {
+        self.words.extend(words.into_iter().map(Into::into));
+        self
+    }
+
+    /// Runs it for what it prints, into `output`.
+    pub(crate) fn print(&self, root: &Path, output: &Path, stop: &Interrupts) -> io::Result<Ended> {
+        fs::write(output, "")?;
+        process::run(&self.words, &environment(None), root, output, stop, || {})
+    }
+
+    /// Runs it, and appends its result where it does not do that itself.
+    pub(crate) fn run(
+        &self,
+        root: &Path,
+        log: &Path,
+        results: &Path,
+        stop: &Interrupts,
+        screen: &mut Screen,
+    ) -> io::Result<Ended> {
+        let before = fs::metadata(log)?.len();
+        let start = Instant::now();
+        let turn = || screen.progress(|| process::lines(results));
+        let ended = process::run(
+            &self.words,
+            &environment(Some(results)),
+            root,
+            log,
+            stop,
+            turn,
+        )?;
+        if matches!(ended, Ended::Interrupted | Ended::Skipped) {
+            return Ok(ended);
+        }
+        let text = fs::read(log)?;
+        let text = String::from_utf8_lossy(
+            text.get(usize::try_from(before).unwrap_or(0)..)
+                .unwrap_or_default(),
+        );
+        let (engine, harness, covered) = match &self.reports {
+            Reports::Itself => return Ok(ended),
+            Reports::After(engine, words) => {
+                let covered = text.lines().find_map(|it| it.split_once(words));
+                (
+                    engine,
+                    engine.word(),
+                    covered.map(|(_, rest)| rest.to_owned()),
+                )
+            }
+            Reports::Built(engine) => (engine, engine.word(), Some("linked".to_owned())),
+            Reports::Tests(engine, name) => (engine, name.as_str(), passed(&text)),
+        };
+        let held = ended == Ended::Well && covered.is_some();
+        let verdict = if held { "ok" } else { "FAILED" };
+        let covered = covered.unwrap_or_else(|| "nothing".to_owned());
+        // Of tests only their own time: most of the other is their building.
+        let time_s = finished(&text).unwrap_or_else(|| start.elapsed().as_secs_f64());
+        let line = format!("{engine}\t{harness}\t{verdict}\t{time_s:.1}\t{covered}\n");
+        OpenOptions::new()
+            .append(true)
+            .open(results)?
+            .write_all(line.as_bytes())?;
+        Ok(ended)
+    }
+}
+
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words: Vec<_> = self.words.iter().map(|it| it.to_string_lossy()).collect();
+        f.write_str(&words.join(" "))
+    }
+}
+
+/// How many tests passed; nothing if none did.
+fn passed(log: &str) -> Option<String> {
+    let count = |line: &str| {
+        let (_, rest) = line.split_once("test result: ")?;
+        let (_, rest) = rest.split_once(". ")?;
+        rest.split_once(" passed")?.0.parse::<usize>().ok()
+    };
+    let passed: usize = log.lines().filter_map(count).sum();
+    (passed > 0).then(|| format!("{passed} tests"))
+}
+
+fn environment(results: Option<&Path>) -> Vec<(&'static str, OsString)> {
+    let mut all = vec![("CARGO_TERM_COLOR", OsString::from("never"))];
+    all.extend(results.map(|it| (RESULTS, it.into())));
+    all
+}
+
+/// For how long tests ran, if any did.
+fn finished(log: &str) -> Option<f64> {
+    let time_s = |line: &str| {
+        let (_, rest) = line.split_once("; finished in ")?;
+        rest.trim_end_matches('s').parse::<f64>().ok()
+    };
+    let times: Vec<_> = log.lines().filter_map(time_s).collect();
+    (!times.is_empty()).then(|| times.iter().sum())
+}

@@ -1,0 +1,70 @@
+//! Manager and nodes together. Links are two ends that are open or closed; what flows on them is
+//! no part of this model.
+//!
+//! [`Scope`] says who is there and what may happen, [`World`] is one moment of it.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+mod action;
+mod books;
+mod choices;
+mod compare;
+mod faults;
+mod hand;
+#[path = "../../../sm2-proto/tests/support/matching.rs"]
+mod matching;
+mod order;
+mod ports;
+mod print;
+mod quiet;
+mod scope;
+mod steps;
+mod tape;
+mod world;
+
+pub use self::{
+    action::Action,
+    compare::Findings,
+    faults::Fault,
+    hand::walk_by_hand,
+    scope::{Budget, Scope},
+    world::World,
+};
+use super::{Failure, Golden, System};
+
+/// What was counted before.
+pub const COUNTS: Golden = Golden {
+    file: "model-counts.txt",
+    text: include_str!("../../model-counts.txt"),
+};
+
+impl System for Scope {
+    type Moment = World;
+    type Action = Action;
+
+    fn first(&self) -> Result<World, Failure> {
+        World::new(self)
+    }
+
+    fn actions(&self, world: &World) -> Vec<Action> {
+        world.actions(self)
+    }
+
+    fn check(&self, world: &World, actions: &[Action]) -> Result<bool, Failure> {
+        world.check(self, actions)
+    }
+
+    fn step(&self, world: &World, action: Action) -> Result<World, Failure> {
+        world.step(self, action)
+    }
+
+    fn print(&self, world: &World) -> u64 {
+        if self.reduced {
+            world.print(self)
+        } else {
+            let mut hasher = DefaultHasher::new();
+            world.hash(&mut hasher);
+            hasher.finish()
+        }
+    }
+}

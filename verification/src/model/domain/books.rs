@@ -1,0 +1,117 @@
+//! Farewells: one per end of a link and direction of a session.
+
+use std::collections::BTreeMap;
+
+use sm2_proto::{InterfaceId, LinkId};
+
+/// Who speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Side {
+    Manager,
+    Node,
+}
+
+/// The ends of links that are named in one session and lack a farewell.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Books(BTreeMap<(InterfaceId, LinkId), Book>);
+
+/// Of the Manager and the node, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Book {
+    /// Who has named the end, or heard of it.
+    knows: [bool; 2],
+    /// Who has said farewell.
+    said: [bool; 2],
+    /// Who has read the other's.
+    read: [bool; 2],
+}
+
+impl Books {
+    /// A side names an end for the first time; what is wrong with it, if anything.
+    pub(super) fn name(
+        &mut self,
+        side: Side,
+        interface: InterfaceId,
+        link: LinkId,
+    ) -> Option<String> {
+        let mut knows = [false; 2];
+        knows[side as usize] = true;
+        let [said, read] = [[false; 2]; 2];
+        let book = Book { knows, said, read };
+        let before = self.0.insert((interface, link), book);
+        before.map(|_| format!("{link} of {interface} is named twice"))
+    }
+
+    /// A side reads that name.
+    pub(super) fn hear(&mut self, side: Side, interface: InterfaceId, link: LinkId) {
+        if let Some(book) = self.0.get_mut(&(interface, link)) {
+            book.knows[side as usize] = true;
+        }
+    }
+
+    /// A side says farewell; what is wrong with it, if anything.
+    //= SM2-LNK-003 model
+    pub(super) fn farewell(
+        &mut self,
+        side: Side,
+        interface: InterfaceId,
+        link: LinkId,
+    ) -> Option<String> {
+        let side = side as usize;
+        let book = self.0.get_mut(&(interface, link));
+        let Some(book) = book.filter(|it| it.knows[side] && !it.said[side]) else {
+            return Some(format!(
+                "{link} of {interface} has no such farewell to come"
+            ));
+        };
+        book.said[side] = true;
+        self.close(interface, link);
+        None
+    }
+
+    /// A side reads the other's farewell. After both the end is over.
+    pub(super) fn read(&mut self, side: Side, interface: InterfaceId, link: LinkId) {
+        let Some(book) = self.0.get_mut(&(interface, link)) else {
+            return;
+        };
+        book.read[side as usize] = true;
+        self.close(interface, link);
+    }
+
+    fn close(&mut self, interface: InterfaceId, link: LinkId) {
+        let book = self.0.get(&(interface, link));
+        if book.is_some_and(|it| it.said == [true; 2] && it.read == [true; 2]) {
+            self.0.remove(&(interface, link));
+        }
+    }
+
+    /// The Manager reads nothing more, and owes nothing for it.
+    pub(super) fn manager_ends(&mut self) {
+        for book in self.0.values_mut() {
+            book.read[Side::Manager as usize] = true;
+        }
+        self.0
+            .retain(|_, it| it.said != [true; 2] || it.read != [true; 2]);
+    }
+
+    /// An interface is gone, and all its ends.
+    pub(super) fn forget(&mut self, interface: InterfaceId) {
+        self.0.retain(|(of, _), _| *of != interface);
+    }
+
+    /// Whether a side has said farewell to an end.
+    pub(super) fn has_said(&self, side: Side, interface: InterfaceId, link: LinkId) -> bool {
+        let book = self.0.get(&(interface, link));
+        book.is_some_and(|it| it.said[side as usize])
+    }
+
+    pub(super) fn ends(&self) -> impl Iterator<Item = &(InterfaceId, LinkId)> {
+        self.0.keys()
+    }
+
+    /// An end to which one side has said farewell, and not both have read the other's.
+    pub(super) fn half_said(&self) -> Option<(InterfaceId, LinkId)> {
+        let half = self.0.iter().find(|(_, it)| it.said.contains(&true));
+        half.map(|(end, _)| *end)
+    }
+}

@@ -1,0 +1,147 @@
+//! What can happen in a moment.
+
+use sm2_proto::{
+    Datagram, InterfaceId,
+    manager::{self, Manager},
+    node,
+};
+
+use super::{
+    Action, Scope,
+    world::{Socket, World, end_of},
+};
+
+impl World {
+    /// All that can happen now; in a reduced scope one action instead that may go first, if
+    /// there is one.
+    #[must_use]
+    pub fn actions(&self, scope: &Scope) -> Vec<Action> {
+        let mut actions = self.progress();
+        if scope.reduced
+            && let Some(first) = self.goes_first(scope, &actions)
+        {
+            return vec![first];
+        }
+        self.add_choices(scope, &mut actions);
+        actions
+    }
+
+    /// What happens by itself, sooner or later.
+    pub(super) fn progress(&self) -> Vec<Action> {
+        let mut actions = Vec::new();
+        let alive = self.manager.is_some();
+        if !alive {
+            actions.push(Action::ManagerBegins);
+        }
+        for (at, program) in (0_u8..).zip(&self.programs) {
+            let open = program.connection.as_ref();
+            if alive && (!program.closed.is_empty() || open.is_some_and(|it| !it.up.is_empty())) {
+                actions.push(Action::ManagerReads(at));
+            }
+            if open.is_some_and(|it| !it.down.is_empty()) {
+                actions.push(Action::NodeReads(at));
+            }
+            // A Manager hears those who are gone before those who come.
+            if alive && open.is_none() && program.closed.is_empty() {
+                actions.push(Action::Connects(at));
+            }
+            for &(interface, link) in &program.links {
+                let pair = &self.pairs[&link];
+                let ours = end_of(&pair.ends, (at, program.life, interface));
+                if pair.sockets[1 - ours] == Socket::Closed {
+                    actions.push(Action::Notices(at, interface, link));
+                }
+            }
+        }
+        let manager = self.manager.as_ref();
+        let deadline = manager.and_then(|it| it.machine().deadline());
+        if actions.is_empty() && deadline.is_some() {
+            actions.push(Action::TimePasses);
+        }
+        actions
+    }
+
+    /// What may happen, within the budget.
+    fn add_choices(&self, scope: &Scope, actions: &mut Vec<Action>) {
+        let alive = self.manager.is_some();
+        for (at, program) in (0_u8..).zip(&self.programs) {
+            if !scope.eager && !program.undeclared.is_empty() && self.can_declare(at) {
+                actions.push(Action::Declares(at));
+            }
+            if self.budget.withdrawals > 0 {
+                for &interface in program.interfaces.keys() {
+                    let withdraw = node::Input::Withdraw { interface };
+                    // Not while it is being declared.
+                    if program.node.clone().handle(self.now, withdraw).is_ok() {
+                        actions.push(Action::Withdraws(at, interface));
+                    }
+                }
+            }
+            if self.budget.closes > 0 {
+                let links = program.links.iter();
+                actions.extend(links.map(|&(interface, link)| Action::Closes(at, interface, link)));
+            }
+            if self.budget.node_crashes > 0 && program.begun {
+                actions.push(Action::NodeDies(at));
+            }
+            let open = program.connection.as_ref().filter(|it| !it.dead);
+            if self.budget.stalls > 0 && alive && open.is_some() {
+                actions.push(Action::Stalls(at));
+            }
+        }
+        if self.budget.shutdowns > 0 && alive {
+            actions.push(Action::ManagerShutsDown);
+        }
+        if self.budget.manager_crashes > 0 && alive {
+            actions.push(Action::ManagerDies);
+            for (at, program) in (0_u8..).zip(&self.programs) {
+                let open = program.connection.as_ref();
+                if !program.closed.is_empty() || open.is_some_and(|it| !it.up.is_empty()) {
+                    let frames = self.frames_of_answer(at);
+                    actions.extend((1..frames).map(|sent| Action::ManagerDiesAnswering(at, sent)));
+                }
+            }
+        }
+    }
+
+    fn can_declare(&self, at: u8) -> bool {
+        let mut node = self.programs[usize::from(at)].node.clone();
+        // Without a WELCOME no interface can be withdrawn either, whatever its number.
+        !matches!(
+            node.handle(
+                self.now,
+                node::Input::Withdraw {
+                    interface: InterfaceId(0)
+                }
+            ),
+            Err(node::Error::Misuse(node::Misuse::NotReady) | node::Error::Ended(_))
+        )
+    }
+
+    /// How many frames the Manager would send upon what a node sent.
+    fn frames_of_answer(&self, at: u8) -> u8 {
+        let program = &self.programs[usize::from(at)];
+        let connection = program.closed.front().or(program.connection.as_ref());
+        let (Some(connection), Some(manager)) = (connection, &self.manager) else {
+            return 0;
+        };
+        let session = connection.session;
+        let mut manager = Manager::clone(manager.machine());
+        let input = match connection.up.front() {
+            Some(frame) => manager::Input::Datagram {
+                session,
+                datagram: Datagram::new(&frame.bytes),
+            },
+            None => manager::Input::Closed { session },
+        };
+        if manager.handle(self.now, input).is_err() {
+            return 0;
+        }
+        let frames = std::iter::from_fn(|| manager.poll()).map(|output| match output {
+            manager::Output::Link { .. } => 2,
+            manager::Output::Send { .. } => 1,
+            _ => 0,
+        });
+        frames.sum()
+    }
+}

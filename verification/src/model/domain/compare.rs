@@ -1,0 +1,89 @@
+//! Whether the reductions lose anything: a scope searched with them and without.
+
+use std::{cell::RefCell, collections::BTreeSet};
+
+use super::{
+    super::{Counterexample, Failure, Property, System, explore},
+    Action, Scope, World,
+};
+
+/// What a whole search comes upon.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Findings {
+    /// The prints of the moments in which all is quiet.
+    pub quiet: BTreeSet<u64>,
+    /// What does not hold somewhere.
+    pub failures: BTreeSet<Property>,
+    /// How many moments were visited. This is what reductions change.
+    pub states: usize,
+}
+
+impl Findings {
+    /// Searches a scope to its end, also beyond failures.
+    ///
+    /// # Errors
+    ///
+    /// A failure behind which there is nothing to search: in the first moment, or a panic.
+    pub fn of(scope: &Scope) -> Result<Self, Counterexample<Action>> {
+        let collector = Collector {
+            scope,
+            found: RefCell::default(),
+        };
+        let report = explore(&collector, usize::MAX);
+        let mut found = collector.found.into_inner();
+        found.states = report.states;
+        report.failure.map_or(Ok(found), Err)
+    }
+
+    /// Whether two searches came upon the same.
+    #[must_use]
+    pub fn say_the_same(&self, other: &Self) -> bool {
+        (&self.quiet, &self.failures) == (&other.quiet, &other.failures)
+    }
+}
+
+/// A system in which nothing fails: where a property does not hold the way ends.
+struct Collector<'a> {
+    scope: &'a Scope,
+    found: RefCell<Findings>,
+}
+
+impl System for Collector<'_> {
+    type Moment = World;
+    type Action = Action;
+
+    fn first(&self) -> Result<World, Failure> {
+        self.scope.first()
+    }
+
+    fn actions(&self, world: &World) -> Vec<Action> {
+        self.scope.actions(world)
+    }
+
+    fn check(&self, world: &World, actions: &[Action]) -> Result<bool, Failure> {
+        let checked = self.scope.check(world, actions);
+        let mut found = self.found.borrow_mut();
+        match checked {
+            Ok(true) => {
+                found.quiet.insert(world.print(self.scope));
+            }
+            Ok(false) => {}
+            Err(failure) => {
+                found.failures.insert(failure.property);
+            }
+        }
+        Ok(false)
+    }
+
+    fn step(&self, world: &World, action: Action) -> Result<World, Failure> {
+        self.scope.step(world, action).or_else(|failure| {
+            let mut found = self.found.borrow_mut();
+            found.failures.insert(failure.property);
+            Ok(world.clone())
+        })
+    }
+
+    fn print(&self, world: &World) -> u64 {
+        self.scope.print(world)
+    }
+}

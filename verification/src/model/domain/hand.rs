@@ -1,0 +1,151 @@
+//! A person goes through a scope.
+
+use std::{
+    fmt,
+    io::{self, BufRead, Write},
+};
+
+use super::{
+    super::{Failure, System},
+    Action, Scope,
+    world::{Connection, Down, Pair, Program, World},
+};
+
+/// Shows a moment and what can happen in it; the person chooses by number, goes back with `b`,
+/// ends with `q`. A property that does not hold is told.
+///
+/// All that can happen is shown, also what a search need not look at.
+///
+/// # Errors
+///
+/// The person cannot be heard or told anything.
+pub fn walk_by_hand(
+    scope: &Scope,
+    ask: &mut impl BufRead,
+    tell: &mut impl Write,
+) -> io::Result<()> {
+    let scope = Scope {
+        reduced: false,
+        ..scope.clone()
+    };
+    let mut moments = match scope.first() {
+        Ok(first) => vec![first],
+        Err(failure) => return writeln!(tell, "{failure}"),
+    };
+    while let Some(world) = moments.last() {
+        let actions = show(&scope, world, tell)?;
+        write!(tell, "step {}> ", moments.len())?;
+        tell.flush()?;
+        let mut line = String::new();
+        if ask.read_line(&mut line)? == 0 {
+            break;
+        }
+        match line.trim() {
+            "q" => break,
+            "b" if moments.len() > 1 => drop(moments.pop()),
+            number => {
+                let number = number
+                    .parse::<usize>()
+                    .ok()
+                    .and_then(|it| it.checked_sub(1));
+                let Some(&action) = number.and_then(|it| actions.get(it)) else {
+                    writeln!(tell, "a number from the list, b for back, q to quit")?;
+                    continue;
+                };
+                match scope.step(world, action) {
+                    Ok(next) => moments.push(next),
+                    Err(failure) => writeln!(tell, "{action}\nDOES NOT HOLD: {failure}")?,
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn show(scope: &Scope, world: &World, tell: &mut impl Write) -> io::Result<Vec<Action>> {
+    let actions = scope.actions(world);
+    writeln!(tell, "\n{world}")?;
+    match scope.check(world, &actions) {
+        Ok(true) => writeln!(tell, "all is quiet, and as it should be")?,
+        Ok(false) => {}
+        Err(Failure { property, what }) => writeln!(tell, "DOES NOT HOLD: {property:?}: {what}")?,
+    }
+    for (number, action) in (1..).zip(&actions) {
+        writeln!(tell, "{number:3} {action}")?;
+    }
+    Ok(actions)
+}
+
+impl fmt::Display for World {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.manager {
+            Some(manager) => {
+                let manager = manager.machine();
+                let (sessions, links) = (manager.sessions(), manager.links());
+                writeln!(
+                    f,
+                    "Manager {}: {sessions} sessions, {links} links",
+                    self.epoch
+                )?;
+            }
+            None => writeln!(f, "no Manager")?,
+        }
+        for (at, program) in self.programs.iter().enumerate() {
+            writeln!(f, "node {at}, process {}: {program}", program.life)?;
+        }
+        for (link, pair) in &self.pairs {
+            writeln!(f, "{link}: {pair}")?;
+        }
+        let budget = &self.budget;
+        write!(f, "still possible: {budget:?}")
+    }
+}
+
+impl fmt::Display for Program {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for interface in self.interfaces.keys() {
+            write!(f, "{interface}, ")?;
+        }
+        match &self.connection {
+            None => write!(f, "not connected")?,
+            Some(it) if self.node.is_ready() => write!(f, "ready{it}")?,
+            Some(it) => write!(f, "connected{it}")?,
+        }
+        for closed in &self.closed {
+            write!(f, "\n  a connection that it has closed{closed}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Connection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.dead {
+            write!(f, ", the Manager's end is gone")?;
+        }
+        for frame in &self.up {
+            write!(f, "\n  to the Manager: {:?}", frame.says)?;
+        }
+        for down in &self.down {
+            match down {
+                Down::Frame(frame, _) => write!(f, "\n  to the node: {:?}", frame.says)?,
+                Down::Eof => write!(f, "\n  to the node: the end")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Pair {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [one, other] = self
+            .ends
+            .map(|(at, life, it)| format!("{it} of node {at}.{life}"));
+        let [ours, theirs] = self.sockets;
+        write!(f, "{one} ({ours:?}) with {other} ({theirs:?})")?;
+        if self.doomed {
+            write!(f, ", to end")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,156 @@
+//! Which action may go first, since it makes no difference when it happens.
+//!
+//! An action goes first if it commutes with all that can happen before it: with every other
+//! action that is possible now, or becomes so while it has not happened. One order then
+//! stands for all, and leads to the same quiet moments (a *persistent set* of one). Nothing
+//! goes round in circles here: each action spends a frame, a connection or a part of the budget.
+//! The moments between are not looked at.
+//!
+//! What follows rests on the tables of SPEC and on how queues work. Were a machine to break
+//! it, this might hide what comes of it. So the tests also search small scopes without this.
+//!
+//! **A node reads a frame that it does not answer** (LINK, WITHDRAWN, DECLARED of a ready
+//! node, GOODBYE, or the end). That changes this node alone, and what it reads was sent already. The death of
+//! the node takes all of it back: having read it or not makes no difference. What the Manager
+//! sends comes behind, also its end. A link that ends at the other side is seen
+//! before or after, in the same way. Not so: what a program asks for itself (a WITHDRAW that
+//! crosses LINK is the interesting case), so the budget has none left.
+//!
+//! **A node reads any frame.** Its answer comes behind what it has sent. If the Manager
+//! ends, it is lost, be it sent before or after. Besides the above, the node must not die (the Manager
+//! would read the answer or not), nor see a link end (which of two farewells is first matters), nor
+//! declare.
+//!
+//! **The Manager reads the answer to its own farewell.** It forgets that end, and nothing else; all that
+//! can come between forgets it too.
+//!
+//! **The Manager reads HELLO, or DECLARE of one who is resuming.** It changes that session alone, as
+//! nobody is linked with it, and no name or type is disputed. If the session ends, its answer is lost, be
+//! it sent or not. Not so: the end of the Manager, or of its connection, before or after the answer.
+//!
+//! **The Manager reads CLAIM.** Two claims of one link come to the same in either order, and so do CLAIM
+//! and all that makes links, which leaves resuming sessions out. But the link must not be ending.
+//!
+//! **The last node that is away connects.** The order of sessions is what it will be in any case.
+
+use sm2_proto::control::{ToManager, ToNode};
+
+use super::{
+    Action, Budget, Scope,
+    books::Side,
+    world::{Connection, Down, Program, Socket, World},
+};
+
+impl World {
+    pub(super) fn goes_first(&self, scope: &Scope, progress: &[Action]) -> Option<Action> {
+        let first = |may: &dyn Fn(&Action) -> bool| progress.iter().copied().find(|it| may(it));
+        let program = |at: u8| &*self.programs[usize::from(at)];
+        first(&|action| match *action {
+            Action::NodeReads(at) => self.reads_without_answer(program(at)),
+            Action::ManagerReads(at) => reads_last_farewell(program(at)),
+            _ => false,
+        })
+        .or_else(|| {
+            first(&|action| match *action {
+                Action::NodeReads(at) => self.reads_alone(scope, at),
+                Action::ManagerReads(at) => self.reads_of_one_session(scope, program(at)),
+                Action::Connects(at) => self.connects_last(at),
+                _ => false,
+            })
+        })
+    }
+
+    fn asks_nothing_more(&self) -> bool {
+        self.budget.withdrawals == 0 && self.budget.closes == 0
+    }
+
+    fn reads_without_answer(&self, program: &Program) -> bool {
+        let down = program.connection.as_ref().and_then(|it| it.down.front());
+        let silent = match down {
+            None => false,
+            Some(Down::Eof) => true,
+            Some(Down::Frame(frame, _)) => match frame.says {
+                ToNode::Link { .. } | ToNode::Withdrawn { .. } | ToNode::Goodbye { .. } => true,
+                ToNode::Declared { .. } => program.node.is_ready(),
+                _ => false,
+            },
+        };
+        silent && self.asks_nothing_more()
+    }
+
+    fn reads_alone(&self, scope: &Scope, at: u8) -> bool {
+        let program = &self.programs[usize::from(at)];
+        let sees_an_end = self.pairs.values().any(|pair| {
+            let mut ends = pair.ends.iter().zip(pair.sockets);
+            let held = |(end, socket): (&_, _)| {
+                let &(node, life, _) = end;
+                (node, life) == (at, program.life) && socket == Socket::Held
+            };
+            pair.doomed && ends.any(held)
+        });
+        self.asks_nothing_more()
+            && self.budget.node_crashes == 0
+            && self.budget.stalls == 0
+            && (scope.eager || program.undeclared.is_empty())
+            && !sees_an_end
+    }
+
+    fn manager_stays(&self) -> bool {
+        let Budget {
+            manager_crashes,
+            stalls,
+            shutdowns,
+            ..
+        } = self.budget;
+        [manager_crashes, stalls, shutdowns] == [0; 3]
+    }
+
+    fn reads_of_one_session(&self, scope: &Scope, program: &Program) -> bool {
+        let Some((connection, frame)) = read_next(program) else {
+            return false;
+        };
+        match frame {
+            ToManager::Hello { .. } => self.manager_stays(),
+            ToManager::Declare { .. } => connection.resuming && self.manager_stays(),
+            ToManager::Claim { .. } => self.nothing_ends(scope),
+            _ => false,
+        }
+    }
+
+    fn nothing_ends(&self, scope: &Scope) -> bool {
+        let idle = |it: &Program| it.closed.is_empty() && (scope.eager || it.undeclared.is_empty());
+        self.budget == Budget::default()
+            && self.pairs.values().all(|pair| !pair.doomed)
+            && self.programs.iter().all(|it| idle(it))
+    }
+
+    fn connects_last(&self, at: u8) -> bool {
+        let mut others = (0_u8..).zip(&self.programs).filter(|(it, _)| *it != at);
+        let connected = |it: &Program| it.connection.as_ref().is_some_and(|it| !it.dead);
+        self.budget.node_crashes == 0
+            && self.manager_stays()
+            && others.all(|(_, it)| connected(it) && it.closed.is_empty())
+    }
+}
+
+/// What the Manager reads next of a node whose connections before it has read to their end.
+fn read_next(program: &Program) -> Option<(&Connection, &ToManager)> {
+    let connection = program.connection.as_ref()?;
+    let frame = connection.up.front()?;
+    program
+        .closed
+        .is_empty()
+        .then_some((connection, &frame.says))
+}
+
+fn reads_last_farewell(program: &Program) -> bool {
+    match read_next(program) {
+        Some((
+            connection,
+            &ToManager::Unlinked {
+                interface, link, ..
+            },
+        )) => connection.books.has_said(Side::Manager, interface, link),
+        _ => false,
+    }
+}

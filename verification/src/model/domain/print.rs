@@ -1,0 +1,248 @@
+//! By what moments are told apart: all there is, but for names.
+//!
+//! Two moments of one print differ in nothing that a machine or this harness asks for, so the
+//! same can follow on both, and the same properties hold:
+//!
+//! - Links and sessions are counted through in the order of their numbers. Machines compare these
+//!   numbers with each other, and give new ones that are greater than all before; nothing else.
+//! - The keys of links are as good as the numbers that they belong to. One that does not
+//!   belong to its link stays what it is.
+//! - A Manager's revision is shown in pages and asked for by WATCH, and nobody watches.
+//! - Times count from now on.
+//! - A node never asks which number its session has, nor who the peer of a link is: both go to
+//!   its program, and programs do not ask here. So a node's own words have neither.
+//! - Nodes of equal programs are in the order of what they are and have. Where two of them are
+//!   alike in that, their own order stays: then one moment may have several prints, which costs
+//!   a search time and nothing else.
+//!
+//! Interfaces keep their numbers.
+
+use std::cell::OnceCell;
+
+use sm2_proto::manager::Manager;
+
+use super::{
+    Scope,
+    tape::{BEGIN, Keys, Tape, Word, epoch_of, link_word, session_number},
+    world::{Connection, End, Program, World},
+};
+
+/// The tape of something, as long as that does not change.
+#[derive(Debug, Default)]
+pub(super) struct Taped(OnceCell<Tape>);
+
+/// A copy is made to be changed: it has no tape.
+impl Clone for Taped {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl Taped {
+    pub(super) fn forget(&mut self) {
+        self.0.take();
+    }
+
+    fn tape(&self, take: impl FnOnce() -> Tape) -> &Tape {
+        self.0.get_or_init(take)
+    }
+}
+
+/// A Manager and its tape.
+#[derive(Clone, Debug)]
+pub(super) struct Kept {
+    machine: Manager,
+    taped: Taped,
+}
+
+impl Kept {
+    pub(super) const fn new(machine: Manager) -> Self {
+        Self {
+            machine,
+            taped: Taped(OnceCell::new()),
+        }
+    }
+
+    pub(super) const fn machine(&self) -> &Manager {
+        &self.machine
+    }
+
+    pub(super) fn machine_mut(&mut self) -> &mut Manager {
+        self.taped.forget();
+        &mut self.machine
+    }
+
+    fn tape(&self, keys: &Keys) -> &Tape {
+        self.taped.tape(|| Tape::of_manager(keys, &self.machine))
+    }
+}
+
+/// How the numbers of one moment are counted through.
+struct Names {
+    links: Vec<u64>,
+    sessions: Vec<u64>,
+    now: u64,
+}
+
+impl World {
+    /// The print of this moment.
+    #[must_use]
+    pub fn print(&self, scope: &Scope) -> u64 {
+        let manager = self.manager.as_deref().map(|it| it.tape(&self.keys));
+        let tapes: Vec<_> = self.programs.iter().map(|it| self.tape(it)).collect();
+        let mut links: Vec<_> = self.pairs.keys().copied().map(link_word).collect();
+        for tape in tapes.iter().copied().chain(manager) {
+            links.extend(&tape.links);
+        }
+        links.sort_unstable();
+        links.dedup();
+        let names = Names {
+            links,
+            sessions: manager.map(|it| it.sessions.clone()).unwrap_or_default(),
+            now: self.now.0 - BEGIN.0,
+        };
+        let own = tapes.iter().zip(&self.programs);
+        let own: Vec<_> = own.map(|(tape, it)| names.own(tape, it)).collect();
+        let renamed = ranks(scope, &own);
+
+        let mut mix = Mix::default();
+        mix.word(self.epoch);
+        let budget = self.budget;
+        for left in [
+            budget.withdrawals,
+            budget.closes,
+            budget.node_crashes,
+            budget.manager_crashes,
+            budget.stalls,
+            budget.shutdowns,
+        ] {
+            mix.word(left.into());
+        }
+        if let Some(tape) = manager {
+            names.manager(tape, &renamed, &mut mix);
+        }
+        let mut places: Vec<_> = (0..own.len()).collect();
+        places.sort_unstable_by_key(|&at| renamed[at]);
+        for at in places {
+            mix.word(own[at]);
+        }
+        self.mix_pairs(&names, &renamed, &mut mix);
+        mix.finish()
+    }
+
+    fn tape<'a>(&self, program: &'a Program) -> &'a Tape {
+        program.taped.tape(|| Tape::of(&self.keys, program))
+    }
+
+    fn mix_pairs(&self, names: &Names, renamed: &[u8], mix: &mut Mix) {
+        for (&link, pair) in &self.pairs {
+            mix.word(names.link(link_word(link)));
+            for (end, socket) in pair.ends.iter().zip(pair.sockets) {
+                mix.word(end_word(*end, renamed));
+                mix.word(socket as u64);
+            }
+            mix.word(pair.doomed.into());
+        }
+        let broken = self.broken.iter().map(|ends| {
+            let mut ends = ends.map(|end| end_word(end, renamed));
+            ends.sort_unstable();
+            ends
+        });
+        let mut broken: Vec<_> = broken.collect();
+        broken.sort_unstable();
+        mix.word(broken.len() as u64);
+        broken.into_iter().flatten().for_each(|end| mix.word(end));
+    }
+}
+
+impl Names {
+    fn link(&self, word: u64) -> u64 {
+        let rank = self.links.partition_point(|it| *it < word);
+        epoch_of(word) << 16 | rank as u64
+    }
+
+    /// Zero: a session that the Manager does not know.
+    fn session(&self, number: u64) -> u64 {
+        let rank = self.sessions.binary_search(&number);
+        rank.map_or(0, |rank| rank as u64 + 1)
+    }
+
+    /// What a node is and has, without a word of which one it is.
+    fn own(&self, tape: &Tape, program: &Program) -> u64 {
+        let mut mix = Mix::default();
+        for word in tape.words() {
+            match word {
+                Word::Plain(word) => mix.word(word),
+                Word::Link(word) => mix.word(self.link(word)),
+                Word::Time(time) => mix.word(time.wrapping_sub(self.now)),
+                Word::Session(_) | Word::Name(_) => {}
+            }
+        }
+        let session = |it: &Connection| self.session(session_number(it.session));
+        let live = program.connection.iter().filter(|it| !it.dead);
+        mix.word(live.map(session).next().unwrap_or(u64::MAX));
+        program.closed.iter().for_each(|it| mix.word(session(it)));
+        mix.finish()
+    }
+
+    /// Names that follow each other are the set of all names: in the order of their numbers.
+    fn manager(&self, tape: &Tape, renamed: &[u8], mix: &mut Mix) {
+        let mut together: Vec<u8> = Vec::new();
+        for word in tape.words() {
+            if let Word::Name(at) = word {
+                together.push(renamed[usize::from(at)]);
+                continue;
+            }
+            together.sort_unstable();
+            together.drain(..).for_each(|at| mix.word(at.into()));
+            match word {
+                Word::Plain(word) => mix.word(word),
+                Word::Link(word) => mix.word(self.link(word)),
+                Word::Time(time) => mix.word(time.wrapping_sub(self.now)),
+                Word::Session(number) => mix.word(self.session(number)),
+                Word::Name(_) => {}
+            }
+        }
+    }
+}
+
+/// For each node the number that it is counted by: those of equal programs in the order of
+/// what they are and have.
+fn ranks(scope: &Scope, own: &[u64]) -> Vec<u8> {
+    let programs = &scope.programs;
+    let mut renamed: Vec<u8> = (0_u8..).take(own.len()).collect();
+    for first in 0..own.len() {
+        let alike = |at: &usize| programs[*at] == programs[first];
+        let mut class: Vec<_> = (0..own.len()).filter(alike).collect();
+        if class[0] != first || class.len() == 1 {
+            continue;
+        }
+        let places = class.clone();
+        class.sort_by_key(|&at| own[at]);
+        for (at, place) in class.into_iter().zip(places) {
+            renamed[at] = u8::try_from(place).unwrap_or(u8::MAX);
+        }
+    }
+    renamed
+}
+
+fn end_word((at, life, interface): End, renamed: &[u8]) -> u64 {
+    let at = renamed.get(usize::from(at)).copied().unwrap_or(at);
+    u64::from(at) << 56 | u64::from(life) << 48 | interface.0
+}
+
+/// A mix of words, each of which can be undone: no two short texts have one print by design.
+#[derive(Default)]
+struct Mix(u64);
+
+impl Mix {
+    fn word(&mut self, word: u64) {
+        let mixed = (self.0.rotate_left(23) ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        self.0 = mixed ^ mixed >> 29;
+    }
+
+    fn finish(self) -> u64 {
+        let mixed = (self.0 ^ self.0 >> 32).wrapping_mul(0xD6E8_FEB8_6659_FD93);
+        mixed ^ mixed >> 32
+    }
+}

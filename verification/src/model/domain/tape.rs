@@ -1,0 +1,278 @@
+//! What a machine hashes, word for word, with the numbers that its history gave it told apart:
+//! those are renamed when moments are compared (`print.rs`).
+//!
+//! A hash says nothing of what it hashes. So the numbers that this harness is free to choose lie
+//! where no other number of a machine does, and the others are known by where they stand.
+
+use std::{
+    collections::BTreeMap,
+    hash::{Hash, Hasher},
+};
+
+use sm2_proto::{Instant, LinkId, NodeId, manager::Manager};
+
+/// The first Manager's sessions begin here, and so do those of each next one.
+pub(super) const SESSIONS: u64 = 7_000_000;
+const SESSIONS_END: u64 = 8_000_000;
+/// Epochs begin here.
+pub(super) const EPOCHS: u64 = 0xE000_0000;
+const EPOCHS_END: u64 = 0xE000_1000;
+/// When each Manager begins: time is as it were at rest, and moves on by deadlines alone.
+pub(super) const BEGIN: Instant = Instant(1_000_000_000_000_000);
+const TIME_END: u64 = 2_000_000_000_000_000;
+/// How the names of nodes begin; one digit follows.
+pub(super) const NODE: &[u8] = b"node/";
+
+/// What a word stands for: its upper byte. The rest is the number itself.
+const KIND: u64 = 0xFF << 56;
+const SESSION: u64 = 1 << 56;
+const LINK: u64 = 2 << 56;
+const TIME: u64 = 3 << 56;
+const NAME: u64 = 4 << 56;
+/// The key that belongs to the link named before it.
+const KEY: u64 = 5 << 56;
+/// In a link's word: its epoch stands above its serial number.
+const EPOCH_AT: u32 = 40;
+
+/// What a link's LINK frames said is its key.
+pub(super) type Keys = BTreeMap<LinkId, u64>;
+
+/// One word of a tape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Word {
+    Plain(u64),
+    Session(u64),
+    /// As [`link_word`] has it: in the order of the ids.
+    Link(u64),
+    Time(u64),
+    /// Of which node.
+    Name(u8),
+}
+
+/// The words, and which links and sessions are among them, in ascending order.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tape {
+    words: Vec<u64>,
+    pub(super) links: Vec<u64>,
+    pub(super) sessions: Vec<u64>,
+}
+
+impl Tape {
+    /// Of anything but a Manager.
+    pub(super) fn of(keys: &Keys, what: &impl Hash) -> Self {
+        let mut taker = Taker::new(keys, None);
+        what.hash(&mut taker);
+        taker.finished()
+    }
+
+    /// Of a Manager: without its revision (nobody watches, and no change is remembered) and the
+    /// greatest numbers that it has given and seen (what comes is always greater).
+    pub(super) fn of_manager(keys: &Keys, manager: &Manager) -> Self {
+        let mut taker = Taker::new(keys, Some(manager.revision()));
+        manager.hash(&mut taker);
+        taker.finished()
+    }
+
+    pub(super) fn words(&self) -> impl Iterator<Item = Word> {
+        self.words.iter().map(|&word| {
+            let rest = word & !KIND;
+            match word & KIND {
+                SESSION => Word::Session(rest),
+                LINK => Word::Link(word),
+                TIME => Word::Time(rest),
+                NAME => Word::Name(u8::try_from(rest).unwrap_or(u8::MAX)),
+                _ => Word::Plain(word),
+            }
+        })
+    }
+}
+
+pub(super) const fn link_word(link: LinkId) -> u64 {
+    LINK | (link.epoch.wrapping_sub(EPOCHS) << EPOCH_AT) | link.serial
+}
+
+/// The epoch of a link's word, which is not renamed: the budget says how many there were.
+pub(super) const fn epoch_of(word: u64) -> u64 {
+    word >> EPOCH_AT
+}
+
+struct Taker<'a> {
+    keys: &'a Keys,
+    tape: Tape,
+    /// An epoch, which a serial number may follow.
+    epoch: Option<u64>,
+    /// The link that was named last: its key may follow.
+    link: Option<LinkId>,
+    /// The revision of a Manager.
+    revision: Option<u64>,
+    /// How many numbers of 64 bits came, as long as that matters.
+    numbers: usize,
+    /// The next number is the serial number of the Manager's last link.
+    last_serial: bool,
+}
+
+/// Where a Manager's numbers of 64 bits stand: after the two times of its policy.
+const REVISION_AT: usize = 2;
+const LAST_SESSION_AT: usize = 3;
+
+impl<'a> Taker<'a> {
+    fn new(keys: &'a Keys, revision: Option<u64>) -> Self {
+        Self {
+            keys,
+            tape: Tape {
+                words: Vec::with_capacity(256),
+                links: Vec::with_capacity(16),
+                sessions: Vec::with_capacity(8),
+            },
+            epoch: None,
+            link: None,
+            revision,
+            numbers: 0,
+            last_serial: false,
+        }
+    }
+
+    fn finished(mut self) -> Tape {
+        self.plain_epoch();
+        for list in [&mut self.tape.links, &mut self.tape.sessions] {
+            list.sort_unstable();
+            list.dedup();
+        }
+        self.tape.words.shrink_to_fit();
+        self.tape
+    }
+
+    fn plain(&mut self, word: u64) {
+        self.plain_epoch();
+        self.tape.words.push(low(word));
+    }
+
+    fn plain_epoch(&mut self) {
+        if let Some(epoch) = self.epoch.take() {
+            self.tape.words.push(epoch);
+        }
+    }
+
+    /// Whether this number is left out: one of a Manager's that only grow.
+    fn is_left_out(&mut self, number: u64) -> bool {
+        if std::mem::take(&mut self.last_serial) {
+            return true;
+        }
+        let Some(revision) = self.revision else {
+            return false;
+        };
+        self.numbers += 1;
+        match self.numbers - 1 {
+            REVISION_AT => {
+                assert_eq!(number, revision, "the Manager's fields stand elsewhere now");
+                true
+            }
+            LAST_SESSION_AT => {
+                let session = number == 0 || is_session(number);
+                assert!(session, "the Manager's fields stand elsewhere now");
+                true
+            }
+            _ => false,
+        }
+    }
+}
+
+impl Hasher for Taker<'_> {
+    fn finish(&self) -> u64 {
+        0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        let digit = bytes.strip_prefix(NODE);
+        if let Some(&[digit @ b'0'..=b'9']) = digit {
+            self.plain_epoch();
+            self.tape.words.push(NAME | u64::from(digit - b'0'));
+            return;
+        }
+        self.plain(bytes.len() as u64);
+        for chunk in bytes.chunks(7) {
+            let word = chunk
+                .iter()
+                .fold(0, |word, &byte| word << 8 | u64::from(byte));
+            self.tape.words.push(word);
+        }
+    }
+
+    fn write_u8(&mut self, byte: u8) {
+        // What ends a text: its length is there already.
+        if byte != 0xFF {
+            self.plain(u64::from(byte));
+        }
+    }
+
+    fn write_u16(&mut self, number: u16) {
+        self.plain(u64::from(number));
+    }
+
+    fn write_u32(&mut self, number: u32) {
+        self.plain(u64::from(number));
+    }
+
+    fn write_u64(&mut self, number: u64) {
+        if self.is_left_out(number) {
+            return;
+        }
+        if is_session(number) {
+            self.plain_epoch();
+            self.tape.words.push(SESSION | (number - SESSIONS));
+            self.tape.sessions.push(number - SESSIONS);
+        } else if let Some(epoch) = self.epoch.take() {
+            let epoch = epoch + EPOCHS;
+            let serial = number;
+            let link = LinkId { epoch, serial };
+            self.tape.words.push(link_word(link));
+            self.tape.links.push(link_word(link));
+            self.link = Some(link);
+        } else if (EPOCHS..EPOCHS_END).contains(&number) {
+            self.epoch = Some(number - EPOCHS);
+        } else if (BEGIN.0..TIME_END).contains(&number) {
+            self.tape.words.push(TIME | (number - BEGIN.0));
+        } else if self.link.and_then(|link| self.keys.get(&link)) == Some(&number) {
+            self.tape.words.push(KEY);
+        } else {
+            self.plain(number);
+        }
+    }
+
+    fn write_u128(&mut self, secret: u128) {
+        // The Manager's secret, which follows from its epoch; then the serial number of its
+        // last link.
+        self.plain(low(secret as u64));
+        self.last_serial = true;
+    }
+
+    fn write_usize(&mut self, number: usize) {
+        self.plain(number as u64);
+    }
+
+    fn write_i32(&mut self, number: i32) {
+        self.plain(u64::from(number.cast_unsigned()));
+    }
+
+    fn write_isize(&mut self, number: isize) {
+        self.plain(number.cast_unsigned() as u64);
+    }
+}
+
+fn is_session(number: u64) -> bool {
+    (SESSIONS..SESSIONS_END).contains(&number)
+}
+
+/// A number without a kind: one that is too long loses its lowest byte.
+const fn low(number: u64) -> u64 {
+    if number & KIND == 0 {
+        number
+    } else {
+        number.rotate_left(32).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 8
+    }
+}
+
+/// As a session's word has it.
+pub(super) const fn session_number(session: NodeId) -> u64 {
+    session.0.wrapping_sub(SESSIONS)
+}

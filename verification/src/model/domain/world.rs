@@ -1,0 +1,209 @@
+//! One moment of a domain: machines, frames in flight, ends of links. No kernel, no clock.
+
+use std::{
+    collections::{BTreeMap, BTreeSet, VecDeque},
+    fmt,
+    hash::{Hash, Hasher},
+    rc::Rc,
+};
+
+use sm2_proto::{
+    Instant, InterfaceId, LinkId, Name, NodeId,
+    control::{ToManager, ToNode},
+    node::Node,
+};
+
+use super::{
+    super::{Failure, Property},
+    Budget, Scope,
+    books::Books,
+    print::{Kept, Taped},
+    tape::{BEGIN, EPOCHS, Keys, NODE, SESSIONS},
+};
+
+/// An interface of one process: which node, its how manieth process, which interface.
+pub(super) type End = (u8, u8, InterfaceId);
+
+/// Where one end of a link's socket pair is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Socket {
+    Underway,
+    Held,
+    Closed,
+}
+
+/// A link's two ends. Forgotten as soon as both are closed.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Pair {
+    pub(super) ends: [End; 2],
+    pub(super) sockets: [Socket; 2],
+    /// Whether anybody had reason to end it.
+    pub(super) doomed: bool,
+}
+
+/// A frame in flight, and what it says.
+#[derive(Clone, Debug)]
+pub(super) struct Frame<T> {
+    pub(super) bytes: Vec<u8>,
+    pub(super) says: T,
+}
+
+/// What a node has still to read.
+#[derive(Clone, Debug, Hash)]
+pub(super) enum Down {
+    /// With the descriptor of a link, for this interface.
+    Frame(Rc<Frame<ToNode>>, Option<(LinkId, InterfaceId)>),
+    Eof,
+}
+
+#[derive(Clone, Debug, Hash)]
+pub(super) struct Connection {
+    pub(super) session: NodeId,
+    /// Which process of the node's.
+    pub(super) life: u8,
+    /// The Manager's end is gone.
+    pub(super) dead: bool,
+    /// As far as the Manager has read: between HELLO of one who comes back and CLAIMED.
+    pub(super) resuming: bool,
+    pub(super) up: VecDeque<Rc<Frame<ToManager>>>,
+    pub(super) down: VecDeque<Down>,
+    /// The ends of links of this session that lack a farewell.
+    pub(super) books: Books,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Program {
+    pub(super) node: Node,
+    pub(super) life: u8,
+    /// Whether this process has connected before.
+    pub(super) begun: bool,
+    pub(super) connection: Option<Connection>,
+    /// Connections that the node has closed and the Manager has not read to their end.
+    pub(super) closed: VecDeque<Connection>,
+    /// Which contract each interface has, and which have none yet, as places in the scope's list.
+    pub(super) interfaces: BTreeMap<InterfaceId, u8>,
+    pub(super) undeclared: BTreeSet<u8>,
+    pub(super) links: BTreeSet<(InterfaceId, LinkId)>,
+    pub(super) taped: Taped,
+}
+
+/// One moment.
+#[derive(Clone, Debug)]
+pub struct World {
+    pub(super) now: Instant,
+    /// How many Managers there were.
+    pub(super) epoch: u64,
+    pub(super) sessions: u64,
+    pub(super) last_link: Option<LinkId>,
+    pub(super) manager: Option<Rc<Kept>>,
+    pub(super) programs: Vec<Rc<Program>>,
+    pub(super) pairs: BTreeMap<LinkId, Pair>,
+    /// Pairs that the present Manager may keep apart, since one of them ended its link.
+    pub(super) broken: BTreeSet<[End; 2]>,
+    pub(super) budget: Budget,
+    /// What was said of links' keys, ever.
+    pub(super) keys: Rc<Keys>,
+    /// What went wrong in the step that led here; no such moment is gone on from.
+    pub(super) failure: Option<Failure>,
+}
+
+impl<T: Hash> Hash for Frame<T> {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.says.hash(state);
+    }
+}
+
+impl Hash for Program {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.node.hash(state);
+        (self.life, self.begun).hash(state);
+        (&self.connection, &self.closed).hash(state);
+        (&self.interfaces, &self.undeclared, &self.links).hash(state);
+    }
+}
+
+/// Everything, with the numbers as they are: nothing is renamed.
+impl Hash for World {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (self.now, self.epoch, self.sessions, self.last_link).hash(state);
+        self.manager.as_deref().map(Kept::machine).hash(state);
+        (&self.programs, &self.pairs, &self.broken).hash(state);
+        self.budget.hash(state);
+    }
+}
+
+impl Program {
+    pub(super) fn new(at: usize, life: u8, scope: &Scope) -> Self {
+        let name = String::from_utf8_lossy(NODE).into_owned() + &at.to_string();
+        let name = Name::new(&name).expect("a legal name");
+        Self {
+            node: Node::new(name),
+            life,
+            begun: false,
+            connection: None,
+            closed: VecDeque::new(),
+            interfaces: BTreeMap::new(),
+            undeclared: (0_u8..).take(scope.programs[at].len()).collect(),
+            links: BTreeSet::new(),
+            taped: Taped::default(),
+        }
+    }
+}
+
+impl World {
+    /// The first moment of a scope.
+    ///
+    /// # Errors
+    ///
+    /// What breaks on the way there.
+    pub fn new(scope: &Scope) -> Result<Self, Failure> {
+        let programs = 0..scope.programs.len();
+        let mut world = Self {
+            now: BEGIN,
+            epoch: 0,
+            sessions: 0,
+            last_link: None,
+            manager: None,
+            programs: programs
+                .map(|at| Rc::new(Program::new(at, 0, scope)))
+                .collect(),
+            pairs: BTreeMap::new(),
+            broken: BTreeSet::new(),
+            budget: scope.budget,
+            keys: Rc::default(),
+            failure: None,
+        };
+        world.begin(scope);
+        if scope.settled {
+            while let Some(&action) = world.progress().first() {
+                world = world.step(scope, action)?;
+            }
+        }
+        Ok(world)
+    }
+
+    /// The number of the next connection.
+    pub(super) const fn next_session(&mut self) -> NodeId {
+        self.sessions += 1;
+        NodeId(SESSIONS + self.sessions)
+    }
+
+    pub(super) const fn epoch_number(&self) -> u64 {
+        EPOCHS + self.epoch
+    }
+
+    pub(super) fn program(&mut self, at: u8) -> &mut Program {
+        let program = Rc::make_mut(&mut self.programs[usize::from(at)]);
+        program.taped.forget();
+        program
+    }
+
+    pub(super) fn fail(&mut self, property: Property, what: impl fmt::Display) {
+        let what = what.to_string();
+        self.failure.get_or_insert(Failure { property, what });
+    }
+}
+
+pub(super) fn end_of(ends: &[End; 2], end: End) -> usize {
+    usize::from(ends[0] != end)
+}

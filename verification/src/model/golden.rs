@@ -1,0 +1,72 @@
+//! Counts of states that were pinned.
+
+use std::{fmt, io};
+
+use super::Report;
+use crate::results;
+
+/// A file of counts: a line for each scope.
+#[derive(Clone, Copy, Debug)]
+pub struct Golden {
+    pub(super) file: &'static str,
+    pub(super) text: &'static str,
+}
+
+impl Golden {
+    /// The scopes that have counts, in their order.
+    pub fn scopes(self) -> impl Iterator<Item = &'static str> {
+        let lines = self.text.lines().filter(|line| !line.starts_with('#'));
+        lines.filter_map(|line| line.split(' ').next())
+    }
+
+    /// Whether a search has counted what it did before.
+    #[must_use]
+    pub fn has<A>(self, scope: &str, report: &Report<A>) -> bool {
+        let counts = counts(scope, report);
+        self.text.lines().any(|line| line == counts)
+    }
+
+    /// Prints what a search has found, and notes it with the other [`results`]. Whether all held,
+    /// with counts as before.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be printed or noted.
+    pub fn tell<A: fmt::Display>(
+        self,
+        out: &mut impl io::Write,
+        scope: &str,
+        report: &Report<A>,
+    ) -> io::Result<bool> {
+        writeln!(out, "{scope}: {report}, {:.1} s", report.time.as_secs_f64())?;
+        if report.cut_short {
+            writeln!(out, "  stopped at {} states", report.states)?;
+        }
+        let mut holds = !report.cut_short;
+        if let Some(found) = &report.failure {
+            writeln!(out, "  {}", found.failure)?;
+            for (step, action) in (1..).zip(&found.steps) {
+                writeln!(out, "  {step:3} {action}")?;
+            }
+            holds = false;
+        } else if !self.has(scope, report) {
+            let counts = counts(scope, report);
+            writeln!(out, "  {} does not have: {counts}", self.file)?;
+            holds = false;
+        }
+        let covered = report.to_string();
+        results::append(&results::line("model", scope, holds, report.time, &covered))?;
+        Ok(holds)
+    }
+}
+
+fn counts<A>(scope: &str, report: &Report<A>) -> String {
+    let Report {
+        states,
+        transitions,
+        depth,
+        quiet,
+        ..
+    } = report;
+    format!("{scope} {states} {transitions} {depth} {quiet}")
+}

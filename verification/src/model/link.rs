@@ -1,0 +1,56 @@
+//! One link. Both ends are the shipped machines; what joins them is two queues of frames, and
+//! what drives them is a driver and an application as [`sm2_proto::link`] asks for.
+//!
+//! [`LinkScope`] says which link it is and what may happen, [`World`] is one moment of it. Plain
+//! lists beside the machines say what each of them should do next.
+
+mod action;
+mod application;
+mod books;
+mod driver;
+mod pool;
+mod quiet;
+mod scope;
+mod wire;
+mod world;
+
+pub use self::{
+    action::Action,
+    scope::{Budget, Fault, Form, LinkScope},
+    world::World,
+};
+use super::{Failure, Golden, Property, System};
+
+/// What was counted before.
+pub const COUNTS: Golden = Golden {
+    file: "link-model-counts.txt",
+    text: include_str!("../../link-model-counts.txt"),
+};
+
+impl System for LinkScope {
+    type Moment = World;
+    type Action = Action;
+
+    fn first(&self) -> Result<World, Failure> {
+        World::new(self)
+    }
+
+    fn actions(&self, world: &World) -> Vec<Action> {
+        world.actions(self)
+    }
+
+    fn check(&self, world: &World, actions: &[Action]) -> Result<bool, Failure> {
+        world.check(self, actions)
+    }
+
+    fn step(&self, world: &World, action: Action) -> Result<World, Failure> {
+        world.step(self, action)
+    }
+}
+
+fn fail<T>(property: Property, what: impl Into<String>) -> Result<T, Failure> {
+    Err(Failure {
+        property,
+        what: what.into(),
+    })
+}

@@ -1,0 +1,308 @@
+//! Which link it is and what may happen: the bounds of a search.
+
+use sm2_proto::{
+    LinkId,
+    link::{Config, Role},
+};
+
+/// How often each thing may happen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Budget {
+    /// End 0 publishes, or calls.
+    pub messages: u8,
+    /// A reliable publisher's deadline passes while it waits.
+    pub skips: u8,
+    /// The caller cancels a call, perhaps one that is over or cancelled.
+    pub cancels: u8,
+    /// An end gives up a segment.
+    pub retires: u8,
+    /// A program closes its end.
+    pub closes: u8,
+    /// A process dies.
+    pub deaths: u8,
+}
+
+/// Where the payload of a message is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Form {
+    /// In the datagram.
+    Inline,
+    /// In a slot.
+    Pooled,
+    /// In a file of its own.
+    Sealed,
+}
+
+/// What goes wrong on purpose, to see that it is found. Each happens whenever it can.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fault {
+    /// OPEN never arrives.
+    OpenLost,
+    /// OPEN arrives with a window that is larger by one.
+    OtherWindow,
+    /// ATTACH never arrives.
+    AttachLost,
+    /// DETACH never arrives.
+    DetachLost,
+    /// DATA never arrives.
+    DataLost,
+    /// DATA arrives twice, with the number and the id of the next one.
+    DataAgain,
+    /// DATA arrives before the DATA that was sent before it.
+    DataOvertakes,
+    /// DATA takes the place and the number of the DATA before it, if that was not read.
+    DataReplaces,
+    /// RELEASE never arrives.
+    ReleaseLost,
+    /// RELEASE arrives twice.
+    ReleaseTwice,
+    /// RELEASE arrives when a message was read, not when it was given back.
+    ReleaseEarly,
+    /// RELEASE says discarded for consumed, and the reverse.
+    OtherFate,
+    /// REPLY never arrives.
+    ReplyLost,
+    /// The REPLY to call 2 names call 1.
+    OtherCall,
+    /// CANCEL arrives twice.
+    CancelTwice,
+    /// What was sent before the end of the stream is lost.
+    EndOvertakes,
+    /// A driver sends the packet that it kept after its link is over.
+    KeptAfterEnd,
+    /// A slot is written again although the link ended with its message.
+    AbandonedReused,
+    /// A machine panics at the end of the stream.
+    Panics,
+}
+
+/// The bounds of one search.
+#[derive(Clone, Debug)]
+pub struct LinkScope {
+    /// What it is called.
+    pub name: &'static str,
+    /// Whether it is a link of a service: a caller and a server.
+    pub service: bool,
+    /// Whether nothing may be displaced.
+    pub reliable: bool,
+    /// Whether pooled messages are illegal.
+    pub sealed: bool,
+    /// How many messages each end keeps.
+    pub depth: [u16; 2],
+    /// How many messages each application may hold.
+    pub max_borrowed: [u16; 2],
+    /// Each message may have any of these.
+    pub forms: &'static [Form],
+    /// How many segments each end has, and how many slots each of them.
+    pub segments: u32,
+    /// See `segments`.
+    pub slots: u32,
+    /// How many packets a socket holds that the other end has not read.
+    pub socket: usize,
+    /// What may happen how often.
+    pub budget: Budget,
+    /// Whether the search begins where both ends are open.
+    pub settled: bool,
+    /// Whether it takes seconds.
+    pub quick: bool,
+    /// What is wrong on purpose.
+    pub fault: Option<Fault>,
+}
+
+const ROOMY: usize = usize::MAX;
+
+impl LinkScope {
+    /// All scopes.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let mut all = Self::topics();
+        all.extend(Self::services());
+        all
+    }
+
+    fn topics() -> Vec<Self> {
+        let topic = |name, reliable, depth: u16, forms, messages| Self {
+            name,
+            service: false,
+            reliable,
+            sealed: false,
+            depth: [depth; 2],
+            max_borrowed: [depth; 2],
+            forms,
+            segments: 1,
+            slots: 2,
+            socket: ROOMY,
+            budget: Budget {
+                messages,
+                ..Budget::default()
+            },
+            settled: false,
+            quick: true,
+            fault: None,
+        };
+        let ends = |messages| Budget {
+            messages,
+            closes: 1,
+            deaths: 1,
+            ..Budget::default()
+        };
+        let inline: &[_] = &[Form::Inline];
+        let pooled: &[_] = &[Form::Pooled];
+        let sealed: &[_] = &[Form::Inline, Form::Sealed];
+        let mixed: &[_] = &[Form::Inline, Form::Pooled, Form::Sealed];
+        vec![
+            topic("link-keep-last-1", false, 1, inline, 8),
+            topic("link-keep-last-2", false, 2, inline, 8),
+            Self {
+                depth: [2, 1],
+                max_borrowed: [1, 3],
+                ..topic("link-forms-4", false, 2, mixed, 4)
+            },
+            Self {
+                budget: Budget {
+                    messages: 8,
+                    skips: 2,
+                    ..Budget::default()
+                },
+                ..topic("link-reliable-1", true, 1, inline, 8)
+            },
+            topic("link-reliable-2", true, 2, inline, 9),
+            Self {
+                socket: 1,
+                ..topic("link-full", false, 1, pooled, 7)
+            },
+            Self {
+                socket: 2,
+                budget: ends(6),
+                ..topic("link-full-ends", true, 1, inline, 6)
+            },
+            Self {
+                slots: 1,
+                segments: 2,
+                socket: 1,
+                max_borrowed: [2; 2],
+                budget: Budget {
+                    messages: 5,
+                    retires: 2,
+                    ..Budget::default()
+                },
+                ..topic("link-retires", false, 1, pooled, 5)
+            },
+            Self {
+                slots: 3,
+                ..topic("link-pooled", true, 2, pooled, 8)
+            },
+            Self {
+                budget: ends(4),
+                ..topic("link-ends", false, 1, mixed, 4)
+            },
+            Self {
+                slots: 4,
+                budget: ends(5),
+                ..topic("link-reliable-ends", true, 2, pooled, 5)
+            },
+            Self {
+                sealed: true,
+                budget: ends(5),
+                ..topic("link-sealed-ends", false, 1, sealed, 5)
+            },
+            Self {
+                depth: [2, 1],
+                max_borrowed: [1, 3],
+                quick: false,
+                ..topic("link-forms-5", false, 2, mixed, 5)
+            },
+            Self {
+                max_borrowed: [2; 2],
+                budget: ends(5),
+                quick: false,
+                ..topic("link-ends-5", false, 1, mixed, 5)
+            },
+        ]
+    }
+
+    fn services() -> Vec<Self> {
+        let service = |name, forms, budget| Self {
+            name,
+            service: true,
+            reliable: true,
+            sealed: false,
+            depth: [1; 2],
+            max_borrowed: [1; 2],
+            forms,
+            segments: 1,
+            slots: 2,
+            socket: ROOMY,
+            budget,
+            settled: true,
+            quick: true,
+            fault: None,
+        };
+        let calls = |messages, cancels, closes, deaths| Budget {
+            messages,
+            cancels,
+            closes,
+            deaths,
+            ..Budget::default()
+        };
+        let inline: &[_] = &[Form::Inline];
+        let pooled: &[_] = &[Form::Pooled];
+        vec![
+            Self {
+                settled: false,
+                ..service("link-calls-2", inline, calls(2, 2, 0, 0))
+            },
+            service("link-calls-3", inline, calls(3, 1, 0, 0)),
+            Self {
+                quick: false,
+                ..service("link-calls-5", inline, calls(5, 0, 0, 0))
+            },
+            Self {
+                max_borrowed: [2; 2],
+                ..service("link-calls-pooled", pooled, calls(3, 0, 0, 0))
+            },
+            Self {
+                socket: 1,
+                ..service("link-calls-full", inline, calls(3, 0, 0, 0))
+            },
+            Self {
+                socket: 1,
+                ..service("link-cancels-full", inline, calls(2, 1, 0, 0))
+            },
+            Self {
+                settled: false,
+                ..service("link-calls-ends", inline, calls(2, 1, 1, 1))
+            },
+            service("link-calls-ends-3", pooled, calls(3, 0, 1, 1)),
+            Self {
+                quick: false,
+                ..service("link-calls-4", inline, calls(4, 1, 0, 0))
+            },
+        ]
+    }
+
+    /// The scope of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::all().into_iter().find(|it| it.name == name)
+    }
+
+    pub(super) fn config(&self, at: usize) -> Config {
+        let roles = match self.service {
+            true => [Role::Caller, Role::Server],
+            false => [Role::Sender, Role::Receiver],
+        };
+        Config {
+            id: LinkId {
+                epoch: 1,
+                serial: 2,
+            },
+            version: 1,
+            role: roles[at],
+            reliable: self.reliable,
+            sealed: self.sealed,
+            depth: self.depth[at],
+            max_borrowed: self.max_borrowed[at],
+        }
+    }
+}

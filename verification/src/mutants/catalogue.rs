@@ -1,0 +1,166 @@
+//! `mutants.toml`: which faults there are, and what has to find each.
+
+use std::{
+    fmt, fs,
+    path::{Path, PathBuf},
+};
+
+use serde::Deserialize;
+
+use super::MutantsError;
+
+/// Where the list stands, below the root of the workspace.
+const FILE: &str = "verification/mutants.toml";
+
+/// All mutants, in the order in which they are made.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Catalogue {
+    /// Those of one file follow each other: that builds faster.
+    #[serde(rename = "mutant")]
+    pub mutants: Vec<Mutant>,
+}
+
+/// One fault.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mutant {
+    /// What it is called.
+    pub name: String,
+    /// What is wrong with it, in one sentence.
+    pub breaks: String,
+    /// The properties of PROPERTIES.md that do not hold any more.
+    pub properties: Vec<String>,
+    /// The file, below the root of the workspace.
+    pub file: PathBuf,
+    /// What stands there exactly once.
+    pub from: String,
+    /// What stands there instead.
+    pub to: String,
+    /// What has to find it.
+    pub check: Check,
+    /// Whether the check takes long to build: then it is no part of a quick run.
+    #[serde(default)]
+    pub slow: bool,
+}
+
+/// A check that finds a mutant by failing.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Check {
+    /// A Kani harness of `sm2-proto`, as the stand-in runs it.
+    Harness {
+        /// Its name in PROPERTIES.md.
+        name: String,
+    },
+    /// A scope of the model.
+    Model {
+        /// Its name.
+        scope: String,
+        /// What has to fail there: other counts than before are not enough.
+        property: String,
+    },
+    /// One test.
+    Test {
+        /// The package.
+        package: String,
+        /// `lib`, or the file below `tests` without its ending.
+        target: String,
+        /// The path of the function.
+        test: String,
+    },
+}
+
+/// A mutant that cannot be made.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{mutant}: {} has its text {count} times, and must have it once: mend {FILE}",
+    file.display()
+)]
+pub struct Gap {
+    /// Its name.
+    pub mutant: String,
+    /// Where the text should be.
+    pub file: PathBuf,
+    /// How often it is there.
+    pub count: usize,
+}
+
+impl Catalogue {
+    /// Reads the list of the workspace at `root`.
+    ///
+    /// # Errors
+    ///
+    /// It is not there, or no list.
+    pub fn load(root: &Path) -> Result<Self, MutantsError> {
+        let path = root.join(FILE);
+        let text = fs::read_to_string(&path).map_err(MutantsError::file(&path))?;
+        toml::from_str(&text).map_err(|source| MutantsError::Catalogue { path, source })
+    }
+
+    /// The mutant of that name.
+    #[must_use]
+    pub fn named(&self, name: &str) -> Option<&Mutant> {
+        self.mutants.iter().find(|it| it.name == name)
+    }
+
+    /// The mutants whose text is not exactly once in the workspace at `root`.
+    ///
+    /// # Errors
+    ///
+    /// One of their files cannot be read.
+    pub fn gaps(&self, root: &Path) -> Result<Vec<Gap>, MutantsError> {
+        let mut gaps = Vec::new();
+        for mutant in &self.mutants {
+            let path = root.join(&mutant.file);
+            let source = fs::read_to_string(&path).map_err(MutantsError::file(&path))?;
+            gaps.extend(mutant.apply(&source).err());
+        }
+        Ok(gaps)
+    }
+}
+
+impl Mutant {
+    /// The source with the fault in it.
+    ///
+    /// # Errors
+    ///
+    /// The text is not exactly once there.
+    pub fn apply(&self, source: &str) -> Result<String, Gap> {
+        match source.matches(&self.from).count() {
+            1 => Ok(source.replace(&self.from, &self.to)),
+            count => Err(Gap {
+                mutant: self.name.clone(),
+                file: self.file.clone(),
+                count,
+            }),
+        }
+    }
+}
+
+impl Check {
+    /// The folder of its package, below the root of the workspace.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        Path::new(match self {
+            Self::Harness { .. } => "sm2-proto",
+            Self::Model { .. } => "verification",
+            Self::Test { package, .. } if package == "sm2-tests" => "tests",
+            Self::Test { package, .. } => package,
+        })
+    }
+}
+
+impl fmt::Display for Check {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Harness { name } => f.write_str(name),
+            Self::Model { scope, property } => write!(f, "model {scope}, {property}"),
+            Self::Test {
+                package,
+                target,
+                test,
+            } => write!(f, "{package}, {target}, {test}"),
+        }
+    }
+}

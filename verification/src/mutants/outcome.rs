@@ -1,0 +1,83 @@
+//! What became of a mutant.
+
+use std::{fmt, time::Duration};
+
+use crate::results;
+
+/// How a check failed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Killed {
+    /// It said why: its first words.
+    Said(String),
+    /// It was still running when its time was up.
+    Hung,
+}
+
+/// What the check made of a mutant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It failed, as it should.
+    Killed(Killed),
+    /// It held, or found something else: what it said then.
+    Survived(Option<String>),
+    /// There was nothing to check: what the compiler says.
+    NotCompiled(String),
+    /// It failed without the mutant too: what it said.
+    NoUse(String),
+}
+
+/// One mutant's line.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The mutant.
+    pub mutant: String,
+    /// Its check.
+    pub check: String,
+    /// What came of it.
+    pub verdict: Verdict,
+    /// How long building and checking took.
+    pub took: Duration,
+}
+
+impl Outcome {
+    /// Whether the check found it.
+    #[must_use]
+    pub const fn is_killed(&self) -> bool {
+        matches!(self.verdict, Verdict::Killed(_))
+    }
+
+    /// The line for the file that `SM2_VERIFICATION_RESULTS` names.
+    #[must_use]
+    pub fn result(&self) -> String {
+        let covered = match &self.verdict {
+            Verdict::Killed(Killed::Said(_)) => format!("killed by {}", self.check),
+            Verdict::Killed(Killed::Hung) => format!("killed by {} (hung)", self.check),
+            Verdict::Survived(_) => format!("survived {}", self.check),
+            Verdict::NotCompiled(_) => "does not compile".to_owned(),
+            Verdict::NoUse(_) => format!("{} fails without it", self.check),
+        };
+        let killed = self.is_killed();
+        results::line("mutants", &self.mutant, killed, self.took, &covered)
+    }
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = self.took.as_secs_f64();
+        write!(f, "{:<34} {seconds:5.1} s  ", self.mutant)?;
+        match &self.verdict {
+            Verdict::Killed(Killed::Said(said)) => {
+                write!(f, "killed by {}: {said}", self.check)
+            }
+            Verdict::Killed(Killed::Hung) => write!(f, "killed by {}: it hung", self.check),
+            Verdict::Survived(None) => write!(f, "SURVIVED {}", self.check),
+            Verdict::Survived(Some(said)) => {
+                write!(f, "SURVIVED {}, which said: {said}", self.check)
+            }
+            Verdict::NotCompiled(error) => write!(f, "DOES NOT COMPILE\n{error}"),
+            Verdict::NoUse(said) => {
+                write!(f, "{} FAILS WITHOUT THE MUTANT: {said}", self.check)
+            }
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! What is wrong with PROPERTIES.md, or with what was run for it.
+
+use std::fmt;
+
+use super::Engine;
+
+/// One thing that is wrong, and where.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Gap {
+    /// The line of PROPERTIES.md, counted from 1; none for what has no row.
+    pub line: Option<usize>,
+    /// What is wrong there.
+    pub kind: GapKind,
+}
+
+impl Gap {
+    pub(super) const fn at(line: usize, kind: GapKind) -> Self {
+        Self {
+            line: Some(line),
+            kind,
+        }
+    }
+}
+
+impl fmt::Display for Gap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            Some(line) => write!(f, "PROPERTIES.md:{line}: {}", self.kind),
+            None => write!(f, "{}", self.kind),
+        }
+    }
+}
+
+/// The ways in which claims and checks can disagree.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GapKind {
+    /// A row that was not written as rows are.
+    #[error("a row has as many cells as its header, and one space on each side of them")]
+    Untidy,
+    /// A name of a check without quotes.
+    #[error("`{0}` is not the name of a check between backticks")]
+    Harness(String),
+    /// A word that no engine has.
+    #[error("there is no engine `{0}`")]
+    Engine(String),
+    /// Neither `quick` nor `full`.
+    #[error("a check is run `quick` or `full`, not `{0}`")]
+    Run(String),
+    /// A word that is no clause.
+    #[error("`{0}` is not the id of a clause")]
+    Clause(String),
+    /// A clause that SPEC.md does not have in force.
+    #[error("SPEC.md has no clause {0} in force")]
+    UnknownClause(String),
+    /// An engine of which nothing says how far its word goes.
+    #[error("{0} has no row in the table of engines")]
+    NoEngine(Engine),
+    /// Two rows for the same.
+    #[error("{0} has two rows")]
+    Twice(String),
+    /// A property whose name does not begin as a group does.
+    #[error("{0} belongs to no row of the table of groups")]
+    NoGroup(String),
+    /// A property that nothing shows.
+    #[error("no check shows {0}")]
+    Unshown(String),
+    /// A check of nothing that is claimed.
+    #[error("there is no property {0}")]
+    UnknownProperty(String),
+    /// The column *shown by* is not what the tables of checks say.
+    #[error("{name} is shown by: {now}; --write writes that")]
+    StaleEngines {
+        /// The property.
+        name: String,
+        /// What has to be there.
+        now: String,
+    },
+    /// A row whose engine ran and said nothing of it.
+    #[error("{engine} reported no check `{harness}`")]
+    Silent {
+        /// Who ran.
+        engine: Engine,
+        /// What was not there.
+        harness: String,
+    },
+    /// A row of a full run whose check the engine does not list.
+    #[error("{engine} has no check `{harness}`")]
+    Unlisted {
+        /// Who was asked.
+        engine: Engine,
+        /// What is not there.
+        harness: String,
+    },
+    /// A check that ran and is in no row.
+    #[error("{engine} ran `{harness}`, which has no row; --missing prints one")]
+    NoRow {
+        /// Who ran it.
+        engine: Engine,
+        /// What ran.
+        harness: String,
+    },
+    /// A row whose figures are not those of the run.
+    #[error("{engine} `{harness}`: the row says `{before}`, the run `{now}`; --write writes that")]
+    Stale {
+        /// Who ran it.
+        engine: Engine,
+        /// What ran.
+        harness: String,
+        /// What the row says.
+        before: String,
+        /// What the run said.
+        now: String,
+    },
+    /// README.md does not have the table that PROPERTIES.md gives.
+    #[error("README.md: the table of checks is not that of PROPERTIES.md; --write writes it")]
+    Readme,
+    /// README.md has no place for the table.
+    #[error("README.md: no place for the table of checks: {0} and {1}, a line each, in this order")]
+    NoMarkers(&'static str, &'static str),
+}

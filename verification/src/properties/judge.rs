@@ -1,0 +1,115 @@
+//! Rows against what was run.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::{Check, Engine, Gap, GapKind, Outcome, Register, Run, same_figures};
+
+/// How far an engine got.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// It ran what it has to run: of each of its rows an outcome is expected.
+    Ran,
+    /// It ran what a quick run has, and these are the names of all of its checks.
+    RanQuick(BTreeSet<String>),
+    /// It cannot run here, was not to run, or failed: silence says nothing.
+    Partly,
+}
+
+/// What was run.
+#[derive(Clone, Debug, Default)]
+pub struct Session {
+    /// How far each engine got; those that are not there were not asked.
+    pub engines: BTreeMap<Engine, Extent>,
+    /// The rows that were asked for; none: all.
+    pub only: Option<BTreeSet<(Engine, String)>>,
+    /// What was reported.
+    pub outcomes: Vec<Outcome>,
+}
+
+impl Session {
+    /// What rows and run do not agree about. That a check failed is no gap: its verdict says so.
+    #[must_use]
+    pub fn gaps(&self, register: &Register) -> Vec<Gap> {
+        let rows = register.checks().iter().filter(|it| self.asked(it));
+        let mut gaps: Vec<_> = rows.filter_map(|row| self.gap(row)).collect();
+        for outcome in &self.outcomes {
+            let (engine, harness) = (outcome.engine, outcome.harness.clone());
+            if register.check(engine, &harness).is_none() {
+                let kind = GapKind::NoRow { engine, harness };
+                gaps.push(Gap { line: None, kind });
+            }
+        }
+        gaps
+    }
+
+    /// Writes the figures of what held into their rows.
+    pub fn write(&self, register: &mut Register) {
+        for outcome in self.outcomes.iter().filter(|it| it.held) {
+            register.record(outcome.engine, &outcome.harness, &outcome.covered);
+        }
+        register.record_engines();
+    }
+
+    /// Rows for what has none.
+    #[must_use]
+    pub fn missing(&self, register: &Register) -> Vec<String> {
+        let mut rows = Vec::new();
+        for outcome in &self.outcomes {
+            let Outcome {
+                engine,
+                harness,
+                covered,
+                ..
+            } = outcome;
+            if register.check(*engine, harness).is_none() {
+                let (harness, covered) = (format!("`{harness}`"), super::table::escaped(covered));
+                let cells = [&harness, "?", engine.word(), "?", "quick", &covered];
+                rows.push(super::table::render(&cells));
+            }
+        }
+        rows
+    }
+
+    fn asked(&self, row: &Check) -> bool {
+        let key = (row.engine, row.harness.clone());
+        self.only.as_ref().is_none_or(|only| only.contains(&key))
+    }
+
+    fn gap(&self, row: &Check) -> Option<Gap> {
+        let (engine, harness) = (row.engine, row.harness.clone());
+        let is_it = |it: &&Outcome| it.engine == engine && it.harness == harness;
+        if let Some(outcome) = self.outcomes.iter().find(is_it) {
+            let stale = outcome.held && !same_figures(&row.last_run, &outcome.covered);
+            return stale.then(|| {
+                let (before, now) = (row.last_run.clone(), outcome.covered.clone());
+                Gap::at(
+                    row.line(),
+                    GapKind::Stale {
+                        engine,
+                        harness,
+                        before,
+                        now,
+                    },
+                )
+            });
+        }
+        match self.engines.get(&engine)? {
+            Extent::Partly => None,
+            Extent::RanQuick(listed) if row.run == Run::Full => {
+                let gap = || {
+                    Gap::at(
+                        row.line(),
+                        GapKind::Unlisted {
+                            engine,
+                            harness: row.harness.clone(),
+                        },
+                    )
+                };
+                (!listed.contains(&harness)).then(gap)
+            }
+            Extent::Ran | Extent::RanQuick(_) => {
+                Some(Gap::at(row.line(), GapKind::Silent { engine, harness }))
+            }
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! The tables of PROPERTIES.md.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::table::{Document, Row, Rows, escaped};
+use super::{Engine, Gap, GapKind};
+use crate::clauses::ClauseId;
+
+const GROUPS: [&str; 3] = ["group", "what is shown", "within which bound"];
+const ENGINES: [&str; 2] = ["engine", "what its word is worth"];
+const PROPERTIES: [&str; 4] = ["property", "statement", "clauses", "shown by"];
+const CHECKS: [&str; 6] = ["harness", "shows", "engine", "bound", "run", "last run"];
+const SHOWN_BY: &str = "shown by";
+const LAST_RUN: &str = "last run";
+
+/// A row of the table of groups: properties whose names begin alike.
+#[derive(Clone, Debug)]
+pub struct Group {
+    /// How the names begin, such as `MGR`; several between commas.
+    pub prefixes: String,
+    /// In plain words.
+    pub shown: String,
+    /// In plain words.
+    pub bound: String,
+}
+
+/// A row of the table of properties.
+#[derive(Clone, Debug)]
+pub struct Property {
+    /// Such as `MGR-STRICT`.
+    pub name: String,
+    /// The clauses that ask for it.
+    pub clauses: Vec<ClauseId>,
+    row: Row,
+}
+
+impl Group {
+    /// Whether a property is of this group.
+    #[must_use]
+    pub fn has(&self, property: &str) -> bool {
+        let (prefix, _) = property.split_once('-').unwrap_or((property, ""));
+        words(&self.prefixes).any(|it| it == prefix)
+    }
+}
+
+/// Whether a check is part of a quick run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Run {
+    /// Of each run.
+    Quick,
+    /// Only of a full one.
+    Full,
+}
+
+/// A row of a table of checks.
+#[derive(Clone, Debug)]
+pub struct Check {
+    /// The name under which the engine reports it.
+    pub harness: String,
+    /// The names of the properties that it shows.
+    pub shows: Vec<String>,
+    /// Who runs it.
+    pub engine: Engine,
+    /// When it runs.
+    pub run: Run,
+    /// What it covered when it was last run.
+    pub last_run: String,
+    row: Row,
+}
+
+impl Property {
+    /// Its line, counted from 1.
+    #[must_use]
+    pub const fn line(&self) -> usize {
+        self.row.line + 1
+    }
+}
+
+impl Check {
+    /// Its line, counted from 1.
+    #[must_use]
+    pub const fn line(&self) -> usize {
+        self.row.line + 1
+    }
+}
+
+/// PROPERTIES.md.
+#[derive(Clone, Debug)]
+pub struct Register {
+    document: Document,
+    groups: Vec<Group>,
+    engines: Vec<(String, String)>,
+    properties: Vec<Property>,
+    checks: Vec<Check>,
+}
+
+impl Register {
+    /// Reads the tables, and says what in them cannot be read.
+    #[must_use]
+    pub fn parse(text: &str) -> (Self, Vec<Gap>) {
+        let document = Document::new(text);
+        let mut gaps = Vec::new();
+        let mut rows = |columns: &[&str]| {
+            let Rows { rows, untidy } = document.rows(columns);
+            let gap = |line| Gap::at(line + 1, GapKind::Untidy);
+            gaps.extend(untidy.into_iter().map(gap));
+            rows
+        };
+        let [groups, engines] = [rows(&GROUPS), rows(&ENGINES)];
+        let [properties, checks] = [rows(&PROPERTIES), rows(&CHECKS)];
+        let group = |row: Row| Group {
+            prefixes: row.cell(GROUPS[0]).to_owned(),
+            shown: row.cell(GROUPS[1]).to_owned(),
+            bound: row.cell(GROUPS[2]).to_owned(),
+        };
+        let engine = |row: Row| ENGINES.map(|it| row.cell(it).to_owned()).into();
+        let mut read = Self {
+            document,
+            groups: groups.into_iter().map(group).collect(),
+            engines: engines.into_iter().map(engine).collect(),
+            properties: Vec::new(),
+            checks: Vec::new(),
+        };
+        for row in properties {
+            let line = row.line + 1;
+            match property(row) {
+                Ok(property) => read.properties.push(property),
+                Err(kind) => gaps.push(Gap::at(line, kind)),
+            }
+        }
+        for row in checks {
+            let line = row.line + 1;
+            match check(row) {
+                Ok(check) => read.checks.push(check),
+                Err(kind) => gaps.push(Gap::at(line, kind)),
+            }
+        }
+        gaps.extend(read.disagreements());
+        (read, gaps)
+    }
+
+    /// The table of groups.
+    #[must_use]
+    pub fn groups(&self) -> &[Group] {
+        &self.groups
+    }
+
+    /// The table of engines: each, and what its word is worth.
+    #[must_use]
+    pub fn engines(&self) -> &[(String, String)] {
+        &self.engines
+    }
+
+    /// The table of properties.
+    #[must_use]
+    pub fn properties(&self) -> &[Property] {
+        &self.properties
+    }
+
+    /// All tables of checks.
+    #[must_use]
+    pub fn checks(&self) -> &[Check] {
+        &self.checks
+    }
+
+    /// The row of a check. Kani's are those of the stand-in, which runs the same harnesses.
+    #[must_use]
+    pub fn check(&self, engine: Engine, harness: &str) -> Option<&Check> {
+        let is_it = |it: &&Check| it.harness == harness;
+        self.of(engine).find(is_it)
+    }
+
+    /// The rows that an engine runs.
+    pub fn of(&self, engine: Engine) -> impl Iterator<Item = &Check> {
+        let engine = match engine {
+            Engine::Kani => Engine::StandIn,
+            other => other,
+        };
+        self.checks.iter().filter(move |it| it.engine == engine)
+    }
+
+    /// The text, as it was read but for what was written.
+    #[must_use]
+    pub fn text(&self) -> String {
+        self.document.text()
+    }
+
+    /// Writes what a check covered.
+    pub fn record(&mut self, engine: Engine, harness: &str, covered: &str) {
+        let is_it = |it: &&mut Check| it.engine == engine && it.harness == harness;
+        if let Some(check) = self.checks.iter_mut().find(is_it) {
+            covered.clone_into(&mut check.last_run);
+            self.document.set(&check.row, LAST_RUN, &escaped(covered));
+        }
+    }
+
+    /// Writes the column *shown by* anew.
+    pub fn record_engines(&mut self) {
+        for property in &self.properties {
+            let engines = self.shown_by(&property.name);
+            self.document.set(&property.row, SHOWN_BY, &engines);
+        }
+    }
+
+    /// The engines whose checks show a property, each with their number.
+    #[must_use]
+    pub fn shown_by(&self, property: &str) -> String {
+        let shows = |it: &&Check| it.shows.iter().any(|name| name == property);
+        counted(self.checks.iter().filter(shows))
+    }
+
+    /// What the tables say twice, or not in the same way.
+    fn disagreements(&self) -> Vec<Gap> {
+        let mut gaps = Vec::new();
+        let mut names = BTreeSet::new();
+        for property in &self.properties {
+            let (name, line) = (property.name.clone(), property.line());
+            if !self.groups.iter().any(|it| it.has(&name)) {
+                gaps.push(Gap::at(line, GapKind::NoGroup(name.clone())));
+            }
+            let shown_by = self.shown_by(&name);
+            // That a fault is found says something of a check, and nothing of what is shipped.
+            let shows = |it: &Check| it.engine != Engine::Mutants && it.shows.contains(&name);
+            if !self.checks.iter().any(shows) {
+                gaps.push(Gap::at(line, GapKind::Unshown(name.clone())));
+            } else if shown_by != property.row.cell(SHOWN_BY) {
+                gaps.push(Gap::at(
+                    line,
+                    GapKind::StaleEngines {
+                        name: name.clone(),
+                        now: shown_by,
+                    },
+                ));
+            }
+            if !names.insert(name.clone()) {
+                gaps.push(Gap::at(line, GapKind::Twice(name)));
+            }
+        }
+        let mut harnesses = BTreeSet::new();
+        for check in &self.checks {
+            if !self
+                .engines
+                .iter()
+                .any(|(word, _)| word == check.engine.word())
+            {
+                gaps.push(Gap::at(check.line(), GapKind::NoEngine(check.engine)));
+            }
+            let unknown = check.shows.iter().filter(|name| !names.contains(*name));
+            gaps.extend(
+                unknown.map(|it| Gap::at(check.line(), GapKind::UnknownProperty(it.clone()))),
+            );
+            if !harnesses.insert((check.engine, &check.harness)) {
+                gaps.push(Gap::at(check.line(), GapKind::Twice(check.harness.clone())));
+            }
+        }
+        gaps
+    }
+}
+
+/// `model 3, angr 1`: the engines of these checks.
+pub(super) fn counted<'a>(checks: impl Iterator<Item = &'a Check>) -> String {
+    let mut counts = BTreeMap::new();
+    for check in checks {
+        *counts.entry(check.engine).or_insert(0_usize) += 1;
+    }
+    let words: Vec<_> = counts
+        .iter()
+        .map(|(engine, count)| format!("{engine} {count}"))
+        .collect();
+    words.join(", ")
+}
+
+fn property(row: Row) -> Result<Property, GapKind> {
+    let clause = |word: &str| ClauseId::parse(word).ok_or_else(|| GapKind::Clause(word.to_owned()));
+    Ok(Property {
+        name: row.cell(PROPERTIES[0]).to_owned(),
+        clauses: words(row.cell(PROPERTIES[2]))
+            .map(clause)
+            .collect::<Result<_, _>>()?,
+        row,
+    })
+}
+
+fn check(row: Row) -> Result<Check, GapKind> {
+    let [harness, shows, engine, run, last_run] =
+        [CHECKS[0], CHECKS[1], CHECKS[2], CHECKS[4], LAST_RUN].map(|it| row.cell(it).to_owned());
+    let quoted = harness
+        .strip_prefix('`')
+        .and_then(|it| it.strip_suffix('`'));
+    Ok(Check {
+        harness: quoted.ok_or(GapKind::Harness(harness.clone()))?.to_owned(),
+        shows: words(&shows).map(str::to_owned).collect(),
+        engine: Engine::named(&engine).ok_or(GapKind::Engine(engine))?,
+        run: match run.as_str() {
+            "quick" => Run::Quick,
+            "full" => Run::Full,
+            _ => return Err(GapKind::Run(run)),
+        },
+        last_run: last_run.replace("\\|", "|"),
+        row,
+    })
+}
+
+/// The words between commas.
+fn words(cell: &str) -> impl Iterator<Item = &str> {
+    cell.split(',')
+        .map(str::trim)
+        .filter(|word| !word.is_empty())
+}

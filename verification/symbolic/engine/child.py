@@ -1,0 +1,48 @@
+"""Explores each harness in a process of its own, which ends when its time is up."""
+
+import multiprocessing
+import resource
+from multiprocessing.connection import Connection
+
+from .machine import Exploration, Library
+from .replay import disagreements
+
+# What a harness may use; the machine has more to do.
+MEMORY_BYTES = 6 << 30
+
+
+def explore(
+    library: Library,
+    harness: str,
+    cpu_seconds: int,
+    first_panic: bool = False,
+) -> Exploration:
+    """What came of it: where the time was too short, paths are left."""
+    fork = multiprocessing.get_context("fork")
+    receiver, sender = fork.Pipe(duplex=False)
+    child = fork.Process(target=work, args=(library, harness, cpu_seconds, first_panic, sender))
+    child.start()
+    sender.close()
+    try:
+        seen = receiver.recv()
+    except EOFError:
+        # Killed within one question to the solver: nothing is known of this harness.
+        seen = Exploration(left=1, errors=["no time or no memory was left"])
+        seen.seconds = float(cpu_seconds)
+    child.join()
+    return seen
+
+
+def work(
+    library: Library,
+    harness: str,
+    cpu_seconds: int,
+    first_panic: bool,
+    sender: Connection,
+) -> None:
+    """The child's whole life."""
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds + 5, cpu_seconds + 5))
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    seen = library.explore(harness, cpu_seconds, first_panic)
+    seen.disagreements = disagreements(library.entry(harness), seen.models + seen.panics)
+    sender.send(seen)
