@@ -12,7 +12,7 @@
 //! | [`socket`] | [`SeqPacket`], [`Listener`]: datagrams with descriptors |
 //! | [`endpoint`] | [`socket_path`]: where a domain's socket is |
 //! | [`claim`] | [`Claim`]: owning that place, alone |
-//! | [`memfd`] | [`facts`](memfd::facts), [`SealedLoan`], [`Segment`]: memory to share |
+//! | [`memfd`] | [`facts`](memfd::facts), [`SealedLoan`], [`Blank`], [`Segment`]: memory to share |
 //! | [`slots`] | [`Slot`]: a segment's slots, each with one owner |
 //! | [`mapping`] | [`Mapping`]: looking at shared memory |
 //! | [`counters`] | [`CounterPage`], [`CounterView`]: what a node counts, for tools to look at |
@@ -29,7 +29,7 @@
 //!   `recvmsg` and `accept4` return. (Control messages are built and parsed in
 //!   safe code.)
 //! - `epoll`: `epoll_pwait2`.
-//! - `mapping`: `mmap`, `munmap`, `madvise`, slices over read-only mappings, and atomic words over
+//! - `mapping`: `mmap`, `munmap`, `madvise`, `mlock`, slices over read-only mappings, and atomic words over
 //!   those that change.
 //! - `loan`: slices over a memfd that nobody else has.
 //! - `segment`: slots, whose exclusive use the caller promises.
@@ -38,6 +38,7 @@
 #[cfg(not(target_os = "linux"))]
 compile_error!("sm2-io is written for Linux: it needs memfd seals, epoll and SOCK_SEQPACKET");
 
+mod blank;
 pub mod claim;
 pub mod clock;
 mod control;
@@ -45,6 +46,7 @@ pub mod counters;
 mod datagram;
 pub mod endpoint;
 pub mod epoll;
+mod huge;
 mod listener;
 mod loan;
 pub mod mapping;
@@ -58,6 +60,7 @@ mod sync;
 pub mod timer;
 pub mod waker;
 
+pub use blank::Blank;
 pub use claim::{Claim, DomainLock, Endpoint, HandOver, NotReclaimed};
 pub use counters::{CounterEntry, CounterPage, CounterView};
 pub use endpoint::{EndpointError, socket_path};

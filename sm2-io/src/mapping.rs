@@ -22,14 +22,16 @@ use std::num::NonZeroUsize;
 use std::os::fd::BorrowedFd;
 use std::ptr::NonNull;
 
-use nix::libc::c_void;
+use nix::errno::Errno;
+use nix::libc::{self, c_int, c_void};
 use nix::sys::mman::{self, MapFlags, MmapAdvise, ProtFlags};
 
+use crate::huge::{self, HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::sync::AtomicU64;
 
-/// What the kernel can map with a single page-table entry on the machines that
-/// matter here.
-pub(crate) const HUGE_PAGE_BYTES: usize = 2 << 20;
+/// The advice that puts a range into huge pages, whatever the setting for page faults. The
+/// number is the same on all machines.
+const MADV_COLLAPSE: c_int = 25;
 
 /// A read-only, shared mapping. Unmapped when dropped.
 ///
@@ -43,8 +45,9 @@ impl Mapping {
     /// Maps the first `len` bytes of `fd`, which must have that many.
     ///
     /// `populate` asks the kernel to make all pages present now, in one go: good
-    /// when all of them will be read. From 2 MiB on, a mapping starts at a multiple of
-    /// 2 MiB where possible. Length 0 maps nothing.
+    /// when all of them will be read. From 2 MiB on, or 512 KiB if it is populated, a mapping
+    /// starts at a multiple of 2 MiB where possible, and takes up whole ones: then a huge page of
+    /// the file is mapped as one. Length 0 maps nothing.
     ///
     /// # Errors
     ///
@@ -124,6 +127,53 @@ impl MappingMut {
         Ok(Self { region })
     }
 
+    /// Maps a file of `len` bytes for reading and writing, all of it in huge pages, the last one
+    /// too even if the file does not fill it. `None`: it is too short for that, or there are no
+    /// such pages.
+    pub(crate) fn of_huge_pages(fd: BorrowedFd<'_>, len: u64) -> io::Result<Option<Self>> {
+        if len < HUGE_LEAST_BYTES as u64 || !huge::may_ask() {
+            return Ok(None);
+        }
+        let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
+        let flags = MapFlags::MAP_SHARED;
+        let region = Region::map_whole_pages(fd, len, prot, flags, HUGE_LEAST_BYTES)?;
+        if huge_pages_allowed() {
+            let _ = region.advise(MmapAdvise::MADV_HUGEPAGE);
+        }
+        let huge = region.gather(0, region.mapped);
+        Ok(huge.then_some(Self { region }))
+    }
+
+    /// Puts the bytes from `start` to `end` into huge pages, as far as these lie within the
+    /// mapping, and makes them present. What the bytes are does not change. `false`: not all
+    /// are, and some may not be present.
+    pub(crate) fn gather(&self, start: usize, end: usize) -> bool {
+        let start = start / HUGE_PAGE_BYTES * HUGE_PAGE_BYTES;
+        let most = self.region.mapped / HUGE_PAGE_BYTES * HUGE_PAGE_BYTES;
+        let end = end.next_multiple_of(HUGE_PAGE_BYTES).min(most);
+        start < end && huge::may_ask() && self.region.gather(start, end)
+    }
+
+    /// Makes all pages present, in the file and in the page table.
+    ///
+    /// `Unsupported` before Linux 5.14.
+    pub(crate) fn populate(&self) -> io::Result<()> {
+        match self.region.populate(0, self.region.len) {
+            Err(Errno::EINVAL) => Err(io::ErrorKind::Unsupported.into()),
+            result => result.map_err(io::Error::from),
+        }
+    }
+
+    /// Keeps all pages in memory, present or not by now, for as long as the mapping exists.
+    pub(crate) fn lock(&self) -> io::Result<()> {
+        if self.region.len == 0 {
+            return Ok(());
+        }
+        // SAFETY: the range is ours. What the bytes are does not change, nor who may use them.
+        unsafe { mman::mlock(self.region.start.cast::<c_void>(), self.region.len)? };
+        Ok(())
+    }
+
     /// Asks for small pages even where all shared memory gets huge ones: of a large, sparse
     /// file, only what is used shall cost memory.
     pub(crate) fn keep_sparse(&self) {
@@ -155,7 +205,10 @@ impl MappingMut {
 #[derive(Debug)]
 struct Region {
     start: NonNull<u8>,
+    /// How many bytes may be used.
     len: usize,
+    /// How many are mapped: what is beyond `len` is there for the kernel alone.
+    mapped: usize,
 }
 
 // SAFETY: a region is memory, not tied to the thread that mapped it. It hands out only
@@ -168,20 +221,45 @@ impl Region {
     const EMPTY: Self = Self {
         start: NonNull::dangling(),
         len: 0,
+        mapped: 0,
     };
 
+    /// Large regions take up whole huge pages, where they can; those whose pages are made present
+    /// at once begin to be large earlier.
     fn map(fd: BorrowedFd<'_>, len: u64, prot: ProtFlags, flags: MapFlags) -> io::Result<Self> {
+        let huge_from = if flags.contains(MapFlags::MAP_POPULATE) {
+            HUGE_LEAST_BYTES
+        } else {
+            HUGE_PAGE_BYTES
+        };
+        Self::map_whole_pages(fd, len, prot, flags, huge_from)
+    }
+
+    /// From `huge_from` bytes on the region takes up whole huge pages, where it can.
+    fn map_whole_pages(
+        fd: BorrowedFd<'_>,
+        len: u64,
+        prot: ProtFlags,
+        flags: MapFlags,
+        huge_from: usize,
+    ) -> io::Result<Self> {
         // A slice may not be longer than `isize::MAX`.
         let len = isize::try_from(len).map_err(|_| io::ErrorKind::InvalidInput)?;
         let Some(size) = NonZeroUsize::new(len.cast_unsigned()) else {
             return Ok(Self::EMPTY);
         };
-        let hint = (size.get() >= HUGE_PAGE_BYTES).then(|| Self::aligned_hint(size));
+        let len = size.get();
+        let whole = (len >= huge_from)
+            .then(|| len.checked_next_multiple_of(HUGE_PAGE_BYTES))
+            .flatten();
+        let size = whole.and_then(NonZeroUsize::new).unwrap_or(size);
+        let hint = whole.and_then(|_| Self::aligned_hint(size));
         // SAFETY: without MAP_FIXED the kernel chooses addresses that nothing uses.
-        let start = unsafe { mman::mmap(hint.flatten(), size, prot, flags, fd, 0)? };
+        let start = unsafe { mman::mmap(hint, size, prot, flags, fd, 0)? };
         Ok(Self {
             start: start.cast(),
-            len: size.get(),
+            len,
+            mapped: size.get(),
         })
     }
 
@@ -196,6 +274,7 @@ impl Region {
         let room = Self {
             start: start.ok()?.cast(),
             len: len.get(),
+            mapped: len.get(),
         };
         let start = room.start.as_ptr().addr();
         NonZeroUsize::new(start.next_multiple_of(HUGE_PAGE_BYTES))
@@ -221,8 +300,52 @@ impl Region {
         let start = self.start.cast::<c_void>();
         // SAFETY: the range is ours. The kinds of advice used here change neither the
         // content of the pages nor what this process may do with them.
-        unsafe { mman::madvise(start, self.len, advice)? };
+        unsafe { mman::madvise(start, self.mapped, advice)? };
         Ok(())
+    }
+
+    /// Makes the pages from `from` to `to` present and writable.
+    fn populate(&self, from: usize, to: usize) -> nix::Result<()> {
+        assert!(from <= to && to <= self.mapped);
+        if from == to {
+            return Ok(());
+        }
+        // SAFETY: the range is inside of ours, so the address is too. What the bytes are does
+        // not change: it is as if each page were read and written back by the kernel. Other
+        // threads' accesses are not disturbed by that.
+        unsafe {
+            let start = self.start.add(from).cast::<c_void>();
+            mman::madvise(start, to - from, MmapAdvise::MADV_POPULATE_WRITE)
+        }
+    }
+
+    /// Puts the bytes from `from` to `to`, multiples of 2 MiB, into huge pages. `false`: not all.
+    fn gather(&self, from: usize, to: usize) -> bool {
+        assert!(from <= to && to <= self.mapped);
+        let all = if huge_pages_allowed() {
+            // Each fault brings one. Beyond the end of the file there is nothing to bring.
+            self.populate(from, to.min(self.len)).is_ok()
+        } else {
+            // A range without any page is none that the kernel would collapse.
+            let first = |at: usize| self.populate(at, (at + 1).min(self.len)).is_ok();
+            (from..to.min(self.len)).step_by(HUGE_PAGE_BYTES).all(first)
+                && self.collapse(from, to).is_ok()
+        };
+        if !all {
+            huge::pause();
+        }
+        all
+    }
+
+    fn collapse(&self, from: usize, to: usize) -> io::Result<()> {
+        assert!(from <= to && to <= self.mapped);
+        // SAFETY: the range is inside of ours, so the address is too. The kernel moves the
+        // pages, and whoever has them mapped sees the same bytes at the same addresses.
+        let result = unsafe {
+            let start = self.start.as_ptr().add(from).cast::<c_void>();
+            libc::madvise(start, to - from, MADV_COLLAPSE)
+        };
+        Errno::result(result).map(drop).map_err(io::Error::from)
     }
 }
 
@@ -231,7 +354,7 @@ impl Drop for Region {
         if self.len > 0 {
             // SAFETY: the pages are owned by this value, and every reference into them borrows
             // from it. Fails only for arguments that were never mapped.
-            let result = unsafe { mman::munmap(self.start.cast(), self.len) };
+            let result = unsafe { mman::munmap(self.start.cast(), self.mapped) };
             debug_assert_eq!(result, Ok(()));
         }
     }

@@ -4,16 +4,18 @@ use std::fs::File;
 use std::io::{self, IoSlice};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::FileExt;
-use std::sync::OnceLock;
 
 use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, SealFlag, fcntl};
-use nix::libc;
+use nix::fcntl::{FallocateFlags, FcntlArg, SealFlag, fallocate, fcntl};
+use nix::libc::{self, off_t};
 use nix::sys::memfd::{MFdFlags, memfd_create};
+use nix::sys::resource::{Resource, getrlimit};
 use nix::sys::stat::{SFlag, fstat};
 use nix::sys::statfs::{TMPFS_MAGIC, fstatfs};
 use sm2_proto::{FdFacts, Seals};
 
+pub use crate::blank::Blank;
+pub use crate::huge::{huge_pages_allowed, huge_pages_allowed_by};
 pub use crate::loan::SealedLoan;
 pub use crate::segment::Segment;
 
@@ -46,13 +48,18 @@ pub fn facts(fd: BorrowedFd<'_>) -> io::Result<FdFacts> {
     })
 }
 
-/// A sealed memfd with a copy of `bytes`. See [`sealed_from_parts`].
+/// A sealed memfd with a copy of `bytes`, made in the way that is fastest here: through a
+/// mapping of huge pages if it is large and there are some, else as [`sealed_from_parts`]. The
+/// file is as long as `bytes`.
 ///
 /// # Errors
 ///
 /// As [`sealed_from_parts`].
 pub fn sealed_from_bytes(bytes: &[u8]) -> io::Result<OwnedFd> {
-    sealed_from_parts(&[IoSlice::new(bytes)])
+    match SealedLoan::of_huge_pages(bytes.len())? {
+        Some(loan) => loan.filled(bytes),
+        None => sealed_from_parts(&[IoSlice::new(bytes)]),
+    }
 }
 
 /// A sealed memfd with a copy of `parts`, one after the other: nobody can
@@ -78,24 +85,14 @@ pub fn sealed_from_parts(parts: &[IoSlice<'_>]) -> io::Result<OwnedFd> {
     Ok(file.into())
 }
 
-/// Whether large shared mappings get huge pages on request, by the setting in
-/// `/sys/kernel/mm/transparent_hugepage/shmem_enabled` when first asked.
-/// Where that is unknown, they do not.
-pub fn huge_pages_allowed() -> bool {
-    static ALLOWED: OnceLock<bool> = OnceLock::new();
-    *ALLOWED.get_or_init(|| {
-        std::fs::read_to_string("/sys/kernel/mm/transparent_hugepage/shmem_enabled")
-            .is_ok_and(|setting| huge_pages_allowed_by(&setting))
-    })
-}
-
-/// Reads the kernel's way of writing a choice: `always within_size [advise] never`.
-#[doc(hidden)]
-#[must_use]
-pub fn huge_pages_allowed_by(setting: &str) -> bool {
-    let chosen = |word: &&str| word.starts_with('[') && word.ends_with(']');
-    let allowed = ["[always]", "[within_size]", "[advise]", "[force]"];
-    (setting.split_whitespace().find(chosen)).is_some_and(|word| allowed.contains(&word))
+/// How much memory this process may keep from being swapped out, in bytes: `RLIMIT_MEMLOCK`.
+/// Without a limit, `u64::MAX`. A process with `CAP_IPC_LOCK` is not bound by it.
+///
+/// # Errors
+///
+/// Whatever `getrlimit(2)` says: none are expected.
+pub fn locked_bytes_max() -> io::Result<u64> {
+    Ok(getrlimit(Resource::RLIMIT_MEMLOCK)?.0)
 }
 
 /// A memfd of `len` zeroes that can be sealed.
@@ -112,18 +109,42 @@ pub(crate) fn create(name: &std::ffi::CStr, len: u64) -> io::Result<File> {
     Ok(file)
 }
 
-/// How often a seal is tried that the kernel refuses with `EBUSY`. Each time it waits up to
-/// 150 ms for whoever holds on to pages: compaction, or a tool that walks a process' memory.
+/// Gives a file all its pages.
+pub(crate) fn allocate(file: &File, len: usize) -> io::Result<()> {
+    if len == 0 {
+        return Ok(());
+    }
+    let len = off_t::try_from(len).map_err(|_| io::ErrorKind::InvalidInput)?;
+    loop {
+        // Large files take long, and a signal interrupts it.
+        match fallocate(file, FallocateFlags::empty(), 0, len) {
+            Err(Errno::EINTR) => {}
+            result => return result.map_err(io::Error::from),
+        }
+    }
+}
+
+/// How often a seal is tried that the kernel refuses with `EBUSY`, where there is no other way.
+/// Each time it waits up to 150 ms for whoever holds on to pages: compaction, or a tool that
+/// walks a process' memory.
 const SEAL_TRIES: u32 = 4;
 
 /// Adds `seals` in one step.
 pub(crate) fn add_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
-    let flags = SealFlag::from_bits_retain(seals.0.cast_signed());
-    let mut tries = 1;
-    loop {
-        match fcntl(file.as_fd(), FcntlArg::F_ADD_SEALS(flags)) {
-            Err(Errno::EBUSY) if tries < SEAL_TRIES => tries += 1,
-            result => return result.map(drop).map_err(io::Error::from),
+    let mut result = try_seals(&file, seals);
+    for _ in 1..SEAL_TRIES {
+        match &result {
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {}
+            _ => break,
         }
+        result = try_seals(&file, seals);
     }
+    result
+}
+
+/// Adds `seals` in one step, unless that is refused for the moment: `ResourceBusy`.
+pub(crate) fn try_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
+    let flags = SealFlag::from_bits_retain(seals.0.cast_signed());
+    fcntl(file.as_fd(), FcntlArg::F_ADD_SEALS(flags))?;
+    Ok(())
 }

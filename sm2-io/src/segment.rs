@@ -6,8 +6,9 @@ use std::os::fd::{AsFd, BorrowedFd};
 
 use sm2_proto::Seals;
 
+use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::mapping::MappingMut;
-use crate::memfd::{add_seals, create, huge_pages_allowed};
+use crate::memfd::{add_seals, allocate, create};
 
 /// A memfd of equal slots, which only this value can write.
 ///
@@ -23,14 +24,16 @@ pub struct Segment {
     file: File,
     stride: usize,
     slots: u32,
+    /// Whether all pages are.
+    present: bool,
 }
 
 impl Segment {
     /// A segment of `slots` slots, `stride_bytes` apart.
     ///
     /// From 2 MiB on the mapping starts at a multiple of 2 MiB and asks for huge pages
-    /// where [they are allowed](crate::memfd::huge_pages_allowed). A product of 0 makes an
-    /// empty segment.
+    /// where [they are allowed](crate::memfd::huge_pages_allowed). No memory is taken before it is
+    /// written. A product of 0 makes an empty segment.
     ///
     /// # Errors
     ///
@@ -49,7 +52,57 @@ impl Segment {
             file,
             stride,
             slots,
+            present: false,
         })
+    }
+
+    /// Makes all pages present, in huge ones where there are some: from then on, writing
+    /// to a slot for the first time costs no more than any other time.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `madvise(2)` and `fallocate(2)` say: no memory.
+    pub fn prefault(&mut self) -> io::Result<()> {
+        self.present = true;
+        // Without huge pages small ones are as present.
+        let _ = self.mapping.gather(0, self.mapping.len());
+        match self.mapping.populate() {
+            // An older kernel: the pages are there, and come into the page table one by one.
+            Err(error) if error.kind() == io::ErrorKind::Unsupported => {
+                allocate(&self.file, self.mapping.len())
+            }
+            result => result,
+        }
+    }
+
+    /// Keeps all pages in memory for as long as this value exists: they are present, and never
+    /// swapped out, whoever has them mapped.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `mlock(2)` says: `PermissionDenied` or `OutOfMemory` if
+    /// [`locked_bytes_max`](crate::memfd::locked_bytes_max) is too low.
+    pub fn lock(&mut self) -> io::Result<()> {
+        self.present = true;
+        self.mapping.lock()
+    }
+
+    /// Whether no slot has to be made ready for writing.
+    pub(crate) const fn is_present(&self) -> bool {
+        self.present
+    }
+
+    /// Puts the first `len` bytes of slot `index` into huge pages, as far as they can be without
+    /// taking memory for other slots: for a slot that is about to be written for the first time.
+    pub(crate) fn warm(&self, index: u32, len: usize) {
+        // The last of them only if enough of it is needed.
+        let whole = (len.min(self.stride) + HUGE_PAGE_BYTES - HUGE_LEAST_BYTES) / HUGE_PAGE_BYTES
+            * HUGE_PAGE_BYTES;
+        if whole > 0 && self.stride.is_multiple_of(HUGE_PAGE_BYTES) {
+            let start = self.stride * index as usize;
+            // Without huge pages small ones are as correct.
+            let _ = self.mapping.gather(start, start + whole);
+        }
     }
 
     /// The descriptor to hand to receivers.

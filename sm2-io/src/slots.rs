@@ -20,6 +20,8 @@ use crate::segment::Segment;
 pub struct Slot {
     segment: Arc<Segment>,
     index: u32,
+    /// How many bytes were made ready for writing.
+    warm: usize,
 }
 
 /// The descriptor of a split segment, to hand to receivers.
@@ -30,11 +32,13 @@ impl Segment {
     /// Gives every slot an owner. Slots come in the order of their numbers.
     #[must_use]
     pub fn split(self) -> (SegmentFd, Vec<Slot>) {
+        let warm = if self.is_present() { usize::MAX } else { 0 };
         let segment = Arc::new(self);
         let slots = (0..segment.slots())
             .map(|index| Slot {
                 segment: Arc::clone(&segment),
                 index,
+                warm,
             })
             .collect();
         (SegmentFd(segment), slots)
@@ -52,6 +56,16 @@ impl Slot {
     #[must_use]
     pub fn len_bytes(&self) -> usize {
         self.segment.stride_bytes()
+    }
+
+    /// Gets the memory for the first `len` bytes in huge pages, if they are many, there are such
+    /// pages, and this was not done before. What the bytes are does not change, and nothing else
+    /// depends on it: without it, they come when they are written, one small page at a time.
+    pub fn warm(&mut self, len: usize) {
+        if len > self.warm {
+            self.warm = len;
+            self.segment.warm(self.index, len);
+        }
     }
 
     /// The first `len` bytes.

@@ -121,6 +121,64 @@ pub enum DeclareError {
         /// Request and reply in use.
         theirs: Box<(TypeId, TypeId)>,
     },
+    /// Memory is to be reserved, but it is not known how much.
+    #[error(
+        "{name} was not declared: slots, prefault and mlock are about the memory that max_len reserves; say max_len as well"
+    )]
+    NoMaxLen {
+        /// The topic.
+        name: Name,
+    },
+    /// Memory is to be reserved for messages that have memory of their own.
+    #[error(
+        "{name} was not declared: each sealed message needs new memory, so none can be reserved with max_len; leave out one of the two"
+    )]
+    ReservedSealed {
+        /// The topic.
+        name: Name,
+    },
+    /// No segment holds as much as is to be reserved (SM2-SEG-003).
+    #[error(
+        "{name} was not declared: {slots} messages of {max_len} bytes are more than one segment holds (65,536 slots, 2^41 bytes); reserve less"
+    )]
+    ReserveTooMuch {
+        /// The topic.
+        name: Name,
+        /// The length of the longest message, in bytes.
+        max_len: usize,
+        /// How many messages.
+        slots: u32,
+    },
+    /// The operating system refused the memory that is to be reserved.
+    #[error(
+        "{name} was not declared, since memory for {slots} messages of {max_len} bytes cannot be had ({source}): reserve less"
+    )]
+    Reserve {
+        /// The topic.
+        name: Name,
+        /// The length of the longest message, in bytes.
+        max_len: usize,
+        /// How many messages.
+        slots: u32,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The operating system does not lock the memory that is reserved.
+    #[error(
+        "{name} was not declared, since memory for {slots} messages of {max_len} bytes cannot be locked ({source}): RLIMIT_MEMLOCK is {limit_bytes} bytes; raise it (ulimit -l, LimitMEMLOCK=), reserve less, or leave out mlock"
+    )]
+    Lock {
+        /// The topic.
+        name: Name,
+        /// The length of the longest message, in bytes.
+        max_len: usize,
+        /// How many messages.
+        slots: u32,
+        /// `RLIMIT_MEMLOCK`, in bytes.
+        limit_bytes: u64,
+        /// What the system said.
+        source: io::Error,
+    },
     /// A quota of the Manager is used up (SM2-IFC-006).
     #[error(
         "{name} was not declared, since the quota of {limit} {quota} is used up: close some, or have the operator raise it"
@@ -235,7 +293,7 @@ pub enum StoreError {
     },
     /// All memory that the pool may have holds messages that somebody still needs.
     #[error(
-        "no slot for {len} bytes: all {limit_bytes} bytes of this pool are in use; raise pool_limit, or have receivers give samples back sooner"
+        "no slot for {len} bytes: all {limit_bytes} bytes of this pool are in use; raise pool_limit or slots, or have receivers give samples back sooner"
     )]
     PoolFull {
         /// The length of the message, in bytes.

@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
 
 use bytes::Bytes;
-use sm2_io::Epoll;
+use sm2_io::{Blank, Epoll};
 use sm2_proto::control::Peer;
 use sm2_proto::limits::MESSAGE_MAX;
 use sm2_proto::link::Delivery;
@@ -16,10 +16,11 @@ use sm2_proto::{Contract, Instant, InterfaceId, Name, Refusal, TypeId};
 
 use crate::domain::check_schema;
 use crate::driver::{
-    Bell, Forms, Full, Inner, Interface, LinkStatus, Needs, NoSlot, Shared, State, Taken, Tools,
-    Topic, seal,
+    Bell, Forms, Full, Inner, Interface, LinkStatus, Needs, NoSlot, Reserved, Shared, State, Taken,
+    Tools, Topic,
 };
 use crate::pool::Lease;
+use crate::stock;
 use crate::{DeclareError, Payload, RecvError, StoreError, WaitError};
 
 /// A declared interface, until it is dropped.
@@ -82,6 +83,18 @@ impl Handle {
                 None => DeclareError::TimedOut { name },
             }),
         }
+    }
+
+    /// How long unused memory is kept, and what is there before any message.
+    pub(crate) fn keep(&mut self, idle: Duration, reserved: Option<Reserved>) {
+        let bytes = reserved.as_ref().map_or(0, Reserved::bytes);
+        self.pool_limit_bytes = self.pool_limit_bytes.saturating_add(bytes);
+        self.with_idle(|interface, _| {
+            interface.outbox.keep_idle(idle);
+            if let Some(reserved) = reserved {
+                interface.outbox.adopt(reserved);
+            }
+        });
     }
 
     /// Whether the Manager that is there has it.
@@ -175,6 +188,17 @@ impl Handle {
         inline_max: usize,
         needs: Needs,
     ) -> Result<Forms, StoreError> {
+        self.store_with(bytes, inline_max, needs, |_| None)
+    }
+
+    /// The same, with memory for a sealed message of some length, if that is ready.
+    pub(crate) fn store_with(
+        &self,
+        bytes: Cow<'_, [u8]>,
+        inline_max: usize,
+        needs: Needs,
+        ready: impl FnOnce(usize) -> Option<Blank>,
+    ) -> Result<Forms, StoreError> {
         let mut forms = Forms::default();
         if needs.nobody() {
             return Ok(forms);
@@ -189,7 +213,7 @@ impl Handle {
         // First what can fail and needs no undoing.
         if needs.sealed {
             check_len(bytes.len() as u64)?;
-            forms.sealed = Some(seal(&bytes)?);
+            forms.sealed = Some(stock::seal(ready(bytes.len()), &bytes)?);
         }
         if needs.pooled {
             let mut lease = self.lease(bytes.len())?;
@@ -201,20 +225,23 @@ impl Handle {
 
     /// A slot for `len` bytes.
     pub(crate) fn lease(&self, len: usize) -> Result<Lease<sm2_io::Slot>, StoreError> {
-        let len = len as u64;
-        check_len(len)?;
+        check_len(len as u64)?;
+        let now = sm2_io::clock::now();
         let lease = self.with_idle(|interface, tools| {
-            let lease = interface.outbox.lease(len);
-            interface.detach_segments(tools);
+            let lease = interface.outbox.lease(len as u64);
+            interface.rest(now, tools);
             lease
         });
-        lease.map_err(|error| match error {
+        let mut lease = lease.map_err(|error| match error {
             NoSlot::Full => StoreError::PoolFull {
-                len,
+                len: len as u64,
                 limit_bytes: self.pool_limit_bytes,
             },
-            NoSlot::Io(error) => StoreError::Io(error),
-        })
+            NoSlot::Io(error) | NoSlot::Lock(error) => StoreError::Io(error),
+        })?;
+        // Not under the node's lock: the first time it takes long.
+        lease.memory.warm(len);
+        Ok(lease)
     }
 
     /// Makes a message readable that was taken. If that is not possible, its link is closed.
@@ -312,6 +339,14 @@ impl Drop for Receipt {
                 interface.give_back(self.token, self.sequence, tools);
             });
         }
+    }
+}
+
+impl Interface {
+    /// Gives back memory that was not used for long. Cheap: it may be called with every message.
+    pub(crate) fn rest(&mut self, now: Instant, tools: &mut Tools<'_>) {
+        self.outbox.rest(now);
+        self.detach_segments(tools);
     }
 }
 

@@ -133,6 +133,7 @@ mod publisher;
 mod sample;
 pub mod schema;
 mod server;
+mod stock;
 mod subscriber;
 
 pub use builder::NodeBuilder;

@@ -8,10 +8,11 @@ use bytes::Bytes;
 use sm2_io::{SealedLoan, Slot};
 
 use crate::buffer::AlignedBuffer;
-use crate::driver::{Forms, seal};
+use crate::driver::Forms;
 use crate::plain::check;
 use crate::pool::Lease;
 use crate::publisher::Core;
+use crate::stock;
 use crate::{Plain, PublishError, Published, StoreError};
 
 /// One message being written in place. Dereferences to it.
@@ -45,7 +46,10 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
                 nobody || (needs.sealed && !needs.pooled)
             });
             match sealed {
-                true => Memory::Sealed(SealedLoan::new(len as u64)?),
+                true => {
+                    let ready = publisher.ready(|stock, now| stock.for_loan(len, now));
+                    Memory::Sealed(stock::lend(ready, len)?)
+                }
                 false => Memory::Slot(publisher.handle.lease(len)?),
             }
         };
@@ -79,7 +83,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             Memory::Slot(lease) => {
                 let bytes = lease.memory.bytes(self.len);
                 // Better here than under the node's lock.
-                let sealed = needs.sealed.then(|| seal(bytes)).transpose();
+                let sealed = needs.sealed.then(|| self.publisher.seal(bytes)).transpose();
                 forms.pooled = Some(lease);
                 match sealed {
                     Ok(sealed) => forms.sealed = sealed,

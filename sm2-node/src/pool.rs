@@ -4,30 +4,59 @@
 //! says how large the next segment is to be. It knows neither links nor messages:
 //! its owner, the [outbox](crate::driver), gives a slot back when nobody needs it any more.
 //!
-//! - A slot's size is a power of two, 4 KiB at least. Slots of one size form a class.
-//! - The slot that was given back last is taken first: its memory is still in a cache,
-//!   and slots that were never needed cost no memory at all.
+//! - Sizes of slots are powers of two and what lies halfway between two of them, 4 KiB at least,
+//!   and multiples of 2 MiB from there on, so that each slot begins with a huge page. Slots of one
+//!   size form a class. The last [`HEAD_BYTES`] of a slot are no message's.
+//! - Of a class, a slot of the oldest segment is taken, and there the one that was given back
+//!   last: its memory is still in a cache. Slots that were never needed cost no memory at all, and
+//!   those of younger segments are needed by nobody again, once a rush is over. If the class has
+//!   none, one of a size up to twice as large will do: messages whose lengths vary need no
+//!   memory for each length.
 //! - A class that has no free slot gets a segment with as many slots as it has
 //!   already. So segments are few: their number grows with the logarithm of the need.
+//! - A segment of which nobody used a slot for a while [goes](Pool::sweep). Only whole segments
+//!   can: their seals forbid holes.
 //! - A slot can be *abandoned*: never to be written again, since somebody might still
 //!   read it. Its segment then serves no further message, and is over when the last of its
 //!   slots is back.
+//! - A segment can be *reserved*: it is there from the beginning, beyond the limit, for messages
+//!   of any length that fits, and never goes for being idle. If a slot of it is abandoned, that one is lost alone, and made up for
+//!   when it is missed.
 
-use std::collections::BTreeMap;
+use std::time::Duration;
 
+use sm2_proto::Instant;
 use sm2_proto::limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOTS_MAX, STRIDE_UNIT};
 
 #[cfg(test)]
 mod tests;
 
+/// How many bytes at the end of each slot are left for the message's head.
+pub(crate) const HEAD_BYTES: u64 = 64;
+
+/// How long a segment is kept that nobody uses, unless a builder says otherwise.
+pub(crate) const IDLE_DEFAULT: Duration = Duration::from_secs(5);
+
+/// What a number of a segment is less than: 15 bits.
+const IDS: u32 = 1 << 15;
+
+/// What the size of a large slot is a multiple of.
+const HUGE_PAGE: u64 = 2 << 20;
+
 /// Free slots, whose memory is an `M` each.
 #[derive(Debug)]
 pub(crate) struct Pool<M> {
-    segments: BTreeMap<u32, Segment>,
-    /// By size of the slot. The end of each list is taken first.
-    free: BTreeMap<u64, Vec<Lease<M>>>,
+    /// By size of the slot, and of one size the oldest first. A few, 256 at most.
+    segments: Vec<Segment<M>>,
     next_id: u32,
     limit_bytes: u64,
+    /// The size of all segments together, and that of those which are reserved.
+    bytes: u64,
+    reserved_bytes: u64,
+    /// Slots of reserved segments that never come back.
+    lost: Lost,
+    idle: Duration,
+    swept: Instant,
 }
 
 /// A slot that is in use: the right to its memory.
@@ -44,6 +73,8 @@ pub(crate) struct Geometry {
     pub(crate) id: u32,
     pub(crate) stride: u64,
     pub(crate) slots: u32,
+    /// Whether it is there whatever the limit, used or not.
+    pub(crate) reserved: bool,
 }
 
 /// There is no room for one more slot of this size.
@@ -51,12 +82,22 @@ pub(crate) struct Geometry {
 pub(crate) struct Full;
 
 #[derive(Debug)]
-struct Segment {
+struct Segment<M> {
     geometry: Geometry,
-    free: u32,
-    /// Slots that never come back; more than zero ends the segment.
+    /// The last of them is taken first.
+    free: Vec<Lease<M>>,
+    /// Slots that never come back.
     gone: u32,
     retired: bool,
+    /// Whether a slot was taken or given back since the last sweep.
+    touched: bool,
+}
+
+/// How many slots of which size are to be made up for.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lost {
+    stride: u64,
+    slots: u32,
 }
 
 impl Geometry {
@@ -65,56 +106,108 @@ impl Geometry {
     }
 }
 
+impl<M> Segment<M> {
+    fn is_unused(&self) -> bool {
+        self.free.len() == self.geometry.slots as usize
+    }
+}
+
 impl<M> Pool<M> {
     /// An empty pool, which grows to at most `limit_bytes`.
     pub(crate) const fn new(limit_bytes: u64) -> Self {
         Self {
-            segments: BTreeMap::new(),
-            free: BTreeMap::new(),
+            segments: Vec::new(),
             next_id: 0,
             limit_bytes,
+            bytes: 0,
+            reserved_bytes: 0,
+            lost: Lost {
+                stride: 0,
+                slots: 0,
+            },
+            idle: IDLE_DEFAULT,
+            swept: Instant(0),
         }
     }
 
-    /// A free slot for `len` bytes.
+    /// Segments that nobody uses are kept so long.
+    pub(crate) const fn keep_idle(&mut self, idle: Duration) {
+        self.idle = idle;
+    }
+
+    /// A free slot for `len` bytes and a head.
     pub(crate) fn take(&mut self, len: u64) -> Option<Lease<M>> {
-        let lease = self.free.get_mut(&stride_for(len))?.pop()?;
-        self.segment_mut(lease.segment.id).free -= 1;
+        let stride = stride_for(len);
+        let first = (self.segments).partition_point(|it| it.geometry.stride < stride);
+        let segment = self.segments[first..]
+            .iter_mut()
+            .filter(|it| it.geometry.stride <= 2 * stride || it.geometry.reserved)
+            .find(|it| !it.free.is_empty())?;
+        segment.touched = true;
+        let lease = segment.free.pop();
         self.check_invariants();
-        Some(lease)
+        lease
     }
 
     /// The segment to [add](Self::add), so that `len` bytes find a slot.
     ///
     /// # Errors
     ///
-    /// [`Full`]: the limit leaves no room, even if [idle](Self::idle) segments go.
+    /// [`Full`]: the limit leaves no room, even if [unused](Self::unused) segments go.
     pub(crate) fn plan(&self, len: u64) -> Result<Geometry, Full> {
         if len > MESSAGE_MAX || self.segments.len() >= SEGMENTS_MAX {
             return Err(Full);
         }
         let stride = stride_for(len);
-        let has: u32 = (self.segments.values())
-            .filter(|segment| segment.geometry.stride == stride && !segment.retired)
-            .map(|segment| segment.geometry.slots)
+        if self.lost.slots > 0 && self.lost.stride >= stride {
+            let Lost { stride, slots } = self.lost;
+            return Ok(self.geometry(stride, slots, true));
+        }
+        let has: u32 = (self.segments.iter())
+            .filter(|it| it.geometry.stride == stride && !it.retired && !it.geometry.reserved)
+            .map(|it| it.geometry.slots)
             .sum();
-        let room = self.limit_bytes.saturating_sub(self.bytes());
+        let room = (self.limit_bytes).saturating_sub(self.bytes - self.reserved_bytes);
         let most = room.min(SEGMENT_BYTES_MAX) / stride;
         let wanted = u64::from(has.max(first_slots(stride)).min(SLOTS_MAX));
         match u32::try_from(wanted.min(most)) {
             Ok(0) | Err(_) => Err(Full),
-            Ok(slots) => Ok(Geometry {
-                id: self.unused_id(),
-                stride,
-                slots,
-            }),
+            Ok(slots) => Ok(self.geometry(stride, slots, false)),
         }
     }
 
-    /// Adds a segment as [planned](Self::plan); `memory` is that of its slots, in order.
+    /// The segment to [add](Self::add), so that there are so many slots for `len` bytes for ever.
+    ///
+    /// # Errors
+    ///
+    /// [`Full`]: no segment can be so large.
+    pub(crate) fn plan_reserved(&self, len: u64, slots: u32) -> Result<Geometry, Full> {
+        if len > MESSAGE_MAX || slots > SLOTS_MAX || self.segments.len() >= SEGMENTS_MAX {
+            return Err(Full);
+        }
+        let stride = stride_for(len);
+        if u64::from(slots) > SEGMENT_BYTES_MAX / stride {
+            return Err(Full);
+        }
+        Ok(self.geometry(stride, slots, true))
+    }
+
+    fn geometry(&self, stride: u64, slots: u32, reserved: bool) -> Geometry {
+        // As late as possible, a number is used again.
+        let is_used = |id: &u32| self.segments.iter().any(|it| it.geometry.id == *id);
+        let mut ids = (0..IDS).map(|after| (self.next_id + after) % IDS);
+        Geometry {
+            id: (ids.find(|id| !is_used(id))).expect("there are fewer segments than numbers"),
+            stride,
+            slots,
+            reserved,
+        }
+    }
+
+    /// Adds a segment as planned; `memory` is that of its slots, in order.
     pub(crate) fn add(&mut self, geometry: Geometry, memory: impl IntoIterator<Item = M>) {
-        self.next_id = geometry.id.wrapping_add(1);
-        let mut leases: Vec<_> = (0..geometry.slots)
+        self.next_id = geometry.id + 1;
+        let mut free: Vec<_> = (0..geometry.slots)
             .zip(memory)
             .map(|(slot, memory)| Lease {
                 segment: geometry,
@@ -122,19 +215,24 @@ impl<M> Pool<M> {
                 memory,
             })
             .collect();
-        debug_assert_eq!(leases.len(), geometry.slots as usize);
-        // The first slot is taken first, and all of them only when older ones are in use.
-        leases.reverse();
-        let class = self.free.entry(geometry.stride).or_default();
-        leases.append(class);
-        *class = leases;
+        debug_assert_eq!(free.len(), geometry.slots as usize);
+        // The first slot is taken first.
+        free.reverse();
+        self.bytes += geometry.bytes();
+        if geometry.reserved {
+            self.reserved_bytes += geometry.bytes();
+            self.lost = Lost::default();
+        }
+        let younger = |it: &Segment<M>| it.geometry.stride <= geometry.stride;
+        let place = self.segments.partition_point(younger);
         self.segments.insert(
-            geometry.id,
+            place,
             Segment {
                 geometry,
-                free: geometry.slots,
+                free,
                 gone: 0,
                 retired: false,
+                touched: true,
             },
         );
         self.check_invariants();
@@ -142,104 +240,156 @@ impl<M> Pool<M> {
 
     /// Takes back a slot that nobody reads any more. The number of its segment, if that is over.
     pub(crate) fn give_back(&mut self, lease: Lease<M>) -> Option<u32> {
-        let id = lease.segment.id;
-        let segment = self.segment_mut(id);
+        let place = self.place(lease.segment.id);
+        let segment = &mut self.segments[place];
+        segment.touched = true;
         if segment.retired {
-            return self.lose(id);
+            return self.lose(place);
         }
-        segment.free += 1;
-        let class = self.free.entry(lease.segment.stride).or_default();
-        class.push(lease);
+        segment.free.push(lease);
         self.check_invariants();
         None
     }
 
-    /// Gives up a slot that must not be written again, and its segment with it. The
-    /// segment's number, if it is over.
+    /// Gives up a slot that must not be written again, and its segment with it, unless that is
+    /// reserved. The segment's number, if it is over.
     pub(crate) fn abandon(&mut self, lease: Lease<M>) -> Option<u32> {
-        let id = lease.segment.id;
-        self.retire(id);
-        self.lose(id)
+        let Geometry {
+            id,
+            stride,
+            reserved,
+            ..
+        } = lease.segment;
+        let place = self.place(id);
+        self.segments[place].touched = true;
+        if reserved {
+            self.lost = Lost {
+                stride,
+                slots: self.lost.slots + 1,
+            };
+        } else {
+            self.retire(place);
+        }
+        self.lose(place)
     }
 
     /// Gives up all segments of which every slot is free; their numbers.
-    pub(crate) fn idle(&mut self) -> Vec<u32> {
-        let idle: Vec<u32> = (self.segments.values())
-            .filter(|segment| segment.free == segment.geometry.slots)
-            .map(|segment| segment.geometry.id)
-            .collect();
-        for &id in &idle {
-            self.retire(id);
-            self.segments.remove(&id);
+    pub(crate) fn unused(&mut self) -> Vec<u32> {
+        self.give_up(|_| true)
+    }
+
+    /// Gives up all segments of which no slot was in use since the last sweep, which was as long
+    /// ago as segments are kept, at least; their numbers. Looks at the segments once in that time,
+    /// however often it is called.
+    ///
+    /// The youngest of a class go first: as long as one is in use, older ones may have to serve in
+    /// its place, and are kept.
+    pub(crate) fn sweep(&mut self, now: Instant) -> Vec<u32> {
+        if now.since(self.swept) < self.idle {
+            return Vec::new();
         }
-        self.check_invariants();
+        self.swept = now;
+        let mut younger = None;
+        for segment in self.segments.iter_mut().rev() {
+            segment.touched |= younger == Some(segment.geometry.stride);
+            younger = segment.touched.then_some(segment.geometry.stride);
+        }
+        let idle = self.give_up(|segment| !segment.touched);
+        for segment in &mut self.segments {
+            segment.touched = false;
+        }
         idle
     }
 
     /// The size of all segments together.
-    pub(crate) fn bytes(&self) -> u64 {
-        (self.segments.values())
-            .map(|segment| segment.geometry.bytes())
-            .sum()
+    pub(crate) const fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Gives up unused segments that are like this.
+    fn give_up(&mut self, is_so: impl Fn(&Segment<M>) -> bool) -> Vec<u32> {
+        let mut ids = Vec::new();
+        let bytes = &mut self.bytes;
+        self.segments.retain(|segment| {
+            let goes = segment.is_unused() && !segment.geometry.reserved && is_so(segment);
+            if goes {
+                ids.push(segment.geometry.id);
+                *bytes -= segment.geometry.bytes();
+            }
+            !goes
+        });
+        self.check_invariants();
+        ids
     }
 
     /// No slot of this segment is handed out any more.
-    fn retire(&mut self, id: u32) {
-        let segment = self.segment_mut(id);
+    fn retire(&mut self, place: usize) {
+        let segment = &mut self.segments[place];
         segment.retired = true;
-        segment.gone += segment.free;
-        segment.free = 0;
-        let stride = segment.geometry.stride;
-        if let Some(class) = self.free.get_mut(&stride) {
-            class.retain(|lease| lease.segment.id != id);
-        }
+        segment.gone += u32::try_from(segment.free.len()).expect("as many as fit a segment");
+        segment.free.clear();
     }
 
-    /// One slot of a retired segment is back.
-    fn lose(&mut self, id: u32) -> Option<u32> {
-        let segment = self.segment_mut(id);
+    /// One slot of a segment never comes back.
+    fn lose(&mut self, place: usize) -> Option<u32> {
+        let segment = &mut self.segments[place];
         segment.gone += 1;
         let over = segment.gone == segment.geometry.slots;
+        let geometry = segment.geometry;
         if over {
-            self.segments.remove(&id);
+            self.segments.remove(place);
+            self.bytes -= geometry.bytes();
+            if geometry.reserved {
+                self.reserved_bytes -= geometry.bytes();
+            }
         }
         self.check_invariants();
-        over.then_some(id)
+        over.then_some(geometry.id)
     }
 
-    fn segment_mut(&mut self, id: u32) -> &mut Segment {
-        (self.segments.get_mut(&id)).expect("a lease's segment lives until its last slot is back")
-    }
-
-    fn unused_id(&self) -> u32 {
-        let mut id = self.next_id;
-        while self.segments.contains_key(&id) {
-            id = id.wrapping_add(1);
-        }
-        id
+    fn place(&self, id: u32) -> usize {
+        (self.segments.iter())
+            .position(|segment| segment.geometry.id == id)
+            .expect("a lease's segment lives until its last slot is back")
     }
 
     fn check_invariants(&self) {
         if cfg!(debug_assertions) {
-            for segment in self.segments.values() {
-                let Geometry { id, stride, slots } = segment.geometry;
-                let listed = (self.free.get(&stride).into_iter().flatten())
-                    .filter(|lease| lease.segment.id == id)
-                    .count();
-                assert_eq!(listed, segment.free as usize);
-                assert!(segment.free + segment.gone <= slots);
-                assert_eq!(segment.retired, segment.gone > 0);
+            for segment in &self.segments {
+                let Geometry { id, reserved, .. } = segment.geometry;
+                assert!(id < IDS);
+                assert!(segment.free.iter().all(|it| it.segment == segment.geometry));
+                let accounted = segment.free.len() + segment.gone as usize;
+                assert!(accounted <= segment.geometry.slots as usize);
+                assert!(segment.retired || reserved || segment.gone == 0);
+                assert!(!segment.retired || (segment.free.is_empty() && !reserved));
             }
+            let strides = self.segments.iter().map(|it| it.geometry.stride);
+            assert!(strides.is_sorted());
             assert!(self.segments.len() <= SEGMENTS_MAX);
-            assert!(self.bytes() <= self.limit_bytes);
+            let bytes = self.segments.iter().map(|it| it.geometry.bytes());
+            assert_eq!(self.bytes, bytes.sum::<u64>());
+            assert!(self.bytes - self.reserved_bytes <= self.limit_bytes);
         }
     }
 }
 
-/// The size of the slot for a message of `len` bytes.
+/// The size of the slot for a message of `len` bytes and its head.
 pub(crate) const fn stride_for(len: u64) -> u64 {
-    let least = if len > STRIDE_UNIT { len } else { STRIDE_UNIT };
-    least.next_power_of_two()
+    let least = len.saturating_add(HEAD_BYTES);
+    let whole = if least > STRIDE_UNIT {
+        least.next_power_of_two()
+    } else {
+        STRIDE_UNIT
+    };
+    let half_step = whole / 4 * 3;
+    let size = if least <= half_step { half_step } else { whole };
+    let unit = if size < HUGE_PAGE {
+        STRIDE_UNIT
+    } else {
+        HUGE_PAGE
+    };
+    size.next_multiple_of(unit)
 }
 
 /// How many slots the first segment of a class has.

@@ -1,23 +1,30 @@
 //! Sending the messages of a topic.
 
 use std::borrow::Cow;
+use std::io;
 use std::marker::PhantomData;
-use std::os::fd::{AsFd, BorrowedFd};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use sm2_io::Blank;
 use sm2_proto::limits::INLINE_MAX;
 use sm2_proto::link::Counters;
-use sm2_proto::{Contract, Instant, Kind, Name, Offer, TypeId};
+use sm2_proto::{Instant, Kind, Name, TypeId};
 use zerocopy::KnownLayout;
 
-use crate::driver::{Forms, Label, Offered, Shared, Topic};
+use crate::driver::{Forms, Label, Offered, Topic};
 use crate::handle::{Handle, until};
 use crate::loan::Loan;
 use crate::plain::size_for;
+use crate::stock::{self, Stock};
 use crate::{
     DeclareError, LinkStatus, Message, Near, Plain, PublishError, QueryError, StoreError, WaitError,
 };
+
+mod builder;
+
+pub use self::builder::PublisherBuilder;
 
 /// Payloads up to this length travel in the datagram itself, unless a builder says otherwise.
 pub(crate) const INLINE_DEFAULT: usize = 4_096;
@@ -59,6 +66,8 @@ pub(crate) struct Core {
     pub(crate) inline_max: usize,
     /// How long a reliable publication waits.
     patience: Duration,
+    /// Memory for the next sealed message.
+    stock: Mutex<Stock>,
 }
 
 /// What became of one publication.
@@ -212,8 +221,25 @@ impl Core {
     pub(crate) fn start(&self, bytes: Cow<'_, [u8]>) -> Result<Publication, PublishError> {
         let needs = self.handle.with(|interface, _| interface.needs());
         let len = bytes.len() as u64;
-        let forms = self.handle.store(bytes, self.inline_max, needs)?;
+        let ready = |len| self.ready(|stock, now| stock.for_copy(len, now));
+        let forms = (self.handle).store_with(bytes, self.inline_max, needs, ready)?;
         Ok(self.offer(forms, len))
+    }
+
+    /// What the stock has.
+    pub(crate) fn ready(
+        &self,
+        take: impl FnOnce(&mut Stock, Instant) -> Option<Blank>,
+    ) -> Option<Blank> {
+        // While another thread fills it, it is as good as empty.
+        let mut stock = self.stock.try_lock().ok()?;
+        take(&mut stock, sm2_io::clock::now())
+    }
+
+    /// A sealed copy.
+    pub(crate) fn seal(&self, bytes: &[u8]) -> io::Result<OwnedFd> {
+        let ready = self.ready(|stock, now| stock.for_copy(bytes.len(), now));
+        stock::seal(ready, bytes)
     }
 
     /// Publishes what a loan holds.
@@ -231,9 +257,11 @@ impl Core {
             time: now,
             len,
         };
-        let offered = self
-            .handle
-            .with_idle(|interface, tools| interface.publish(forms, label, tools));
+        let offered = self.handle.with_idle(|interface, tools| {
+            let offered = interface.publish(forms, label, tools);
+            interface.rest(now, tools);
+            offered
+        });
         Publication {
             offered,
             deadline: now.after(self.patience),
@@ -273,8 +301,14 @@ impl Core {
 
     /// The waiting is over: who has no room goes without this message.
     pub(crate) fn finish(&self, publication: Publication) -> Published {
-        self.handle
-            .with_idle(|interface, tools| interface.finish(publication.offered, tools))
+        let published = self
+            .handle
+            .with_idle(|interface, tools| interface.finish(publication.offered, tools));
+        // Now that nobody waits for this message.
+        if let Ok(mut stock) = self.stock.try_lock() {
+            stock.refill(sm2_io::clock::now);
+        }
+        published
     }
 }
 
@@ -304,121 +338,6 @@ impl Publication {
 impl<T: Message + ?Sized> AsFd for Publisher<T> {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.core.handle.descriptor()
-    }
-}
-
-/// A publisher's quality of service.
-#[derive(Debug)]
-#[must_use = "a builder does nothing until declare is called"]
-pub struct PublisherBuilder<T: Message + ?Sized> {
-    shared: Arc<Shared>,
-    topic: String,
-    data: Option<TypeId>,
-    offer: Offer,
-    patience: Duration,
-    inline_max: usize,
-    pool_limit_bytes: u64,
-    sends: PhantomData<fn(&T)>,
-}
-
-impl<T: Message + ?Sized> PublisherBuilder<T> {
-    pub(crate) fn new(shared: &Arc<Shared>, topic: &str) -> Self {
-        Self {
-            shared: Arc::clone(shared),
-            topic: topic.to_owned(),
-            data: None,
-            offer: Offer {
-                depth: 8,
-                reliable: false,
-                latched: 0,
-                sealed: false,
-            },
-            patience: Duration::ZERO,
-            inline_max: INLINE_DEFAULT,
-            pool_limit_bytes: u64::MAX,
-            sends: PhantomData,
-        }
-    }
-
-    /// How many messages wait for each subscriber that has not taken those before:
-    /// 1 to 1,024; 8 by default.
-    pub const fn depth(mut self, messages: u16) -> Self {
-        self.offer.depth = messages;
-        self
-    }
-
-    /// Nothing is displaced for subscribers that demand it: when one has no room, the
-    /// publisher waits up to `patience`, and then drops the message for this subscriber alone
-    /// (SM2-QOS-002). For other subscribers nothing changes.
-    pub const fn reliable(mut self, patience: Duration) -> Self {
-        self.offer.reliable = true;
-        self.patience = patience;
-        self
-    }
-
-    /// The last `messages` are kept, and sent to every new subscriber before any other
-    /// (SM2-QOS-003): 0 to 1,024; 0 by default.
-    pub const fn latched(mut self, messages: u16) -> Self {
-        self.offer.latched = messages;
-        self
-    }
-
-    /// Every message is sealed: nobody, this program included, can change it once it is
-    /// sent. Costs new memory for each message. A subscriber, and the domain's policy,
-    /// can demand it as well.
-    pub const fn sealed(mut self, sealed: bool) -> Self {
-        self.offer.sealed = sealed;
-        self
-    }
-
-    /// Messages up to this many bytes are copied into the datagram; longer ones go through
-    /// shared memory. At most 61,440; 4,096 by default.
-    pub const fn inline_max(mut self, bytes: usize) -> Self {
-        self.inline_max = inline_limit(bytes);
-        self
-    }
-
-    /// How much shared memory messages may have, in bytes; without a limit by default, since
-    /// the need is limited by depth and by what subscribers may hold.
-    pub const fn pool_limit(mut self, bytes: u64) -> Self {
-        self.pool_limit_bytes = bytes;
-        self
-    }
-
-    /// Declares it, and waits for the Manager's word.
-    ///
-    /// # Errors
-    ///
-    /// See [`DeclareError`].
-    pub fn declare(self) -> Result<Publisher<T>, DeclareError> {
-        let contract = Contract::Publisher {
-            topic: checked_name(Kind::Publisher, self.topic)?,
-            data: self.data.unwrap_or_else(T::type_id),
-            offer: self.offer,
-        };
-        Ok(Publisher {
-            core: Core {
-                handle: Handle::declare(
-                    &self.shared,
-                    contract,
-                    self.pool_limit_bytes,
-                    [schema_of::<T>()],
-                )?,
-                turn: Mutex::new(()),
-                inline_max: self.inline_max,
-                patience: self.patience,
-            },
-            sends: PhantomData,
-        })
-    }
-}
-
-impl PublisherBuilder<[u8]> {
-    /// The messages are of this type, whose encoding the program knows: for tools that
-    /// handle types which they were not built with.
-    pub fn type_id(mut self, data: TypeId) -> Self {
-        self.data = Some(data);
-        self
     }
 }
 

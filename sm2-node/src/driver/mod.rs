@@ -43,7 +43,7 @@ use self::counters::Counting;
 use self::datagram::Incoming;
 pub(crate) use self::interface::{Interface, State};
 pub(crate) use self::link::Tools;
-pub(crate) use self::outbox::{Forms, Label, Needs, NoSlot, seal};
+pub(crate) use self::outbox::{Forms, Label, Needs, NoSlot, Reservation, Reserved};
 pub(crate) use self::publish::Offered;
 use self::questions::Questions;
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};

@@ -10,16 +10,21 @@
 //! take a message out of a reader's hands). Such a slot is abandoned, and the memory
 //! goes back to the system when its last reader unmaps it.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::time::Duration;
 
 use bytes::Bytes;
 use sm2_io::{Segment, SegmentFd, Slot, memfd};
 use sm2_proto::Instant;
+use sm2_proto::limits::SEGMENTS_MAX;
 use sm2_proto::link::{self, Fate, SegmentInfo, Status};
 
-use crate::pool::{Full, Lease, Pool};
+use self::messages::Messages;
+use crate::pool::{Full, Geometry, Lease, Pool};
+
+mod messages;
 
 /// The bytes of one message, in one form or more.
 #[derive(Debug, Default)]
@@ -77,14 +82,15 @@ pub(crate) struct Label {
 pub(crate) struct Outbox {
     pool: Pool<Slot>,
     segments: BTreeMap<u32, SegmentFd>,
-    messages: HashMap<u64, Message>,
-    last_key: u64,
+    messages: Messages,
+    /// How reserved segments are made.
+    reservation: Reservation,
     /// Segments that no message uses any more, to be detached from all links.
     pub(super) over: Vec<u32>,
 }
 
 #[derive(Debug)]
-struct Message {
+pub(super) struct Message {
     forms: Forms,
     len: u64,
     id: u64,
@@ -99,6 +105,57 @@ struct Message {
 pub(crate) enum NoSlot {
     Full,
     Io(io::Error),
+    /// Its memory cannot be kept from being swapped out.
+    Lock(io::Error),
+}
+
+/// How memory is reserved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Reservation {
+    /// All pages are present.
+    pub(crate) prefault: bool,
+    /// And stay.
+    pub(crate) lock: bool,
+}
+
+impl Reservation {
+    fn apply(self, segment: &mut Segment) -> Result<(), NoSlot> {
+        if self.prefault {
+            segment.prefault().map_err(NoSlot::Io)?;
+        }
+        if self.lock {
+            segment.lock().map_err(NoSlot::Lock)?;
+        }
+        Ok(())
+    }
+}
+
+/// Memory for so many messages of up to so many bytes.
+#[derive(Debug)]
+pub(crate) struct Reserved {
+    segment: Segment,
+    len: u64,
+    slots: u32,
+    how: Reservation,
+}
+
+impl Reserved {
+    pub(crate) fn new(len: u64, slots: u32, how: Reservation) -> Result<Self, NoSlot> {
+        let plan = Pool::<Slot>::new(0).plan_reserved(len, slots);
+        let geometry = plan.map_err(|Full| NoSlot::Full)?;
+        let mut segment = Segment::create(geometry.stride, geometry.slots).map_err(NoSlot::Io)?;
+        how.apply(&mut segment)?;
+        Ok(Self {
+            segment,
+            len,
+            slots,
+            how,
+        })
+    }
+
+    pub(crate) const fn bytes(&self) -> u64 {
+        self.segment.len_bytes() as u64
+    }
 }
 
 impl Outbox {
@@ -106,10 +163,32 @@ impl Outbox {
         Self {
             pool: Pool::new(limit_bytes),
             segments: BTreeMap::new(),
-            messages: HashMap::new(),
-            last_key: 0,
+            messages: Messages::default(),
+            reservation: Reservation::default(),
             over: Vec::new(),
         }
+    }
+
+    /// Segments that nobody uses are kept so long.
+    pub(crate) const fn keep_idle(&mut self, idle: Duration) {
+        self.pool.keep_idle(idle);
+    }
+
+    /// Takes over memory that is there before any message, and makes room in the books for twice
+    /// as many messages.
+    pub(crate) fn adopt(&mut self, reserved: Reserved) {
+        let Reserved {
+            segment,
+            len,
+            slots,
+            how,
+        } = reserved;
+        let plan = self.pool.plan_reserved(len, slots);
+        let geometry = plan.expect("the same was planned before");
+        self.reservation = how;
+        self.messages.reserve(2 * slots as usize);
+        self.over.reserve(SEGMENTS_MAX);
+        self.add(geometry, segment);
     }
 
     /// A slot for `len` bytes.
@@ -118,16 +197,38 @@ impl Outbox {
             return Ok(lease);
         }
         let plan = self.pool.plan(len).or_else(|Full| {
-            let idle = self.pool.idle();
-            self.close(idle);
+            let unused = self.pool.unused();
+            self.close(unused);
             self.pool.plan(len)
         });
         let geometry = plan.map_err(|Full| NoSlot::Full)?;
-        let segment = Segment::create(geometry.stride, geometry.slots).map_err(NoSlot::Io)?;
+        let mut segment = Segment::create(geometry.stride, geometry.slots).map_err(NoSlot::Io)?;
+        if geometry.reserved {
+            self.make_up_for_lost(&mut segment);
+        }
+        self.add(geometry, segment);
+        self.pool.take(len).ok_or(NoSlot::Full)
+    }
+
+    /// A process died with slots of reserved memory. Messages need others now, whether these can be
+    /// as good or not.
+    fn make_up_for_lost(&self, segment: &mut Segment) {
+        if let Err(NoSlot::Io(error) | NoSlot::Lock(error)) = self.reservation.apply(segment) {
+            tracing::warn!(%error, "memory that makes up for lost slots is neither present nor locked");
+        }
+    }
+
+    fn add(&mut self, geometry: Geometry, segment: Segment) {
         let (fd, slots) = segment.split();
         self.segments.insert(geometry.id, fd);
         self.pool.add(geometry, slots);
-        self.pool.take(len).ok_or(NoSlot::Full)
+    }
+
+    /// Gives back to the system what was not used for long. Cheap: it may be called with every
+    /// message.
+    pub(crate) fn rest(&mut self, now: Instant) {
+        let idle = self.pool.sweep(now);
+        self.close(idle);
     }
 
     /// Takes back a slot that was never sent.
@@ -138,23 +239,20 @@ impl Outbox {
 
     /// Stores a message. The caller holds it, until it [lets go](Self::release).
     pub(crate) fn store(&mut self, forms: Forms, label: Label) -> u64 {
-        self.last_key += 1;
         let Label { id, time, len, .. } = label;
-        let message = Message {
+        self.messages.insert(Message {
             forms,
             len,
             id,
             time,
             holders: 1,
             orphaned: false,
-        };
-        self.messages.insert(self.last_key, message);
-        self.last_key
+        })
     }
 
     /// One more holder.
     pub(crate) fn hold(&mut self, key: u64) {
-        if let Some(message) = self.messages.get_mut(&key) {
+        if let Some(message) = self.messages.get_mut(key) {
             message.holders += 1;
         }
     }
@@ -166,7 +264,7 @@ impl Outbox {
 
     /// A link is done with a message.
     pub(super) fn settle(&mut self, key: u64, fate: Fate) {
-        let Some(message) = self.messages.get_mut(&key) else {
+        let Some(message) = self.messages.get_mut(key) else {
             return;
         };
         message.orphaned |= fate == Fate::Closed;
@@ -174,7 +272,7 @@ impl Outbox {
         if message.holders > 0 {
             return;
         }
-        let message = self.messages.remove(&key);
+        let message = self.messages.remove(key);
         if let Some(Message {
             forms: Forms { pooled, .. },
             orphaned,
@@ -199,7 +297,7 @@ impl Outbox {
         status: Status,
         link_sealed: bool,
     ) -> io::Result<link::Message> {
-        let message = (self.messages.get_mut(&key)).ok_or(io::ErrorKind::NotFound)?;
+        let message = (self.messages.get_mut(key)).ok_or(io::ErrorKind::NotFound)?;
         let Forms {
             inline,
             pooled,
@@ -219,7 +317,7 @@ impl Outbox {
             (None, _) if sealed.is_some() => link::Body::Sealed,
             (None, Some(lease)) => {
                 let len = usize::try_from(message.len).map_err(|_| io::ErrorKind::InvalidInput)?;
-                *sealed = Some(seal(lease.memory.bytes(len))?);
+                *sealed = Some(memfd::sealed_from_bytes(lease.memory.bytes(len))?);
                 link::Body::Sealed
             }
             (None, None) => return Err(io::ErrorKind::NotFound.into()),
@@ -239,7 +337,7 @@ impl Outbox {
         match attachment {
             link::Attachment::Segment(id) => Some(self.segments.get(&id)?.as_fd()),
             link::Attachment::Message(key) => {
-                Some(self.messages.get(&key)?.forms.sealed.as_ref()?.as_fd())
+                Some(self.messages.get(key)?.forms.sealed.as_ref()?.as_fd())
             }
         }
     }
@@ -255,16 +353,4 @@ impl Outbox {
             self.over.push(id);
         }
     }
-}
-
-/// A sealed file with a copy of `bytes`, made in the way that is fastest here.
-pub(crate) fn seal(bytes: &[u8]) -> io::Result<OwnedFd> {
-    /// What one huge page holds: a smaller file cannot use any.
-    const HUGE_PAGE: usize = 2 << 20;
-    if bytes.len() >= HUGE_PAGE && memfd::huge_pages_allowed() {
-        let mut loan = memfd::SealedLoan::new(bytes.len() as u64)?;
-        loan.as_mut_slice().copy_from_slice(bytes);
-        return loan.seal();
-    }
-    memfd::sealed_from_bytes(bytes)
 }

@@ -22,19 +22,73 @@ fn taken(pool: &mut Pool<Mark>, len: u64) -> Result<Lease<Mark>, Full> {
     Ok(pool.take(len).expect("a slot that was just added"))
 }
 
+/// A pool with a segment of so many slots for messages of this length from the beginning.
+fn reserved(len: u64, slots: u32, limit_bytes: u64) -> Pool<Mark> {
+    let mut pool = Pool::new(limit_bytes);
+    let geometry = pool.plan_reserved(len, slots).unwrap();
+    pool.add(geometry, marks(geometry));
+    pool
+}
+
+const SECOND: u64 = 1_000_000_000;
+
 #[test]
-fn sizes_are_powers_of_two_from_a_page_on() {
+fn sizes_of_slots() {
+    const MIB: u64 = 1 << 20;
     let sizes = [
-        (0, 4096),
-        (1, 4096),
-        (4096, 4096),
-        (4097, 8192),
-        (10_000_000, 1 << 24),
-        (1 << 40, 1 << 40),
+        (0, 4 << 10),
+        (1, 4 << 10),
+        (4032, 4 << 10),
+        (4033, 8 << 10),
+        (8129, 12 << 10),
+        (12_288, 16 << 10),
+        (16_384, 24 << 10),
+        (65_536, 96 << 10),
+        (1_000_000, MIB),
+        (1_048_512, MIB),
+        (1_048_576, 3 * MIB / 2),
+        (3 * MIB / 2, 2 * MIB),
+        (2 * MIB, 4 * MIB),
+        (4 * MIB, 6 * MIB),
+        (6 * MIB, 8 * MIB),
+        (10_000_000, 12 * MIB),
+        (10_485_760, 12 * MIB),
+        (12 * MIB - 64, 12 * MIB),
+        (12 * MIB - 63, 16 * MIB),
+        (1 << 40, 3 << 39),
     ];
     for (len, stride) in sizes {
         assert_eq!(stride_for(len), stride, "{len}");
     }
+}
+
+proptest! {
+    #[test]
+    fn a_slot_has_room_for_message_and_head(len in prop_oneof![
+        0_u64..=MESSAGE_MAX,
+        (0_u32..=40, -100_i64..100).prop_map(|(bits, by)| {
+            (1_u64 << bits).saturating_add_signed(by).min(MESSAGE_MAX)
+        }),
+    ]) {
+        let stride = stride_for(len);
+        prop_assert!(stride >= len + HEAD_BYTES);
+        prop_assert!(stride.is_multiple_of(STRIDE_UNIT));
+        prop_assert!(stride < HUGE_PAGE || stride.is_multiple_of(HUGE_PAGE));
+        // Not more than half as much again, or a unit more.
+        let surplus = stride - len - HEAD_BYTES;
+        prop_assert!(surplus <= (len / 2 + HEAD_BYTES).max(STRIDE_UNIT) || stride <= 2 * HUGE_PAGE);
+        prop_assert!(stride_for(len + 1) >= stride);
+        prop_assert!(stride <= SEGMENT_BYTES_MAX);
+    }
+}
+
+#[test]
+fn there_are_few_classes() {
+    let mut strides: Vec<u64> = (0..=40 * 64)
+        .map(|step| stride_for(2_f64.powf(f64::from(step) / 64.0) as u64))
+        .collect();
+    strides.dedup();
+    assert!(strides.len() <= 2 * (41 - 12), "{strides:?}");
 }
 
 #[test]
@@ -48,36 +102,111 @@ fn the_slot_given_back_last_is_taken_first() {
     for lease in leases {
         assert_eq!(pool.give_back(lease), None);
     }
-    assert_eq!(pool.take(8192).unwrap().slot, 2);
-    assert_eq!(pool.take(8192).unwrap().slot, 1);
+    assert_eq!(pool.take(8000).unwrap().slot, 2);
+    assert_eq!(pool.take(8000).unwrap().slot, 1);
 }
 
 #[test]
-fn a_class_doubles() {
+fn a_class_doubles_and_old_segments_are_preferred() {
     let mut pool = Pool::new(u64::MAX);
     let leases: Vec<_> = (0..20)
         .map(|_| taken(&mut pool, 2 << 20).unwrap())
         .collect();
-    let sizes: Vec<_> = (pool.segments.values())
+    let sizes: Vec<_> = (pool.segments.iter())
         .map(|segment| segment.geometry.slots)
         .collect();
     assert_eq!(sizes, [1, 1, 2, 4, 8, 16]);
-    assert_eq!(leases.len(), 20);
+    for lease in leases {
+        assert_eq!(pool.give_back(lease), None);
+    }
+    let again = [(); 4].map(|()| pool.take(2 << 20).unwrap().segment.id);
+    assert_eq!(again, [0, 1, 2, 2]);
 }
 
 #[test]
-fn the_limit_holds_and_idle_segments_make_room() {
+fn a_larger_slot_will_do() {
+    let mut pool = Pool::new(u64::MAX);
+    let large = taken(&mut pool, 100_000).unwrap();
+    assert_eq!(pool.give_back(large), None);
+    assert_eq!(pool.take(70_000).unwrap().segment.id, 0);
+    assert_eq!(pool.take(64_000).unwrap().segment.id, 0, "twice as large");
+    assert!(pool.take(48_000).is_none(), "more than that would be waste");
+    assert!(pool.take(140_000).is_none(), "too long");
+}
+
+#[test]
+fn the_limit_holds_and_unused_segments_make_room() {
     let mut pool = Pool::new(96 << 10);
     let small = taken(&mut pool, 1).unwrap();
     assert_eq!(pool.bytes(), 64 << 10);
     assert_eq!(pool.plan(40_000), Err(Full));
-    assert!(pool.idle().is_empty(), "one slot is in use");
+    assert!(pool.unused().is_empty(), "one slot is in use");
     let first = pool.give_back(small);
     assert_eq!(first, None);
-    assert_eq!(pool.idle(), [0]);
+    assert_eq!(pool.unused(), [0]);
+    assert_eq!(pool.bytes(), 0);
     let large = taken(&mut pool, 40_000).unwrap();
-    assert_eq!((large.segment.stride, large.segment.slots), (64 << 10, 1));
+    assert_eq!((large.segment.stride, large.segment.slots), (48 << 10, 2));
     assert_eq!(pool.plan(2_u64.pow(40) + 1), Err(Full));
+}
+
+#[test]
+fn segments_go_when_nobody_used_them_for_a_while() {
+    let mut pool = Pool::new(u64::MAX);
+    pool.keep_idle(Duration::from_secs(2));
+    let mut rush: Vec<_> = (0..4)
+        .map(|_| taken(&mut pool, 10 << 20).unwrap())
+        .collect();
+    assert!(
+        pool.sweep(Instant(10 * SECOND)).is_empty(),
+        "all are in use"
+    );
+    let held = rush.pop().unwrap();
+    for lease in rush {
+        assert_eq!(pool.give_back(lease), None);
+    }
+    assert!(
+        pool.sweep(Instant(12 * SECOND)).is_empty(),
+        "just given back"
+    );
+    let steady = taken(&mut pool, 10 << 20).unwrap();
+    assert_eq!(pool.give_back(steady), None);
+    assert!(pool.sweep(Instant(14 * SECOND - 1)).is_empty(), "too early");
+    assert_eq!(
+        pool.sweep(Instant(14 * SECOND)),
+        [1],
+        "0 is used, 2 is held"
+    );
+    assert_eq!(pool.sweep(Instant(16 * SECOND)), [0]);
+    assert_eq!(pool.give_back(held), None);
+    assert!(
+        pool.sweep(Instant(18 * SECOND)).is_empty(),
+        "given back since"
+    );
+    assert_eq!(pool.sweep(Instant(20 * SECOND)), [2]);
+    assert_eq!(pool.bytes(), 0);
+    pool.keep_idle(Duration::MAX);
+    let lease = taken(&mut pool, 1).unwrap();
+    assert_eq!(pool.give_back(lease), None);
+    for _ in 0..2 {
+        assert!(pool.sweep(Instant(u64::MAX)).is_empty(), "never");
+    }
+}
+
+#[test]
+fn numbers_have_15_bits_and_come_again_late() {
+    let mut pool = Pool::new(u64::MAX);
+    let keeps_zero = taken(&mut pool, 1).unwrap();
+    let mut ids = Vec::new();
+    for _ in 0..IDS + 5 {
+        let lease = taken(&mut pool, 2 << 20).unwrap();
+        ids.push(lease.segment.id);
+        assert_eq!(pool.abandon(lease), ids.last().copied());
+    }
+    let round: Vec<u32> = (1..IDS).collect();
+    assert_eq!(ids[..round.len()], round);
+    assert_eq!(ids[round.len()..], [1, 2, 3, 4, 5, 6], "0 is in use");
+    assert_eq!(pool.give_back(keeps_zero), None);
 }
 
 #[test]
@@ -98,96 +227,217 @@ fn an_abandoned_slot_ends_its_segment_when_the_others_are_back() {
     assert_eq!(pool.abandon(lonely), Some(id));
 }
 
+#[test]
+fn what_is_reserved_stays_beyond_the_limit() {
+    let mut pool = reserved(100_000, 3, 0);
+    assert_eq!(pool.bytes(), 3 * (128 << 10));
+    pool.keep_idle(Duration::ZERO);
+    for moment in 1..4 {
+        assert!(pool.sweep(Instant(moment)).is_empty());
+    }
+    assert!(pool.unused().is_empty());
+    let leases = [90_000, 1, 131_008].map(|len| pool.take(len).unwrap());
+    assert_eq!(leases.each_ref().map(|it| it.slot), [0, 1, 2]);
+    assert_eq!(pool.plan(90_000), Err(Full), "no more than was reserved");
+    let endless = Pool::<Mark>::new(0);
+    assert_eq!(endless.plan_reserved(1 << 40, 2), Err(Full));
+    assert_eq!(endless.plan_reserved(1, SLOTS_MAX + 1), Err(Full));
+    assert_eq!(endless.plan_reserved(MESSAGE_MAX + 1, 1), Err(Full));
+}
+
+#[test]
+fn an_abandoned_slot_of_a_reserved_segment_is_made_up_for() {
+    let mut pool = reserved(100_000, 3, 0);
+    let [first, second, third] = [(); 3].map(|()| pool.take(100_000).unwrap());
+    assert_eq!(pool.abandon(first), None);
+    assert_eq!(pool.abandon(second), None);
+    let made_up = pool.plan(100_000).unwrap();
+    assert_eq!((made_up.slots, made_up.reserved), (2, true));
+    assert_eq!(made_up.stride, third.segment.stride);
+    pool.add(made_up, marks(made_up));
+    let [fourth, fifth] = [(); 2].map(|()| pool.take(100_000).unwrap());
+    assert_eq!(pool.plan(100_000), Err(Full));
+    assert_eq!(pool.give_back(third), None);
+    let again = pool.take(100_000).unwrap();
+    assert_eq!(again.segment.id, 0, "what is left of it serves on");
+    assert_eq!(pool.abandon(again), Some(0), "the last of its slots");
+    assert_eq!(pool.give_back(fourth), None);
+    assert_eq!(pool.give_back(fifth), None);
+    assert_eq!(pool.bytes(), 2 * (128 << 10));
+}
+
 #[derive(Clone, Debug)]
 enum Step {
     Take { len: u64 },
     GiveBack { which: prop::sample::Index },
     Abandon { which: prop::sample::Index },
-    Idle,
+    Unused,
+    Sweep { after: u64 },
 }
 
 fn step() -> impl Strategy<Value = Step> {
     let which = any::<prop::sample::Index>;
     prop_oneof![
-        8 => prop::sample::select(vec![0, 1, 4096, 4097, 70_000, 1 << 20, (1 << 20) + 1])
+        8 => prop::sample::select(vec![0, 1, 4032, 4033, 9_000, 70_000, 90_000, 1 << 20, (2 << 20) + 1])
             .prop_map(|len| Step::Take { len }),
         6 => which().prop_map(|which| Step::GiveBack { which }),
         1 => which().prop_map(|which| Step::Abandon { which }),
-        1 => Just(Step::Idle),
+        1 => Just(Step::Unused),
+        2 => (0..4_u64).prop_map(|after| Step::Sweep { after }),
     ]
 }
 
 /// What a pool must have done, slot by slot.
 #[derive(Default)]
 struct Model {
-    /// Slots per segment that are in use, free, and gone.
-    segments: BTreeMap<u32, (Geometry, u32)>,
+    /// Of each segment: its form, how many slots are in use, how many are gone, and the step at
+    /// which one was used last.
+    segments: BTreeMap<u32, (Geometry, u32, u32, u64)>,
     retired: Vec<u32>,
     used: Vec<Lease<Mark>>,
+    /// Slots that must not be seen again.
+    abandoned: Vec<Mark>,
+    now: u64,
+    step: u64,
+    /// When the last sweep was, and at which step.
+    swept: (u64, u64),
 }
 
+/// How long a segment may be unused.
+const IDLE: u64 = 5;
+
 impl Model {
-    /// A lease was returned. The segment that is over by this, if it is.
-    fn back(&mut self, id: u32) -> Option<u32> {
-        let (_, used) = self.segments.get_mut(&id).expect("a live segment");
+    fn take(&mut self, lease: Lease<Mark>) {
+        let id = lease.segment.id;
+        let unused = (lease.segment, 0, 0, 0);
+        let (geometry, used, _, last) = self.segments.entry(id).or_insert(unused);
+        assert_eq!(*geometry, lease.segment);
+        *used += 1;
+        *last = self.step;
+        self.used.push(lease);
+    }
+
+    /// A lease was returned, or its slot is lost. The segment that is over by this, if it is.
+    fn back(&mut self, lease: &Lease<Mark>, lost: bool) -> Option<u32> {
+        let id = lease.segment.id;
+        if lost {
+            self.abandoned.push(lease.memory);
+        }
+        let (geometry, used, gone, last) = self.segments.get_mut(&id).expect("a live segment");
         *used -= 1;
-        (*used == 0 && self.retired.contains(&id)).then(|| {
-            self.segments.remove(&id);
-            self.retired.retain(|&it| it != id);
+        *last = self.step;
+        *gone += u32::from(lost);
+        let over = match geometry.reserved {
+            true => *gone == geometry.slots,
+            false => *used == 0 && self.retired.contains(&id),
+        };
+        over.then(|| {
+            self.forget(id);
             id
         })
+    }
+
+    fn forget(&mut self, id: u32) {
+        self.segments.remove(&id);
+        self.retired.retain(|&it| it != id);
+        self.abandoned.retain(|&(segment, _)| segment != id);
+    }
+
+    /// What goes at a sweep, of segments that were used at all.
+    fn idle(&mut self) -> Vec<u32> {
+        if self.now - self.swept.0 < IDLE {
+            return Vec::new();
+        }
+        let (_, since) = std::mem::replace(&mut self.swept, (self.now, self.step));
+        let needed = |id: u32, stride: u64| {
+            // Numbers grow here, as age does.
+            let mut younger = self.segments.range(id..);
+            younger.any(|(_, (it, _, _, last))| it.stride == stride && *last > since)
+        };
+        let idle = |(id, (geometry, used, ..)): (&u32, &(Geometry, u32, u32, u64))| {
+            let idle = !geometry.reserved && *used == 0 && !needed(*id, geometry.stride);
+            idle.then_some(*id)
+        };
+        self.segments.iter().filter_map(idle).collect()
     }
 }
 
 proptest! {
     #[test]
-    fn no_slot_is_used_twice_and_none_is_lost(steps in prop::collection::vec(step(), 1..200)) {
+    fn no_slot_is_used_twice_and_none_is_lost(
+        steps in prop::collection::vec(step(), 1..200),
+        reserve in prop::option::of(1_u32..4),
+    ) {
         const LIMIT: u64 = 24 << 20;
-        let mut pool = Pool::new(LIMIT);
+        let mut pool = match reserve {
+            Some(slots) => reserved(80_000, slots, LIMIT),
+            None => Pool::new(LIMIT),
+        };
+        pool.keep_idle(Duration::from_nanos(IDLE));
         let mut model = Model::default();
         for step in steps {
+            model.step += 1;
             match step {
                 Step::Take { len } => {
                     let Ok(lease) = taken(&mut pool, len) else {
-                        prop_assert!(pool.bytes() + stride_for(len) > LIMIT);
+                        let grown = pool.bytes() - pool.reserved_bytes;
+                        prop_assert!(grown + stride_for(len) > LIMIT);
                         continue;
                     };
                     let id = lease.segment.id;
                     prop_assert_eq!(lease.memory, (id, lease.slot));
                     prop_assert!(lease.slot < lease.segment.slots);
-                    prop_assert!(len <= lease.segment.stride);
+                    prop_assert!(len + HEAD_BYTES <= lease.segment.stride);
+                    let Geometry { stride, reserved, .. } = lease.segment;
+                    prop_assert!(stride <= 2 * stride_for(len) || reserved);
                     prop_assert!(!model.retired.contains(&id));
+                    prop_assert!(!model.abandoned.contains(&lease.memory));
                     let twice = |it: &Lease<Mark>| it.memory == lease.memory;
                     prop_assert!(!model.used.iter().any(twice));
-                    model.segments.entry(id).or_insert((lease.segment, 0)).1 += 1;
-                    prop_assert_eq!(model.segments[&id].0, lease.segment);
-                    model.used.push(lease);
+                    model.take(lease);
                 }
                 Step::GiveBack { which } if !model.used.is_empty() => {
                     let lease = model.used.swap_remove(which.index(model.used.len()));
-                    let expected = model.back(lease.segment.id);
+                    let expected = model.back(&lease, false);
                     prop_assert_eq!(pool.give_back(lease), expected);
                 }
                 Step::Abandon { which } if !model.used.is_empty() => {
                     let lease = model.used.swap_remove(which.index(model.used.len()));
                     let id = lease.segment.id;
-                    if !model.retired.contains(&id) {
+                    if !lease.segment.reserved && !model.retired.contains(&id) {
                         model.retired.push(id);
                     }
-                    let expected = model.back(id);
+                    let expected = model.back(&lease, true);
                     prop_assert_eq!(pool.abandon(lease), expected);
                 }
-                Step::Idle => {
-                    let idle = pool.idle();
-                    for id in &idle {
-                        prop_assert!(model.segments.get(id).is_none_or(|(_, used)| *used == 0));
-                        model.segments.remove(id);
+                Step::Unused => {
+                    for id in pool.unused() {
+                        let (geometry, used, ..) = model.segments[&id];
+                        prop_assert!(used == 0 && !geometry.reserved);
+                        model.forget(id);
                     }
+                    for (geometry, used, ..) in model.segments.values() {
+                        prop_assert!(*used > 0 || geometry.reserved);
+                    }
+                }
+                Step::Sweep { after } => {
+                    model.now += after;
+                    let mut expected = model.idle();
+                    let mut idle = pool.sweep(Instant(model.now));
+                    expected.sort_unstable();
+                    idle.sort_unstable();
+                    prop_assert_eq!(&idle, &expected);
+                    idle.into_iter().for_each(|id| model.forget(id));
                 }
                 Step::GiveBack { .. } | Step::Abandon { .. } => {}
             }
-            let live: u64 = model.segments.values().map(|(geometry, _)| geometry.bytes()).sum();
-            prop_assert_eq!(pool.bytes(), live);
+            let live = model.segments.values();
+            let live: u64 = live.map(|(geometry, ..)| geometry.bytes()).sum();
+            let untouched = pool.segments.iter().filter(|it| {
+                it.geometry.reserved && !model.segments.contains_key(&it.geometry.id)
+            });
+            let untouched: u64 = untouched.map(|it| it.geometry.bytes()).sum();
+            prop_assert_eq!(pool.bytes(), live + untouched);
         }
     }
 }

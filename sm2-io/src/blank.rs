@@ -1,0 +1,135 @@
+//! Memory for a sealed message that is there before the message is.
+
+use std::fs::File;
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::fs::FileExt;
+
+use sm2_proto::Seals;
+
+use crate::huge::huge_pages_allowed;
+use crate::loan::{Pages, SealedLoan};
+use crate::mapping::MappingMut;
+use crate::memfd::{add_seals, allocate, create};
+
+/// A new memfd whose pages are present, for one message of up to
+/// [`capacity_bytes`](Self::capacity_bytes).
+///
+/// What takes long in making a sealed message is getting and zeroing its pages, in
+/// particular where there are no huge ones. With a blank at hand that is done before: what is left
+/// is one copy, or none for a [loan](Self::lend).
+#[derive(Debug)]
+pub struct Blank(Form);
+
+#[derive(Debug)]
+enum Form {
+    /// Without a mapping: where pages are small, `pwrite(2)` is the fastest way to fill them.
+    File {
+        file: File,
+        capacity: usize,
+    },
+    Mapped(SealedLoan),
+}
+
+impl Blank {
+    /// For a message that will be [copied](Self::fill) from somewhere else.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `memfd_create(2)`, `ftruncate(2)`, `fallocate(2)` and `mmap(2)` say: too many
+    /// descriptors, no memory, a length that no file can have.
+    pub fn for_copies(capacity_bytes: usize) -> io::Result<Self> {
+        if let Some(loan) = SealedLoan::of_huge_pages(capacity_bytes)? {
+            return Ok(Self(Form::Mapped(loan)));
+        }
+        let file = create(c"sm2-message", capacity_bytes as u64)?;
+        allocate(&file, capacity_bytes)?;
+        Ok(Self(Form::File {
+            file,
+            capacity: capacity_bytes,
+        }))
+    }
+
+    /// For a message that will be [written in place](Self::lend).
+    ///
+    /// # Errors
+    ///
+    /// As [`for_copies`](Self::for_copies).
+    pub fn for_loans(capacity_bytes: usize) -> io::Result<Self> {
+        let loan = match SealedLoan::of_huge_pages(capacity_bytes)? {
+            Some(loan) => loan,
+            None => {
+                let file = create(c"sm2-message", capacity_bytes as u64)?;
+                allocate(&file, capacity_bytes)?;
+                map(file, capacity_bytes)?
+            }
+        };
+        Ok(Self(Form::Mapped(loan)))
+    }
+
+    /// The longest message that it has room for.
+    #[must_use]
+    pub const fn capacity_bytes(&self) -> usize {
+        match &self.0 {
+            Form::File { capacity, .. } => *capacity,
+            Form::Mapped(loan) => loan.len(),
+        }
+    }
+
+    /// A sealed file with a copy of `bytes`. It may be longer than they are, and is zero there.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `ftruncate(2)` and `pwrite(2)` say; as [`SealedLoan::seal`].
+    ///
+    /// # Panics
+    ///
+    /// If the bytes are more than there is room for.
+    pub fn fill(self, bytes: &[u8]) -> io::Result<OwnedFd> {
+        self.check(bytes.len());
+        match self.0 {
+            Form::File { file, capacity } => {
+                if bytes.len() < capacity {
+                    file.set_len(bytes.len() as u64)?;
+                }
+                file.write_all_at(bytes, 0)?;
+                add_seals(&file, Seals::SEALED)?;
+                Ok(file.into())
+            }
+            Form::Mapped(loan) => loan.shortened(bytes.len()).filled(bytes),
+        }
+    }
+
+    /// A loan of `len` bytes, all zero.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `mmap(2)` says, if it was not made for loans.
+    ///
+    /// # Panics
+    ///
+    /// If there is no room for so many.
+    pub fn lend(self, len: usize) -> io::Result<SealedLoan> {
+        self.check(len);
+        let loan = match self.0 {
+            Form::File { file, capacity } => map(file, capacity)?,
+            Form::Mapped(loan) => loan,
+        };
+        Ok(loan.shortened(len))
+    }
+
+    fn check(&self, len: usize) {
+        let capacity = self.capacity_bytes();
+        assert!(len <= capacity, "{len} bytes in a blank of {capacity}");
+    }
+}
+
+fn map(file: File, len: usize) -> io::Result<SealedLoan> {
+    let mapping = MappingMut::new(file.as_fd(), len as u64, huge_pages_allowed())?;
+    match mapping.populate() {
+        // An older kernel: the pages are there, and come into the page table one by one.
+        Err(error) if error.kind() == io::ErrorKind::Unsupported => {}
+        result => result?,
+    }
+    SealedLoan::of(file, mapping, len, Pages::Small)
+}

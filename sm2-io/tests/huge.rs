@@ -1,0 +1,211 @@
+//! Memory that is present before it is used, in huge pages where there are some. Whether there
+//! are depends on the machine: what is asserted holds with and without.
+
+use std::fs::File;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+use std::os::unix::fs::MetadataExt;
+
+use sm2_io::memfd::{facts, sealed_from_bytes};
+use sm2_io::{Blank, Mapping, SealedLoan, Segment};
+use sm2_proto::Seals;
+
+const HUGE: usize = 2 << 20;
+
+/// The memory that a file has, in bytes.
+fn present(fd: BorrowedFd<'_>) -> usize {
+    let file = File::open(format!("/proc/self/fd/{}", fd.as_raw_fd())).unwrap();
+    usize::try_from(file.metadata().unwrap().blocks()).unwrap() * 512
+}
+
+fn pattern(len: usize) -> Vec<u8> {
+    (0..len).map(|at| (at % 251) as u8 + 1).collect()
+}
+
+/// A sealed message of these bytes, with nothing but zeroes behind them.
+fn assert_message(fd: BorrowedFd<'_>, bytes: &[u8]) {
+    let known = facts(fd).unwrap();
+    assert!(
+        known.regular && known.seals.contains(Seals::SEALED),
+        "{known:?}"
+    );
+    assert!(known.size_bytes >= bytes.len() as u64);
+    let all = Mapping::read_only(fd, known.size_bytes, true).unwrap();
+    let (message, rest) = all.as_slice().split_at(bytes.len());
+    assert!(message == bytes, "a message of {}", bytes.len());
+    assert!(rest.iter().all(|&byte| byte == 0), "what was never written");
+}
+
+#[test]
+fn blanks_hold_all_that_fits() {
+    for capacity in [
+        0,
+        1,
+        4096,
+        100_000,
+        HUGE / 4,
+        HUGE - 1,
+        HUGE + 1,
+        3 * HUGE + 5,
+    ] {
+        for len in [0, 1, capacity / 4, capacity - capacity.min(1), capacity] {
+            let bytes = pattern(len.min(capacity));
+            let blank = Blank::for_copies(capacity).unwrap();
+            assert_eq!(blank.capacity_bytes(), capacity);
+            assert_message(blank.fill(&bytes).unwrap().as_fd(), &bytes);
+            for made in [Blank::for_loans, Blank::for_copies] {
+                let mut loan = made(capacity).unwrap().lend(bytes.len()).unwrap();
+                assert_eq!(loan.len(), bytes.len());
+                assert!(loan.as_slice().iter().all(|&byte| byte == 0));
+                loan.as_mut_slice().copy_from_slice(&bytes);
+                assert_message(loan.seal().unwrap().as_fd(), &bytes);
+            }
+        }
+    }
+}
+
+#[test]
+#[should_panic(expected = "2 bytes in a blank of 1")]
+fn a_blank_that_is_too_small() {
+    let _ = Blank::for_copies(1).unwrap().fill(b"ab");
+}
+
+#[test]
+fn what_a_message_does_not_need_is_given_back() {
+    for capacity in [1 << 18, 4 * HUGE] {
+        let fd = Blank::for_copies(capacity)
+            .unwrap()
+            .fill(&[1; 5000])
+            .unwrap();
+        assert!(
+            present(fd.as_fd()) <= capacity / 4,
+            "{}",
+            present(fd.as_fd())
+        );
+    }
+}
+
+#[test]
+fn a_copy_is_as_long_as_its_bytes() {
+    for len in [HUGE / 4, HUGE / 4 - 1, HUGE + 1, 10_000_000] {
+        let bytes = pattern(len);
+        let fd = sealed_from_bytes(&bytes).unwrap();
+        assert_eq!(facts(fd.as_fd()).unwrap().size_bytes, len as u64);
+        assert_message(fd.as_fd(), &bytes);
+        let mut loan = SealedLoan::new(len as u64).unwrap();
+        loan.as_mut_slice().copy_from_slice(&bytes);
+        let fd = loan.seal().unwrap();
+        assert_eq!(facts(fd.as_fd()).unwrap().size_bytes, len as u64);
+        assert_message(fd.as_fd(), &bytes);
+    }
+}
+
+#[test]
+fn a_prefaulted_segment_is_all_there() {
+    for (stride, slots) in [(4096, 3), (HUGE, 3), (HUGE + 4096, 2), (6 * HUGE, 2)] {
+        let mut segment = Segment::create(stride as u64, slots).unwrap();
+        assert_eq!(present(segment.fd()), 0, "nothing is there before");
+        segment.prefault().unwrap();
+        assert!(present(segment.fd()) >= stride * slots as usize);
+        let (fd, mut all) = segment.split();
+        for slot in &mut all {
+            assert!(slot.bytes(stride).iter().all(|&byte| byte == 0));
+            slot.bytes_mut(stride).fill(7);
+        }
+        assert!(present(fd.as_fd()) < stride * slots as usize + HUGE);
+    }
+}
+
+#[test]
+fn warming_a_slot_changes_no_byte_of_any() {
+    let (fd, mut slots) = Segment::create(2 * HUGE as u64, 3).unwrap().split();
+    let marks = [0, 4095, 4096, HUGE, 2 * HUGE - 1];
+    for slot in &mut slots {
+        for at in marks {
+            slot.bytes_mut(2 * HUGE)[at] = 5;
+        }
+    }
+    let reader = Mapping::read_only(fd.as_fd(), 6 * HUGE as u64, false).unwrap();
+    for len in [1, HUGE, HUGE + HUGE / 2, 2 * HUGE, usize::MAX / 4] {
+        slots[1].warm(len);
+    }
+    for (index, slot) in slots.iter().enumerate() {
+        let bytes = slot.bytes(2 * HUGE);
+        assert!(
+            bytes
+                == reader
+                    .bytes((index * 2 * HUGE) as u64, 2 * HUGE as u64)
+                    .unwrap()
+        );
+        for (at, &byte) in bytes.iter().enumerate() {
+            assert_eq!(byte == 5, marks.contains(&at), "{at} of slot {index}");
+        }
+    }
+    assert!(present(fd.as_fd()) <= 6 * HUGE);
+}
+
+#[test]
+fn warming_takes_no_memory_for_other_slots() {
+    let (fd, mut slots) = Segment::create(2 * HUGE as u64, 3).unwrap().split();
+    slots[1].warm(HUGE + 4096);
+    assert!(
+        present(fd.as_fd()) <= HUGE,
+        "the second page has one small page to hold"
+    );
+    slots[1].warm(2 * HUGE);
+    assert!(present(fd.as_fd()) <= 2 * HUGE);
+    let (fd, mut slots) = Segment::create(HUGE as u64 + 4096, 3).unwrap().split();
+    slots[1].warm(HUGE);
+    assert_eq!(present(fd.as_fd()), 0, "slots share huge pages here");
+}
+
+/// Why only whole segments are given back: SPEC's seals forbid holes as well.
+#[test]
+fn a_segment_cannot_have_holes() {
+    use nix::fcntl::{FallocateFlags, fallocate};
+    let mut segment = Segment::create(4096, 4).unwrap();
+    segment.prefault().unwrap();
+    let hole = FallocateFlags::FALLOC_FL_PUNCH_HOLE | FallocateFlags::FALLOC_FL_KEEP_SIZE;
+    let refused = fallocate(segment.fd(), hole, 0, 4096);
+    assert_eq!(refused, Err(nix::errno::Errno::EPERM));
+}
+
+/// How much of the mapping that this address is in is mapped in huge pages, in bytes.
+fn in_huge_pages(address: *const u8) -> usize {
+    let maps = std::fs::read_to_string("/proc/self/smaps").unwrap();
+    let mut inside = false;
+    for line in maps.lines() {
+        let (first, rest) = line.split_once(' ').unwrap_or((line, ""));
+        if let Some((start, end)) = first.split_once('-')
+            && let Ok(start) = usize::from_str_radix(start, 16)
+            && let Ok(end) = usize::from_str_radix(end, 16)
+        {
+            inside = (start..end).contains(&address.addr());
+        } else if inside && first == "ShmemPmdMapped:" {
+            let kibibytes = rest.trim().trim_end_matches(" kB");
+            return kibibytes.parse::<usize>().unwrap() * 1024;
+        }
+    }
+    panic!("no mapping at {address:?}");
+}
+
+/// Sealed or pooled: what its author has in huge pages, its readers map as such.
+#[test]
+fn readers_map_huge_pages_as_one() {
+    let (fd, mut slots) = Segment::create(6 * HUGE as u64, 2).unwrap().split();
+    slots[1].warm(10_000_000);
+    slots[1].bytes_mut(10_000_000).fill(7);
+    let reader = Mapping::read_only(fd.as_fd(), 12 * HUGE as u64, false).unwrap();
+    let bytes = reader.bytes(6 * HUGE as u64, 10_000_000).unwrap();
+    assert!(bytes.iter().all(|&byte| byte == 7));
+    let pooled = in_huge_pages(slots[1].bytes(1).as_ptr());
+    assert_eq!(in_huge_pages(bytes.as_ptr()), pooled);
+    println!("{pooled} bytes of a slot are in huge pages");
+
+    let mut loan = SealedLoan::new(10_000_000).unwrap();
+    loan.as_mut_slice().fill(7);
+    let sealed = in_huge_pages(loan.as_slice().as_ptr());
+    let fd = loan.seal().unwrap();
+    let reader = Mapping::read_only(fd.as_fd(), 10_000_000, true).unwrap();
+    assert_eq!(in_huge_pages(reader.as_ptr()), sealed);
+    println!("{sealed} bytes of a sealed message are in huge pages");
+}

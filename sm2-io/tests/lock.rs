@@ -1,0 +1,57 @@
+//! Memory that is never swapped out. A file of its own: it lowers a limit of its process.
+
+use std::io;
+
+use nix::libc;
+use nix::sys::resource::{Resource, setrlimit};
+use sm2_io::Segment;
+use sm2_io::memfd::locked_bytes_max;
+
+/// What `/proc` says about this process' locked memory, in bytes.
+fn locked() -> usize {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmLck:"));
+    let kibibytes = line.unwrap().split_whitespace().nth(1).unwrap();
+    kibibytes.parse::<usize>().unwrap() * 1024
+}
+
+/// The calling thread loses all that makes it more than an ordinary user's.
+fn become_ordinary() {
+    #[repr(C)]
+    struct Header {
+        version: u32,
+        pid: i32,
+    }
+    const VERSION_3: u32 = 0x2008_0522;
+    let header = Header {
+        version: VERSION_3,
+        pid: 0,
+    };
+    let none = [0_u32; 6];
+    // SAFETY: both structures are what this version of the call reads, and live through it.
+    let result = unsafe { libc::syscall(libc::SYS_capset, &raw const header, none.as_ptr()) };
+    assert_eq!(result, 0, "{}", io::Error::last_os_error());
+}
+
+#[test]
+fn a_segment_is_locked_up_to_the_limit() {
+    let limit = 64 << 10;
+    become_ordinary();
+    setrlimit(Resource::RLIMIT_MEMLOCK, limit, limit).unwrap();
+    assert_eq!(locked_bytes_max().unwrap(), limit);
+
+    let mut segment = Segment::create(4096, 4).unwrap();
+    assert_eq!(locked(), 0);
+    segment.lock().unwrap();
+    assert_eq!(locked(), 4 * 4096);
+    let mut too_large = Segment::create(limit, 1).unwrap();
+    let error = too_large.lock().unwrap_err();
+    assert_eq!(error.kind(), io::ErrorKind::OutOfMemory, "{error}");
+    drop(segment);
+    assert_eq!(locked(), 0);
+    too_large.lock().unwrap();
+
+    setrlimit(Resource::RLIMIT_MEMLOCK, 0, 0).unwrap();
+    let error = Segment::create(4096, 1).unwrap().lock().unwrap_err();
+    assert_eq!(error.kind(), io::ErrorKind::PermissionDenied, "{error}");
+}

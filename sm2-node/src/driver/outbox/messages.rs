@@ -1,0 +1,134 @@
+//! What stands for each message while somebody needs it, by a key.
+
+use super::Message;
+
+/// Messages, each under the key that it got.
+///
+/// A key names a place and how often that was used before, so that a key that is kept for too
+/// long names nothing. Places are reused, the last one first: once there are as many as are needed
+/// at a time, nothing is allocated.
+#[derive(Debug, Default)]
+pub(super) struct Messages {
+    places: Vec<Place>,
+    free: Vec<u32>,
+}
+
+#[derive(Debug)]
+struct Place {
+    /// How often it was used, from 1 on: no key is 0.
+    turn: u32,
+    message: Option<Message>,
+}
+
+impl Messages {
+    /// Makes room for so many at a time.
+    pub(super) fn reserve(&mut self, messages: usize) {
+        self.places.reserve(messages);
+        self.free.reserve(messages);
+    }
+
+    /// Keeps a message; its key, which is not 0.
+    pub(super) fn insert(&mut self, message: Message) -> u64 {
+        let index = self.free.pop().unwrap_or_else(|| {
+            self.places.push(Place {
+                turn: 0,
+                message: None,
+            });
+            // Room for all to come back: then `remove` does not allocate.
+            self.free.reserve(self.places.len());
+            u32::try_from(self.places.len() - 1).expect("fewer messages than bytes of memory")
+        });
+        let place = &mut self.places[index as usize];
+        debug_assert!(place.message.is_none());
+        place.turn = place.turn.checked_add(1).unwrap_or(1);
+        place.message = Some(message);
+        u64::from(place.turn) << 32 | u64::from(index)
+    }
+
+    pub(super) fn get(&self, key: u64) -> Option<&Message> {
+        let (turn, index) = split(key);
+        let place = self.places.get(index)?;
+        place.message.as_ref().filter(|_| place.turn == turn)
+    }
+
+    pub(super) fn get_mut(&mut self, key: u64) -> Option<&mut Message> {
+        let (turn, index) = split(key);
+        let place = self.places.get_mut(index)?;
+        place.message.as_mut().filter(|_| place.turn == turn)
+    }
+
+    /// Takes a message out; its key names nothing any more.
+    pub(super) fn remove(&mut self, key: u64) -> Option<Message> {
+        let (turn, index) = split(key);
+        let place = self.places.get_mut(index)?;
+        let message = place.message.take_if(|_| place.turn == turn)?;
+        self.free.push(key as u32);
+        Some(message)
+    }
+}
+
+/// How often the place of a key was used, and the place.
+const fn split(key: u64) -> (u32, usize) {
+    ((key >> 32) as u32, key as u32 as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::driver::Forms;
+    use sm2_proto::Instant;
+
+    fn message(id: u64) -> Message {
+        Message {
+            forms: Forms::default(),
+            len: 0,
+            id,
+            time: Instant(0),
+            holders: 1,
+            orphaned: false,
+        }
+    }
+
+    #[test]
+    fn a_key_names_one_message_and_then_nothing() {
+        let mut messages = Messages::default();
+        assert!(messages.get(0).is_none() && messages.remove(0).is_none());
+        let [first, second] = [1, 2].map(|id| messages.insert(message(id)));
+        assert!(first != second && first != 0 && second != 0);
+        assert_eq!(messages.remove(first).unwrap().id, 1);
+        let third = messages.insert(message(3));
+        assert_ne!(third, first, "the same place, and another key");
+        assert_eq!(messages.places.len(), 2);
+        for gone in [0, first, third + 5] {
+            assert!(messages.get(gone).is_none(), "{gone:x}");
+            assert!(messages.get_mut(gone).is_none());
+            assert!(messages.remove(gone).is_none());
+        }
+        assert_eq!(messages.get(second).unwrap().id, 2);
+        assert_eq!(messages.get_mut(third).unwrap().id, 3);
+    }
+
+    #[test]
+    fn nothing_is_allocated_once_there_is_room() {
+        let mut messages = Messages::default();
+        messages.reserve(8);
+        let room = |messages: &Messages| (messages.places.capacity(), messages.free.capacity());
+        let before = room(&messages);
+        for _ in 0..3 {
+            let keys: Vec<u64> = (0..8).map(|id| messages.insert(message(id))).collect();
+            for (id, key) in keys.into_iter().enumerate() {
+                assert_eq!(messages.remove(key).unwrap().id, id as u64);
+            }
+        }
+        assert_eq!(room(&messages), before);
+    }
+
+    #[test]
+    fn turns_begin_again_without_a_key_of_zero() {
+        let mut messages = Messages::default();
+        let key = messages.insert(message(1));
+        messages.remove(key).unwrap();
+        messages.places[0].turn = u32::MAX;
+        assert_eq!(messages.insert(message(2)), 1 << 32);
+    }
+}

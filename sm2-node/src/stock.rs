@@ -1,0 +1,181 @@
+//! Memory for the next sealed message, made ready while nobody waits for a message.
+//!
+//! A sealed message needs new memory, and getting that takes as long as writing to it, or several
+//! times as long where there are no huge pages. A publisher whose sealed messages come in a
+//! stream makes the memory of the next one ready when the last one has been sent: one file, about
+//! as long as the last message. It has no thread to do that, so the time it takes is the caller's,
+//! but no subscriber waits for it.
+//!
+//! The memory goes back to the system when the publisher is called and had no sealed message for a
+//! while, and with the publisher.
+
+use std::io;
+use std::os::fd::OwnedFd;
+use std::time::Duration;
+
+use sm2_io::memfd::sealed_from_bytes;
+use sm2_io::{Blank, SealedLoan};
+use sm2_proto::Instant;
+
+/// How much longer than the message a file may be that is taken for it: by a half, or by this.
+const SLACK_BYTES: usize = 4_096;
+
+/// At most one file that is ready.
+#[derive(Debug)]
+pub(crate) struct Stock {
+    ready: Option<Blank>,
+    /// What the next message needs, as far as the last ones tell.
+    next: Option<Need>,
+    /// When the last sealed message was made.
+    last: Option<Instant>,
+    idle: Duration,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Need {
+    capacity: usize,
+    way: Way,
+}
+
+/// How a message comes into its memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    Copied,
+    InPlace,
+}
+
+impl Stock {
+    /// Nothing yet, and for messages that are more than `idle` apart nothing ever.
+    pub(crate) const fn new(idle: Duration) -> Self {
+        Self {
+            ready: None,
+            next: None,
+            last: None,
+            idle,
+        }
+    }
+
+    /// What is ready for a message of `len` bytes that will be copied.
+    pub(crate) fn for_copy(&mut self, len: usize, now: Instant) -> Option<Blank> {
+        self.take(len, Way::Copied, now)
+    }
+
+    /// What is ready for a message of `len` bytes that will be written in place.
+    pub(crate) fn for_loan(&mut self, len: usize, now: Instant) -> Option<Blank> {
+        self.take(len, Way::InPlace, now)
+    }
+
+    fn take(&mut self, len: usize, way: Way, now: Instant) -> Option<Blank> {
+        let streams = self.last.is_some_and(|last| now.since(last) <= self.idle);
+        self.last = Some(now);
+        // Lengths that vary a little get what was enough for the longest of them.
+        let known = self.next.map(|next| next.capacity);
+        let capacity = known.filter(|&capacity| fits(len, capacity));
+        let capacity = capacity.unwrap_or_else(|| len.next_multiple_of(SLACK_BYTES));
+        self.next = streams.then_some(Need { capacity, way });
+        self.ready
+            .take()
+            .filter(|it| fits(len, it.capacity_bytes()))
+    }
+
+    /// Makes ready what the next message will need, or lets go what no message needed for long.
+    pub(crate) fn refill(&mut self, now: impl FnOnce() -> Instant) {
+        if self.ready.is_none() && self.next.is_none() {
+            return;
+        }
+        let now = now();
+        if self.last.is_none_or(|last| now.since(last) > self.idle) {
+            (self.ready, self.next) = (None, None);
+        }
+        if let (None, Some(Need { capacity, way })) = (&self.ready, self.next) {
+            let made = match way {
+                Way::Copied => Blank::for_copies(capacity),
+                Way::InPlace => Blank::for_loans(capacity),
+            };
+            match made {
+                Ok(blank) => self.ready = Some(blank),
+                // The next message tries again, and says so if it has no better luck.
+                Err(error) => tracing::debug!(%error, "no memory ahead of the next message"),
+            }
+        }
+    }
+}
+
+/// Whether a file of this capacity will do for a message of `len` bytes.
+const fn fits(len: usize, capacity: usize) -> bool {
+    len <= capacity
+        && capacity - len
+            <= if len / 2 > SLACK_BYTES {
+                len / 2
+            } else {
+                SLACK_BYTES
+            }
+}
+
+/// A sealed copy of `bytes`, in what is ready if anything is.
+pub(crate) fn seal(ready: Option<Blank>, bytes: &[u8]) -> io::Result<OwnedFd> {
+    match ready {
+        Some(blank) => blank.fill(bytes),
+        None => sealed_from_bytes(bytes),
+    }
+}
+
+/// A loan of `len` bytes, in what is ready if anything is.
+pub(crate) fn lend(ready: Option<Blank>, len: usize) -> io::Result<SealedLoan> {
+    match ready {
+        Some(blank) => blank.lend(len),
+        None => SealedLoan::new(len as u64),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: u64 = 1_000_000_000;
+
+    fn refill(stock: &mut Stock, seconds: u64) -> Option<usize> {
+        stock.refill(|| Instant(seconds * SECOND));
+        stock.ready.as_ref().map(Blank::capacity_bytes)
+    }
+
+    #[test]
+    fn a_stream_finds_memory_ready_and_a_single_message_leaves_none() {
+        let mut stock = Stock::new(Duration::from_secs(5));
+        assert_eq!(refill(&mut stock, 0), None);
+        assert!(stock.for_copy(10_000, Instant(SECOND)).is_none());
+        assert_eq!(refill(&mut stock, 1), None, "perhaps it is the only one");
+        assert!(stock.for_copy(10_000, Instant(7 * SECOND)).is_none());
+        assert_eq!(refill(&mut stock, 7), None, "more than 5 s later");
+        assert!(stock.for_copy(10_000, Instant(8 * SECOND)).is_none());
+        assert_eq!(refill(&mut stock, 8), Some(12_288));
+        let blank = stock.for_copy(12_000, Instant(9 * SECOND)).unwrap();
+        assert_eq!(seal(Some(blank), &[1; 12_000]).map(|_| ()).ok(), Some(()));
+        assert_eq!(refill(&mut stock, 9), Some(12_288));
+        assert_eq!(refill(&mut stock, 14), Some(12_288));
+        assert_eq!(refill(&mut stock, 15), None, "nobody needed it for long");
+        assert!(stock.for_loan(10_000, Instant(15 * SECOND)).is_none());
+    }
+
+    #[test]
+    fn what_is_ready_is_not_wasted_on_short_messages() {
+        let mut stock = Stock::new(Duration::MAX);
+        for len in [1_000_000, 900_000, 100_000, 100_001, 1_000_000] {
+            let before = refill(&mut stock, 1);
+            let taken = stock.for_loan(len, Instant(SECOND));
+            let expected = before.filter(|&capacity| fits(len, capacity));
+            assert_eq!(taken.map(|it| it.capacity_bytes()), expected, "{len}");
+        }
+        assert_eq!(refill(&mut stock, 1), Some(1_003_520));
+        assert!(fits(1, 4_097) && !fits(1, 4_098) && fits(9, 9) && !fits(9, 8));
+        assert!(fits(1_000_000, 1_500_000) && !fits(1_000_000, 1_500_001));
+    }
+
+    #[test]
+    fn a_loan_from_what_is_ready_is_empty_and_as_long_as_asked() {
+        let blank = Blank::for_loans(8_192).unwrap();
+        let loan = lend(Some(blank), 5_000).unwrap();
+        assert_eq!(loan.as_slice(), [0; 5_000]);
+        assert_eq!(lend(None, 7).unwrap().len(), 7);
+    }
+}

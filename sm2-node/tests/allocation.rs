@@ -1,0 +1,161 @@
+//! Publishing in a pool that was reserved takes nothing from the heap. A file of its own: it
+//! counts what the thread that publishes allocates.
+
+mod common;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use common::{Domain, meet, until};
+use nix::sys::resource::{UsageWho, getrusage};
+use sm2_node::{Node, Publisher, Subscriber};
+
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+// SAFETY: everything is the system allocator's work; counting changes nothing about it.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: the caller's promise about `layout` is passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise about `at` and `layout` is passed on.
+        unsafe { System.dealloc(at, layout) }
+    }
+
+    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: the caller's promise about `at`, `layout` and `size` is passed on.
+        unsafe { System.realloc(at, layout, size) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+fn allocations(work: impl FnOnce()) -> usize {
+    let before = ALLOCATIONS.get();
+    work();
+    ALLOCATIONS.get() - before
+}
+
+const LEN: usize = 100_000;
+/// Each subscriber may hold 4, for each 8 may wait, and one is written; there is some more.
+const SLOTS: u32 = 32;
+
+fn reserved(node: &Node) -> Publisher<[u8]> {
+    let builder = node.publisher_builder::<[u8]>("topic");
+    let builder = builder.max_len(LEN).slots(SLOTS).pool_limit(0).prefault();
+    builder.declare().unwrap()
+}
+
+/// In every way, and short messages as well.
+fn publish(publisher: &Publisher<[u8]>, message: &[u8]) {
+    for len in [1, 4_000, LEN] {
+        publisher.publish(&message[..len]).unwrap();
+        let mut loan = publisher.loan_slice(len).unwrap();
+        loan.copy_from_slice(&message[..len]);
+        loan.publish().unwrap();
+        drop(publisher.loan_slice(len).unwrap());
+    }
+}
+
+/// How many messages [`publish`] sends.
+const MESSAGES: usize = 6;
+
+fn subscribe(domain: &Domain, name: &str) -> Subscriber<[u8]> {
+    let node = domain.node(name);
+    let builder = node.subscriber_builder::<[u8]>("topic");
+    // The books that a link keeps of up to eleven messages under way are made once.
+    builder.depth(8).max_borrowed(2).declare().unwrap()
+}
+
+fn in_flight(publisher: &Publisher<[u8]>) -> u64 {
+    (publisher.links().iter())
+        .map(|link| link.counters.in_flight)
+        .sum()
+}
+
+#[test]
+fn publishing_does_not_allocate() {
+    let domain = Domain::new();
+    let publisher = reserved(&domain.node("talker"));
+    let subscriber = subscribe(&domain, "listener");
+    meet(&publisher, &[&subscriber]);
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = Arc::clone(&stop);
+    let reader = thread::spawn(move || {
+        let mut count = 0;
+        while !stopped.load(Ordering::Relaxed) {
+            let sample = subscriber.recv_timeout(Duration::from_millis(1)).unwrap();
+            count += usize::from(sample.is_some());
+        }
+        count
+    });
+    let message = vec![7; LEN];
+    let room = publisher.pool_bytes();
+    let mut count = 0;
+    for round in 0..50 {
+        let now = allocations(|| publish(&publisher, &message));
+        // Until everything that is made once is there.
+        count += if round < 10 { 0 } else { now };
+        until(|| in_flight(&publisher) == 0);
+    }
+    stop.store(true, Ordering::Relaxed);
+    assert_eq!(reader.join().unwrap(), 50 * MESSAGES);
+    assert_eq!(count, 0);
+    assert_eq!(publisher.pool_bytes(), room);
+    assert_eq!(allocations(|| drop(Box::new(1_u8))), 1, "counts at all");
+}
+
+/// A subscriber that stands still: messages wait for it, and the link's books of those that wait
+/// take one piece of memory each. Nothing else does.
+#[test]
+fn what_waits_for_a_subscriber_is_all_that_allocates() {
+    const PER_MESSAGE: usize = 1;
+    let domain = Domain::new();
+    let publisher = reserved(&domain.node("talker"));
+    let subscriber = subscribe(&domain, "stands-still");
+    meet(&publisher, &[&subscriber]);
+    let message = vec![7; LEN];
+    (0..10).for_each(|_| publish(&publisher, &message));
+    let count = allocations(|| (0..20).for_each(|_| publish(&publisher, &message)));
+    assert!(count <= PER_MESSAGE * 20 * MESSAGES, "{count}");
+}
+
+#[test]
+fn what_is_prefaulted_is_written_without_faults() {
+    let domain = Domain::new();
+    let publisher = reserved(&domain.node("talker"));
+    let faults = || {
+        getrusage(UsageWho::RUSAGE_THREAD)
+            .unwrap()
+            .minor_page_faults()
+    };
+    let write = |publisher: &Publisher<[u8]>| {
+        let mut loans: Vec<_> = (0..SLOTS)
+            .map(|_| publisher.loan_slice(LEN).unwrap())
+            .collect();
+        let before = faults();
+        loans.iter_mut().for_each(|loan| loan.fill(7));
+        faults() - before
+    };
+    let pages = i64::from(SLOTS) * (LEN / 4096) as i64;
+    let without = domain.node("other").publisher::<[u8]>("other").unwrap();
+    assert!(
+        write(&without) > pages / 16,
+        "the kernel may bring several at a time"
+    );
+    // Some may be those of the code that runs for the first time.
+    assert!(write(&publisher) < pages / 64);
+}

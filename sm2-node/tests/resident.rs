@@ -1,0 +1,115 @@
+//! How much memory messages have. The only test of its file: it looks at all segments of its
+//! process.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::time::Duration;
+
+use common::{Domain, Endpoint, meet, next};
+use sm2_node::{Publisher, Sample, Subscriber};
+
+const LEN: usize = 10_000_000;
+/// What a message takes at most: whole huge pages.
+const MESSAGE: u64 = 10 << 20;
+
+/// What all segments of this process have, by what the kernel says: the memory that is present, and
+/// how large they are.
+fn segments() -> (u64, u64) {
+    let mut files = BTreeMap::new();
+    for entry in fs::read_dir("/proc/self/fd").unwrap() {
+        let path = entry.unwrap().path();
+        let is_segment =
+            |to: std::path::PathBuf| to.to_string_lossy().contains("memfd:sm2-segment");
+        if fs::read_link(&path).is_ok_and(is_segment)
+            && let Ok(file) = fs::metadata(&path)
+        {
+            files.insert(file.ino(), (file.blocks() * 512, file.len()));
+        }
+    }
+    let sum = |one: fn(&(u64, u64)) -> u64| files.values().map(one).sum();
+    (sum(|file| file.0), sum(|file| file.1))
+}
+
+/// How many mappings of segments this process has.
+fn mappings() -> usize {
+    let maps = fs::read_to_string("/proc/self/maps").unwrap();
+    (maps
+        .lines()
+        .filter(|line| line.contains("memfd:sm2-segment")))
+    .count()
+}
+
+fn publish(publisher: &Publisher<[u8]>, mark: u8) {
+    let mut loan = publisher.loan_slice(LEN).unwrap();
+    loan.fill(mark);
+    assert_eq!(loan.publish().unwrap().missed, 0);
+}
+
+/// Each holds its last sample until it has the next.
+fn take(subscribers: &[Subscriber<[u8]>], held: &mut [Option<Sample<[u8]>>], mark: u8) {
+    for (subscriber, held) in subscribers.iter().zip(held) {
+        let sample = next(subscriber);
+        assert!(sample.len() == LEN && sample[0] == mark && sample[LEN - 1] == mark);
+        *held = Some(sample);
+    }
+}
+
+#[test]
+fn few_slots_are_ever_touched_and_those_of_a_rush_are_given_back() {
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let builder = talker.publisher_builder::<[u8]>("topic");
+    let idle = Duration::from_millis(50);
+    let publisher = builder.keep_idle(idle).declare().unwrap();
+    let subscribers: Vec<_> = (0..5)
+        .map(|number| {
+            let node = domain.node(&format!("listener-{number}"));
+            let builder = node.subscriber_builder::<[u8]>("topic");
+            builder.max_borrowed(8).declare().unwrap()
+        })
+        .collect();
+    let ends: Vec<&dyn Endpoint> = subscribers.iter().map(|it| it as &dyn Endpoint).collect();
+    meet(&publisher, &ends);
+
+    let mut held = [const { None }; 5];
+    for mark in 1..=30 {
+        publish(&publisher, mark);
+        take(&subscribers, &mut held, mark);
+    }
+    let (present, _) = segments();
+    assert!(
+        present <= 2 * MESSAGE,
+        "{present} bytes for one publisher and five who hold one"
+    );
+    assert_eq!(mappings(), 2 * (1 + 5), "everybody maps each segment once");
+
+    // All hold eight, and then none but the last.
+    let mut rush = Vec::new();
+    for mark in 1..=7 {
+        rush.extend(held.iter_mut().map(Option::take));
+        publish(&publisher, mark);
+        take(&subscribers, &mut held, mark);
+    }
+    let (present, _) = segments();
+    assert!(
+        present > 7 * LEN as u64 && present <= 8 * MESSAGE,
+        "{present}"
+    );
+    drop(rush);
+    let mut rounds = 1..=250;
+    while segments().0 > 2 * MESSAGE {
+        let mark = rounds.next().expect("the memory of the rush goes");
+        publish(&publisher, mark);
+        take(&subscribers, &mut held, mark);
+    }
+    let (_, size) = segments();
+    assert_eq!(
+        size,
+        2 * (12 << 20),
+        "the two segments that were there before"
+    );
+    assert_eq!(publisher.pool_bytes(), size);
+}
