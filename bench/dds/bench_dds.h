@@ -1,0 +1,50 @@
+/* What sm2-bench asks of a DDS implementation: the same few words as of every other peer.
+ *
+ * Each implementation is compiled into a library of its own when a run needs it. Functions that
+ * can fail return -1 (or NULL), and bench_error then says why. A participant and what belongs to
+ * it lives as long as the process. */
+#ifndef BENCH_DDS_H
+#define BENCH_DDS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Writes all of a message. */
+typedef void (*bench_write)(void *context, uint8_t *message, size_t len);
+/* Sees a message; not 0: bench_pump is to return. */
+typedef int (*bench_read)(void *context, const uint8_t *message, size_t len);
+
+typedef struct bench_participant bench_participant;
+typedef struct bench_publisher bench_publisher;
+typedef struct bench_subscriber bench_subscriber;
+
+typedef struct bench_topic {
+  const char *name;
+  size_t max_len;
+  /* How many messages wait for a subscriber. */
+  uint32_t depth;
+  /* Not 0: nothing may be dropped. */
+  int lossless;
+} bench_topic;
+
+/* Why the last call of this thread failed. */
+const char *bench_error(void);
+/* `mode` is the part of the peer's name after its first dash, or empty. */
+bench_participant *bench_open(uint32_t domain, const char *mode);
+bench_publisher *bench_publish_on(bench_participant *participant, const bench_topic *topic);
+/* How many subscribers are there. */
+int bench_matched(bench_publisher *publisher);
+int bench_publish(bench_publisher *publisher, size_t len, bench_write write, void *context);
+bench_subscriber *bench_subscribe_to(bench_participant *participant, const bench_topic *topic);
+/* Lets `read` see what comes, until it says so or for so many nanoseconds. */
+int bench_pump(bench_subscriber *subscriber, uint64_t timeout_ns, bench_read read, void *context);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

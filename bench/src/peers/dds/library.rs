@@ -1,0 +1,94 @@
+//! The functions of `bench_dds.h`.
+
+use std::{
+    ffi::{CStr, CString, c_char, c_int, c_void},
+    path::Path,
+};
+
+use crate::{job::Topic, peers::PeerError};
+
+/// Writes a message.
+pub(super) type Write = unsafe extern "C" fn(*mut c_void, *mut u8, usize);
+/// Sees a message; not 0: enough.
+pub(super) type Read = unsafe extern "C" fn(*mut c_void, *const u8, usize) -> c_int;
+
+/// A topic as C has it.
+#[repr(C)]
+pub(super) struct RawTopic {
+    name: *const c_char,
+    max_len: usize,
+    depth: u32,
+    lossless: c_int,
+}
+
+impl RawTopic {
+    /// Valid as long as the name.
+    pub(super) fn new(topic: &Topic, name: &CString) -> Self {
+        Self {
+            name: name.as_ptr(),
+            max_len: topic.max_len,
+            depth: topic.depth.clamp(1, 1 << 16) as u32,
+            lossless: c_int::from(topic.lossless),
+        }
+    }
+}
+
+type Publish = unsafe extern "C" fn(*mut c_void, usize, Write, *mut c_void) -> c_int;
+type Pump = unsafe extern "C" fn(*mut c_void, u64, Read, *mut c_void) -> c_int;
+
+/// A library that is loaded, and stays so.
+pub(super) struct Library {
+    error: unsafe extern "C" fn() -> *const c_char,
+    pub(super) open: unsafe extern "C" fn(u32, *const c_char) -> *mut c_void,
+    pub(super) publish_on: unsafe extern "C" fn(*mut c_void, *const RawTopic) -> *mut c_void,
+    pub(super) matched: unsafe extern "C" fn(*mut c_void) -> c_int,
+    pub(super) publish: Publish,
+    pub(super) subscribe_to: unsafe extern "C" fn(*mut c_void, *const RawTopic) -> *mut c_void,
+    pub(super) pump: Pump,
+}
+
+impl Library {
+    /// Loads it, for as long as the process lives.
+    pub(super) fn load(path: &Path) -> Result<&'static Self, PeerError> {
+        let failed = || PeerError::caused::<libloading::Error>("load its library");
+        // SAFETY: this program has just compiled it itself, beside its own binary; what runs when
+        // it is loaded is what the DDS implementation does in every program.
+        let library = unsafe { libloading::Library::new(path) }.map_err(failed())?;
+        let library = Box::leak(Box::new(library));
+        // SAFETY: the types are those of `bench_dds.h`, which the library was compiled with.
+        unsafe {
+            Ok(Box::leak(Box::new(Self {
+                error: *library.get(b"bench_error\0").map_err(failed())?,
+                open: *library.get(b"bench_open\0").map_err(failed())?,
+                publish_on: *library.get(b"bench_publish_on\0").map_err(failed())?,
+                matched: *library.get(b"bench_matched\0").map_err(failed())?,
+                publish: *library.get(b"bench_publish\0").map_err(failed())?,
+                subscribe_to: *library.get(b"bench_subscribe_to\0").map_err(failed())?,
+                pump: *library.get(b"bench_pump\0").map_err(failed())?,
+            })))
+        }
+    }
+
+    /// Not null, or why.
+    pub(super) fn checked(
+        &self,
+        pointer: *mut c_void,
+        action: &'static str,
+    ) -> Result<*mut c_void, PeerError> {
+        match pointer.is_null() {
+            true => Err(self.failure(action)),
+            false => Ok(pointer),
+        }
+    }
+
+    /// Not negative, or why.
+    pub(super) fn done(&self, code: c_int, action: &'static str) -> Result<usize, PeerError> {
+        usize::try_from(code).map_err(|_| self.failure(action))
+    }
+
+    fn failure(&self, action: &'static str) -> PeerError {
+        // SAFETY: it returns a text that ends with 0 and stays until this thread's next call.
+        let reason = unsafe { CStr::from_ptr((self.error)()) };
+        PeerError::new(action, reason.to_string_lossy())
+    }
+}

@@ -1,0 +1,179 @@
+//! Cyclone DDS and Fast DDS as Debian has them.
+//!
+//! They speak C and C++: `bench/dds/` has a library for each, with the few functions of
+//! `bench_dds.h`, which is compiled when it is needed. So the loops, the payload and its check are
+//! the same as for every other peer.
+
+use std::{
+    ffi::{CString, c_int, c_void},
+    slice,
+};
+
+use super::{Flow, Handler, Peer, PeerError, Publish, Subscribe};
+use crate::{
+    clock::now_ns,
+    job::{Domain, Topic},
+};
+
+mod build;
+mod library;
+
+use library::{Library, RawTopic};
+
+/// Whether the peer's library can be built here.
+///
+/// # Errors
+///
+/// Why not, and which packages are needed.
+pub fn available(peer: &str) -> Result<(), String> {
+    build::built(vendor(peer).0).map(drop)
+}
+
+/// The library, and the mode in which it is used: what stands before and after the dash.
+fn vendor(peer: &str) -> (&str, &str) {
+    peer.split_once('-').unwrap_or((peer, ""))
+}
+
+/// A participant.
+pub struct Dds {
+    library: &'static Library,
+    participant: *mut c_void,
+}
+
+impl Peer for Dds {
+    type Publisher = Sender;
+    type Subscriber<H: Handler> = Receiver<H>;
+
+    fn open(domain: &Domain, _: &str, _: bool) -> Result<Self, PeerError> {
+        let (vendor, mode) = vendor(&domain.peer);
+        let path = build::built(vendor).map_err(PeerError::caused("build its library"))?;
+        let library = Library::load(&path)?;
+        let mode = text(mode)?;
+        // Runs at the same time should not meet; there are 232 domains.
+        let number = u32::from(domain.port) % 200;
+        // SAFETY: the function is that of `bench_dds.h`, and the text lives as long as the call.
+        let participant = unsafe { (library.open)(number, mode.as_ptr()) };
+        Ok(Self {
+            participant: library.checked(participant, "open a participant")?,
+            library,
+        })
+    }
+
+    fn publisher(&self, topic: &Topic) -> Result<Sender, PeerError> {
+        let name = text(&topic.name)?;
+        let raw = RawTopic::new(topic, &name);
+        // SAFETY: the participant lives as long as the process, the topic as long as the call.
+        let publisher = unsafe { (self.library.publish_on)(self.participant, &raw) };
+        Ok(Sender {
+            publisher: self.library.checked(publisher, "make a publisher")?,
+            library: self.library,
+        })
+    }
+
+    fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
+        let name = text(&topic.name)?;
+        let raw = RawTopic::new(topic, &name);
+        // SAFETY: as for publishers.
+        let subscriber = unsafe { (self.library.subscribe_to)(self.participant, &raw) };
+        Ok(Receiver {
+            subscriber: self.library.checked(subscriber, "make a subscriber")?,
+            library: self.library,
+            handler,
+        })
+    }
+}
+
+fn text(text: &str) -> Result<CString, PeerError> {
+    CString::new(text).map_err(PeerError::caused("hand over a name"))
+}
+
+/// A publisher.
+pub struct Sender {
+    library: &'static Library,
+    publisher: *mut c_void,
+}
+
+// SAFETY: a DDS entity may be used on every thread, and a `Sender` is not shared.
+unsafe impl Send for Sender {}
+
+impl Publish for Sender {
+    fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError> {
+        let mut write = Some(write);
+        let call = call_write(&write);
+        // SAFETY: the publisher lives as long as the process; `call` gets `write`, which lives as
+        // long as the call.
+        let code = unsafe {
+            (self.library.publish)(
+                self.publisher,
+                len,
+                call,
+                std::ptr::from_mut(&mut write).cast(),
+            )
+        };
+        self.library.done(code, "publish").map(drop)
+    }
+
+    fn matched(&mut self) -> Result<usize, PeerError> {
+        // SAFETY: the publisher lives as long as the process.
+        let count = unsafe { (self.library.matched)(self.publisher) };
+        self.library.done(count, "look for subscribers")
+    }
+}
+
+/// A C function that calls such a closure.
+fn call_write<W: FnOnce(&mut [u8])>(_: &Option<W>) -> library::Write {
+    unsafe extern "C" fn call<W: FnOnce(&mut [u8])>(
+        context: *mut c_void,
+        message: *mut u8,
+        len: usize,
+    ) {
+        // SAFETY: `publish` passes its closure on, which nothing else refers to.
+        let write = unsafe { &mut *context.cast::<Option<W>>() };
+        if let Some(write) = write.take() {
+            // SAFETY: the library gives so many bytes, initialized, for this call alone.
+            write(unsafe { slice::from_raw_parts_mut(message, len) });
+        }
+    }
+    call::<W>
+}
+
+/// A subscriber.
+pub struct Receiver<H> {
+    library: &'static Library,
+    subscriber: *mut c_void,
+    handler: H,
+}
+
+impl<H: Handler> Subscribe<H> for Receiver<H> {
+    fn pump(&mut self, until_ns: u64) -> Result<(), PeerError> {
+        let timeout_ns = until_ns.saturating_sub(now_ns());
+        // SAFETY: the subscriber lives as long as the process; `call_read` gets the handler, which
+        // lives as long as the call, and is called on this thread.
+        let code = unsafe {
+            (self.library.pump)(
+                self.subscriber,
+                timeout_ns,
+                call_read::<H>,
+                std::ptr::from_mut(&mut self.handler).cast(),
+            )
+        };
+        self.library.done(code, "receive").map(drop)
+    }
+
+    fn with<R>(&mut self, look: impl FnOnce(&mut H) -> R) -> R {
+        look(&mut self.handler)
+    }
+}
+
+unsafe extern "C" fn call_read<H: Handler>(
+    context: *mut c_void,
+    message: *const u8,
+    len: usize,
+) -> c_int {
+    // SAFETY: `pump` passes its handler on, which nothing else refers to meanwhile.
+    let handler = unsafe { &mut *context.cast::<H>() };
+    // SAFETY: the library gives so many bytes, which stay as they are during this call, as far as
+    // it keeps its word: a message that it lets be overwritten meanwhile is found torn.
+    let message = unsafe { slice::from_raw_parts(message, len) };
+    c_int::from(handler.message(message) == Flow::Return)
+}

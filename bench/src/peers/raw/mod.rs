@@ -1,0 +1,149 @@
+//! What the kernel and the memory allow without any middleware: no discovery, no types, nobody
+//! who might crash. The floor that the others stand on.
+
+use super::{Handler, Peer, PeerError, Publish, Subscribe};
+use crate::job::{Domain, Topic};
+
+mod futex;
+mod region;
+mod seqpacket;
+mod shared;
+
+use seqpacket::{PacketReceiver, PacketSender};
+use shared::{SharedReceiver, SharedSender};
+
+/// A process that knows the folder.
+pub struct Raw {
+    domain: Domain,
+}
+
+/// How a side waits for the other one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Waiting {
+    Futex,
+    Spin,
+}
+
+/// Large messages have two slots: one is read while the next one is written. Small ones have a
+/// ring that bounds how often a side waits.
+const fn slots(len: usize) -> usize {
+    match len {
+        0..=4_096 => 1_024,
+        4_097..=262_144 => 8,
+        _ => 2,
+    }
+}
+
+impl Raw {
+    fn file(&self, topic: &Topic, ending: &str) -> std::path::PathBuf {
+        let name = topic.name.replace('/', "-");
+        self.domain.dir.join(format!("{name}.{ending}"))
+    }
+
+    fn waiting(&self) -> Option<Waiting> {
+        match self.domain.peer.as_str() {
+            "raw-futex" => Some(Waiting::Futex),
+            "raw-spin" => Some(Waiting::Spin),
+            _ => None,
+        }
+    }
+}
+
+impl Peer for Raw {
+    type Publisher = RawSender;
+    type Subscriber<H: Handler> = RawReceiver<H>;
+
+    fn open(domain: &Domain, _: &str, _: bool) -> Result<Self, PeerError> {
+        Ok(Self {
+            domain: domain.clone(),
+        })
+    }
+
+    fn publisher(&self, topic: &Topic) -> Result<RawSender, PeerError> {
+        let failed = PeerError::caused::<std::io::Error>("make the shared memory");
+        let memory = self.file(topic, "memory");
+        match self.waiting() {
+            Some(waiting) => SharedSender::new(&memory, topic.max_len, waiting)
+                .map(RawSender::Shared)
+                .map_err(failed),
+            None => PacketSender::new(&memory, &self.file(topic, "sock"), topic)
+                .map(RawSender::Packet)
+                .map_err(failed),
+        }
+    }
+
+    fn subscriber<H: Handler>(
+        &self,
+        topic: &Topic,
+        handler: H,
+    ) -> Result<RawReceiver<H>, PeerError> {
+        let failed = PeerError::caused::<std::io::Error>("join the shared memory");
+        let memory = self.file(topic, "memory");
+        let end = match self.waiting() {
+            Some(waiting) => SharedReceiver::new(&memory, topic.max_len, waiting).map(End::Shared),
+            None => PacketReceiver::new(&memory, &self.file(topic, "sock"), topic.max_len)
+                .map(End::Packet),
+        };
+        Ok(RawReceiver {
+            end: end.map_err(failed)?,
+            handler,
+        })
+    }
+}
+
+/// A publisher.
+pub enum RawSender {
+    /// Waits at the memory itself.
+    Shared(SharedSender),
+    /// Waits at sockets.
+    Packet(PacketSender),
+}
+
+impl Publish for RawSender {
+    fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError> {
+        match self {
+            Self::Shared(sender) => sender.publish(len, write),
+            Self::Packet(sender) => sender
+                .publish(len, write)
+                .map_err(PeerError::caused("send a packet")),
+        }
+    }
+
+    fn matched(&mut self) -> Result<usize, PeerError> {
+        match self {
+            Self::Shared(sender) => Ok(sender.matched()),
+            Self::Packet(sender) => sender
+                .matched()
+                .map_err(PeerError::caused("accept a subscriber")),
+        }
+    }
+}
+
+/// A subscriber.
+pub struct RawReceiver<H> {
+    end: End,
+    handler: H,
+}
+
+enum End {
+    Shared(SharedReceiver),
+    Packet(PacketReceiver),
+}
+
+impl<H: Handler> Subscribe<H> for RawReceiver<H> {
+    fn pump(&mut self, until_ns: u64) -> Result<(), PeerError> {
+        match &mut self.end {
+            End::Shared(end) => {
+                end.pump(&mut self.handler, until_ns);
+                Ok(())
+            }
+            End::Packet(end) => end
+                .pump(&mut self.handler, until_ns)
+                .map_err(PeerError::caused("receive a packet")),
+        }
+    }
+
+    fn with<R>(&mut self, look: impl FnOnce(&mut H) -> R) -> R {
+        look(&mut self.handler)
+    }
+}

@@ -1,0 +1,219 @@
+//! SM2: one Manager, a node in each process. Large messages are written into loans.
+
+use std::{fmt::Display, path::PathBuf, time::Duration};
+
+use sm2_manager::{Manager, Options};
+use sm2_node::{Client, Instant, Node, Publisher, Subscriber};
+
+use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
+use crate::{
+    clock::now_ns,
+    control::{Stage, reached},
+    job::{Domain, Topic},
+};
+
+/// How long a reliable message waits for a subscriber, and whatever else may be waited for.
+const PATIENCE: Duration = Duration::from_nanos(PATIENCE_NS);
+
+/// How often a server looks whether it is time to stop.
+const LOOK: Duration = Duration::from_millis(250);
+
+/// A node.
+pub struct Sm2 {
+    node: Node,
+    mode: Mode,
+}
+
+/// What differs between `sm2`, `sm2-drop` and `sm2-sealed`. Another way of using SM2 is a line here,
+/// where it matters below, and in the catalogue.
+#[derive(Clone, Copy)]
+struct Mode {
+    reliable: bool,
+    sealed: bool,
+}
+
+impl Mode {
+    fn of(peer: &str) -> Self {
+        Self {
+            reliable: peer != "sm2-drop",
+            sealed: peer == "sm2-sealed",
+        }
+    }
+}
+
+fn socket(domain: &Domain) -> PathBuf {
+    domain.dir.join("sm2.sock")
+}
+
+fn failed<E: Display>(action: &'static str) -> impl FnOnce(E) -> PeerError {
+    PeerError::caused(action)
+}
+
+impl Peer for Sm2 {
+    type Publisher = Sender;
+    type Subscriber<H: Handler> = Receiver<H>;
+
+    /// The same Manager as that of the program `sm2-manager`.
+    fn serve(domain: &Domain, ready: impl FnOnce()) -> Result<(), PeerError> {
+        let manager =
+            Manager::bind(&socket(domain), Options::default()).map_err(failed("be Manager"))?;
+        ready();
+        manager.run().map(drop).map_err(failed("be Manager"))
+    }
+
+    fn open(domain: &Domain, name: &str, _: bool) -> Result<Self, PeerError> {
+        let node = Node::builder(name).socket(socket(domain)).connect();
+        Ok(Self {
+            node: node.map_err(failed("connect a node"))?,
+            mode: Mode::of(&domain.peer),
+        })
+    }
+
+    fn publisher(&self, topic: &Topic) -> Result<Sender, PeerError> {
+        let builder = self.node.publisher_builder::<[u8]>(&topic.name);
+        let mut builder = builder.depth(depth(topic)).sealed(self.mode.sealed);
+        if self.mode.reliable {
+            builder = builder.reliable(PATIENCE);
+        }
+        let publisher = builder.declare().map_err(failed("declare a publisher"))?;
+        Ok(Sender { publisher })
+    }
+
+    fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
+        let builder = self.node.subscriber_builder::<[u8]>(&topic.name);
+        let builder = builder
+            .depth(depth(topic))
+            .max_borrowed(1)
+            .reliable(self.mode.reliable);
+        let subscriber = builder.declare().map_err(failed("declare a subscriber"))?;
+        Ok(Receiver {
+            subscriber,
+            handler,
+        })
+    }
+
+    fn client(&self, topic: &Topic) -> Result<impl Call, PeerError> {
+        let builder = self.node.client_builder::<[u8], [u8]>(&topic.name);
+        let client = builder
+            .sealed(self.mode.sealed)
+            .declare()
+            .map_err(failed("declare a client"))?;
+        client
+            .wait_for_servers(1, Some(PATIENCE))
+            .map_err(failed("wait for the server"))?;
+        Ok(Caller {
+            client,
+            request: vec![0; topic.max_len],
+        })
+    }
+
+    fn answer(
+        &self,
+        topic: &Topic,
+        mut answer: impl FnMut(&[u8], &mut [u8]) + Send + 'static,
+        ready: impl FnOnce(),
+    ) -> Result<(), PeerError> {
+        let builder = self.node.server_builder::<[u8], [u8]>(&topic.name);
+        let server = builder
+            .sealed(self.mode.sealed)
+            .declare()
+            .map_err(failed("declare a server"))?;
+        ready();
+        let mut reply = vec![0; topic.max_len];
+        while !reached(Stage::Stop) {
+            let request = server.recv_timeout(LOOK).map_err(failed("serve"))?;
+            let Some(request) = request else { continue };
+            let reply = &mut reply[..request.len()];
+            answer(&request, reply);
+            request.reply(reply).map_err(failed("reply"))?;
+        }
+        Ok(())
+    }
+}
+
+fn depth(topic: &Topic) -> u16 {
+    topic.depth.clamp(1, 1_024) as u16
+}
+
+/// A publisher.
+pub struct Sender {
+    publisher: Publisher<[u8]>,
+}
+
+impl Publish for Sender {
+    fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError> {
+        let loan = self.publisher.loan_slice(len);
+        let mut loan = loan.map_err(failed("get memory for a message"))?;
+        write(&mut loan);
+        let published = loan.publish().map_err(failed("publish"))?;
+        published.complete().map_err(failed("publish"))?;
+        Ok(())
+    }
+
+    fn matched(&mut self) -> Result<usize, PeerError> {
+        Ok(self.publisher.links().len())
+    }
+
+    fn wait_matched(&mut self, count: usize) -> Result<(), PeerError> {
+        self.publisher
+            .wait_for_subscribers(count, Some(PATIENCE))
+            .map_err(failed("wait for subscribers"))
+    }
+
+    fn flush(&mut self) -> Result<(), PeerError> {
+        match self.publisher.flush(PATIENCE) {
+            Ok(true) => Ok(()),
+            Ok(false) => Err(PeerError::new("flush", "a subscriber does not take")),
+            Err(error) => Err(failed("flush")(error)),
+        }
+    }
+}
+
+/// A subscriber.
+pub struct Receiver<H> {
+    subscriber: Subscriber<[u8]>,
+    handler: H,
+}
+
+impl<H: Handler> Subscribe<H> for Receiver<H> {
+    fn pump(&mut self, until_ns: u64) -> Result<(), PeerError> {
+        // Reading the clock for each message would be seen at millions of them a second.
+        let timeout = Instant(until_ns).since(Instant(now_ns()));
+        loop {
+            let sample = self.subscriber.recv_timeout(timeout);
+            match sample.map_err(failed("receive"))? {
+                Some(sample) => {
+                    if self.handler.message(&sample) == Flow::Return {
+                        return Ok(());
+                    }
+                }
+                None => return Ok(()),
+            }
+        }
+    }
+
+    fn with<R>(&mut self, look: impl FnOnce(&mut H) -> R) -> R {
+        look(&mut self.handler)
+    }
+}
+
+/// A client.
+struct Caller {
+    client: Client<[u8], [u8]>,
+    request: Vec<u8>,
+}
+
+impl Call for Caller {
+    fn call(
+        &mut self,
+        len: usize,
+        write: impl FnOnce(&mut [u8]),
+        read: impl FnOnce(&[u8]),
+    ) -> Result<(), PeerError> {
+        let request = &mut self.request[..len];
+        write(request);
+        let reply = self.client.call(request, PATIENCE);
+        read(&reply.map_err(failed("call"))?);
+        Ok(())
+    }
+}

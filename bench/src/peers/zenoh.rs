@@ -1,0 +1,436 @@
+//! Zenoh: peer to peer over TCP, through a router, or through its shared memory provider.
+//!
+//! Handlers are called on Zenoh's own threads, as its documentation does for whatever has to be
+//! fast. Congestion control is `Block` everywhere: nothing is dropped, as in `rmw_zenoh` for
+//! reliable topics.
+
+use std::{
+    error::Error,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+use bytes::Bytes;
+use zenoh::{
+    Config, Session, Wait,
+    bytes::ZBytes,
+    liveliness::LivelinessToken,
+    pubsub::{Publisher, Subscriber},
+    qos::CongestionControl,
+    query::Querier,
+    shm::{
+        BlockOn, Defragment, GarbageCollect, PosixShmProviderBackend, ShmProvider,
+        ShmProviderBuilder,
+    },
+};
+
+use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
+use crate::{
+    clock::{now_ns, sleep_until},
+    control::{Stage, wait_for},
+    job::{Domain, Read, Topic},
+    payload::HEADER_BYTES,
+};
+
+/// How long a call, and whatever else, may take.
+const PATIENCE: Duration = Duration::from_nanos(PATIENCE_NS);
+
+/// The shared memory of a publisher: so many messages, and not less than so many bytes.
+const SHM_MESSAGES: usize = 4;
+const SHM_BYTES: usize = 1 << 20;
+
+type Failed = Box<dyn Error + Send + Sync>;
+
+fn failed(action: &'static str) -> impl FnOnce(Failed) -> PeerError {
+    PeerError::caused(action)
+}
+
+/// A session.
+pub struct Zenoh {
+    session: Session,
+    shm: bool,
+}
+
+/// What differs between the processes of a domain and its ways of using Zenoh.
+struct Setup {
+    mode: &'static str,
+    listen: Option<u16>,
+    connect: Option<u16>,
+    shm: bool,
+}
+
+impl Setup {
+    fn of(domain: &Domain, first: bool) -> Self {
+        let port = domain.port;
+        // Port 0: any that is free, for peers that come later.
+        let (mode, listen, connect) = match (domain.peer.as_str(), first) {
+            ("zenoh-router", _) => ("client", None, Some(port)),
+            ("zenoh-rmw", _) => ("peer", Some(0), Some(port)),
+            (_, true) => ("peer", Some(port), None),
+            (_, false) => ("peer", Some(0), Some(port)),
+        };
+        Self {
+            mode,
+            listen,
+            connect,
+            shm: domain.peer == "zenoh-shm",
+        }
+    }
+
+    fn router(domain: &Domain) -> Self {
+        Self {
+            mode: "router",
+            listen: Some(domain.port),
+            connect: None,
+            shm: false,
+        }
+    }
+
+    /// All defaults, but: no multicast, so that runs on one network do not meet, addresses of
+    /// the loopback interface, and a first peer that may be a little late.
+    fn open(&self) -> Result<Session, Failed> {
+        let endpoints = |port: Option<u16>| match port {
+            Some(port) => format!("[\"tcp/127.0.0.1:{port}\"]"),
+            None => "[]".to_owned(),
+        };
+        let mut config = Config::default();
+        for (key, value) in [
+            ("mode", format!("\"{}\"", self.mode)),
+            ("listen/endpoints", endpoints(self.listen)),
+            ("connect/endpoints", endpoints(self.connect)),
+            ("connect/retry", "{ period_init_ms: 20 }".to_owned()),
+            ("connect/timeout_ms", "10000".to_owned()),
+            ("scouting/multicast/enabled", "false".to_owned()),
+            ("transport/shared_memory/enabled", self.shm.to_string()),
+        ] {
+            config.insert_json5(key, &value)?;
+        }
+        zenoh::open(config).wait()
+    }
+}
+
+impl Peer for Zenoh {
+    type Publisher = Sender;
+    type Subscriber<H: Handler> = Receiver<H>;
+
+    fn serve(domain: &Domain, ready: impl FnOnce()) -> Result<(), PeerError> {
+        let _router = Setup::router(domain)
+            .open()
+            .map_err(failed("be the router"))?;
+        ready();
+        wait_for(Stage::End);
+        Ok(())
+    }
+
+    fn open(domain: &Domain, _: &str, first: bool) -> Result<Self, PeerError> {
+        let setup = Setup::of(domain, first);
+        Ok(Self {
+            session: setup.open().map_err(failed("open a session"))?,
+            shm: setup.shm,
+        })
+    }
+
+    fn publisher(&self, topic: &Topic) -> Result<Sender, PeerError> {
+        let publisher = self
+            .session
+            .declare_publisher(topic.name.clone())
+            .congestion_control(CongestionControl::Block)
+            .express(is_urgent(topic))
+            .wait()
+            .map_err(failed("declare a publisher"))?;
+        Ok(Sender {
+            session: self.session.clone(),
+            publisher,
+            memory: self.memory(topic)?,
+            tokens: format!("{}/tokens/*", topic.name),
+        })
+    }
+
+    fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
+        let shared = Arc::new(Shared {
+            handler: Mutex::new(handler),
+            returned: Mutex::new(false),
+            changed: Condvar::new(),
+        });
+        let called = Arc::clone(&shared);
+        let subscriber = self
+            .session
+            .declare_subscriber(topic.name.clone())
+            .callback(move |sample| called.message(sample.payload()))
+            .wait()
+            .map_err(failed("declare a subscriber"))?;
+        // A publisher can ask only whether anybody is there: where several are waited for, each
+        // has a token, which comes after its declaration.
+        let token = (topic.subscribers > 1).then(|| {
+            let name = format!("{}/tokens/{}", topic.name, self.session.zid());
+            self.session.liveliness().declare_token(name).wait()
+        });
+        Ok(Receiver {
+            shared,
+            _subscriber: subscriber,
+            _token: token.transpose().map_err(failed("declare a token"))?,
+        })
+    }
+
+    fn client(&self, topic: &Topic) -> Result<impl Call, PeerError> {
+        let querier = self
+            .session
+            .declare_querier(topic.name.clone())
+            .congestion_control(CongestionControl::Block)
+            .express(true)
+            .timeout(PATIENCE)
+            .wait()
+            .map_err(failed("declare a querier"))?;
+        let until_ns = now_ns() + PATIENCE_NS;
+        let there = || {
+            querier
+                .matching_status()
+                .wait()
+                .map(|status| status.matching())
+        };
+        while !there().map_err(failed("look for the server"))? {
+            if now_ns() > until_ns {
+                return Err(PeerError::new("wait for the server", "it does not come"));
+            }
+            sleep_until(now_ns() + 1_000_000);
+        }
+        Ok(Caller {
+            querier,
+            memory: self.memory(topic)?,
+        })
+    }
+
+    fn answer(
+        &self,
+        topic: &Topic,
+        answer: impl FnMut(&[u8], &mut [u8]) + Send + 'static,
+        ready: impl FnOnce(),
+    ) -> Result<(), PeerError> {
+        let state = Mutex::new((answer, self.memory(topic)?));
+        let key = topic.name.clone();
+        let _queryable = self
+            .session
+            .declare_queryable(topic.name.clone())
+            .callback(move |query| {
+                let mut state = lock(&state);
+                let (answer, memory) = &mut *state;
+                let request = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
+                let reply = memory.message(request.len(), |reply| answer(&request, reply));
+                // The client notices if nothing comes.
+                if let Ok(reply) = reply {
+                    let _ = query.reply(&key, reply).express(true).wait();
+                }
+            })
+            .wait()
+            .map_err(failed("declare a queryable"))?;
+        ready();
+        wait_for(Stage::Stop);
+        Ok(())
+    }
+}
+
+impl Zenoh {
+    fn memory(&self, topic: &Topic) -> Result<Memory, PeerError> {
+        if !self.shm {
+            return Ok(Memory::Heap(Pool::default()));
+        }
+        let bytes = (SHM_MESSAGES * topic.max_len).max(SHM_BYTES);
+        let provider = ShmProviderBuilder::default_backend(bytes).wait();
+        provider
+            .map(|provider| Memory::Shm(Box::new(provider)))
+            .map_err(|error| PeerError::new("make shared memory", error.to_string()))
+    }
+}
+
+/// Where few messages are under way, each is sent at once, as in Zenoh's own latency benchmark;
+/// where many are, they are sent in batches, as in its throughput benchmark.
+const fn is_urgent(topic: &Topic) -> bool {
+    topic.depth <= 8
+}
+
+/// Where messages are written.
+enum Memory {
+    Heap(Pool),
+    Shm(Box<ShmProvider<PosixShmProviderBackend>>),
+}
+
+impl Memory {
+    fn message(&self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<ZBytes, PeerError> {
+        match self {
+            Self::Heap(pool) => {
+                let mut buffer = pool.take(len);
+                write(&mut buffer.bytes);
+                Ok(Bytes::from_owner(buffer).into())
+            }
+            Self::Shm(provider) => {
+                let buffer = provider
+                    .alloc(len)
+                    .with_policy::<BlockOn<Defragment<GarbageCollect>>>()
+                    .wait();
+                let mut buffer = buffer.map_err(|error| {
+                    PeerError::new("get memory for a message", error.to_string())
+                })?;
+                write(&mut buffer);
+                Ok(buffer.into())
+            }
+        }
+    }
+}
+
+/// Buffers that come back when Zenoh has sent them: warm ones, and no copy into its own.
+#[derive(Clone, Default)]
+struct Pool(Arc<Mutex<Vec<Vec<u8>>>>);
+
+struct Buffer {
+    bytes: Vec<u8>,
+    pool: Pool,
+}
+
+impl Pool {
+    fn take(&self, len: usize) -> Buffer {
+        let mut bytes = lock(&self.0).pop().unwrap_or_default();
+        bytes.resize(len, 0);
+        Buffer {
+            bytes,
+            pool: self.clone(),
+        }
+    }
+}
+
+impl AsRef<[u8]> for Buffer {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+impl Drop for Buffer {
+    fn drop(&mut self) {
+        lock(&self.pool.0).push(std::mem::take(&mut self.bytes));
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A publisher.
+pub struct Sender {
+    session: Session,
+    publisher: Publisher<'static>,
+    memory: Memory,
+    tokens: String,
+}
+
+impl Publish for Sender {
+    fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError> {
+        let message = self.memory.message(len, write)?;
+        self.publisher.put(message).wait().map_err(failed("put"))
+    }
+
+    fn matched(&mut self) -> Result<usize, PeerError> {
+        let status = self.publisher.matching_status().wait();
+        let status = status.map_err(failed("look for subscribers"))?;
+        Ok(usize::from(status.matching()))
+    }
+
+    fn wait_matched(&mut self, count: usize) -> Result<(), PeerError> {
+        let until_ns = now_ns() + PATIENCE_NS;
+        loop {
+            let mut there = self.matched()?;
+            if there > 0 && count > 1 {
+                let tokens = self.session.liveliness().get(self.tokens.clone()).wait();
+                there = tokens.map_err(failed("count subscribers"))?.iter().count();
+            }
+            if there >= count {
+                return Ok(());
+            }
+            if now_ns() > until_ns {
+                let reason = format!("{there} of {count} came");
+                return Err(PeerError::new("wait for subscribers", reason));
+            }
+            sleep_until(now_ns() + 2_000_000);
+        }
+    }
+}
+
+/// A subscriber.
+pub struct Receiver<H> {
+    shared: Arc<Shared<H>>,
+    _subscriber: Subscriber<()>,
+    _token: Option<LivelinessToken>,
+}
+
+/// The handler, which Zenoh's threads call.
+struct Shared<H> {
+    handler: Mutex<H>,
+    /// It has said [`Flow::Return`].
+    returned: Mutex<bool>,
+    changed: Condvar,
+}
+
+impl<H: Handler> Shared<H> {
+    fn message(&self, payload: &ZBytes) {
+        let mut handler = lock(&self.handler);
+        // Putting a fragmented message together is a copy: who reads the header alone needs none.
+        let mut slices = payload.slices();
+        let flow = match slices.next() {
+            Some(first) if handler.wants() == Read::Header && first.len() >= HEADER_BYTES => {
+                handler.message(first)
+            }
+            _ => handler.message(&payload.to_bytes()),
+        };
+        drop(handler);
+        if flow == Flow::Return {
+            *lock(&self.returned) = true;
+            self.changed.notify_one();
+        }
+    }
+}
+
+impl<H: Handler> Subscribe<H> for Receiver<H> {
+    fn pump(&mut self, until_ns: u64) -> Result<(), PeerError> {
+        let mut returned = lock(&self.shared.returned);
+        while !*returned {
+            let left = until_ns.saturating_sub(now_ns());
+            if left == 0 {
+                return Ok(());
+            }
+            let waited = self
+                .shared
+                .changed
+                .wait_timeout(returned, Duration::from_nanos(left));
+            returned = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        *returned = false;
+        Ok(())
+    }
+
+    fn with<R>(&mut self, look: impl FnOnce(&mut H) -> R) -> R {
+        look(&mut lock(&self.shared.handler))
+    }
+}
+
+/// A client.
+struct Caller {
+    querier: Querier<'static>,
+    memory: Memory,
+}
+
+impl Call for Caller {
+    fn call(
+        &mut self,
+        len: usize,
+        write: impl FnOnce(&mut [u8]),
+        read: impl FnOnce(&[u8]),
+    ) -> Result<(), PeerError> {
+        let request = self.memory.message(len, write)?;
+        let replies = self.querier.get().payload(request).wait();
+        let reply = replies.and_then(|replies| replies.recv());
+        let reply = reply.map_err(failed("call"))?;
+        let reply = reply
+            .into_result()
+            .map_err(|error| PeerError::new("call", error.to_string()))?;
+        read(&reply.payload().to_bytes());
+        Ok(())
+    }
+}

@@ -1,0 +1,78 @@
+//! What the processes of a run do. Each role is one loop, the same for every peer.
+
+use std::{error::Error, process::ExitCode};
+
+use nix::{
+    sched::{CpuSet, sched_setaffinity},
+    sys::{prctl, signal::Signal},
+    unistd::Pid,
+};
+
+use crate::{
+    control::{self, say},
+    job::{Job, Outcome, Role, Said},
+    with_peer,
+};
+
+mod memory;
+mod node;
+mod round_trips;
+mod service;
+mod stream;
+mod tally;
+
+/// Whatever ends a role.
+type Failure = Box<dyn Error>;
+
+/// Does it; says what came of it.
+#[must_use]
+pub fn run(job: &str) -> ExitCode {
+    // Whoever is started by a director ends with it, whatever ends that.
+    let _ = prctl::set_pdeathsig(Signal::SIGKILL);
+    match play(job) {
+        // It has said what it found out.
+        Ok(Outcome::Nothing) => ExitCode::SUCCESS,
+        Ok(outcome) => {
+            let said = say(&Said::Done(outcome));
+            control::wait_for(control::Stage::End);
+            match said {
+                Ok(()) => ExitCode::SUCCESS,
+                Err(_) => ExitCode::FAILURE,
+            }
+        }
+        Err(reason) => {
+            let reason = reason.to_string();
+            eprintln!("{reason}");
+            // If nobody listens, standard error has it.
+            let _ = say(&Said::Failed { reason });
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn play(job: &str) -> Result<Outcome, Failure> {
+    let Job { domain, role, core } = serde_json::from_str(job)?;
+    if let Some(core) = core {
+        // Before any other thread is there: they inherit it.
+        let mut cores = CpuSet::new();
+        cores.set(core)?;
+        sched_setaffinity(Pid::from_raw(0), &cores)?;
+    }
+    // These wait as their peer does, not for the director.
+    let leave = matches!(role, Role::Daemon | Role::Node { .. });
+    control::listen(leave)?;
+    with_peer!(domain, P => match role {
+        Role::Daemon => node::daemon::<P>(&domain),
+        Role::Publisher(stream) => stream::publish::<P>(&domain, &stream),
+        Role::Subscriber { topic, read, number } => {
+            stream::subscribe::<P>(&domain, &topic, read, number)
+        }
+        Role::Ping(trips) => round_trips::ping::<P>(&domain, &trips),
+        Role::Echo(trips) => round_trips::echo::<P>(&domain, &trips),
+        Role::Client(trips) => service::call::<P>(&domain, &trips),
+        Role::Server(trips) => service::serve::<P>(&domain, &trips),
+        Role::Node { number, count } => node::node::<P>(&domain, number, count),
+        Role::Joiner { topic, started_ns } => node::join::<P>(&domain, &topic, started_ns),
+        Role::Memory(work) => Ok(memory::work(&work)),
+    })
+}

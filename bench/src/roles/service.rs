@@ -1,0 +1,83 @@
+//! A client and a server.
+
+use super::{Failure, round_trips::repeat};
+use crate::{
+    clock::now_ns,
+    control::{Stage, say, wait_for},
+    job::{Domain, Outcome, RoundTrips, Said, Topic},
+    payload::{Header, check, fill, peek},
+    peers::{Call, Peer},
+    stats::{Durations, Spread},
+};
+
+/// How many calls warm up.
+const WARM_UP: u64 = 100;
+
+fn topic(trips: &RoundTrips) -> Topic {
+    Topic {
+        name: "bench/service".to_owned(),
+        max_len: trips.len,
+        depth: 2,
+        lossless: true,
+        subscribers: 1,
+    }
+}
+
+/// Calls, one after the other.
+pub(super) fn call<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outcome, Failure> {
+    let peer = P::open(domain, "client", false)?;
+    let topic = topic(trips);
+    let mut client = peer.client(&topic)?;
+    say(&Said::Ready)?;
+    wait_for(Stage::Go);
+    let (mut number, mut torn) = (0, 0);
+    let mut round_trips = Durations::with_capacity(trips.count);
+    let mut exchange = || {
+        number += 1;
+        let start_ns = now_ns();
+        let header = Header {
+            number,
+            ..Header::default()
+        };
+        client.call(
+            trips.len,
+            |request| fill(header, request),
+            |reply| {
+                let right = check(reply).is_ok_and(|header| header.number == number);
+                torn += u64::from(!right);
+            },
+        )?;
+        round_trips.record(now_ns() - start_ns);
+        if number == WARM_UP {
+            round_trips.clear();
+        }
+        Ok(())
+    };
+    for _ in 0..WARM_UP {
+        exchange()?;
+    }
+    repeat(trips, exchange)?;
+    Ok(Outcome::RoundTrips {
+        round_trip_ns: round_trips.spread(),
+        one_way_ns: Spread::default(),
+        torn,
+    })
+}
+
+/// Answers with a message of the same number; one that is torn gets another number.
+pub(super) fn serve<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outcome, Failure> {
+    let peer = P::open(domain, "server", true)?;
+    let answer = |request: &[u8], reply: &mut [u8]| {
+        let header = match check(request) {
+            Ok(_) => peek(request).unwrap_or_default(),
+            Err(_) => Header::default(),
+        };
+        fill(header, reply);
+    };
+    let ready = || {
+        // A director that is gone is noticed at the end of standard input.
+        let _ = say(&Said::Ready);
+    };
+    peer.answer(&topic(trips), answer, ready)?;
+    Ok(Outcome::Nothing)
+}

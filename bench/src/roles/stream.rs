@@ -1,0 +1,116 @@
+//! One publisher, and its subscribers.
+
+use super::{Failure, tally::Tally};
+use crate::{
+    clock::{now_ns, sleep_until},
+    control::{Stage, reached, say, wait_for},
+    job::{Domain, Outcome, Read, Said, Stream, Topic},
+    payload::{COUNTED, Header, fill, stamp},
+    peers::{Peer, PeerError, Publish, Subscribe},
+};
+
+/// How long a subscriber may sleep before it looks whether it is time to end, in nanoseconds:
+/// longer than what lies between two messages, so that looking costs nothing.
+const LOOK_NS: u64 = 250_000_000;
+
+/// How many unstamped messages are published between two looks at the clock.
+const CLOCK_EACH: u64 = 64;
+
+/// Publishes when told to, counts in the middle, and goes on until told to stop.
+pub(super) fn publish<P: Peer>(domain: &Domain, stream: &Stream) -> Result<Outcome, Failure> {
+    let peer = P::open(domain, "publisher", true)?;
+    let publisher = peer.publisher(&stream.topic)?;
+    say(&Said::Ready)?;
+    wait_for(Stage::Go);
+    let mut source = Source {
+        publisher,
+        stream,
+        number: 0,
+    };
+    source.publisher.wait_matched(stream.topic.subscribers)?;
+    source.run(stream.warm_up_s, 0)?;
+    say(&Said::Measuring)?;
+    let start_ns = now_ns();
+    let counted = source.run(stream.seconds, COUNTED)?;
+    let seconds = (now_ns() - start_ns) as f64 / 1e9;
+    say(&Said::Measured)?;
+    // The director looks at everybody's memory now, as it is while messages flow.
+    while !reached(Stage::Stop) {
+        source.run(0.05, 0)?;
+    }
+    source.publisher.flush()?;
+    // Its memory is read as long as it is there.
+    say(&Said::Done(Outcome::Published { counted, seconds }))?;
+    wait_for(Stage::End);
+    Ok(Outcome::Nothing)
+}
+
+struct Source<'a, P> {
+    publisher: P,
+    stream: &'a Stream,
+    number: u64,
+}
+
+impl<P: Publish> Source<'_, P> {
+    /// Publishes for so many seconds; how many messages that were.
+    ///
+    /// Each is due at its time, counted from the first one: being late once makes none of the
+    /// others late. A publisher that cannot keep up publishes fewer, but not longer.
+    fn run(&mut self, seconds: f64, flags: u64) -> Result<u64, PeerError> {
+        let start_ns = now_ns();
+        let end_ns = start_ns + (seconds * 1e9) as u64;
+        let mut count = 0;
+        loop {
+            match self.stream.rate_hz {
+                Some(rate) => {
+                    let due_ns = start_ns + (count as f64 * 1e9 / rate) as u64;
+                    if due_ns >= end_ns || now_ns() >= end_ns {
+                        sleep_until(end_ns.min(due_ns));
+                        return Ok(count);
+                    }
+                    sleep_until(due_ns);
+                }
+                None if !self.stream.stamped && count % CLOCK_EACH != 0 => {}
+                None if now_ns() >= end_ns => return Ok(count),
+                None => {}
+            }
+            self.publish(flags)?;
+            count += 1;
+        }
+    }
+
+    fn publish(&mut self, flags: u64) -> Result<(), PeerError> {
+        let stamped = self.stream.stamped;
+        let header = Header {
+            number: self.number,
+            flags,
+            start_ns: if stamped { now_ns() } else { 0 },
+            handed_ns: 0,
+        };
+        self.number += 1;
+        self.publisher.publish(self.stream.len, |message| {
+            fill(header, message);
+            if stamped {
+                stamp(message, now_ns());
+            }
+        })
+    }
+}
+
+/// Receives until told to end.
+pub(super) fn subscribe<P: Peer>(
+    domain: &Domain,
+    topic: &Topic,
+    read: Read,
+    number: usize,
+) -> Result<Outcome, Failure> {
+    let peer = P::open(domain, &format!("subscriber-{number}"), false)?;
+    let mut subscriber = peer.subscriber(topic, Tally::new(read))?;
+    say(&Said::Ready)?;
+    while !reached(Stage::End) {
+        subscriber.pump(now_ns() + LOOK_NS)?;
+    }
+    Ok(Outcome::Received(
+        subscriber.with(|tally| tally.reception()),
+    ))
+}

@@ -1,0 +1,70 @@
+//! A subscriber starts, and hears a publisher that was there before.
+
+use super::{Case, Figure, Options, figure};
+use crate::{
+    clock::now_ns,
+    job::{Outcome, Role, Said, Stream, Topic},
+    peers::PeerInfo,
+    stats::Durations,
+    world::{Failure, PATIENCE, World},
+};
+
+/// How many, one after the other, in each run.
+const JOINERS: usize = 20;
+
+pub(super) fn cases(_: &Options) -> Vec<Box<dyn Case>> {
+    vec![Box::new(Join)]
+}
+
+struct Join;
+
+impl Case for Join {
+    fn label(&self) -> String {
+        String::new()
+    }
+
+    fn run(&self, peer: &'static PeerInfo) -> Result<Vec<Figure>, Failure> {
+        let mut world = World::new(peer)?;
+        let topic = Topic {
+            name: "bench/join".to_owned(),
+            max_len: 64,
+            depth: 8,
+            lossless: false,
+            // It waits for nobody.
+            subscribers: 0,
+        };
+        let stream = Stream {
+            topic: topic.clone(),
+            len: 64,
+            rate_hz: Some(1_000.0),
+            warm_up_s: 0.1,
+            seconds: 3_600.0,
+            stamped: true,
+        };
+        let publisher = world.start("publisher", Role::Publisher(stream))?;
+        world.ready(publisher)?;
+        world.tell(publisher, "go");
+        world.expect(publisher, &Said::Measuring, "publish", PATIENCE)?;
+        let mut durations = Durations::default();
+        for number in 0..JOINERS {
+            let role = Role::Joiner {
+                topic: Topic {
+                    subscribers: 1,
+                    ..topic.clone()
+                },
+                started_ns: now_ns(),
+            };
+            let joiner = world.start(&format!("joiner-{number}"), role)?;
+            if let Outcome::Joined { after_ns } = world.outcome(joiner, PATIENCE)? {
+                durations.record(after_ns);
+            }
+            world.end(joiner);
+        }
+        let spread = durations.spread();
+        Ok(vec![
+            figure("first_message_p50", "ms", spread.p50 / 1e6),
+            figure("first_message_mean", "ms", spread.mean / 1e6),
+            figure("first_message_max", "ms", spread.max / 1e6),
+        ])
+    }
+}

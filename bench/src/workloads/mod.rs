@@ -1,0 +1,194 @@
+//! What is measured. A workload is a list of cases; each case runs on every peer in turn.
+//!
+//! To add one: a module, and a line in [`WORKLOADS`].
+
+use crate::{job::Read, peers::PeerInfo, world::Failure};
+
+mod fig3;
+mod fig4;
+mod fig5;
+mod join;
+mod nodes;
+mod pingpong;
+mod service;
+mod stream;
+mod throughput;
+
+/// A workload of the command line.
+#[derive(Debug)]
+pub struct Workload {
+    /// Its name there.
+    pub name: &'static str,
+    /// What it is, in a line.
+    pub about: &'static str,
+    /// Its cases.
+    pub cases: fn(&Options) -> Vec<Box<dyn Case>>,
+    /// Which figures stand in tables and plots; all are in the results.
+    pub shown: &'static [&'static str],
+    /// Whether a peer can run it, or why not.
+    pub supports: fn(&PeerInfo) -> Result<(), &'static str>,
+}
+
+/// What the command line says about all cases.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// What subscribers do with messages.
+    pub read: Read,
+    /// How long each case counts, in seconds, if it is not the workload's own choice.
+    pub seconds: Option<f64>,
+    /// The length of large messages, in bytes.
+    pub size: usize,
+    /// How many nodes join, if it is not the workload's own choice.
+    pub nodes: Option<usize>,
+}
+
+/// Something that can be run on a peer.
+pub trait Case {
+    /// What stands before the names of its figures; empty if the workload has no other case.
+    fn label(&self) -> String;
+
+    /// Runs it once.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    fn run(&self, peer: &'static PeerInfo) -> Result<Vec<Figure>, Failure>;
+}
+
+/// One number of one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// What it is.
+    pub name: &'static str,
+    /// In what.
+    pub unit: &'static str,
+    /// How much.
+    pub value: f64,
+}
+
+/// A figure.
+#[must_use]
+pub const fn figure(name: &'static str, unit: &'static str, value: f64) -> Figure {
+    Figure { name, unit, value }
+}
+
+/// All of them.
+pub const WORKLOADS: &[Workload] = &[
+    Workload {
+        name: "fig3",
+        about: "10 MB at 10 Hz, 1 to 1 and 1 to 5: CPU and memory of all processes",
+        cases: fig3::cases,
+        shown: &["cpu", "pss", "latency_mean", "dropped", "torn"],
+        supports: moves_messages,
+    },
+    Workload {
+        name: "fig4",
+        about: "10 MB, 1 to 5, target 10 to 800 Hz: achieved rate and latency",
+        cases: fig4::cases,
+        shown: &["received_hz", "latency_mean", "latency_p99"],
+        supports: moves_messages,
+    },
+    Workload {
+        name: "fig4-max",
+        about: "10 MB, 1 to 5, as fast as possible",
+        cases: fig4::cases_max,
+        shown: &[
+            "received_hz",
+            "dropped",
+            "torn",
+            "latency_mean",
+            "latency_p99",
+            "cpu",
+        ],
+        supports: everybody,
+    },
+    Workload {
+        name: "fig5",
+        about: "10 MB at 10 Hz, 1 to 1 up to 1 to 8: latency",
+        cases: fig5::cases,
+        shown: &["latency_mean", "latency_p99"],
+        supports: moves_messages,
+    },
+    Workload {
+        name: "pingpong",
+        about: "64 B to 1 MB there and back: one-way latency",
+        cases: pingpong::cases,
+        shown: &["half_round_trip_p50", "one_way_by_stamp_p50"],
+        supports: everybody,
+    },
+    Workload {
+        name: "throughput",
+        about: "64 B messages, 1 to 1, none lost: how many in a second",
+        cases: throughput::cases,
+        shown: &["received_hz", "lost", "torn", "cpu"],
+        supports: loses_nothing,
+    },
+    Workload {
+        name: "nodes",
+        about: "50 and 100 nodes join, and then are idle: time, CPU, wake-ups, memory",
+        cases: nodes::cases,
+        shown: &[
+            "all_ready",
+            "cpu_to_settle",
+            "idle_cpu",
+            "idle_wakeups",
+            "pss",
+        ],
+        supports: has_nodes,
+    },
+    Workload {
+        name: "join",
+        about: "from process start to the first message of a running 1 kHz publisher",
+        cases: join::cases,
+        shown: &["first_message_p50", "first_message_max"],
+        supports: moves_messages,
+    },
+    Workload {
+        name: "service",
+        about: "64 B request and reply: round trip",
+        cases: service::cases,
+        shown: &["round_trip_p50", "round_trip_p99", "torn"],
+        supports: has_services,
+    },
+];
+
+/// The workload of this name.
+#[must_use]
+pub fn find(name: &str) -> Option<&'static Workload> {
+    WORKLOADS.iter().find(|workload| workload.name == name)
+}
+
+const fn everybody(_: &PeerInfo) -> Result<(), &'static str> {
+    Ok(())
+}
+
+fn moves_messages(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.name {
+        "raw-memcpy" => Err("no process talks to another there"),
+        _ => Ok(()),
+    }
+}
+
+fn loses_nothing(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.lossy {
+        true => Err("it drops messages by design"),
+        false => Ok(()),
+    }
+}
+
+const fn has_nodes(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.nodes {
+        true => Ok(()),
+        false => Err("it knows no nodes, or none that sleep"),
+    }
+}
+
+const fn has_services(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.services {
+        true => Ok(()),
+        false => Err("it has no services, or this program does not use them"),
+    }
+}
+
+#[cfg(test)]
+mod tests;

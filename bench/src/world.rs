@@ -1,0 +1,443 @@
+//! The processes of one case: started, listened to, measured, and ended, whatever happens.
+
+use std::{
+    collections::VecDeque,
+    fs::{self, File},
+    io::{self, BufRead, BufReader, Write},
+    net::TcpListener,
+    path::PathBuf,
+    process::{Child, ChildStdin, Command, Stdio},
+    sync::{
+        OnceLock,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{self, Receiver, RecvTimeoutError, Sender},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use nix::unistd::Pid;
+use tempfile::TempDir;
+
+use crate::{
+    interrupt,
+    job::{Cores, Domain, Job, Outcome, Role, Said},
+    leftovers::Leftovers,
+    measure,
+    peers::PeerInfo,
+};
+
+/// Why a case has no figures.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// A process said why it cannot go on.
+    #[error("{process}: {reason}")]
+    Said {
+        /// Which one.
+        process: String,
+        /// What it said.
+        reason: String,
+    },
+    /// A process ended without a word.
+    #[error("{process} ended without a word: {status}{}", in_brackets(.stderr))]
+    Ended {
+        /// Which one.
+        process: String,
+        /// How.
+        status: String,
+        /// The end of its standard error.
+        stderr: String,
+    },
+    /// A process took too long.
+    #[error("{process} did not {action} within {limit:?}{}", in_brackets(.stderr))]
+    TimedOut {
+        /// Which one.
+        process: String,
+        /// What it was to do.
+        action: &'static str,
+        /// How long that may take.
+        limit: Duration,
+        /// The end of its standard error.
+        stderr: String,
+    },
+    /// A process said something else than was expected.
+    #[error("{process} said {said:?} when it was to {action}")]
+    Unexpected {
+        /// Which one.
+        process: String,
+        /// What it said.
+        said: Box<Said>,
+        /// What it was to do.
+        action: &'static str,
+    },
+    /// The person at the keyboard has had enough.
+    #[error("interrupted")]
+    Interrupted,
+    /// The system refused what every case needs.
+    #[error("cannot {action}: {source}")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+fn in_brackets(text: &str) -> String {
+    match text {
+        "" => String::new(),
+        text => format!(" [{text}]"),
+    }
+}
+
+impl Failure {
+    fn io(action: &'static str) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io { action, source }
+    }
+}
+
+/// How long setting up, and ending, may take.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// How often it is looked whether the run was interrupted.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// The processes of one case, and the place where they meet.
+pub struct World {
+    domain: Domain,
+    dir: TempDir,
+    processes: Vec<Process>,
+    events: Receiver<(usize, Option<Said>)>,
+    sender: Sender<(usize, Option<Said>)>,
+    // Looks at what is left when all processes are gone.
+    leftovers: Leftovers,
+}
+
+struct Process {
+    is_daemon: bool,
+    name: String,
+    child: Child,
+    stdin: Option<ChildStdin>,
+    stderr: PathBuf,
+    said: VecDeque<Option<Said>>,
+}
+
+/// A process of a world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProcessId(usize);
+
+/// Where all processes of this run are put.
+static CORES: OnceLock<Cores> = OnceLock::new();
+
+/// Says on which cores processes run, once, before the first world.
+pub fn place(cores: Cores) {
+    // A second word would come too late for those who run.
+    let _ = CORES.set(cores);
+}
+
+/// The core of the process of this number, of those that are no daemons.
+fn core(cores: Cores, number: usize, available: usize) -> Option<usize> {
+    match cores {
+        Cores::Free => None,
+        Cores::Apart => Some(number % available.max(1)),
+        Cores::Together => Some(0),
+    }
+}
+
+/// Worlds of this process so far.
+static WORLDS: AtomicU64 = AtomicU64::new(0);
+
+impl World {
+    /// A new one, with the peer's daemon if it has one.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn new(peer: &PeerInfo) -> Result<Self, Failure> {
+        let dir = tempfile::Builder::new()
+            .prefix("sm2-bench-")
+            .tempdir_in("/dev/shm")
+            .map_err(Failure::io("make a folder in /dev/shm"))?;
+        let number = WORLDS.fetch_add(1, Ordering::Relaxed);
+        let tag = format!("sm2bench{}x{number}_", std::process::id());
+        let port = free_port().map_err(Failure::io("find a free TCP port"))?;
+        let (sender, events) = mpsc::channel();
+        let mut world = Self {
+            domain: Domain {
+                peer: peer.name.to_owned(),
+                dir: dir.path().to_owned(),
+                tag: tag.clone(),
+                port,
+            },
+            leftovers: Leftovers::before(tag),
+            dir,
+            processes: Vec::new(),
+            events,
+            sender,
+        };
+        if peer.daemon {
+            let daemon = world.start("daemon", Role::Daemon)?;
+            world.ready(daemon)?;
+        }
+        Ok(world)
+    }
+
+    /// Starts a process.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn start(&mut self, name: &str, role: Role) -> Result<ProcessId, Failure> {
+        let failed = Failure::io("start a process of the run");
+        self.spawn(name, role).map_err(failed)
+    }
+
+    fn spawn(&mut self, name: &str, role: Role) -> io::Result<ProcessId> {
+        let domain = self.domain.clone();
+        let others = self.processes.iter();
+        let number = others.filter(|other| !other.is_daemon).count();
+        let is_daemon = matches!(role, Role::Daemon);
+        let cores = CORES.get().copied().filter(|_| !is_daemon);
+        let available = thread::available_parallelism().map_or(1, usize::from);
+        let core = core(cores.unwrap_or_default(), number, available);
+        let job = serde_json::to_string(&Job { domain, role, core })?;
+        let stderr = self.dir.path().join(format!("{name}.stderr"));
+        let mut child = Command::new(std::env::current_exe()?)
+            .args([crate::ROLE, &job])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(File::create(&stderr)?)
+            .spawn()?;
+        let id = self.processes.len();
+        let stdin = child.stdin.take();
+        let stdout = child.stdout.take();
+        self.processes.push(Process {
+            is_daemon,
+            name: name.to_owned(),
+            child,
+            stdin,
+            stderr,
+            said: VecDeque::new(),
+        });
+        let sender = self.sender.clone();
+        thread::Builder::new().spawn(move || {
+            for line in stdout
+                .into_iter()
+                .flat_map(|out| BufReader::new(out).lines())
+            {
+                let Ok(line) = line else { break };
+                // Libraries may print lines of their own.
+                if let Ok(said) = serde_json::from_str(&line)
+                    && sender.send((id, Some(said))).is_err()
+                {
+                    return;
+                }
+            }
+            // The director may have given up already.
+            let _ = sender.send((id, None));
+        })?;
+        Ok(ProcessId(id))
+    }
+
+    /// Says a word to a process. One that is gone is found out when it is listened to.
+    pub fn tell(&mut self, process: ProcessId, word: &str) {
+        if let Some(stdin) = &mut self.processes[process.0].stdin {
+            let _ = writeln!(stdin, "{word}");
+        }
+    }
+
+    /// Tells a process to end.
+    pub fn end(&mut self, process: ProcessId) {
+        self.processes[process.0].stdin = None;
+    }
+
+    /// The next that a process says, within this time.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn hear(
+        &mut self,
+        process: ProcessId,
+        action: &'static str,
+        limit: Duration,
+    ) -> Result<Said, Failure> {
+        let until = Instant::now() + limit;
+        loop {
+            match self.processes[process.0].said.pop_front() {
+                Some(Some(Said::Failed { reason })) => {
+                    let process = self.processes[process.0].name.clone();
+                    return Err(Failure::Said { process, reason });
+                }
+                Some(Some(said)) => return Ok(said),
+                Some(None) => return Err(self.ended(process)),
+                None => {}
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            match self.events.recv_timeout(left.min(LOOK)) {
+                Ok((id, said)) => self.note(id, said)?,
+                Err(_) if interrupt::came() => return Err(Failure::Interrupted),
+                Err(RecvTimeoutError::Timeout) if left > LOOK => {}
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+                    let process = &self.processes[process.0];
+                    return Err(Failure::TimedOut {
+                        process: process.name.clone(),
+                        action,
+                        limit,
+                        stderr: tail(&process.stderr),
+                    });
+                }
+            }
+        }
+    }
+
+    /// Keeps what was said. A failure of anybody is everybody's.
+    fn note(&mut self, id: usize, said: Option<Said>) -> Result<(), Failure> {
+        let process = &mut self.processes[id];
+        match said {
+            Some(Said::Failed { reason }) => Err(Failure::Said {
+                process: process.name.clone(),
+                reason,
+            }),
+            // Its end was not asked for.
+            None if process.stdin.is_some() => Err(self.ended(ProcessId(id))),
+            said => {
+                process.said.push_back(said);
+                Ok(())
+            }
+        }
+    }
+
+    fn ended(&mut self, process: ProcessId) -> Failure {
+        let process = &mut self.processes[process.0];
+        let status = match process.child.wait() {
+            Ok(status) => status.to_string(),
+            Err(error) => error.to_string(),
+        };
+        Failure::Ended {
+            process: process.name.clone(),
+            status,
+            stderr: tail(&process.stderr),
+        }
+    }
+
+    /// Waits until a process says just this.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn expect(
+        &mut self,
+        process: ProcessId,
+        expected: &Said,
+        action: &'static str,
+        limit: Duration,
+    ) -> Result<(), Failure> {
+        match self.hear(process, action, limit)? {
+            said if said == *expected => Ok(()),
+            said => Err(self.unexpected(process, said, action)),
+        }
+    }
+
+    fn unexpected(&self, process: ProcessId, said: Said, action: &'static str) -> Failure {
+        Failure::Unexpected {
+            process: self.processes[process.0].name.clone(),
+            said: Box::new(said),
+            action,
+        }
+    }
+
+    /// Waits until a process has set up.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn ready(&mut self, process: ProcessId) -> Result<(), Failure> {
+        self.expect(process, &Said::Ready, "set up", PATIENCE)
+    }
+
+    /// What a process found out.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn outcome(&mut self, process: ProcessId, limit: Duration) -> Result<Outcome, Failure> {
+        let action = "tell what it found out";
+        match self.hear(process, action, limit)? {
+            Said::Done(outcome) => Ok(outcome),
+            said => Err(self.unexpected(process, said, action)),
+        }
+    }
+
+    /// The CPU time of all processes so far, in nanoseconds.
+    ///
+    /// # Errors
+    ///
+    /// One of them is gone.
+    pub fn cpu_ns(&self) -> Result<u64, Failure> {
+        self.sum(measure::cpu_ns)
+    }
+
+    /// The memory of all processes, in bytes.
+    ///
+    /// # Errors
+    ///
+    /// One of them is gone.
+    pub fn pss_bytes(&self) -> Result<u64, Failure> {
+        self.sum(measure::pss_bytes)
+    }
+
+    /// How often threads of all processes have gone to sleep so far.
+    ///
+    /// # Errors
+    ///
+    /// One of them is gone.
+    pub fn sleeps(&self) -> Result<u64, Failure> {
+        self.sum(measure::sleeps)
+    }
+
+    fn sum(&self, of: impl Fn(Pid) -> io::Result<u64>) -> Result<u64, Failure> {
+        let mut sum = 0;
+        for process in &self.processes {
+            let pid = Pid::from_raw(process.child.id() as i32);
+            sum += of(pid).map_err(Failure::io("measure a process"))?;
+        }
+        Ok(sum)
+    }
+}
+
+impl Drop for World {
+    /// Ends all: the daemon last, so that nobody misses it.
+    fn drop(&mut self) {
+        for process in self.processes.iter_mut().rev() {
+            process.stdin = None;
+        }
+        let until = Instant::now() + Duration::from_secs(2);
+        for process in self.processes.iter_mut().rev() {
+            // Given a moment, it leaves in good order.
+            while Instant::now() < until && matches!(process.child.try_wait(), Ok(None)) {
+                thread::sleep(Duration::from_millis(2));
+            }
+            // It may have gone meanwhile; what counts is that it is reaped.
+            let _ = process.child.kill();
+            let _ = process.child.wait();
+        }
+        self.leftovers.remove();
+    }
+}
+
+/// The last line of what a process said to standard error.
+fn tail(path: &PathBuf) -> String {
+    let text = fs::read(path).unwrap_or_default();
+    let text = String::from_utf8_lossy(&text);
+    let line = text.lines().rev().find(|line| !line.trim().is_empty());
+    let line = line.unwrap_or_default().trim();
+    line.chars().take(300).collect()
+}
+
+fn free_port() -> io::Result<u16> {
+    Ok(TcpListener::bind(("127.0.0.1", 0))?.local_addr()?.port())
+}
+
+#[cfg(test)]
+mod tests;
