@@ -121,6 +121,9 @@ codes! {
         UnknownCall = 86, "unknown-call", "SM2-SRV-003";
         BadCancel = 87, "bad-cancel", "SM2-SRV-004";
         CallLimit = 88, "call-limit", "SM2-SRV-002";
+        WrongLane = 89, "wrong-lane", "SM2-RNG-001";
+        BadRing = 90, "bad-ring", "SM2-RNG-002";
+        BadWord = 91, "bad-word", "SM2-RNG-007";
     }
 }
 

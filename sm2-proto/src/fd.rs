@@ -25,6 +25,9 @@ impl Seals {
     /// What a shared segment must carry (SPEC, payload form *pooled*).
     pub const POOLED: Self = Self(0x1 | 0x2 | 0x4 | 0x10);
 
+    /// What the file of a ring must carry (SPEC, the ring lane).
+    pub const RING: Self = Self(0x1 | 0x2 | 0x4);
+
     /// Whether all bits of `needed` are set here. More seals never hurt.
     #[must_use]
     pub const fn contains(self, needed: Self) -> bool {

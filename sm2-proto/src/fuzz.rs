@@ -27,6 +27,11 @@ pub fn node_session(data: &[u8]) {
     crate::node::fuzz::session(data);
 }
 
+/// Operations on one end of a link of the ring lane, whose words answer what the bytes say.
+pub fn ring_words(data: &[u8]) {
+    crate::link::fuzz::words(data);
+}
+
 /// Two schema texts, parted by a line feed.
 pub fn schema_text(data: &[u8]) {
     crate::schema::fuzz::text(data);

@@ -33,9 +33,14 @@ pub const MESSAGE_HEAD: usize = 48;
 pub const SCHEMA_TEXT_MAX: usize = 32_768;
 /// The most brackets that are open at any place of a schema text.
 pub const SCHEMA_DEPTH_MAX: usize = 64;
+/// The segments on the ring lane have numbers below this.
+pub const RING_SEGMENTS_MAX: u32 = 32_768;
+/// The length of the head at the end of a slot, in bytes.
+pub const SLOT_HEAD: usize = 64;
 /// How many bytes of items the Manager puts into one PAGE before it ends it.
 pub const PAGE_BYTES: usize = 32_768;
 
+const _: () = assert!(SLOT_HEAD as u64 <= STRIDE_UNIT);
 const _: () = assert!(MESSAGE_HEAD + INLINE_MAX <= DATAGRAM_MAX);
 const _: () = assert!(8 + 8 * RELEASE_MAX <= DATAGRAM_MAX);
 const _: () = assert!(QOS_MAX as u32 * 2 <= WINDOW_MAX);

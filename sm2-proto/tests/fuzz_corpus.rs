@@ -30,7 +30,7 @@ use sm2_proto::fuzz;
 type Body = Result<fn(&[u8]), &'static str>;
 
 /// Every target of `fuzz/`.
-const TARGETS: [(&str, Body); 10] = [
+const TARGETS: [(&str, Body); 11] = [
     ("command_line", Err("sm2-cli")),
     ("control_codec", Ok(fuzzed::control_codec)),
     ("counters_page", Err("sm2-cli")),
@@ -39,6 +39,7 @@ const TARGETS: [(&str, Body); 10] = [
     ("link_pair", Ok(fuzzed::link_pair)),
     ("manager_session", Ok(fuzz::manager_session)),
     ("node_session", Ok(fuzz::node_session)),
+    ("ring_words", Ok(fuzz::ring_words)),
     ("schema_text", Err("sm2-cli")),
     ("takeover", Ok(fuzzed::takeover)),
 ];

@@ -264,6 +264,7 @@ fn a_link_is_what_the_contract_says() {
             role,
             reliable,
             sealed: true,
+            ring: false,
             depth,
             max_borrowed,
         };

@@ -2,59 +2,115 @@
 
 mod link_support;
 
-use link_support::{config, drain, fds_for, feed, from_peer, open_to, opened};
+use link_support::{
+    RING, config, drain, fds_for, feed, from_peer, open_to, opened_with, sent, with_ring,
+};
 use sm2_proto::{
     Code, FdFacts, Violation,
     link::{
-        End, Error, FrameKind, Link, Role, SegmentInfo,
+        Config, End, Error, FrameKind, Link, Role, SegmentInfo,
         wire::{Carrier, Frame, Given},
     },
 };
 
-/// `.` is a frame that the state allows; what it says may still be wrong.
-//= SM2-OPN-001, SM2-WIR-002 test
+/// `.` is a frame that the state allows; what it says may still be wrong. Both ends offer the
+/// ring lane where it says so, which is for senders and receivers.
+//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001 test
 const EXPECTED: &str = "\
-opening  Sender           Receiver         Caller           Server
-Open     .                .                .                .
-Attach   expected-open    expected-open    expected-open    expected-open
-Detach   expected-open    expected-open    expected-open    expected-open
-Data     expected-open    expected-open    expected-open    expected-open
-Request  expected-open    expected-open    expected-open    expected-open
-Reply    expected-open    expected-open    expected-open    expected-open
-Release  expected-open    expected-open    expected-open    expected-open
-Cancel   expected-open    expected-open    expected-open    expected-open
-Close    .                .                .                .
+opening        Sender           Receiver         Caller           Server
+Open           .                .                .                .
+Attach         expected-open    expected-open    expected-open    expected-open
+Detach         expected-open    expected-open    expected-open    expected-open
+Data           expected-open    expected-open    expected-open    expected-open
+Request        expected-open    expected-open    expected-open    expected-open
+Reply          expected-open    expected-open    expected-open    expected-open
+Release        expected-open    expected-open    expected-open    expected-open
+Cancel         expected-open    expected-open    expected-open    expected-open
+Close          .                .                .                .
+Ring           expected-open    expected-open    expected-open    expected-open
+Doorbell       expected-open    expected-open    expected-open    expected-open
+Detached       expected-open    expected-open    expected-open    expected-open
 
-open     Sender           Receiver         Caller           Server
-Open     unexpected-open  unexpected-open  unexpected-open  unexpected-open
-Attach   wrong-role       .                .                .
-Detach   wrong-role       .                .                .
-Data     wrong-role       .                wrong-role       wrong-role
-Request  wrong-role       wrong-role       wrong-role       .
-Reply    wrong-role       wrong-role       .                wrong-role
-Release  .                wrong-role       .                .
-Cancel   wrong-role       wrong-role       wrong-role       .
-Close    .                .                .                .
+open           Sender           Receiver         Caller           Server
+Open           unexpected-open  unexpected-open  unexpected-open  unexpected-open
+Attach         wrong-role       .                .                .
+Detach         wrong-role       .                .                .
+Data           wrong-role       .                wrong-role       wrong-role
+Request        wrong-role       wrong-role       wrong-role       .
+Reply          wrong-role       wrong-role       .                wrong-role
+Release        .                wrong-role       .                .
+Cancel         wrong-role       wrong-role       wrong-role       .
+Close          .                .                .                .
+Ring           wrong-lane       wrong-role       wrong-role       wrong-role
+Doorbell       wrong-lane       wrong-lane       wrong-role       wrong-role
+Detached       wrong-lane       wrong-role       wrong-role       wrong-role
 
-ended    Sender           Receiver         Caller           Server
-Open     ended            ended            ended            ended
-Attach   ended            ended            ended            ended
-Detach   ended            ended            ended            ended
-Data     ended            ended            ended            ended
-Request  ended            ended            ended            ended
-Reply    ended            ended            ended            ended
-Release  ended            ended            ended            ended
-Cancel   ended            ended            ended            ended
-Close    ended            ended            ended            ended
+open, ring     Sender           Receiver         Caller           Server
+Open           unexpected-open  unexpected-open  unexpected-open  unexpected-open
+Attach         wrong-role       .                .                .
+Detach         wrong-role       .                .                .
+Data           wrong-role       wrong-lane       wrong-role       wrong-role
+Request        wrong-role       wrong-role       wrong-role       .
+Reply          wrong-role       wrong-role       .                wrong-role
+Release        wrong-lane       wrong-role       .                .
+Cancel         wrong-role       wrong-role       wrong-role       .
+Close          .                .                .                .
+Ring           .                wrong-role       wrong-role       wrong-role
+Doorbell       .                .                wrong-role       wrong-role
+Detached       .                wrong-role       wrong-role       wrong-role
+
+ended          Sender           Receiver         Caller           Server
+Open           ended            ended            ended            ended
+Attach         ended            ended            ended            ended
+Detach         ended            ended            ended            ended
+Data           ended            ended            ended            ended
+Request        ended            ended            ended            ended
+Reply          ended            ended            ended            ended
+Release        ended            ended            ended            ended
+Cancel         ended            ended            ended            ended
+Close          ended            ended            ended            ended
+Ring           ended            ended            ended            ended
+Doorbell       ended            ended            ended            ended
+Detached       ended            ended            ended            ended
+
+ended, ring    Sender           Receiver         Caller           Server
+Open           ended            ended            ended            ended
+Attach         ended            ended            ended            ended
+Detach         ended            ended            ended            ended
+Data           ended            ended            ended            ended
+Request        ended            ended            ended            ended
+Reply          ended            ended            ended            ended
+Release        ended            ended            ended            ended
+Cancel         ended            ended            ended            ended
+Close          ended            ended            ended            ended
+Ring           ended            ended            ended            ended
+Doorbell       ended            ended            ended            ended
+Detached       ended            ended            ended            ended
 ";
 
+/// The states with their names, and whether both ends offer the ring lane.
+const STATES: [(&str, State, bool); 5] = [
+    ("opening", State::Opening, true),
+    ("open", State::Open, false),
+    ("open, ring", State::Open, true),
+    ("ended", State::Ended, false),
+    ("ended, ring", State::Ended, true),
+];
+
+#[derive(Clone, Copy, PartialEq)]
+enum State {
+    Opening,
+    Open,
+    Ended,
+}
+
 #[test]
-fn every_phase_role_and_kind() {
+fn every_phase_role_lane_and_kind() {
     let mut page = Vec::new();
-    for phase in ["opening", "open", "ended"] {
-        let mut lines = vec![line(phase, Role::ALL.map(|role| format!("{role:?}")))];
+    for (name, state, ring) in STATES {
+        let mut lines = vec![line(name, Role::ALL.map(|role| format!("{role:?}")))];
         for kind in FrameKind::ALL {
-            let cells = Role::ALL.map(|role| cell(phase, role, kind));
+            let cells = Role::ALL.map(|role| cell(state, ring, role, kind));
             lines.push(line(&format!("{kind:?}"), cells));
         }
         page.push(lines.join("\n") + "\n");
@@ -65,26 +121,73 @@ fn every_phase_role_and_kind() {
 
 fn line(name: &str, cells: [String; 4]) -> String {
     let cells = cells.map(|cell| format!("{cell:<15}")).join("  ");
-    format!("{name:<7}  {cells}").trim_end().to_owned()
+    format!("{name:<13}  {cells}").trim_end().to_owned()
 }
 
-fn cell(phase: &str, role: Role, kind: FrameKind) -> String {
-    let mut link = match phase {
-        "opening" => Link::new(config(role)),
-        _ => opened(config(role)),
+fn terms(ring: bool, role: Role) -> Config {
+    if ring { with_ring(role) } else { config(role) }
+}
+
+fn cell(state: State, ring: bool, role: Role, kind: FrameKind) -> String {
+    let config = terms(ring, role);
+    let mut link = match state {
+        State::Opening => Link::new(config),
+        State::Open | State::Ended => opened_with(config, &open_to(&config)),
     };
     drain(&mut link);
-    if phase == "ended" {
+    if state == State::Ended {
         feed(&mut link, &Frame::Close(Code(0)).to_vec(), &[]).unwrap();
         drain(&mut link);
     }
     let (bytes, fds) = some_frame(role, kind);
     match feed(&mut link, &bytes, &fds) {
         Err(Error::Ended(End::Violation(
-            it @ (Violation::ExpectedOpen | Violation::UnexpectedOpen | Violation::WrongRole),
+            it @ (Violation::ExpectedOpen
+            | Violation::UnexpectedOpen
+            | Violation::WrongRole
+            | Violation::WrongLane),
         ))) => it.name().to_owned(),
         Err(Error::Ended(End::Peer(Code(0)))) => "ended".to_owned(),
         _ => ".".to_owned(),
+    }
+}
+
+/// Which lane it is depends on both: that of one does not count.
+//= SM2-OPN-004, SM2-RNG-001 test
+#[test]
+fn a_lane_is_used_only_if_both_offer_it() {
+    for (role, bell) in [
+        (Role::Sender, true),
+        (Role::Receiver, true),
+        (Role::Caller, false),
+    ] {
+        for (ours, theirs) in [(false, true), (true, false), (true, true)] {
+            let mut link = opened_with(terms(ours, role), &open_to(&terms(theirs, role)));
+            let has_ring = ours && theirs && bell;
+            assert_eq!(link.has_ring(), has_ring, "{role:?}");
+            if bell {
+                let doorbell = feed(&mut link, &Frame::Doorbell.to_vec(), &[]);
+                let end = Error::Ended(End::Violation(Violation::WrongLane));
+                assert_eq!(doorbell, if has_ring { Ok(()) } else { Err(end) });
+            }
+        }
+    }
+}
+
+/// A link that is sealed has no ring: its ends do not offer it, and ignore what others offer.
+//= SM2-RNG-001 test
+#[test]
+fn a_sealed_link_has_no_ring() {
+    for role in [Role::Sender, Role::Receiver] {
+        let sealed = Config {
+            sealed: true,
+            ..with_ring(role)
+        };
+        let mut link = Link::new(sealed);
+        let open = sent(&drain(&mut link))[0].to_vec();
+        assert_eq!(open[24..28], [1, 0, 0, 0]);
+        let link = opened_with(sealed, &open_to(&with_ring(role)));
+        assert!(!link.has_ring() && link.is_open());
     }
 }
 
@@ -108,6 +211,9 @@ fn some_frame(role: Role, kind: FrameKind) -> (Vec<u8>, Vec<FdFacts>) {
         },
         FrameKind::Cancel => Frame::Cancel { call: 1 },
         FrameKind::Close => Frame::Close(Code(0)),
+        FrameKind::Ring => RING,
+        FrameKind::Doorbell => Frame::Doorbell,
+        FrameKind::Detached => Frame::Detached { segment: 1 },
     };
     assert_eq!(frame.kind(), kind);
     (frame.to_vec(), fds_for(&frame))

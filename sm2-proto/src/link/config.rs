@@ -71,6 +71,9 @@ pub struct Config {
     pub reliable: bool,
     /// Whether pooled messages are illegal, from LINK.
     pub sealed: bool,
+    /// Whether this end offers the ring lane: only a sender or a receiver of a link that is not
+    /// sealed does, whatever stands here.
+    pub ring: bool,
     /// How many messages are kept, 1 to 1,024. A sender: of those that the
     /// window does not admit; all others: of those that the application has not taken.
     pub depth: u16,
@@ -80,7 +83,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// The end of `link` that belongs to the interface with this contract.
+    /// The end, without a ring lane, of `link` that belongs to the interface with this contract.
     #[must_use]
     pub const fn new(
         contract: &Contract,
@@ -103,6 +106,7 @@ impl Config {
             role,
             reliable,
             sealed,
+            ring: false,
             depth,
             max_borrowed,
         }
@@ -123,6 +127,8 @@ impl Config {
     pub(super) fn in_range(self) -> Self {
         Self {
             reliable: self.reliable || matches!(self.role, Role::Caller | Role::Server),
+            //= SM2-RNG-001
+            ring: self.ring && !self.sealed && matches!(self.role, Role::Sender | Role::Receiver),
             depth: self.depth.clamp(1, QOS_MAX),
             max_borrowed: self.max_borrowed.clamp(1, QOS_MAX),
             ..self

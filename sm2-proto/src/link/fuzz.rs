@@ -1,19 +1,22 @@
 //! One end of a link under operations and frames that bytes decide: the body
-//! of the fuzz target `link_frames` and of a unit test.
+//! of the fuzz target `link_frames` and of a unit test. In `ring`: the words of a ring that answer
+//! what bytes decide, the body of `ring_words`.
 //!
 //! Most frames are made legal but for what the bytes change, so that a run
 //! gets past the first check. Whatever happens, what [`World`] asserts holds.
 
+mod ring;
 mod world;
 
 use alloc::{vec, vec::Vec};
 
 use bytes::Bytes;
 
+pub(crate) use self::ring::words;
 use self::world::World;
 use super::{
     Body, Input, Message, Role, SegmentInfo, Status,
-    wire::{Carrier, Form, Frame, Given, LANE_SOCKET, MessageFrame, Open},
+    wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
 use crate::{Code, Datagram, FdFacts, Instant, LinkId, Seals, fuzz::Script};
 
@@ -84,13 +87,14 @@ impl World {
             17 => self.input(Input::Writable),
             18 => self.wish(script)?,
             _ if script.rarely()? => self.end(script)?,
-            _ => {}
+            _ => self.peer_ring(script)?,
         }
         Some(())
     }
 
     fn peer_open(&mut self, script: &mut Script<'_>) -> Option<()> {
         let config = *self.link.config();
+        let lanes = LANE_SOCKET | if config.ring { LANE_RING } else { 0 };
         let window = if config.role == Role::Receiver {
             0
         } else {
@@ -102,10 +106,34 @@ impl World {
                 version: script.near(1)? as u16,
                 window: script.near(window)? as u32,
                 link: LINK,
-                lanes: script.near(u64::from(LANE_SOCKET))? as u32,
+                lanes: script.near(u64::from(lanes))? as u32,
             }),
             &[],
         );
+        Some(())
+    }
+
+    /// The frames of the ring lane, mostly where there is none; and the wish for a segment.
+    fn peer_ring(&mut self, script: &mut Script<'_>) -> Option<()> {
+        let segment = script.below(4)? as u32;
+        match script.byte()? % 4 {
+            0 => {
+                let (depth, window) = (script.near(2)? as u16, 1 + script.below(6)? as u32);
+                let facts = FdFacts {
+                    regular: !script.rarely()?,
+                    size_bytes: script.near(STRIDE)?,
+                    seals: Seals(script.near(u64::from(Seals::RING.0))? as u32),
+                };
+                self.frame(&Frame::Ring { depth, window }, &[facts]);
+            }
+            1 => self.frame(&Frame::Doorbell, &[]),
+            2 => self.frame(&Frame::Detached { segment }, &[]),
+            _ => self.input(Input::Attach(SegmentInfo {
+                id: segment,
+                stride: STRIDE,
+                slots: 2,
+            })),
+        }
         Some(())
     }
 
@@ -325,7 +353,7 @@ impl World {
 
 #[cfg(test)]
 mod tests {
-    use super::frames;
+    use super::{frames, words};
     use alloc::vec::Vec;
     use proptest::prelude::*;
 
@@ -341,6 +369,17 @@ mod tests {
         #[test]
         fn calm_bytes_decide(data in prop::collection::vec(0_u8..0xfc, 0..600)) {
             frames(&data);
+        }
+
+        /// The same of the words of a ring.
+        #[test]
+        fn words_are_what_bytes_decide(data in prop::collection::vec(any::<u8>(), 0..400)) {
+            words(&data);
+        }
+
+        #[test]
+        fn words_are_mostly_right(data in prop::collection::vec(0_u8..0xf0, 0..900)) {
+            words(&data);
         }
     }
 }

@@ -99,16 +99,21 @@ impl Inbound {
         }
     }
 
-    /// ATTACH came.
-    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
-    pub(super) fn attach(&mut self, info: &SegmentInfo, fds: &[FdFacts]) -> Result<(), Violation> {
+    /// ATTACH came. The numbers of the segments that are `leaving` are not free yet.
+    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004, SM2-RNG-010
+    pub(super) fn attach(
+        &mut self,
+        info: &SegmentInfo,
+        fds: &[FdFacts],
+        leaving: &VecDeque<u32>,
+    ) -> Result<(), Violation> {
         let verified = Verified::pooled(fds.first().ok_or(Violation::FdCount)?)?;
-        if self.segments.contains_key(&info.id) {
+        if self.segments.contains_key(&info.id) || leaving.contains(&info.id) {
             return Err(Violation::SegmentNumber);
         }
         let geometry = Geometry::new(info.stride, info.slots).ok_or(Violation::BadSegment)?;
         verified.check_segment(geometry)?;
-        if self.segments.len() >= SEGMENTS_MAX {
+        if self.segments.len() + leaving.len() >= SEGMENTS_MAX {
             return Err(Violation::SegmentLimit);
         }
         self.segments.insert(
@@ -133,6 +138,11 @@ impl Inbound {
         }
         self.segments.remove(&segment);
         Ok(())
+    }
+
+    /// The form of an attached segment.
+    pub(super) fn geometry(&self, segment: u32) -> Option<Geometry> {
+        self.segments.get(&segment).map(|it| it.geometry)
     }
 
     /// Whether a message may come now, by the clauses of SPEC section 8 in their order.
@@ -317,12 +327,15 @@ impl Inbound {
         })
     }
 
-    /// The link is over. What is ready stays valid, all else counts as given back.
-    //= SM2-OPN-005, SM2-OPN-007
-    pub(super) fn end(&mut self) {
+    /// The link is over. What is ready stays valid, all else counts as given back. Messages that
+    /// are left in a ring still need their segments.
+    //= SM2-OPN-005, SM2-OPN-007, SM2-RNG-011
+    pub(super) fn end(&mut self, has_ring: bool) {
         self.consumed.clear();
         self.discarded.clear();
-        self.segments.clear();
+        if !has_ring {
+            self.segments.clear();
+        }
     }
 
     /// After the end: the application gave a message back.

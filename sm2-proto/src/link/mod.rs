@@ -5,6 +5,7 @@
 //! | feed | [`Link::handle`] with each datagram, each wish of the application, each change of the socket |
 //! | drain | [`Link::poll`] until it gives nothing, after every feed |
 //! | take | [`Link::take`], whenever [`Link::ready`] is not zero |
+//! | ring lane | `Link::ring_…` in place of send, take and release, where [`Link::has_ring`] |
 //! | deadline | [`Link::deadline`]: a link has no timer in version 1 |
 //! | inspect | [`Link::is_open`], [`Link::end`], [`Link::has_room`], [`Link::counters`], … |
 //!
@@ -43,6 +44,7 @@ mod phase;
 #[cfg(any(kani, test))]
 mod proofs;
 mod receive;
+mod ring;
 mod segments;
 mod types;
 pub mod wire;
@@ -54,12 +56,14 @@ use self::{
     inbound::Inbound,
     outbound::{Outbound, Sent},
     phase::Phase,
-    wire::{Frame, LANE_SOCKET, Open},
+    ring::Ring,
+    wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
 pub use self::{
     config::{Config, Role},
     packet::{Attachment, Head, Packet},
     phase::FrameKind,
+    ring::{At, EMPTY, NoDelivery, RingLayout, RingMessage, SlotHead, Word, Words, doorbell},
     types::{
         Body, Counters, Delivery, End, Error, Fate, Input, Message, Misuse, Output, Payload,
         SegmentInfo, Status, TooManyBorrowed,
@@ -85,6 +89,12 @@ pub struct Link {
     inbound: Inbound,
     placed: Placed,
     served: Served,
+    /// Where its messages are, if both ends offered the ring lane.
+    ring: Option<Ring>,
+    /// Whether RING has to be handed out.
+    announce_ring: bool,
+    /// Segments whose DETACHED has to be handed out.
+    detached: VecDeque<u32>,
 }
 
 impl Link {
@@ -106,6 +116,9 @@ impl Link {
             inbound: Inbound::new(&config),
             placed: Placed::default(),
             served: Served::default(),
+            ring: None,
+            announce_ring: false,
+            detached: VecDeque::new(),
         }
     }
 
@@ -146,6 +159,7 @@ impl Link {
             Input::Skip => self.skip()?,
             Input::Release { sequence } => self.release(sequence)?,
             Input::Cancel { call } => self.cancel(call)?,
+            Input::Attach(segment) => self.attach(&segment)?,
             Input::Retire { segment } => self.retire(segment)?,
             Input::Blocked => self.blocked = true,
             Input::Writable => self.blocked = false,
@@ -156,7 +170,12 @@ impl Link {
 
     fn handle_ended(&mut self, input: &Input<'_>) {
         match input {
-            Input::Release { sequence } => self.inbound.forget(*sequence),
+            Input::Release { sequence } => {
+                self.inbound.forget(*sequence);
+                if let Some(Ring::Receiver(receiver)) = &mut self.ring {
+                    receiver.forget(*sequence);
+                }
+            }
             Input::Blocked => self.farewell = None,
             _ => {}
         }
@@ -172,6 +191,12 @@ impl Link {
 
     fn send(&mut self, message: Message) -> Result<(), Misuse> {
         self.check_drained()?;
+        if self.ring.is_some() {
+            return Err(Misuse::WrongLane);
+        }
+        if self.may_get_ring() {
+            return Err(Misuse::NoRoom);
+        }
         match self.config.role {
             Role::Sender => {}
             Role::Receiver => return Err(Misuse::WrongRole),
@@ -195,9 +220,20 @@ impl Link {
         Ok(())
     }
 
+    /// Whether the other end's OPEN will say on which lane the messages go: until then none can
+    /// be taken, since what waits for one lane cannot leave by the other.
+    //= SM2-RNG-001
+    fn may_get_ring(&self) -> bool {
+        self.config.ring && self.state == Ok(Phase::Opening)
+    }
+
     fn skip(&mut self) -> Result<(), Misuse> {
         if self.config.role != Role::Sender || !self.config.reliable {
             return Err(Misuse::WrongRole);
+        }
+        if let Some(Ring::Sender(sender)) = &mut self.ring {
+            sender.skip(Fate::Deadline);
+            return Ok(());
         }
         self.outbound.skip()
     }
@@ -224,7 +260,17 @@ impl Link {
         if !self.config.role.sends() {
             return Err(Misuse::WrongRole);
         }
-        self.outbound.retire(segment)
+        match &mut self.ring {
+            Some(Ring::Sender(sender)) => sender.retire(segment),
+            _ => self.outbound.retire(segment),
+        }
+    }
+
+    fn attach(&mut self, segment: &SegmentInfo) -> Result<(), Misuse> {
+        match &mut self.ring {
+            Some(Ring::Sender(sender)) => sender.attach(segment),
+            _ => Err(Misuse::WrongLane),
+        }
     }
 
     /// The one place where a link breaks off.
@@ -246,15 +292,19 @@ impl Link {
         };
         self.farewell = code.filter(|_| !self.blocked);
         let events = &mut self.events;
-        self.outbound.end(|key| {
+        let mut settle = |key| {
             events.push_back(Output::Settled {
                 key,
                 fate: Fate::Closed,
-            })
-        });
+            });
+        };
+        self.outbound.end(&mut settle);
+        if let Some(ring) = &mut self.ring {
+            ring.end(matches!(end, End::Violation(_)), &mut settle);
+        }
         events.extend(self.placed.end().map(|call| Output::CallFailed { call }));
         self.served.end();
-        self.inbound.end();
+        self.inbound.end(self.ring.is_some());
         self.events.push_back(Output::Ended(end));
     }
 
@@ -286,6 +336,9 @@ impl Link {
             self.greeted = true;
             return Some(Packet::bare(self.open().head()));
         }
+        if let Some(packet) = self.transmit_ring() {
+            return Some(packet);
+        }
         if let Some(release) = self.inbound.poll() {
             return Some(release);
         }
@@ -302,14 +355,14 @@ impl Link {
     }
 
     /// Our OPEN.
-    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-RNG-001
     fn open(&self) -> Frame<'static> {
         Frame::Open(Open {
             role: self.config.role as u8,
             version: self.config.version,
             window: self.config.window(),
             link: self.config.id,
-            lanes: LANE_SOCKET,
+            lanes: LANE_SOCKET | if self.config.ring { LANE_RING } else { 0 },
         })
     }
 
@@ -330,10 +383,10 @@ impl Link {
         taken
     }
 
-    /// Whether both OPEN were exchanged and the link is not over.
+    /// Whether both OPEN were exchanged, and RING where the link has one, and the link is not over.
     #[must_use]
     pub fn is_open(&self) -> bool {
-        self.state == Ok(Phase::Open)
+        self.state == Ok(Phase::Open) && !matches!(self.ring, Some(Ring::Awaited { .. }))
     }
 
     /// Why the link is over, if it is.
@@ -351,14 +404,20 @@ impl Link {
     /// What became of the messages that this end was given to send.
     #[must_use]
     pub fn counters(&self) -> Counters {
-        self.outbound.counters()
+        match &self.ring {
+            Some(Ring::Sender(sender)) => sender.counters(),
+            _ => self.outbound.counters(),
+        }
     }
 
     /// Whether one more [`Input::Send`] would neither displace a message nor be
-    /// refused for want of room or for too many calls.
+    /// refused for want of room or for too many calls. On the ring lane: see
+    /// [`Link::ring_has_room`].
     #[must_use]
     pub fn has_room(&self) -> bool {
         self.state.is_ok()
+            && self.ring.is_none()
+            && !self.may_get_ring()
             && self.config.role.sends()
             && self.placed.check().is_ok()
             && self.outbound.has_room()
@@ -368,13 +427,19 @@ impl Link {
     /// released nothing since: such a link is not waited for (SM2-QOS-002).
     #[must_use]
     pub const fn is_stalled(&self) -> bool {
-        self.outbound.is_stalled()
+        match &self.ring {
+            Some(Ring::Sender(sender)) => sender.is_stalled(),
+            _ => self.outbound.is_stalled(),
+        }
     }
 
     /// How many messages of this end are not settled.
     #[must_use]
     pub fn in_flight(&self) -> usize {
-        self.outbound.in_flight()
+        match &self.ring {
+            Some(Ring::Sender(sender)) => sender.in_flight(),
+            _ => self.outbound.in_flight(),
+        }
     }
 
     /// How many calls have no reply: of a caller those that it made, of a
@@ -384,7 +449,8 @@ impl Link {
         self.placed.len() + self.served.len()
     }
 
-    /// How many messages the application has not taken.
+    /// How many messages the application has not taken. On the ring lane: see
+    /// [`Link::ring_ready`].
     #[must_use]
     pub fn ready(&self) -> usize {
         self.inbound.ready()
@@ -397,6 +463,9 @@ impl Link {
             self.inbound.invariants();
             self.placed.invariants();
             self.served.invariants();
+            if let Some(ring) = &self.ring {
+                ring.invariants();
+            }
             let is_over = self.state.is_err();
             debug_assert!(is_over || self.farewell.is_none());
             debug_assert!(!is_over || (self.in_flight() == 0 && self.calls() == 0));

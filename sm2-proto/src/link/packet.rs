@@ -26,6 +26,8 @@ pub enum Attachment {
     Segment(u32),
     /// That of the sealed message with this [`Message::key`](super::Message::key).
     Message(u64),
+    /// That of the ring which [`Output::MakeRing`](super::Output::MakeRing) asked for.
+    Ring,
 }
 
 impl Packet {

@@ -38,11 +38,17 @@ pub enum FrameKind {
     Cancel = 8,
     /// The last frame of each side.
     Close = 9,
+    /// The file of the ring.
+    Ring = 16,
+    /// Wakes who sleeps.
+    Doorbell = 17,
+    /// The receiver does not use a segment any more.
+    Detached = 18,
 }
 
 impl FrameKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 12] = [
         Self::Open,
         Self::Attach,
         Self::Detach,
@@ -52,6 +58,9 @@ impl FrameKind {
         Self::Release,
         Self::Cancel,
         Self::Close,
+        Self::Ring,
+        Self::Doorbell,
+        Self::Detached,
     ];
 
     /// The kind with this number.
@@ -72,18 +81,43 @@ impl FrameKind {
             Self::Request | Self::Cancel => matches!(role, Server),
             Self::Reply => matches!(role, Caller),
             Self::Release => matches!(role, Sender | Caller | Server),
+            Self::Ring | Self::Detached => matches!(role, Sender),
+            Self::Doorbell => matches!(role, Sender | Receiver),
+        }
+    }
+
+    /// Whether links of the ring lane, or all others, have this kind of frames.
+    //= SM2-RNG-001
+    #[must_use]
+    pub const fn is_on(self, ring: bool) -> bool {
+        match self {
+            Self::Data | Self::Release => !ring,
+            Self::Ring | Self::Doorbell | Self::Detached => ring,
+            Self::Open
+            | Self::Attach
+            | Self::Detach
+            | Self::Request
+            | Self::Reply
+            | Self::Cancel
+            | Self::Close => true,
         }
     }
 }
 
-/// Whether a frame of this kind may come now.
-//= SM2-OPN-001, SM2-WIR-002
-pub(super) const fn admit(phase: Phase, role: Role, kind: FrameKind) -> Result<(), Violation> {
+/// Whether a frame of this kind may come now, on a link with or without a ring.
+//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001
+pub(super) const fn admit(
+    phase: Phase,
+    role: Role,
+    ring: bool,
+    kind: FrameKind,
+) -> Result<(), Violation> {
     match (phase, kind) {
         (Phase::Opening, FrameKind::Open) | (_, FrameKind::Close) => Ok(()),
         (Phase::Opening, _) => Err(Violation::ExpectedOpen),
         (Phase::Open, FrameKind::Open) => Err(Violation::UnexpectedOpen),
-        (Phase::Open, kind) if kind.is_received_by(role) => Ok(()),
-        (Phase::Open, _) => Err(Violation::WrongRole),
+        (Phase::Open, kind) if !kind.is_received_by(role) => Err(Violation::WrongRole),
+        (Phase::Open, kind) if !kind.is_on(ring) => Err(Violation::WrongLane),
+        (Phase::Open, _) => Ok(()),
     }
 }

@@ -30,47 +30,66 @@ fn config(role: Role) -> Config {
         role,
         reliable: false,
         sealed: false,
+        ring: false,
         depth: 1,
         max_borrowed: 1,
     }
 }
 
-/// The column *received by* of SPEC section 7: for kinds 1 to 9, whether by sender, receiver,
-/// caller and server.
-const RECEIVED_BY: [[bool; 4]; 9] = [
-    [true, true, true, true],
-    [false, true, true, true],
-    [false, true, true, true],
-    [false, true, false, false],
-    [false, false, false, true],
-    [false, false, true, false],
-    [true, false, true, true],
-    [false, false, false, true],
-    [true, true, true, true],
+/// Which links have a frame.
+#[derive(Clone, Copy, PartialEq)]
+enum Lane {
+    Both,
+    Socket,
+    Ring,
+}
+
+/// SPEC section 7 and SM2-RNG-001: for each kind its number, whether it is received by sender,
+/// receiver, caller and server, and on which lane.
+const RECEIVED_BY: [(u8, [bool; 4], Lane); 12] = [
+    (1, [true, true, true, true], Lane::Both),
+    (2, [false, true, true, true], Lane::Both),
+    (3, [false, true, true, true], Lane::Both),
+    (4, [false, true, false, false], Lane::Socket),
+    (5, [false, false, false, true], Lane::Both),
+    (6, [false, false, true, false], Lane::Both),
+    (7, [true, false, true, true], Lane::Socket),
+    (8, [false, false, false, true], Lane::Both),
+    (9, [true, true, true, true], Lane::Both),
+    (16, [true, false, false, false], Lane::Ring),
+    (17, [true, true, false, false], Lane::Ring),
+    (18, [true, false, false, false], Lane::Ring),
 ];
 
-//= SM2-OPN-001, SM2-WIR-002 kani
+//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001 kani
 #[cfg_attr(kani, kani::proof)]
-#[cfg_attr(kani, kani::unwind(11))]
+#[cfg_attr(kani, kani::unwind(14))]
 fn link_phase_table() {
-    let (role, opening) = (role(), kani::any());
+    let (role, opening, ring) = (role(), kani::any(), kani::any());
     let phase = if opening { Phase::Opening } else { Phase::Open };
     let number: u8 = kani::any();
-    let Some(kind) = FrameKind::from_number(number) else {
-        assert!(number == 0 || number > 9);
+    let row = RECEIVED_BY.iter().find(|row| row.0 == number);
+    let (Some(kind), Some((_, received, lane))) = (FrameKind::from_number(number), row) else {
+        assert!(row.is_none() && FrameKind::from_number(number).is_none());
         return;
     };
-    let received = RECEIVED_BY[usize::from(number) - 1][role as usize];
-    let verdict = admit(phase, role, kind);
+    let received = received[role as usize];
+    let other_lane = *lane == if ring { Lane::Socket } else { Lane::Ring };
+    let verdict = admit(phase, role, ring, kind);
     let expected = match kind {
         FrameKind::Close => Ok(()),
         FrameKind::Open if opening => Ok(()),
         FrameKind::Open => Err(Violation::UnexpectedOpen),
         _ if opening => Err(Violation::ExpectedOpen),
-        _ if received => Ok(()),
-        _ => Err(Violation::WrongRole),
+        _ if !received => Err(Violation::WrongRole),
+        _ if other_lane => Err(Violation::WrongLane),
+        _ => Ok(()),
     };
     assert_eq!(verdict, expected);
+    kani::cover!(
+        verdict == Err(Violation::WrongLane) && ring,
+        "not on a ring"
+    );
     kani::cover!(verdict == Err(Violation::WrongRole), "not for this role");
     kani::cover!(verdict.is_ok() && kind == FrameKind::Reply, "a reply");
 }
@@ -92,13 +111,16 @@ fn is_canonical(bytes: &[u8]) -> Option<FrameKind> {
 }
 
 /// Where SPEC section 7 has reserved bytes in the frames without payload.
-const RESERVED: [(u8, usize, &[usize]); 6] = [
+const RESERVED: [(u8, usize, &[usize]); 9] = [
     (1, 32, &[28, 29, 30, 31]),
     (2, 24, &[1, 2, 3, 20, 21, 22, 23]),
     (3, 8, &[1, 2, 3]),
     (7, 8, &[4, 5, 6, 7]),
     (8, 16, &[1, 2, 3, 4, 5, 6, 7]),
     (9, 8, &[1, 4, 5, 6, 7]),
+    (16, 16, &[1, 8, 9, 10, 11, 12, 13, 14, 15]),
+    (17, 8, &[1, 2, 3, 4, 5, 6, 7]),
+    (18, 8, &[1, 2, 3]),
 ];
 
 /// DECODE-TOTAL and DECODE-CANONICAL for frames of fixed length.
@@ -124,6 +146,7 @@ fn fixed_frames_are_canonical() {
     kani::cover!(kind == Some(FrameKind::Open), "OPEN");
     kani::cover!(kind == Some(FrameKind::Attach), "ATTACH");
     kani::cover!(kind == Some(FrameKind::Close), "CLOSE");
+    kani::cover!(kind == Some(FrameKind::Ring), "RING");
     kani::cover!(
         kind.is_none() && clean && len == exact,
         "refused in spite of its length"
@@ -146,20 +169,20 @@ fn each_reserved_byte_is_checked() {
         fds: &descriptors[..fds],
         ..Datagram::new(&bytes[..exact])
     };
-    let attach = number == FrameKind::Attach as u8;
+    let takes_file = [FrameKind::Attach as u8, FrameKind::Ring as u8].contains(&number);
     let unknown_fate = number == FrameKind::Release as u8 && at == 1 && value > 1;
     let expected = if reserved.contains(&at) && value != 0 {
         Err(Violation::ReservedNotZero)
     } else if unknown_fate {
         Err(Violation::Malformed)
-    } else if (fds == 1) != attach {
+    } else if (fds == 1) != takes_file {
         Err(Violation::FdCount)
     } else {
         Ok(())
     };
     assert_eq!(Frame::decode(&datagram).map(drop), expected);
     kani::cover!(unknown_fate, "an unknown fate");
-    kani::cover!(expected.is_ok() && attach, "ATTACH");
+    kani::cover!(expected.is_ok() && takes_file, "a frame with its file");
 }
 
 /// DECODE-TOTAL and DECODE-CANONICAL for frames that carry messages.
@@ -254,6 +277,7 @@ fn receiver_keeps_to_its_window() {
         role: Role::Receiver,
         reliable: kani::any(),
         sealed: false,
+        ring: false,
         depth: 1 + u16::from(kani::any::<bool>()),
         max_borrowed: 1,
     };
@@ -317,7 +341,7 @@ fn receiver_keeps_to_its_window() {
 /// The first OPEN opens the link exactly if each of its fields is legal; else nothing changes.
 //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004 kani
 #[cfg_attr(kani, kani::proof)]
-// 32 bytes of OPEN; nine kinds of frames.
+// 32 bytes of OPEN; twelve kinds of frames.
 #[cfg_attr(kani, kani::unwind(34))]
 fn open_is_checked() {
     let mut link = Link::new(config(role()));
@@ -366,7 +390,7 @@ fn open_is_checked() {
 /// LNK-ABSORB: an end says what is due, CLOSE at most once, and then nothing, whatever comes.
 //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005 kani
 #[cfg_attr(kani, kani::proof)]
-// At most four outputs; nine kinds of frames; heads of at most 48 bytes.
+// At most four outputs; twelve kinds of frames; heads of at most 48 bytes.
 #[cfg_attr(kani, kani::unwind(50))]
 fn an_ended_link_is_silent() {
     let mut link = Link::new(config(role()));
@@ -448,8 +472,8 @@ fn an_ended_link_is_silent() {
 
 #[cfg(test)]
 kani::explored! {
-    link_phase_table: 2,
-    fixed_frames_are_canonical: 4,
+    link_phase_table: 3,
+    fixed_frames_are_canonical: 5,
     each_reserved_byte_is_checked: 2,
     message_frames_are_canonical: 3,
     slots_are_inside: 2,

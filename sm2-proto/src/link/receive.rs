@@ -4,7 +4,7 @@ use super::{
     End, Link, Output, Role, SegmentInfo,
     outbound::Released,
     phase::{self, Phase},
-    wire::{Carrier, Frame, Given, LANE_SOCKET, MessageFrame, Open},
+    wire::{Carrier, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
 use crate::{Datagram, FdFacts, Violation, limits::WINDOW_MAX};
 
@@ -16,7 +16,7 @@ impl Link {
         datagram: &Datagram<'_>,
     ) -> Result<(), Violation> {
         let frame = Frame::decode(datagram)?;
-        phase::admit(phase, self.config.role, frame.kind())?;
+        phase::admit(phase, self.config.role, self.ring.is_some(), frame.kind())?;
         frame.check_length()?;
         match frame {
             Frame::Open(open) => self.on_open(&open),
@@ -25,6 +25,10 @@ impl Link {
             Frame::Message(message) => self.on_message(&message, datagram.fds),
             Frame::Release { given, .. } => self.on_release(&frame, given),
             Frame::Cancel { call } => self.on_cancel(call),
+            Frame::Ring { depth, window } => self.on_ring(depth, window, datagram.fds),
+            // That it came is all that it says: the driver looks at the ring.
+            Frame::Doorbell => Ok(()),
+            Frame::Detached { segment } => self.on_detached(segment),
             //= SM2-OPN-005, SM2-COD-001
             Frame::Close(code) => {
                 self.finish(End::Peer(code));
@@ -53,11 +57,14 @@ impl Link {
         self.state = Ok(Phase::Open);
         self.outbound.open(open.window);
         self.events.push_back(Output::Opened);
+        if self.config.ring && open.lanes & LANE_RING != 0 {
+            self.agree_on_ring(open.window);
+        }
         Ok(())
     }
 
     fn on_attach(&mut self, info: SegmentInfo, fds: &[FdFacts]) -> Result<(), Violation> {
-        self.inbound.attach(&info, fds)?;
+        self.inbound.attach(&info, fds, &self.detached)?;
         let SegmentInfo { id, stride, slots } = info;
         self.events.push_back(Output::Attach {
             segment: id,
@@ -67,8 +74,15 @@ impl Link {
         Ok(())
     }
 
+    //= SM2-RNG-010
     fn on_detach(&mut self, segment: u32) -> Result<(), Violation> {
+        if self.ring_holds(segment) {
+            return Err(Violation::SegmentBusy);
+        }
         self.inbound.detach(segment)?;
+        if self.ring.is_some() {
+            self.detached.push_back(segment);
+        }
         self.events.push_back(Output::Detach { segment });
         Ok(())
     }

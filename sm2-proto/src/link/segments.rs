@@ -3,6 +3,7 @@
 //! Everything that ends up as the address of a payload passes through here.
 //! The types can only be made by their checks, so whoever holds one need not check again.
 
+use super::RingLayout;
 use crate::{
     FdFacts, Seals, Violation,
     limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SLOTS_MAX, STRIDE_UNIT},
@@ -23,6 +24,25 @@ impl Verified {
     /// For a segment of pooled messages.
     pub(super) const fn pooled(facts: &FdFacts) -> Result<Self, Violation> {
         Self::with(facts, Seals::POOLED)
+    }
+
+    /// For the file of a ring.
+    //= SM2-RNG-002
+    pub(super) const fn ring(facts: &FdFacts, layout: Option<RingLayout>) -> Result<(), Violation> {
+        let verified = match Self::with(facts, Seals::RING) {
+            Ok(verified) => verified,
+            Err(violation) => return Err(violation),
+        };
+        let cannot_be_written = Seals(Seals::WRITE.0 | Seals::FUTURE_WRITE.0);
+        match layout {
+            Some(layout)
+                if facts.seals.0 & cannot_be_written.0 == 0
+                    && verified.size_bytes == layout.size_bytes() =>
+            {
+                Ok(())
+            }
+            _ => Err(Violation::BadRing),
+        }
     }
 
     //= SM2-SEG-001

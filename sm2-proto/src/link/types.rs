@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 
-use super::Packet;
+use super::{Packet, RingLayout};
 use crate::{Code, Datagram, Instant, Violation};
 
 /// What happens to a link.
@@ -28,6 +28,9 @@ pub enum Input<'a> {
         /// The [`Message::id`] of the request.
         call: u64,
     },
+    /// Ring lane: the application will use this segment. ATTACH, if it is not attached. Messages
+    /// can name it once the outputs are drained, unless [`Input::Blocked`] came of them.
+    Attach(SegmentInfo),
     /// The application will not use this segment again: DETACH, if it is attached.
     Retire {
         /// The [`SegmentInfo::id`].
@@ -50,6 +53,12 @@ pub enum Output {
     Transmit(Packet),
     /// Both ends have sent OPEN.
     Opened,
+    /// Receiver: make the file of a ring with this layout, all zero, with the seals
+    /// [`Seals::RING`](crate::Seals::RING), and map it for writing. RING will take it along.
+    MakeRing(RingLayout),
+    /// Sender: map the descriptor of the datagram just handled, for reading and writing: it is
+    /// a ring with this layout, whose seals and size are as SPEC demands.
+    Ring(RingLayout),
     /// Map the descriptor of the datagram just handled, for reading only: its
     /// seals and its size are as SPEC demands.
     Attach {
@@ -338,6 +347,12 @@ pub enum Misuse {
     /// Server: the call is not open, or has its reply. Caller: it was never made.
     #[error("no such call is open")]
     UnknownCall,
+    /// The link's messages go through the other lane.
+    #[error("the messages of this link go through its other lane: ask has_ring")]
+    WrongLane,
+    /// The segment is not attached (any more, or yet).
+    #[error("the segment is not attached: feed attach, drain the outputs, and try again")]
+    NotAttached,
     /// The application does not hold the message.
     #[error("no such message is taken and unreleased")]
     NotBorrowed,

@@ -21,6 +21,9 @@ const DETACH: usize = 8;
 const RELEASE: usize = 8;
 const CANCEL: usize = 16;
 const CLOSE: usize = 8;
+const RING: usize = 16;
+const DOORBELL: usize = 8;
+const DETACHED: usize = 8;
 
 /// One link frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -52,6 +55,20 @@ pub enum Frame<'a> {
     },
     /// CLOSE.
     Close(Code),
+    /// RING.
+    Ring {
+        /// How many forward words there are.
+        depth: u16,
+        /// How many back words there are.
+        window: u32,
+    },
+    /// DOORBELL.
+    Doorbell,
+    /// DETACHED.
+    Detached {
+        /// The segment's number.
+        segment: u32,
+    },
 }
 
 /// The fields of OPEN, as they came.
@@ -71,6 +88,8 @@ pub struct Open {
 
 /// Bit 0 of `lanes`: the socket lane.
 pub const LANE_SOCKET: u32 = 1;
+/// Bit 1 of `lanes`: the ring lane.
+pub const LANE_RING: u32 = 2;
 
 /// The fields of DATA, REQUEST and REPLY.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -159,6 +178,9 @@ impl<'a> Frame<'a> {
             FrameKind::Release => Self::release(bytes)?,
             FrameKind::Cancel => Self::cancel(Layout::exactly(bytes)?)?,
             FrameKind::Close => Self::close(Layout::exactly(bytes)?)?,
+            FrameKind::Ring => Self::ring(Layout::exactly(bytes)?)?,
+            FrameKind::Doorbell => Self::doorbell(Layout::exactly(bytes)?)?,
+            FrameKind::Detached => Self::detached(Layout::exactly(bytes)?)?,
         };
         //= SM2-TRN-005
         datagram.check_fds(frame.fds())?;
@@ -252,6 +274,27 @@ impl<'a> Frame<'a> {
         Ok(Self::Close(Code(layout.u16::<2>())))
     }
 
+    fn ring(layout: Layout<RING>) -> Result<Self, Violation> {
+        layout.check_zero::<1, 1>()?;
+        layout.check_zero::<8, 8>()?;
+        Ok(Self::Ring {
+            depth: layout.u16::<2>(),
+            window: layout.u32::<4>(),
+        })
+    }
+
+    fn doorbell(layout: Layout<DOORBELL>) -> Result<Self, Violation> {
+        layout.check_zero::<1, 7>()?;
+        Ok(Self::Doorbell)
+    }
+
+    fn detached(layout: Layout<DETACHED>) -> Result<Self, Violation> {
+        layout.check_zero::<1, 3>()?;
+        Ok(Self::Detached {
+            segment: layout.u32::<4>(),
+        })
+    }
+
     /// Whether what follows the header is as long as the header says.
     //= SM2-WIR-001, SM2-PAY-001
     pub fn check_length(&self) -> Result<(), Violation> {
@@ -284,6 +327,9 @@ impl<'a> Frame<'a> {
             Self::Release { .. } => FrameKind::Release,
             Self::Cancel { .. } => FrameKind::Cancel,
             Self::Close(_) => FrameKind::Close,
+            Self::Ring { .. } => FrameKind::Ring,
+            Self::Doorbell => FrameKind::Doorbell,
+            Self::Detached { .. } => FrameKind::Detached,
         }
     }
 
@@ -292,6 +338,7 @@ impl<'a> Frame<'a> {
     pub const fn fds(&self) -> usize {
         match self {
             Self::Attach(_)
+            | Self::Ring { .. }
             | Self::Message(MessageFrame {
                 form: Form::Sealed, ..
             }) => 1,
@@ -341,6 +388,14 @@ impl<'a> Frame<'a> {
                 .head(),
             Self::Close(code) => Layout::<CLOSE>::of(self.kind())
                 .with::<2, 2>(code.0.to_le_bytes())
+                .head(),
+            Self::Ring { depth, window } => Layout::<RING>::of(self.kind())
+                .with::<2, 2>(depth.to_le_bytes())
+                .with::<4, 4>(window.to_le_bytes())
+                .head(),
+            Self::Doorbell => Layout::<DOORBELL>::of(self.kind()).head(),
+            Self::Detached { segment } => Layout::<DETACHED>::of(self.kind())
+                .with::<4, 4>(segment.to_le_bytes())
                 .head(),
         }
     }

@@ -25,6 +25,17 @@ fn wrong(text: &str) -> (usize, Reason) {
     }
 }
 
+#[test]
+fn a_variant_shows_its_fields() {
+    let Type::Enum(variants) = parsed("postcard:enum{Idle:struct{},Go:struct{fast:bool,},}").root
+    else {
+        panic!("an enumeration");
+    };
+    let names = |it: &Variant| it.fields().iter().map(|it| it.name().to_string()).collect();
+    let fields: vec::Vec<vec::Vec<String>> = variants.iter().map(names).collect();
+    assert_eq!(fields, [vec![], vec!["fast".to_string()]]);
+}
+
 //= SM2-TYP-001 test
 #[test]
 fn a_text_and_its_tree_are_the_same() {
@@ -223,6 +234,11 @@ fn the_first_difference_is_named_with_its_path() {
             "json:map[string,list[option[u8]]]",
             "json:map[string,list[option[string]]]",
             "[][]: u8 here, string there",
+        ),
+        (
+            "plain:array[array[f64;0000000000000002];0000000000000003]",
+            "plain:array[array[f32;0000000000000002];0000000000000003]",
+            "[][]: f64 here, f32 there",
         ),
         (
             "json:map[string,u8]",

@@ -92,6 +92,7 @@ impl Driver {
                 self.mark(&packet);
                 self.put(&packet);
             }
+            Output::MakeRing(_) | Output::Ring(_) => panic!("no ring was offered"),
             Output::Opened => assert!(self.link.is_open() || self.link.end().is_some()),
             Output::Attach {
                 segment,
@@ -149,6 +150,7 @@ impl Driver {
                 vec![pooled(segment(id).stride * u64::from(SLOTS))]
             }
             Some(Attachment::Message(_)) => vec![sealed(4096)],
+            Some(Attachment::Ring) => panic!("no ring was offered"),
         };
         let datagram = Datagram {
             bytes: &bytes,

@@ -4,9 +4,9 @@
 use sm2_proto::{
     Datagram, FdFacts, Instant, LinkId, Seals, Violation,
     link::{
-        Body, Config, End, Error, Fate, Input, Link, Message, Output, Packet, Role, SegmentInfo,
-        Status,
-        wire::{Carrier, Form, Frame, Given, LANE_SOCKET, MessageFrame, Open},
+        Body, Config, End, Error, Fate, Input, Link, Message, Output, Packet, RingLayout, Role,
+        SegmentInfo, Status,
+        wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
     },
 };
 
@@ -29,6 +29,7 @@ pub(crate) fn config(role: Role) -> Config {
         role,
         reliable: false,
         sealed: false,
+        ring: false,
         depth: 2,
         max_borrowed: 1,
     }
@@ -49,7 +50,7 @@ pub(crate) fn open_to(config: &Config) -> Frame<'static> {
 
 pub(crate) fn open_with(config: &Config, window: u32) -> Frame<'static> {
     let role = config.role.counterpart() as u8;
-    let lanes = LANE_SOCKET;
+    let lanes = LANE_SOCKET | if config.ring { LANE_RING } else { 0 };
     Frame::Open(Open {
         role,
         version: 1,
@@ -107,6 +108,10 @@ pub(crate) fn feed(link: &mut Link, bytes: &[u8], fds: &[FdFacts]) -> Result<(),
 /// Descriptors as the frame wants them, large enough for anything in these tests.
 pub(crate) fn fds_for(frame: &Frame<'_>) -> Vec<FdFacts> {
     match frame {
+        Frame::Ring { depth, window } => {
+            let layout = RingLayout::new(*depth, *window);
+            vec![ring_file(layout.map_or(4096, RingLayout::size_bytes))]
+        }
         Frame::Attach(segment) => vec![pooled(segment.stride * u64::from(segment.slots))],
         Frame::Message(MessageFrame {
             form: Form::Sealed, ..
@@ -148,6 +153,28 @@ pub(crate) fn pooled(size_bytes: u64) -> FdFacts {
         seals: Seals::POOLED,
     }
 }
+
+pub(crate) fn ring_file(size_bytes: u64) -> FdFacts {
+    FdFacts {
+        regular: true,
+        size_bytes,
+        seals: Seals::RING,
+    }
+}
+
+/// Offers the ring lane.
+pub(crate) fn with_ring(role: Role) -> Config {
+    Config {
+        ring: true,
+        ..config(role)
+    }
+}
+
+/// The RING that a sender of these tests expects.
+pub(crate) const RING: Frame<'static> = Frame::Ring {
+    depth: 2,
+    window: 3,
+};
 
 /// A message without payload that a peer sends.
 pub(crate) fn from_peer(carrier: Carrier, sequence: u64, id: u64) -> MessageFrame<'static> {

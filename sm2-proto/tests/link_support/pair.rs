@@ -47,6 +47,7 @@ impl Pair {
                 role: roles[at],
                 reliable: terms.reliable,
                 sealed: terms.sealed,
+                ring: false,
                 depth: terms.depth[at],
                 max_borrowed: terms.max_borrowed[at],
             };

@@ -46,9 +46,15 @@ impl World {
             role: Role::ALL[usize::from(flags & 3)],
             reliable: flags & 4 != 0,
             sealed: flags & 8 != 0,
+            ring: flags & 16 != 0,
             depth: u16::from(script.byte()? % 4),
             max_borrowed: u16::from(script.byte()? % 4),
         };
+        Some(Self::with(config))
+    }
+
+    /// One that has sent its OPEN.
+    pub(super) fn with(config: Config) -> Self {
         let mut world = Self {
             link: Link::new(config),
             blocked: false,
@@ -62,7 +68,7 @@ impl World {
             calls: Vec::new(),
         };
         world.drain();
-        Some(world)
+        world
     }
 
     pub(super) fn datagram(&mut self, bytes: &[u8], fds: &[FdFacts]) {
@@ -134,6 +140,8 @@ impl World {
                 self.end = Some(end);
             }
             Output::Opened
+            | Output::MakeRing(_)
+            | Output::Ring(_)
             | Output::Keep { .. }
             | Output::Discard { .. }
             | Output::Cancelled { .. }

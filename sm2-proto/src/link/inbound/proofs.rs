@@ -1,5 +1,7 @@
 //! Harnesses for the receiving side: one step from any state that its books can be in.
 
+use alloc::collections::VecDeque;
+
 use super::{Delivery, Geometry, Inbound, Ready, Segment, Slot};
 use crate::{
     FdFacts, Instant, LinkId, Seals, VERSION, Violation,
@@ -57,6 +59,7 @@ impl<const N: usize> State<N> {
             role: Role::Receiver,
             reliable: kani::any(),
             sealed: false,
+            ring: false,
             depth: 1,
             max_borrowed: 1,
         };
@@ -335,11 +338,14 @@ fn segments_come_and_go() {
             size_bytes: one_of(&[2 * STRIDE, STRIDE]),
             seals: one_of(&[Seals::POOLED, Seals::SEALED]),
         };
+        // One more number is not free: its DETACHED has not left.
+        let leaving: VecDeque<u32> = kani::any::<bool>().then_some(2).into_iter().collect();
+        let taken = id == 3 || leaving.contains(&id);
         let expected = if !file.regular {
             Err(Violation::NotAMemfd)
         } else if file.seals != Seals::POOLED {
             Err(Violation::SealsMissing)
-        } else if id == 3 {
+        } else if taken {
             Err(Violation::SegmentNumber)
         } else if info.stride != STRIDE || info.slots == 0 {
             Err(Violation::BadSegment)
@@ -348,15 +354,15 @@ fn segments_come_and_go() {
         } else {
             Ok(())
         };
-        assert_eq!(books.attach(&info, &[file]), expected);
+        assert_eq!(books.attach(&info, &[file], &leaving), expected);
         assert_eq!(
             books.segments.contains_key(&id),
             expected.is_ok() || id == 3
         );
         kani::cover!(expected.is_ok(), "attached");
         kani::cover!(
-            expected == Err(Violation::SegmentNumber),
-            "its number is taken"
+            expected == Err(Violation::SegmentNumber) && id == 2,
+            "its number is not free yet"
         );
     }
     books.invariants();
@@ -370,6 +376,9 @@ fn segments_come_and_go() {
 fn one_segment_too_many_is_refused() {
     let mut state = State::<1>::any();
     let attached = SEGMENTS_MAX - below(2);
+    let none = VecDeque::new();
+    // Those whose DETACHED has not left count.
+    let leaving: VecDeque<u32> = kani::any::<bool>().then_some(9_999).into_iter().collect();
     let file = FdFacts {
         regular: true,
         size_bytes: STRIDE,
@@ -382,11 +391,14 @@ fn one_segment_too_many_is_refused() {
     };
     // One is there already.
     for id in 0..attached as u32 - 1 {
-        assert_eq!(state.books.attach(&info(1_000 + id), &[file]), Ok(()));
+        assert_eq!(
+            state.books.attach(&info(1_000 + id), &[file], &none),
+            Ok(())
+        );
     }
     let next = one_of(&[0, 999, 5_000, u32::MAX]);
-    let verdict = state.books.attach(&info(next), &[file]);
-    let full = attached == SEGMENTS_MAX;
+    let verdict = state.books.attach(&info(next), &[file], &leaving);
+    let full = attached + leaving.len() >= SEGMENTS_MAX;
     assert_eq!(
         verdict,
         if full {

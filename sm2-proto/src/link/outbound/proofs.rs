@@ -85,6 +85,7 @@ impl State {
             role: Role::Sender,
             reliable,
             sealed: false,
+            ring: false,
             depth: 2,
             max_borrowed: 1,
         };

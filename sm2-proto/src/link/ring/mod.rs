@@ -1,0 +1,418 @@
+//! The ring lane of a link: SPEC section 8.5, for a sender and a receiver.
+//!
+//! A ring is a file of words that both ends map for writing. This module decides what is
+//! written where and judges all that is read; it reaches the words through [`Words`], three
+//! atomic operations and a fence, which the driver lends for the time of a call. Whatever the
+//! other end writes there leads to a message, to nothing, or to a violation.
+//!
+//! | a sender's driver | calls |
+//! | --- | --- |
+//! | before a segment's first message | [`Input::Attach`](super::Input::Attach), and drains |
+//! | for each message | [`Link::ring_send`], after writing payload and [`SlotHead`] |
+//! | to learn what came back | [`Link::ring_harvest`] |
+//! | before it waits for room | [`Link::ring_park`], and looks again |
+//!
+//! | a receiver's driver | calls |
+//! | --- | --- |
+//! | for the next message | [`Link::ring_take`] |
+//! | when the application gives one back | [`Link::ring_release`] |
+//! | before it sleeps | [`Link::ring_park`], and looks again |
+//!
+//! Where a call says that the other end wants the bell, the driver sends [`doorbell`] and does
+//! not care whether the socket takes it.
+
+#[cfg(any(kani, test))]
+mod proofs;
+mod receiver;
+mod sender;
+mod word;
+
+pub(super) use self::{
+    receiver::{NotTaken, RingReceiver},
+    sender::{RingSender, Step, Unsent},
+};
+pub use self::{
+    sender::RingMessage,
+    word::{At, EMPTY, RingLayout, SlotHead, Word},
+};
+use super::{
+    Attachment, Delivery, End, Error, Fate, Frame, Head, Link, Misuse, Output, Packet, Role,
+    TooManyBorrowed, segments::Verified,
+};
+use crate::{Farewell, FdFacts, Violation, limits::SLOT_HEAD};
+
+/// How many messages may be displaced in a row before the receiver counts as stopped. Then the
+/// low halves of sequence numbers still tell how often the sender went round.
+//= SM2-RNG-011
+const DISPLACED_MAX: u32 = 1 << 31;
+
+/// The words of one ring, in memory that the other end writes too.
+///
+/// All of it is atomic. [`load`](Self::load) acquires; [`swap`](Self::swap) and
+/// [`take`](Self::take) acquire and release. What is not a word of the ring's
+/// [layout](RingLayout) is never asked for.
+pub trait Words {
+    /// Reads a word.
+    fn load(&self, at: At) -> u64;
+    /// Writes a word, and gives the one that was there.
+    fn swap(&self, at: At, bits: u64) -> u64;
+    /// Writes [`EMPTY`] if `bits` are still there; whether they were.
+    fn take(&self, at: At, bits: u64) -> bool;
+    /// A sequentially consistent fence.
+    fn fence(&self);
+}
+
+/// Where a link of the ring lane has its messages.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Ring {
+    /// The other end, with this window, has not sent RING yet.
+    Awaited {
+        window: u32,
+    },
+    Sender(RingSender),
+    Receiver(RingReceiver),
+}
+
+/// Why [`Link::ring_take`] gives no message, although there may be one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoDelivery {
+    /// The application holds all that it may.
+    #[error(transparent)]
+    TooManyBorrowed(TooManyBorrowed),
+    /// The message is in a segment that is not attached: feed all datagrams that are there, and
+    /// try again. If none is there, close the link by [`Link::ring_unknown_segment`].
+    #[error("the message is in a segment that is not attached yet")]
+    UnknownSegment,
+    /// The link is over, perhaps by a violation that was just found.
+    #[error(transparent)]
+    Ended(End),
+    /// The link has no ring, or not this end of one.
+    #[error(transparent)]
+    Misuse(Misuse),
+}
+
+/// The datagram that wakes the other end.
+//= SM2-RNG-009
+#[must_use]
+pub fn doorbell() -> Head {
+    Frame::Doorbell.head()
+}
+
+/// Whether the other end, which has this parked word, has to be woken after a word that was put.
+//= SM2-RNG-009
+fn wants_bell(words: &impl Words, parked: At) -> bool {
+    // Pairs with the fence of who parks: it sees our word when it looks again, or we see that it parked.
+    words.fence();
+    words.load(parked) != EMPTY && words.swap(parked, EMPTY) == 1
+}
+
+impl Link {
+    /// Sends a message on the ring lane; whether the receiver wants the bell. `settled` hears of
+    /// messages that are settled by this, as [`Output::Settled`] says it for the socket lane.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`]: nothing was sent. [`Misuse::NoRoom`]: only reliable links, and all while
+    /// a packet is blocked. [`Error::Ended`]: if the link was over before, nothing was sent; else
+    /// it is over by this, since the receiver broke SPEC or does not run (SM2-RNG-011), and the
+    /// outputs settle also this message.
+    pub fn ring_send(
+        &mut self,
+        words: &impl Words,
+        message: &RingMessage,
+        mut settled: impl FnMut(u64, Fate),
+    ) -> Result<bool, Error> {
+        if let Err(end) = self.state {
+            return Err(Error::Ended(end));
+        }
+        let Some(Ring::Sender(sender)) = &mut self.ring else {
+            return Err(Misuse::WrongLane.into());
+        };
+        if self.blocked {
+            return Err(Misuse::NoRoom.into());
+        }
+        let result = match sender.send(words, message, &mut settled) {
+            Ok(bell) => Ok(bell),
+            Err(Unsent::Misuse(misuse)) => Err(misuse.into()),
+            Err(Unsent::Violation(violation)) => Err(self.violated(violation)),
+            Err(Unsent::Stopped) => {
+                let end = End::Local(Farewell::Stalled.code());
+                self.finish(end);
+                Err(Error::Ended(end))
+            }
+        };
+        self.invariants();
+        result
+    }
+
+    /// Takes back what the receiver gave back, as far as it is there.
+    ///
+    /// # Errors
+    /// As [`ring_send`](Self::ring_send).
+    pub fn ring_harvest(
+        &mut self,
+        words: &impl Words,
+        mut settled: impl FnMut(u64, Fate),
+    ) -> Result<(), Error> {
+        if let Err(end) = self.state {
+            return Err(Error::Ended(end));
+        }
+        let Some(Ring::Sender(sender)) = &mut self.ring else {
+            return Err(Misuse::WrongLane.into());
+        };
+        let result = sender
+            .harvest(words, &mut settled)
+            .map_err(|violation| self.violated(violation));
+        self.invariants();
+        result
+    }
+
+    /// Whether one more message would neither displace another nor be refused.
+    pub fn ring_has_room(&self, words: &impl Words) -> bool {
+        match &self.ring {
+            Some(Ring::Sender(sender)) => {
+                self.state.is_ok() && !self.blocked && sender.has_room(words)
+            }
+            _ => false,
+        }
+    }
+
+    /// A publication goes without this link, which has no room for it at this moment: it counts
+    /// as [`Fate::Overwritten`].
+    ///
+    /// # Errors
+    /// [`Misuse::WrongLane`].
+    pub fn ring_pass_over(&mut self) -> Result<(), Misuse> {
+        match &mut self.ring {
+            Some(Ring::Sender(sender)) => {
+                sender.skip(Fate::Overwritten);
+                Ok(())
+            }
+            _ => Err(Misuse::WrongLane),
+        }
+    }
+
+    /// The next message for the application, the oldest first; none if none is there. `head`
+    /// copies the last 64 bytes of a slot: it gets the segment's number, the slot's offset and
+    /// its length in bytes, and says none if it does not have the segment. The message is the
+    /// application's until [`ring_release`](Self::ring_release).
+    ///
+    /// # Errors
+    /// See [`NoDelivery`].
+    pub fn ring_take(
+        &mut self,
+        words: &impl Words,
+        head: impl FnOnce(u32, u64, u64) -> Option<[u8; SLOT_HEAD]>,
+    ) -> Result<Option<Delivery>, NoDelivery> {
+        let Some(Ring::Receiver(receiver)) = &mut self.ring else {
+            return Err(NoDelivery::Misuse(Misuse::WrongLane));
+        };
+        let inbound = &self.inbound;
+        let taken = receiver.take(words, |segment| inbound.geometry(segment), head);
+        let result = taken.map_err(|why| match why {
+            NotTaken::TooManyBorrowed(error) => NoDelivery::TooManyBorrowed(error),
+            NotTaken::UnknownSegment => NoDelivery::UnknownSegment,
+            NotTaken::Violation(violation) => self.ring_violated(violation),
+        });
+        self.invariants();
+        result
+    }
+
+    /// No datagram is there that could attach the segment of the message.
+    //= SM2-RNG-007
+    pub fn ring_unknown_segment(&mut self) {
+        let _ = self.ring_violated(Violation::UnknownSegment);
+        self.invariants();
+    }
+
+    /// What is left in the ring of a link that is over can be wrong as well: then nothing is left.
+    fn ring_violated(&mut self, violation: Violation) -> NoDelivery {
+        match self.state {
+            Ok(_) => {
+                let _ = self.violated(violation);
+                NoDelivery::Ended(End::Violation(violation))
+            }
+            Err(end) => {
+                if let Some(Ring::Receiver(receiver)) = &mut self.ring {
+                    receiver.end(true);
+                }
+                NoDelivery::Ended(end)
+            }
+        }
+    }
+
+    /// Whether [`ring_take`](Self::ring_take) may give a message.
+    pub fn ring_ready(&self, words: &impl Words) -> bool {
+        matches!(&self.ring, Some(Ring::Receiver(receiver)) if receiver.ready(words))
+    }
+
+    /// How many messages are there to take, at most.
+    pub fn ring_waiting(&self, words: &impl Words) -> usize {
+        match &self.ring {
+            Some(Ring::Receiver(receiver)) => receiver.waiting(words),
+            _ => 0,
+        }
+    }
+
+    /// The application gives back a message that it took; whether the sender wants the bell.
+    ///
+    /// # Errors
+    /// As [`handle`](Self::handle) of [`Input::Release`](super::Input::Release).
+    pub fn ring_release(&mut self, words: &impl Words, sequence: u64) -> Result<bool, Error> {
+        let Some(Ring::Receiver(receiver)) = &mut self.ring else {
+            return Err(Misuse::WrongLane.into());
+        };
+        let result = match self.state {
+            Err(end) => {
+                // The sender may not know of the end yet, and still counts what is not back.
+                let _ = receiver.release(words, sequence);
+                Err(Error::Ended(end))
+            }
+            Ok(_) => match receiver.release(words, sequence) {
+                Some(Ok(bell)) => Ok(bell),
+                Some(Err(violation)) => Err(self.violated(violation)),
+                None => Err(Misuse::NotBorrowed.into()),
+            },
+        };
+        self.invariants();
+        result
+    }
+
+    /// After a reliable receiver took a message: whether the sender wants the bell.
+    pub fn ring_made_room(&self, words: &impl Words) -> bool {
+        self.config.reliable
+            && self.state.is_ok()
+            && matches!(self.ring, Some(Ring::Receiver(_)))
+            && wants_bell(words, At::SenderParked)
+    }
+
+    /// This end is about to sleep until the bell rings. The driver looks at the ring once more
+    /// before it does.
+    //= SM2-RNG-009
+    pub fn ring_park(&self, words: &impl Words) {
+        if let Some(parked) = self.parked_word() {
+            words.swap(parked, 1);
+            // Pairs with the fence of who puts a word.
+            words.fence();
+        }
+    }
+
+    /// This end does not sleep any more, with none of its threads.
+    pub fn ring_unpark(&self, words: &impl Words) {
+        if let Some(parked) = self.parked_word() {
+            words.swap(parked, EMPTY);
+        }
+    }
+
+    const fn parked_word(&self) -> Option<At> {
+        match &self.ring {
+            Some(Ring::Sender(_)) => Some(At::SenderParked),
+            Some(Ring::Receiver(_)) => Some(At::ReceiverParked),
+            Some(Ring::Awaited { .. }) | None => None,
+        }
+    }
+
+    /// Whether the link's messages go through a ring, once it [is open](Self::is_open).
+    #[must_use]
+    pub const fn has_ring(&self) -> bool {
+        self.ring.is_some()
+    }
+
+    /// Both OPEN offer the ring lane; `window` is that of the other end's.
+    //= SM2-RNG-001, SM2-RNG-002
+    pub(super) fn agree_on_ring(&mut self, window: u32) {
+        let config = &self.config;
+        self.ring = match RingLayout::new(config.depth, config.window()) {
+            Some(layout) if config.role == Role::Receiver => {
+                self.announce_ring = true;
+                self.events.push_back(Output::MakeRing(layout));
+                let receiver = RingReceiver::new(layout, config.reliable, config.max_borrowed);
+                Some(Ring::Receiver(receiver))
+            }
+            _ => Some(Ring::Awaited { window }),
+        };
+    }
+
+    /// RING came.
+    //= SM2-RNG-002
+    pub(super) fn on_ring(
+        &mut self,
+        depth: u16,
+        window: u32,
+        fds: &[FdFacts],
+    ) -> Result<(), Violation> {
+        let facts = fds.first().ok_or(Violation::FdCount)?;
+        let layout = RingLayout::new(depth, window);
+        Verified::ring(facts, layout)?;
+        match (&self.ring, layout) {
+            (Some(Ring::Awaited { window: open }), Some(layout)) if *open == window => {
+                let sender = RingSender::new(layout, self.config.reliable);
+                self.ring = Some(Ring::Sender(sender));
+                self.events.push_back(Output::Ring(layout));
+                Ok(())
+            }
+            _ => Err(Violation::BadRing),
+        }
+    }
+
+    /// DETACHED came.
+    //= SM2-RNG-010
+    pub(super) fn on_detached(&mut self, segment: u32) -> Result<(), Violation> {
+        match &mut self.ring {
+            Some(Ring::Sender(sender)) => sender.detached(segment),
+            _ => Err(Violation::UnknownSegment),
+        }
+    }
+
+    /// Whether the application holds a message of the ring in this segment.
+    pub(super) fn ring_holds(&self, segment: u32) -> bool {
+        matches!(&self.ring, Some(Ring::Receiver(receiver)) if receiver.holds(segment))
+    }
+
+    /// The next frame of the ring lane that has to go out by the socket.
+    //= SM2-RNG-002, SM2-RNG-010
+    pub(super) fn transmit_ring(&mut self) -> Option<Packet> {
+        match &mut self.ring {
+            Some(Ring::Receiver(receiver)) if self.announce_ring => {
+                self.announce_ring = false;
+                let layout = receiver.layout();
+                let (depth, window) = (layout.depth(), layout.window());
+                Some(Packet {
+                    attachment: Some(Attachment::Ring),
+                    ..Packet::bare(Frame::Ring { depth, window }.head())
+                })
+            }
+            Some(Ring::Receiver(_)) => {
+                let segment = self.detached.pop_front()?;
+                Some(Packet::bare(Frame::Detached { segment }.head()))
+            }
+            Some(Ring::Sender(sender)) => Some(match sender.poll()? {
+                Step::Attach(info) => Packet {
+                    attachment: Some(Attachment::Segment(info.id)),
+                    ..Packet::bare(Frame::Attach(info).head())
+                },
+                Step::Detach(segment) => Packet::bare(Frame::Detach { segment }.head()),
+            }),
+            Some(Ring::Awaited { .. }) | None => None,
+        }
+    }
+}
+
+impl Ring {
+    /// The link is over. Gives the keys of what was sent and is not settled.
+    pub(super) fn end(&mut self, by_violation: bool, each: impl FnMut(u64)) {
+        match self {
+            Self::Awaited { .. } => {}
+            Self::Sender(sender) => sender.end(each),
+            Self::Receiver(receiver) => receiver.end(by_violation),
+        }
+    }
+
+    /// What must hold between any two calls.
+    pub(super) fn invariants(&self) {
+        match self {
+            Self::Awaited { .. } => {}
+            Self::Sender(sender) => sender.invariants(),
+            Self::Receiver(receiver) => receiver.invariants(),
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! Harnesses for the words of a ring, its layout, and a sender and a receiver that obey SPEC.
+
+use alloc::vec::Vec;
+use core::cell::{Cell, RefCell};
+
+use super::{
+    At, EMPTY, NotTaken, RingLayout, RingMessage, RingReceiver, RingSender, SlotHead, Unsent, Word,
+    Words,
+};
+use crate::{
+    Instant, Violation,
+    limits::SLOT_HEAD,
+    link::{Fate, Misuse, Payload, SegmentInfo, segments::Geometry},
+    proofs::{below, one_of},
+};
+
+/// Boundaries of what a sequence number can be.
+pub(super) const SEQUENCES: [u64; 6] = [1, 2, 1 << 31, (1 << 32) - 1, 1 << 32, (1 << 40) + 7];
+
+/// Any bits, each 16 of them in turn next to boundaries of all others.
+fn any_bits() -> u64 {
+    let (part, shift): (u16, usize) = (kani::any(), 16 * below(4));
+    let others = one_of(&[0, 1 << 31, u64::MAX, kani::any()]);
+    others & !(0xffff << shift) | u64::from(part) << shift
+}
+
+/// RNG-INDEX: a word is nothing, a message, or wrong, and each message has one word.
+//= SM2-RNG-003 kani
+#[cfg_attr(kani, kani::proof)]
+fn words_are_canonical() {
+    let bits = any_bits();
+    let word = Word::from_bits(bits);
+    match word {
+        Ok(None) => assert_eq!(bits, EMPTY),
+        Ok(Some(word)) => {
+            assert_eq!(word.to_bits(), bits);
+            assert!(word.segment < 32_768);
+        }
+        Err(violation) => {
+            assert_eq!(violation, Violation::BadWord);
+            assert!(bits != EMPTY && bits & 1 << 31 == 0);
+        }
+    }
+    kani::cover!(matches!(word, Ok(Some(_))), "a message");
+    kani::cover!(word.is_err(), "neither");
+}
+
+/// RNG-INDEX: a message is named exactly, or not at all.
+//= SM2-RNG-003 kani
+#[cfg_attr(kani, kani::proof)]
+fn only_small_numbers_have_words() {
+    let segment: u32 = one_of(&[0, 1, 32_767, 32_768, kani::any()]);
+    let slot: u32 = one_of(&[0, 65_535, 65_536, kani::any()]);
+    let sequence: u64 = kani::any();
+    let word = Word::new(segment, slot, sequence);
+    assert_eq!(word.is_some(), segment < 32_768 && slot < 65_536);
+    if let Some(word) = word {
+        assert_eq!(Word::from_bits(word.to_bits()), Ok(Some(word)));
+        let named = (u32::from(word.segment), u32::from(word.slot));
+        assert_eq!(named, (segment, slot));
+        assert_eq!(u64::from(word.sequence), sequence & 0xffff_ffff);
+    }
+    kani::cover!(word.is_none(), "no word");
+}
+
+fn any_at() -> At {
+    let index = kani::any();
+    one_of(&[
+        At::ReceiverParked,
+        At::SenderParked,
+        At::Forward(index),
+        At::Back(index),
+    ])
+}
+
+/// RNG-INDEX: words do not overlap, and all are in the file; so is whatever is looked for.
+//= SM2-RNG-002 kani
+#[cfg_attr(kani, kani::proof)]
+fn words_are_inside() {
+    let depth: u16 = one_of(&[0, 1, 2, 8, 1_023, 1_024, 1_025, kani::any()]);
+    let window =
+        u32::from(depth) + one_of(&[0, 1, 2, 1_023, 1_024, 1_025, kani::any::<u8>().into()]);
+    let is_legal = (1..=1_024).contains(&depth) && window > u32::from(depth) && window <= 2_048;
+    let layout = RingLayout::new(depth, window);
+    assert_eq!(layout.is_some(), is_legal);
+    kani::cover!(layout.is_none(), "no such ring");
+    let Some(layout) = layout else { return };
+    let size = layout.size_bytes();
+    assert!(size.is_multiple_of(4_096) && size <= 28_672);
+    let sequence = one_of(&[0, 1, u64::MAX, kani::any()]);
+    let back = layout.offset(At::Back(0)).map(|it| it % 64);
+    assert_eq!(back, Some(0), "lines are not shared");
+    for at in [layout.forward(sequence), layout.back_word(sequence)] {
+        assert!(layout.offset(at).is_some());
+    }
+    let (one, other) = (any_at(), any_at());
+    let inside = |at| match at {
+        At::Forward(index) => index < u32::from(depth),
+        At::Back(index) => index < window,
+        At::ReceiverParked | At::SenderParked => true,
+    };
+    assert_eq!(layout.offset(one).is_some(), inside(one));
+    if let (Some(a), Some(b)) = (layout.offset(one), layout.offset(other)) {
+        assert!(a.is_multiple_of(8) && a + 8 <= size);
+        assert_eq!(a == b, one == other);
+        kani::cover!(
+            matches!(one, At::Back(_)) && a > b,
+            "a back word and one before it"
+        );
+    }
+}
+
+/// Each byte of the end of a slot: what it says, and which ones are reserved.
+//= SM2-RNG-004 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(66))]
+fn heads_are_canonical() {
+    let mut bytes = [0; SLOT_HEAD];
+    let (at, value) = (below(SLOT_HEAD), kani::any());
+    bytes[at] = value;
+    let head = SlotHead::from_bytes(&bytes);
+    let expected = if at >= 24 && value != 0 {
+        Err(Violation::ReservedNotZero)
+    } else {
+        Ok(bytes)
+    };
+    assert_eq!(head.map(SlotHead::to_bytes), expected);
+    kani::cover!(head.is_err(), "reserved");
+}
+
+/// The words of a ring of two with a window of four, as a memory has them.
+#[derive(Default)]
+struct Memory {
+    forward: [Cell<u64>; 2],
+    back: [Cell<u64>; 4],
+    parked: [Cell<u64>; 2],
+}
+
+impl Memory {
+    fn word(&self, at: At) -> &Cell<u64> {
+        match at {
+            At::ReceiverParked => &self.parked[0],
+            At::SenderParked => &self.parked[1],
+            At::Forward(index) => &self.forward[index as usize],
+            At::Back(index) => &self.back[index as usize],
+        }
+    }
+}
+
+impl Words for Memory {
+    fn load(&self, at: At) -> u64 {
+        self.word(at).get()
+    }
+
+    fn swap(&self, at: At, bits: u64) -> u64 {
+        self.word(at).replace(bits)
+    }
+
+    fn take(&self, at: At, bits: u64) -> bool {
+        let is_there = self.word(at).get() == bits;
+        if is_there {
+            self.word(at).set(EMPTY);
+        }
+        is_there
+    }
+
+    fn fence(&self) {}
+}
+
+const SEGMENT: SegmentInfo = SegmentInfo {
+    id: 3,
+    stride: 4_096,
+    slots: 8,
+};
+
+/// RNG-FIFO: seven steps of two ends that obey SPEC: what is taken is what was sent, in its
+/// order, and all of it if the link is reliable; else the last two are there, and just those
+/// that were neither taken nor are there are discarded.
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-QOS-001 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(10))]
+fn the_last_two_are_there() {
+    let reliable = kani::any();
+    let layout = RingLayout::new(2, 4).expect("a legal layout");
+    let memory = Memory::default();
+    let mut sender = RingSender::new(layout, reliable);
+    let mut receiver = RingReceiver::new(layout, reliable, 2);
+    assert_eq!(sender.attach(&SEGMENT), Ok(()));
+    while sender.poll().is_some() {}
+    let fates = RefCell::new([None; 8]);
+    let mut settled = |key: u64, fate| {
+        let before = fates.borrow_mut()[key as usize].replace(fate);
+        assert_eq!(before, None, "settled once");
+    };
+    // The message of each slot is the one with its number.
+    let (mut sent, mut taken, mut held) = (0_u64, 0, Vec::new());
+    for _ in 0..7 {
+        match below(4) {
+            0 => {
+                let message = RingMessage {
+                    key: sent + 1,
+                    id: sent + 1,
+                    len: 0,
+                    segment: SEGMENT,
+                    slot: sent as u32 + 1,
+                };
+                match sender.send(&memory, &message, &mut settled) {
+                    Ok(bell) => {
+                        assert!(!bell);
+                        sent += 1;
+                    }
+                    Err(why) => {
+                        assert!(reliable && why == Unsent::Misuse(Misuse::NoRoom));
+                        let fates = fates.borrow();
+                        let unsettled = (1..=sent as usize).filter(|it| fates[*it].is_none());
+                        assert!(sent - taken == 2 || unsettled.count() == 4);
+                    }
+                }
+            }
+            1 => {
+                let geometry = Geometry::new(SEGMENT.stride, SEGMENT.slots);
+                let head = |_, offset: u64, _| {
+                    let head = SlotHead {
+                        id: offset / 4_096,
+                        time: Instant(0),
+                        len: 0,
+                    };
+                    Some(head.to_bytes())
+                };
+                let oldest = (taken + 1).max(sent.saturating_sub(1));
+                match receiver.take(&memory, |_| geometry, head) {
+                    Ok(Some(delivery)) => {
+                        assert_eq!((delivery.sequence, delivery.id), (oldest, oldest));
+                        assert_eq!(delivery.lost, oldest - taken - 1);
+                        assert!(matches!(
+                            delivery.payload,
+                            Payload::Pooled { segment: 3, .. }
+                        ));
+                        taken = oldest;
+                        held.push(oldest);
+                    }
+                    Ok(None) => assert_eq!(taken, sent),
+                    Err(why) => {
+                        assert!(matches!(why, NotTaken::TooManyBorrowed(_)) && held.len() == 2);
+                    }
+                }
+            }
+            2 => {
+                if let Some(sequence) = held.pop() {
+                    assert_eq!(receiver.release(&memory, sequence), Some(Ok(false)));
+                }
+            }
+            _ => assert_eq!(sender.harvest(&memory, &mut settled), Ok(())),
+        }
+        sender.invariants();
+        receiver.invariants();
+        let oldest = (taken + 1).max(sent.saturating_sub(1));
+        for number in 1..oldest {
+            let fate = fates.borrow()[number as usize];
+            assert!(fate != Some(Fate::Discarded) || !reliable && !held.contains(&number));
+        }
+    }
+    kani::cover!(fates.borrow().contains(&Some(Fate::Discarded)), "displaced");
+    kani::cover!(reliable && taken == 3, "three reliable ones");
+}
+
+#[cfg(test)]
+kani::explored! {
+    words_are_canonical: 2,
+    only_small_numbers_have_words: 1,
+    words_are_inside: 2,
+    heads_are_canonical: 1,
+    the_last_two_are_there: 2,
+}

@@ -1,0 +1,263 @@
+//! Harnesses for the receiver's side of a ring, whatever its words are.
+
+use core::cell::Cell;
+
+use super::{
+    super::proofs::SEQUENCES, At, Borrowed, DISPLACED_MAX, EMPTY, NotTaken, RingLayout,
+    RingReceiver, SlotHead, Word, Words,
+};
+use crate::{
+    Instant, Violation,
+    link::{Payload, segments::Geometry},
+    proofs::{below, one_of},
+};
+
+/// The smallest step, some that do and do not divide 2^32, and the largest.
+const DEPTHS: [u16; 4] = [1, 2, 3, 1_024];
+
+fn receiver(depth: u16, reliable: bool, next: u64) -> RingReceiver {
+    let layout = RingLayout::new(depth, u32::from(depth) + 2).expect("a legal layout");
+    RingReceiver {
+        next,
+        ..RingReceiver::new(layout, reliable, 2)
+    }
+}
+
+/// RNG-FIFO: for each low half that a word can have: the message that is expected, or one that
+/// is later by whole rounds and no further than a sender goes; else it is wrong.
+//= SM2-RNG-007, SM2-RNG-011 kani
+#[cfg_attr(kani, kani::proof)]
+fn only_later_rounds_are_believed() {
+    let depth = one_of(&DEPTHS);
+    let reliable = kani::any();
+    let next = one_of(&SEQUENCES);
+    let rounds = u64::from(depth);
+    // Any, and what is next to the boundaries of the rule.
+    let ahead: u32 = match below(4) {
+        0 => kani::any(),
+        1 => (rounds * u64::from(kani::any::<u8>())) as u32,
+        2 => {
+            DISPLACED_MAX.next_multiple_of(depth.into())
+                - u32::from(depth) * u32::from(kani::any::<bool>())
+        }
+        _ => 0_u32.wrapping_sub(u32::from(depth) * kani::any::<u8>() as u32),
+    };
+    let word = Word {
+        segment: 0,
+        slot: 0,
+        sequence: (next as u32).wrapping_add(ahead),
+    };
+    let mut receiver = receiver(depth, reliable, next);
+    let verdict = receiver.is_expected(word);
+    let ahead = u64::from(ahead);
+    let goes_round = !reliable && ahead % rounds == 0 && ahead < (1 << 31) + rounds;
+    match verdict {
+        Ok(true) => assert!(ahead == 0 && receiver.next == next),
+        Ok(false) => {
+            assert!(goes_round && ahead > 0);
+            assert_eq!(receiver.next, next + ahead - rounds + 1);
+        }
+        Err(violation) => {
+            assert!(violation == Violation::BadWord && ahead > 0 && !goes_round);
+            assert_eq!(receiver.next, next);
+        }
+    }
+    kani::cover!(
+        verdict == Ok(false) && ahead > u64::from(u32::MAX / 2),
+        "just not too far"
+    );
+    kani::cover!(
+        verdict.is_err() && ahead % rounds == 0 && !reliable,
+        "of the past"
+    );
+}
+
+/// A sequence number at the very end is no reason to panic.
+//= SM2-RNG-007 kani
+#[cfg_attr(kani, kani::proof)]
+fn numbers_end() {
+    let next = u64::MAX - u64::from(kani::any::<u8>());
+    let mut receiver = receiver(1, false, next);
+    let ahead = u32::from(kani::any::<u8>());
+    let sequence = (next as u32).wrapping_add(ahead);
+    let bits = Word {
+        segment: 0,
+        slot: 0,
+        sequence,
+    }
+    .to_bits();
+    let words = Answers {
+        next: Cell::new(0),
+        answers: [bits, 1, bits, 1],
+        accesses: Cell::new(0),
+        depth: 1,
+    };
+    let taken = receiver.take(&words, |_| Geometry::new(4_096, 1), |_, _, _| Some([0; 64]));
+    assert!(receiver.next >= next);
+    kani::cover!(
+        taken == Err(NotTaken::Violation(Violation::BadWord)),
+        "the last"
+    );
+    kani::cover!(matches!(taken, Ok(Some(_))), "one of the last");
+}
+
+/// Words that answer one of these to each access in turn.
+struct Answers {
+    next: Cell<usize>,
+    answers: [u64; 4],
+    accesses: Cell<u32>,
+    depth: u32,
+}
+
+impl Answers {
+    fn answer(&self, at: At) -> u64 {
+        match at {
+            At::Forward(index) => assert!(index < self.depth),
+            At::Back(index) => assert!(index < self.depth + 2),
+            At::ReceiverParked | At::SenderParked => {}
+        }
+        self.accesses.set(self.accesses.get() + 1);
+        let at = self.next.replace(self.next.get() + 1);
+        self.answers[at % self.answers.len()]
+    }
+}
+
+impl Words for Answers {
+    fn load(&self, at: At) -> u64 {
+        self.answer(at)
+    }
+
+    fn swap(&self, at: At, _: u64) -> u64 {
+        self.answer(at)
+    }
+
+    fn take(&self, at: At, _: u64) -> bool {
+        self.answer(at) & 1 == 1
+    }
+
+    fn fence(&self) {}
+}
+
+/// RNG-HOSTILE: whatever the words answer, a look for the next message ends soon, gives one
+/// that lies in its segment and that the application does not hold, or nothing.
+//= SM2-RNG-007, SM2-RNG-011, SM2-PAY-002, SM2-PAY-005 kani
+#[cfg_attr(kani, kani::proof)]
+// Two rounds of two words, and as much to find the oldest; four answers.
+#[cfg_attr(kani, kani::unwind(66))]
+fn a_look_at_any_words() {
+    let (depth, next) = (one_of(&[1, 2]), 5);
+    let mut receiver = receiver(depth, kani::any(), next);
+    let word = |slot, sequence| {
+        Word {
+            segment: 0,
+            slot,
+            sequence,
+        }
+        .to_bits()
+    };
+    let held = Word {
+        segment: 0,
+        slot: 1,
+        sequence: 4,
+    };
+    if kani::any() {
+        receiver.borrowed.push(Borrowed {
+            sequence: 4,
+            word: held,
+        });
+    }
+    if kani::any() {
+        receiver.end(kani::any());
+    }
+    let any = || one_of(&[EMPTY, 1, word(0, 5), word(1, 5), word(2, 5), word(0, 7)]);
+    let words = Answers {
+        next: Cell::new(0),
+        answers: [any(), any(), any(), any()],
+        accesses: Cell::new(0),
+        depth: depth.into(),
+    };
+    let head = SlotHead {
+        id: 9,
+        time: Instant(0),
+        len: one_of(&[0, 4_032, 4_033]),
+    };
+    let copies = Cell::new(0);
+    let taken = receiver.take(
+        &words,
+        |_| Geometry::new(4_096, 2),
+        |_, offset, stride| {
+            assert!(offset + stride <= 8_192);
+            copies.set(copies.get() + 1);
+            Some(head.to_bytes())
+        },
+    );
+    assert!(words.accesses.get() <= 6 * u32::from(depth) && copies.get() <= 1);
+    receiver.invariants();
+    assert!(receiver.next >= next);
+    if let Ok(Some(delivery)) = &taken {
+        assert!(delivery.sequence >= next && receiver.next == delivery.sequence + 1);
+        let Payload::Pooled { offset, .. } = delivery.payload else {
+            panic!("it is pooled");
+        };
+        assert!(offset + delivery.len + 64 <= 8_192);
+        assert!(
+            offset == 0 || receiver.borrowed.len() == 1,
+            "slot 1 may be held"
+        );
+        kani::cover!(delivery.sequence > 5, "after a round");
+    }
+    kani::cover!(
+        taken == Err(NotTaken::Violation(Violation::SlotBusy)),
+        "it is held"
+    );
+    kani::cover!(
+        receiver.left == Some(0) && taken == Ok(None),
+        "nothing is left"
+    );
+}
+
+/// RNG-HOSTILE: a message is given back once, in bounds, whatever was there.
+//= SM2-RNG-008, SM2-MSG-004 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(6))]
+fn a_message_is_given_back_once() {
+    let mut receiver = receiver(2, kani::any(), 5);
+    let word = Word {
+        segment: 0,
+        slot: 1,
+        sequence: 4,
+    };
+    receiver.borrowed.push(Borrowed { sequence: 4, word });
+    receiver.given = one_of(&[0, 3, 4, u64::from(u32::MAX)]);
+    let any = || one_of(&[0, 1, 2, u64::MAX]);
+    let words = Answers {
+        next: Cell::new(0),
+        answers: [any(), any(), any(), 0],
+        accesses: Cell::new(0),
+        depth: 2,
+    };
+    let sequence = one_of(&[3, 4, u64::MAX]);
+    let released = receiver.release(&words, sequence);
+    assert_eq!(released.is_some(), sequence == 4);
+    assert!(words.accesses.get() <= 3);
+    if released.is_some() {
+        assert_eq!(
+            released == Some(Err(Violation::BadWord)),
+            words.answers[0] != 0
+        );
+        assert_eq!(receiver.release(&words, sequence), None);
+    }
+    kani::cover!(released == Some(Ok(true)), "with a bell");
+    kani::cover!(
+        released == Some(Err(Violation::BadWord)),
+        "the word was not free"
+    );
+}
+
+#[cfg(test)]
+kani::explored! {
+    only_later_rounds_are_believed: 2,
+    numbers_end: 2,
+    a_look_at_any_words: 3,
+    a_message_is_given_back_once: 2,
+}

@@ -1,0 +1,473 @@
+//! The sender's side of a ring: what it put where, and what is not back yet.
+
+#[cfg(any(kani, test))]
+mod proofs;
+
+use alloc::{collections::VecDeque, vec, vec::Vec};
+
+use super::{
+    super::{Counters, Fate, Misuse, SegmentInfo, segments::Geometry},
+    At, DISPLACED_MAX, RingLayout, Word, Words,
+    word::EMPTY,
+};
+use crate::{
+    Violation,
+    limits::{MESSAGE_MAX, RING_SEGMENTS_MAX, SEGMENTS_MAX, SLOT_HEAD},
+};
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(in crate::link) struct RingSender {
+    layout: RingLayout,
+    /// Whether a message that was not taken gives way to the one a round later.
+    displaces: bool,
+    /// The number of the last message.
+    sequence: u64,
+    /// What this side put at each index and has not seen taken or displaced.
+    forward: Vec<u64>,
+    /// How many messages came back.
+    returned: u64,
+    /// How many are not settled.
+    unreleased: u32,
+    /// By number.
+    segments: Vec<Option<Segment>>,
+    /// How many have a number that cannot be used for another one.
+    attached: usize,
+    /// What has to be sent by the socket, the oldest first.
+    steps: VecDeque<Step>,
+    last_id: Option<u64>,
+    /// How many were displaced since the last that was taken.
+    displaced: u32,
+    stalled: bool,
+    /// `in_flight` is not kept here.
+    counters: Counters,
+}
+
+/// A segment that the other end may know.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Segment {
+    info: SegmentInfo,
+    state: State,
+    unreleased: u32,
+    /// The message in each slot.
+    slots: Vec<Option<Sent>>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum State {
+    /// ATTACH has to be sent.
+    Attaching,
+    /// ATTACH was sent.
+    Attached,
+    /// DETACH has to be sent, or was; DETACHED did not come.
+    Detaching,
+}
+
+/// A message that is not settled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Sent {
+    key: u64,
+    sequence: u64,
+}
+
+/// What has to be sent by the socket.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(in crate::link) enum Step {
+    Attach(SegmentInfo),
+    Detach(u32),
+}
+
+/// One message to send on the ring lane. Its payload and its [head](super::SlotHead) are in the
+/// slot already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct RingMessage {
+    /// As [`Message::key`](super::super::Message::key).
+    pub key: u64,
+    /// The publisher's count of its publications, growing.
+    pub id: u64,
+    /// The length of the payload, in bytes.
+    pub len: u64,
+    /// The segment, which is [attached](super::super::Input::Attach).
+    pub segment: SegmentInfo,
+    /// The slot, from 0.
+    pub slot: u32,
+}
+
+/// Why a message is not sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::link) enum Unsent {
+    Misuse(Misuse),
+    Violation(Violation),
+    /// SM2-RNG-011.
+    Stopped,
+}
+
+impl From<Misuse> for Unsent {
+    fn from(misuse: Misuse) -> Self {
+        Self::Misuse(misuse)
+    }
+}
+
+impl From<Violation> for Unsent {
+    fn from(violation: Violation) -> Self {
+        Self::Violation(violation)
+    }
+}
+
+impl RingSender {
+    pub(in crate::link) fn new(layout: RingLayout, reliable: bool) -> Self {
+        Self {
+            layout,
+            displaces: !reliable,
+            sequence: 0,
+            forward: vec![EMPTY; usize::from(layout.depth())],
+            returned: 0,
+            unreleased: 0,
+            segments: Vec::new(),
+            attached: 0,
+            steps: VecDeque::new(),
+            last_id: None,
+            displaced: 0,
+            stalled: false,
+            counters: Counters::default(),
+        }
+    }
+
+    /// The segment will be used: ATTACH, if need be and as soon as there is a number for it.
+    //= SM2-RNG-003, SM2-RNG-010, SM2-SEG-004
+    pub(in crate::link) fn attach(&mut self, info: &SegmentInfo) -> Result<(), Misuse> {
+        if let Some(segment) = self.segment(info.id) {
+            if segment.info == *info && segment.state != State::Detaching {
+                return Ok(());
+            }
+            return Err(match segment.state {
+                State::Detaching => Misuse::SegmentBusy,
+                State::Attaching | State::Attached => Misuse::SegmentChanged,
+            });
+        }
+        Geometry::new(info.stride, info.slots).ok_or(Misuse::BadSegment)?;
+        if info.id >= RING_SEGMENTS_MAX {
+            return Err(Misuse::BadSegment);
+        }
+        if self.attached >= SEGMENTS_MAX {
+            // Until one is detached, messages in this segment have no room.
+            self.detach_idle();
+            return Ok(());
+        }
+        let index = info.id as usize;
+        if self.segments.len() <= index {
+            self.segments.resize(index + 1, None);
+        }
+        if let Some(place) = self.segments.get_mut(index) {
+            *place = Some(Segment {
+                info: *info,
+                state: State::Attaching,
+                unreleased: 0,
+                slots: vec![None; info.slots as usize],
+            });
+            self.attached += 1;
+            self.steps.push_back(Step::Attach(*info));
+        }
+        Ok(())
+    }
+
+    /// Makes room for one more segment, unless that is on its way.
+    fn detach_idle(&mut self) {
+        let mut segments = self.segments.iter().flatten();
+        if segments.clone().any(|it| it.state == State::Detaching) {
+            return;
+        }
+        let idle = segments.find(|it| it.state == State::Attached && it.unreleased == 0);
+        if let Some(id) = idle.map(|it| it.info.id) {
+            self.start_detaching(id);
+        }
+    }
+
+    /// The application will not use this segment again.
+    pub(in crate::link) fn retire(&mut self, id: u32) -> Result<(), Misuse> {
+        match self.segment(id) {
+            Some(segment) if segment.unreleased > 0 => Err(Misuse::SegmentBusy),
+            Some(Segment { state, .. }) if *state != State::Detaching => {
+                self.start_detaching(id);
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn start_detaching(&mut self, id: u32) {
+        if let Some(segment) = self.segment_mut(id) {
+            segment.state = State::Detaching;
+            segment.slots = Vec::new();
+            self.steps.push_back(Step::Detach(id));
+        }
+    }
+
+    /// DETACHED came.
+    //= SM2-RNG-010
+    pub(in crate::link) fn detached(&mut self, id: u32) -> Result<(), Violation> {
+        let is_announced = !self.steps.contains(&Step::Detach(id));
+        match self.segments.get_mut(id as usize) {
+            Some(place)
+                if is_announced
+                    && place
+                        .as_ref()
+                        .is_some_and(|it| it.state == State::Detaching) =>
+            {
+                *place = None;
+                self.attached -= 1;
+                Ok(())
+            }
+            _ => Err(Violation::UnknownSegment),
+        }
+    }
+
+    /// What has to be sent by the socket next. The caller sends it.
+    pub(in crate::link) fn poll(&mut self) -> Option<Step> {
+        let step = self.steps.pop_front()?;
+        if let Step::Attach(info) = step
+            && let Some(segment) = self.segment_mut(info.id)
+            && segment.state == State::Attaching
+        {
+            segment.state = State::Attached;
+        }
+        Some(step)
+    }
+
+    /// Whether one more message would neither displace another nor be refused.
+    pub(in crate::link) fn has_room(&self, words: &impl Words) -> bool {
+        let at = self.layout.forward(self.sequence + 1);
+        self.unreleased < self.layout.window() && words.load(at) == EMPTY
+    }
+
+    /// Puts a message into the ring; whether the receiver wants the bell.
+    //= SM2-RNG-005, SM2-RNG-011
+    pub(in crate::link) fn send(
+        &mut self,
+        words: &impl Words,
+        message: &RingMessage,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<bool, Unsent> {
+        let sequence = self.sequence + 1;
+        let word = self.check(message, sequence)?;
+        if !self.displaces && !self.has_room(words) {
+            return Err(Misuse::NoRoom.into());
+        }
+        let at = self.layout.forward(sequence);
+        let room = self.make_room(words, at, settled);
+        // From here on it is settled like any other, whatever the receiver does.
+        self.enter(message, sequence);
+        room?;
+        self.put(words, at, word.to_bits(), settled)?;
+        if self.displaced >= DISPLACED_MAX {
+            return Err(Unsent::Stopped);
+        }
+        Ok(super::wants_bell(words, At::ReceiverParked))
+    }
+
+    /// If the window is full: takes the oldest message out, and looks what came back.
+    //= SM2-RNG-006
+    fn make_room(
+        &mut self,
+        words: &impl Words,
+        at: At,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<(), Violation> {
+        if self.unreleased < self.layout.window() {
+            return Ok(());
+        }
+        self.put(words, at, EMPTY, settled)?;
+        self.harvest(words, settled)?;
+        if self.unreleased >= self.layout.window() {
+            return Err(Violation::WindowExceeded);
+        }
+        Ok(())
+    }
+
+    /// Notes a message that `check` has allowed.
+    fn enter(&mut self, message: &RingMessage, sequence: u64) {
+        self.sequence = sequence;
+        self.last_id = Some(message.id);
+        self.counters.offered += 1;
+        self.unreleased += 1;
+        if let Some(segment) = self.segment_mut(message.segment.id) {
+            segment.unreleased += 1;
+            if let Some(slot) = segment.slots.get_mut(message.slot as usize) {
+                *slot = Some(Sent {
+                    key: message.key,
+                    sequence,
+                });
+            }
+        }
+    }
+
+    /// Whether the machine may be given this message, and its word.
+    //= SM2-RNG-003, SM2-PAY-005, SM2-PAY-008
+    fn check(&self, message: &RingMessage, sequence: u64) -> Result<Word, Misuse> {
+        let RingMessage {
+            segment: info,
+            slot,
+            ..
+        } = message;
+        let segment = self.segment(info.id).ok_or(Misuse::NotAttached)?;
+        if segment.state != State::Attached {
+            return Err(Misuse::NotAttached);
+        }
+        if segment.info != *info {
+            return Err(Misuse::SegmentChanged);
+        }
+        if message.len > MESSAGE_MAX.min(info.stride - SLOT_HEAD as u64) {
+            return Err(Misuse::TooLong);
+        }
+        if self.last_id.is_some_and(|last| message.id <= last) {
+            return Err(Misuse::IdNotGrowing);
+        }
+        match segment.slots.get(*slot as usize) {
+            None => return Err(Misuse::SlotOutside),
+            Some(Some(_)) => return Err(Misuse::SlotBusy),
+            Some(None) => {}
+        }
+        Word::new(info.id, *slot, sequence).ok_or(Misuse::SlotOutside)
+    }
+
+    /// Swaps a word in, and settles what was displaced by it.
+    //= SM2-RNG-005, SM2-QOS-001
+    fn put(
+        &mut self,
+        words: &impl Words,
+        at: At,
+        bits: u64,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<(), Violation> {
+        let At::Forward(index) = at else {
+            return Ok(());
+        };
+        let Some(ours) = self.forward.get_mut(index as usize) else {
+            return Ok(());
+        };
+        let put = core::mem::replace(ours, bits);
+        let was = words.swap(at, bits);
+        if was == EMPTY {
+            // Where this side took the word out itself, the receiver need not have moved.
+            if put != EMPTY {
+                self.displaced = 0;
+            }
+            return Ok(());
+        }
+        if was != put || !self.displaces {
+            return Err(Violation::BadWord);
+        }
+        // One that was given back already is not counted a second time.
+        let key = self.settle(put)?;
+        self.displaced = self.displaced.saturating_add(1);
+        self.counters.discarded += 1;
+        settled(key, Fate::Discarded);
+        Ok(())
+    }
+
+    /// Takes what was given back.
+    //= SM2-RNG-008
+    pub(in crate::link) fn harvest(
+        &mut self,
+        words: &impl Words,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<(), Violation> {
+        for _ in 0..self.layout.window() {
+            let at = self.layout.back_word(self.returned);
+            if words.load(at) == EMPTY {
+                break;
+            }
+            let bits = words.swap(at, EMPTY);
+            self.returned += 1;
+            let key = self.settle(bits)?;
+            self.counters.delivered += 1;
+            self.stalled = false;
+            settled(key, Fate::Delivered);
+        }
+        Ok(())
+    }
+
+    /// The message that these bits name is settled. Gives its key.
+    #[inline]
+    fn settle(&mut self, bits: u64) -> Result<u64, Violation> {
+        let word = Word::from_bits(bits)?.ok_or(Violation::BadWord)?;
+        let segment = self
+            .segment_mut(u32::from(word.segment))
+            .ok_or(Violation::BadWord)?;
+        let slot = (segment.slots.get_mut(usize::from(word.slot))).ok_or(Violation::BadWord)?;
+        match *slot {
+            Some(Sent { key, sequence }) if sequence as u32 == word.sequence => {
+                *slot = None;
+                segment.unreleased -= 1;
+                self.unreleased -= 1;
+                Ok(key)
+            }
+            _ => Err(Violation::BadWord),
+        }
+    }
+
+    /// A publication is not sent on this link: it had no room.
+    pub(in crate::link) fn skip(&mut self, fate: Fate) {
+        self.counters.offered += 1;
+        match fate {
+            Fate::Deadline => {
+                self.counters.deadline += 1;
+                self.stalled = true;
+            }
+            _ => self.counters.overwritten += 1,
+        }
+    }
+
+    /// The link is over. Gives the keys of what was not settled.
+    //= SM2-OPN-007
+    pub(in crate::link) fn end(&mut self, mut each: impl FnMut(u64)) {
+        let slots = self.segments.drain(..).flatten().flat_map(|it| it.slots);
+        for sent in slots.flatten() {
+            each(sent.key);
+        }
+        self.counters.closed += u64::from(self.unreleased);
+        self.unreleased = 0;
+        self.attached = 0;
+        self.steps.clear();
+        self.stalled = false;
+    }
+
+    pub(in crate::link) const fn is_stalled(&self) -> bool {
+        self.stalled
+    }
+
+    pub(in crate::link) const fn in_flight(&self) -> usize {
+        self.unreleased as usize
+    }
+
+    //= SM2-QOS-004
+    pub(in crate::link) fn counters(&self) -> Counters {
+        Counters {
+            in_flight: u64::from(self.unreleased),
+            ..self.counters
+        }
+    }
+
+    #[inline]
+    fn segment(&self, id: u32) -> Option<&Segment> {
+        self.segments.get(id as usize)?.as_ref()
+    }
+
+    #[inline]
+    fn segment_mut(&mut self, id: u32) -> Option<&mut Segment> {
+        self.segments.get_mut(id as usize)?.as_mut()
+    }
+
+    /// What must hold between any two calls.
+    pub(in crate::link) fn invariants(&self) {
+        if cfg!(debug_assertions) {
+            let it = self.counters();
+            let dropped = it.overwritten + it.discarded + it.deadline + it.closed;
+            debug_assert_eq!(it.offered, it.delivered + dropped + it.in_flight);
+            let segments = self.segments.iter().flatten();
+            debug_assert_eq!(self.attached, segments.clone().count());
+            let unreleased: u32 = segments.map(|it| it.unreleased).sum();
+            debug_assert_eq!(unreleased, self.unreleased);
+            debug_assert!(self.unreleased <= self.layout.window());
+        }
+    }
+}

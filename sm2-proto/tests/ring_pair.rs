@@ -1,0 +1,62 @@
+//! Two ends of one link of the ring lane, joined by sockets that lose nothing and one ring, under
+//! random operations, also in the middle of each other: against plain lists of what was sent,
+//! taken and displaced.
+
+mod link_support;
+mod ring_support;
+
+#[path = "ring_support/between.rs"]
+mod between;
+#[path = "ring_support/checks.rs"]
+mod checks;
+#[path = "ring_support/ends.rs"]
+mod ends;
+#[path = "ring_support/pair.rs"]
+mod pair;
+
+use pair::{Op, Pair};
+use proptest::prelude::*;
+
+fn op() -> impl Strategy<Value = Op> {
+    let (end, within, at) = (0_usize..2, 0_u32..3, 0_u32..12);
+    let few = 1_u8..7;
+    prop_oneof![
+        60 => within.clone().prop_map(|within| Op::Send { within }),
+        20 => (at.clone(), few.clone(), within.clone())
+            .prop_map(|(at, takes, within)| Op::SendWhile { at, takes, within }),
+        20 => (at.clone(), few.clone(), within.clone())
+            .prop_map(|(at, sends, within)| Op::TakeWhile { at, sends, within }),
+        10 => (0_u32..4, few, 0_usize..4)
+            .prop_map(|(at, sends, pick)| Op::ReleaseWhile { at, sends, pick }),
+        60 => end.clone().prop_map(|end| Op::Carry { end }),
+        50 => Just(Op::Take),
+        40 => (0_usize..4).prop_map(|pick| Op::Release { pick }),
+        15 => Just(Op::Harvest),
+        10 => within.prop_map(|segment| Op::Retire { segment }),
+        8 => (end.clone(), any::<bool>()).prop_map(|(end, full)| Op::Full { end, full }),
+        20 => end.clone().prop_map(|end| Op::Park { end }),
+        1 => end.clone().prop_map(|end| Op::Close { end }),
+        1 => (end, at).prop_map(|(end, at)| Op::Kill { end, at }),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+
+    //= SM2-RNG-002, SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008 test
+    //= SM2-RNG-009, SM2-RNG-010, SM2-RNG-011, SM2-OPN-008, SM2-PAY-005 test
+    #[test]
+    fn ring_pair(
+        reliable: bool,
+        depth in 1_u16..5,
+        max_borrowed in 1_u16..4,
+        ops in prop::collection::vec(op(), 0..300),
+    ) {
+        let mut pair = Pair::new(reliable, depth, max_borrowed);
+        for op in ops {
+            pair.step(op);
+            pair.check();
+        }
+        pair.settle();
+    }
+}

@@ -1,0 +1,388 @@
+//! Messages of the ring lane as the receiving end sees them: SPEC section 8.5.
+
+mod link_support;
+mod ring_support;
+
+use std::cell::Cell;
+
+use link_support::{NOW, pooled};
+use ring_support::{Memory, RECEIVER, Rig, SENDER, head, segment, word};
+use sm2_proto::{
+    Farewell, Instant, Violation,
+    link::{
+        At, Delivery, EMPTY, End, Error, FrameKind, Input, Misuse, NoDelivery, Output, Payload,
+        SegmentInfo, Status, TooManyBorrowed, Words, wire::Frame,
+    },
+};
+
+//= SM2-RNG-004, SM2-RNG-007, SM2-PAY-002, SM2-PAY-006 test
+#[test]
+fn a_delivery_says_what_the_head_says() {
+    let mut rig = Rig::open(false, 2, 1);
+    assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
+    assert_eq!(rig.take(), Ok(None));
+    rig.send(4, 3).unwrap();
+    assert!(rig.ends[RECEIVER].ring_ready(&rig.words));
+    assert_eq!(rig.ends[RECEIVER].ring_waiting(&rig.words), 1);
+    let expected = Delivery {
+        sequence: 1,
+        id: 4,
+        time: Instant(104),
+        status: Status::Ok,
+        lost: 0,
+        len: 4,
+        payload: Payload::Pooled {
+            segment: 0,
+            offset: 3 * 4096,
+        },
+    };
+    assert_eq!(rig.take(), Ok(Some(expected)));
+    assert_eq!(rig.words.forward(), [EMPTY, EMPTY]);
+    // The head is copied once, of the whole slot.
+    rig.send(5, 2).unwrap();
+    rig.release(1).unwrap();
+    let calls = Cell::new(0);
+    let copy = |segment, offset, len| {
+        assert_eq!((segment, offset, len), (0, 2 * 4096, 4096));
+        calls.set(calls.get() + 1);
+        Some(head(5).to_bytes())
+    };
+    let taken = rig.ends[RECEIVER].ring_take(&rig.words, copy);
+    assert!(taken.unwrap().is_some() && calls.get() == 1);
+    // And not at all if there is nothing to take.
+    let taken = rig.ends[RECEIVER].ring_take(&rig.words, |_, _, _| panic!("nothing is there"));
+    assert_eq!(taken, Ok(None));
+}
+
+//= SM2-MSG-005, SM2-RNG-007 test
+#[test]
+fn the_application_holds_no_more_than_it_may() {
+    let mut rig = Rig::open(true, 3, 2);
+    for id in 1..=3 {
+        rig.send(id, id as u32).unwrap();
+    }
+    assert_eq!((rig.taken().id, rig.taken().id), (1, 2));
+    let before = rig.words.forward();
+    let too_many = Err(NoDelivery::TooManyBorrowed(TooManyBorrowed {
+        max_borrowed: 2,
+    }));
+    assert_eq!(rig.take(), too_many);
+    assert_eq!(rig.words.forward(), before, "it stays in the ring");
+    rig.release(2).unwrap();
+    assert_eq!(rig.taken().id, 3);
+}
+
+/// Of each round that the sender went ahead, of all that were lost, and in how many steps.
+//= SM2-RNG-007, SM2-MSG-002 test
+#[test]
+fn a_receiver_finds_what_a_sender_that_went_round_left() {
+    for depth in [1, 2, 3, 4, 7, 8] {
+        for ahead in 0..40_u64 {
+            let mut rig = Rig::open(false, depth, 1);
+            let depth = u64::from(depth);
+            rig.send(1, 0).unwrap();
+            assert_eq!(rig.taken().lost, 0);
+            rig.release(1).unwrap();
+            rig.harvest().unwrap();
+            for id in 2..2 + ahead {
+                rig.send(id, (id % (depth + 2)) as u32).unwrap();
+            }
+            rig.words.take_accesses();
+            let mut last = 1;
+            for id in (2..2 + ahead).skip(ahead.saturating_sub(depth) as usize) {
+                let delivery = rig.taken();
+                let expected = (id, id, id - last - 1);
+                assert_eq!((delivery.id, delivery.sequence, delivery.lost), expected);
+                rig.release(delivery.sequence).unwrap();
+                last = id;
+            }
+            assert_eq!(rig.take(), Ok(None));
+            // For each message a load, a take, a swap, a look whether the sender is parked; to
+            // find the oldest, a load for each that is there; and a look at what is empty.
+            let accesses = u64::from(rig.words.take_accesses());
+            assert!(accesses <= 5 * depth + 1, "{accesses} of {depth}, {ahead}");
+        }
+    }
+}
+
+/// What was lost before the first message that is taken was counted by its sequence number.
+//= SM2-MSG-002 test
+#[test]
+fn lost_before_the_first_and_never_offered() {
+    let mut rig = Rig::open(false, 2, 1);
+    for id in [100, 101, 105] {
+        rig.send(id, (id % 7) as u32).unwrap();
+    }
+    let first = rig.taken();
+    assert_eq!((first.sequence, first.id, first.lost), (2, 101, 1));
+    rig.release(2).unwrap();
+    assert_eq!(
+        rig.taken().lost,
+        3,
+        "those that this link never had count too"
+    );
+}
+
+/// Words that do something else to the ring just before some access.
+struct Meanwhile<'a> {
+    memory: &'a Memory,
+    accesses: Cell<u32>,
+    at: u32,
+    then: &'a dyn Fn(&Memory),
+}
+
+impl Meanwhile<'_> {
+    fn count(&self) {
+        self.accesses.set(self.accesses.get() + 1);
+        if self.accesses.get() == self.at {
+            (self.then)(self.memory);
+        }
+    }
+}
+
+impl Words for Meanwhile<'_> {
+    fn load(&self, at: At) -> u64 {
+        self.count();
+        self.memory.load(at)
+    }
+
+    fn swap(&self, at: At, bits: u64) -> u64 {
+        self.count();
+        self.memory.swap(at, bits)
+    }
+
+    fn take(&self, at: At, bits: u64) -> bool {
+        self.count();
+        self.memory.take(at, bits)
+    }
+
+    fn fence(&self) {
+        self.memory.fence();
+    }
+}
+
+/// Between the look and the exchange the sender went round: the receiver reads again.
+//= SM2-RNG-007 test
+#[test]
+fn a_word_that_was_displaced_is_not_taken() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.send(1, 1).unwrap();
+    rig.send(2, 2).unwrap();
+    let went_on = |memory: &Memory| {
+        memory.write(At::Forward(1), word(0, 3, 3));
+    };
+    let words = Meanwhile {
+        memory: &rig.words,
+        accesses: Cell::new(0),
+        at: 2,
+        then: &went_on,
+    };
+    let copy = |_, offset, _| {
+        assert_eq!(offset, 2 * 4096, "the second is the oldest now");
+        Some(head(2).to_bytes())
+    };
+    let delivery = rig.ends[RECEIVER].ring_take(&words, copy).unwrap().unwrap();
+    assert_eq!((delivery.sequence, delivery.lost), (2, 1));
+    // Load, take that fails, load of the third, load and take of the second.
+    assert_eq!(words.accesses.get(), 5);
+    assert_eq!(rig.words.forward(), [EMPTY, word(0, 3, 3)]);
+}
+
+/// The socket says which segments there are; a word may be faster than the receiver reads it.
+//= SM2-RNG-007 test
+#[test]
+fn a_segment_that_is_attached_meanwhile() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.attach(segment(1));
+    rig.send_in(segment(1), 1, 0).unwrap();
+    let before = (rig.ends[RECEIVER].clone(), rig.words.forward());
+    assert_eq!(rig.take(), Err(NoDelivery::UnknownSegment));
+    assert_eq!((rig.ends[RECEIVER].clone(), rig.words.forward()), before);
+    rig.pump();
+    assert_eq!(rig.taken().id, 1);
+}
+
+//= SM2-RNG-007 test
+#[test]
+fn a_segment_that_is_unknown_once_the_socket_is_read() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.words.write(At::Forward(1), word(1, 0, 1));
+    assert_eq!(rig.take(), Err(NoDelivery::UnknownSegment));
+    rig.ends[RECEIVER].ring_unknown_segment();
+    rig.drain(RECEIVER);
+    let end = End::Violation(Violation::UnknownSegment);
+    assert_eq!(rig.outputs[RECEIVER].last(), Some(&Output::Ended(end)));
+    let close = Frame::Close(Violation::UnknownSegment.code()).to_vec();
+    assert_eq!(rig.wires[RECEIVER].back().unwrap().0, close);
+    assert_eq!(rig.take(), Ok(None), "nothing is taken after a violation");
+}
+
+//= SM2-RNG-010, SM2-SEG-005 test
+#[test]
+fn a_segment_of_a_message_that_is_held_is_busy() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.send(1, 1).unwrap();
+    rig.taken();
+    let bytes = Frame::Detach { segment: 0 }.to_vec();
+    let end = End::Violation(Violation::SegmentBusy);
+    let datagram = sm2_proto::Datagram::new(&bytes);
+    let result = rig.input(RECEIVER, Input::Datagram(datagram));
+    assert_eq!(result, Err(Error::Ended(end)));
+}
+
+/// Until DETACHED is sent its number is not free, and it counts: a sender that reads nothing
+/// cannot make the receiver remember more than 256 of them.
+//= SM2-RNG-010, SM2-SEG-004 test
+#[test]
+fn segments_that_are_leaving_count() {
+    let attach = |rig: &mut Rig, id| {
+        let frame = Frame::Attach(segment(id)).to_vec();
+        let fds = [pooled(16 * 4096)];
+        let datagram = sm2_proto::Datagram {
+            bytes: &frame,
+            fds: &fds,
+            ..sm2_proto::Datagram::default()
+        };
+        rig.input(RECEIVER, Input::Datagram(datagram))
+    };
+    let full = || {
+        let mut rig = Rig::open(false, 2, 1);
+        rig.ends[RECEIVER].handle(NOW, Input::Blocked).unwrap();
+        for id in 1..256 {
+            attach(&mut rig, id).unwrap();
+            rig.frame(RECEIVER, &Frame::Detach { segment: id }, &[]);
+        }
+        rig
+    };
+    let violation = |violation| Err(Error::Ended(End::Violation(violation)));
+    let limit = violation(Violation::SegmentLimit);
+    assert_eq!(attach(&mut full(), 256), limit);
+    let number = violation(Violation::SegmentNumber);
+    assert_eq!(attach(&mut full(), 7), number);
+    let mut rig = full();
+    rig.input(RECEIVER, Input::Writable).unwrap();
+    assert_eq!(rig.underway(RECEIVER), [FrameKind::Detached; 255]);
+    assert_eq!(attach(&mut rig, 7), Ok(()));
+}
+
+/// What is in the ring when the link ends can be taken, with its segment and in its order.
+//= SM2-RNG-011, SM2-OPN-005, SM2-OPN-007 test
+#[test]
+fn what_is_left_can_be_taken() {
+    for ends_with in 0..3 {
+        let mut rig = Rig::open(false, 3, 2);
+        for id in 1..=5 {
+            rig.send(id, id as u32).unwrap();
+        }
+        let held = rig.taken();
+        match ends_with {
+            0 => rig.input(RECEIVER, Input::Eof).unwrap(),
+            1 => {
+                rig.input(SENDER, Input::Close(Farewell::Done.code()))
+                    .unwrap();
+                rig.pump();
+            }
+            _ => {
+                let close = Input::Close(Farewell::Done.code());
+                rig.input(RECEIVER, close).unwrap();
+            }
+        }
+        assert!(rig.ends[RECEIVER].end().is_some());
+        assert!(rig.ends[RECEIVER].ring_ready(&rig.words));
+        assert_eq!(rig.taken().id, 4);
+        assert!(matches!(rig.take(), Err(NoDelivery::TooManyBorrowed(_))));
+        let end = Error::Ended(rig.ends[RECEIVER].end().unwrap());
+        assert_eq!(rig.release(held.sequence), Err(end));
+        // The sender may not know of the end: it has to see what it gets back.
+        assert_eq!(rig.words.back()[0], word(0, 3, 3));
+        assert_eq!(rig.taken().id, 5);
+        assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
+    }
+}
+
+/// A sender that does not know of the end and goes on is not listened to for ever, and sees a
+/// receiver that obeys its window until it knows.
+//= SM2-RNG-011 test
+#[test]
+fn depth_messages_at_most_are_left() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.send(1, 1).unwrap();
+    rig.input(RECEIVER, Input::Eof).unwrap();
+    for id in 2..6 {
+        let delivery = rig.take();
+        if id < 4 {
+            let sequence = delivery.unwrap().unwrap().sequence;
+            let _ = rig.release(sequence);
+        } else {
+            assert_eq!(delivery, Ok(None));
+            assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
+            assert_eq!(rig.ends[RECEIVER].ring_waiting(&rig.words), 0);
+        }
+        rig.send(id, id as u32).unwrap();
+    }
+}
+
+/// A word that is wrong after the end is the end of what is left, and no other end.
+//= SM2-RNG-011 test
+#[test]
+fn a_bad_word_after_the_end() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.send(1, 1).unwrap();
+    rig.send(2, 2).unwrap();
+    rig.input(RECEIVER, Input::Eof).unwrap();
+    rig.words.write(At::Forward(1), 5);
+    assert_eq!(rig.take(), Err(NoDelivery::Ended(End::Eof)));
+    assert_eq!(rig.ends[RECEIVER].end(), Some(End::Eof));
+    assert_eq!(rig.take(), Ok(None));
+}
+
+/// A sender that was killed after it took the oldest word out, and before it put the next.
+//= SM2-RNG-006, SM2-RNG-011 test
+#[test]
+fn a_sender_that_died_while_it_made_room() {
+    let mut rig = Rig::open(false, 3, 1);
+    for id in 1..=3 {
+        rig.send(id, id as u32).unwrap();
+    }
+    rig.words.write(At::Forward(1), EMPTY);
+    assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
+    assert_eq!(rig.take(), Ok(None), "the sender may still be at it");
+    rig.input(RECEIVER, Input::Eof).unwrap();
+    assert!(rig.ends[RECEIVER].ring_ready(&rig.words));
+    for (sequence, lost) in [(2, 1), (3, 0)] {
+        let delivery = rig.taken();
+        assert_eq!((delivery.sequence, delivery.lost), (sequence, lost));
+        let _ = rig.release(sequence);
+    }
+    assert_eq!(rig.take(), Ok(None));
+    // Nothing is there: nothing changes, as often as one looks.
+    let before = rig.ends[RECEIVER].clone();
+    assert_eq!(rig.take(), Ok(None));
+    assert_eq!(rig.ends[RECEIVER], before);
+}
+
+/// After a segment's number was used again, its new form counts.
+//= SM2-RNG-010 test
+#[test]
+fn a_number_with_another_form() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.input(SENDER, Input::Retire { segment: 0 }).unwrap();
+    rig.pump();
+    let large = SegmentInfo {
+        id: 0,
+        stride: 8192,
+        slots: 2,
+    };
+    rig.attach(large);
+    rig.pump();
+    rig.send_in(large, 1, 1).unwrap();
+    let Payload::Pooled { offset, .. } = rig.taken().payload else {
+        panic!("it is pooled");
+    };
+    assert_eq!(offset, 8192);
+    assert_eq!(
+        rig.release(2),
+        Err(Error::Misuse(Misuse::NotBorrowed)),
+        "no such message"
+    );
+}

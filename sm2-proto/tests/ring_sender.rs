@@ -1,0 +1,382 @@
+//! Messages of the ring lane as the sending end sees them: SPEC section 8.5.
+
+mod link_support;
+mod ring_support;
+
+use link_support::{NOW, ring_file};
+use ring_support::{RECEIVER, Rig, SENDER, segment, word};
+use sm2_proto::{
+    Farewell, Violation,
+    limits::MESSAGE_MAX,
+    link::{
+        At, EMPTY, End, Error, Fate, FrameKind, Input, Misuse, Output, RingMessage, SegmentInfo,
+        wire::Frame,
+    },
+};
+
+const D: Fate = Fate::Discarded;
+
+//= SM2-RNG-003, SM2-RNG-005 test
+#[test]
+fn a_word_is_put_at_its_index() {
+    let mut rig = Rig::open(false, 3, 1);
+    for (id, slot) in [(1, 4), (2, 2), (3, 0)] {
+        assert_eq!(rig.send(id, slot), Ok(false));
+    }
+    assert_eq!(
+        rig.words.forward(),
+        [word(0, 0, 3), word(0, 4, 1), word(0, 2, 2)]
+    );
+    assert_eq!(rig.settled(), []);
+    assert_eq!(rig.ends[SENDER].in_flight(), 3);
+}
+
+/// A ring of depth n holds the last n; each displaced one is settled once, and its slot is free.
+//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-004 test
+#[test]
+fn keep_last_is_exact() {
+    let mut rig = Rig::open(false, 2, 1);
+    for id in 1..=2 {
+        rig.send(id, id as u32).unwrap();
+    }
+    assert!(!rig.room(), "one more would displace one");
+    assert_eq!(rig.send(3, 1), Err(Error::Misuse(Misuse::SlotBusy)));
+    for id in 3..=9 {
+        // The slot of the message before the last is free since the last was sent.
+        rig.send(id, id as u32 % 3).unwrap();
+        assert_eq!(rig.settled(), [(10 * (id - 2), D)]);
+    }
+    let taken: Vec<u64> = (0..2)
+        .map(|_| {
+            let delivery = rig.taken();
+            rig.release(delivery.sequence).unwrap();
+            delivery.id
+        })
+        .collect();
+    assert_eq!(taken, [8, 9]);
+    assert_eq!(rig.take(), Ok(None));
+    rig.harvest().unwrap();
+    assert_eq!(
+        rig.settled(),
+        [(80, Fate::Delivered), (90, Fate::Delivered)]
+    );
+    let counters = rig.ends[SENDER].counters();
+    assert_eq!((counters.offered, counters.discarded), (9, 7));
+    assert_eq!((counters.delivered, counters.in_flight), (2, 0));
+}
+
+//= SM2-RNG-006, SM2-MSG-003 test
+#[test]
+fn a_full_window_takes_the_oldest_out_before_it_puts_the_next() {
+    let mut rig = Rig::open(false, 2, 2);
+    for id in 1..=4 {
+        rig.send(id, id as u32).unwrap();
+        if id <= 2 {
+            rig.taken();
+        }
+    }
+    // Two are held, two are in the ring: the window of four is full.
+    assert_eq!(rig.ends[SENDER].in_flight(), 4);
+    assert!(!rig.room());
+    rig.send(5, 5).unwrap();
+    assert_eq!(rig.settled(), [(30, D)]);
+    assert_eq!(rig.ends[SENDER].in_flight(), 4);
+    assert_eq!(rig.words.forward(), [word(0, 4, 4), word(0, 5, 5)]);
+    // What was given back is found now, without being asked for.
+    rig.release(1).unwrap();
+    rig.send(6, 6).unwrap();
+    assert_eq!(rig.settled(), [(40, D), (10, Fate::Delivered)]);
+    assert_eq!(rig.ends[SENDER].in_flight(), 3);
+}
+
+/// The receiver holds more than it said it would.
+//= SM2-RNG-006, SM2-MSG-005 test
+#[test]
+fn a_receiver_that_holds_the_window_is_found() {
+    let mut rig = Rig::open(false, 2, 1);
+    for id in 1..=3 {
+        rig.send(id, id as u32).unwrap();
+        rig.words.write(At::Forward((id % 2) as u32), EMPTY);
+    }
+    let end = End::Violation(Violation::WindowExceeded);
+    assert_eq!(rig.send(4, 4), Err(Error::Ended(end)));
+    assert_eq!(rig.outputs[SENDER].last(), Some(&Output::Ended(end)));
+    assert_eq!(rig.underway(SENDER), [FrameKind::Close]);
+    // All that were given to the link are settled, also the one that it could not send.
+    let closed = [1, 2, 3, 4].map(|id| (10 * id, Fate::Closed));
+    assert_eq!(rig.settled(), closed);
+    let counters = rig.ends[SENDER].counters();
+    assert_eq!((counters.offered, counters.closed), (4, 4));
+}
+
+//= SM2-RNG-005, SM2-QOS-002 test
+#[test]
+fn reliable_never_displaces() {
+    let mut rig = Rig::open(true, 2, 1);
+    rig.send(1, 1).unwrap();
+    rig.send(2, 2).unwrap();
+    let before = rig.words.forward();
+    assert!(!rig.room());
+    assert_eq!(rig.send(3, 3), Err(Error::Misuse(Misuse::NoRoom)));
+    assert_eq!(rig.words.forward(), before, "nothing was put");
+    // One is taken: there is room, within the window.
+    let first = rig.taken();
+    assert!(rig.room());
+    rig.send(3, 3).unwrap();
+    assert!(!rig.room());
+    rig.release(first.sequence).unwrap();
+    rig.taken();
+    // An index is free, and the window is not until what came back is looked at.
+    assert!(!rig.room());
+    assert_eq!(rig.send(4, 4), Err(Error::Misuse(Misuse::NoRoom)));
+    rig.harvest().unwrap();
+    assert_eq!(rig.settled(), [(10, Fate::Delivered)]);
+    assert!(rig.room());
+    rig.send(4, 4).unwrap();
+    assert_eq!(rig.ends[SENDER].counters().discarded, 0);
+}
+
+/// Whoever gave up waiting is counted, and not waited for until something comes back.
+//= SM2-QOS-002, SM2-QOS-004 test
+#[test]
+fn a_deadline_that_passed() {
+    let mut rig = Rig::open(true, 1, 1);
+    rig.send(1, 1).unwrap();
+    rig.input(SENDER, Input::Skip).unwrap();
+    rig.ends[SENDER].ring_pass_over().unwrap();
+    assert!(rig.ends[SENDER].is_stalled());
+    let delivery = rig.taken();
+    rig.harvest().unwrap();
+    assert!(rig.ends[SENDER].is_stalled());
+    rig.release(delivery.sequence).unwrap();
+    rig.harvest().unwrap();
+    assert!(!rig.ends[SENDER].is_stalled());
+    let counters = rig.ends[SENDER].counters();
+    assert_eq!((counters.offered, counters.deadline), (3, 1));
+    assert_eq!((counters.overwritten, counters.delivered), (1, 1));
+}
+
+//= SM2-RNG-008, SM2-MSG-004 test
+#[test]
+fn messages_come_back_in_any_order() {
+    let mut rig = Rig::open(true, 3, 3);
+    for id in 1..=3 {
+        rig.send(id, id as u32).unwrap();
+        rig.taken();
+    }
+    for sequence in [2, 3, 1] {
+        assert_eq!(rig.release(sequence), Ok(false));
+    }
+    let again = Err(Error::Misuse(Misuse::NotBorrowed));
+    assert_eq!(rig.release(2), again, "each once");
+    let back = rig.words.back();
+    assert_eq!(back[..3], [word(0, 2, 2), word(0, 3, 3), word(0, 1, 1)]);
+    rig.harvest().unwrap();
+    let order = [20, 30, 10].map(|key| (key, Fate::Delivered));
+    assert_eq!(rig.settled(), order);
+    assert_eq!(rig.words.back(), [EMPTY; 6]);
+    // The next one goes to the fourth word.
+    rig.send(4, 2).unwrap();
+    rig.taken();
+    rig.release(4).unwrap();
+    assert_eq!(rig.words.back()[3], word(0, 2, 4));
+}
+
+//= SM2-RNG-009 test
+#[test]
+fn the_bell_rings_once_for_who_is_parked() {
+    let mut rig = Rig::open(true, 2, 1);
+    assert_eq!(rig.send(1, 1), Ok(false), "nobody is parked");
+    let delivery = rig.taken();
+    rig.ends[RECEIVER].ring_park(&rig.words);
+    assert_eq!(rig.words.read(At::ReceiverParked), 1);
+    assert_eq!(rig.send(2, 2), Ok(true));
+    assert_eq!(rig.words.read(At::ReceiverParked), 0);
+    assert_eq!(rig.send(3, 3), Ok(false), "once is enough");
+    rig.ends[RECEIVER].ring_park(&rig.words);
+    rig.ends[RECEIVER].ring_unpark(&rig.words);
+    rig.ends[SENDER].ring_park(&rig.words);
+    assert_eq!(rig.words.read(At::SenderParked), 1);
+    assert_eq!(rig.release(delivery.sequence), Ok(true));
+    assert_eq!(rig.words.read(At::SenderParked), 0);
+    rig.ends[SENDER].ring_park(&rig.words);
+    rig.taken();
+    assert!(rig.ends[RECEIVER].ring_made_room(&rig.words));
+    assert!(!rig.ends[RECEIVER].ring_made_room(&rig.words));
+    // Another value than 1 is taken away, and is no wish.
+    rig.words.write(At::SenderParked, 2);
+    assert_eq!(rig.release(2), Ok(false));
+    assert_eq!(rig.words.read(At::SenderParked), 0);
+    assert!(!rig.ends[SENDER].ring_made_room(&rig.words), "not its part");
+    // The bell itself says nothing else.
+    for end in [SENDER, RECEIVER] {
+        let before = rig.ends[end].clone();
+        rig.frame(end, &Frame::Doorbell, &[]);
+        assert_eq!(rig.ends[end], before);
+    }
+}
+
+/// A sender that goes round wakes no best-effort sender when one is taken.
+//= SM2-RNG-009 test
+#[test]
+fn only_reliable_links_tell_of_room() {
+    let mut rig = Rig::open(false, 1, 1);
+    rig.send(1, 1).unwrap();
+    rig.ends[SENDER].ring_park(&rig.words);
+    rig.taken();
+    assert!(!rig.ends[RECEIVER].ring_made_room(&rig.words));
+    assert_eq!(rig.words.read(At::SenderParked), 1);
+}
+
+//= SM2-RNG-010, SM2-SEG-005 test
+#[test]
+fn a_number_is_used_again_after_detached() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.send(1, 1).unwrap();
+    let retire = Input::Retire { segment: 0 };
+    let busy = Err(Error::Misuse(Misuse::SegmentBusy));
+    assert_eq!(rig.input(SENDER, retire.clone()), busy);
+    let delivery = rig.taken();
+    rig.release(delivery.sequence).unwrap();
+    assert_eq!(rig.input(SENDER, retire.clone()), busy, "not seen yet");
+    rig.harvest().unwrap();
+    rig.input(SENDER, retire.clone()).unwrap();
+    rig.input(SENDER, retire).unwrap();
+    assert_eq!(rig.underway(SENDER), [FrameKind::Detach]);
+    let again = SegmentInfo {
+        slots: 2,
+        ..segment(0)
+    };
+    assert_eq!(rig.input(SENDER, Input::Attach(again)), busy);
+    let not_attached = Err(Error::Misuse(Misuse::NotAttached));
+    assert_eq!(rig.send(2, 1), not_attached);
+    rig.carry(SENDER);
+    let detach = Output::Detach { segment: 0 };
+    assert_eq!(rig.outputs[RECEIVER].last(), Some(&detach));
+    assert_eq!(rig.underway(RECEIVER), [FrameKind::Detached]);
+    rig.carry(RECEIVER);
+    rig.attach(again);
+    rig.pump();
+    rig.send_in(again, 2, 1).unwrap();
+    assert_eq!(rig.taken().id, 2);
+}
+
+/// A segment that was not announced yet is given up in order: ATTACH, DETACH, DETACHED.
+//= SM2-RNG-010 test
+#[test]
+fn retired_before_it_was_announced() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.ends[SENDER].handle(NOW, Input::Blocked).unwrap();
+    rig.attach(segment(1));
+    rig.input(SENDER, Input::Retire { segment: 1 }).unwrap();
+    rig.input(SENDER, Input::Writable).unwrap();
+    assert_eq!(rig.underway(SENDER), [FrameKind::Attach, FrameKind::Detach]);
+    rig.pump();
+    assert!(rig.ends.iter().all(|it| it.end().is_none()));
+}
+
+/// 256 segments at a time, and those whose DETACHED has not come count.
+//= SM2-SEG-004, SM2-RNG-010 test
+#[test]
+fn no_more_segments_than_the_limit() {
+    let mut rig = Rig::open(false, 2, 1);
+    for id in 1..256 {
+        rig.attach(segment(id));
+    }
+    rig.pump();
+    rig.send(1, 0).unwrap();
+    // One that no message is in gives way: the 257th waits for that.
+    rig.attach(segment(256));
+    assert_eq!(rig.underway(SENDER), [FrameKind::Detach]);
+    rig.attach(segment(256));
+    assert_eq!(rig.underway(SENDER), [FrameKind::Detach], "one is enough");
+    let waits = Err(Error::Misuse(Misuse::NotAttached));
+    assert_eq!(rig.send_in(segment(256), 2, 0), waits);
+    rig.pump();
+    rig.attach(segment(256));
+    rig.pump();
+    rig.send_in(segment(256), 2, 0).unwrap();
+    assert!(rig.ends.iter().all(|it| it.end().is_none()));
+}
+
+/// A segment can be larger than a message may be.
+//= SM2-PAY-008, SM2-RNG-003 test
+#[test]
+fn a_message_has_the_length_that_a_receiver_takes() {
+    let mut rig = Rig::open(false, 2, 1);
+    let huge = SegmentInfo {
+        id: 1,
+        stride: 2 * MESSAGE_MAX,
+        slots: 1,
+    };
+    rig.attach(huge);
+    let message = |len, segment| RingMessage {
+        key: 1,
+        id: 1,
+        len,
+        segment,
+        slot: 0,
+    };
+    let mut send =
+        |len, segment| rig.ends[SENDER].ring_send(&rig.words, &message(len, segment), |_, _| {});
+    let too_long = Err(Error::Misuse(Misuse::TooLong));
+    assert_eq!(send(4096 - 63, segment(0)), too_long);
+    assert_eq!(send(MESSAGE_MAX + 1, huge), too_long);
+    assert_eq!(send(MESSAGE_MAX, huge), Ok(false));
+}
+
+#[test]
+fn what_cannot_be_sent_changes_nothing() {
+    let mut rig = Rig::open(false, 2, 1);
+    rig.send(5, 0).unwrap();
+    let before = rig.ends[SENDER].clone();
+    rig.words.take_accesses();
+    assert_eq!(rig.send(5, 1), Err(Error::Misuse(Misuse::IdNotGrowing)));
+    assert_eq!(rig.send(6, 0), Err(Error::Misuse(Misuse::SlotBusy)));
+    assert_eq!(rig.send(6, 16), Err(Error::Misuse(Misuse::SlotOutside)));
+    let other = SegmentInfo {
+        slots: 17,
+        ..segment(0)
+    };
+    assert_eq!(
+        rig.send_in(other, 6, 16),
+        Err(Error::Misuse(Misuse::SegmentChanged))
+    );
+    assert_eq!(rig.ends[SENDER], before);
+    assert_eq!(rig.words.take_accesses(), 0);
+}
+
+//= SM2-OPN-007, SM2-OPN-008, SM2-QOS-004, SM2-RNG-011 test
+#[test]
+fn the_end_settles_all() {
+    let mut rig = Rig::open(false, 2, 1);
+    for id in 1..=3 {
+        rig.send(id, id as u32).unwrap();
+    }
+    assert_eq!(rig.settled(), [(10, D)]);
+    rig.input(SENDER, Input::Close(Farewell::Done.code()))
+        .unwrap();
+    let closed = [20, 30].map(|key| (key, Fate::Closed));
+    assert_eq!(rig.settled(), closed);
+    let counters = rig.ends[SENDER].counters();
+    assert_eq!((counters.offered, counters.discarded), (3, 1));
+    assert_eq!((counters.closed, counters.in_flight), (2, 0));
+    let end = Error::Ended(End::Local(Farewell::Done.code()));
+    assert_eq!(rig.send(4, 4), Err(end));
+    assert_eq!(rig.harvest(), Err(end));
+    assert!(!rig.room());
+}
+
+/// A ring that is there already has what was put before: nothing, or the other end broke SPEC.
+//= SM2-RNG-002, SM2-RNG-005 test
+#[test]
+fn a_ring_begins_with_zeros() {
+    let mut rig = Rig::fresh(false, 2, 1);
+    rig.words.write(At::Forward(1), word(0, 0, 1));
+    rig.pump();
+    rig.attach(segment(0));
+    rig.pump();
+    assert_eq!(rig.outputs[SENDER].len(), 2, "{:?}", ring_file(0));
+    let end = End::Violation(Violation::BadWord);
+    assert_eq!(rig.send(1, 0), Err(Error::Ended(end)));
+}

@@ -1,0 +1,274 @@
+//! How a link gets its ring, and what the ring's file looks like: SPEC section 8.5.
+
+mod link_support;
+mod ring_support;
+
+use link_support::{NOW, RING, accept, drain, message, opened, reliable, sent, with_ring};
+use ring_support::{RECEIVER, Rig, SENDER, segment, terms, word};
+use sm2_proto::{
+    Violation,
+    limits::{RING_SEGMENTS_MAX, SLOT_HEAD},
+    link::{
+        At, Attachment, Config, Error, FrameKind, Input, Link, Misuse, NoDelivery, Output,
+        RingLayout, RingMessage, Role, SegmentInfo, SlotHead, Word, doorbell, wire::Frame,
+    },
+};
+
+//= SM2-RNG-002, SM2-RNG-009 test
+#[test]
+fn open_then_ring_then_all_else() {
+    let mut rig = Rig::fresh(false, 2, 1);
+    assert_eq!(rig.underway(SENDER), [FrameKind::Open]);
+    assert_eq!(rig.underway(RECEIVER), [FrameKind::Open]);
+    assert!(rig.carry(RECEIVER));
+    assert_eq!(rig.outputs[SENDER], [Output::Opened]);
+    assert!(rig.ends[SENDER].has_ring() && !rig.ends[SENDER].is_open());
+    assert_eq!(
+        rig.send(1, 0),
+        Err(Error::Misuse(Misuse::WrongLane)),
+        "no message before RING"
+    );
+    assert!(!rig.room());
+
+    assert!(rig.carry(SENDER));
+    let layout = RingLayout::new(2, 3).unwrap();
+    let outputs = [Output::Opened, Output::MakeRing(layout)];
+    assert_eq!(rig.outputs[RECEIVER], outputs);
+    assert_eq!(rig.underway(RECEIVER), [FrameKind::Ring]);
+    assert_eq!(rig.wires[RECEIVER][0].0, RING.to_vec());
+    assert!(rig.ends[RECEIVER].is_open());
+
+    assert!(rig.carry(RECEIVER));
+    assert_eq!(rig.outputs[SENDER][1..], [Output::Ring(layout)]);
+    assert!(rig.ends[SENDER].is_open() && rig.room());
+    assert_eq!(doorbell()[..], Frame::Doorbell.to_vec());
+}
+
+/// RING is the first frame after OPEN also where OPEN could not leave for long.
+//= SM2-RNG-002 test
+#[test]
+fn ring_waits_for_our_open_and_goes_before_detached() {
+    let mut link = Link::new(with_ring(Role::Receiver));
+    assert_eq!(sent(&drain(&mut link)).len(), 1);
+    link.handle(NOW, Input::Blocked).unwrap();
+    let open = link_support::open_to(&with_ring(Role::Receiver));
+    accept(&mut link, &open);
+    accept(&mut link, &Frame::Attach(link_support::SEGMENT));
+    accept(&mut link, &Frame::Detach { segment: 5 });
+    link.handle(NOW, Input::Writable).unwrap();
+    let packets = sent(&drain(&mut link));
+    assert_eq!(packets[0].to_vec(), RING.to_vec());
+    assert_eq!(packets[0].attachment, Some(Attachment::Ring));
+    assert_eq!(packets[1].to_vec(), Frame::Detached { segment: 5 }.to_vec());
+    assert_eq!(packets.len(), 2);
+}
+
+//= SM2-RNG-002 test
+#[test]
+fn the_layout_is_that_of_the_table() {
+    // depth, window, where the back words begin, size.
+    let rows = [
+        (1, 2, 192, 4096),
+        (2, 3, 192, 4096),
+        (8, 9, 192, 4096),
+        (9, 10, 256, 4096),
+        (176, 320, 1536, 4096),
+        (176, 321, 1536, 8192),
+        (168, 328, 1472, 4096),
+        (168, 329, 1472, 8192),
+        (1024, 2048, 8320, 28_672),
+    ];
+    for (depth, window, back, size) in rows {
+        let layout = RingLayout::new(depth, window).unwrap();
+        assert_eq!((layout.depth(), layout.window()), (depth, window));
+        assert_eq!(layout.offset(At::ReceiverParked), Some(0));
+        assert_eq!(layout.offset(At::SenderParked), Some(64));
+        assert_eq!(layout.offset(At::Forward(0)), Some(128));
+        let last = u32::from(depth) - 1;
+        let end = 128 + 8 * u64::from(last);
+        assert_eq!(layout.offset(At::Forward(last)), Some(end));
+        assert_eq!(layout.offset(At::Forward(last + 1)), None);
+        assert_eq!(layout.offset(At::Back(0)), Some(back), "{depth}");
+        let last = back + 8 * u64::from(window - 1);
+        assert_eq!(layout.offset(At::Back(window - 1)), Some(last));
+        assert_eq!(layout.offset(At::Back(window)), None);
+        assert_eq!(layout.size_bytes(), size, "{depth} {window}");
+    }
+    let illegal = [(0, 1), (1, 1), (1, 0), (2, 2), (1025, 2048), (1024, 2049)];
+    for (depth, window) in illegal {
+        assert_eq!(RingLayout::new(depth, window), None, "{depth} {window}");
+    }
+}
+
+//= SM2-RNG-003 test
+#[test]
+fn the_bits_of_a_word() {
+    let word = Word::new(0x1234, 0xabcd, 0x9_0000_0007).unwrap();
+    assert_eq!(word.to_bits(), 0x0000_0007_9234_abcd);
+    assert_eq!(Word::from_bits(word.to_bits()), Ok(Some(word)));
+    let most = Word::new(32_767, 65_535, u64::MAX).unwrap();
+    assert_eq!(most.to_bits(), u64::MAX);
+    assert_eq!(Word::new(0, 0, 1 << 32).unwrap().to_bits(), 1 << 31);
+    assert_eq!(Word::new(RING_SEGMENTS_MAX, 0, 1), None);
+    assert_eq!(Word::new(0, 65_536, 1), None);
+    assert_eq!(Word::from_bits(0), Ok(None));
+    for bits in [1, 1 << 30, 1 << 32, u64::MAX ^ (1 << 31)] {
+        assert_eq!(Word::from_bits(bits), Err(Violation::BadWord), "{bits:x}");
+    }
+}
+
+//= SM2-RNG-004 test
+#[test]
+fn the_bytes_of_a_head() {
+    let head = SlotHead {
+        id: 0x0102_0304_0506_0708,
+        time: sm2_proto::Instant(9),
+        len: u64::MAX,
+    };
+    let bytes = head.to_bytes();
+    assert_eq!(bytes[..9], [8, 7, 6, 5, 4, 3, 2, 1, 9]);
+    assert_eq!(bytes[16..24], [0xff; 8]);
+    assert_eq!(bytes[24..], [0; 40]);
+    assert_eq!(SlotHead::from_bytes(&bytes), Ok(head));
+    for at in 0..SLOT_HEAD {
+        let mut changed = bytes;
+        changed[at] ^= 0x80;
+        let verdict = SlotHead::from_bytes(&changed).map(drop);
+        let expected = if at < 24 {
+            Ok(())
+        } else {
+            Err(Violation::ReservedNotZero)
+        };
+        assert_eq!(verdict, expected, "byte {at}");
+    }
+}
+
+/// A segment with a number that no word can have, or that is none, is refused before it is sent.
+//= SM2-RNG-003, SM2-SEG-003 test
+#[test]
+fn only_segments_that_a_word_can_name() {
+    let mut rig = Rig::open(false, 2, 1);
+    let refused = |rig: &mut Rig, info| {
+        let result = rig.input(SENDER, Input::Attach(info));
+        assert_eq!(result, Err(Error::Misuse(Misuse::BadSegment)), "{info:?}");
+    };
+    refused(&mut rig, segment(RING_SEGMENTS_MAX));
+    let one = segment(1);
+    refused(&mut rig, SegmentInfo { slots: 0, ..one });
+    refused(
+        &mut rig,
+        SegmentInfo {
+            stride: 4095,
+            ..one
+        },
+    );
+    let other = SegmentInfo {
+        slots: 3,
+        ..segment(0)
+    };
+    let changed = rig.input(SENDER, Input::Attach(other));
+    assert_eq!(changed, Err(Error::Misuse(Misuse::SegmentChanged)));
+    rig.attach(segment(RING_SEGMENTS_MAX - 1));
+    rig.pump();
+    assert_eq!(
+        rig.send_in(segment(RING_SEGMENTS_MAX - 1), 1, 15),
+        Ok(false)
+    );
+    assert_eq!(rig.words.forward()[1], word(32_767, 15, 1));
+}
+
+/// A message is named only after its segment's ATTACH went to the socket.
+//= SM2-RNG-003 test
+#[test]
+fn a_message_waits_for_its_segment() {
+    let mut rig = Rig::open(false, 2, 1);
+    let not_attached = Err(Error::Misuse(Misuse::NotAttached));
+    assert_eq!(rig.send_in(segment(1), 1, 0), not_attached);
+    // Attached, but not drained.
+    rig.ends[SENDER]
+        .handle(NOW, Input::Attach(segment(1)))
+        .unwrap();
+    let message = RingMessage {
+        key: 1,
+        id: 1,
+        len: 0,
+        segment: segment(1),
+        slot: 0,
+    };
+    let early = rig.ends[SENDER].ring_send(&rig.words, &message, |_, _| {});
+    assert_eq!(early, not_attached);
+    assert_eq!(rig.words.take_accesses(), 0, "misuse touches nothing");
+    // The socket keeps ATTACH: no room at all.
+    rig.ends[SENDER].handle(NOW, Input::Blocked).unwrap();
+    assert_eq!(rig.send(1, 0), Err(Error::Misuse(Misuse::NoRoom)));
+    assert!(!rig.room());
+}
+
+/// Before OPEN came nobody knows the lane: what was taken for one could not leave by the other.
+//= SM2-RNG-001, SM2-RNG-002 test
+#[test]
+fn nothing_is_taken_before_the_lane_is_known() {
+    let mut link = Link::new(with_ring(Role::Sender));
+    drain(&mut link);
+    assert!(!link.has_room());
+    let refused = link.handle(NOW, Input::Send(message(1)));
+    assert_eq!(refused, Err(Error::Misuse(Misuse::NoRoom)));
+    accept(&mut link, &link_support::open_to(&with_ring(Role::Sender)));
+    accept(&mut link, &RING);
+    assert_eq!(link.in_flight(), 0);
+    // With the socket lane it goes on as ever.
+    let mut link = Link::new(with_ring(Role::Sender));
+    drain(&mut link);
+    accept(
+        &mut link,
+        &link_support::open_to(&link_support::config(Role::Sender)),
+    );
+    assert!(link.has_room() && link.is_open());
+    assert_eq!(sent(&link_support::send(&mut link, message(1))).len(), 1);
+}
+
+#[test]
+fn the_calls_of_the_other_lane_are_misuse() {
+    let mut rig = Rig::open(true, 2, 1);
+    let wrong = Err(Error::Misuse(Misuse::WrongLane));
+    let send = Input::Send(message(1));
+    assert_eq!(rig.input(SENDER, send.clone()), wrong);
+    assert!(!rig.ends[SENDER].has_room());
+    let released = rig.input(RECEIVER, Input::Release { sequence: 1 });
+    assert_eq!(released, Err(Error::Misuse(Misuse::NotBorrowed)));
+    assert_eq!(rig.ends[RECEIVER].take(), Ok(None));
+    // The ring's calls, at the wrong end.
+    let misuse = NoDelivery::Misuse(Misuse::WrongLane);
+    let taken = rig.ends[SENDER].ring_take(&rig.words, |_, _, _| None);
+    assert_eq!(taken, Err(misuse));
+    assert_eq!(
+        rig.ends[SENDER].ring_release(&rig.words, 1),
+        wrong.map(|()| false)
+    );
+    let harvested = rig.ends[RECEIVER].ring_harvest(&rig.words, |_, _| {});
+    assert_eq!(harvested, Err(Error::Misuse(Misuse::WrongLane)));
+    assert!(!rig.ends[RECEIVER].ring_has_room(&rig.words));
+    assert!(!rig.ends[SENDER].ring_ready(&rig.words));
+    assert_eq!(rig.ends[RECEIVER].ring_pass_over(), Err(Misuse::WrongLane));
+    // And on a link of the socket lane.
+    let mut link = opened(reliable(Role::Sender));
+    let attached = link.handle(NOW, Input::Attach(segment(0)));
+    assert_eq!(attached, wrong);
+    link.ring_park(&rig.words);
+    link.ring_unpark(&rig.words);
+    assert_eq!(rig.words.take_accesses(), 0);
+}
+
+/// A window is `depth + max_borrowed` of the receiver, whatever the sender's depth is.
+//= SM2-RNG-002 test
+#[test]
+fn the_ring_is_as_deep_as_the_receiver_says() {
+    let config = Config {
+        depth: 7,
+        ..terms(Role::Sender, false, 1, 1)
+    };
+    let mut link = link_support::opened_with(config, &link_support::open_to(&config));
+    let outputs = accept(&mut link, &RING);
+    let layout = RingLayout::new(2, 3).unwrap();
+    assert_eq!(outputs, [Output::Ring(layout)]);
+}

@@ -1,0 +1,71 @@
+//! Words during whose use something else happens.
+
+use std::cell::{Cell, RefCell};
+
+use sm2_proto::link::{At, EMPTY, Words};
+
+use crate::ring_support::Memory;
+
+/// What happens meanwhile; whether the process is killed by it.
+type Then<'a> = Box<dyn FnOnce(&Memory) -> bool + 'a>;
+
+/// Words that let something else happen just before some access; from then on, if the process
+/// was killed there, they do nothing any more.
+pub(crate) struct Between<'a> {
+    memory: &'a Memory,
+    left: Cell<u32>,
+    dead: Cell<bool>,
+    then: RefCell<Option<Then<'a>>>,
+}
+
+impl<'a> Between<'a> {
+    /// `then` says whether the process is killed there.
+    pub(crate) fn new(
+        memory: &'a Memory,
+        at: u32,
+        then: impl FnOnce(&Memory) -> bool + 'a,
+    ) -> Self {
+        Self {
+            memory,
+            left: Cell::new(at),
+            dead: Cell::new(false),
+            then: RefCell::new(Some(Box::new(then))),
+        }
+    }
+
+    fn step(&self) -> bool {
+        match self.left.get() {
+            0 => {
+                if let Some(then) = self.then.take() {
+                    self.dead.set(then(self.memory));
+                }
+            }
+            left => self.left.set(left - 1),
+        }
+        !self.dead.get()
+    }
+}
+
+impl Words for Between<'_> {
+    fn load(&self, at: At) -> u64 {
+        if self.step() {
+            self.memory.load(at)
+        } else {
+            EMPTY
+        }
+    }
+
+    fn swap(&self, at: At, bits: u64) -> u64 {
+        if self.step() {
+            self.memory.swap(at, bits)
+        } else {
+            EMPTY
+        }
+    }
+
+    fn take(&self, at: At, bits: u64) -> bool {
+        self.step() && self.memory.take(at, bits)
+    }
+
+    fn fence(&self) {}
+}

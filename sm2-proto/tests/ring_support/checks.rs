@@ -1,0 +1,150 @@
+//! What must hold of a pair of ends of the ring lane, at any time and at rest.
+
+use sm2_proto::link::{Counters, EMPTY, End, Fate, Word};
+
+use crate::pair::Pair;
+
+impl Pair {
+    /// What must hold between any two operations.
+    pub(crate) fn check(&self) {
+        for at in [&self.sending.at, &self.receiving.at] {
+            assert!(!matches!(at.link.end(), Some(End::Violation(_))), "honest");
+            assert_eq!(at.ended, at.link.end().is_some());
+        }
+        for delivery in &self.receiving.held {
+            self.shared.check_head(delivery);
+        }
+        self.check_counters();
+        self.check_taken();
+        if self.sound {
+            self.check_ring();
+            self.check_awake();
+        }
+    }
+
+    //= SM2-QOS-004 test
+    fn check_counters(&self) {
+        let sending = &self.sending;
+        if !self.sound {
+            return;
+        }
+        let tally = |fate| sending.sent.iter().filter(|it| it.fate == fate).count() as u64;
+        let expected = Counters {
+            offered: sending.sent.len() as u64 + sending.skipped + sending.passed_over,
+            delivered: tally(Some(Fate::Delivered)),
+            overwritten: sending.passed_over,
+            discarded: tally(Some(Fate::Discarded)),
+            deadline: sending.skipped,
+            closed: 0,
+            in_flight: tally(None),
+        };
+        assert_eq!(sending.at.link.counters(), expected);
+    }
+
+    /// What was taken was sent, in this order and not twice; nothing that was taken was displaced.
+    //= SM2-RNG-007, SM2-MSG-001, SM2-MSG-002 test
+    fn check_taken(&self) {
+        let taken = &self.receiving.taken;
+        assert!(taken.windows(2).all(|pair| pair[0] < pair[1]));
+        for (sequence, id) in taken {
+            let sent = &self.sending.sent[*sequence as usize - 1];
+            assert_eq!((sent.sequence, sent.id), (*sequence, *id));
+            assert_ne!(sent.fate, Some(Fate::Discarded));
+        }
+        if self.reliable {
+            let all = (1..).zip(taken);
+            assert!(all.into_iter().all(|(expected, it)| it.0 == expected));
+            let lost = |fate| matches!(fate, Some(Fate::Discarded | Fate::Overwritten));
+            assert!(!self.sending.sent.iter().any(|it| lost(it.fate)));
+        }
+    }
+
+    /// The ring has exactly the last `depth` messages without those that were taken, and just
+    /// those before them are discarded.
+    //= SM2-QOS-001, SM2-RNG-005 test
+    fn check_ring(&self) {
+        let newest = self.sending.sent.len() as u64;
+        let last_taken = self.receiving.taken.last().map_or(0, |it| it.0);
+        let oldest = (last_taken + 1).max((newest + 1).saturating_sub(self.depth));
+        assert_eq!(self.in_ring(), (oldest..=newest).collect::<Vec<_>>());
+        let mut taken = self.receiving.taken.iter().map(|it| it.0).peekable();
+        for sent in &self.sending.sent {
+            let was_taken = taken.next_if_eq(&sent.sequence).is_some();
+            let displaced = !was_taken && sent.sequence < oldest;
+            assert_eq!(sent.fate == Some(Fate::Discarded), displaced);
+        }
+    }
+
+    /// The sequence numbers in the ring, ascending.
+    fn in_ring(&self) -> Vec<u64> {
+        let words = self.shared.words.forward().into_iter();
+        let words = words.filter_map(|bits| Word::from_bits(bits).unwrap());
+        let mut sequences: Vec<u64> = words.map(|it| u64::from(it.sequence)).collect();
+        sequences.sort_unstable();
+        sequences
+    }
+
+    /// Who sleeps has nothing to do, or something to read.
+    //= SM2-RNG-009 test
+    fn check_awake(&self) {
+        let ends = [&self.sending.at, &self.receiving.at];
+        for end in [0, 1] {
+            let may_sleep = self.is_idle(end) || !ends[1 - end].wire.is_empty();
+            assert!(!ends[end].asleep || may_sleep, "end {end} sleeps for ever");
+        }
+    }
+
+    /// Lets everything come to rest: sockets open, applications willing.
+    pub(crate) fn settle(&mut self) {
+        let mut left = None;
+        for _ in 0..200 {
+            for end in [0, 1] {
+                self.set_full(end, false);
+                self.drain();
+                self.carry(end);
+            }
+            if self.sending.at.ended && self.receiving.at.ended && left.is_none() {
+                left = Some(self.in_ring());
+            }
+            self.take();
+            self.drain();
+            self.receiving.release(&self.shared.words, &self.shared, 0);
+            self.sending.harvest(&self.shared.words, &self.shared);
+            self.drain();
+            self.check();
+        }
+        let taken = &self.receiving.taken;
+        if self.sound {
+            assert!(self.sending.at.link.is_open() && self.receiving.at.link.is_open());
+            let sent = &self.sending.sent;
+            assert!(sent.iter().all(|it| it.fate.is_some()), "all is settled");
+            let delivered = sent.iter().filter(|it| it.fate == Some(Fate::Delivered));
+            let delivered: Vec<u64> = delivered.map(|it| it.sequence).collect();
+            let taken: Vec<u64> = taken.iter().map(|it| it.0).collect();
+            assert_eq!(taken, delivered, "what was delivered is what was taken");
+            assert_eq!(taken.last().copied(), sent.last().map(|it| it.sequence));
+            assert_eq!(
+                self.shared.words.back(),
+                vec![EMPTY; self.shared.words.back().len()]
+            );
+        } else {
+            assert!(self.sending.at.ended && self.receiving.at.ended);
+            assert!(self.sending.sent.iter().all(|it| it.fate.is_some()));
+            // Who closes has perhaps not read yet which segments there are.
+            if self.receiving.is_dead || self.receiving.take(&self.shared.words, &self.shared) {
+                return;
+            }
+            // As many as the receiver may take after its end are taken.
+            let taken = &self.receiving.taken;
+            let after = taken.len() - self.receiving.taken_before_end.unwrap_or(taken.len());
+            assert!(self.in_ring().is_empty() || after as u64 == self.depth);
+            for sequence in left.into_iter().flatten() {
+                let was_taken = taken.iter().any(|it| it.0 == sequence);
+                assert!(
+                    was_taken || after as u64 == self.depth,
+                    "{sequence} was left"
+                );
+            }
+        }
+    }
+}

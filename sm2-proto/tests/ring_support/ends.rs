@@ -1,0 +1,359 @@
+//! The two ends of a pair of the ring lane: their applications, drivers and lists.
+//!
+//! The lists are SPEC's rules said once more: what was sent, what was taken, what became of it.
+
+use std::{
+    cell::RefCell,
+    collections::{BTreeMap, BTreeSet, VecDeque},
+};
+
+use sm2_proto::{
+    FdFacts,
+    limits::SLOT_HEAD,
+    link::{
+        Attachment, Delivery, Error, Fate, Input, Link, Misuse, NoDelivery, Output, Packet,
+        Payload, RingMessage, SegmentInfo, Word, Words, doorbell,
+    },
+};
+
+use crate::{
+    between::Between,
+    link_support::{NOW, pooled, ring_file},
+    ring_support::{Memory, head},
+};
+
+/// Each segment has more slots than one window has messages.
+const SLOTS: u32 = 8;
+
+const fn segment(id: u32) -> SegmentInfo {
+    SegmentInfo {
+        id,
+        stride: 4096,
+        slots: SLOTS,
+    }
+}
+
+/// What both ends map: the ring, and the heads of all slots.
+pub(crate) struct Shared {
+    pub(crate) words: Memory,
+    pub(crate) heads: RefCell<BTreeMap<(u32, u32), [u8; SLOT_HEAD]>>,
+}
+
+/// One end, and its socket.
+pub(crate) struct Driver {
+    pub(crate) link: Link,
+    /// What it has sent and the other one has not read.
+    pub(crate) wire: VecDeque<(Vec<u8>, Vec<FdFacts>)>,
+    pub(crate) kept: Option<Packet>,
+    pub(crate) full: bool,
+    pub(crate) ended: bool,
+    /// Whether it waits for the bell.
+    pub(crate) asleep: bool,
+    /// Segments that the other end has attached here.
+    pub(crate) mapped: BTreeSet<u32>,
+}
+
+impl Driver {
+    pub(crate) fn new(link: Link) -> Self {
+        Self {
+            link,
+            wire: VecDeque::new(),
+            kept: None,
+            full: false,
+            ended: false,
+            asleep: false,
+            mapped: BTreeSet::new(),
+        }
+    }
+
+    /// Does what the machine says. Gives what was settled.
+    pub(crate) fn drain(&mut self, size_bytes: u64) -> Vec<(u64, Fate)> {
+        let mut settled = Vec::new();
+        while let Some(output) = self.link.poll() {
+            assert!(!self.ended, "nothing comes after Ended: {output:?}");
+            match output {
+                Output::Transmit(packet) if self.full => {
+                    assert!(self.kept.replace(packet).is_none());
+                    let _ = self.link.handle(NOW, Input::Blocked);
+                }
+                Output::Transmit(packet) => {
+                    assert!(self.kept.is_none(), "nothing overtakes what is kept");
+                    self.put(&packet, size_bytes);
+                }
+                Output::Settled { key, fate } => settled.push((key, fate)),
+                Output::Attach { segment, .. } => assert!(self.mapped.insert(segment)),
+                Output::Detach { segment } => assert!(self.mapped.remove(&segment)),
+                Output::Opened | Output::MakeRing(_) | Output::Ring(_) => {}
+                Output::Ended(_) => (self.ended, self.kept) = (true, None),
+                other => panic!("not on the ring lane: {other:?}"),
+            }
+        }
+        settled
+    }
+
+    pub(crate) fn put(&mut self, packet: &Packet, size_bytes: u64) {
+        let fds = match packet.attachment {
+            None => vec![],
+            Some(Attachment::Ring) => vec![ring_file(size_bytes)],
+            Some(Attachment::Segment(_)) => vec![pooled(4096 * u64::from(SLOTS))],
+            Some(Attachment::Message(_)) => panic!("no sealed messages here"),
+        };
+        self.wire.push_back((packet.to_vec(), fds));
+    }
+
+    /// Does not care whether the socket takes it: if not, the other end has something to read.
+    pub(crate) fn ring_the_bell(&mut self) {
+        if !self.full || self.wire.is_empty() {
+            self.wire.push_back((doorbell().to_vec(), vec![]));
+        }
+    }
+}
+
+/// A message as the list of the sender has it.
+pub(crate) struct Sent {
+    pub(crate) id: u64,
+    pub(crate) sequence: u64,
+    pub(crate) place: (u32, u32),
+    pub(crate) fate: Option<Fate>,
+}
+
+impl Sent {
+    /// Whether nobody may write to its slot.
+    const fn is_kept(&self) -> bool {
+        matches!(self.fate, None | Some(Fate::Closed))
+    }
+}
+
+/// The sending application, its driver, and its list.
+pub(crate) struct Sending {
+    pub(crate) at: Driver,
+    pub(crate) sent: Vec<Sent>,
+    pub(crate) next_id: u64,
+    pub(crate) skipped: u64,
+    pub(crate) passed_over: u64,
+}
+
+/// The receiving application, its driver, and its list.
+pub(crate) struct Receiving {
+    pub(crate) at: Driver,
+    pub(crate) held: Vec<Delivery>,
+    /// Sequence number and id of all that it took.
+    pub(crate) taken: Vec<(u64, u64)>,
+    /// How many it had taken when it was over.
+    pub(crate) taken_before_end: Option<usize>,
+    /// Whoever would take what is left is gone.
+    pub(crate) is_dead: bool,
+}
+
+impl Sending {
+    pub(crate) fn settle(&mut self, shared: &Shared, key: u64, fate: Fate) {
+        let sent = self.sent.iter_mut().find(|it| it.id == key).unwrap();
+        assert_eq!(sent.fate.replace(fate), None, "settled once");
+        if fate != Fate::Closed {
+            // Whoever still reads there sees that.
+            let garbage = [0xaa; SLOT_HEAD];
+            shared.heads.borrow_mut().insert(sent.place, garbage);
+        }
+    }
+
+    pub(crate) fn drain(&mut self, shared: &Shared) {
+        for (key, fate) in self.at.drain(shared.words.layout.size_bytes()) {
+            self.settle(shared, key, fate);
+        }
+    }
+
+    pub(crate) fn unsettled(&self) -> usize {
+        self.sent.iter().filter(|it| it.fate.is_none()).count()
+    }
+
+    /// Publishes one message, if the link takes it.
+    pub(crate) fn send(&mut self, words: &impl Words, shared: &Shared, within: u32) {
+        if self.at.ended || !self.at.link.is_open() {
+            return;
+        }
+        self.next_id += 1;
+        let id = self.next_id;
+        // Places that were settled are used again, the last first; one of the end never.
+        let is_free =
+            |slot: &u32| (self.sent.iter()).all(|it| it.place != (within, *slot) || !it.is_kept());
+        let last = |slot: &u32| self.sent.iter().rposition(|it| it.place == (within, *slot));
+        let slot = (0..SLOTS)
+            .filter(is_free)
+            .max_by_key(last)
+            .expect("more slots than the window");
+        for attached in [false, true] {
+            match self.try_send(words, shared, id, (within, slot)) {
+                Err(Error::Misuse(Misuse::NotAttached)) if !attached => {
+                    let attach = Input::Attach(segment(within));
+                    let _ = self.at.link.handle(NOW, attach);
+                    self.drain(shared);
+                }
+                Ok(bell) => {
+                    if bell {
+                        self.at.ring_the_bell();
+                    }
+                    return;
+                }
+                Err(Error::Misuse(misuse)) => {
+                    let reliable = self.at.link.config().reliable;
+                    let expected = match misuse {
+                        Misuse::NoRoom => reliable || self.at.full,
+                        Misuse::NotAttached => true,
+                        _ => false,
+                    };
+                    assert!(expected, "{misuse}");
+                    if reliable && misuse == Misuse::NoRoom {
+                        self.at.link.handle(NOW, Input::Skip).unwrap();
+                        self.skipped += 1;
+                    } else {
+                        self.at.link.ring_pass_over().unwrap();
+                        self.passed_over += 1;
+                    }
+                    return;
+                }
+                Err(Error::Ended(end)) => panic!("{end}"),
+            }
+        }
+    }
+
+    pub(crate) fn try_send(
+        &mut self,
+        words: &impl Words,
+        shared: &Shared,
+        id: u64,
+        place: (u32, u32),
+    ) -> Result<bool, Error> {
+        let head = head(id);
+        shared.heads.borrow_mut().insert(place, head.to_bytes());
+        let message = RingMessage {
+            key: id,
+            id,
+            len: head.len,
+            segment: segment(place.0),
+            slot: place.1,
+        };
+        let mut settled = Vec::new();
+        let result =
+            (self.at.link).ring_send(words, &message, |key, fate| settled.push((key, fate)));
+        for (key, fate) in settled {
+            self.settle(shared, key, fate);
+        }
+        if result.is_ok() {
+            let sequence = self.sent.len() as u64 + 1;
+            self.sent.push(Sent {
+                id,
+                sequence,
+                place,
+                fate: None,
+            });
+        }
+        result
+    }
+
+    /// Begins to send, and is dead before it is done: what was put before that is there.
+    pub(crate) fn die(&mut self, link: &mut Link, dying: &Between<'_>, shared: &Shared) {
+        let sequence = self.sent.len() as u64 + 1;
+        let id = self.next_id + 1;
+        let free =
+            |slot: &u32| (self.sent.iter()).all(|it| it.place != (0, *slot) || !it.is_kept());
+        let Some(slot) = (0..SLOTS).find(free) else {
+            return;
+        };
+        shared
+            .heads
+            .borrow_mut()
+            .insert((0, slot), head(id).to_bytes());
+        let message = RingMessage {
+            key: id,
+            id,
+            len: head(id).len,
+            segment: segment(0),
+            slot,
+        };
+        let _ = link.ring_send(dying, &message, |_, _| {});
+        let word = Word::new(0, slot, sequence).unwrap().to_bits();
+        if shared.words.forward().contains(&word) {
+            let fate = Some(Fate::Closed);
+            let place = (0, slot);
+            self.sent.push(Sent {
+                id,
+                sequence,
+                place,
+                fate,
+            });
+        }
+    }
+
+    pub(crate) fn harvest(&mut self, words: &impl Words, shared: &Shared) {
+        if self.at.ended || !self.at.link.is_open() {
+            return;
+        }
+        let mut settled = Vec::new();
+        let result = (self.at.link).ring_harvest(words, |key, fate| settled.push((key, fate)));
+        assert_eq!(result, Ok(()));
+        for (key, fate) in settled {
+            assert_eq!(fate, Fate::Delivered);
+            self.settle(shared, key, fate);
+        }
+    }
+}
+
+impl Receiving {
+    /// Whether there is a message in a segment that was not attached yet.
+    pub(crate) fn take(&mut self, words: &impl Words, shared: &Shared) -> bool {
+        if self.is_dead {
+            return false;
+        }
+        let limit = usize::from(self.at.link.config().max_borrowed);
+        let copy = |segment, offset: u64, stride: u64| {
+            let slot = u32::try_from(offset / stride).unwrap();
+            shared.heads.borrow().get(&(segment, slot)).copied()
+        };
+        match self.at.link.ring_take(words, copy) {
+            Ok(Some(delivery)) => {
+                assert!(self.held.len() < limit);
+                let before = self.taken.last().copied();
+                let lost = before.map_or(delivery.sequence - 1, |(_, id)| delivery.id - id - 1);
+                assert_eq!(delivery.lost, lost);
+                assert!(before.is_none_or(|(sequence, _)| delivery.sequence > sequence));
+                self.taken.push((delivery.sequence, delivery.id));
+                self.held.push(delivery);
+                if self.at.link.ring_made_room(words) {
+                    self.at.ring_the_bell();
+                }
+            }
+            Ok(None) => {}
+            Err(NoDelivery::TooManyBorrowed(_)) => assert_eq!(self.held.len(), limit),
+            Err(NoDelivery::UnknownSegment) => return true,
+            Err(NoDelivery::Misuse(Misuse::WrongLane)) => assert!(!self.at.link.has_ring()),
+            Err(other) => panic!("{other}"),
+        }
+        false
+    }
+
+    pub(crate) fn release(&mut self, words: &impl Words, shared: &Shared, pick: usize) {
+        if self.held.is_empty() || self.is_dead {
+            return;
+        }
+        let index = pick % self.held.len();
+        shared.check_head(&self.held[index]);
+        let delivery = self.held.swap_remove(index);
+        match self.at.link.ring_release(words, delivery.sequence) {
+            Ok(true) => self.at.ring_the_bell(),
+            Ok(false) => {}
+            Err(error) => assert!(self.at.ended, "{error}"),
+        }
+    }
+}
+
+impl Shared {
+    /// Nobody has written to the slot of a message that is held.
+    pub(crate) fn check_head(&self, delivery: &Delivery) {
+        let Payload::Pooled { segment, offset } = delivery.payload else {
+            panic!("it is pooled");
+        };
+        let place = (segment, (offset / 4096) as u32);
+        let now = self.heads.borrow()[&place];
+        assert_eq!(now, head(delivery.id).to_bytes(), "{delivery:?}");
+    }
+}

@@ -1,0 +1,307 @@
+//! Two ends of a link of the ring lane, the words between them, and what their drivers do.
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+use std::{
+    cell::{Cell, RefCell},
+    collections::{BTreeMap, VecDeque},
+};
+
+use sm2_proto::{
+    Datagram, FdFacts, Instant,
+    limits::SLOT_HEAD,
+    link::{
+        At, Attachment, Config, Delivery, EMPTY, Error, Fate, FrameKind, Input, Link, NoDelivery,
+        Output, RingLayout, RingMessage, Role, SegmentInfo, SlotHead, Word, Words, wire::Frame,
+    },
+};
+
+use crate::link_support::{NOW, pooled, ring_file, with_ring};
+
+/// Segments of 16 slots; their numbers are the tests'.
+pub(crate) const fn segment(id: u32) -> SegmentInfo {
+    SegmentInfo {
+        id,
+        stride: 4096,
+        slots: 16,
+    }
+}
+
+/// The words of a ring, each where the layout says.
+pub(crate) struct Memory {
+    pub(crate) layout: RingLayout,
+    words: RefCell<BTreeMap<u64, u64>>,
+    /// Loads, swaps and takes since the last look.
+    accesses: Cell<u32>,
+}
+
+impl Memory {
+    pub(crate) fn new(layout: RingLayout) -> Self {
+        Self {
+            layout,
+            words: RefCell::default(),
+            accesses: Cell::new(0),
+        }
+    }
+
+    pub(crate) fn read(&self, at: At) -> u64 {
+        let offset = self.layout.offset(at).expect("a word of the ring");
+        self.words.borrow().get(&offset).copied().unwrap_or(EMPTY)
+    }
+
+    pub(crate) fn write(&self, at: At, bits: u64) -> u64 {
+        let before = self.read(at);
+        let offset = self.layout.offset(at).unwrap();
+        self.words.borrow_mut().insert(offset, bits);
+        before
+    }
+
+    pub(crate) fn take_accesses(&self) -> u32 {
+        self.accesses.take()
+    }
+
+    fn count(&self) {
+        self.accesses.set(self.accesses.get() + 1);
+    }
+
+    /// The forward words, by index.
+    pub(crate) fn forward(&self) -> Vec<u64> {
+        let indices = 0..u32::from(self.layout.depth());
+        indices.map(|index| self.read(At::Forward(index))).collect()
+    }
+
+    /// The back words, by index.
+    pub(crate) fn back(&self) -> Vec<u64> {
+        let indices = 0..self.layout.window();
+        indices.map(|index| self.read(At::Back(index))).collect()
+    }
+}
+
+impl Words for Memory {
+    fn load(&self, at: At) -> u64 {
+        self.count();
+        self.read(at)
+    }
+
+    fn swap(&self, at: At, bits: u64) -> u64 {
+        self.count();
+        self.write(at, bits)
+    }
+
+    fn take(&self, at: At, bits: u64) -> bool {
+        self.count();
+        let was = self.read(at);
+        if was == bits {
+            self.write(at, EMPTY);
+        }
+        was == bits
+    }
+
+    fn fence(&self) {}
+}
+
+/// The word of a message.
+pub(crate) fn word(segment: u32, slot: u32, sequence: u64) -> u64 {
+    Word::new(segment, slot, sequence).unwrap().to_bits()
+}
+
+pub(crate) fn head(id: u64) -> SlotHead {
+    SlotHead {
+        id,
+        time: Instant(100 + id),
+        len: id % 7,
+    }
+}
+
+pub(crate) const SENDER: usize = 0;
+pub(crate) const RECEIVER: usize = 1;
+
+/// Both ends, their sockets as queues, the ring, and the heads of all slots.
+pub(crate) struct Rig {
+    pub(crate) ends: [Link; 2],
+    /// What each end has sent and the other one has not read.
+    pub(crate) wires: [VecDeque<(Vec<u8>, Vec<FdFacts>)>; 2],
+    /// All outputs but those to transmit.
+    pub(crate) outputs: [Vec<Output>; 2],
+    pub(crate) words: Memory,
+    pub(crate) heads: BTreeMap<(u32, u32), [u8; SLOT_HEAD]>,
+    /// What the sender's driver was told of messages, in order.
+    pub(crate) settled: Vec<(u64, Fate)>,
+    strides: BTreeMap<u32, u64>,
+}
+
+pub(crate) fn terms(role: Role, reliable: bool, depth: u16, max_borrowed: u16) -> Config {
+    Config {
+        reliable,
+        depth,
+        max_borrowed,
+        ..with_ring(role)
+    }
+}
+
+impl Rig {
+    /// Both ends before any frame was read.
+    pub(crate) fn fresh(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
+        let end = |role| Link::new(terms(role, reliable, depth, max_borrowed));
+        let layout = RingLayout::new(depth, u32::from(depth + max_borrowed)).unwrap();
+        let mut rig = Self {
+            ends: [end(Role::Sender), end(Role::Receiver)],
+            wires: Default::default(),
+            outputs: Default::default(),
+            words: Memory::new(layout),
+            heads: BTreeMap::new(),
+            settled: Vec::new(),
+            strides: BTreeMap::new(),
+        };
+        rig.drain(SENDER);
+        rig.drain(RECEIVER);
+        rig
+    }
+
+    /// Open, with a ring and with segment 0 attached.
+    pub(crate) fn open(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
+        let mut rig = Self::fresh(reliable, depth, max_borrowed);
+        rig.pump();
+        rig.attach(segment(0));
+        rig.pump();
+        rig.words.take_accesses();
+        rig
+    }
+
+    pub(crate) fn attach(&mut self, info: SegmentInfo) {
+        self.strides.insert(info.id, info.stride);
+        assert_eq!(self.input(SENDER, Input::Attach(info)), Ok(()));
+    }
+
+    pub(crate) fn input(&mut self, end: usize, input: Input<'_>) -> Result<(), Error> {
+        let result = self.ends[end].handle(NOW, input);
+        self.drain(end);
+        result
+    }
+
+    pub(crate) fn drain(&mut self, end: usize) {
+        while let Some(output) = self.ends[end].poll() {
+            match output {
+                Output::Transmit(packet) => {
+                    let bytes = packet.to_vec();
+                    let fds = match packet.attachment {
+                        None => vec![],
+                        Some(Attachment::Ring) => vec![ring_file(self.words.layout.size_bytes())],
+                        Some(Attachment::Segment(id)) => vec![pooled(self.size_bytes(id, &bytes))],
+                        Some(Attachment::Message(_)) => panic!("no sealed messages here"),
+                    };
+                    self.wires[end].push_back((bytes, fds));
+                }
+                Output::Settled { key, fate } => self.settled.push((key, fate)),
+                other => self.outputs[end].push(other),
+            }
+        }
+    }
+
+    fn size_bytes(&self, id: u32, attach: &[u8]) -> u64 {
+        let slots = u32::from_le_bytes(attach[16..20].try_into().unwrap());
+        self.strides[&id] * u64::from(slots)
+    }
+
+    /// The other end reads one datagram of this end; whether there was one.
+    pub(crate) fn carry(&mut self, end: usize) -> bool {
+        let Some((bytes, fds)) = self.wires[end].pop_front() else {
+            return false;
+        };
+        let datagram = Datagram {
+            bytes: &bytes,
+            fds: &fds,
+            ..Datagram::default()
+        };
+        let result = self.input(1 - end, Input::Datagram(datagram));
+        let over = self.ends[1 - end].end().is_some();
+        assert!(result.is_ok() || over, "{result:?} of {bytes:?}");
+        true
+    }
+
+    /// Both ends read all that is there.
+    pub(crate) fn pump(&mut self) {
+        while self.carry(SENDER) || self.carry(RECEIVER) {}
+    }
+
+    /// The kinds of the frames that are underway.
+    pub(crate) fn underway(&self, end: usize) -> Vec<FrameKind> {
+        let kind = |it: &(Vec<u8>, _)| FrameKind::from_number(it.0[0]).unwrap();
+        self.wires[end].iter().map(kind).collect()
+    }
+
+    /// A message in segment 0; its key is ten times its id.
+    pub(crate) fn send(&mut self, id: u64, slot: u32) -> Result<bool, Error> {
+        self.send_in(segment(0), id, slot)
+    }
+
+    pub(crate) fn send_in(
+        &mut self,
+        segment: SegmentInfo,
+        id: u64,
+        slot: u32,
+    ) -> Result<bool, Error> {
+        let head = head(id);
+        self.heads.insert((segment.id, slot), head.to_bytes());
+        let message = RingMessage {
+            key: 10 * id,
+            id,
+            len: head.len,
+            segment,
+            slot,
+        };
+        let settled = &mut self.settled;
+        let sent = self.ends[SENDER]
+            .ring_send(&self.words, &message, |key, fate| settled.push((key, fate)));
+        self.drain(SENDER);
+        sent
+    }
+
+    pub(crate) fn harvest(&mut self) -> Result<(), Error> {
+        let settled = &mut self.settled;
+        let harvested =
+            self.ends[SENDER].ring_harvest(&self.words, |key, fate| settled.push((key, fate)));
+        self.drain(SENDER);
+        harvested
+    }
+
+    pub(crate) fn take(&mut self) -> Result<Option<Delivery>, NoDelivery> {
+        let heads = &self.heads;
+        let taken = self.ends[RECEIVER].ring_take(&self.words, |segment, offset, stride| {
+            let slot = u32::try_from(offset / stride).unwrap();
+            Some(*heads.get(&(segment, slot)).expect("a slot with a head"))
+        });
+        self.drain(RECEIVER);
+        taken
+    }
+
+    /// The next message, which has to be there.
+    pub(crate) fn taken(&mut self) -> Delivery {
+        self.take().unwrap().expect("a message is there")
+    }
+
+    pub(crate) fn release(&mut self, sequence: u64) -> Result<bool, Error> {
+        let released = self.ends[RECEIVER].ring_release(&self.words, sequence);
+        self.drain(RECEIVER);
+        released
+    }
+
+    /// What was settled since the last look.
+    pub(crate) fn settled(&mut self) -> Vec<(u64, Fate)> {
+        std::mem::take(&mut self.settled)
+    }
+
+    pub(crate) fn room(&self) -> bool {
+        self.ends[SENDER].ring_has_room(&self.words)
+    }
+
+    /// The datagram of a peer, which the end must take.
+    pub(crate) fn frame(&mut self, end: usize, frame: &Frame<'_>, fds: &[FdFacts]) {
+        let bytes = frame.to_vec();
+        let datagram = Datagram {
+            bytes: &bytes,
+            fds,
+            ..Datagram::default()
+        };
+        assert_eq!(self.input(end, Input::Datagram(datagram)), Ok(()));
+    }
+}

@@ -1,0 +1,310 @@
+//! A pair of ends of the ring lane: what happens to them.
+
+use std::cell::RefCell;
+
+use sm2_proto::{
+    Datagram, Farewell,
+    link::{EMPTY, Error, Input, Link, Misuse, RingLayout, Role},
+};
+
+use crate::{
+    between::Between,
+    ends::{Driver, Receiving, Sending, Sent, Shared},
+    link_support::NOW,
+    ring_support::{Memory, head, terms},
+};
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Op {
+    Send {
+        within: u32,
+    },
+    /// While the sender sends, before one of its accesses, the receiver takes and gives back.
+    SendWhile {
+        at: u32,
+        takes: u8,
+        within: u32,
+    },
+    /// While the receiver takes, before one of its accesses, the sender sends some.
+    TakeWhile {
+        at: u32,
+        sends: u8,
+        within: u32,
+    },
+    /// While the receiver gives back, the sender harvests and sends.
+    ReleaseWhile {
+        at: u32,
+        sends: u8,
+        pick: usize,
+    },
+    Carry {
+        end: usize,
+    },
+    Take,
+    Release {
+        pick: usize,
+    },
+    Harvest,
+    Retire {
+        segment: u32,
+    },
+    Full {
+        end: usize,
+        full: bool,
+    },
+    Park {
+        end: usize,
+    },
+    Close {
+        end: usize,
+    },
+    /// The process ends while it sends or takes, before that access.
+    Kill {
+        end: usize,
+        at: u32,
+    },
+}
+
+pub(crate) struct Pair {
+    pub(crate) shared: Shared,
+    pub(crate) sending: Sending,
+    pub(crate) receiving: Receiving,
+    pub(crate) depth: u64,
+    pub(crate) reliable: bool,
+    /// No end closed, and no process ended.
+    pub(crate) sound: bool,
+}
+
+impl Pair {
+    pub(crate) fn new(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
+        let end = |role| Driver::new(Link::new(terms(role, reliable, depth, max_borrowed)));
+        let layout = RingLayout::new(depth, u32::from(depth + max_borrowed)).unwrap();
+        let mut pair = Self {
+            shared: Shared {
+                words: Memory::new(layout),
+                heads: RefCell::default(),
+            },
+            sending: Sending {
+                at: end(Role::Sender),
+                sent: Vec::new(),
+                next_id: 0,
+                skipped: 0,
+                passed_over: 0,
+            },
+            receiving: Receiving {
+                at: end(Role::Receiver),
+                held: Vec::new(),
+                taken: Vec::new(),
+                taken_before_end: None,
+                is_dead: false,
+            },
+            depth: u64::from(depth),
+            reliable,
+            sound: true,
+        };
+        pair.drain();
+        pair
+    }
+
+    pub(crate) fn step(&mut self, op: Op) {
+        let Self {
+            shared,
+            sending,
+            receiving,
+            ..
+        } = self;
+        let words = &shared.words;
+        match op {
+            Op::Send { within } => self.send(within),
+            Op::SendWhile { at, takes, within } => {
+                let between = Between::new(words, at, |words| {
+                    for _ in 0..takes {
+                        receiving.take(words, shared);
+                        receiving.release(words, shared, 0);
+                    }
+                    false
+                });
+                sending.send(&between, shared, within);
+            }
+            Op::TakeWhile { at, sends, within } => {
+                let between = Between::new(words, at, |words| {
+                    (0..sends).for_each(|_| sending.send(words, shared, within));
+                    false
+                });
+                receiving.take(&between, shared);
+            }
+            Op::ReleaseWhile { at, sends, pick } => {
+                let between = Between::new(words, at, |words| {
+                    sending.harvest(words, shared);
+                    (0..sends).for_each(|_| sending.send(words, shared, 0));
+                    false
+                });
+                receiving.release(&between, shared, pick);
+            }
+            Op::Carry { end } => self.carry(end),
+            Op::Take => self.take(),
+            Op::Release { pick } => receiving.release(words, shared, pick),
+            Op::Harvest => sending.harvest(words, shared),
+            Op::Retire { segment } => self.retire(segment),
+            Op::Full { end, full } => self.set_full(end, full),
+            Op::Park { end } => self.park(end),
+            Op::Close { end } => {
+                self.sound = false;
+                let close = Input::Close(Farewell::Done.code());
+                let _ = self.end(end).link.handle(NOW, close);
+            }
+            Op::Kill { end, at } => self.kill(end, at),
+        }
+        self.drain();
+    }
+
+    fn end(&mut self, end: usize) -> &mut Driver {
+        match end {
+            0 => &mut self.sending.at,
+            _ => &mut self.receiving.at,
+        }
+    }
+
+    pub(crate) fn drain(&mut self) {
+        self.sending.drain(&self.shared);
+        let settled = self
+            .receiving
+            .at
+            .drain(self.shared.words.layout.size_bytes());
+        assert!(settled.is_empty());
+        if self.receiving.at.ended {
+            let taken = self.receiving.taken.len();
+            self.receiving.taken_before_end.get_or_insert(taken);
+        }
+    }
+
+    /// With nothing in between the verdict is known before.
+    fn send(&mut self, within: u32) {
+        let (sending, words) = (&mut self.sending, &self.shared.words);
+        let before = (sending.sent.len(), sending.passed_over);
+        let full = sending.unsettled() as u32 >= words.layout.window();
+        let is_over = sending.at.ended || !sending.at.link.is_open() || sending.at.full;
+        let no_index = words.forward()[(before.0 + 1) % self.depth as usize] != EMPTY;
+        sending.send(words, &self.shared, within);
+        let sent = sending.sent.len() > before.0;
+        // Without a segment there is no message.
+        if !is_over && sending.passed_over == before.1 {
+            assert_eq!(sent, !self.reliable || !(full || no_index));
+        }
+    }
+
+    pub(crate) fn take(&mut self) {
+        if self.receiving.take(&self.shared.words, &self.shared) && !self.receiving.at.ended {
+            while !self.sending.at.wire.is_empty() {
+                self.carry(0);
+            }
+            let again = self.receiving.take(&self.shared.words, &self.shared);
+            assert!(
+                !again || self.sending.at.kept.is_none(),
+                "attached before it is used"
+            );
+        }
+    }
+
+    fn retire(&mut self, segment: u32) {
+        let is_used = |it: &Sent| it.place.0 == segment && it.fate.is_none();
+        let busy = self.sending.sent.iter().any(is_used);
+        let link = &mut self.sending.at.link;
+        match link.handle(NOW, Input::Retire { segment }) {
+            Ok(()) => assert!(!busy),
+            Err(Error::Misuse(misuse)) => assert!(busy && misuse == Misuse::SegmentBusy),
+            Err(Error::Ended(_)) => assert!(self.sending.at.ended),
+        }
+    }
+
+    pub(crate) fn set_full(&mut self, end: usize, full: bool) {
+        let size_bytes = self.shared.words.layout.size_bytes();
+        let at = self.end(end);
+        at.full = full;
+        if !full && let Some(packet) = at.kept.take() {
+            at.put(&packet, size_bytes);
+            at.asleep = false;
+            let _ = at.link.handle(NOW, Input::Writable);
+        }
+    }
+
+    /// The other end reads one datagram of this end, or sees that it is gone.
+    pub(crate) fn carry(&mut self, end: usize) {
+        if self.end(1 - end).ended {
+            return;
+        }
+        let (next, is_over) = (self.end(end).wire.pop_front(), self.end(end).ended);
+        let other = self.end(1 - end);
+        let result = match next {
+            Some((bytes, fds)) => {
+                // Whatever can be read wakes.
+                other.asleep = false;
+                let datagram = Datagram {
+                    bytes: &bytes,
+                    fds: &fds,
+                    ..Datagram::default()
+                };
+                other.link.handle(NOW, Input::Datagram(datagram))
+            }
+            None if is_over => other.link.handle(NOW, Input::Eof),
+            None => Ok(()),
+        };
+        assert_eq!(result, Ok(()), "an honest pair");
+        self.drain();
+    }
+
+    /// Goes to sleep, if there is nothing to do.
+    fn park(&mut self, end: usize) {
+        if end == 0 && !self.reliable {
+            return;
+        }
+        let words = &self.shared.words;
+        self.end_ref(end).link.ring_park(words);
+        self.sending.harvest(words, &self.shared);
+        let idle = self.is_idle(end);
+        if !idle {
+            self.end_ref(end).link.ring_unpark(&self.shared.words);
+        }
+        self.end(end).asleep = idle;
+    }
+
+    const fn end_ref(&self, end: usize) -> &Driver {
+        match end {
+            0 => &self.sending.at,
+            _ => &self.receiving.at,
+        }
+    }
+
+    pub(crate) fn is_idle(&self, end: usize) -> bool {
+        let words = &self.shared.words;
+        match end {
+            0 => {
+                let is_back = words.back().iter().any(|it| *it != EMPTY);
+                !is_back && !self.sending.at.link.ring_has_room(words)
+            }
+            _ => !self.receiving.at.link.ring_ready(words),
+        }
+    }
+
+    /// What the process does goes no further than to that access, and its socket closes.
+    fn kill(&mut self, end: usize, at: u32) {
+        self.sound = false;
+        if self.end_ref(end).ended {
+            return;
+        }
+        let dying = Between::new(&self.shared.words, at, |_| true);
+        // A copy does it: its own books are gone with it.
+        let mut link = self.end_ref(end).link.clone();
+        if end == 0 {
+            self.sending.die(&mut link, &dying, &self.shared);
+        } else {
+            let copy = |_, _, _| Some(head(1 << 60).to_bytes());
+            let _ = link.ring_take(&dying, copy);
+            self.receiving.is_dead = true;
+        }
+        drop(dying);
+        let at = self.end(end);
+        (at.full, at.kept) = (false, None);
+        let _ = at.link.handle(NOW, Input::Eof);
+    }
+}
