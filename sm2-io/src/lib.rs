@@ -15,6 +15,7 @@
 //! | [`memfd`] | [`facts`](memfd::facts), [`SealedLoan`], [`Blank`], [`Segment`]: memory to share |
 //! | [`slots`] | [`Slot`]: a segment's slots, each with one owner |
 //! | [`mapping`] | [`Mapping`]: looking at shared memory |
+//! | [`ring`] | [`Ring`]: words that two processes write |
 //! | [`counters`] | [`CounterPage`], [`CounterView`]: what a node counts, for tools to look at |
 //! | [`epoll`] | [`Epoll`], [`wait_readable`]: waiting |
 //! | [`waker`] | [`Waker`]: waking a loop from another thread |
@@ -51,6 +52,7 @@ mod listener;
 mod loan;
 pub mod mapping;
 pub mod memfd;
+pub mod ring;
 #[cfg(feature = "tokio")]
 mod runtime;
 mod segment;
@@ -67,6 +69,7 @@ pub use endpoint::{EndpointError, socket_path};
 pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
 pub use loan::SealedLoan;
 pub use mapping::Mapping;
+pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;
 pub use segment::Segment;

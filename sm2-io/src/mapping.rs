@@ -27,7 +27,7 @@ use nix::libc::{self, c_int, c_void};
 use nix::sys::mman::{self, MapFlags, MmapAdvise, ProtFlags};
 
 use crate::huge::{self, HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
-use crate::sync::AtomicU64;
+use crate::sync::{AtomicU64, Ordering};
 
 /// The advice that puts a range into huge pages, whatever the setting for page faults. The
 /// number is the same on all machines.
@@ -83,6 +83,24 @@ impl Mapping {
         self.as_slice().get(start..end)
     }
 
+    /// `N` bytes from `start` on, copied word by word, for what another process may be
+    /// changing; `None` if they are not all inside, or `start` or `N` is not a multiple of 8.
+    #[must_use]
+    #[inline]
+    pub fn copy<const N: usize>(&self, start: u64) -> Option<[u8; N]> {
+        let first = usize::try_from(start).ok()?.checked_div(8)?;
+        if !start.is_multiple_of(8) || !N.is_multiple_of(8) {
+            return None;
+        }
+        let words = self.words().get(first..first.checked_add(N / 8)?)?;
+        let mut copy = [0; N];
+        for (bytes, word) in copy.chunks_exact_mut(8).zip(words) {
+            // Relaxed: the only ordering that Rust promises for read-only memory.
+            bytes.copy_from_slice(&word.load(Ordering::Relaxed).to_ne_bytes());
+        }
+        Some(copy)
+    }
+
     /// All bytes; the same as [`bytes`](Self::bytes) from 0 to the end.
     #[must_use]
     pub const fn as_slice(&self) -> &[u8] {
@@ -102,6 +120,7 @@ impl Mapping {
 
     /// The whole aligned words, which another process may be changing. Only for relaxed
     /// loads: Rust promises no others for read-only memory, and a store would fault.
+    #[inline]
     pub(crate) fn words(&self) -> &[AtomicU64] {
         self.region.words()
     }
@@ -182,6 +201,7 @@ impl MappingMut {
     }
 
     /// The whole aligned words, for who shares them with readers all the time.
+    #[inline]
     pub(crate) fn words(&self) -> &[AtomicU64] {
         self.region.words()
     }
@@ -282,6 +302,7 @@ impl Region {
 
     /// The region as words that may change at any time. Nobody may write through the result
     /// if the region was mapped for reading.
+    #[inline]
     fn words(&self) -> &[AtomicU64] {
         if self.len == 0 {
             return &[];

@@ -1,0 +1,210 @@
+//! The file of a ring, which two processes write: its seals, its size, and where its words are.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read};
+use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::os::unix::fs::FileExt;
+use std::process::{Command, Stdio};
+
+use nix::errno::Errno;
+use nix::fcntl::{FallocateFlags, FcntlArg, SealFlag, fallocate, fcntl};
+use nix::unistd::ftruncate;
+use sm2_io::Ring;
+use sm2_io::memfd::facts;
+use sm2_proto::Seals;
+use sm2_proto::link::{At, EMPTY, RingLayout, Words};
+
+/// The narrowest and the widest, one whose back words begin at a multiple of 64 bytes, and two
+/// whose do not.
+const LAYOUTS: [(u16, u32); 5] = [(1, 2), (8, 12), (3, 7), (13, 2048), (1024, 2048)];
+
+fn layout(depth: u16, window: u32) -> RingLayout {
+    RingLayout::new(depth, window).expect("a legal layout")
+}
+
+/// Every word of a ring, and its place by SPEC section 8.5.
+fn words(depth: u16, window: u32) -> Vec<(At, u64)> {
+    let back = (128 + 8 * u64::from(depth)).div_ceil(64) * 64;
+    let parked = [(At::ReceiverParked, 0), (At::SenderParked, 64)];
+    let forward = (0..u32::from(depth)).map(|it| (At::Forward(it), 128 + 8 * u64::from(it)));
+    let back = (0..window).map(|it| (At::Back(it), back + 8 * u64::from(it)));
+    parked.into_iter().chain(forward).chain(back).collect()
+}
+
+/// The size of the file by SPEC section 8.5.
+fn size(depth: u16, window: u32) -> u64 {
+    let (_, last) = words(depth, window).pop().expect("a word");
+    (last + 8).div_ceil(4096) * 4096
+}
+
+/// The file again, by another way than the mapping.
+fn reopened(fd: &OwnedFd) -> File {
+    let path = format!("/proc/self/fd/{}", fd.as_raw_fd());
+    OpenOptions::new().read(true).open(path).expect("the file")
+}
+
+fn word_at(file: &File, offset: u64) -> u64 {
+    let mut bytes = [0; 8];
+    file.read_exact_at(&mut bytes, offset).expect("a word");
+    u64::from_le_bytes(bytes)
+}
+
+//= SM2-RNG-002 test
+#[test]
+fn a_new_ring_has_just_these_seals_and_just_this_size_and_is_all_zero() {
+    for (depth, window) in LAYOUTS {
+        let (ring, fd) = Ring::create(layout(depth, window)).expect("a ring");
+        let facts = facts(fd.as_fd()).expect("facts");
+        assert!(facts.regular);
+        // Neither WRITE nor FUTURE_WRITE. (From Linux 6.3 on it can also not be executed.)
+        let not_executable = 0x20;
+        assert_eq!(
+            Seals(facts.seals.0 & !not_executable),
+            Seals(0x1 | 0x2 | 0x4)
+        );
+        assert_eq!(facts.size_bytes, size(depth, window), "{depth} {window}");
+        let mut all = Vec::new();
+        reopened(&fd).read_to_end(&mut all).expect("the file");
+        assert!(all.iter().all(|it| *it == 0));
+        drop(ring);
+    }
+}
+
+//= SM2-RNG-002 test
+#[test]
+fn each_word_is_where_spec_says() {
+    for (depth, window) in LAYOUTS {
+        let (ring, fd) = Ring::create(layout(depth, window)).expect("a ring");
+        let file = reopened(&fd);
+        let words = words(depth, window);
+        for (n, (at, _)) in (1..).zip(&words) {
+            assert_eq!(ring.swap(*at, n << 32 | n), EMPTY);
+        }
+        for (n, (at, offset)) in (1..).zip(&words) {
+            assert_eq!(word_at(&file, *offset), n << 32 | n, "{at:?}");
+        }
+        // There is nothing else.
+        let written = words.len() * 8;
+        let mut all = Vec::new();
+        reopened(&fd).read_to_end(&mut all).expect("the file");
+        let others = all.chunks(8).filter(|it| **it != [0; 8]).count();
+        assert_eq!(others * 8, written);
+    }
+}
+
+#[test]
+fn a_word_that_one_side_writes_the_other_side_sees() {
+    for (depth, window) in LAYOUTS {
+        let (ours, fd) = Ring::create(layout(depth, window)).expect("a ring");
+        let theirs = Ring::map(fd.as_fd(), layout(depth, window)).expect("a mapping");
+        // The mappings stay when the descriptor goes.
+        drop(fd);
+        for (n, (at, _)) in (1..).zip(words(depth, window)) {
+            assert_eq!(ours.swap(at, n), EMPTY, "{at:?}");
+            assert_eq!(theirs.load(at), n);
+            assert!(!theirs.take(at, n + 1), "it takes only what is there");
+            assert!(theirs.take(at, n));
+            assert_eq!(ours.load(at), EMPTY);
+            theirs.swap(at, n + 7);
+            assert_eq!(ours.swap(at, EMPTY), n + 7);
+        }
+        ours.fence();
+    }
+}
+
+/// Each of two threads adds to what the other one wrote: no word is lost or seen twice.
+#[test]
+fn two_mappings_hand_words_over_one_by_one() {
+    let (ours, fd) = Ring::create(layout(1, 2)).expect("a ring");
+    let theirs = Ring::map(fd.as_fd(), layout(1, 2)).expect("a mapping");
+    let other = std::thread::spawn(move || {
+        for n in 1..=ROUNDS {
+            while !theirs.take(At::Forward(0), n) {
+                std::thread::yield_now();
+            }
+            assert_eq!(theirs.swap(At::Back((n % 2) as u32), n), EMPTY);
+        }
+    });
+    for n in 1..=ROUNDS {
+        assert_eq!(ours.swap(At::Forward(0), n), EMPTY);
+        while !ours.take(At::Back((n % 2) as u32), n) {
+            std::thread::yield_now();
+        }
+    }
+    other.join().expect("the other side");
+}
+
+//= SM2-RNG-002 test
+#[test]
+fn nobody_can_change_the_size_of_a_ring_or_add_a_seal() {
+    let (ring, fd) = Ring::create(layout(8, 12)).expect("a ring");
+    let file = File::from(fd);
+    for size in [0, 4095, 4097, 8192] {
+        assert_eq!(ftruncate(&file, size), Err(Errno::EPERM), "{size}");
+    }
+    assert!(file.write_all_at(&[1], 4096).is_err(), "grown by a write");
+    let grow = fallocate(&file, FallocateFlags::empty(), 0, 8192);
+    assert_eq!(grow, Err(Errno::EPERM));
+    for seal in [SealFlag::F_SEAL_WRITE, SealFlag::from_bits_retain(0x10)] {
+        let sealed = fcntl(&file, FcntlArg::F_ADD_SEALS(seal));
+        assert_eq!(sealed, Err(Errno::EPERM), "{seal:?}");
+    }
+    // A page that is punched out comes back, as zeroes.
+    ring.swap(At::Back(11), 5);
+    let punch = FallocateFlags::FALLOC_FL_PUNCH_HOLE | FallocateFlags::FALLOC_FL_KEEP_SIZE;
+    fallocate(&file, punch, 0, 4096).expect("a hole");
+    assert_eq!(ring.swap(At::Back(11), 6), EMPTY);
+    assert_eq!(ring.load(At::Back(11)), 6);
+}
+
+#[test]
+fn a_descriptor_that_is_not_open_for_writing_is_an_error_and_no_fault() {
+    let (_ring, fd) = Ring::create(layout(8, 12)).expect("a ring");
+    let read_only = reopened(&fd);
+    let error = Ring::map(read_only.as_fd(), layout(8, 12)).expect_err("read-only");
+    assert_eq!(error.kind(), io::ErrorKind::PermissionDenied);
+}
+
+#[test]
+fn what_is_no_file_is_an_error() {
+    let (reader, _writer) = io::pipe().expect("a pipe");
+    assert!(Ring::map(reader.as_fd(), layout(1, 2)).is_err());
+}
+
+const ROUNDS: u64 = 1_000;
+const IS_THE_OTHER: &str = "SM2_IO_TEST_RING";
+
+#[test]
+fn another_process_sees_the_words_and_writes_some() {
+    let (ring, fd) = Ring::create(layout(8, 12)).expect("a ring");
+    let mut other = Command::new(std::env::current_exe().expect("this test"))
+        .args(["--exact", "the_other_process"])
+        .env(IS_THE_OTHER, "")
+        .stdin(Stdio::from(fd))
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("a process");
+    for n in 1..=ROUNDS {
+        assert_eq!(ring.swap(At::Forward(n as u32 % 8), n << 40), EMPTY);
+        while !ring.take(At::Back(n as u32 % 12), n << 40) {
+            assert_eq!(other.try_wait().expect("a child"), None, "after {n} words");
+            std::thread::yield_now();
+        }
+    }
+    assert!(other.wait().expect("its end").success());
+}
+
+/// The other half of the test above, which runs it with the ring as standard input.
+#[test]
+fn the_other_process() {
+    if std::env::var_os(IS_THE_OTHER).is_none() {
+        return;
+    }
+    let ring = Ring::map(io::stdin().as_fd(), layout(8, 12)).expect("a mapping");
+    for n in 1..=ROUNDS {
+        while !ring.take(At::Forward(n as u32 % 8), n << 40) {
+            std::thread::yield_now();
+        }
+        assert_eq!(ring.swap(At::Back(n as u32 % 12), n << 40), EMPTY);
+    }
+}
