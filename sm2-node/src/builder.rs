@@ -24,6 +24,7 @@ pub struct NodeBuilder {
     socket: Option<PathBuf>,
     timeout: Duration,
     wait_for_manager: Duration,
+    ring_lane: bool,
     #[cfg(feature = "embedded-manager")]
     embedded: Option<sm2_manager::Options>,
 }
@@ -36,6 +37,7 @@ impl NodeBuilder {
             socket: None,
             timeout: Duration::from_secs(5),
             wait_for_manager: Duration::ZERO,
+            ring_lane: std::env::var_os("SM2_RING_LANE").is_none_or(|it| it != "off"),
             #[cfg(feature = "embedded-manager")]
             embedded: None,
         }
@@ -63,6 +65,14 @@ impl NodeBuilder {
     /// How long to wait for a Manager to start, if there is none; not at all by default.
     pub const fn wait_for_manager(mut self, timeout: Duration) -> Self {
         self.wait_for_manager = timeout;
+        self
+    }
+
+    /// Whether links may use the ring lane, where the other side offers it too; `true` by default,
+    /// unless the environment has `SM2_RING_LANE=off`. Without it every message takes a system
+    /// call at each side, which tools like `strace` can see.
+    pub const fn ring_lane(mut self, offered: bool) -> Self {
+        self.ring_lane = offered;
         self
     }
 
@@ -99,8 +109,14 @@ impl NodeBuilder {
             path: path.clone(),
             source,
         };
-        let shared =
-            Shared::new(socket, path.clone(), name.clone(), self.timeout).map_err(failed)?;
+        let shared = Shared::new(
+            socket,
+            path.clone(),
+            name.clone(),
+            self.timeout,
+            self.ring_lane,
+        )
+        .map_err(failed)?;
         let until = sm2_io::clock::now().after(self.timeout);
         let answer = shared.wait(Topic::Session, Some(until), |inner| {
             if let Some(reason) = inner.greeting_refusal() {

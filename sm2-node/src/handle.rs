@@ -21,7 +21,7 @@ use crate::driver::{
 };
 use crate::pool::Lease;
 use crate::stock;
-use crate::{DeclareError, Payload, RecvError, StoreError, WaitError};
+use crate::{DeclareError, Payload, RecvError, StoreError, Wait, WaitError};
 
 /// A declared interface, until it is dropped.
 #[derive(Debug)]
@@ -158,27 +158,69 @@ impl Handle {
     /// links it waits for these to come back.
     pub(crate) fn receive(
         &self,
+        way: Wait,
         until: Option<Instant>,
         take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
         let epoll = &self.shared.epoll;
-        let found = self.shared.wait(Topic::Interface(self.id), until, |inner| {
+        let topic = Topic::Interface(self.id);
+        let found = self.shared.wait_as(way, topic, until, |inner| {
             match inner.with(self.id, epoll, &take)? {
-                Ok(Some(taken)) => return Some(Ok(taken)),
-                Ok(None) => {}
-                Err(full) => return Some(Err(RecvError::from(full))),
+                Ok(None) if self.silence(inner) => {}
+                taken => return taken.map_err(RecvError::from).transpose(),
             }
-            self.silence(inner);
-            None
+            let taken = inner.with(self.id, epoll, &take)?;
+            taken.map_err(RecvError::from).transpose()
         });
-        let Some(taken) = found.map_err(RecvError::Io)?.transpose()? else {
-            return Ok(None);
-        };
-        let publisher = taken.peer.name.clone();
-        match self.open(taken) {
-            Ok(received) => Ok(Some(received)),
-            Err(source) => Err(RecvError::Map { publisher, source }),
+        match found.map_err(RecvError::Io)?.transpose()? {
+            Some(taken) => self.open_for(taken).map(Some),
+            None => Ok(None),
         }
+    }
+
+    /// The messages that are there, at most so many.
+    pub(crate) fn receive_many(
+        &self,
+        most: usize,
+    ) -> Result<Vec<Result<Received, RecvError>>, RecvError> {
+        let mut taken = Vec::new();
+        let mut inner = self.shared.lock();
+        inner.drive_if_due(sm2_io::clock::now(), &self.shared.epoll);
+        self.take_many(&mut inner, &mut taken, most)?;
+        if taken.is_empty() {
+            // Nothing came by a ring: perhaps by a socket.
+            inner.drive(&self.shared.epoll);
+            self.take_many(&mut inner, &mut taken, most)?;
+        }
+        if taken.is_empty() && self.silence(&mut inner) {
+            self.take_many(&mut inner, &mut taken, most)?;
+        }
+        drop(inner);
+        // All of them now: what is dropped then is given back.
+        Ok(taken.into_iter().map(|it| self.open_for(it)).collect())
+    }
+
+    fn take_many(
+        &self,
+        inner: &mut Inner,
+        taken: &mut Vec<Taken>,
+        most: usize,
+    ) -> Result<(), RecvError> {
+        let more = inner.with(self.id, &self.shared.epoll, |interface, tools| {
+            interface.take_many(taken, most, tools)
+        });
+        match more {
+            Some(Err(full)) if taken.is_empty() => Err(full.into()),
+            _ => Ok(()),
+        }
+    }
+
+    fn open_for(&self, taken: Taken) -> Result<Received, RecvError> {
+        let peer = Arc::clone(&taken.peer);
+        self.open(taken).map_err(|source| RecvError::Map {
+            publisher: peer.name.clone(),
+            source,
+        })
     }
 
     /// Puts a message where the links that need it can have it.
@@ -203,22 +245,22 @@ impl Handle {
         if needs.nobody() {
             return Ok(forms);
         }
-        if bytes.len() <= inline_max {
+        let short = bytes.len() <= inline_max;
+        // First what can fail and needs no undoing.
+        if needs.sealed && !short {
+            check_len(bytes.len() as u64)?;
+            forms.sealed = Some(stock::seal(ready(bytes.len()), &bytes)?);
+        }
+        if needs.ring || (needs.pooled && !short) {
+            let mut lease = self.lease(bytes.len())?;
+            lease.memory.bytes_mut(bytes.len()).copy_from_slice(&bytes);
+            forms.pooled = Some(lease);
+        }
+        if short && needs.inline() {
             forms.inline = Some(match bytes {
                 Cow::Borrowed(bytes) => Bytes::copy_from_slice(bytes),
                 Cow::Owned(bytes) => bytes.into(),
             });
-            return Ok(forms);
-        }
-        // First what can fail and needs no undoing.
-        if needs.sealed {
-            check_len(bytes.len() as u64)?;
-            forms.sealed = Some(stock::seal(ready(bytes.len()), &bytes)?);
-        }
-        if needs.pooled {
-            let mut lease = self.lease(bytes.len())?;
-            lease.memory.bytes_mut(bytes.len()).copy_from_slice(&bytes);
-            forms.pooled = Some(lease);
         }
         Ok(forms)
     }
@@ -272,11 +314,14 @@ impl Handle {
         }
     }
 
-    /// Nothing is there: the descriptor is readable again when something comes.
-    pub(crate) fn silence(&self, inner: &mut Inner) {
-        if let Some(Some(bell)) = self.bell.get() {
-            bell.silence(inner);
-        }
+    /// Nothing is there: the descriptor, if there is one, is readable again when something comes.
+    /// Whether to look once more, since something may have come meanwhile.
+    pub(crate) fn silence(&self, inner: &mut Inner) -> bool {
+        let Some(Some(bell)) = self.bell.get() else {
+            return false;
+        };
+        bell.silence(inner);
+        inner.park(Topic::Interface(self.id))
     }
 
     /// What a program can poll: see [`Bell`].

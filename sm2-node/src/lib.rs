@@ -100,9 +100,14 @@
 //!
 //! | form | which messages | costs |
 //! | --- | --- | --- |
-//! | inline | up to `inline_max` bytes | a copy for each receiver |
-//! | pooled | longer ones | one copy into a slot that all receivers read; none for a [`Loan`] |
+//! | inline | up to `inline_max` bytes, unless by a ring | a copy for each receiver |
+//! | pooled | longer ones, and all by a ring | one copy into a slot that all receivers read; none for a [`Loan`] |
 //! | sealed | longer ones, if publisher, subscriber or the domain's policy say so | new memory for each message, which nobody can change any more |
+//!
+//! | lane | which links | costs |
+//! | --- | --- | --- |
+//! | ring | topics between two nodes that both [offer](NodeBuilder::ring_lane) it, unless sealed | two atomic words; no system call as long as nobody sleeps ([`Wait`]), but a look at the sockets every 100 us |
+//! | socket | all others | a system call at each side |
 //!
 //! # Where to read on
 //!
@@ -135,6 +140,7 @@ pub mod schema;
 mod server;
 mod stock;
 mod subscriber;
+mod wait;
 
 pub use builder::NodeBuilder;
 pub use client::{Call, Client, ClientBuilder, Reply};
@@ -164,4 +170,5 @@ pub use sm2_proto::{
     ServiceQos, TypeId,
 };
 pub use subscriber::{Subscriber, SubscriberBuilder};
+pub use wait::Wait;
 pub use {serde, zerocopy};

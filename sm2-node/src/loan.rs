@@ -37,21 +37,18 @@ enum Memory {
 
 impl<'p, T: Plain + ?Sized> Loan<'p, T> {
     pub(crate) fn new(publisher: &'p Core, len: usize) -> Result<Self, StoreError> {
-        let memory = if len <= publisher.inline_max {
+        let (needs, sealed) = publisher
+            .handle
+            .with(|interface, _| (interface.needs(), interface.contract.sealed()));
+        let all_sealed = needs.sealed || (needs.nobody() && sealed);
+        let memory = if needs.ring || (len > publisher.inline_max && (needs.pooled || !all_sealed))
+        {
+            Memory::Slot(publisher.handle.lease(len)?)
+        } else if len <= publisher.inline_max {
             Memory::Heap(AlignedBuffer::zeroed(len))
         } else {
-            let sealed = publisher.handle.with(|interface, _| {
-                let needs = interface.needs();
-                let nobody = needs.nobody() && interface.contract.sealed();
-                nobody || (needs.sealed && !needs.pooled)
-            });
-            match sealed {
-                true => {
-                    let ready = publisher.ready(|stock, now| stock.for_loan(len, now));
-                    Memory::Sealed(stock::lend(ready, len)?)
-                }
-                false => Memory::Slot(publisher.handle.lease(len)?),
-            }
+            let ready = publisher.ready(|stock, now| stock.for_loan(len, now));
+            Memory::Sealed(stock::lend(ready, len)?)
         };
         let loan = Self {
             publisher,

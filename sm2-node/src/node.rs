@@ -215,7 +215,10 @@ impl Node {
     ///
     /// As [`spin`](Self::spin).
     pub fn spin_once(&self, timeout: Option<Duration>) -> io::Result<()> {
-        if let Some(timeout) = timeout {
+        // What comes by a ring is something to do as well, and needs no doing here.
+        if let Some(timeout) = timeout
+            && !self.shared.lock().park_all()
+        {
             sm2_io::wait_readable(&[self.shared.epoll.as_fd()], Some(timeout))?;
         }
         drop(self.shared.driven());

@@ -32,7 +32,7 @@ use sm2_proto::limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOTS_MAX,
 mod tests;
 
 /// How many bytes at the end of each slot are left for the message's head.
-pub(crate) const HEAD_BYTES: u64 = 64;
+pub(crate) const HEAD_BYTES: u64 = sm2_proto::limits::SLOT_HEAD as u64;
 
 /// How long a segment is kept that nobody uses, unless a builder says otherwise.
 pub(crate) const IDLE_DEFAULT: Duration = Duration::from_secs(5);

@@ -29,6 +29,10 @@ pub use self::builder::PublisherBuilder;
 /// Payloads up to this length travel in the datagram itself, unless a builder says otherwise.
 pub(crate) const INLINE_DEFAULT: usize = 4_096;
 
+/// Messages up to this length are copied while the node is locked: that is quicker than to lock
+/// it again.
+const SHORT: usize = 16 << 10;
+
 /// What a builder was told, as far as a datagram has room for it.
 pub(crate) const fn inline_limit(bytes: usize) -> usize {
     if bytes > INLINE_MAX {
@@ -142,11 +146,10 @@ impl<T: Message + ?Sized> Publisher<T> {
             handle
                 .shared
                 .wait(Topic::Interface(handle.id), until(Some(timeout)), |inner| {
-                    let interface = inner.interfaces.get(&handle.id)?;
-                    interface
-                        .links()
-                        .all(|link| link.is_flushed())
-                        .then_some(())
+                    let flushed = inner.with(handle.id, &handle.shared.epoll, |interface, _| {
+                        interface.links().all(|link| link.is_flushed())
+                    });
+                    (flushed == Some(true)).then_some(())
                 });
         Ok(flushed.map_err(WaitError::Io)?.is_some())
     }
@@ -213,8 +216,26 @@ impl<T: Plain + ?Sized + KnownLayout<PointerMetadata = usize>> Publisher<T> {
 impl Core {
     fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(published) = self.publish_short(&bytes) {
+            return Ok(published);
+        }
         let publication = self.start(bytes)?;
         self.wait_for_room(publication)
+    }
+
+    /// Publishes a message at once, if it is short and all subscribers have room for it on the
+    /// ring lane.
+    fn publish_short(&self, bytes: &[u8]) -> Option<Published> {
+        if bytes.len() > SHORT {
+            return None;
+        }
+        let Handle { shared, id, .. } = &self.handle;
+        let now = sm2_io::clock::now();
+        let mut inner = shared.lock();
+        inner.drive_if_due(now, &shared.epoll);
+        inner.with(*id, &shared.epoll, |interface, tools| {
+            interface.publish_short(bytes, now, tools)
+        })?
     }
 
     /// Sends a message to all who have room now. It has to be [finished](Self::finish).
@@ -295,7 +316,12 @@ impl Core {
         let done = inner.with(*id, &shared.epoll, |interface, tools| {
             interface.publish_more(&mut publication.offered, tools)
         });
-        self.handle.silence(&mut inner);
+        if done != Some(true) && self.handle.silence(&mut inner) {
+            let done = inner.with(*id, &shared.epoll, |interface, tools| {
+                interface.publish_more(&mut publication.offered, tools)
+            });
+            return done == Some(true);
+        }
         done == Some(true)
     }
 

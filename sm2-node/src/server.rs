@@ -16,7 +16,7 @@ use crate::driver::{CallId, Interface, Needs, Shared};
 use crate::handle::{Handle, Receipt, Received, until};
 use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
 use crate::{
-    DeclareError, LinkStatus, Message, Near, QueryError, RecvError, ReplyError, StoreError,
+    DeclareError, LinkStatus, Message, Near, QueryError, RecvError, ReplyError, StoreError, Wait,
     WaitError,
 };
 
@@ -72,7 +72,10 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     }
 
     fn take(&self, until: Option<Instant>) -> Result<Option<Request<Q, R>>, RecvError> {
-        let Some(received) = self.handle.receive(until, Interface::take_request)? else {
+        let Some(received) = self
+            .handle
+            .receive(Wait::Park, until, Interface::take_request)?
+        else {
             return Ok(None);
         };
         let Received {

@@ -12,8 +12,8 @@ use common::{Domain, Endpoint, meet, next};
 use sm2_node::{Publisher, Sample, Subscriber};
 
 const LEN: usize = 10_000_000;
-/// What a message takes at most: whole huge pages.
-const MESSAGE: u64 = 10 << 20;
+/// What a message takes at most: whole huge pages, and a page for its head.
+const MESSAGE: u64 = (10 << 20) + 4096;
 
 /// What all segments of this process have, by what the kernel says: the memory that is present, and
 /// how large they are.

@@ -7,6 +7,9 @@ use crate::in_time;
 /// The kind of the files that nodes keep their counters in.
 const COUNTERS: &str = "memfd:sm2-counters";
 
+/// The kind of the words that two sides of a link share.
+const RING: &str = "memfd:sm2-ring";
+
 /// The kind of what a Manager keeps the places of these files with, among others.
 const PLACE: &str = "anon_inode";
 
@@ -15,6 +18,7 @@ const PLACE: &str = "anon_inode";
 pub struct Census {
     kinds: BTreeMap<String, usize>,
     mappings: usize,
+    rings: usize,
 }
 
 impl Census {
@@ -24,6 +28,7 @@ impl Census {
         Self {
             kinds: descriptors(pid),
             mappings: mappings(pid),
+            rings: maps(pid).filter(|line| line.contains(RING)).count(),
         }
     }
 
@@ -43,6 +48,12 @@ impl Census {
     #[must_use]
     pub const fn mappings(&self) -> usize {
         self.mappings
+    }
+
+    /// How many rings are mapped.
+    #[must_use]
+    pub const fn rings(&self) -> usize {
+        self.rings
     }
 
     /// The same, and the files of the counters of so many nodes, which each has once it has
@@ -80,7 +91,12 @@ impl Census {
 
 impl fmt::Display for Census {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:?} and {} mappings", self.kinds, self.mappings)
+        let Self {
+            kinds,
+            mappings,
+            rings,
+        } = self;
+        write!(f, "{kinds:?}, {mappings} mappings and {rings} rings")
     }
 }
 
@@ -119,13 +135,21 @@ fn mappings(pid: u32) -> usize {
 }
 
 /// The permissions of each mapping of a memory file of SM2 or its tests, but for a node's own
-/// counters: `r--s`, …
+/// counters and for rings: `r--s`, …
 #[must_use]
 pub fn permissions(pid: u32) -> Vec<String> {
+    let ours = maps(pid).filter(|line| !line.contains(COUNTERS) && !line.contains(RING));
+    let second = ours.filter_map(|line| line.split_whitespace().nth(1).map(str::to_owned));
+    second.collect()
+}
+
+/// A line for each mapping of a memory file of SM2 or its tests.
+fn maps(pid: u32) -> impl Iterator<Item = String> {
     let maps = fs::read_to_string(format!("/proc/{pid}/maps")).unwrap_or_default();
-    let ours = maps
+    let ours: Vec<_> = maps
         .lines()
-        .filter(|line| line.contains("memfd:sm2") && !line.contains(COUNTERS));
-    let second = ours.filter_map(|line| line.split_whitespace().nth(1));
-    second.map(str::to_owned).collect()
+        .filter(|line| line.contains("memfd:sm2"))
+        .map(str::to_owned)
+        .collect();
+    ours.into_iter()
 }

@@ -11,6 +11,7 @@
 //! | [`census`] | descriptors and mappings of a process, from `/proc` |
 //! | [`raw`] | peers that speak bytes: a node, a Manager, one end of a link |
 //! | [`control`], [`link`] | frames written by hand, from SPEC alone |
+//! | [`ring`] | both ends of a ring, moved by hand |
 //! | [`pattern`] | payloads whose every byte can be checked |
 //! | [`memory`] | files to attach, with the seals that a test wants |
 //! | [`violations`] | the table of everything that SPEC forbids |
@@ -33,6 +34,7 @@ pub mod pattern;
 pub mod process;
 pub mod random;
 pub mod raw;
+pub mod ring;
 pub mod violations;
 
 /// How long anything may take before it counts as a deadlock.

@@ -23,6 +23,12 @@ pub mod kind {
     pub const CANCEL: u8 = 8;
     /// CLOSE
     pub const CLOSE: u8 = 9;
+    /// RING
+    pub const RING: u8 = 16;
+    /// DOORBELL
+    pub const DOORBELL: u8 = 17;
+    /// DETACHED
+    pub const DETACHED: u8 = 18;
 }
 
 /// The roles in OPEN.
@@ -76,6 +82,12 @@ impl Open {
             lanes: 1,
             reserved: 0,
         }
+    }
+
+    /// The same, with the ring lane on offer.
+    #[must_use]
+    pub const fn with_ring(self) -> Self {
+        Self { lanes: 3, ..self }
     }
 
     /// Its bytes.
@@ -227,6 +239,30 @@ pub fn close(code: u16) -> Vec<u8> {
     let mut bytes = vec![kind::CLOSE, 0];
     bytes.extend(code.to_le_bytes());
     bytes.extend([0; 4]);
+    bytes
+}
+
+/// RING.
+#[must_use]
+pub fn ring(depth: u16, window: u32) -> Vec<u8> {
+    let mut bytes = vec![kind::RING, 0];
+    bytes.extend(depth.to_le_bytes());
+    bytes.extend(window.to_le_bytes());
+    bytes.extend([0; 8]);
+    bytes
+}
+
+/// DOORBELL.
+#[must_use]
+pub fn doorbell() -> Vec<u8> {
+    vec![kind::DOORBELL, 0, 0, 0, 0, 0, 0, 0]
+}
+
+/// DETACHED.
+#[must_use]
+pub fn detached(segment: u32) -> Vec<u8> {
+    let mut bytes = vec![kind::DETACHED, 0, 0, 0];
+    bytes.extend(segment.to_le_bytes());
     bytes
 }
 

@@ -1,7 +1,11 @@
 //! Files to attach: memory files with just the seals that a test wants, and what is no
 //! memory file at all.
 
-use std::{fs::File, io, os::fd::OwnedFd};
+use std::{
+    fs::File,
+    io,
+    os::fd::{AsRawFd, OwnedFd},
+};
 
 use nix::{
     fcntl::{FcntlArg, SealFlag, fcntl},
@@ -54,4 +58,11 @@ pub fn segment(len: u64) -> OwnedFd {
 #[must_use]
 pub fn null() -> OwnedFd {
     File::open("/dev/null").expect("/dev/null").into()
+}
+
+/// The same memory file, open for reading only.
+#[must_use]
+pub fn reopened(file: &OwnedFd) -> OwnedFd {
+    let path = format!("/proc/self/fd/{}", file.as_raw_fd());
+    File::open(path).expect("the same file").into()
 }

@@ -76,6 +76,8 @@ impl Survivors {
                 && publisher.mappings() == segments(publisher)
                 && subscriber.mappings() == segments(publisher)
                 && segments(subscriber) == 0
+                && publisher.rings() == subscriber.rings()
+                && publisher.rings() <= 1
                 && (ours..=ours + theirs).contains(&server.mappings())
                 && (theirs..=ours + theirs).contains(&client.mappings())
                 && last

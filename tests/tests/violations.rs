@@ -155,7 +155,8 @@ fn a_manager_that_breaks_spec_is_left_and_links_go_on() {
 fn run_against_link(rows: Vec<LinkRow>, options: &[&str]) {
     let domain = TempDomain::new();
     let manager = domain.manager();
-    let victim = Actor::launch(&domain.socket(), "victim", options);
+    let options = [&["--ring-lane", "on"], options].concat();
+    let victim = Actor::launch(&domain.socket(), "victim", &options);
     assert_eq!(victim.answer(), "ready");
     let victim = Rc::new(RefCell::new(victim));
     let mut friend = Actor::start(&domain.socket(), "friend");
@@ -163,6 +164,9 @@ fn run_against_link(rows: Vec<LinkRow>, options: &[&str]) {
     tell("sub by by reliable");
     friend.tell("pub by by reliable_ms=60000");
     friend.tell("wait by 1");
+    // From here on its segment is mapped.
+    friend.tell("publish by 1 100");
+    tell("take by 1");
     let raw = manager.node("observer");
     raw.nodes();
     let baseline = (manager.census(), victim.borrow().census());

@@ -51,7 +51,7 @@ impl Calls {
         &mut self,
         token: u64,
         link: &mut LinkDriver,
-        tools: &Tools<'_>,
+        tools: &mut Tools<'_>,
         outbox: &mut Outbox,
     ) {
         if link.role() != Role::Caller {
@@ -59,7 +59,7 @@ impl Calls {
         }
         // No reply waits because too many are held: a client makes no more calls than it may
         // hold replies.
-        while let Ok(Some((delivery, source))) = link.take() {
+        while let Ok(Some((delivery, source))) = link.take(tools, outbox) {
             let (id, sequence) = (delivery.id, delivery.sequence);
             let reply = Taken {
                 token,

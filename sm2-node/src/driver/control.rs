@@ -182,7 +182,10 @@ impl Inner {
             });
         match socket {
             Ok(socket) => {
-                let config = Config::new(&interface.contract, link, version, reliable, sealed);
+                let config = Config {
+                    ring: self.ring_lane,
+                    ..Config::new(&interface.contract, link, version, reliable, sealed)
+                };
                 let entry = self.counting.allocate(id, Some(link));
                 let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry);
                 self.last_token = token;

@@ -141,6 +141,31 @@ impl Interface {
         tools.counting.free(self.entry.take());
     }
 
+    /// Takes back what the other sides gave back, on the ring lane.
+    pub(super) fn harvest(&mut self, tools: &mut Tools<'_>) {
+        let mut is_over = false;
+        for link in self.links.values_mut() {
+            link.ring_harvest(tools, &mut self.outbox);
+            is_over |= link.end().is_some() && !link.buried;
+        }
+        // By what was found in its ring: the Manager is to know.
+        if is_over {
+            self.bury_ended(tools);
+        }
+    }
+
+    /// Whether there may be a message to take.
+    pub(super) fn is_ready(&self) -> bool {
+        self.links.values().any(LinkDriver::is_ready)
+    }
+
+    /// Somebody is about to sleep until something happens here.
+    pub(super) fn park(&mut self) {
+        for link in self.links.values_mut() {
+            link.park();
+        }
+    }
+
     pub(super) fn tokens(&self) -> impl Iterator<Item = u64> {
         self.links.keys().copied()
     }
@@ -161,7 +186,7 @@ impl Interface {
         if self
             .links
             .get(&token)
-            .is_some_and(|it| it.buried && it.ready() == 0)
+            .is_some_and(|it| it.buried && !it.is_ready())
         {
             self.links.remove(&token);
             self.gone.push(token);

@@ -3,23 +3,26 @@
 //! Nothing here waits. A socket that takes no more keeps one packet here and stops
 //! the machine's transmitting; whatever fails ends this link and no other.
 
-use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::fmt::Display;
 use std::io::{self, IoSlice};
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 
-use sm2_io::{CounterEntry, Epoll, Event, Interest, Mapping, RecvError, SendError, SeqPacket};
+use sm2_io::{
+    CounterEntry, Epoll, Event, Interest, Mapping, RecvError, Ring, SendError, SeqPacket,
+};
 use sm2_proto::control::Peer;
 use sm2_proto::link::{
     self, Counters, Delivery, End, Input, Link, Output, Packet, Role, Status, TooManyBorrowed,
 };
-use sm2_proto::{Code, Datagram, Farewell, LinkId};
+use sm2_proto::{Code, Datagram, Farewell, Instant, LinkId};
 
 use super::BURST;
 use super::counters::Counting;
 use super::datagram::{Incoming, receive};
 use super::outbox::Outbox;
+use super::ring::prepare_ring;
 use super::status::Received;
 use crate::payload::{Payload, Source};
 
@@ -32,12 +35,16 @@ pub(crate) struct LinkDriver {
     pub(crate) id: LinkId,
     pub(crate) peer: Arc<Peer>,
     token: u64,
-    socket: Option<SeqPacket>,
-    machine: Link,
+    pub(super) socket: Option<SeqPacket>,
+    pub(super) machine: Link,
+    /// The ring, if the link has one.
+    pub(super) ring: Option<Ring>,
+    /// The ring's file, until the other side has it.
+    pub(super) ring_file: Option<OwnedFd>,
     /// The packet that the socket did not take.
     unsent: Option<Packet>,
     /// The other side's segments.
-    segments: HashMap<u32, Arc<Mapping>>,
+    pub(super) segments: BTreeMap<u32, Arc<Mapping>>,
     /// Sealed files of messages that were not taken yet, by sequence.
     kept: HashMap<u64, OwnedFd>,
     /// Messages of the latched store that have not been sent on this link yet.
@@ -68,6 +75,10 @@ pub(crate) struct Tools<'a> {
     pub(crate) epoll: &'a Epoll,
     pub(crate) buffer: &'a mut [u8],
     pub(crate) counting: &'a mut Counting,
+    /// When the call began that waits, takes or publishes; long ago for all others.
+    pub(crate) now: Instant,
+    /// Whether a socket of the interface was read meanwhile, of which sleepers wait to hear.
+    pub(crate) stirred: bool,
 }
 
 impl LinkDriver {
@@ -75,17 +86,21 @@ impl LinkDriver {
         token: u64,
         peer: Arc<Peer>,
         socket: SeqPacket,
-        config: link::Config,
+        mut config: link::Config,
         entry: Option<CounterEntry>,
     ) -> Self {
+        let ring = prepare_ring(&mut config).map(|(ring, file)| (Some(ring), Some(file)));
+        let (ring, ring_file) = ring.unwrap_or_default();
         Self {
             id: config.id,
             peer,
             token,
             socket: Some(socket),
             machine: Link::new(config),
+            ring,
+            ring_file,
             unsent: None,
-            segments: HashMap::new(),
+            segments: BTreeMap::new(),
             kept: HashMap::new(),
             backlog: VecDeque::new(),
             greeted: false,
@@ -140,7 +155,10 @@ impl LinkDriver {
 
     /// The same for what is to be sent before all else.
     pub(super) fn has_room_for_backlog(&self) -> bool {
-        self.machine.has_room()
+        match self.has_ring() {
+            true => self.ring_has_room(),
+            false => self.machine.has_room(),
+        }
     }
 
     /// Calls without a reply, and messages that the application holds.
@@ -170,9 +188,14 @@ impl LinkDriver {
                 && self.machine.in_flight() <= admitted)
     }
 
-    /// Messages that the application has not taken. They outlive the link.
+    /// How many messages the application has not taken. They outlive the link.
     pub(crate) fn ready(&self) -> usize {
-        self.machine.ready()
+        self.machine.ready() + self.ring_waiting()
+    }
+
+    /// Whether there may be one.
+    pub(super) fn is_ready(&self) -> bool {
+        self.machine.ready() > 0 || self.ring_ready()
     }
 
     /// Sends the first packet.
@@ -188,6 +211,11 @@ impl LinkDriver {
         if event.readable {
             self.receive(BURST, tools, outbox);
         }
+    }
+
+    /// Reads all that is there, as far as an honest peer can have sent it.
+    pub(super) fn receive_all(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        self.receive(LAST_WORDS, tools, outbox);
     }
 
     /// Reads at most `most` datagrams.
@@ -258,6 +286,9 @@ impl LinkDriver {
         tools: &mut Tools<'_>,
         outbox: &mut Outbox,
     ) {
+        if self.has_ring() {
+            return self.ring_send(key, tools, outbox);
+        }
         match outbox.message(key, status, self.is_sealed()) {
             Ok(message) => {
                 outbox.hold(key);
@@ -276,10 +307,15 @@ impl LinkDriver {
     /// The other side is gone, says the Manager: what it sent before counts.
     //= SM2-TRN-006, SM2-LNK-006
     pub(super) fn unlink(&mut self, code: Code, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        self.receive(LAST_WORDS, tools, outbox);
+        self.receive_all(tools, outbox);
         if self.end().is_none() {
             self.feed(Input::Close(code), tools.epoll, outbox);
         }
+    }
+
+    /// Does what the machine says without a datagram.
+    pub(super) fn drain_idle(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+        self.drain(Incoming::default(), epoll, outbox);
     }
 
     /// Does all that the machine says: the one place where its outputs are matched.
@@ -288,7 +324,15 @@ impl LinkDriver {
             while let Some(output) = self.machine.poll() {
                 match output {
                     Output::Transmit(packet) => self.transmit(packet, epoll, outbox),
-                    Output::Opened => {}
+                    Output::Opened => {
+                        if !self.has_ring() {
+                            self.ring = None;
+                            self.ring_file = None;
+                        }
+                    }
+                    // It is there since the beginning.
+                    Output::MakeRing(_) => debug_assert!(self.ring.is_some()),
+                    Output::Ring(layout) => self.map_ring(layout, came.take_fd()),
                     Output::Attach {
                         segment,
                         stride,
@@ -328,7 +372,11 @@ impl LinkDriver {
         match self.offer(&packet, outbox) {
             // Whoever closed has sent all it will: that is read first, and then the end of
             // the stream (SM2-TRN-006).
-            Ok(()) | Err(SendError::Closed) => {}
+            Ok(()) | Err(SendError::Closed) => {
+                if packet.attachment == Some(link::Attachment::Ring) {
+                    self.ring_file = None;
+                }
+            }
             Err(SendError::WouldBlock) => {
                 let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
                 self.unsent = Some(packet);
@@ -351,8 +399,8 @@ impl LinkDriver {
         let Some(attachment) = packet.attachment else {
             return socket.send(parts, &[]);
         };
-        let Some(fd) = outbox.descriptor(attachment) else {
-            debug_assert!(false, "no descriptor for {attachment:?}");
+        let ring = self.ring_file.as_ref().map(AsFd::as_fd);
+        let Some(fd) = outbox.descriptor(attachment).or(ring) else {
             return Err(SendError::Io(io::ErrorKind::NotFound.into()));
         };
         socket.send(parts, &[fd])
@@ -392,7 +440,7 @@ impl LinkDriver {
     }
 
     /// The link has to be ended, as soon as the machine's outputs are done.
-    fn fail(&mut self, code: Farewell, error: &dyn Display) {
+    pub(super) fn fail(&mut self, code: Farewell, error: &dyn Display) {
         tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link given up: {code}");
         self.failing = Some(code.code());
     }
@@ -424,20 +472,32 @@ impl LinkDriver {
 
     /// What messages that are still to be taken do not need goes now.
     fn forget_unused(&mut self) {
-        if self.machine.ready() == 0 {
+        if !self.is_ready() {
             self.segments.clear();
             self.kept.clear();
+            self.ring = None;
+            self.ring_file = None;
         }
     }
 
     /// The next message for the application, and where it is.
-    pub(super) fn take(&mut self) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
-        let Some(delivery) = self.machine.take()? else {
+    pub(super) fn take(
+        &mut self,
+        tools: &mut Tools<'_>,
+        outbox: &mut Outbox,
+    ) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
+        let taken = match self.has_ring() {
+            true => self.ring_take(tools, outbox)?,
+            false => self.machine.take()?.map(|delivery| {
+                let source = self.source(&delivery);
+                (delivery, source)
+            }),
+        };
+        let Some((delivery, source)) = taken else {
             return Ok(None);
         };
         self.held += 1;
         self.received.add(&delivery);
-        let source = self.source(&delivery);
         if self.end().is_some() {
             self.forget_unused();
         }
@@ -465,6 +525,9 @@ impl LinkDriver {
     //= SM2-MSG-005
     pub(super) fn release(&mut self, sequence: u64, epoll: &Epoll, outbox: &mut Outbox) {
         self.held = self.held.saturating_sub(1);
+        if self.ring.is_some() {
+            return self.ring_release(sequence, epoll, outbox);
+        }
         self.feed(Input::Release { sequence }, epoll, outbox);
     }
 

@@ -22,6 +22,7 @@ mod outbox;
 mod publish;
 mod questions;
 mod reconnect;
+mod ring;
 mod session;
 mod status;
 mod take;
@@ -36,7 +37,7 @@ use std::time::Duration;
 use sm2_io::{Epoll, Event, Events, Interest, SeqPacket};
 use sm2_proto::limits::DATAGRAM_MAX;
 use sm2_proto::node::Input;
-use sm2_proto::{Farewell, InterfaceId, Name, TypeId};
+use sm2_proto::{Farewell, Instant, InterfaceId, Name, TypeId};
 
 pub(crate) use self::calls::{CallId, Choice, Outcome};
 use self::counters::Counting;
@@ -59,6 +60,8 @@ pub(crate) use self::wait::{Bell, Topic};
 const BURST: usize = 32;
 /// How many sockets are looked at in one drive.
 const SOCKETS: usize = 64;
+/// How long sockets wait to be looked at by who has work without them, on the ring lane.
+const SOCKETS_WAIT_NS: u64 = 100_000;
 /// The session's token; those of links count from 1.
 const SESSION: u64 = 0;
 /// The token of the timer of the next attempt to connect.
@@ -81,6 +84,8 @@ pub(crate) struct Shared {
 #[derive(Debug)]
 pub(crate) struct Inner {
     name: Name,
+    /// Whether links offer the ring lane.
+    ring_lane: bool,
     session: Session,
     reconnect: Reconnect,
     questions: Questions,
@@ -95,6 +100,10 @@ pub(crate) struct Inner {
     events: Events,
     ready: Vec<Event>,
     sleepers: Sleepers,
+    /// When the sockets were looked at.
+    driven: Instant,
+    /// The moment of the call that goes on.
+    now: Instant,
 }
 
 impl Shared {
@@ -104,11 +113,13 @@ impl Shared {
         path: PathBuf,
         name: Name,
         patience: Duration,
+        ring_lane: bool,
     ) -> io::Result<Self> {
         let epoll = Epoll::new()?;
         epoll.add(&socket, SESSION, Interest::READABLE)?;
         let mut inner = Inner {
             name: name.clone(),
+            ring_lane,
             session: Session::new(socket, name.clone()),
             reconnect: Reconnect::new(path, &epoll)?,
             questions: Questions::default(),
@@ -121,6 +132,8 @@ impl Shared {
             events: Events::with_capacity(SOCKETS),
             ready: Vec::with_capacity(SOCKETS),
             sleepers: Sleepers::new()?,
+            driven: Instant(0),
+            now: Instant(0),
         };
         inner.drain_session(Incoming::default(), &epoll);
         Ok(Self {
@@ -181,6 +194,15 @@ impl Drop for Shared {
 }
 
 impl Inner {
+    /// The same, if that was not done for a while: no system call for each message of a ring.
+    pub(crate) fn drive_if_due(&mut self, now: Instant, epoll: &Epoll) {
+        self.now = now;
+        if now.0.saturating_sub(self.driven.0) >= SOCKETS_WAIT_NS {
+            self.driven = now;
+            self.drive(epoll);
+        }
+    }
+
     /// Reads what there is to read and sends what can be sent, a bounded amount of it,
     /// without waiting.
     pub(crate) fn drive(&mut self, epoll: &Epoll) {
@@ -215,8 +237,14 @@ impl Inner {
             epoll,
             buffer: &mut self.buffer,
             counting: &mut self.counting,
+            now: self.now,
+            stirred: false,
         };
+        interface.harvest(&mut tools);
         let result = change(interface, &mut tools);
+        if tools.stirred {
+            self.sleepers.wake(Topic::Interface(id));
+        }
         for token in interface.gone.drain(..) {
             self.routes.remove(&token);
         }

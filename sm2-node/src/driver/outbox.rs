@@ -10,6 +10,8 @@
 //! take a message out of a reader's hands). Such a slot is abandoned, and the memory
 //! goes back to the system when its last reader unmaps it.
 
+mod ring;
+
 use std::collections::BTreeMap;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -41,24 +43,34 @@ impl Forms {
     }
 }
 
-/// Which forms the links of an interface need for a message that is not inline.
+/// Which links an interface has, and with them the forms that a message needs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Needs {
+    /// Links of the ring lane: a slot, however short the message is.
+    pub(crate) ring: bool,
+    /// Links of the socket lane that take slots, if the message is not inline.
     pub(crate) pooled: bool,
+    /// Sealed links, which take a file of its own, if the message is not inline.
     pub(crate) sealed: bool,
 }
 
 impl Needs {
-    /// What one link needs.
+    /// What one link of the socket lane needs.
     pub(crate) const fn of(sealed: bool) -> Self {
         Self {
+            ring: false,
             pooled: !sealed,
             sealed,
         }
     }
 
     pub(crate) const fn nobody(self) -> bool {
-        !self.pooled && !self.sealed
+        !self.ring && !self.pooled && !self.sealed
+    }
+
+    /// Whether a short message is to be inline: for all but links of the ring lane.
+    pub(crate) const fn inline(self) -> bool {
+        self.pooled || self.sealed
     }
 
     pub(crate) const fn add(&mut self, sealed: bool) {
@@ -238,7 +250,10 @@ impl Outbox {
     }
 
     /// Stores a message. The caller holds it, until it [lets go](Self::release).
-    pub(crate) fn store(&mut self, forms: Forms, label: Label) -> u64 {
+    pub(crate) fn store(&mut self, mut forms: Forms, label: Label) -> u64 {
+        if let Some(lease) = &mut forms.pooled {
+            ring::write_head(lease, label);
+        }
         let Label { id, time, len, .. } = label;
         self.messages.insert(Message {
             forms,
@@ -248,6 +263,12 @@ impl Outbox {
             holders: 1,
             orphaned: false,
         })
+    }
+
+    /// What stands in the header of a message.
+    pub(super) fn label(&self, key: u64) -> Option<Label> {
+        let Message { id, time, len, .. } = *self.messages.get(key)?;
+        Some(Label { id, time, len })
     }
 
     /// One more holder.
@@ -336,6 +357,8 @@ impl Outbox {
     pub(super) fn descriptor(&self, attachment: link::Attachment) -> Option<BorrowedFd<'_>> {
         match attachment {
             link::Attachment::Segment(id) => Some(self.segments.get(&id)?.as_fd()),
+            // The link's own business.
+            link::Attachment::Ring => None,
             link::Attachment::Message(key) => {
                 Some(self.messages.get(key)?.forms.sealed.as_ref()?.as_fd())
             }

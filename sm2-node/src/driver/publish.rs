@@ -1,7 +1,7 @@
 //! Publishing: one message, all links of a publisher, and what is kept for late ones.
 
-use sm2_proto::Contract;
 use sm2_proto::link::Status;
+use sm2_proto::{Contract, Instant};
 
 use super::interface::Interface;
 use super::link::Tools;
@@ -23,12 +23,39 @@ impl Interface {
     pub(crate) fn needs(&self) -> Needs {
         let mut needs = Needs::default();
         for link in self.links().filter(|link| link.is_open()) {
-            needs.add(link.is_sealed());
+            match link.has_ring() {
+                true => needs.ring = true,
+                false => needs.add(link.is_sealed()),
+            }
         }
         if needs.nobody() && self.latches() > 0 {
             needs.add(self.contract.sealed());
         }
         needs
+    }
+
+    /// Publishes a message, if all open links are of the ring lane and none has to be waited for.
+    pub(crate) fn publish_short(
+        &mut self,
+        bytes: &[u8],
+        time: Instant,
+        tools: &mut Tools<'_>,
+    ) -> Option<Published> {
+        let mut open = self.links.values().filter(|link| link.is_open()).peekable();
+        open.peek()?;
+        if !open.all(|link| link.has_ring() && (!link.is_reliable() || link.has_room())) {
+            return None;
+        }
+        let len = bytes.len() as u64;
+        let mut lease = self.outbox.lease(len).ok()?;
+        lease.memory.bytes_mut(bytes.len()).copy_from_slice(bytes);
+        let forms = Forms {
+            pooled: Some(lease),
+            ..Forms::default()
+        };
+        let offered = self.publish(forms, Label { id: 0, time, len }, tools);
+        self.rest(time, tools);
+        Some(self.finish(offered, tools))
     }
 
     fn latches(&self) -> usize {
@@ -152,7 +179,12 @@ impl Interface {
         }
         while let Some(&key) = link.backlog.front() {
             if link.is_reliable() && !link.has_room_for_backlog() {
-                break;
+                // On the ring lane only the bell tells of room; and it may have come meanwhile.
+                link.park();
+                link.ring_harvest(tools, &mut self.outbox);
+                if !link.has_ring() || !link.has_room_for_backlog() {
+                    break;
+                }
             }
             link.backlog.pop_front();
             link.send(key, Status::Ok, tools, &mut self.outbox);

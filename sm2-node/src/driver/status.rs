@@ -22,6 +22,8 @@ pub struct LinkStatus {
     pub reliable: bool,
     /// Whether every message on it is inline or sealed.
     pub sealed: bool,
+    /// Whether its messages go through a ring in shared memory, not through its socket.
+    pub ring: bool,
     /// What became of the messages that this side sent on it (SM2-QOS-004).
     pub counters: Counters,
     /// What came from the other side.
@@ -57,6 +59,7 @@ impl LinkStatus {
             open: link.is_open(),
             reliable: link.is_reliable(),
             sealed: link.is_sealed(),
+            ring: link.has_ring(),
             counters: link.counters(),
             received: link.received,
             end: link.end(),

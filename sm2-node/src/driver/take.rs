@@ -37,9 +37,25 @@ impl Interface {
         Ok(taken)
     }
 
+    /// The next messages, at most so many.
+    pub(crate) fn take_many(
+        &mut self,
+        all: &mut Vec<Taken>,
+        most: usize,
+        tools: &mut Tools<'_>,
+    ) -> Result<(), Full> {
+        while all.len() < most {
+            match self.take(tools)? {
+                Some(taken) => all.push(taken),
+                None => break,
+            }
+        }
+        Ok(())
+    }
+
     /// The application has a message, which was published at this moment.
     pub(super) fn note_taken(&self, taken: &Taken, published: Instant, tools: &mut Tools<'_>) {
-        let (now, delivery) = (sm2_io::clock::now(), &taken.delivery);
+        let (now, delivery) = (tools.now, &taken.delivery);
         let link = self.links.get(&taken.token);
         let link = link.and_then(|link| link.entry.as_ref());
         for entry in [self.entry.as_ref(), link] {
@@ -57,11 +73,13 @@ impl Interface {
         loop {
             let end = if wrapped { Included(start) } else { Unbounded };
             let mut links = self.links.range((Excluded(position), end));
-            match links.find(|(_, link)| link.ready() > 0) {
+            match links.find(|(_, link)| link.is_ready()) {
                 Some((&token, _)) => {
                     position = token;
                     match self.take_from(token, tools) {
                         Err(error) => full = Some(error),
+                        // What seemed to be one was none, or ended its link: others have theirs.
+                        Ok(None) => {}
                         taken => return taken,
                     }
                 }
@@ -78,9 +96,13 @@ impl Interface {
             return Ok(None);
         };
         let peer = Arc::clone(&link.peer);
-        let (delivery, source) = match link.take() {
+        let (delivery, source) = match link.take(tools, &mut self.outbox) {
             Ok(Some(taken)) => taken,
-            Ok(None) => return Ok(None),
+            Ok(None) => {
+                // Perhaps the link is over, by what was found in its ring.
+                self.settle_link(token, tools);
+                return Ok(None);
+            }
             Err(error) => return Err(Full { error, peer }),
         };
         self.last_taken = token;

@@ -19,6 +19,10 @@ use sm2_io::{Epoll, Interest, Waker, wait_readable};
 use sm2_proto::{Instant, InterfaceId};
 
 use super::{Inner, Shared};
+use crate::Wait;
+
+/// How long a spinning thread leaves the lock alone, in pauses of the processor.
+const PAUSES: u32 = 4;
 
 /// What a sleeper waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,16 +108,59 @@ impl Shared {
         &self,
         topic: Topic,
         until: Option<Instant>,
+        look: impl FnMut(&mut Inner) -> Option<T>,
+    ) -> io::Result<Option<T>> {
+        self.wait_as(Wait::Park, topic, until, look)
+    }
+
+    /// The same in another way than to sleep at once.
+    ///
+    /// # Errors
+    ///
+    /// As [`wait`](Self::wait).
+    pub(crate) fn wait_as<T>(
+        &self,
+        way: Wait,
+        topic: Topic,
+        until: Option<Instant>,
         mut look: impl FnMut(&mut Inner) -> Option<T>,
     ) -> io::Result<Option<T>> {
+        let spin_until = match way {
+            Wait::Park => Instant(0),
+            Wait::SpinThenPark(time) => sm2_io::clock::now().after(time),
+            Wait::Spin => Instant(u64::MAX),
+        };
         loop {
-            let mut inner = self.driven();
+            let now = sm2_io::clock::now();
+            let mut inner = self.lock();
+            inner.drive_if_due(now, &self.epoll);
             if let Some(found) = look(&mut inner) {
                 return Ok(Some(found));
             }
-            let now = sm2_io::clock::now();
+            if now < spin_until.min(until.unwrap_or(spin_until)) && inner.has_rings_only(topic) {
+                drop(inner);
+                // Others who wait for the lock get it.
+                for _ in 0..PAUSES {
+                    std::hint::spin_loop();
+                }
+                continue;
+            }
+            // Nothing came by a ring: perhaps by a socket.
+            inner.drive(&self.epoll);
+            if let Some(found) = look(&mut inner) {
+                return Ok(Some(found));
+            }
             if until.is_some_and(|until| until <= now) {
                 return Ok(None);
+            }
+            if now < spin_until {
+                continue;
+            }
+            //= SM2-RNG-009
+            if inner.park(topic)
+                && let Some(found) = look(&mut inner)
+            {
+                return Ok(Some(found));
             }
             let waker = inner.sleepers.enter(topic)?;
             drop(inner);
@@ -121,6 +168,44 @@ impl Shared {
             let waited = wait_readable(&fds, until.map(|until| until.since(now)));
             self.lock().sleepers.leave(&waker);
             waited?;
+        }
+    }
+}
+
+impl Inner {
+    /// Whoever waits for this is about to sleep; whether it has to look once more before.
+    pub(crate) fn park(&mut self, topic: Topic) -> bool {
+        match topic {
+            Topic::Interface(id) => {
+                if let Some(interface) = self.interfaces.get_mut(&id) {
+                    interface.park();
+                }
+                true
+            }
+            Topic::Session => false,
+        }
+    }
+
+    /// Somebody is about to sleep until anything happens to this node; whether there is a
+    /// message in a ring already.
+    pub(crate) fn park_all(&mut self) -> bool {
+        let mut ready = false;
+        for interface in self.interfaces.values_mut() {
+            interface.park();
+            ready |= interface.is_ready();
+        }
+        ready
+    }
+
+    /// Whether all that is waited for comes by rings, so that sockets need a look only now and
+    /// then.
+    fn has_rings_only(&self, topic: Topic) -> bool {
+        match topic {
+            Topic::Interface(id) => self.interfaces.get(&id).is_some_and(|interface| {
+                interface.open_links() > 0
+                    && interface.links().all(|it| it.has_ring() || !it.is_open())
+            }),
+            Topic::Session => false,
         }
     }
 }

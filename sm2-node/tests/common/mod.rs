@@ -56,6 +56,11 @@ impl Domain {
     }
 }
 
+/// Whether links use the ring lane: all tests hold on both.
+pub(crate) fn ring_lane() -> bool {
+    std::env::var_os("SM2_RING_LANE").is_none_or(|it| it != "off")
+}
+
 /// Waits until each of these nodes knows that its Manager is gone.
 pub(crate) fn away(nodes: &[&Node]) {
     until(|| nodes.iter().all(|node| !node.is_connected()));

@@ -63,13 +63,15 @@ fn transport() -> Rows {
         count = count.open(Subscriber, what, move |stage| stage.send_nulls(&bytes, fds));
     }
     let unknown = Rule::new(UnknownFrame, "SM2-WIR-001");
-    let unknown = [0, 10, 16, 255].into_iter().fold(unknown, |rule, number| {
-        rule.sent(
-            Subscriber,
-            format!("kind {number}"),
-            [number, 0, 0, 0, 0, 0, 0, 0],
-        )
-    });
+    let unknown = [0, 10, 15, 19, 255]
+        .into_iter()
+        .fold(unknown, |rule, number| {
+            rule.sent(
+                Subscriber,
+                format!("kind {number}"),
+                [number, 0, 0, 0, 0, 0, 0, 0],
+            )
+        });
     all([long, count, unknown])
 }
 

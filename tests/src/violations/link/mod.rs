@@ -8,6 +8,8 @@ mod frames;
 mod layout;
 mod memory;
 mod opening;
+mod ring;
+mod words;
 
 use std::{
     cell::RefCell,
@@ -32,8 +34,12 @@ pub enum Real {
     Subscriber,
     /// The same, whose links are sealed.
     SealedSubscriber,
+    /// A best-effort subscriber that takes nothing by itself: window 6.
+    BestEffort,
     /// A publisher with depth 8.
     Publisher,
+    /// A publisher that waits for nobody, but loses nothing.
+    ReliablePublisher,
     /// A server that takes nothing by itself: window 6.
     Server,
     /// A server with room for 2,048 requests.
@@ -52,7 +58,9 @@ impl Real {
         match self {
             Self::Subscriber => "sub x x depth=4 borrow=2 reliable",
             Self::SealedSubscriber => "sub x x depth=4 borrow=2 reliable sealed",
+            Self::BestEffort => "sub x x depth=4 borrow=2",
             Self::Publisher => "pub x x depth=8",
+            Self::ReliablePublisher => "pub x x depth=8 reliable_ms=0",
             Self::Server => "server x x depth=4 borrow=2",
             Self::WideServer => "server x x depth=1024 borrow=1024",
             Self::Client => "client x x borrow=5",
@@ -63,8 +71,11 @@ impl Real {
     #[must_use]
     pub fn counterpart(self) -> Vec<u8> {
         match self {
-            Self::Subscriber | Self::SealedSubscriber => control::publisher("x", Qos::RELIABLE),
+            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort => {
+                control::publisher("x", Qos::RELIABLE)
+            }
             Self::Publisher => control::subscriber("x", Qos::PLAIN),
+            Self::ReliablePublisher => control::subscriber("x", Qos::RELIABLE),
             Self::Server | Self::WideServer => control::client("x", Qos::PLAIN),
             Self::Client => control::server("x", Qos::PLAIN),
         }
@@ -74,8 +85,8 @@ impl Real {
     #[must_use]
     pub const fn raw_role(self) -> (u8, u32) {
         match self {
-            Self::Subscriber | Self::SealedSubscriber => (role::SENDER, 0),
-            Self::Publisher => (role::RECEIVER, 6),
+            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort => (role::SENDER, 0),
+            Self::Publisher | Self::ReliablePublisher => (role::RECEIVER, 6),
             Self::Server | Self::WideServer => (role::CALLER, 6),
             Self::Client => (role::SERVER, 6),
         }
@@ -85,8 +96,8 @@ impl Real {
     #[must_use]
     pub const fn real_role(self) -> (u8, u32) {
         match self {
-            Self::Subscriber | Self::SealedSubscriber => (role::RECEIVER, 6),
-            Self::Publisher => (role::SENDER, 0),
+            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort => (role::RECEIVER, 6),
+            Self::Publisher | Self::ReliablePublisher => (role::SENDER, 0),
             Self::Server => (role::SERVER, 6),
             Self::WideServer => (role::SERVER, 2048),
             Self::Client => (role::CALLER, 6),
@@ -97,10 +108,19 @@ impl Real {
     #[must_use]
     pub const fn receives(self) -> u8 {
         match self {
-            Self::Subscriber | Self::SealedSubscriber => kind::DATA,
+            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort => kind::DATA,
             Self::Server | Self::WideServer => kind::REQUEST,
-            Self::Client | Self::Publisher => kind::REPLY,
+            Self::Client | Self::Publisher | Self::ReliablePublisher => kind::REPLY,
         }
+    }
+
+    /// Whether it offers the ring lane.
+    #[must_use]
+    pub const fn offers_ring(self) -> bool {
+        matches!(
+            self,
+            Self::Subscriber | Self::BestEffort | Self::Publisher | Self::ReliablePublisher
+        )
     }
 }
 
@@ -135,9 +155,18 @@ impl LinkStage {
     /// Both sides say OPEN.
     pub fn open(&self) {
         self.send(self.greeting().bytes());
+        self.expect_open();
+    }
+
+    /// The OPEN of the real end comes.
+    fn expect_open(&self) {
         let (role, window) = self.real.real_role();
-        let theirs = Open::new(role, self.link.id, window).bytes();
-        assert_eq!(self.link.end.expect().bytes, theirs, "the real end's OPEN");
+        let mut theirs = Open::new(role, self.link.id, window);
+        if self.real.offers_ring() {
+            theirs = theirs.with_ring();
+        }
+        let came = self.link.end.expect().bytes;
+        assert_eq!(came, theirs.bytes(), "the real end's OPEN");
     }
 
     /// Opens, and sends the first messages of the kind that the real end receives.
@@ -261,6 +290,8 @@ pub fn rows() -> Rows {
     rows.extend(layout::rows());
     rows.extend(memory::rows());
     rows.extend(flow::rows());
+    rows.extend(ring::rows());
+    rows.extend(words::rows());
     rows
 }
 

@@ -1,5 +1,6 @@
 //! `node`: a node that does what standard input says, a command in each line, and answers each
-//! with a line: `ok …` or `error …`. In between it drives its sockets.
+//! with a line: `ok …` or `error …`. In between it drives its sockets. `--ring-lane on` or `off`
+//! says whether it offers the ring lane, whatever the environment does.
 
 mod commands;
 mod declare;
@@ -14,7 +15,11 @@ use crate::{input::Input, options::Options};
 pub(crate) fn run(options: &Options) -> ExitCode {
     let name: String = options.get("--name").expect("--name");
     let socket: String = options.get("--socket").expect("--socket");
-    let node = match Node::builder(&name).socket(socket).connect() {
+    let mut builder = Node::builder(&name).socket(socket);
+    if let Some(lane) = options.get::<String>("--ring-lane") {
+        builder = builder.ring_lane(lane == "on");
+    }
+    let node = match builder.connect() {
         Ok(node) => node,
         Err(error) => {
             println!("failed {error:?}: {error}");

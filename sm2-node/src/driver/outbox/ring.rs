@@ -1,0 +1,82 @@
+//! Messages for the ring lane: always in a slot, with their head at its end.
+
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+
+use sm2_io::Slot;
+use sm2_proto::limits::SLOT_HEAD;
+use sm2_proto::link::{RingMessage, SegmentInfo, SlotHead};
+
+use super::{Label, NoSlot, Outbox};
+use crate::pool::Lease;
+
+impl Outbox {
+    /// The message as a link of the ring lane sends it. It is copied to a slot, if no such link
+    /// was there when it was published.
+    pub(in crate::driver) fn ring_message(&mut self, key: u64) -> io::Result<RingMessage> {
+        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
+        if message.forms.pooled.is_none() {
+            self.copy_to_slot(key)?;
+        }
+        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
+        let lease = (message.forms.pooled.as_ref()).ok_or(io::ErrorKind::NotFound)?;
+        Ok(RingMessage {
+            key,
+            id: message.id,
+            len: message.len,
+            segment: SegmentInfo {
+                id: lease.segment.id,
+                stride: lease.segment.stride,
+                slots: lease.segment.slots,
+            },
+            slot: lease.slot,
+        })
+    }
+
+    fn copy_to_slot(&mut self, key: u64) -> io::Result<()> {
+        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
+        let label = Label {
+            id: message.id,
+            time: message.time,
+            len: message.len,
+        };
+        let mut lease = self.lease(label.len).map_err(|error| match error {
+            NoSlot::Full => io::ErrorKind::OutOfMemory.into(),
+            NoSlot::Io(error) | NoSlot::Lock(error) => error,
+        })?;
+        let len = usize::try_from(label.len).map_err(|_| io::ErrorKind::InvalidInput)?;
+        let copied = self.copy_payload(key, lease.memory.bytes_mut(len));
+        if let Err(error) = copied {
+            self.unlease(lease);
+            return Err(error);
+        }
+        write_head(&mut lease, label);
+        if let Some(message) = self.messages.get_mut(key) {
+            message.forms.pooled = Some(lease);
+        }
+        Ok(())
+    }
+
+    fn copy_payload(&self, key: u64, to: &mut [u8]) -> io::Result<()> {
+        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
+        match (&message.forms.inline, &message.forms.sealed) {
+            (Some(bytes), _) => {
+                to.copy_from_slice(bytes);
+                Ok(())
+            }
+            (None, Some(file)) => File::from(file.try_clone()?).read_exact_at(to, 0),
+            (None, None) => Err(io::ErrorKind::NotFound.into()),
+        }
+    }
+}
+
+/// Writes the head that receivers of the ring lane read.
+//= SM2-RNG-004
+pub(super) fn write_head(lease: &mut Lease<Slot>, label: Label) {
+    let Label { id, time, len } = label;
+    let slot = lease.memory.len_bytes();
+    if let Some(place) = lease.memory.bytes_mut(slot).last_chunk_mut::<SLOT_HEAD>() {
+        *place = SlotHead { id, time, len }.to_bytes();
+    }
+}

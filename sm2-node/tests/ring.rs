@@ -1,0 +1,341 @@
+//! The ring lane as programs see it: whoever waits is woken, whoever comes late or mixes lanes gets
+//! every byte, and what was published outlives its publisher. (Who waits for what is in `ring_waits.rs`.)
+
+mod common;
+
+use common::{Domain, Endpoint, SOON, meet, next, pattern, until};
+use sm2_node::{Node, Publisher, RecvError, Sample, Subscriber};
+
+fn node(domain: &Domain, name: &str, ring: bool) -> Node {
+    let builder = Node::builder(name).socket(domain.socket());
+    builder.ring_lane(ring).connect().unwrap()
+}
+
+/// A publisher and a subscriber that both offer the ring lane, or do not.
+fn linked(domain: &Domain, ring: bool) -> (Publisher<[u8]>, Subscriber<[u8]>) {
+    let publisher = node(domain, "talker", ring).publisher("topic").unwrap();
+    let subscriber = node(domain, "listener", ring).subscriber("topic").unwrap();
+    meet(&publisher, &[&subscriber]);
+    (publisher, subscriber)
+}
+
+/// Which of the open links use the ring lane, by the name of the node at the other end.
+fn rings(end: &dyn Endpoint) -> Vec<(String, bool)> {
+    let links = end.links().into_iter().filter(|link| link.open);
+    let mut rings: Vec<_> = links
+        .map(|link| (link.peer.name.as_str().to_owned(), link.ring))
+        .collect();
+    rings.sort();
+    rings
+}
+
+//= SM2-RNG-001 test
+#[test]
+fn the_ring_lane_is_used_if_both_sides_offer_it() {
+    for (talker, listener) in [(true, true), (true, false), (false, true), (false, false)] {
+        let domain = Domain::new();
+        let publisher = node(&domain, "talker", talker).publisher::<[u8]>("topic");
+        let publisher = publisher.unwrap();
+        let subscriber = node(&domain, "listener", listener);
+        let subscriber = subscriber.subscriber::<[u8]>("topic").unwrap();
+        meet(&publisher, &[&subscriber]);
+        let both = talker && listener;
+        assert_eq!(rings(&publisher), [("listener".to_owned(), both)]);
+        assert_eq!(rings(&subscriber), [("talker".to_owned(), both)]);
+        for seed in 0..40 {
+            let bytes = pattern(10_000 * (seed as usize % 3), seed);
+            assert_eq!(publisher.publish(&bytes).unwrap().links, 1);
+            assert!(*next(&subscriber) == *bytes);
+        }
+    }
+}
+
+/// How long a message of each form and of each size of a slot is, and its neighbours.
+const SIZES: [usize; 12] = [
+    0,
+    1,
+    100,
+    4_032,
+    4_033,
+    4_096,
+    4_097,
+    8_128,
+    61_440,
+    61_441,
+    100_000,
+    3 << 20,
+];
+
+#[test]
+fn each_lane_gets_every_byte_of_one_publisher() {
+    let domain = Domain::new();
+    let talker = node(&domain, "talker", true);
+    let publisher = talker.publisher::<[u8]>("topic").unwrap();
+    let ring = node(&domain, "ring", true).subscriber::<[u8]>("topic");
+    let socket = node(&domain, "socket", false).subscriber::<[u8]>("topic");
+    let sealed = node(&domain, "sealed", true).subscriber_builder::<[u8]>("topic");
+    let (ring, socket) = (ring.unwrap(), socket.unwrap());
+    let sealed = sealed.sealed(true).declare().unwrap();
+    meet(&publisher, &[&ring, &socket, &sealed]);
+    let names = ["ring", "sealed", "socket"].map(str::to_owned);
+    let lanes: Vec<_> = names.into_iter().zip([true, false, false]).collect();
+    assert_eq!(rings(&publisher), lanes);
+    for (seed, len) in (1..).zip(SIZES.into_iter().chain(SIZES)) {
+        let bytes = pattern(len, seed);
+        let published = match seed % 2 {
+            0 => publisher.publish(&bytes).unwrap(),
+            _ => {
+                let mut loan = publisher.loan_slice(len).unwrap();
+                loan.copy_from_slice(&bytes);
+                loan.publish().unwrap()
+            }
+        };
+        assert_eq!(published.links, 3, "{len} bytes");
+        for subscriber in [&ring, &socket, &sealed] {
+            let sample = next(subscriber);
+            assert!(*sample == *bytes, "{len} bytes");
+            assert_eq!((sample.sequence(), sample.lost()), (seed, 0));
+        }
+    }
+    assert!(publisher.flush(SOON).unwrap());
+    for link in publisher.links() {
+        assert_eq!((link.counters.offered, link.counters.delivered), (24, 24));
+    }
+}
+
+/// Messages that were stored for nobody, for a sealed link, or for one of the socket lane, and then
+/// a subscriber comes that needs them in a slot with a head.
+//= SM2-QOS-003 test
+#[test]
+fn a_late_subscriber_gets_what_was_stored_in_any_form() {
+    let lengths = [0, 10, 5_000, 100_000, 3 << 20];
+    for (before, sealed) in [("nobody", false), ("sealed", true), ("socket", false)] {
+        for inline_max in [0, 61_440] {
+            let domain = Domain::new();
+            let talker = node(&domain, "talker", true);
+            let publisher = talker.publisher_builder::<[u8]>("map").latched(5);
+            let publisher = publisher.inline_max(inline_max).declare().unwrap();
+            let first = (before != "nobody").then(|| {
+                let builder = node(&domain, before, false).subscriber_builder::<[u8]>("map");
+                let first = builder.sealed(sealed).declare().unwrap();
+                meet(&publisher, &[&first]);
+                first
+            });
+            for (seed, len) in (0..).zip(lengths) {
+                publisher.publish(&pattern(len, seed)).unwrap();
+            }
+            drop(first);
+            until(|| publisher.links().iter().all(|link| !link.open));
+            let late = node(&domain, "late", true)
+                .subscriber::<[u8]>("map")
+                .unwrap();
+            meet(&publisher, &[&late]);
+            publisher.publish(b"live").unwrap();
+            for (seed, len) in (0..).zip(lengths) {
+                let sample = next(&late);
+                assert!(*sample == *pattern(len, seed), "{before}, {len} bytes");
+            }
+            assert_eq!(*next(&late), *b"live");
+        }
+    }
+}
+
+//= SM2-MSG-005 test
+#[test]
+fn many_at_a_time_are_in_order_over_both_lanes_and_within_the_limits() {
+    const EACH: u64 = 12;
+    let domain = Domain::new();
+    let listener = node(&domain, "listener", true).subscriber_builder::<u64>("topic");
+    let listener = listener.depth(16).max_borrowed(4).declare().unwrap();
+    let publishers = [("ring", true), ("socket", false)].map(|(name, ring)| {
+        let publisher = node(&domain, name, ring).publisher::<u64>("topic");
+        publisher.unwrap()
+    });
+    until(|| {
+        publishers.iter().for_each(|it| drop(it.links()));
+        rings(&listener).len() == 2
+    });
+    for number in 1..=EACH {
+        for publisher in &publishers {
+            assert_eq!(publisher.publish(&number).unwrap().links, 1);
+        }
+    }
+    let mut last = [0, 0];
+    let mut check = |samples: &[Sample<u64>]| {
+        for sample in samples {
+            let place = usize::from(sample.publisher().as_str() == "socket");
+            assert_eq!(**sample, last[place] + 1, "{}", sample.publisher());
+            last[place] = **sample;
+        }
+        last == [EACH; 2]
+    };
+    let mut samples = Vec::new();
+    assert_eq!(listener.try_recv_many(&mut samples, 0).unwrap(), 0);
+    assert_eq!(listener.try_recv_many(&mut samples, 3).unwrap(), 3);
+    check(&samples);
+    // What is in a socket is looked at when nothing is in a ring: until then it may be four.
+    until(|| {
+        let before = samples.len();
+        match listener.try_recv_many(&mut samples, 100) {
+            Ok(count) => assert_eq!(samples.len(), before + count),
+            Err(error) => assert!(matches!(error, RecvError::TooManyBorrowed { held: 4, .. })),
+        }
+        check(&samples[before..]);
+        samples.len() == 8
+    });
+    let error = listener.try_recv_many(&mut samples, 1).unwrap_err();
+    assert!(matches!(error, RecvError::TooManyBorrowed { held: 4, .. }));
+    assert_eq!(samples.len(), 8, "what was taken before is there");
+    until(|| {
+        samples.clear();
+        match listener.try_recv_many(&mut samples, 5) {
+            Ok(count) => assert!(count <= 5 && count == samples.len()),
+            Err(error) => panic!("{error}"),
+        }
+        check(&samples)
+    });
+    assert_eq!(listener.lost(), 0);
+    samples.clear();
+    assert_eq!(listener.try_recv_many(&mut samples, 5).unwrap(), 0);
+}
+
+/// Held or not taken, with its node or without, message for message.
+//= SM2-RNG-011 test
+#[test]
+fn what_was_published_outlives_its_publisher() {
+    for ring in [true, false] {
+        for len in [100, 5_000, 3 << 20] {
+            let domain = Domain::new();
+            let (publisher, subscriber) = linked(&domain, ring);
+            for seed in 1..=4 {
+                publisher.publish(&pattern(len, seed)).unwrap();
+            }
+            let held: Vec<_> = (0..4).map(|_| next(&subscriber)).collect();
+            for seed in 5..=25 {
+                publisher.publish(&pattern(len, seed)).unwrap();
+            }
+            drop(publisher);
+            until(|| subscriber.links().iter().all(|link| !link.open));
+            for (seed, sample) in (1..).zip(&held) {
+                assert!(**sample == *pattern(len, seed), "{seed}");
+            }
+            // As many as it has room for, which are the last ones on the ring lane.
+            assert!(matches!(
+                subscriber.try_recv(),
+                Err(RecvError::TooManyBorrowed { held: 4, .. })
+            ));
+            drop(held);
+            let mut got = Vec::new();
+            while let Some(sample) = subscriber.try_recv().unwrap() {
+                assert!(*sample == *pattern(len, sample.sequence()));
+                got.push(sample.sequence());
+            }
+            assert_eq!(got.len(), 8);
+            assert!(got.windows(2).all(|it| it[0] + 1 == it[1]), "{got:?}");
+            if ring {
+                assert_eq!(got, (18..=25).collect::<Vec<_>>());
+            }
+            assert!(rings(&subscriber).is_empty());
+        }
+    }
+}
+
+#[test]
+fn a_sample_outlives_its_subscriber() {
+    for ring in [true, false] {
+        let domain = Domain::new();
+        let (publisher, subscriber) = linked(&domain, ring);
+        publisher.publish(&pattern(10_000, 1)).unwrap();
+        let sample = next(&subscriber);
+        drop(subscriber);
+        // Its slot is not used again.
+        until(|| publisher.links().iter().all(|link| !link.open));
+        let other = node(&domain, "other", ring).subscriber::<[u8]>("topic");
+        let other = other.unwrap();
+        until(|| !other.links().is_empty() && publisher.publish(&[0; 10_000]).unwrap().links == 1);
+        for _ in 0..40 {
+            publisher.publish(&[0; 10_000]).unwrap();
+            drop(next(&other));
+        }
+        drop(publisher);
+        assert!(*sample == *pattern(10_000, 1), "ring lane: {ring}");
+    }
+}
+
+/// A choice that can be made again.
+struct Choice(u64);
+
+impl Choice {
+    fn below(&mut self, limit: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
+        (self.0 >> 33) % limit
+    }
+}
+
+/// A publisher that has little memory, and needs slots of all sizes: segments come and go.
+fn publisher_with_pool(domain: &Domain, ring: bool, bytes: u64) -> Publisher<[u8]> {
+    let builder = node(domain, "talker", ring).publisher_builder::<[u8]>("topic");
+    builder.inline_max(0).pool_limit(bytes).declare().unwrap()
+}
+
+fn slot_by_slot(publisher: &Publisher<[u8]>, subscriber: &Subscriber<[u8]>, len: usize, byte: u8) {
+    let bytes = vec![byte; len];
+    assert_eq!(publisher.publish(&bytes).unwrap().links, 1, "{len} bytes");
+    let sample = next(subscriber);
+    assert!(*sample == *bytes, "{len} bytes");
+    assert_eq!(sample.lost(), 0);
+}
+
+#[test]
+fn messages_of_all_sizes_in_any_order_need_no_more_than_the_pool() {
+    const LIMIT: u64 = 80 << 20;
+    for ring in [true, false] {
+        let domain = Domain::new();
+        let publisher = publisher_with_pool(&domain, ring, LIMIT);
+        let subscriber = node(&domain, "listener", ring).subscriber::<[u8]>("topic");
+        let subscriber = subscriber.unwrap();
+        meet(&publisher, &[&subscriber]);
+        let mut choice = Choice(1);
+        for n in 0..200_u64 {
+            // From one byte to 20 MB, each order of magnitude alike.
+            let most = 1 << choice.below(25);
+            let len = (1 + choice.below(most)).min(20_000_000);
+            slot_by_slot(&publisher, &subscriber, len as usize, n as u8);
+            assert!(publisher.pool_bytes() <= LIMIT);
+        }
+        slot_by_slot(&publisher, &subscriber, 20_000_000, 7);
+    }
+}
+
+/// Numbers of segments come round, and none is used again on a link before its receiver says that
+/// it has unmapped it.
+//= SM2-RNG-010 test
+//= SM2-RNG-003 test
+#[test]
+fn segments_may_be_more_than_there_are_numbers_for_them() {
+    const LIMIT: u64 = 8 << 10;
+    for ring in [true, false] {
+        let domain = Domain::new();
+        let publisher = publisher_with_pool(&domain, ring, LIMIT);
+        let first = node(&domain, "first", false).subscriber::<[u8]>("topic");
+        let first = first.unwrap();
+        meet(&publisher, &[&first]);
+        // Two slots of one page, or one of two: there is no room for both.
+        let len = |n: u32| if n.is_multiple_of(2) { 1 } else { 5_000 };
+        for n in 0..32_700 {
+            drop(publisher.loan_slice(len(n)).unwrap());
+        }
+        drop(first);
+        let subscriber = node(&domain, "second", ring).subscriber::<[u8]>("topic");
+        let subscriber = subscriber.unwrap();
+        until(|| {
+            // Both have to be called.
+            rings(&subscriber).len() & rings(&publisher).len() == 1
+                && rings(&publisher) == [("second".to_owned(), ring)]
+        });
+        for n in 0..600 {
+            slot_by_slot(&publisher, &subscriber, len(n), n as u8);
+            assert_eq!(publisher.pool_bytes(), LIMIT);
+        }
+    }
+}

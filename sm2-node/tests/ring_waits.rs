@@ -1,0 +1,260 @@
+//! Nobody sleeps through what it waits for, however it waits: a message, room, or the end of
+//! whoever would have made room. On both lanes.
+
+mod common;
+
+use std::os::fd::AsFd;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use common::{Domain, SOON, next};
+use sm2_io::wait_readable;
+use sm2_node::asynchronous::IntoAsync;
+use sm2_node::{Node, Published, Publisher, Sample, Subscriber, Wait};
+
+/// Longer than any test takes: whoever waits so long was not woken.
+const EVER: Duration = Duration::from_secs(600);
+/// Which lane is offered.
+const LANES: [bool; 2] = [true, false];
+const WAYS: [Wait; 3] = [
+    Wait::Park,
+    Wait::SpinThenPark(Duration::from_micros(30)),
+    Wait::Spin,
+];
+
+fn node(domain: &Domain, name: &str, ring: bool) -> Node {
+    let builder = Node::builder(name).socket(domain.socket());
+    builder.ring_lane(ring).connect().unwrap()
+}
+
+fn subscriber(domain: &Domain, ring: bool, way: Wait) -> Subscriber<u64> {
+    let builder = node(domain, "listener", ring).subscriber_builder("topic");
+    builder.wait(way).declare().unwrap()
+}
+
+/// Does nothing for a while, which is another one each time: so that the other thread is met before
+/// it waits, while it is about to, and after.
+fn dawdle(round: u64) {
+    let spins = [0, 10, 100, 1_000, 10_000][(round % 5) as usize];
+    (0..spins * (1 + round % 3)).for_each(|_| std::hint::spin_loop());
+}
+
+/// Publishes numbers from 1 on, each as soon as the one before was acknowledged.
+fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::JoinHandle<()>) {
+    let publisher = node(domain, "talker", ring).publisher::<u64>("topic");
+    let publisher: Publisher<u64> = publisher.unwrap();
+    let taken = Arc::new(AtomicU64::new(0));
+    let acknowledged = Arc::clone(&taken);
+    let thread = thread::spawn(move || {
+        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        let start = Instant::now();
+        for number in 1..=rounds {
+            while acknowledged.load(Ordering::Acquire) < number - 1 {
+                assert!(
+                    start.elapsed() < 15 * SOON,
+                    "message {number} was not taken"
+                );
+                thread::yield_now();
+            }
+            dawdle(number);
+            assert_eq!(publisher.publish(&number).unwrap().links, 1);
+        }
+        assert!(publisher.flush(SOON).unwrap());
+    });
+    (taken, thread)
+}
+
+/// Takes the numbers that a [`talker`] publishes.
+fn take_all(rounds: u64, taken: &AtomicU64, mut next: impl FnMut(u64) -> Sample<u64>) {
+    for number in 1..=rounds {
+        let sample = next(number);
+        assert_eq!((*sample, sample.lost()), (number, 0));
+        taken.store(number, Ordering::Release);
+        dawdle(number / 2);
+    }
+}
+
+//= SM2-RNG-009 test
+#[test]
+fn each_way_of_waiting_gets_what_comes() {
+    const ROUNDS: u64 = 400;
+    for ring in LANES {
+        for way in WAYS {
+            let domain = Domain::new();
+            let subscriber = subscriber(&domain, ring, way);
+            let (taken, talker) = talker(&domain, ring, ROUNDS);
+            subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
+            take_all(ROUNDS, &taken, |number| match number % 2 {
+                0 => subscriber.recv().unwrap(),
+                _ => next(&subscriber),
+            });
+            talker.join().unwrap();
+        }
+    }
+}
+
+#[test]
+fn whoever_waits_for_a_time_waits_no_longer() {
+    let time = Duration::from_millis(10);
+    for ring in LANES {
+        for way in WAYS {
+            let domain = Domain::new();
+            let subscriber = subscriber(&domain, ring, way);
+            let publisher = node(&domain, "talker", ring).publisher::<u64>("topic");
+            let publisher = publisher.unwrap();
+            // Without a link, and with one.
+            for links in [0, 1] {
+                if links > 0 {
+                    common::meet(&publisher, &[&subscriber]);
+                }
+                for time in [Duration::ZERO, time] {
+                    let start = Instant::now();
+                    assert!(subscriber.recv_timeout(time).unwrap().is_none());
+                    assert!(start.elapsed() >= time, "{way:?}");
+                }
+            }
+            publisher.publish(&7).unwrap();
+            assert_eq!(*next(&subscriber), 7);
+        }
+    }
+}
+
+/// One message at a time to a program that polls the descriptor when it found nothing.
+//= SM2-RNG-009 test
+#[test]
+fn a_polled_descriptor_is_readable_for_every_message() {
+    const ROUNDS: u64 = 1_000;
+    for ring in LANES {
+        let domain = Domain::new();
+        let subscriber = subscriber(&domain, ring, Wait::Park);
+        let (taken, talker) = talker(&domain, ring, ROUNDS);
+        take_all(ROUNDS, &taken, |number| {
+            loop {
+                if let Some(sample) = subscriber.try_recv().unwrap() {
+                    return sample;
+                }
+                let woken = wait_readable(&[subscriber.as_fd()], Some(SOON)).unwrap();
+                assert!(woken, "nobody was woken for message {number}");
+            }
+        });
+        talker.join().unwrap();
+    }
+}
+
+/// The same with `try_recv_many`, which a loop that polls may as well use.
+#[test]
+fn a_polled_descriptor_is_readable_for_who_takes_many() {
+    const ROUNDS: u64 = 500;
+    for ring in LANES {
+        let domain = Domain::new();
+        let subscriber = subscriber(&domain, ring, Wait::Park);
+        let (taken, talker) = talker(&domain, ring, ROUNDS);
+        let mut samples = Vec::new();
+        take_all(ROUNDS, &taken, |number| {
+            while subscriber.try_recv_many(&mut samples, 4).unwrap() == 0 {
+                let woken = wait_readable(&[subscriber.as_fd()], Some(SOON)).unwrap();
+                assert!(woken, "nobody was woken for message {number}");
+            }
+            samples.pop().unwrap()
+        });
+        talker.join().unwrap();
+    }
+}
+
+#[test]
+fn a_future_is_woken_for_every_message() {
+    const ROUNDS: u64 = 500;
+    for ring in LANES {
+        let domain = Domain::new();
+        let subscriber = subscriber(&domain, ring, Wait::Park);
+        let (taken, talker) = talker(&domain, ring, ROUNDS);
+        let runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = { runtime }.enable_all().build().unwrap();
+        let subscriber = {
+            let _inside = runtime.enter();
+            subscriber.into_async().unwrap()
+        };
+        take_all(ROUNDS, &taken, |number| {
+            let timed = async { tokio::time::timeout(SOON, subscriber.recv()).await };
+            let received = runtime.block_on(timed);
+            let received = received.unwrap_or_else(|_| panic!("message {number} did not wake it"));
+            received.unwrap()
+        });
+        talker.join().unwrap();
+    }
+}
+
+/// A reliable publisher on a thread of its own, which publishes so many messages to a subscriber
+/// that has room for one, and says what became of each.
+fn patient(
+    domain: &Domain,
+    ring: bool,
+    rounds: u64,
+) -> (Subscriber<u64>, Receiver<Published>, thread::JoinHandle<()>) {
+    let builder = node(domain, "talker", ring).publisher_builder::<u64>("topic");
+    let publisher = builder.depth(1).reliable(EVER).declare().unwrap();
+    let builder = node(domain, "listener", ring).subscriber_builder("topic");
+    let builder = builder.depth(1).max_borrowed(1).reliable(true);
+    let subscriber = builder.declare().unwrap();
+    let (sender, published) = channel();
+    let thread = thread::spawn(move || {
+        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        for number in 1..=rounds {
+            dawdle(number / 7);
+            sender.send(publisher.publish(&number).unwrap()).unwrap();
+        }
+        // What still waits on this side would be lost with it.
+        assert!(publisher.flush(15 * SOON).unwrap());
+    });
+    (subscriber, published, thread)
+}
+
+//= SM2-QOS-002 test
+//= SM2-RNG-009 test
+#[test]
+fn a_publisher_that_waits_for_room_is_woken_by_who_makes_some() {
+    const ROUNDS: u64 = 1_000;
+    for ring in LANES {
+        let domain = Domain::new();
+        let (subscriber, published, thread) = patient(&domain, ring, ROUNDS);
+        for number in 1..=ROUNDS {
+            let sample = next(&subscriber);
+            assert_eq!((*sample, sample.lost()), (number, 0));
+            dawdle(number);
+            drop(sample);
+            // Whoever has given back what it took need not look at its sockets again.
+            dawdle(number / 3);
+        }
+        for _ in 0..ROUNDS {
+            let published = published.recv_timeout(SOON).unwrap();
+            assert_eq!((published.links, published.missed), (1, 0));
+        }
+        thread.join().unwrap();
+    }
+}
+
+//= SM2-QOS-002 test
+#[test]
+fn a_publisher_that_waits_for_room_is_woken_when_nobody_is_left() {
+    for ring in LANES {
+        for round in 0..20 {
+            let domain = Domain::new();
+            let (subscriber, published, thread) = patient(&domain, ring, 20);
+            // More than has room: from here on it waits, or is about to.
+            let sample = next(&subscriber);
+            while ring && subscriber.links()[0].ring && published.try_recv().is_err() {
+                thread::yield_now();
+            }
+            dawdle(round);
+            match round % 2 {
+                0 => drop(sample),
+                _ => std::mem::forget(sample),
+            }
+            drop(subscriber);
+            thread.join().unwrap();
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Both ends of a ring (SPEC section 8.5), moved by hand: nothing keeps them to what SPEC says.
+//!
+//! Words and heads are written from SPEC alone; that each is at its place is what the tests of
+//! `sm2-io` are about, whose mapping is used here for its atomic operations.
+
+use std::os::fd::{AsFd, OwnedFd};
+
+use sm2_io::{Ring, Segment, Slot};
+use sm2_proto::{
+    Seals,
+    link::{At, RingLayout, Words},
+};
+
+use crate::{
+    link::{Open, attach, kind, ring, role},
+    memory,
+    raw::RawLink,
+};
+
+/// The size of every slot here.
+pub const PAGE: u64 = 4096;
+
+/// The word that names a message.
+#[must_use]
+pub const fn word(segment: u64, slot: u64, sequence: u64) -> u64 {
+    (sequence & 0xffff_ffff) << 32 | 1 << 31 | segment << 16 | slot
+}
+
+/// The head at the end of a slot; `time` is 0.
+#[must_use]
+pub fn head(id: u64, len: u64) -> [u8; 64] {
+    let mut bytes = [0; 64];
+    bytes[..8].copy_from_slice(&id.to_le_bytes());
+    bytes[16..24].copy_from_slice(&len.to_le_bytes());
+    bytes
+}
+
+/// The size of a ring's file.
+#[must_use]
+pub fn size(depth: u16, window: u32) -> u64 {
+    let back = (128 + 8 * u64::from(depth)).next_multiple_of(64);
+    (back + 8 * u64::from(window)).next_multiple_of(PAGE)
+}
+
+/// A publisher's end that has the receiver's ring, and segment 1 with slots of a page.
+#[derive(Debug)]
+pub struct RawSender {
+    /// The ring.
+    pub ring: Ring,
+    /// The receiver's.
+    pub depth: u16,
+    /// The receiver's.
+    pub window: u32,
+    slots: Vec<Slot>,
+}
+
+impl RawSender {
+    /// Reads RING, which is what the receiver says first after OPEN, and attaches a segment.
+    #[must_use]
+    #[track_caller]
+    pub fn new(link: &RawLink, slots: u32) -> Self {
+        let frame = link.end.expect();
+        assert_eq!(frame.bytes[0], kind::RING, "RING comes first: {frame:?}");
+        assert_eq!((frame.bytes.len(), frame.fds.len()), (16, 1), "RING");
+        let depth = u16::from_le_bytes([frame.bytes[2], frame.bytes[3]]);
+        let window = u32::from_le_bytes(frame.bytes[4..8].try_into().expect("4 bytes"));
+        let facts = sm2_io::memfd::facts(frame.fds[0].as_fd()).expect("facts");
+        assert!(facts.regular && facts.seals.contains(Seals::RING));
+        assert_eq!(facts.size_bytes, size(depth, window));
+        let layout = RingLayout::new(depth, window).expect("a legal layout");
+        let ring = Ring::map(frame.fds[0].as_fd(), layout).expect("a mapping");
+        let (fd, memory) = Segment::create(PAGE, slots).expect("a segment").split();
+        link.end.send_fds(attach(1, PAGE, slots), &[fd.as_fd()]);
+        Self {
+            ring,
+            depth,
+            window,
+            slots: memory.into_iter().collect(),
+        }
+    }
+
+    /// Says OPEN, reads the other one's, and does as [`new`](Self::new).
+    #[must_use]
+    #[track_caller]
+    pub fn open(link: &RawLink, slots: u32) -> Self {
+        let open = Open::new(role::SENDER, link.id, 0).with_ring();
+        link.end.send(open.bytes());
+        assert_eq!(link.end.expect().bytes[0], kind::OPEN, "OPEN comes first");
+        Self::new(link, slots)
+    }
+
+    /// Writes a payload and a head into a slot.
+    pub fn fill(&mut self, slot: usize, payload: &[u8], head: [u8; 64]) {
+        let page = self.slots[slot].bytes_mut(PAGE as usize);
+        page[..payload.len()].copy_from_slice(payload);
+        page[PAGE as usize - 64..].copy_from_slice(&head);
+    }
+
+    /// Where the word of this message is.
+    #[must_use]
+    pub fn at(&self, sequence: u64) -> At {
+        At::Forward((sequence % u64::from(self.depth)) as u32)
+    }
+
+    /// Puts a word where that of this message is; what was there.
+    pub fn put(&self, sequence: u64, bits: u64) -> u64 {
+        self.ring.swap(self.at(sequence), bits)
+    }
+
+    /// Sends a message as SPEC says, in this slot; what its word displaced.
+    pub fn send(&mut self, sequence: u64, slot: usize, payload: &[u8]) -> u64 {
+        self.fill(slot, payload, head(sequence, payload.len() as u64));
+        self.put(sequence, word(1, slot as u64, sequence))
+    }
+
+    /// Takes out the `n`th word that was given back, from 0.
+    pub fn harvest(&self, n: u64) -> u64 {
+        let at = At::Back((n % u64::from(self.window)) as u32);
+        self.ring.swap(at, 0)
+    }
+
+    /// Rings if the receiver is parked.
+    pub fn bell(&self, link: &RawLink) {
+        self.ring.fence();
+        if self.ring.swap(At::ReceiverParked, 0) == 1 {
+            link.end.send(crate::link::doorbell());
+        }
+    }
+}
+
+/// A subscriber's end that has made a ring.
+#[derive(Debug)]
+pub struct RawReceiver {
+    /// The ring.
+    pub ring: Ring,
+    /// Its file.
+    pub file: OwnedFd,
+    depth: u16,
+    window: u32,
+}
+
+impl RawReceiver {
+    /// A ring that nobody knows yet.
+    #[must_use]
+    pub fn new(depth: u16, window: u32) -> Self {
+        let layout = RingLayout::new(depth, window).expect("a legal layout");
+        let file = memory::memfd(size(depth, window), Seals::RING);
+        let ring = Ring::map(file.as_fd(), layout).expect("a mapping");
+        Self {
+            ring,
+            file,
+            depth,
+            window,
+        }
+    }
+
+    /// Says RING.
+    pub fn offer(&self, link: &RawLink) {
+        let frame = ring(self.depth, self.window);
+        link.end.send_fds(frame, &[self.file.as_fd()]);
+    }
+
+    /// Says OPEN, reads the other one's, and says RING.
+    #[must_use]
+    #[track_caller]
+    pub fn open(link: &RawLink, depth: u16, window: u32) -> Self {
+        let open = Open::new(role::RECEIVER, link.id, window).with_ring();
+        link.end.send(open.bytes());
+        assert_eq!(link.end.expect().bytes[0], kind::OPEN, "OPEN comes first");
+        let receiver = Self::new(depth, window);
+        receiver.offer(link);
+        receiver
+    }
+
+    /// Takes this message out of the ring, if it is there; its word.
+    #[must_use]
+    pub fn take(&self, sequence: u64) -> Option<u64> {
+        let at = At::Forward((sequence % u64::from(self.depth)) as u32);
+        let bits = self.ring.load(at);
+        (bits >> 32 == sequence & 0xffff_ffff && bits != 0 && self.ring.take(at, bits))
+            .then_some(bits)
+    }
+
+    /// Gives these bits back as the `n`th, from 0.
+    pub fn give(&self, n: u64, bits: u64) -> u64 {
+        self.ring
+            .swap(At::Back((n % u64::from(self.window)) as u32), bits)
+    }
+}
