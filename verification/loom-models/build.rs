@@ -7,6 +7,9 @@ use std::{env, fs};
 /// A name, what stands in the source exactly once, and what to put there.
 type Change = (&'static str, &'static str, &'static str);
 
+/// A name, and several such changes at once.
+type Together = (&'static str, &'static [(&'static str, &'static str)]);
+
 /// Ways to break the seqlock. `tests/counters.rs` expects each to be found.
 const SEQLOCK: &[Change] = &[
     (
@@ -57,12 +60,84 @@ const WAIT: &[Change] = &[
         "sleeper.topic == topic",
     ),
     ("woken_for_ever", "sleeper.woken = false;", ""),
+    ("not_parked", "if inner.park(topic)\n", "if false\n"),
+    (
+        "no_look_after_parking",
+        "if inner.park(topic)\n",
+        "if !inner.park(topic)\n",
+    ),
     (
         "bell_not_rung",
         "        inner.sleepers.wake(topic);\n        Ok(bell)",
         "        Ok(bell)",
     ),
 ];
+
+/// Ways to break the words of a ring. `tests/ring.rs` expects each to be found.
+const RING: &[Change] = &[
+    ("no_fence", "    fence(Ordering::SeqCst);\n", ""),
+    (
+        "weak_fence",
+        "fence(Ordering::SeqCst)",
+        "fence(Ordering::AcqRel)",
+    ),
+    (
+        "put_without_release",
+        "word.swap(bits.to_le(), Ordering::AcqRel)",
+        "word.swap(bits.to_le(), Ordering::Acquire)",
+    ),
+    (
+        "load_without_acquire",
+        "word.load(Ordering::Acquire)",
+        "word.load(Ordering::Relaxed)",
+    ),
+    (
+        "swap_without_acquire",
+        "word.swap(bits.to_le(), Ordering::AcqRel)",
+        "word.swap(bits.to_le(), Ordering::Release)",
+    ),
+    ("taken_anyway", "taken.is_ok()", "true"),
+    (
+        "taken_unseen",
+        "word.compare_exchange(bits.to_le(), 0, Ordering::AcqRel, Ordering::Relaxed);",
+        "Ok::<_, ()>(word.swap(0, Ordering::AcqRel));",
+    ),
+    (
+        "put_in_two_steps",
+        "    u64::from_le(word.swap(bits.to_le(), Ordering::AcqRel))",
+        "    let was = word.load(Ordering::Acquire);\n    \
+         word.store(bits.to_le(), Ordering::Release);\n    u64::from_le(was)",
+    ),
+];
+
+/// Orders that are needed although another one is enough for most: without both.
+const RING_TOGETHER: &[Together] = &[
+    (
+        "taken_without_acquire",
+        &[
+            LOAD_RELAXED,
+            (
+                "bits.to_le(), 0, Ordering::AcqRel,",
+                "bits.to_le(), 0, Ordering::Release,",
+            ),
+        ],
+    ),
+    (
+        "back_without_acquire",
+        &[
+            LOAD_RELAXED,
+            (
+                "word.swap(bits.to_le(), Ordering::AcqRel)",
+                "word.swap(bits.to_le(), Ordering::Release)",
+            ),
+        ],
+    ),
+];
+
+const LOAD_RELAXED: (&str, &str) = (
+    "word.load(Ordering::Acquire)",
+    "word.load(Ordering::Relaxed)",
+);
 
 /// The kernel of the model in place of the real one.
 const KERNEL: &[(&str, &str)] = &[
@@ -71,13 +146,27 @@ const KERNEL: &[(&str, &str)] = &[
 ];
 
 fn main() {
-    variants("counters", "sm2-io/src/counters/seqlock.rs", &[], SEQLOCK);
-    variants("sleepers", "sm2-node/src/driver/wait.rs", KERNEL, WAIT);
+    variants(
+        "counters",
+        "sm2-io/src/counters/seqlock.rs",
+        &[],
+        SEQLOCK,
+        &[],
+    );
+    variants("sleepers", "sm2-node/src/driver/wait.rs", KERNEL, WAIT, &[]);
+    let atomic = "sm2-io/src/ring/atomic.rs";
+    variants("ring", atomic, &[], RING, RING_TOGETHER);
 }
 
 /// Writes `$OUT_DIR/<test>.rs`: for the source as it ships, and for each change, a module
 /// with that source and `tests/<test>/scenarios.rs`, which tests it.
-fn variants(test: &str, source: &str, renamed: &[(&str, &str)], changes: &[Change]) {
+fn variants(
+    test: &str,
+    source: &str,
+    renamed: &[(&str, &str)],
+    changes: &[Change],
+    together: &[Together],
+) {
     let here = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("set by Cargo"));
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("set by Cargo"));
     let path = here.join("../..").join(source);
@@ -99,13 +188,23 @@ fn variants(test: &str, source: &str, renamed: &[(&str, &str)], changes: &[Chang
         module(&mut modules, name, stem, &file, &scenarios);
     };
     add("shipped", &shipped);
-    for (name, from, to) in changes {
-        let count = shipped.matches(from).count();
+    let changed = |name: &str, text: &str, from: &str, to: &str| {
+        let count = text.matches(from).count();
         assert_eq!(
             count, 1,
             "{source}, {name}: not once: `{from}`; mend build.rs"
         );
-        add(name, &shipped.replace(from, to));
+        text.replace(from, to)
+    };
+    for (name, from, to) in changes {
+        add(name, &changed(name, &shipped, from, to));
+    }
+    for (name, changes) in together {
+        let mut text = shipped.clone();
+        for (from, to) in *changes {
+            text = changed(name, &text, from, to);
+        }
+        add(name, &text);
     }
     fs::write(out.join(format!("{test}.rs")), modules).expect("OUT_DIR is writable");
 }

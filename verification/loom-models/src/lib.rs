@@ -6,7 +6,7 @@ use std::io::Write as _;
 use std::panic;
 use std::process::Command;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Instant;
 
@@ -18,11 +18,29 @@ const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
 pub fn holds(name: &str, preemptions: Option<usize>, model: fn()) {
     let told = Told::new(name);
     explore(preemptions, model, &told.executions);
-    let executions = told.executions.load(Ordering::Relaxed);
-    let bound = preemptions.map_or("unbounded".to_owned(), |it| format!("preemptions <= {it}"));
-    let time_s = told.start.elapsed().as_secs_f64();
-    println!("holds    {name:<34} {executions:>8} executions  {time_s:>6.2} s  {bound}");
-    assert!(executions > 1, "nothing happened at once in {name}");
+    told.holds(preemptions);
+}
+
+/// The same of a model in which somebody stops after 0 steps, after 1, and so on. The model says
+/// whether that happened; it goes on until it did in no execution.
+pub fn holds_at_each_step(
+    name: &str,
+    preemptions: Option<usize>,
+    model: impl Fn(u32) -> bool + Copy + Send + Sync + 'static,
+) {
+    let told = Told::new(name);
+    let stopped = Arc::new(AtomicBool::new(true));
+    for steps in 0.. {
+        if !stopped.swap(false, Ordering::Relaxed) {
+            break;
+        }
+        let stopped = Arc::clone(&stopped);
+        let model = move || {
+            stopped.fetch_or(model(steps), Ordering::Relaxed);
+        };
+        explore(preemptions, model, &told.executions);
+    }
+    told.holds(preemptions);
 }
 
 /// Appends the result of a model as it goes out of scope: failed, if that is by a panic.
@@ -39,6 +57,15 @@ impl<'a> Told<'a> {
             start: Instant::now(),
             executions: Arc::default(),
         }
+    }
+
+    fn holds(self, preemptions: Option<usize>) {
+        let name = self.name;
+        let executions = self.executions.load(Ordering::Relaxed);
+        let bound = preemptions.map_or("unbounded".to_owned(), |it| format!("preemptions <= {it}"));
+        let time_s = self.start.elapsed().as_secs_f64();
+        println!("holds    {name:<36} {executions:>8} executions  {time_s:>6.2} s  {bound}");
+        assert!(executions > 1, "nothing happened at once in {name}");
     }
 }
 
@@ -86,6 +113,8 @@ pub fn fails(name: &str, preemptions: Option<usize>, because: &str, model: fn())
     let output = Command::new(env::current_exe().expect("a program"))
         .args(["--exact", "each_part_of_it_is_needed", "--nocapture"])
         .env(BROKEN, name)
+        // The stack of a thread of loom is too small to print its own.
+        .env("RUST_BACKTRACE", "0")
         .output()
         .expect("it starts");
     let text = String::from_utf8_lossy(&output.stderr);
@@ -94,10 +123,14 @@ pub fn fails(name: &str, preemptions: Option<usize>, because: &str, model: fn())
     let executions = text.split(" executions:").next().unwrap_or_default();
     let executions: u64 = executions.trim().parse().expect("the hook counts them");
     told.executions.store(executions, Ordering::Relaxed);
-    println!("refuted  {name:<34} {executions:>8} executions  {because}");
+    println!("refuted  {name:<36} {executions:>8} executions  {because}");
 }
 
-fn explore(preemptions: Option<usize>, model: fn(), executions: &Arc<AtomicU64>) {
+fn explore(
+    preemptions: Option<usize>,
+    model: impl Fn() + Send + Sync + 'static,
+    executions: &Arc<AtomicU64>,
+) {
     let mut builder = loom::model::Builder::new();
     builder.preemption_bound = preemptions;
     builder.max_branches = 10_000;

@@ -11,15 +11,26 @@ use sm2_loom_models::{fails, holds};
 #[path = "sleepers/kernel.rs"]
 mod kernel;
 
+/// As in `sm2-node/src/wait.rs`.
+#[derive(Clone, Copy)]
+#[allow(dead_code, reason = "nobody spins here: no time passes")]
+enum Wait {
+    Park,
+    SpinThenPark(std::time::Duration),
+    Spin,
+}
+
 include!(concat!(env!("OUT_DIR"), "/sleepers.rs"));
 
 const LOST: &str = "deadlock";
 
 #[test]
 fn no_wake_up_is_lost() {
-    use shipped::scenarios::{bell, others, session};
+    use shipped::scenarios::{bell, others, ring, session, shared};
     holds("sleepers: each for a message", Some(3), others);
     holds("sleepers: the session changes", None, session);
+    holds("sleepers: a ring and a socket", Some(2), ring);
+    holds("sleepers: two threads at a ring", Some(2), shared);
     holds("sleepers: a bell and a sleeper", Some(2), bell);
 }
 
@@ -37,5 +48,13 @@ fn each_part_of_it_is_needed() {
     }
     fail!(others: no_wake entered_late no_sockets);
     fail!(session: own_topic_only);
+    fail!(ring: not_parked no_look_after_parking);
     fail!(bell: woken_for_ever bell_not_rung);
+    let unparked = shipped::scenarios::shared_unparked;
+    fails(
+        "sleepers: unparked by another thread",
+        Some(2),
+        LOST,
+        unparked,
+    );
 }

@@ -1,8 +1,11 @@
 //! A node with two interfaces, whose messages come through one socket.
 
+use std::collections::BTreeMap;
+
+use loom::sync::atomic::{AtomicU64, Ordering, fence};
 use loom::sync::{Arc, Mutex, MutexGuard};
 use loom::thread;
-use sm2_proto::InterfaceId;
+use sm2_proto::{Instant, InterfaceId};
 
 use crate::kernel::{AsFd, Epoll, Interest, Socket, wait_readable};
 
@@ -14,22 +17,99 @@ const OTHER: InterfaceId = InterfaceId(2);
 /// As in `sm2-node/src/driver/mod.rs`, as far as waiting goes.
 pub(crate) struct Shared {
     pub(crate) epoll: Epoll,
-    socket: Socket,
+    socket: Arc<Socket>,
     inner: Mutex<Inner>,
 }
 
 pub(crate) struct Inner {
     pub(super) sleepers: Sleepers,
+    pub(super) interfaces: BTreeMap<InterfaceId, Interface>,
+    socket: Arc<Socket>,
     messages: Vec<InterfaceId>,
     ended: bool,
 }
 
+/// An interface with one link of the ring lane: as much of it as the waiting asks for.
+pub(crate) struct Interface {
+    ring: Arc<Ring>,
+    link: Link,
+    /// Whether who takes a message clears the word by which somebody who sleeps wants the bell.
+    unparks: bool,
+}
+
+impl Interface {
+    pub(super) fn park(&mut self) {
+        self.ring.parked.swap(1, Ordering::AcqRel);
+        fence(Ordering::SeqCst);
+    }
+
+    /// The number of the message that is there, if it is at most this one.
+    fn take(&mut self, most: u64) -> Option<u64> {
+        let Ring { word, parked } = &*self.ring;
+        loop {
+            let number = word.load(Ordering::Acquire);
+            if number == 0 || number > most {
+                return None;
+            }
+            let taken = word.compare_exchange(number, 0, Ordering::AcqRel, Ordering::Relaxed);
+            if taken.is_ok() {
+                if self.unparks {
+                    parked.swap(0, Ordering::AcqRel);
+                }
+                return Some(number);
+            }
+        }
+    }
+
+    pub(super) fn is_ready(&self) -> bool {
+        self.ring.word.load(Ordering::Acquire) != 0
+    }
+
+    pub(super) const fn open_links(&self) -> usize {
+        1
+    }
+
+    pub(super) fn links(&self) -> impl Iterator<Item = &Link> {
+        std::iter::once(&self.link)
+    }
+}
+
+pub(crate) struct Link;
+
+impl Link {
+    pub(super) const fn has_ring(&self) -> bool {
+        true
+    }
+
+    pub(super) const fn is_open(&self) -> bool {
+        true
+    }
+}
+
+/// A ring for one message. Those of SPEC are in `tests/ring.rs`.
+#[derive(Default)]
+struct Ring {
+    word: AtomicU64,
+    parked: AtomicU64,
+}
+
+impl Ring {
+    /// Whether the receiver wants the bell.
+    fn put(&self, number: u64) -> bool {
+        self.word.swap(number, Ordering::AcqRel);
+        fence(Ordering::SeqCst);
+        self.parked.load(Ordering::Acquire) != 0 && self.parked.swap(0, Ordering::AcqRel) == 1
+    }
+}
+
 impl Shared {
     fn new() -> Arc<Self> {
-        let (epoll, socket) = (Epoll::new().unwrap(), Socket::new());
-        epoll.add(&socket, 0, Interest::READABLE).unwrap();
+        let (epoll, socket) = (Epoll::new().unwrap(), Arc::new(Socket::new()));
+        epoll.add(&*socket, 0, Interest::READABLE).unwrap();
         let inner = Mutex::new(Inner {
             sleepers: Sleepers::new().unwrap(),
+            interfaces: BTreeMap::new(),
+            socket: Arc::clone(&socket),
             messages: Vec::new(),
             ended: false,
         });
@@ -46,10 +126,7 @@ impl Shared {
 
     pub(crate) fn driven(&self) -> MutexGuard<'_, Inner> {
         let mut inner = self.lock();
-        while let Some(interface) = self.socket.receive() {
-            inner.messages.push(interface);
-            inner.sleepers.wake(Topic::Interface(interface));
-        }
+        inner.drive(&self.epoll);
         inner
     }
 
@@ -59,9 +136,27 @@ impl Shared {
         });
         assert_eq!(found.unwrap(), Some(()));
     }
+
+    fn take_by_ring(&self) -> u64 {
+        let found = self.wait(Topic::Interface(ONE), None, |inner| {
+            let interface = inner.interfaces.get_mut(&ONE);
+            interface.and_then(|it| it.take(u64::MAX))
+        });
+        found.unwrap().expect("it waits for ever")
+    }
 }
 
 impl Inner {
+    /// In these models it is never due: less is seen of the sockets than in any other case.
+    pub(super) fn drive_if_due(&mut self, _: Instant, _: &Epoll) {}
+
+    pub(super) fn drive(&mut self, _: &Epoll) {
+        while let Some(interface) = self.socket.receive() {
+            self.messages.push(interface);
+            self.sleepers.wake(Topic::Interface(interface));
+        }
+    }
+
     fn take(&mut self, interface: InterfaceId) -> Option<()> {
         let at = self.messages.iter().position(|&it| it == interface)?;
         self.messages.remove(at);
@@ -137,4 +232,72 @@ pub(crate) fn bell() {
     node.take(OTHER);
     polling.join().unwrap();
     peer.join().unwrap();
+}
+
+/// A message comes by a ring for one thread, and one by a socket for another: the bell of the
+/// ring goes to whichever drives the node.
+pub(crate) fn ring() {
+    let (node, ring) = with_ring(false);
+    let other = {
+        let node = Arc::clone(&node);
+        thread::spawn(move || node.take(OTHER))
+    };
+    let peer = {
+        let node = Arc::clone(&node);
+        thread::spawn(move || {
+            if ring.put(1) {
+                node.socket.send(ONE);
+            }
+            node.socket.send(OTHER);
+        })
+    };
+    assert_eq!(node.take_by_ring(), 1);
+    other.join().unwrap();
+    peer.join().unwrap();
+}
+
+/// Two threads share a subscriber: one sleeps until the last message is there, while the other
+/// one takes the first, if that is there.
+pub(crate) fn shared() {
+    shared_as(false);
+}
+
+/// What must not be: the one who takes a message says that nobody sleeps.
+pub(crate) fn shared_unparked() {
+    shared_as(true);
+}
+
+fn shared_as(unparks: bool) {
+    let (node, ring) = with_ring(unparks);
+    let other = {
+        let node = Arc::clone(&node);
+        thread::spawn(move || {
+            let mut inner = node.lock();
+            inner.interfaces.get_mut(&ONE).and_then(|it| it.take(1));
+        })
+    };
+    let peer = {
+        let node = Arc::clone(&node);
+        thread::spawn(move || {
+            for number in [1, 2] {
+                if ring.put(number) {
+                    node.socket.send(ONE);
+                }
+            }
+        })
+    };
+    while node.take_by_ring() < 2 {}
+    other.join().unwrap();
+    peer.join().unwrap();
+}
+
+fn with_ring(unparks: bool) -> (Arc<Shared>, Arc<Ring>) {
+    let (node, ring) = (Shared::new(), Arc::new(Ring::default()));
+    let interface = Interface {
+        ring: Arc::clone(&ring),
+        link: Link,
+        unparks,
+    };
+    node.lock().interfaces.insert(ONE, interface);
+    (node, ring)
 }

@@ -137,6 +137,7 @@ impl World {
             Output::Detach { segment } => self.detach(at, segment),
             Output::Keep { sequence } => self.keep(at, sequence, came.take()),
             Output::Discard { sequence } => self.discard(at, sequence),
+            Output::MakeRing(_) | Output::Ring(_) => unreachable!("no end offers a ring"),
             Output::Settled { key, fate } => self.settle(scope, at, key, fate),
             Output::Cancelled { call } => self.told_of_cancel(at, call),
             //= SM2-SRV-005 model
@@ -224,6 +225,7 @@ impl World {
     fn parcel(&self, scope: &LinkScope, at: usize, packet: &Packet) -> Result<Parcel, Failure> {
         let descriptor = match packet.attachment {
             None => None,
+            Some(Attachment::Ring) => unreachable!("no end offers a ring"),
             Some(Attachment::Segment(id)) => {
                 Some(Descriptor::Segment(self.ends[at].pool.info(scope, id)))
             }

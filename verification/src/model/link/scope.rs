@@ -301,6 +301,7 @@ impl LinkScope {
             role: roles[at],
             reliable: self.reliable,
             sealed: self.sealed,
+            ring: false,
             depth: self.depth[at],
             max_borrowed: self.max_borrowed[at],
         }

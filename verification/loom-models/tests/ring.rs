@@ -1,0 +1,222 @@
+//! The ring lane: a sender and a receiver, each with its machine, and the words between them.
+//!
+//! The code is `sm2-io/src/ring/atomic.rs` and the links of `sm2-proto`; processes are modelled
+//! as threads. A wake-up that is lost leaves a thread asleep for ever, which loom reports as a
+//! deadlock; a slot that is written while it can be read, as a causality violation.
+
+// Each variant has the same scenarios.
+#![allow(clippy::duplicate_mod)]
+
+use sm2_loom_models::{fails, holds, holds_at_each_step};
+
+#[path = "ring/driver.rs"]
+mod driver;
+#[path = "ring/memory.rs"]
+mod memory;
+#[path = "ring/socket.rs"]
+mod socket;
+
+/// In place of `sm2-io/src/sync.rs`.
+mod sync {
+    pub(crate) use loom::sync::atomic::{AtomicU64, Ordering, fence};
+}
+
+include!(concat!(env!("OUT_DIR"), "/ring.rs"));
+
+use driver::{NODE, Order};
+use shipped::scenarios::{self as ring, ALL, LAST, TWO, Terms};
+
+/// An application that holds a message while it waits for the next.
+const HELD: Terms = Terms {
+    max_borrowed: 2,
+    ..ALL
+};
+
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-009 loom
+#[test]
+fn the_last_message_always_comes() {
+    holds("ring: keep-last", Some(3), || ring::keep_last(LAST));
+    holds("ring: keep-last, two words", Some(3), || {
+        ring::keep_last(TWO)
+    });
+    holds("ring: the window is full", Some(3), || {
+        ring::window_full(LAST)
+    });
+    holds("ring: the window is full, two words", Some(3), || {
+        ring::window_full(TWO)
+    });
+    holds("ring: the sender goes round", None, || ring::round(TWO));
+    holds("ring: all is given back", Some(3), || ring::flush(LAST));
+}
+
+//= SM2-RNG-005, SM2-RNG-009 loom
+#[test]
+fn nothing_is_lost_on_a_reliable_link() {
+    holds("ring: reliable", Some(3), || ring::reliable(ALL));
+    holds("ring: reliable, a sender waits", None, || ring::room(ALL));
+    holds("ring: reliable, one is held", Some(3), || ring::held(HELD));
+}
+
+//= SM2-RNG-011 loom
+#[test]
+fn either_side_may_stop() {
+    let sender = |terms: Terms, steps| Terms {
+        steps: [steps, u32::MAX],
+        ..terms
+    };
+    let receiver = |terms: Terms, steps| Terms {
+        steps: [u32::MAX, steps],
+        ..terms
+    };
+    holds_at_each_step("ring: the sender stops", Some(2), move |it| {
+        ring::sender_stops(sender(LAST, it))
+    });
+    holds_at_each_step("ring: the sender stops, reliable", Some(2), move |it| {
+        ring::sender_stops(sender(ALL, it))
+    });
+    holds_at_each_step("ring: the sender stops, window full", Some(2), move |it| {
+        ring::sender_stops_full(sender(TWO, it))
+    });
+    holds_at_each_step("ring: the receiver stops", Some(2), move |it| {
+        ring::receiver_stops(receiver(LAST, it))
+    });
+    holds_at_each_step("ring: the receiver stops, reliable", Some(2), move |it| {
+        ring::receiver_stops(receiver(ALL, it))
+    });
+    holds("ring: the receiver closes", None, || {
+        ring::receiver_closes(TWO)
+    });
+}
+
+const LOST: &str = "deadlock";
+const RACE: &str = "Causality violation";
+
+//= SM2-RNG-009 loom
+#[test]
+fn each_part_of_it_is_needed() {
+    words();
+    drivers();
+}
+
+/// What `sm2-io` does with a word.
+fn words() {
+    macro_rules! fail {
+        ($because:expr, $scenario:ident, $terms:ident: $($variant:ident)*) => {
+            $(fails(concat!("ring: ", stringify!($variant)), Some(3), $because, || {
+                use $variant::scenarios as broken;
+                broken::$scenario(broken::$terms);
+            });)*
+        };
+    }
+    fail!(LOST, keep_last, LAST: no_fence weak_fence);
+    fail!(RACE, keep_last, LAST: put_without_release taken_without_acquire taken_anyway);
+    fail!(RACE, flush, LAST: back_without_acquire);
+    fail!("window-exceeded", window_full, LAST: swap_without_acquire);
+    fail!("bad-word", round, TWO: load_without_acquire);
+    fail!("what is said to be lost", keep_last, LAST: taken_unseen);
+    fail!(LOST, keep_last, LAST: put_in_two_steps);
+}
+
+/// What drivers do, and in which order.
+fn drivers() {
+    macro_rules! fail {
+        ($name:literal, $because:expr, $scenario:ident, $terms:expr) => {
+            fails(concat!("ring: ", $name), Some(3), $because, || {
+                ring::$scenario($terms);
+            });
+        };
+    }
+    const fn sender(terms: Terms, order: Order) -> Terms {
+        let order = [order, terms.order[1]];
+        Terms { order, ..terms }
+    }
+    const fn receiver(terms: Terms, order: Order) -> Terms {
+        let order = [terms.order[0], order];
+        Terms { order, ..terms }
+    }
+    const fn fences(terms: Terms, fences: [bool; 2]) -> Terms {
+        Terms { fences, ..terms }
+    }
+    const ASLEEP: Order = Order {
+        parks: false,
+        ..NODE
+    };
+    const BLIND: Order = Order {
+        looks_again: false,
+        ..NODE
+    };
+    const SILENT: Order = Order {
+        rings: false,
+        ..NODE
+    };
+    const QUIET: Order = Order {
+        tells_of_room: false,
+        ..NODE
+    };
+    const HASTY: Order = Order {
+        takes_what_is_left: false,
+        ..NODE
+    };
+    fail!(
+        "receiver sleeps without parking",
+        LOST,
+        keep_last,
+        receiver(LAST, ASLEEP)
+    );
+    fail!(
+        "sender sleeps without parking",
+        LOST,
+        room,
+        sender(ALL, ASLEEP)
+    );
+    fail!(
+        "receiver does not look again",
+        LOST,
+        keep_last,
+        receiver(LAST, BLIND)
+    );
+    fail!("sender does not look again", LOST, room, sender(ALL, BLIND));
+    fail!(
+        "sender does not ring",
+        LOST,
+        keep_last,
+        sender(LAST, SILENT)
+    );
+    fail!("receiver does not ring", LOST, room, receiver(ALL, SILENT));
+    fail!(
+        "receiver does not tell of room",
+        LOST,
+        held,
+        receiver(HELD, QUIET)
+    );
+    fail!(
+        "receiver takes nothing at the end",
+        "a message is left",
+        sender_stops,
+        receiver(LAST, HASTY)
+    );
+    fail!(
+        "no fence, sender that put",
+        LOST,
+        keep_last,
+        fences(LAST, [false, true])
+    );
+    fail!(
+        "no fence, receiver that parked",
+        LOST,
+        keep_last,
+        fences(LAST, [true, false])
+    );
+    fail!(
+        "no fence, sender that parked",
+        LOST,
+        room,
+        fences(ALL, [false, true])
+    );
+    fail!(
+        "no fence, receiver that took",
+        LOST,
+        room,
+        fences(ALL, [true, false])
+    );
+}

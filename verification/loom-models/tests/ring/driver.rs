@@ -1,0 +1,406 @@
+//! What the driver of `sm2-node` does with the machine of one end, in its order: `driver/ring.rs`,
+//! `publish.rs`, `take.rs`, and `wait.rs` as a thread goes through it that sleeps at once.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use sm2_proto::link::{
+    Attachment, Config, Delivery, End, Error, Fate, Input, Link, Misuse, NoDelivery, Output,
+    Payload, RingLayout, RingMessage, Role, SlotHead, Words, doorbell,
+};
+use sm2_proto::{Datagram, Farewell, FdFacts, Instant, LinkId, Seals, limits::SLOT_HEAD};
+
+use crate::memory::Memory;
+use crate::socket::{Read, Socket};
+
+const NOW: Instant = Instant(0);
+
+/// What a driver does in the shipped order, each of which can be left out.
+#[derive(Clone, Copy)]
+pub(crate) struct Order {
+    pub(crate) parks: bool,
+    pub(crate) looks_again: bool,
+    pub(crate) rings: bool,
+    /// Asks whether to ring after a reliable receiver took a message.
+    pub(crate) tells_of_room: bool,
+    /// Reads the ring again after the end of the stream.
+    pub(crate) takes_what_is_left: bool,
+}
+
+/// As `sm2-node` does it.
+pub(crate) const NODE: Order = Order {
+    parks: true,
+    looks_again: true,
+    rings: true,
+    tells_of_room: true,
+    takes_what_is_left: true,
+};
+
+/// Words that may be cut off, because the process that uses them is killed.
+pub(crate) trait Mortal: Words {
+    /// One step more; whether it is done.
+    fn step(&self) -> bool;
+    fn is_dead(&self) -> bool;
+}
+
+/// One end of a link.
+pub(crate) struct Driver<W> {
+    pub(crate) link: Link,
+    pub(crate) words: W,
+    pub(crate) memory: Arc<Memory>,
+    socket: Socket,
+    order: Order,
+    /// The ids of all messages that it sent or took, in order.
+    pub(crate) seen: Vec<u64>,
+    /// Sender: what became of its messages, by id.
+    pub(crate) settled: Vec<(u64, Fate)>,
+    /// Sender: the message in each slot. One that a link ended with is never written again.
+    slots: Vec<Option<u64>>,
+    /// Receiver: what the application holds.
+    pub(crate) held: Vec<Delivery>,
+}
+
+/// The machines of a sender and a receiver, open, with a ring and a segment.
+pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link; 2] {
+    let config = |role| Config {
+        id: LinkId {
+            epoch: 1,
+            serial: 1,
+        },
+        version: 1,
+        role,
+        reliable,
+        sealed: false,
+        ring: true,
+        depth: memory.layout.depth(),
+        max_borrowed,
+    };
+    let mut ends = [Role::Sender, Role::Receiver].map(|role| Link::new(config(role)));
+    exchange(&mut ends, memory);
+    let attach = Input::Attach(memory.segment());
+    ends[0].handle(NOW, attach).expect("a segment");
+    exchange(&mut ends, memory);
+    assert!(ends.iter().all(|it| it.is_open() && it.has_ring()));
+    ends
+}
+
+/// Carries datagrams until there are none.
+fn exchange(ends: &mut [Link; 2], memory: &Memory) {
+    let file = |size_bytes, seals| FdFacts {
+        regular: true,
+        size_bytes,
+        seals,
+    };
+    let segment = memory.segment();
+    let mut underway = VecDeque::new();
+    loop {
+        for (from, end) in ends.iter_mut().enumerate() {
+            while let Some(output) = end.poll() {
+                if let Output::Transmit(packet) = output {
+                    underway.push_back((1 - from, packet));
+                }
+            }
+        }
+        let Some((to, packet)) = underway.pop_front() else {
+            return;
+        };
+        let facts = match packet.attachment {
+            Some(Attachment::Ring) => file(memory.layout.size_bytes(), Seals::RING),
+            _ => file(segment.stride * u64::from(segment.slots), Seals::POOLED),
+        };
+        let datagram = Datagram {
+            bytes: &packet.to_vec(),
+            fds: &[facts][..usize::from(packet.attachment.is_some())],
+            ..Datagram::default()
+        };
+        let taken = ends[to].handle(NOW, Input::Datagram(datagram));
+        taken.expect("what a correct end sends");
+    }
+}
+
+impl<W: Mortal> Driver<W> {
+    pub(crate) fn new(
+        link: Link,
+        words: W,
+        memory: Arc<Memory>,
+        socket: Socket,
+        order: Order,
+    ) -> Self {
+        let slots = vec![None; memory.slots.len()];
+        Self {
+            link,
+            words,
+            memory,
+            socket,
+            order,
+            seen: Vec::new(),
+            settled: Vec::new(),
+            slots,
+            held: Vec::new(),
+        }
+    }
+
+    pub(crate) fn is_over(&self) -> bool {
+        self.link.end().is_some() || self.words.is_dead()
+    }
+
+    /// The end of the process, killed or not.
+    pub(crate) fn exit(&self) {
+        self.socket.close();
+    }
+
+    pub(crate) fn close(&mut self) {
+        let closed = self.link.handle(NOW, Input::Close(Farewell::Done.code()));
+        assert!(closed.is_ok() || self.is_over());
+        self.drain();
+    }
+
+    /// `Shared::wait_as`.
+    pub(crate) fn wait<T>(&mut self, mut look: impl FnMut(&mut Self) -> Option<T>) -> Option<T> {
+        loop {
+            for driven in [false, true] {
+                if driven {
+                    self.drive();
+                }
+                let found = look(self);
+                if found.is_some() || self.is_over() {
+                    return found;
+                }
+            }
+            if self.order.parks {
+                self.link.ring_park(&self.words);
+                if self.order.looks_again {
+                    let found = look(self);
+                    if found.is_some() || self.is_over() {
+                        return found;
+                    }
+                }
+            }
+            if self.words.step() {
+                self.socket.sleep_until_readable();
+            }
+        }
+    }
+
+    /// Reads all that is there.
+    pub(crate) fn drive(&mut self) {
+        while !self.is_over() && self.words.step() {
+            let input = match self.socket.receive() {
+                Read::Datagram(bytes) => {
+                    let datagram = Datagram {
+                        bytes: &bytes,
+                        ..Datagram::default()
+                    };
+                    let taken = self.link.handle(NOW, Input::Datagram(datagram));
+                    self.drain();
+                    assert!(taken.is_ok() || self.is_over(), "{taken:?}");
+                    continue;
+                }
+                Read::Nothing => return,
+                Read::Closed => Input::Eof,
+            };
+            let _ = self.link.handle(NOW, input);
+            self.drain();
+        }
+    }
+
+    fn drain(&mut self) {
+        while let Some(output) = self.link.poll() {
+            match output {
+                Output::Transmit(packet) if self.words.step() => {
+                    self.socket.send(&packet.to_vec());
+                }
+                Output::Transmit(_) => {}
+                Output::Settled { key, fate } => {
+                    settle(&mut self.slots, &mut self.settled, key, fate)
+                }
+                // One that is killed has read nothing any more.
+                Output::Ended(End::Violation(rule)) if !self.words.is_dead() => {
+                    panic!("the other end broke {}: {}", rule.clause(), rule.name())
+                }
+                Output::Ended(_) => {}
+                other => panic!("not after a link is open: {other:?}"),
+            }
+        }
+    }
+
+    fn ring_the_bell(&self) {
+        if self.order.rings && self.words.step() {
+            self.socket.send(&doorbell());
+        }
+    }
+}
+
+fn settle(slots: &mut [Option<u64>], settled: &mut Vec<(u64, Fate)>, key: u64, fate: Fate) {
+    settled.push((key, fate));
+    if fate != Fate::Closed {
+        let slot = slots.iter_mut().find(|it| **it == Some(key));
+        *slot.expect("a message that is settled once") = None;
+    }
+}
+
+/// The sender.
+impl<W: Mortal> Driver<W> {
+    pub(crate) fn harvest(&mut self) {
+        if self.is_over() {
+            return;
+        }
+        let (slots, settled) = (&mut self.slots, &mut self.settled);
+        let harvested = self
+            .link
+            .ring_harvest(&self.words, |key, fate| settle(slots, settled, key, fate));
+        assert!(harvested.is_ok() || self.words.is_dead(), "{harvested:?}");
+        self.drain();
+    }
+
+    /// Publishes the next message. A reliable link is waited for.
+    pub(crate) fn publish(&mut self) {
+        self.harvest();
+        let Some(slot) = self.slots.iter().position(Option::is_none) else {
+            panic!("a slot more than the window is always free");
+        };
+        if self.is_over() {
+            return;
+        }
+        let id = self.seen.len() as u64 + 1;
+        self.slots[slot] = Some(id);
+        let head = SlotHead {
+            id,
+            time: NOW,
+            len: 8,
+        };
+        self.memory.slots[slot].write(payload_of(id), head.to_bytes());
+        let reliable = self.link.config().reliable;
+        if !reliable || self.link.ring_has_room(&self.words) {
+            return self.send(id, slot);
+        }
+        let sent = self.wait(|it| {
+            it.harvest();
+            (it.link.ring_has_room(&it.words)).then(|| it.send(id, slot))
+        });
+        if sent.is_none() {
+            self.slots[slot] = None;
+        }
+    }
+
+    fn send(&mut self, id: u64, slot: usize) {
+        let message = RingMessage {
+            key: id,
+            id,
+            len: 8,
+            segment: self.memory.segment(),
+            slot: slot as u32,
+        };
+        self.seen.push(id);
+        let (slots, settled) = (&mut self.slots, &mut self.settled);
+        let sent = self.link.ring_send(&self.words, &message, |key, fate| {
+            settle(slots, settled, key, fate);
+        });
+        match sent {
+            Ok(true) => self.ring_the_bell(),
+            Ok(false) => {}
+            Err(_) if self.words.is_dead() => {}
+            Err(Error::Misuse(misuse)) => panic!("{misuse}"),
+            Err(Error::Ended(end)) => panic!("{end}"),
+        }
+    }
+
+    /// Waits until nothing is underway, or the link is over.
+    pub(crate) fn flush(&mut self) {
+        self.wait(|it| {
+            it.harvest();
+            (it.link.in_flight() == 0).then_some(())
+        });
+    }
+
+    /// The messages that came to this.
+    pub(crate) fn settled_as(&self, fate: Fate) -> Vec<u64> {
+        let these = self.settled.iter().filter(|it| it.1 == fate);
+        these.map(|it| it.0).collect()
+    }
+
+    pub(crate) fn free_slots(&self) -> usize {
+        self.slots.iter().filter(|it| it.is_none()).count()
+    }
+}
+
+const fn payload_of(id: u64) -> u64 {
+    1000 + id
+}
+
+/// The receiver.
+impl<W: Mortal> Driver<W> {
+    /// Takes the next message, if one is there, and holds it. Gives its id.
+    pub(crate) fn take(&mut self) -> Option<u64> {
+        if self.is_over() && !self.order.takes_what_is_left {
+            return None;
+        }
+        let slots = &self.memory.slots;
+        let head = |_, offset: u64, stride: u64| -> Option<[u8; SLOT_HEAD]> {
+            slots.get((offset / stride) as usize)?.head()
+        };
+        let taken = self.link.ring_take(&self.words, head);
+        if self.words.is_dead() {
+            return None;
+        }
+        let delivery = match taken {
+            Ok(Some(delivery)) => delivery,
+            Ok(None) | Err(NoDelivery::TooManyBorrowed(_)) => return None,
+            Err(error) => panic!("the other end broke the rules: {error}"),
+        };
+        if self.order.tells_of_room && self.link.ring_made_room(&self.words) {
+            self.ring_the_bell();
+        }
+        let last = self.seen.last().copied().unwrap_or_default();
+        assert!(delivery.id > last, "{} after {last}", delivery.id);
+        assert_eq!(
+            delivery.lost,
+            delivery.id - last - 1,
+            "what is said to be lost"
+        );
+        let id = delivery.id;
+        self.seen.push(id);
+        self.held.push(delivery);
+        Some(id)
+    }
+
+    /// Waits for the next message. None: the link is over and nothing is left.
+    pub(crate) fn receive(&mut self) -> Option<u64> {
+        let found = self.wait(Self::take);
+        if found.is_some() || self.words.is_dead() {
+            return found;
+        }
+        // What was put before the link ended, but after the look before.
+        self.take()
+    }
+
+    /// Reads the oldest message that it holds, and gives it back.
+    pub(crate) fn release(&mut self) {
+        if self.words.is_dead() || self.held.is_empty() {
+            return;
+        }
+        let delivery = self.held.remove(0);
+        let Payload::Pooled { offset, .. } = delivery.payload else {
+            panic!("on the ring lane all are pooled");
+        };
+        let slot = &self.memory.slots[(offset / self.memory.segment().stride) as usize];
+        assert_eq!(slot.payload(), payload_of(delivery.id), "another payload");
+        match self.link.ring_release(&self.words, delivery.sequence) {
+            Ok(true) => self.ring_the_bell(),
+            Ok(false) | Err(Error::Ended(_)) => {}
+            Err(Error::Misuse(misuse)) => {
+                assert_ne!(misuse, Misuse::NotBorrowed);
+                panic!("{misuse}");
+            }
+        }
+        assert!(
+            self.words.is_dead() || !matches!(self.link.end(), Some(End::Violation(_))),
+            "the back word was not empty"
+        );
+    }
+}
+
+/// A ring of this depth, for an application that holds so many messages.
+pub(crate) fn layout(depth: u16, max_borrowed: u16) -> RingLayout {
+    RingLayout::new(depth, u32::from(depth + max_borrowed)).expect("a small ring")
+}

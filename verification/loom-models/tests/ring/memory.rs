@@ -1,0 +1,75 @@
+//! What both ends of a link map: the words of a ring, and a segment of slots.
+
+use loom::cell::UnsafeCell;
+use sm2_proto::limits::SLOT_HEAD;
+use sm2_proto::link::{At, RingLayout, SegmentInfo};
+
+use crate::sync::AtomicU64;
+
+pub(crate) struct Memory {
+    pub(crate) layout: RingLayout,
+    /// As the layout has them, without the gaps.
+    words: Vec<AtomicU64>,
+    pub(crate) slots: Vec<Slot>,
+}
+
+impl Memory {
+    pub(crate) fn new(layout: RingLayout, slots: u32) -> Self {
+        let count = 2 + usize::from(layout.depth()) + layout.window() as usize;
+        Self {
+            layout,
+            words: (0..count).map(|_| AtomicU64::new(0)).collect(),
+            slots: (0..slots).map(|_| Slot::default()).collect(),
+        }
+    }
+
+    pub(crate) fn word(&self, at: At) -> &AtomicU64 {
+        assert!(self.layout.offset(at).is_some(), "a word of the ring");
+        let index = match at {
+            At::ReceiverParked => 0,
+            At::SenderParked => 1,
+            At::Forward(index) => 2 + index,
+            At::Back(index) => 2 + u32::from(self.layout.depth()) + index,
+        };
+        &self.words[index as usize]
+    }
+
+    pub(crate) fn segment(&self) -> SegmentInfo {
+        SegmentInfo {
+            id: 0,
+            stride: 4096,
+            slots: self.slots.len() as u32,
+        }
+    }
+}
+
+/// A payload of eight bytes and the message's head. loom fails an execution in which two
+/// threads use one at once, or could.
+#[derive(Default)]
+pub(crate) struct Slot {
+    payload: UnsafeCell<u64>,
+    head: UnsafeCell<Option<[u8; SLOT_HEAD]>>,
+}
+
+// SAFETY: each access goes through loom, which panics before it if it is not ordered after, or
+// before, every other one that conflicts with it.
+unsafe impl Sync for Slot {}
+
+impl Slot {
+    pub(crate) fn write(&self, payload: u64, head: [u8; SLOT_HEAD]) {
+        // SAFETY: see `Sync`; the pointer is that of the cell.
+        self.payload.with_mut(|it| unsafe { *it = payload });
+        // SAFETY: as above.
+        self.head.with_mut(|it| unsafe { *it = Some(head) });
+    }
+
+    pub(crate) fn payload(&self) -> u64 {
+        // SAFETY: see `Sync`; the pointer is that of the cell.
+        self.payload.with(|it| unsafe { *it })
+    }
+
+    pub(crate) fn head(&self) -> Option<[u8; SLOT_HEAD]> {
+        // SAFETY: see `Sync`; the pointer is that of the cell.
+        self.head.with(|it| unsafe { *it })
+    }
+}

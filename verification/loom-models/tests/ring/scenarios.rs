@@ -1,0 +1,356 @@
+//! A sender and a receiver of the ring lane, each in a thread.
+
+use std::cell::{Cell, RefCell};
+use std::sync::Arc;
+
+use loom::thread;
+use sm2_proto::link::{At, Fate, Words as _};
+
+use crate::driver::{Driver, Mortal, NODE, Order, layout, links};
+use crate::memory::Memory;
+use crate::socket::Socket;
+
+use super::atomic;
+
+/// One end's words, as [`sm2_io::Ring`] is, and what this end did with messages.
+pub(crate) struct Words {
+    memory: Arc<Memory>,
+    fences: bool,
+    /// How many steps until it is killed.
+    steps: Cell<u32>,
+    dead: Cell<bool>,
+    put: RefCell<Vec<u64>>,
+    displaced: RefCell<Vec<u64>>,
+}
+
+impl sm2_proto::link::Words for Words {
+    fn load(&self, at: At) -> u64 {
+        match self.step() {
+            true => atomic::load(self.memory.word(at)),
+            false => 0,
+        }
+    }
+
+    fn swap(&self, at: At, bits: u64) -> u64 {
+        if !self.step() {
+            return 0;
+        }
+        let was = atomic::swap(self.memory.word(at), bits);
+        if let At::Forward(_) = at {
+            self.put.borrow_mut().extend((bits != 0).then_some(bits >> 32));
+            (self.displaced.borrow_mut()).extend((was != 0).then_some(was >> 32));
+        }
+        was
+    }
+
+    fn take(&self, at: At, bits: u64) -> bool {
+        self.step() && atomic::take(self.memory.word(at), bits)
+    }
+
+    fn fence(&self) {
+        if self.fences {
+            atomic::order();
+        }
+    }
+}
+
+impl Mortal for Words {
+    fn step(&self) -> bool {
+        match self.steps.get().checked_sub(1) {
+            Some(left) => self.steps.set(left),
+            None => self.dead.set(true),
+        }
+        !self.dead.get()
+    }
+
+    fn is_dead(&self) -> bool {
+        self.dead.get()
+    }
+}
+
+/// What is set up, and how.
+#[derive(Clone, Copy)]
+pub(crate) struct Terms {
+    pub(crate) reliable: bool,
+    pub(crate) depth: u16,
+    pub(crate) max_borrowed: u16,
+    /// Of the sender's driver and of the receiver's.
+    pub(crate) order: [Order; 2],
+    /// Whether the sender's fences are made, and the receiver's.
+    pub(crate) fences: [bool; 2],
+    /// After how many steps the sender, the receiver is killed.
+    pub(crate) steps: [u32; 2],
+}
+
+/// Keep-last, with the smallest window.
+pub(crate) const LAST: Terms = Terms {
+    reliable: false,
+    depth: 1,
+    max_borrowed: 1,
+    order: [NODE; 2],
+    fences: [true; 2],
+    steps: [u32::MAX; 2],
+};
+
+pub(crate) const ALL: Terms = Terms {
+    reliable: true,
+    ..LAST
+};
+
+/// Two forward words.
+pub(crate) const TWO: Terms = Terms { depth: 2, ..LAST };
+
+type End = Driver<Words>;
+
+/// The one thread that sets up makes no step that counts.
+fn pair(terms: Terms) -> (End, End) {
+    let layout = layout(terms.depth, terms.max_borrowed);
+    // One slot for the message that is about to be sent while the window is full.
+    let memory = Arc::new(Memory::new(layout, layout.window() + 1));
+    let [sender, receiver] = links(terms.reliable, terms.max_borrowed, &memory);
+    let (one, other) = Socket::pair();
+    let end = |link, socket, index: usize| {
+        let words = Words {
+            memory: Arc::clone(&memory),
+            fences: terms.fences[index],
+            steps: Cell::new(u32::MAX),
+            dead: Cell::new(false),
+            put: RefCell::default(),
+            displaced: RefCell::default(),
+        };
+        Driver::new(link, words, Arc::clone(&memory), socket, terms.order[index])
+    };
+    (end(sender, one, 0), end(receiver, other, 1))
+}
+
+fn limit(terms: Terms, sender: &End, receiver: &End) {
+    sender.words.steps.set(terms.steps[0]);
+    receiver.words.steps.set(terms.steps[1]);
+}
+
+/// The sender publishes so many messages, in a thread of its own.
+fn publishing(mut sender: End, messages: usize) -> thread::JoinHandle<End> {
+    thread::spawn(move || {
+        for _ in 0..messages {
+            sender.publish();
+        }
+        sender
+    })
+}
+
+/// Receives until it has this message, and gives back each that it took.
+fn receive_until(receiver: &mut End, last: u64) {
+    while receiver.seen.last() < Some(&last) && !receiver.is_over() {
+        receiver.receive();
+        receiver.release();
+    }
+}
+
+/// Receives until the link is over and nothing is left.
+fn receive_all(receiver: &mut End) {
+    while receiver.receive().is_some() {
+        receiver.release();
+    }
+}
+
+/// How many messages are still in the ring.
+fn left(end: &End) -> usize {
+    let depth = u32::from(end.memory.layout.depth());
+    let word = |index| atomic::load(end.memory.word(At::Forward(index)));
+    (0..depth).filter(|index| word(*index) != 0).count()
+}
+
+/// What was put was taken or displaced, once each, or is still there.
+fn account(sender: &End, receiver: &End) {
+    let mut known = sender.words.displaced.borrow().clone();
+    known.extend(&receiver.seen);
+    known.sort_unstable();
+    let put = sender.words.put.borrow();
+    let count = known.len() + left(sender);
+    assert_eq!(count, put.len(), "of {put:?} {known:?} are accounted for");
+    known.dedup();
+    assert_eq!(known.len() + left(sender), put.len(), "one twice");
+    assert!(known.iter().all(|it| put.contains(it)), "one from nowhere");
+}
+
+/// After both ends have done all: nothing is underway, and every slot is free.
+fn settled(mut sender: End, receiver: &End) {
+    account(&sender, receiver);
+    assert_eq!(left(&sender), 0, "a message is left");
+    sender.harvest();
+    let mut delivered = sender.settled_as(Fate::Delivered);
+    delivered.sort_unstable();
+    assert_eq!(delivered, receiver.seen, "given back is what was taken");
+    let discarded = sender.settled_as(Fate::Discarded);
+    assert_eq!(discarded, *sender.words.displaced.borrow());
+    assert_eq!(sender.link.in_flight(), 0, "all is settled");
+    assert_eq!(sender.free_slots(), sender.memory.slots.len());
+}
+
+/// Three messages to a receiver that waits for each, and always gets the last one.
+pub(crate) fn keep_last(terms: Terms) {
+    let (sender, mut receiver) = pair(terms);
+    let sender = publishing(sender, 3);
+    receive_until(&mut receiver, 3);
+    settled(sender.join().unwrap(), &receiver);
+}
+
+/// The sender has filled the window: the application holds a message, and the ring is full.
+fn full(terms: Terms) -> (End, End) {
+    let (mut sender, mut receiver) = pair(terms);
+    sender.publish();
+    assert_eq!(receiver.take(), Some(1));
+    for _ in 0..terms.depth {
+        sender.publish();
+    }
+    assert_eq!(sender.link.in_flight(), terms.depth as usize + 1);
+    (sender, receiver)
+}
+
+/// With a full window, the sender takes out its oldest message and looks what came back.
+pub(crate) fn window_full(terms: Terms) {
+    let (sender, mut receiver) = full(terms);
+    let last = u64::from(terms.depth) + 3;
+    let sender = publishing(sender, 2);
+    receiver.release();
+    receive_until(&mut receiver, last);
+    settled(sender.join().unwrap(), &receiver);
+}
+
+/// The sender goes round and round, while the receiver looks.
+pub(crate) fn round(terms: Terms) {
+    let (mut sender, mut receiver) = pair(terms);
+    sender.publish();
+    sender.publish();
+    let sender = publishing(sender, 3);
+    for _ in 0..2 {
+        receiver.take();
+        receiver.release();
+    }
+    let sender = sender.join().unwrap();
+    while receiver.take().is_some() {
+        receiver.release();
+    }
+    assert_eq!(receiver.seen.last(), Some(&5));
+    settled(sender, &receiver);
+}
+
+/// Nothing is lost of three messages, for each of which the sender waits until it has room.
+pub(crate) fn reliable(terms: Terms) {
+    let (sender, mut receiver) = pair(terms);
+    let sender = publishing(sender, 3);
+    receive_until(&mut receiver, 3);
+    assert_eq!(receiver.seen, [1, 2, 3]);
+    settled(sender.join().unwrap(), &receiver);
+}
+
+/// A sender waits for room, and for nothing else.
+pub(crate) fn room(terms: Terms) {
+    let (mut sender, mut receiver) = pair(terms);
+    sender.publish();
+    let sender = publishing(sender, 1);
+    assert_eq!(receiver.take(), Some(1));
+    receiver.release();
+    let sender = sender.join().unwrap();
+    assert_eq!(receiver.take(), Some(2));
+    receiver.release();
+    settled(sender, &receiver);
+}
+
+/// Nothing is lost, with an application that holds a message until it has the next.
+pub(crate) fn held(terms: Terms) {
+    let (sender, mut receiver) = pair(terms);
+    let sender = publishing(sender, 3);
+    for id in 1..=3 {
+        assert_eq!(receiver.receive(), Some(id));
+        if id > 1 {
+            receiver.release();
+        }
+    }
+    receiver.release();
+    settled(sender.join().unwrap(), &receiver);
+}
+
+/// The sender waits until all is given back.
+pub(crate) fn flush(terms: Terms) {
+    let (mut sender, mut receiver) = pair(terms);
+    let sender = thread::spawn(move || {
+        sender.publish();
+        sender.publish();
+        sender.flush();
+        assert_eq!(sender.link.in_flight(), 0);
+        sender
+    });
+    receive_until(&mut receiver, 2);
+    settled(sender.join().unwrap(), &receiver);
+}
+
+/// The sender's process ends after some step: what is in the ring is taken, and that is all.
+/// Whether it ended before it was done.
+fn left_behind(mut sender: End, mut receiver: End, messages: usize) -> bool {
+    let sender = thread::spawn(move || {
+        for _ in 0..messages {
+            sender.publish();
+        }
+        sender.exit();
+        sender
+    });
+    receiver.release();
+    receive_all(&mut receiver);
+    let sender = sender.join().unwrap();
+    assert!(receiver.link.end().is_some(), "the stream has ended");
+    account(&sender, &receiver);
+    assert_eq!(left(&sender), 0, "a message is left");
+    sender.words.is_dead()
+}
+
+pub(crate) fn sender_stops(terms: Terms) -> bool {
+    let (sender, receiver) = pair(terms);
+    limit(terms, &sender, &receiver);
+    left_behind(sender, receiver, 2)
+}
+
+/// The same while it makes room in a full window.
+pub(crate) fn sender_stops_full(terms: Terms) -> bool {
+    let (sender, receiver) = full(terms);
+    limit(terms, &sender, &receiver);
+    left_behind(sender, receiver, 1)
+}
+
+/// The receiver's process ends after some step: the sender does not wait for ever, and knows
+/// what became of each message. Whether it ended before it was done.
+pub(crate) fn receiver_stops(terms: Terms) -> bool {
+    let (mut sender, mut receiver) = pair(terms);
+    limit(terms, &sender, &receiver);
+    let sender = thread::spawn(move || {
+        for _ in 0..2 {
+            sender.publish();
+        }
+        sender.flush();
+        sender
+    });
+    receive_until(&mut receiver, 2);
+    receiver.exit();
+    let sender = sender.join().unwrap();
+    account(&sender, &receiver);
+    assert_eq!(sender.link.in_flight(), 0, "all is settled");
+    let delivered = sender.settled_as(Fate::Delivered);
+    let mut taken = receiver.seen.iter();
+    assert!(delivered.iter().all(|it| taken.any(|id| id == it)));
+    let closed = sender.settled_as(Fate::Closed).len();
+    assert_eq!(sender.free_slots() + closed, sender.memory.slots.len());
+    receiver.words.is_dead()
+}
+
+/// The receiver closes the link and takes what is left, while the sender goes on.
+pub(crate) fn receiver_closes(terms: Terms) {
+    let (sender, mut receiver) = pair(terms);
+    let sender = publishing(sender, 3);
+    receiver.close();
+    while receiver.take().is_some() {
+        receiver.release();
+    }
+    receiver.exit();
+    let sender = sender.join().unwrap();
+    account(&sender, &receiver);
+}
