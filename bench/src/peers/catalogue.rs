@@ -106,6 +106,11 @@ pub const PEERS: &[PeerInfo] = &[
         Family::Sm2,
         "SM2, sealed, reliable: nobody can change a message, its author included",
     )),
+    restless(brokered(peer(
+        "sm2-spin",
+        Family::Sm2,
+        "SM2, pooled, reliable; the subscriber spins",
+    ))),
     bare(peer(
         "raw-memcpy",
         Family::Raw,

@@ -3,7 +3,7 @@
 use std::{fmt::Display, path::PathBuf, time::Duration};
 
 use sm2_manager::{Manager, Options};
-use sm2_node::{Client, Instant, Node, Publisher, Subscriber};
+use sm2_node::{Client, Instant, Node, Publisher, Subscriber, Wait};
 
 use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
 use crate::{
@@ -24,12 +24,13 @@ pub struct Sm2 {
     mode: Mode,
 }
 
-/// What differs between `sm2`, `sm2-drop` and `sm2-sealed`. Another way of using SM2 is a line here,
+/// What differs between `sm2`, `sm2-drop`, `sm2-sealed` and `sm2-spin`. Another way of using SM2 is a line here,
 /// where it matters below, and in the catalogue.
 #[derive(Clone, Copy)]
 struct Mode {
     reliable: bool,
     sealed: bool,
+    wait: Wait,
 }
 
 impl Mode {
@@ -37,6 +38,11 @@ impl Mode {
         Self {
             reliable: peer != "sm2-drop",
             sealed: peer == "sm2-sealed",
+            wait: if peer == "sm2-spin" {
+                Wait::Spin
+            } else {
+                Wait::Park
+            },
         }
     }
 }
@@ -84,7 +90,8 @@ impl Peer for Sm2 {
         let builder = builder
             .depth(depth(topic))
             .max_borrowed(1)
-            .reliable(self.mode.reliable);
+            .reliable(self.mode.reliable)
+            .wait(self.mode.wait);
         let subscriber = builder.declare().map_err(failed("declare a subscriber"))?;
         Ok(Receiver {
             subscriber,
