@@ -195,12 +195,15 @@ impl Drop for Shared {
 
 impl Inner {
     /// The same, if that was not done for a while: no system call for each message of a ring.
-    pub(crate) fn drive_if_due(&mut self, now: Instant, epoll: &Epoll) {
+    /// Whether it was done.
+    pub(crate) fn drive_if_due(&mut self, now: Instant, epoll: &Epoll) -> bool {
         self.now = now;
-        if now.0.saturating_sub(self.driven.0) >= SOCKETS_WAIT_NS {
+        let due = now.0.saturating_sub(self.driven.0) >= SOCKETS_WAIT_NS;
+        if due {
             self.driven = now;
             self.drive(epoll);
         }
+        due
     }
 
     /// Reads what there is to read and sends what can be sent, a bounded amount of it,

@@ -133,7 +133,7 @@ impl Shared {
         loop {
             let now = sm2_io::clock::now();
             let mut inner = self.lock();
-            inner.drive_if_due(now, &self.epoll);
+            let driven = inner.drive_if_due(now, &self.epoll);
             if let Some(found) = look(&mut inner) {
                 return Ok(Some(found));
             }
@@ -146,9 +146,11 @@ impl Shared {
                 continue;
             }
             // Nothing came by a ring: perhaps by a socket.
-            inner.drive(&self.epoll);
-            if let Some(found) = look(&mut inner) {
-                return Ok(Some(found));
+            if !driven {
+                inner.drive(&self.epoll);
+                if let Some(found) = look(&mut inner) {
+                    return Ok(Some(found));
+                }
             }
             if until.is_some_and(|until| until <= now) {
                 return Ok(None);

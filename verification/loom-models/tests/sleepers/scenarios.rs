@@ -148,7 +148,9 @@ impl Shared {
 
 impl Inner {
     /// In these models it is never due: less is seen of the sockets than in any other case.
-    pub(super) fn drive_if_due(&mut self, _: Instant, _: &Epoll) {}
+    pub(super) fn drive_if_due(&mut self, _: Instant, _: &Epoll) -> bool {
+        false
+    }
 
     pub(super) fn drive(&mut self, _: &Epoll) {
         while let Some(interface) = self.socket.receive() {
