@@ -170,11 +170,11 @@ impl World {
             },
         };
         let is_reply = carrier == Carrier::Reply;
-        let sequence = script.near(self.peer.0 + 1)?;
+        let sequence = script.near(self.peer.0.saturating_add(1))?;
         let id = if is_reply {
             self.call(script)?
         } else {
-            self.peer.1 + 1 + script.below(3)? as u64
+            self.peer.1.saturating_add(1 + script.below(3)? as u64)
         };
         let status = if is_reply {
             Status::ALL[script.below(4)?]
