@@ -488,14 +488,12 @@ impl LinkDriver {
     ) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
         let taken = match self.has_ring() {
             true => self.ring_take(tools, outbox)?,
-            false => self.machine.take()?.map(|delivery| {
-                let source = self.source(&delivery);
-                (delivery, source)
-            }),
+            false => self.machine.take()?,
         };
-        let Some((delivery, source)) = taken else {
+        let Some(delivery) = taken else {
             return Ok(None);
         };
+        let source = self.source(&delivery);
         self.held += 1;
         self.received.add(&delivery);
         if self.end().is_some() {

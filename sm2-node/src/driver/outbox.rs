@@ -327,11 +327,7 @@ impl Outbox {
         let body = match (inline, pooled) {
             (Some(bytes), _) => link::Body::Inline(bytes.clone()),
             (None, Some(lease)) if !link_sealed => link::Body::Pooled {
-                segment: SegmentInfo {
-                    id: lease.segment.id,
-                    stride: lease.segment.stride,
-                    slots: lease.segment.slots,
-                },
+                segment: info(lease),
                 slot: lease.slot,
             },
             // A sealed message is legal on every link.
@@ -375,5 +371,14 @@ impl Outbox {
             self.segments.remove(&id);
             self.over.push(id);
         }
+    }
+}
+
+/// The segment of a slot, as messages name it.
+const fn info<M>(lease: &Lease<M>) -> SegmentInfo {
+    SegmentInfo {
+        id: lease.segment.id,
+        stride: lease.segment.stride,
+        slots: lease.segment.slots,
     }
 }

@@ -2,7 +2,6 @@
 
 use std::io::{self, IoSlice};
 use std::os::fd::{AsFd, OwnedFd};
-use std::sync::Arc;
 
 use sm2_io::{Epoll, Ring};
 use sm2_proto::link::{
@@ -12,7 +11,6 @@ use sm2_proto::{Farewell, limits::SLOT_HEAD};
 
 use super::link::{LinkDriver, Tools};
 use super::outbox::Outbox;
-use crate::payload::{Payload, Source};
 
 /// Makes the ring that a sender will write to, before it is offered: a process without a
 /// descriptor to spare uses the socket lane.
@@ -138,12 +136,12 @@ impl LinkDriver {
         ring.map_or(0, |ring| self.machine.ring_waiting(ring))
     }
 
-    /// The next message for the application, and where it is.
+    /// The next message for the application.
     pub(super) fn ring_take(
         &mut self,
         tools: &mut Tools<'_>,
         outbox: &mut Outbox,
-    ) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
+    ) -> Result<Option<Delivery>, TooManyBorrowed> {
         for looked in [false, true] {
             let Some(ring) = &self.ring else {
                 return Ok(None);
@@ -153,8 +151,12 @@ impl LinkDriver {
                 (segments.get(&segment)?).copy::<SLOT_HEAD>(offset + stride - SLOT_HEAD as u64)
             };
             match self.machine.ring_take(ring, head) {
-                Ok(Some(delivery)) => return Ok(Some(self.ring_taken(delivery))),
-                Ok(None) => return Ok(None),
+                Ok(taken) => {
+                    if taken.is_some() {
+                        self.ring_taken(ring);
+                    }
+                    return Ok(taken);
+                }
                 Err(NoDelivery::TooManyBorrowed(error)) => return Err(error),
                 //= SM2-RNG-007
                 Err(NoDelivery::UnknownSegment) if !looked && self.end().is_none() => {
@@ -169,22 +171,12 @@ impl LinkDriver {
         Ok(None)
     }
 
-    fn ring_taken(&mut self, delivery: Delivery) -> (Delivery, Source) {
-        if let Some(ring) = &self.ring {
-            // The parked word stays as it is: another thread of this subscriber may sleep.
-            if self.machine.ring_made_room(ring) {
-                self.ring_the_bell();
-            }
+    /// A message was taken out of the ring.
+    fn ring_taken(&self, ring: &Ring) {
+        // The parked word stays as it is: another thread of this subscriber may sleep.
+        if self.machine.ring_made_room(ring) {
+            self.ring_the_bell();
         }
-        let source = match &delivery.payload {
-            link::Payload::Pooled { segment, offset } => self
-                .segments
-                .get(segment)
-                .and_then(|it| Payload::pooled(Arc::clone(it), *offset, delivery.len)),
-            link::Payload::Inline(_) | link::Payload::Sealed => None,
-        };
-        debug_assert!(source.is_some(), "{delivery:?}");
-        (delivery, source.map_or(Source::Missing, Source::Ready))
     }
 
     /// The application gives a message back.

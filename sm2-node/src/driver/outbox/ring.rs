@@ -6,9 +6,9 @@ use std::os::unix::fs::FileExt;
 
 use sm2_io::Slot;
 use sm2_proto::limits::SLOT_HEAD;
-use sm2_proto::link::{RingMessage, SegmentInfo, SlotHead};
+use sm2_proto::link::{RingMessage, SlotHead};
 
-use super::{Label, NoSlot, Outbox};
+use super::{Label, NoSlot, Outbox, info};
 use crate::pool::Lease;
 
 impl Outbox {
@@ -25,22 +25,13 @@ impl Outbox {
             key,
             id: message.id,
             len: message.len,
-            segment: SegmentInfo {
-                id: lease.segment.id,
-                stride: lease.segment.stride,
-                slots: lease.segment.slots,
-            },
+            segment: info(lease),
             slot: lease.slot,
         })
     }
 
     fn copy_to_slot(&mut self, key: u64) -> io::Result<()> {
-        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
-        let label = Label {
-            id: message.id,
-            time: message.time,
-            len: message.len,
-        };
+        let label = self.label(key).ok_or(io::ErrorKind::NotFound)?;
         let mut lease = self.lease(label.len).map_err(|error| match error {
             NoSlot::Full => io::ErrorKind::OutOfMemory.into(),
             NoSlot::Io(error) | NoSlot::Lock(error) => error,
