@@ -23,8 +23,9 @@ pub const LINKS_MAX: usize = 65_536;
 pub const SEGMENT_BYTES_MAX: u64 = 1 << 41;
 /// The most slots in one segment.
 pub const SLOTS_MAX: u32 = 65_536;
-/// What a segment's stride is a multiple of, in bytes.
-pub const STRIDE_UNIT: u64 = 4_096;
+/// What a segment's stride is a multiple of, in bytes: the size of a cache line, and the greatest
+/// alignment that a slot has.
+pub const STRIDE_UNIT: u64 = 64;
 /// The most sequence numbers in one RELEASE.
 pub const RELEASE_MAX: usize = 512;
 /// The length of the header of DATA, REQUEST and REPLY, in bytes.

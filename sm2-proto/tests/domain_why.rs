@@ -100,6 +100,9 @@ fn who_is_not_there() {
         "node planner itself is no interface.\nName one of its interfaces."
     );
     assert_eq!(nearest(&domain, at(9, 4)), []);
+    let party = |place| why(&domain, at(LIDAR, 1), place).other.to_string();
+    assert_eq!(party(Place::node(NodeId(9))), "node 9");
+    assert_eq!(party(at(9, 4)), "interface 4 of node 9");
 }
 
 //= SM2-MAT-001 test

@@ -125,6 +125,8 @@ pub(super) struct Served {
     open: usize,
     /// The id of the last REQUEST.
     last: Option<u64>,
+    /// Ring lane: the calls that were cancelled before their request was taken.
+    early: BTreeSet<u64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -180,6 +182,41 @@ impl Served {
         Ok(got.reply == Reply::Owed)
     }
 
+    /// CANCEL came on the ring lane, where it overtakes requests and is overtaken by replies.
+    /// No more than `most` requests are on their way. Whether the application has to know.
+    //= SM2-RNG-012
+    pub(super) fn cancel_of_ring(&mut self, call: u64, most: usize) -> Result<bool, Violation> {
+        if self.calls.contains_key(&call) {
+            return self.cancel(call);
+        }
+        if self.last.is_some_and(|last| call <= last) {
+            return Ok(false);
+        }
+        if self.early.contains(&call) {
+            return Err(Violation::BadCancel);
+        }
+        if self.early.len() >= most {
+            return Err(Violation::UnknownCall);
+        }
+        self.early.insert(call);
+        Ok(false)
+    }
+
+    /// A request was taken out of a ring. Whether it is cancelled already.
+    //= SM2-RNG-012, SM2-SRV-002
+    pub(super) fn taken_from_ring(&mut self, call: u64) -> Result<bool, Violation> {
+        self.check_request(call)?;
+        if self.early.first().is_some_and(|early| *early < call) {
+            return Err(Violation::UnknownCall);
+        }
+        self.requested(call);
+        if self.early.remove(&call) {
+            self.cancel(call)
+        } else {
+            Ok(false)
+        }
+    }
+
     /// Whether the application may reply.
     //= SM2-SRV-003
     pub(super) fn check(&self, call: u64) -> Result<(), Misuse> {
@@ -221,6 +258,7 @@ impl Served {
     /// The link is over: nobody waits for a reply.
     pub(super) fn end(&mut self) {
         self.calls.clear();
+        self.early.clear();
         self.open = 0;
     }
 
@@ -233,5 +271,6 @@ impl Served {
             .filter(|it| it.reply != Reply::Sent)
             .count();
         debug_assert_eq!(self.open, open);
+        debug_assert!(self.early.first() > self.last.as_ref() || self.early.is_empty());
     }
 }

@@ -1,5 +1,6 @@
 //! What a link is told when it is made.
 
+use super::RingLayout;
 use crate::{
     Contract, Kind, LinkId,
     limits::{QOS_MAX, WINDOW_MAX},
@@ -71,8 +72,7 @@ pub struct Config {
     pub reliable: bool,
     /// Whether pooled messages are illegal, from LINK.
     pub sealed: bool,
-    /// Whether this end offers the ring lane: only a sender or a receiver of a link that is not
-    /// sealed does, whatever stands here.
+    /// Whether this end offers the ring lane: not if the link is sealed, whatever stands here.
     pub ring: bool,
     /// How many messages are kept, 1 to 1,024. A sender: of those that the
     /// window does not admit; all others: of those that the application has not taken.
@@ -123,12 +123,27 @@ impl Config {
         }
     }
 
+    /// The ring that this end makes, if it receives: as deep as what may wait for the application.
+    /// That is `depth`, but a caller has a place for the reply to each of its calls.
+    //= SM2-RNG-002
+    #[must_use]
+    pub const fn ring_layout(&self) -> Option<RingLayout> {
+        let window = self.window();
+        let depth = match self.role {
+            Role::Sender => return None,
+            Role::Receiver | Role::Server => self.depth,
+            Role::Caller if window > QOS_MAX as u32 => QOS_MAX,
+            Role::Caller => window as u16 - 1,
+        };
+        RingLayout::new(depth, window)
+    }
+
     /// The same with every value in its range, so that all below can count on it.
     pub(super) fn in_range(self) -> Self {
         Self {
             reliable: self.reliable || matches!(self.role, Role::Caller | Role::Server),
             //= SM2-RNG-001
-            ring: self.ring && !self.sealed && matches!(self.role, Role::Sender | Role::Receiver),
+            ring: self.ring && !self.sealed,
             depth: self.depth.clamp(1, QOS_MAX),
             max_borrowed: self.max_borrowed.clamp(1, QOS_MAX),
             ..self

@@ -56,7 +56,7 @@ use self::{
     inbound::Inbound,
     outbound::{Outbound, Sent},
     phase::Phase,
-    ring::Ring,
+    ring::{Ring, RingSender},
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
 pub use self::{
@@ -172,7 +172,7 @@ impl Link {
         match input {
             Input::Release { sequence } => {
                 self.inbound.forget(*sequence);
-                if let Some(Ring::Receiver(receiver)) = &mut self.ring {
+                if let Some(receiver) = ring::receiver_of(&mut self.ring) {
                     receiver.forget(*sequence);
                 }
             }
@@ -231,7 +231,7 @@ impl Link {
         if self.config.role != Role::Sender || !self.config.reliable {
             return Err(Misuse::WrongRole);
         }
-        if let Some(Ring::Sender(sender)) = &mut self.ring {
+        if let Some(sender) = ring::sender_of(&mut self.ring) {
             sender.skip(Fate::Deadline);
             return Ok(());
         }
@@ -253,23 +253,27 @@ impl Link {
         if self.config.role != Role::Caller {
             return Err(Misuse::WrongRole);
         }
-        self.placed.cancel(call, self.outbound.last_id())
+        let last = match &self.ring {
+            Some(ring) => ring.last_id(),
+            None => self.outbound.last_id(),
+        };
+        self.placed.cancel(call, last)
     }
 
     fn retire(&mut self, segment: u32) -> Result<(), Misuse> {
         if !self.config.role.sends() {
             return Err(Misuse::WrongRole);
         }
-        match &mut self.ring {
-            Some(Ring::Sender(sender)) => sender.retire(segment),
-            _ => self.outbound.retire(segment),
+        match ring::sender_of(&mut self.ring) {
+            Some(sender) => sender.retire(segment),
+            None => self.outbound.retire(segment),
         }
     }
 
     fn attach(&mut self, segment: &SegmentInfo) -> Result<(), Misuse> {
-        match &mut self.ring {
-            Some(Ring::Sender(sender)) => sender.attach(segment),
-            _ => Err(Misuse::WrongLane),
+        match ring::sender_of(&mut self.ring) {
+            Some(sender) => sender.attach(segment),
+            None => Err(Misuse::WrongLane),
         }
     }
 
@@ -302,7 +306,7 @@ impl Link {
         if let Some(ring) = &mut self.ring {
             ring.end(matches!(end, End::Violation(_)), &mut settle);
         }
-        events.extend(self.placed.end().map(|call| Output::CallFailed { call }));
+        self.fail_calls();
         self.served.end();
         self.inbound.end(self.ring.is_some());
         self.events.push_back(Output::Ended(end));
@@ -386,7 +390,7 @@ impl Link {
     /// Whether both OPEN were exchanged, and RING where the link has one, and the link is not over.
     #[must_use]
     pub fn is_open(&self) -> bool {
-        self.state == Ok(Phase::Open) && !matches!(self.ring, Some(Ring::Awaited { .. }))
+        self.state == Ok(Phase::Open) && !self.is_ring_awaited()
     }
 
     /// Why the link is over, if it is.
@@ -405,8 +409,8 @@ impl Link {
     #[must_use]
     pub fn counters(&self) -> Counters {
         match &self.ring {
-            Some(Ring::Sender(sender)) => sender.counters(),
-            _ => self.outbound.counters(),
+            Some(ring) => ring.counters(),
+            None => self.outbound.counters(),
         }
     }
 
@@ -426,10 +430,10 @@ impl Link {
     /// Whether a deadline passed ([`Input::Skip`]) and the other end has
     /// released nothing since: such a link is not waited for (SM2-QOS-002).
     #[must_use]
-    pub const fn is_stalled(&self) -> bool {
+    pub fn is_stalled(&self) -> bool {
         match &self.ring {
-            Some(Ring::Sender(sender)) => sender.is_stalled(),
-            _ => self.outbound.is_stalled(),
+            Some(ring) => ring.sender().is_some_and(RingSender::is_stalled),
+            None => self.outbound.is_stalled(),
         }
     }
 
@@ -437,13 +441,14 @@ impl Link {
     #[must_use]
     pub fn in_flight(&self) -> usize {
         match &self.ring {
-            Some(Ring::Sender(sender)) => sender.in_flight(),
-            _ => self.outbound.in_flight(),
+            Some(ring) => ring.in_flight(),
+            None => self.outbound.in_flight(),
         }
     }
 
-    /// How many calls have no reply: of a caller those that it made, of a
-    /// server those whose reply has not left.
+    /// How many calls have no reply: of a caller those that it made, also after
+    /// the end as long as [`Link::ring_take`] may bring their replies; of a
+    /// server those that it took and whose reply has not left.
     #[must_use]
     pub fn calls(&self) -> usize {
         self.placed.len() + self.served.len()
@@ -468,7 +473,8 @@ impl Link {
             }
             let is_over = self.state.is_err();
             debug_assert!(is_over || self.farewell.is_none());
-            debug_assert!(!is_over || (self.in_flight() == 0 && self.calls() == 0));
+            debug_assert!(!is_over || self.in_flight() == 0);
+            debug_assert!(!is_over || self.calls() == 0 || self.may_bring_replies());
         }
     }
 }

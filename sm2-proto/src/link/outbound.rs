@@ -300,7 +300,8 @@ impl Outbound {
 
     /// Whether one more message would neither displace another nor be refused.
     pub(super) fn has_room(&self) -> bool {
-        self.waiting.len() < self.depth || self.admitted.len() + self.unreleased.len() < self.window
+        // As long as the window has room, nothing waits.
+        self.waiting.len() < self.depth
     }
 
     pub(super) const fn is_stalled(&self) -> bool {

@@ -42,7 +42,7 @@ pub enum FrameKind {
     Ring = 16,
     /// Wakes who sleeps.
     Doorbell = 17,
-    /// The receiver does not use a segment any more.
+    /// Whoever receives does not use a segment any more.
     Detached = 18,
 }
 
@@ -75,14 +75,13 @@ impl FrameKind {
     pub const fn is_received_by(self, role: Role) -> bool {
         use Role::{Caller, Receiver, Sender, Server};
         match self {
-            Self::Open | Self::Close => true,
+            Self::Open | Self::Close | Self::Doorbell => true,
             Self::Attach | Self::Detach => matches!(role, Receiver | Caller | Server),
             Self::Data => matches!(role, Receiver),
             Self::Request | Self::Cancel => matches!(role, Server),
             Self::Reply => matches!(role, Caller),
             Self::Release => matches!(role, Sender | Caller | Server),
-            Self::Ring | Self::Detached => matches!(role, Sender),
-            Self::Doorbell => matches!(role, Sender | Receiver),
+            Self::Ring | Self::Detached => matches!(role, Sender | Caller | Server),
         }
     }
 
@@ -91,15 +90,9 @@ impl FrameKind {
     #[must_use]
     pub const fn is_on(self, ring: bool) -> bool {
         match self {
-            Self::Data | Self::Release => !ring,
+            Self::Data | Self::Request | Self::Reply | Self::Release => !ring,
             Self::Ring | Self::Doorbell | Self::Detached => ring,
-            Self::Open
-            | Self::Attach
-            | Self::Detach
-            | Self::Request
-            | Self::Reply
-            | Self::Cancel
-            | Self::Close => true,
+            Self::Open | Self::Attach | Self::Detach | Self::Cancel | Self::Close => true,
         }
     }
 }

@@ -126,7 +126,11 @@ impl Link {
     }
 
     fn on_cancel(&mut self, call: u64) -> Result<(), Violation> {
-        if self.served.cancel(call)? {
+        let is_new = match &self.ring {
+            None => self.served.cancel(call)?,
+            Some(ring) => self.served.cancel_of_ring(call, ring.depth())?,
+        };
+        if is_new {
             self.events.push_back(Output::Cancelled { call });
         }
         Ok(())

@@ -53,11 +53,11 @@ pub enum Output {
     Transmit(Packet),
     /// Both ends have sent OPEN.
     Opened,
-    /// Receiver: make the file of a ring with this layout, all zero, with the seals
+    /// Who receives: make the file of a ring with this layout, all zero, with the seals
     /// [`Seals::RING`](crate::Seals::RING), and map it for writing. RING will take it along.
     MakeRing(RingLayout),
-    /// Sender: map the descriptor of the datagram just handled, for reading and writing: it is
-    /// a ring with this layout, whose seals and size are as SPEC demands.
+    /// Who sends: map the descriptor of the datagram just handled, for reading and writing: it
+    /// is a ring with this layout, whose seals and size are as SPEC demands.
     Ring(RingLayout),
     /// Map the descriptor of the datagram just handled, for reading only: its
     /// seals and its size are as SPEC demands.
@@ -97,12 +97,14 @@ pub enum Output {
         /// The id of the request.
         call: u64,
     },
-    /// A caller will not get the reply: the link ended before it.
+    /// A caller will not get the reply: the link ended before it. On the ring lane it is said when
+    /// [`Link::ring_take`](super::Link::ring_take) gave the replies that had come, if need be
+    /// after [`Output::Ended`].
     CallFailed {
         /// The id of the request.
         call: u64,
     },
-    /// The link is over: nothing comes after this.
+    /// The link is over: nothing comes after this but [`Output::CallFailed`].
     Ended(End),
 }
 

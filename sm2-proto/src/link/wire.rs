@@ -12,7 +12,7 @@ mod layout;
 use alloc::vec::Vec;
 
 use self::layout::Layout;
-use super::{FrameKind, Head, SegmentInfo, Status};
+use super::{FrameKind, Head, Role, SegmentInfo, Status};
 use crate::{Code, Datagram, Instant, LinkId, Violation, limits::MESSAGE_HEAD};
 
 const OPEN: usize = 32;
@@ -150,6 +150,15 @@ pub enum Given {
 }
 
 impl Carrier {
+    /// What an end with this role receives; of one that receives nothing: what it sends.
+    pub(super) const fn to(role: Role) -> Self {
+        match role {
+            Role::Sender | Role::Receiver => Self::Data,
+            Role::Server => Self::Request,
+            Role::Caller => Self::Reply,
+        }
+    }
+
     /// The kind of its frame.
     #[must_use]
     pub const fn kind(self) -> FrameKind {
@@ -450,7 +459,7 @@ impl Given {
 
 impl Status {
     //= SM2-SRV-003
-    fn from_number(number: u16) -> Option<Self> {
+    pub(super) fn from_number(number: u16) -> Option<Self> {
         Self::ALL
             .into_iter()
             .find(|status| *status as u16 == number)

@@ -177,6 +177,8 @@ fn what_has_no_plain_layout_says_why() {
     for (text, expected) in cases {
         assert_eq!(layout(text), Err(expected), "{text}");
     }
+    let whole = layout("struct{a:array[u8;000000ffffffffff],b:u8,}").unwrap();
+    assert_eq!(whole.fixed_bytes, MESSAGE_MAX, "not one byte too many");
     let longest = layout("array[u8;0000010000000000]").unwrap();
     assert_eq!(longest.fixed_bytes, MESSAGE_MAX);
 }

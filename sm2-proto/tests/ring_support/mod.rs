@@ -11,7 +11,8 @@ use sm2_proto::{
     limits::SLOT_HEAD,
     link::{
         At, Attachment, Config, Delivery, EMPTY, Error, Fate, FrameKind, Input, Link, NoDelivery,
-        Output, RingLayout, RingMessage, Role, SegmentInfo, SlotHead, Word, Words, wire::Frame,
+        Output, RingLayout, RingMessage, Role, SegmentInfo, SlotHead, Status, Word, Words,
+        wire::Frame,
     },
 };
 
@@ -27,6 +28,7 @@ pub(crate) const fn segment(id: u32) -> SegmentInfo {
 }
 
 /// The words of a ring, each where the layout says.
+#[derive(Clone)]
 pub(crate) struct Memory {
     pub(crate) layout: RingLayout,
     words: RefCell<BTreeMap<u64, u64>>,
@@ -109,6 +111,7 @@ pub(crate) fn head(id: u64) -> SlotHead {
         id,
         time: Instant(100 + id),
         len: id % 7,
+        status: Status::Ok,
     }
 }
 
@@ -256,7 +259,7 @@ impl Rig {
         sent
     }
 
-    pub(crate) fn harvest(&mut self) -> Result<(), Error> {
+    pub(crate) fn harvest(&mut self) -> Result<bool, Error> {
         let settled = &mut self.settled;
         let harvested =
             self.ends[SENDER].ring_harvest(&self.words, |key, fate| settled.push((key, fate)));

@@ -1,6 +1,6 @@
 //! Harnesses for the calls of a link: one step from any state of three calls.
 
-use alloc::collections::BTreeMap;
+use alloc::collections::{BTreeMap, BTreeSet};
 
 use super::{Call, Got, Misuse, Placed, Reply, Served, Status};
 use crate::{
@@ -129,6 +129,7 @@ fn served(calls: [Option<Got>; 4]) -> Served {
             .collect(),
         open: calls.iter().flatten().filter(open).count(),
         last: Some(if calls[3].is_some() { 4 } else { 3 }),
+        early: BTreeSet::new(),
     };
     books.invariants();
     books
@@ -214,6 +215,68 @@ fn a_call_is_replied_to_once() {
     assert_eq!(books.len(), books.open);
 }
 
+/// CALL-CANCEL: on the ring lane a CANCEL may come before its request and after its reply. It is
+/// wrong only if no caller that obeys SPEC can have sent it: twice, for a call that then does not
+/// come, or for more calls than can be on their way.
+//= SM2-RNG-012 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(6))]
+fn a_cancel_of_any_time() {
+    // Two that were taken, and two that may be on their way: no more have room.
+    let owed: Option<bool> = kani::any::<bool>().then(kani::any);
+    let got = |cancelled| Got {
+        reply: Reply::Owed,
+        cancelled,
+    };
+    let early: [bool; 3] = kani::any();
+    kani::assume(early.iter().filter(|it| **it).count() <= 2);
+    let ids = |early: [bool; 3]| (3..).zip(early).filter_map(|(id, it)| it.then_some(id));
+    let before = Served {
+        calls: owed.map(|it| (2, got(it))).into_iter().collect(),
+        open: usize::from(owed.is_some()),
+        last: Some(2),
+        early: ids(early).collect(),
+    };
+    let mut books = before.clone();
+    let call = 1 + below(5) as u64;
+    let remembered = (call > 2).then(|| early[call as usize - 3]);
+    if kani::any() {
+        let verdict = books.cancel_of_ring(call, 2);
+        let expected = match remembered {
+            Some(true) => Err(Violation::BadCancel),
+            Some(false) if before.early.len() == 2 => Err(Violation::UnknownCall),
+            None if call == 2 && owed == Some(true) => Err(Violation::BadCancel),
+            None if call == 2 && owed == Some(false) => Ok(true),
+            _ => Ok(false),
+        };
+        assert_eq!(verdict, expected);
+        assert_eq!(
+            books.early.contains(&call),
+            verdict.is_ok() && call > 2 || remembered == Some(true)
+        );
+        kani::cover!(verdict == Ok(false) && call == 1, "too late");
+        kani::cover!(verdict == Ok(false) && call > 2, "too early");
+    } else {
+        let verdict = books.taken_from_ring(call);
+        let expected = match remembered {
+            None => Err(Violation::BadId),
+            Some(_) if ids(early).any(|it| it < call) => Err(Violation::UnknownCall),
+            Some(cancelled) => Ok(cancelled),
+        };
+        assert_eq!(verdict, expected);
+        match verdict {
+            Ok(cancelled) => {
+                assert!(books.calls.get(&call) == Some(&got(cancelled)));
+                assert!(!books.early.contains(&call) && books.last == Some(call));
+            }
+            Err(_) => assert!(books == before),
+        }
+        kani::cover!(verdict == Ok(true), "cancelled before it came");
+        kani::cover!(verdict == Err(Violation::UnknownCall), "it never came");
+    }
+    books.invariants();
+}
+
 /// 1,024 calls may be open, and not one more, at either end.
 //= SM2-SRV-002 kani
 #[cfg_attr(kani, kani::proof)]
@@ -235,7 +298,12 @@ fn no_more_calls_than_the_limit() {
     let (reply, cancelled) = (Reply::Owed, false);
     let calls: BTreeMap<_, _> = ids.map(|id| (id, Got { reply, cancelled })).collect();
     let last = Some(open as u64);
-    let mut books = Served { calls, open, last };
+    let mut books = Served {
+        calls,
+        open,
+        last,
+        early: BTreeSet::new(),
+    };
     books.invariants();
     let next = open as u64 + 1;
     let expected = if full {
@@ -255,5 +323,6 @@ fn no_more_calls_than_the_limit() {
 kani::explored! {
     a_call_is_answered_once: 3,
     a_call_is_replied_to_once: 2,
+    a_cancel_of_any_time: 4,
     no_more_calls_than_the_limit: 1,
 }

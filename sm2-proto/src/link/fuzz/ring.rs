@@ -14,7 +14,7 @@ use crate::{
     limits::SLOT_HEAD,
     link::{
         At, Config, Delivery, EMPTY, Error, Fate, Input, Misuse, NoDelivery, Payload, RingLayout,
-        RingMessage, Role, SegmentInfo, SlotHead, Word, Words,
+        RingMessage, Role, SegmentInfo, SlotHead, Status, Word, Words,
         wire::{Frame, Open},
     },
 };
@@ -346,6 +346,7 @@ impl<'a> Ring<'a> {
                 id: *id,
                 time: Instant(9),
                 len: script.near(4_096 - SLOT_HEAD as u64).unwrap_or(0),
+                status: Status::Ok,
             };
             Some(head.to_bytes())
         };

@@ -1,22 +1,31 @@
-//! The ring lane of a link: SPEC section 8.5, for a sender and a receiver.
+//! The ring lane of a link: SPEC section 8.5.
 //!
 //! A ring is a file of words that both ends map for writing. This module decides what is
 //! written where and judges all that is read; it reaches the words through [`Words`], three
 //! atomic operations and a fence, which the driver lends for the time of a call. Whatever the
 //! other end writes there leads to a message, to nothing, or to a violation.
 //!
-//! | a sender's driver | calls |
+//! A link of a topic has one ring. One of a service has two, and each call says which one it
+//! needs: *outgoing* carries what this end sends, *incoming* what it receives.
+//!
+//! | a sender's driver | calls, with the outgoing ring |
 //! | --- | --- |
 //! | before a segment's first message | [`Input::Attach`](super::Input::Attach), and drains |
 //! | for each message | [`Link::ring_send`], after writing payload and [`SlotHead`] |
 //! | to learn what came back | [`Link::ring_harvest`] |
 //! | before it waits for room | [`Link::ring_park`], and looks again |
 //!
-//! | a receiver's driver | calls |
+//! | a receiver's driver | calls, with the incoming ring |
 //! | --- | --- |
 //! | for the next message | [`Link::ring_take`] |
 //! | when the application gives one back | [`Link::ring_release`] |
 //! | before it sleeps | [`Link::ring_park`], and looks again |
+//!
+//! A caller's or server's driver does what a receiver's does, and what a sender's does, but for
+//! this: [`Link::ring_send`] takes every message, and attaches segments as need be. After it and
+//! after each other change the driver drains, and as long as [`Link::ring_is_due`] says so it
+//! harvests, which sends what waits, and drains. Nobody parks for room: the machine does, as long
+//! as there is none.
 //!
 //! Where a call says that the other end wants the bell, the driver sends [`doorbell`] and does
 //! not care whether the socket takes it.
@@ -24,11 +33,15 @@
 #[cfg(any(kani, test))]
 mod proofs;
 mod receiver;
+mod rings;
 mod sender;
+mod service;
 mod word;
 
+use self::rings::Outgoing;
 pub(super) use self::{
     receiver::{NotTaken, RingReceiver},
+    rings::{Ring, receiver_of, sender_of},
     sender::{RingSender, Step, Unsent},
 };
 pub use self::{
@@ -37,7 +50,7 @@ pub use self::{
 };
 use super::{
     Attachment, Delivery, End, Error, Fate, Frame, Head, Link, Misuse, Output, Packet, Role,
-    TooManyBorrowed, segments::Verified,
+    TooManyBorrowed, segments::Verified, wire::Carrier,
 };
 use crate::{Farewell, FdFacts, Violation, limits::SLOT_HEAD};
 
@@ -60,17 +73,6 @@ pub trait Words {
     fn take(&self, at: At, bits: u64) -> bool;
     /// A sequentially consistent fence.
     fn fence(&self);
-}
-
-/// Where a link of the ring lane has its messages.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Ring {
-    /// The other end, with this window, has not sent RING yet.
-    Awaited {
-        window: u32,
-    },
-    Sender(RingSender),
-    Receiver(RingReceiver),
 }
 
 /// Why [`Link::ring_take`] gives no message, although there may be one.
@@ -124,7 +126,10 @@ impl Link {
         if let Err(end) = self.state {
             return Err(Error::Ended(end));
         }
-        let Some(Ring::Sender(sender)) = &mut self.ring else {
+        if self.has_calls() {
+            return self.ring_queue(words, message, &mut settled);
+        }
+        let Some(sender) = sender_of(&mut self.ring) else {
             return Err(Misuse::WrongLane.into());
         };
         if self.blocked {
@@ -144,7 +149,8 @@ impl Link {
         result
     }
 
-    /// Takes back what the receiver gave back, as far as it is there.
+    /// Takes back what the receiver gave back, as far as it is there, and sends what waits, as far
+    /// as there is room; whether the receiver wants the bell.
     ///
     /// # Errors
     /// As [`ring_send`](Self::ring_send).
@@ -152,15 +158,16 @@ impl Link {
         &mut self,
         words: &impl Words,
         mut settled: impl FnMut(u64, Fate),
-    ) -> Result<(), Error> {
+    ) -> Result<bool, Error> {
         if let Err(end) = self.state {
             return Err(Error::Ended(end));
         }
-        let Some(Ring::Sender(sender)) = &mut self.ring else {
+        let Some(sender) = sender_of(&mut self.ring) else {
             return Err(Misuse::WrongLane.into());
         };
-        let result = sender
-            .harvest(words, &mut settled)
+        let harvested = sender.harvest(words, &mut settled);
+        let result = harvested
+            .and_then(|()| self.send_waiting(words, &mut settled))
             .map_err(|violation| self.violated(violation));
         self.invariants();
         result
@@ -168,12 +175,11 @@ impl Link {
 
     /// Whether one more message would neither displace another nor be refused.
     pub fn ring_has_room(&self, words: &impl Words) -> bool {
-        match &self.ring {
-            Some(Ring::Sender(sender)) => {
-                self.state.is_ok() && !self.blocked && sender.has_room(words)
-            }
-            _ => false,
-        }
+        let room = |sender: &RingSender| match self.has_calls() {
+            true => self.placed.check().is_ok(),
+            false => !self.blocked && sender.has_room(words),
+        };
+        self.state.is_ok() && self.ring.as_ref().and_then(Ring::sender).is_some_and(room)
     }
 
     /// A publication goes without this link, which has no room for it at this moment: it counts
@@ -182,8 +188,8 @@ impl Link {
     /// # Errors
     /// [`Misuse::WrongLane`].
     pub fn ring_pass_over(&mut self) -> Result<(), Misuse> {
-        match &mut self.ring {
-            Some(Ring::Sender(sender)) => {
+        match sender_of(&mut self.ring) {
+            Some(sender) if self.config.role == Role::Sender => {
                 sender.skip(Fate::Overwritten);
                 Ok(())
             }
@@ -198,17 +204,27 @@ impl Link {
     ///
     /// # Errors
     /// See [`NoDelivery`].
+    #[inline]
     pub fn ring_take(
         &mut self,
         words: &impl Words,
         head: impl FnOnce(u32, u64, u64) -> Option<[u8; SLOT_HEAD]>,
     ) -> Result<Option<Delivery>, NoDelivery> {
-        let Some(Ring::Receiver(receiver)) = &mut self.ring else {
+        let is_awaited = self.is_ring_awaited();
+        let Some(receiver) = receiver_of(&mut self.ring) else {
             return Err(NoDelivery::Misuse(Misuse::WrongLane));
         };
+        //= SM2-RNG-002
+        if is_awaited {
+            return Ok(None);
+        }
         let inbound = &self.inbound;
         let taken = receiver.take(words, |segment| inbound.geometry(segment), head);
-        let result = taken.map_err(|why| match why {
+        let judged = taken.and_then(|taken| {
+            self.note_call(taken.as_ref())?;
+            Ok(taken)
+        });
+        let result = judged.map_err(|why| match why {
             NotTaken::TooManyBorrowed(error) => NoDelivery::TooManyBorrowed(error),
             NotTaken::UnknownSegment => NoDelivery::UnknownSegment,
             NotTaken::Violation(violation) => self.ring_violated(violation),
@@ -232,9 +248,10 @@ impl Link {
                 NoDelivery::Ended(End::Violation(violation))
             }
             Err(end) => {
-                if let Some(Ring::Receiver(receiver)) = &mut self.ring {
+                if let Some(receiver) = receiver_of(&mut self.ring) {
                     receiver.end(true);
                 }
+                self.fail_calls();
                 NoDelivery::Ended(end)
             }
         }
@@ -242,15 +259,13 @@ impl Link {
 
     /// Whether [`ring_take`](Self::ring_take) may give a message.
     pub fn ring_ready(&self, words: &impl Words) -> bool {
-        matches!(&self.ring, Some(Ring::Receiver(receiver)) if receiver.ready(words))
+        let receiver = self.ring_receiver().filter(|_| !self.is_ring_awaited());
+        receiver.is_some_and(|it| it.ready(words))
     }
 
     /// How many messages are there to take, at most.
     pub fn ring_waiting(&self, words: &impl Words) -> usize {
-        match &self.ring {
-            Some(Ring::Receiver(receiver)) => receiver.waiting(words),
-            _ => 0,
-        }
+        self.ring_receiver().map_or(0, |it| it.waiting(words))
     }
 
     /// The application gives back a message that it took; whether the sender wants the bell.
@@ -258,7 +273,7 @@ impl Link {
     /// # Errors
     /// As [`handle`](Self::handle) of [`Input::Release`](super::Input::Release).
     pub fn ring_release(&mut self, words: &impl Words, sequence: u64) -> Result<bool, Error> {
-        let Some(Ring::Receiver(receiver)) = &mut self.ring else {
+        let Some(receiver) = receiver_of(&mut self.ring) else {
             return Err(Misuse::WrongLane.into());
         };
         let result = match self.state {
@@ -281,7 +296,7 @@ impl Link {
     pub fn ring_made_room(&self, words: &impl Words) -> bool {
         self.config.reliable
             && self.state.is_ok()
-            && matches!(self.ring, Some(Ring::Receiver(_)))
+            && self.ring_receiver().is_some()
             && wants_bell(words, At::SenderParked)
     }
 
@@ -303,11 +318,13 @@ impl Link {
         }
     }
 
-    const fn parked_word(&self) -> Option<At> {
-        match &self.ring {
-            Some(Ring::Sender(_)) => Some(At::SenderParked),
-            Some(Ring::Receiver(_)) => Some(At::ReceiverParked),
-            Some(Ring::Awaited { .. }) | None => None,
+    /// Of a caller or server: in its incoming ring.
+    fn parked_word(&self) -> Option<At> {
+        match self.ring.as_ref()? {
+            Ring {
+                incoming: Some(_), ..
+            } => Some(At::ReceiverParked),
+            ring => ring.sender().map(|_| At::SenderParked),
         }
     }
 
@@ -321,15 +338,15 @@ impl Link {
     //= SM2-RNG-001, SM2-RNG-002
     pub(super) fn agree_on_ring(&mut self, window: u32) {
         let config = &self.config;
-        self.ring = match RingLayout::new(config.depth, config.window()) {
-            Some(layout) if config.role == Role::Receiver => {
-                self.announce_ring = true;
-                self.events.push_back(Output::MakeRing(layout));
-                let receiver = RingReceiver::new(layout, config.reliable, config.max_borrowed);
-                Some(Ring::Receiver(receiver))
-            }
-            _ => Some(Ring::Awaited { window }),
-        };
+        let incoming = config.ring_layout().map(|layout| {
+            self.announce_ring = true;
+            self.events.push_back(Output::MakeRing(layout));
+            let carrier = Carrier::to(config.role);
+            RingReceiver::new(layout, carrier, config.reliable, config.max_borrowed)
+        });
+        let outgoing = Some(Outgoing::Awaited { window });
+        let outgoing = outgoing.filter(|_| config.role.sends());
+        self.ring = Some(Ring::new(outgoing, incoming));
     }
 
     /// RING came.
@@ -343,10 +360,16 @@ impl Link {
         let facts = fds.first().ok_or(Violation::FdCount)?;
         let layout = RingLayout::new(depth, window);
         Verified::ring(facts, layout)?;
-        match (&self.ring, layout) {
-            (Some(Ring::Awaited { window: open }), Some(layout)) if *open == window => {
-                let sender = RingSender::new(layout, self.config.reliable);
-                self.ring = Some(Ring::Sender(sender));
+        let carrier = Carrier::to(self.config.role.counterpart());
+        match (
+            self.ring.as_mut().and_then(|it| it.outgoing.as_mut()),
+            layout,
+        ) {
+            (Some(outgoing @ Outgoing::Awaited { .. }), Some(layout))
+                if outgoing.awaits(window) =>
+            {
+                let sender = RingSender::new(layout, carrier, self.config.reliable);
+                *outgoing = Outgoing::Here(sender);
                 self.events.push_back(Output::Ring(layout));
                 Ok(())
             }
@@ -357,62 +380,41 @@ impl Link {
     /// DETACHED came.
     //= SM2-RNG-010
     pub(super) fn on_detached(&mut self, segment: u32) -> Result<(), Violation> {
-        match &mut self.ring {
-            Some(Ring::Sender(sender)) => sender.detached(segment),
-            _ => Err(Violation::UnknownSegment),
-        }
+        let sender = sender_of(&mut self.ring);
+        sender.map_or(Err(Violation::UnknownSegment), |it| it.detached(segment))
     }
 
     /// Whether the application holds a message of the ring in this segment.
     pub(super) fn ring_holds(&self, segment: u32) -> bool {
-        matches!(&self.ring, Some(Ring::Receiver(receiver)) if receiver.holds(segment))
+        self.ring_receiver().is_some_and(|it| it.holds(segment))
+    }
+
+    fn ring_receiver(&self) -> Option<&RingReceiver> {
+        self.ring.as_ref()?.incoming.as_ref()
     }
 
     /// The next frame of the ring lane that has to go out by the socket.
     //= SM2-RNG-002, SM2-RNG-010
     pub(super) fn transmit_ring(&mut self) -> Option<Packet> {
-        match &mut self.ring {
-            Some(Ring::Receiver(receiver)) if self.announce_ring => {
-                self.announce_ring = false;
-                let layout = receiver.layout();
-                let (depth, window) = (layout.depth(), layout.window());
-                Some(Packet {
-                    attachment: Some(Attachment::Ring),
-                    ..Packet::bare(Frame::Ring { depth, window }.head())
-                })
-            }
-            Some(Ring::Receiver(_)) => {
-                let segment = self.detached.pop_front()?;
-                Some(Packet::bare(Frame::Detached { segment }.head()))
-            }
-            Some(Ring::Sender(sender)) => Some(match sender.poll()? {
-                Step::Attach(info) => Packet {
-                    attachment: Some(Attachment::Segment(info.id)),
-                    ..Packet::bare(Frame::Attach(info).head())
-                },
-                Step::Detach(segment) => Packet::bare(Frame::Detach { segment }.head()),
-            }),
-            Some(Ring::Awaited { .. }) | None => None,
+        let ring = self.ring.as_mut()?;
+        if let Some(receiver) = ring.incoming.as_ref().filter(|_| self.announce_ring) {
+            self.announce_ring = false;
+            let layout = receiver.layout();
+            let (depth, window) = (layout.depth(), layout.window());
+            return Some(Packet {
+                attachment: Some(Attachment::Ring),
+                ..Packet::bare(Frame::Ring { depth, window }.head())
+            });
         }
-    }
-}
-
-impl Ring {
-    /// The link is over. Gives the keys of what was sent and is not settled.
-    pub(super) fn end(&mut self, by_violation: bool, each: impl FnMut(u64)) {
-        match self {
-            Self::Awaited { .. } => {}
-            Self::Sender(sender) => sender.end(each),
-            Self::Receiver(receiver) => receiver.end(by_violation),
+        if let Some(segment) = self.detached.pop_front() {
+            return Some(Packet::bare(Frame::Detached { segment }.head()));
         }
-    }
-
-    /// What must hold between any two calls.
-    pub(super) fn invariants(&self) {
-        match self {
-            Self::Awaited { .. } => {}
-            Self::Sender(sender) => sender.invariants(),
-            Self::Receiver(receiver) => receiver.invariants(),
-        }
+        Some(match ring.sender_mut()?.poll()? {
+            Step::Attach(info) => Packet {
+                attachment: Some(Attachment::Segment(info.id)),
+                ..Packet::bare(Frame::Attach(info).head())
+            },
+            Step::Detach(segment) => Packet::bare(Frame::Detach { segment }.head()),
+        })
     }
 }

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Instant, Violation,
     limits::SLOT_HEAD,
-    link::{Fate, Misuse, Payload, SegmentInfo, segments::Geometry},
+    link::{Fate, Misuse, Payload, SegmentInfo, Status, segments::Geometry, wire::Carrier},
     proofs::{below, one_of},
 };
 
@@ -118,14 +118,18 @@ fn heads_are_canonical() {
     let mut bytes = [0; SLOT_HEAD];
     let (at, value) = (below(SLOT_HEAD), kani::any());
     bytes[at] = value;
-    let head = SlotHead::from_bytes(&bytes);
-    let expected = if at >= 24 && value != 0 {
-        Err(Violation::ReservedNotZero)
-    } else {
-        Ok(bytes)
+    let carrier = one_of(&[Carrier::Data, Carrier::Request, Carrier::Reply]);
+    let head = SlotHead::from_bytes(&bytes, carrier);
+    let is_status = carrier == Carrier::Reply && at < 26;
+    let expected = match (at, value) {
+        (0..24, _) | (_, 0) => Ok(bytes),
+        (24, 1..4) if is_status => Ok(bytes),
+        _ if is_status => Err(Violation::Malformed),
+        _ => Err(Violation::ReservedNotZero),
     };
     assert_eq!(head.map(SlotHead::to_bytes), expected);
-    kani::cover!(head.is_err(), "reserved");
+    kani::cover!(head == Err(Violation::ReservedNotZero), "reserved");
+    kani::cover!(head == Err(Violation::Malformed), "no status");
 }
 
 /// The words of a ring of two with a window of four, as a memory has them.
@@ -183,8 +187,8 @@ fn the_last_two_are_there() {
     let reliable = kani::any();
     let layout = RingLayout::new(2, 4).expect("a legal layout");
     let memory = Memory::default();
-    let mut sender = RingSender::new(layout, reliable);
-    let mut receiver = RingReceiver::new(layout, reliable, 2);
+    let mut sender = RingSender::new(layout, Carrier::Data, reliable);
+    let mut receiver = RingReceiver::new(layout, Carrier::Data, reliable, 2);
     assert_eq!(sender.attach(&SEGMENT), Ok(()));
     while sender.poll().is_some() {}
     let fates = RefCell::new([None; 8]);
@@ -224,6 +228,7 @@ fn the_last_two_are_there() {
                         id: offset / 4_096,
                         time: Instant(0),
                         len: 0,
+                        status: Status::Ok,
                     };
                     Some(head.to_bytes())
                 };
@@ -269,6 +274,6 @@ kani::explored! {
     words_are_canonical: 2,
     only_small_numbers_have_words: 1,
     words_are_inside: 2,
-    heads_are_canonical: 1,
+    heads_are_canonical: 2,
     the_last_two_are_there: 2,
 }

@@ -1,12 +1,12 @@
 //! The receiver's side of a ring: what it expects, and what the application holds.
 
+mod borrowed;
 #[cfg(any(kani, test))]
 mod proofs;
 
-use alloc::vec::Vec;
-
+use self::borrowed::Borrowed;
 use super::{
-    super::{Delivery, Payload, Status, TooManyBorrowed, segments::Geometry},
+    super::{Delivery, Payload, TooManyBorrowed, segments::Geometry, wire::Carrier},
     At, DISPLACED_MAX, RingLayout, SlotHead, Word, Words,
     word::EMPTY,
 };
@@ -18,6 +18,7 @@ use crate::{
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingReceiver {
     layout: RingLayout,
+    carrier: Carrier,
     /// Whether the sender may go round.
     displaces: bool,
     max_borrowed: u16,
@@ -27,16 +28,9 @@ pub(in crate::link) struct RingReceiver {
     last_id: Option<u64>,
     /// How many messages were given back.
     given: u64,
-    /// What the application holds: few, so that looking through them is quick.
-    borrowed: Vec<Borrowed>,
+    borrowed: Borrowed,
     /// How many messages can still be taken, once the link is over.
     left: Option<u16>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Borrowed {
-    sequence: u64,
-    word: Word,
 }
 
 /// Why no message is taken, although the ring is not empty.
@@ -55,15 +49,21 @@ impl From<Violation> for NotTaken {
 }
 
 impl RingReceiver {
-    pub(in crate::link) fn new(layout: RingLayout, reliable: bool, max_borrowed: u16) -> Self {
+    pub(in crate::link) fn new(
+        layout: RingLayout,
+        carrier: Carrier,
+        reliable: bool,
+        max_borrowed: u16,
+    ) -> Self {
         Self {
             layout,
+            carrier,
             displaces: !reliable,
             max_borrowed,
             next: 1,
             last_id: None,
             given: 0,
-            borrowed: Vec::with_capacity(usize::from(max_borrowed)),
+            borrowed: Borrowed::with_capacity(max_borrowed),
             left: None,
         }
     }
@@ -104,6 +104,7 @@ impl RingReceiver {
     /// The next message for the application. `head` copies the last bytes of the slot that
     /// begins at this offset of this segment and has this length.
     //= SM2-RNG-007, SM2-MSG-005, SM2-PAY-006
+    #[inline]
     pub(in crate::link) fn take(
         &mut self,
         words: &impl Words,
@@ -161,7 +162,8 @@ impl RingReceiver {
     }
 
     /// The word was taken out of the ring.
-    //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-008, SM2-MSG-002
+    //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-008, SM2-MSG-002, SM2-SRV-002
+    #[inline]
     fn taken(
         &mut self,
         word: Word,
@@ -171,21 +173,25 @@ impl RingReceiver {
     ) -> Result<Delivery, NotTaken> {
         let sequence = self.next;
         self.next = sequence.checked_add(1).ok_or(Violation::BadWord)?;
-        let is_same = |it: &Borrowed| (it.word.segment, it.word.slot) == (word.segment, word.slot);
-        if self.borrowed.iter().any(is_same) {
+        if self.borrowed.is_at(word) {
             return Err(Violation::SlotBusy.into());
         }
-        let head = SlotHead::from_bytes(&head.ok_or(NotTaken::UnknownSegment)?)?;
-        if self.last_id.is_some_and(|last| head.id <= last) {
+        let head = SlotHead::from_bytes(&head.ok_or(NotTaken::UnknownSegment)?, self.carrier)?;
+        let last_id = self.last_id.filter(|_| self.carrier != Carrier::Reply);
+        if last_id.is_some_and(|last| head.id <= last) {
             return Err(Violation::BadId.into());
         }
         if head.len > MESSAGE_MAX || head.len > geometry.stride() - SLOT_HEAD as u64 {
             return Err(Violation::BadLength.into());
         }
-        // Before the first, each message that was displaced had a sequence number.
-        let lost = (self.last_id).map_or(sequence - 1, |last| head.id - last - 1);
+        let lost = match (self.carrier, last_id) {
+            (Carrier::Data, Some(last)) => head.id - last - 1,
+            // Before the first, each message that was displaced had a sequence number.
+            (Carrier::Data, None) => sequence - 1,
+            (Carrier::Request | Carrier::Reply, _) => 0,
+        };
         self.last_id = Some(head.id);
-        self.borrowed.push(Borrowed { sequence, word });
+        self.borrowed.push(sequence, word);
         if let Some(left) = &mut self.left {
             *left -= 1;
         }
@@ -193,7 +199,7 @@ impl RingReceiver {
             sequence,
             id: head.id,
             time: head.time,
-            status: Status::Ok,
+            status: head.status,
             lost,
             len: head.len,
             payload: Payload::Pooled {
@@ -211,7 +217,7 @@ impl RingReceiver {
         words: &impl Words,
         sequence: u64,
     ) -> Option<Result<bool, Violation>> {
-        let word = self.forget(sequence)?;
+        let word = self.borrowed.remove(sequence)?;
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {
@@ -222,19 +228,23 @@ impl RingReceiver {
 
     /// The application gives a message back, of which the other side need not know.
     pub(in crate::link) fn forget(&mut self, sequence: u64) -> Option<Word> {
-        let index = (self.borrowed.iter()).position(|it| it.sequence == sequence)?;
-        Some(self.borrowed.swap_remove(index).word)
+        self.borrowed.remove(sequence)
     }
 
     /// Whether the application holds a message in this segment.
     pub(in crate::link) fn holds(&self, segment: u32) -> bool {
-        (self.borrowed.iter()).any(|it| u32::from(it.word.segment) == segment)
+        self.borrowed.is_in(segment)
     }
 
     /// The link is over.
     //= SM2-RNG-011
     pub(in crate::link) const fn end(&mut self, by_violation: bool) {
         self.left = Some(if by_violation { 0 } else { self.layout.depth() });
+    }
+
+    /// Whether nothing can be taken any more.
+    pub(in crate::link) fn is_over(&self) -> bool {
+        self.left == Some(0)
     }
 
     /// What must hold between any two calls.

@@ -6,7 +6,7 @@ mod proofs;
 use alloc::{collections::VecDeque, vec, vec::Vec};
 
 use super::{
-    super::{Counters, Fate, Misuse, SegmentInfo, segments::Geometry},
+    super::{Counters, Fate, Misuse, SegmentInfo, segments::Geometry, wire::Carrier},
     At, DISPLACED_MAX, RingLayout, Word, Words,
     word::EMPTY,
 };
@@ -18,6 +18,7 @@ use crate::{
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingSender {
     layout: RingLayout,
+    carrier: Carrier,
     /// Whether a message that was not taken gives way to the one a round later.
     displaces: bool,
     /// The number of the last message.
@@ -82,7 +83,8 @@ pub(in crate::link) enum Step {
 pub struct RingMessage {
     /// As [`Message::key`](super::super::Message::key).
     pub key: u64,
-    /// The publisher's count of its publications, growing.
+    /// The publisher's count of its publications or the caller's of its calls, growing; of a
+    /// reply the number of the call.
     pub id: u64,
     /// The length of the payload, in bytes.
     pub len: u64,
@@ -114,9 +116,10 @@ impl From<Violation> for Unsent {
 }
 
 impl RingSender {
-    pub(in crate::link) fn new(layout: RingLayout, reliable: bool) -> Self {
+    pub(in crate::link) fn new(layout: RingLayout, carrier: Carrier, reliable: bool) -> Self {
         Self {
             layout,
+            carrier,
             displaces: !reliable,
             sequence: 0,
             forward: vec![EMPTY; usize::from(layout.depth())],
@@ -221,6 +224,11 @@ impl RingSender {
         }
     }
 
+    /// Whether messages can be in this segment.
+    pub(in crate::link) fn is_attached(&self, info: &SegmentInfo) -> bool {
+        (self.segment(info.id)).is_some_and(|it| it.info == *info && it.state == State::Attached)
+    }
+
     /// What has to be sent by the socket next. The caller sends it.
     pub(in crate::link) fn poll(&mut self) -> Option<Step> {
         let step = self.steps.pop_front()?;
@@ -318,7 +326,8 @@ impl RingSender {
         if message.len > MESSAGE_MAX.min(info.stride - SLOT_HEAD as u64) {
             return Err(Misuse::TooLong);
         }
-        if self.last_id.is_some_and(|last| message.id <= last) {
+        let is_late = |last| self.carrier != Carrier::Reply && message.id <= last;
+        if self.last_id.is_some_and(is_late) {
             return Err(Misuse::IdNotGrowing);
         }
         match segment.slots.get(*slot as usize) {
@@ -405,7 +414,7 @@ impl RingSender {
         }
     }
 
-    /// A publication is not sent on this link: it had no room.
+    /// A message is not sent on this link: it had no room.
     pub(in crate::link) fn skip(&mut self, fate: Fate) {
         self.counters.offered += 1;
         match fate {
@@ -413,6 +422,7 @@ impl RingSender {
                 self.counters.deadline += 1;
                 self.stalled = true;
             }
+            Fate::Closed => self.counters.closed += 1,
             _ => self.counters.overwritten += 1,
         }
     }

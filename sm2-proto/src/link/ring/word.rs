@@ -1,8 +1,9 @@
 //! What stands in the file of a ring and at the end of a slot: values, and the layout.
 
+use super::super::{Status, wire::Carrier};
 use crate::{
     Instant, Violation,
-    limits::{QOS_MAX, RING_SEGMENTS_MAX, SLOT_HEAD, STRIDE_UNIT, WINDOW_MAX},
+    limits::{QOS_MAX, RING_SEGMENTS_MAX, SLOT_HEAD, WINDOW_MAX},
 };
 
 /// Nothing: a word that names no message.
@@ -91,6 +92,8 @@ impl RingLayout {
     /// Where the forward words begin, in bytes.
     const FORWARD: u64 = 128;
     const LINE: u64 = 64;
+    /// What the size of the file is a multiple of, in bytes.
+    const UNIT: u64 = 4_096;
 
     /// A ring of so many forward and back words; none if these are not what a link can have.
     #[must_use]
@@ -136,7 +139,7 @@ impl RingLayout {
     /// The size of the file, in bytes.
     #[must_use]
     pub const fn size_bytes(self) -> u64 {
-        (self.back() + 8 * self.window as u64).next_multiple_of(STRIDE_UNIT)
+        (self.back() + 8 * self.window as u64).next_multiple_of(Self::UNIT)
     }
 
     /// The forward word of this message.
@@ -156,12 +159,14 @@ impl RingLayout {
 //= SM2-RNG-004
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SlotHead {
-    /// The publisher's count of its publications.
+    /// The publisher's count of its publications, or the number of the call.
     pub id: u64,
-    /// The moment of publication.
+    /// The moment of publication. Of a request: the deadline, 0 for none.
     pub time: Instant,
     /// The length of the payload, in bytes.
     pub len: u64,
+    /// How the call went, of a reply. All others: [`Status::Ok`].
+    pub status: Status,
 }
 
 impl SlotHead {
@@ -173,25 +178,30 @@ impl SlotHead {
         bytes[..8].copy_from_slice(&self.id.to_le_bytes());
         bytes[8..16].copy_from_slice(&self.time.0.to_le_bytes());
         bytes[16..24].copy_from_slice(&self.len.to_le_bytes());
+        bytes[24..26].copy_from_slice(&(self.status as u16).to_le_bytes());
         bytes
     }
 
-    /// The head in a copy of the last bytes of a slot.
+    /// The head in a copy of the last bytes of a slot with such a message.
     ///
     /// # Errors
-    /// [`Violation::ReservedNotZero`].
+    /// [`Violation::ReservedNotZero`], and [`Violation::Malformed`] for a reply's status.
     #[inline]
-    pub fn from_bytes(bytes: &[u8; SLOT_HEAD]) -> Result<Self, Violation> {
-        let ([id, time, len, reserved @ ..], []) = bytes.as_chunks::<8>() else {
+    pub fn from_bytes(bytes: &[u8; SLOT_HEAD], carrier: Carrier) -> Result<Self, Violation> {
+        let ([id, time, len, last, reserved @ ..], []) = bytes.as_chunks::<8>() else {
             return Err(Violation::ReservedNotZero);
         };
-        if reserved.iter().any(|it| *it != [0; 8]) {
+        let [low, high, zeros @ ..] = *last;
+        let status = u16::from_le_bytes([low, high]);
+        let is_else = carrier != Carrier::Reply && status != 0;
+        if is_else || zeros != [0; 6] || reserved.iter().any(|it| *it != [0; 8]) {
             return Err(Violation::ReservedNotZero);
         }
         Ok(Self {
             id: u64::from_le_bytes(*id),
             time: Instant(u64::from_le_bytes(*time)),
             len: u64::from_le_bytes(*len),
+            status: Status::from_number(status).ok_or(Violation::Malformed)?,
         })
     }
 }

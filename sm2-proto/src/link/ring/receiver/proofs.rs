@@ -3,12 +3,12 @@
 use core::cell::Cell;
 
 use super::{
-    super::proofs::SEQUENCES, At, Borrowed, DISPLACED_MAX, EMPTY, NotTaken, RingLayout,
-    RingReceiver, SlotHead, Word, Words,
+    super::proofs::SEQUENCES, At, DISPLACED_MAX, EMPTY, NotTaken, RingLayout, RingReceiver,
+    SlotHead, Word, Words,
 };
 use crate::{
     Instant, Violation,
-    link::{Payload, segments::Geometry},
+    link::{Payload, Status, segments::Geometry, wire::Carrier},
     proofs::{below, one_of},
 };
 
@@ -19,7 +19,7 @@ fn receiver(depth: u16, reliable: bool, next: u64) -> RingReceiver {
     let layout = RingLayout::new(depth, u32::from(depth) + 2).expect("a legal layout");
     RingReceiver {
         next,
-        ..RingReceiver::new(layout, reliable, 2)
+        ..RingReceiver::new(layout, Carrier::Data, reliable, 2)
     }
 }
 
@@ -161,10 +161,7 @@ fn a_look_at_any_words() {
         sequence: 4,
     };
     if kani::any() {
-        receiver.borrowed.push(Borrowed {
-            sequence: 4,
-            word: held,
-        });
+        receiver.borrowed.push(4, held);
     }
     if kani::any() {
         receiver.end(kani::any());
@@ -180,6 +177,7 @@ fn a_look_at_any_words() {
         id: 9,
         time: Instant(0),
         len: one_of(&[0, 4_032, 4_033]),
+        status: Status::Ok,
     };
     let copies = Cell::new(0);
     let taken = receiver.take(
@@ -227,7 +225,7 @@ fn a_message_is_given_back_once() {
         slot: 1,
         sequence: 4,
     };
-    receiver.borrowed.push(Borrowed { sequence: 4, word });
+    receiver.borrowed.push(4, word);
     receiver.given = one_of(&[0, 3, 4, u64::from(u32::MAX)]);
     let any = || one_of(&[0, 1, 2, u64::MAX]);
     let words = Answers {

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     Violation,
-    link::Misuse,
+    link::{Misuse, wire::Carrier},
     proofs::{below, one_of},
 };
 
@@ -91,7 +91,7 @@ fn message(number: u64) -> RingMessage {
 /// A sender that has sent so many messages, of which the first were taken and not given back.
 fn sender(sent: u64, taken: u64, reliable: bool, words: &Answers) -> RingSender {
     let layout = RingLayout::new(2, 3).expect("a legal layout");
-    let mut sender = RingSender::new(layout, reliable);
+    let mut sender = RingSender::new(layout, Carrier::Data, reliable);
     assert_eq!(sender.attach(&SEGMENT), Ok(()));
     while sender.poll().is_some() {}
     for number in 1..=sent {

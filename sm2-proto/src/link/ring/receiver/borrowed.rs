@@ -1,0 +1,67 @@
+//! What the application holds of a ring.
+
+use alloc::vec::Vec;
+
+use super::super::Word;
+
+/// The messages that the application holds, in the order in which it took them.
+///
+/// Often there are few, sometimes a thousand that come back in their order: then what is looked
+/// for is at the beginning, and that a place is not there is seen many places at a time.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Borrowed {
+    /// Growing.
+    sequences: Vec<u64>,
+    /// Of each the segment, and the slot in the low half.
+    places: Vec<u32>,
+}
+
+impl Borrowed {
+    pub(super) fn with_capacity(most: u16) -> Self {
+        Self {
+            sequences: Vec::with_capacity(usize::from(most)),
+            places: Vec::with_capacity(usize::from(most)),
+        }
+    }
+
+    pub(super) const fn len(&self) -> usize {
+        self.sequences.len()
+    }
+
+    /// Whether a message is where this word says.
+    pub(super) fn is_at(&self, word: Word) -> bool {
+        self.places.contains(&place(word))
+    }
+
+    /// Whether a message is in this segment.
+    pub(super) fn is_in(&self, segment: u32) -> bool {
+        self.places.iter().any(|place| place >> 16 == segment)
+    }
+
+    /// The word of one more message; its sequence number is greater than those before.
+    pub(super) fn push(&mut self, sequence: u64, word: Word) {
+        debug_assert!(self.sequences.last().is_none_or(|last| *last < sequence));
+        debug_assert_eq!(word.sequence, sequence as u32);
+        self.sequences.push(sequence);
+        self.places.push(place(word));
+    }
+
+    /// Takes out the word of a message. None: it is not there.
+    pub(super) fn remove(&mut self, sequence: u64) -> Option<Word> {
+        let index = match self.sequences.first()? {
+            first if *first == sequence => 0,
+            _ => self.sequences.binary_search(&sequence).ok()?,
+        };
+        self.sequences.remove(index);
+        let place = self.places.remove(index);
+        Some(Word {
+            segment: (place >> 16) as u16,
+            slot: place as u16,
+            sequence: sequence as u32,
+        })
+    }
+}
+
+const fn place(word: Word) -> u32 {
+    (word.segment as u32) << 16 | word.slot as u32
+}

@@ -1,0 +1,334 @@
+//! Calls on the ring lane, step by step: SPEC sections 8.5 and 9.
+
+mod link_support;
+mod ring_support;
+
+#[path = "ring_support/calls.rs"]
+mod calls;
+#[path = "ring_support/world.rs"]
+mod world;
+
+use calls::{CALLER, Calls, Outcome, SERVER, segment};
+use link_support::{NOW, opened, with_ring};
+use sm2_proto::{
+    Datagram, FdFacts,
+    limits::CALLS_MAX,
+    link::{
+        At, Config, Counters, Error, FrameKind, Input, Misuse, Output, RingLayout, RingMessage,
+        Role, Status, wire::Frame,
+    },
+};
+
+/// The server: two wait, two are held. The caller: three calls and their replies.
+fn pair() -> Calls {
+    Calls::open([1, 2], [3, 2])
+}
+
+fn kinds(pair: &Calls, end: usize) -> Vec<FrameKind> {
+    let wires = pair.world.wires.borrow();
+    let kind = |it: &(Vec<u8>, Vec<FdFacts>)| FrameKind::from_number(it.0[0]).unwrap();
+    wires[end].iter().map(kind).collect()
+}
+
+//= SM2-RNG-001, SM2-RNG-002 test
+#[test]
+fn each_end_makes_the_ring_that_it_takes_from() {
+    let mut pair = Calls::fresh([1, 2], [3, 2]);
+    pair.read(SERVER);
+    let requests = RingLayout::new(2, 4).unwrap();
+    assert_eq!(
+        pair.server.outputs,
+        [Output::Opened, Output::MakeRing(requests)]
+    );
+    assert_eq!(kinds(&pair, SERVER), [FrameKind::Open, FrameKind::Ring]);
+    assert!(pair.server.link.has_ring() && !pair.server.link.is_open());
+    pair.pump();
+    // A place for the reply to each call.
+    let replies = RingLayout::new(3, 4).unwrap();
+    assert_eq!(pair.caller.outputs[1], Output::MakeRing(replies));
+    assert_eq!(pair.caller.outputs[2], Output::Ring(requests));
+    assert_eq!(pair.server.outputs[2], Output::Ring(replies));
+    assert!(pair.server.link.is_open() && pair.caller.link.is_open());
+}
+
+/// As many replies as the limit of depths allows, also where the window is larger.
+//= SM2-RNG-002 test
+#[test]
+fn a_caller_has_a_place_for_each_reply_within_the_limits() {
+    for (depth, max_borrowed, expected) in
+        [(1, 1, 1), (1, 64, 64), (1, 1024, 1024), (1024, 1024, 1024)]
+    {
+        let config = Config {
+            depth,
+            max_borrowed,
+            ..with_ring(Role::Caller)
+        };
+        let layout = config.ring_layout().unwrap();
+        assert_eq!(layout.depth(), expected);
+        assert_eq!(layout.window(), u32::from(depth + max_borrowed));
+    }
+    assert_eq!(with_ring(Role::Sender).ring_layout(), None);
+}
+
+//= SM2-SRV-002, SM2-SRV-003, SM2-RNG-004 test
+#[test]
+fn a_call_and_its_reply() {
+    let mut pair = pair();
+    pair.call();
+    assert_eq!(kinds(&pair, CALLER), [FrameKind::Attach]);
+    assert_eq!(pair.caller.link.calls(), 1);
+    pair.take(SERVER);
+    assert_eq!(pair.server.taken, [1]);
+    assert_eq!((pair.server.link.calls(), pair.server.held.len()), (1, 1));
+    pair.reply();
+    assert_eq!(pair.server.link.calls(), 0);
+    pair.release(SERVER);
+    pair.take(CALLER);
+    assert_eq!(pair.caller.calls[&1], Some(Outcome::Reply(Status::Ok)));
+    assert_eq!((pair.caller.link.calls(), pair.caller.held.len()), (0, 1));
+    pair.release(CALLER);
+    pair.harvest(CALLER);
+    pair.harvest(SERVER);
+    for side in [&pair.caller, &pair.server] {
+        let once = Counters {
+            offered: 1,
+            delivered: 1,
+            ..Counters::default()
+        };
+        assert_eq!(side.link.counters(), once);
+    }
+    // Between awake ends nothing goes by the sockets but the segments.
+    assert_eq!(
+        (kinds(&pair, CALLER), kinds(&pair, SERVER)),
+        (vec![], vec![])
+    );
+}
+
+/// What there is no room for waits at its sender, counted, and goes when there is some.
+//= SM2-RNG-009, SM2-QOS-004 test
+#[test]
+fn calls_and_replies_that_wait_for_room() {
+    let mut pair = pair();
+    for _ in 0..5 {
+        pair.call();
+    }
+    pair.pump();
+    pair.harvest(CALLER);
+    assert!(pair.caller.link.ring_is_waiting());
+    assert_eq!(pair.world.rings[SERVER].read(At::SenderParked), 1);
+    assert_eq!(pair.caller.link.counters().offered, 5);
+    assert_eq!(
+        (pair.caller.link.in_flight(), pair.caller.link.calls()),
+        (5, 5)
+    );
+    // Taking makes room, and says so.
+    pair.take(SERVER);
+    assert_eq!(kinds(&pair, SERVER), [FrameKind::Doorbell]);
+    assert_eq!(pair.world.rings[SERVER].read(At::SenderParked), 0);
+    pair.harvest(CALLER);
+    assert!(pair.caller.link.ring_is_waiting());
+    for _ in 0..5 {
+        pair.harvest(CALLER);
+        pair.take(SERVER);
+        pair.reply();
+        pair.release(SERVER);
+    }
+    assert_eq!(pair.server.taken, [1, 3, 5, 7, 9]);
+    // Three places for replies.
+    assert!(!pair.caller.link.ring_is_waiting() && pair.server.link.ring_is_waiting());
+    for _ in 0..6 {
+        pair.take(CALLER);
+        pair.release(CALLER);
+        pair.harvest(SERVER);
+    }
+    assert!(!pair.server.link.ring_is_waiting());
+    assert!(
+        pair.caller
+            .calls
+            .values()
+            .all(|it| matches!(it, Some(Outcome::Reply(_))))
+    );
+}
+
+fn request(id: u64, slot: u32) -> RingMessage {
+    RingMessage {
+        key: id,
+        id,
+        len: 0,
+        segment: segment(0),
+        slot,
+    }
+}
+
+/// The limit counts the calls that wait, too.
+//= SM2-SRV-002 test
+#[test]
+fn no_more_calls_than_the_limit() {
+    let mut pair = pair();
+    let words = &pair.world.rings[SERVER];
+    let link = &mut pair.caller.link;
+    let mut send = |id, slot| link.ring_send(words, &request(id, slot), |_, _| {});
+    for id in 1..=CALLS_MAX as u64 {
+        assert_eq!(send(id, 0), Ok(false));
+    }
+    let misuse = |it| Err(Error::Misuse(it));
+    assert_eq!(send(2000, 0), misuse(Misuse::CallLimit));
+    assert!(!link.ring_has_room(words));
+    assert_eq!(link.in_flight(), CALLS_MAX);
+}
+
+#[test]
+fn what_can_never_be_sent_is_refused_at_once() {
+    let mut pair = pair();
+    let words = &pair.world.rings[SERVER];
+    let mut expect = |message: RingMessage, misuse| {
+        let before = pair.caller.link.clone();
+        let sent = pair.caller.link.ring_send(words, &message, |_, _| {});
+        assert_eq!(sent, Err(Error::Misuse(misuse)));
+        assert!(pair.caller.link == before);
+    };
+    let good = request(5, 0);
+    let mut segment = good.segment;
+    segment.id = 32_768;
+    expect(RingMessage { segment, ..good }, Misuse::BadSegment);
+    segment.id = 0;
+    segment.stride = 4095;
+    expect(RingMessage { segment, ..good }, Misuse::BadSegment);
+    expect(request(5, 8), Misuse::SlotOutside);
+    expect(RingMessage { len: 4033, ..good }, Misuse::TooLong);
+    assert_eq!(
+        pair.caller.link.ring_send(words, &good, |_, _| {}),
+        Ok(false)
+    );
+    let late = pair.caller.link.ring_send(words, &request(5, 1), |_, _| {});
+    assert_eq!(late, Err(Error::Misuse(Misuse::IdNotGrowing)));
+    let reply = (pair.server.link).ring_send(&pair.world.rings[CALLER], &good, |_, _| {});
+    assert_eq!(reply, Err(Error::Misuse(Misuse::UnknownCall)));
+    assert_eq!(pair.caller.link.ring_pass_over(), Err(Misuse::WrongLane));
+    // Before RING came nobody knows how many there is room for.
+    let mut early = opened(with_ring(Role::Caller));
+    let sent = early.ring_send(words, &good, |_, _| {});
+    assert_eq!(sent, Err(Error::Misuse(Misuse::WrongLane)));
+}
+
+fn cancel(pair: &mut Calls, call: u64) -> Result<(), Error> {
+    let bytes = Frame::Cancel { call }.to_vec();
+    let result = (pair.server.link).handle(NOW, Input::Datagram(Datagram::new(&bytes)));
+    pair.server.drain(&pair.world);
+    result
+}
+
+//= SM2-RNG-012, SM2-SRV-004 test
+#[test]
+fn a_cancel_that_overtakes_its_request() {
+    let mut pair = pair();
+    pair.call();
+    pair.call();
+    pair.pump();
+    pair.harvest(CALLER);
+    pair.caller.cancel(&pair.world, 0);
+    pair.read(SERVER);
+    assert!(pair.server.cancelled.is_empty());
+    pair.take(SERVER);
+    assert!(pair.server.cancelled.is_empty(), "that is another call");
+    pair.take(SERVER);
+    assert!(pair.server.cancelled.contains(&3));
+    pair.reply();
+    pair.reply();
+    pair.take(CALLER);
+    pair.take(CALLER);
+    assert_eq!(
+        pair.caller.calls[&3],
+        Some(Outcome::Reply(Status::Cancelled))
+    );
+}
+
+/// The reply was put, taken and given back before the CANCEL is read.
+//= SM2-RNG-012 test
+#[test]
+fn a_cancel_that_is_overtaken_by_its_reply() {
+    for taken in [false, true] {
+        let mut pair = pair();
+        pair.call();
+        pair.take(SERVER);
+        pair.caller.cancel(&pair.world, 0);
+        pair.reply();
+        if taken {
+            pair.take(CALLER);
+            pair.release(CALLER);
+            pair.harvest(SERVER);
+        }
+        pair.pump();
+        assert_eq!(pair.end_of(SERVER), None);
+        assert_eq!(cancel(&mut pair, 1), Ok(()), "so is any other");
+        assert!(pair.server.cancelled.is_empty());
+    }
+}
+
+/// Once for a call; after its reply was taken not at all.
+//= SM2-RNG-012 test
+#[test]
+fn a_caller_cancels_while_it_waits() {
+    let mut pair = pair();
+    pair.call();
+    pair.pump();
+    pair.harvest(CALLER);
+    pair.caller.cancel(&pair.world, 0);
+    pair.caller.cancel(&pair.world, 0);
+    assert_eq!(kinds(&pair, CALLER), [FrameKind::Cancel]);
+    pair.take(SERVER);
+    pair.reply();
+    pair.take(CALLER);
+    pair.pump();
+    pair.caller.cancel(&pair.world, 0);
+    assert_eq!(kinds(&pair, CALLER), []);
+    let unknown = pair.caller.link.handle(NOW, Input::Cancel { call: 7 });
+    assert_eq!(unknown, Err(Error::Misuse(Misuse::UnknownCall)));
+}
+
+/// The server replied to one of two calls, and then the stream ended.
+//= SM2-RNG-011, SM2-SRV-005 test
+#[test]
+fn a_reply_in_the_ring_has_come() {
+    let mut pair = pair();
+    for _ in 0..2 {
+        pair.call();
+        pair.take(SERVER);
+    }
+    pair.reply();
+    pair.server.close(&pair.world, Input::Eof);
+    while pair.caller.link.end().is_none() {
+        pair.read(CALLER);
+    }
+    assert_eq!(pair.caller.calls[&1], None);
+    assert_eq!(
+        pair.caller.link.calls(),
+        2,
+        "the rings were not looked at yet"
+    );
+    pair.take(CALLER);
+    assert_eq!(pair.caller.calls[&1], Some(Outcome::Reply(Status::Ok)));
+    assert_eq!(pair.caller.calls[&3], None);
+    pair.take(CALLER);
+    assert_eq!(pair.caller.calls[&3], Some(Outcome::Failed));
+    assert_eq!(pair.caller.link.calls(), 0);
+}
+
+/// Requests that are left are of no use, and harm nobody.
+//= SM2-RNG-011 test
+#[test]
+fn a_request_in_the_ring_when_the_caller_went() {
+    let mut pair = pair();
+    pair.call();
+    pair.pump();
+    pair.harvest(CALLER);
+    pair.caller.close(&pair.world, Input::Eof);
+    while pair.server.link.end().is_none() {
+        pair.read(SERVER);
+    }
+    pair.take(SERVER);
+    assert_eq!(pair.server.taken, [1]);
+    assert_eq!((pair.server.link.calls(), pair.server.owed.len()), (0, 0));
+    pair.release(SERVER);
+    assert!(pair.server.held.is_empty());
+}

@@ -1,0 +1,220 @@
+//! What no correct caller or server puts into a ring or sends: each to its code.
+
+mod link_support;
+mod ring_support;
+
+#[path = "ring_support/calls.rs"]
+mod calls;
+#[path = "ring_support/world.rs"]
+mod world;
+
+use calls::{CALLER, Calls, Outcome, SERVER, segment};
+use link_support::{NOW, RING, accept, drain, open_to, opened, with_ring};
+use ring_support::word;
+use sm2_proto::{
+    Datagram, Violation,
+    limits::CALLS_MAX,
+    link::{At, End, Error, Input, Link, NoDelivery, Output, Role, wire::Frame},
+};
+
+/// The server: two wait, two are held. The caller: three calls and their replies.
+fn pair() -> Calls {
+    Calls::open([1, 2], [3, 2])
+}
+
+fn cancel(pair: &mut Calls, call: u64) -> Result<(), Error> {
+    let bytes = Frame::Cancel { call }.to_vec();
+    let result = (pair.server.link).handle(NOW, Input::Datagram(Datagram::new(&bytes)));
+    pair.server.drain(&pair.world);
+    result
+}
+
+fn violation(of: Violation) -> Error {
+    Error::Ended(End::Violation(of))
+}
+
+//= SM2-RNG-012 test
+#[test]
+fn cancels_that_no_caller_sends() {
+    // Two requests can be on their way.
+    let mut twice = pair();
+    assert_eq!(cancel(&mut twice, 9), Ok(()));
+    assert_eq!(cancel(&mut twice, 9), Err(violation(Violation::BadCancel)));
+    let mut many = pair();
+    assert_eq!(cancel(&mut many, 9), Ok(()));
+    assert_eq!(cancel(&mut many, 2), Ok(()));
+    assert_eq!(cancel(&mut many, 5), Err(violation(Violation::UnknownCall)));
+    // One that is owed its reply.
+    let mut owed = pair();
+    owed.call();
+    owed.take(SERVER);
+    assert_eq!(cancel(&mut owed, 1), Ok(()));
+    assert!(owed.server.cancelled.contains(&1));
+    assert_eq!(cancel(&mut owed, 1), Err(violation(Violation::BadCancel)));
+    // One that turns out not to have been made.
+    let mut never = pair();
+    never.call();
+    never.call();
+    never.pump();
+    never.harvest(CALLER);
+    assert_eq!(cancel(&mut never, 2), Ok(()));
+    never.take(SERVER);
+    let words = &never.world.rings[SERVER];
+    let head = |_, _, _| Some(head(3, 0, 0));
+    let taken = never.server.link.ring_take(words, head);
+    let end = End::Violation(Violation::UnknownCall);
+    assert_eq!(taken, Err(NoDelivery::Ended(end)));
+}
+
+/// The end of a slot with this id, length and status.
+fn head(id: u64, len: u64, status: u16) -> [u8; 64] {
+    let mut bytes = [0; 64];
+    bytes[..8].copy_from_slice(&id.to_le_bytes());
+    bytes[16..24].copy_from_slice(&len.to_le_bytes());
+    bytes[24..26].copy_from_slice(&status.to_le_bytes());
+    bytes
+}
+
+/// What a server finds as the second request, after the call with number 1.
+//= SM2-RNG-004, SM2-SRV-002, SM2-RNG-007 test
+#[test]
+fn requests_that_a_server_refuses() {
+    let good = head(2, 0, 0);
+    let mut reserved = good;
+    reserved[26] = 1;
+    let next = word(0, 3, 2);
+    let rows = [
+        (next, head(1, 0, 0), Violation::BadId),
+        (next, head(0, 0, 0), Violation::BadId),
+        (next, head(2, 4033, 0), Violation::BadLength),
+        (next, head(2, 0, 2), Violation::ReservedNotZero),
+        (next, reserved, Violation::ReservedNotZero),
+        (word(0, 3, 3), good, Violation::BadWord),
+        (word(0, 3, 4), good, Violation::BadWord),
+        (word(0, 8, 2), good, Violation::BadSlot),
+    ];
+    for (bits, head, expected) in rows {
+        let mut pair = pair();
+        pair.call();
+        pair.take(SERVER);
+        let words = &pair.world.rings[SERVER];
+        words.write(At::Forward(0), bits);
+        let taken = pair.server.link.ring_take(words, |_, _, _| Some(head));
+        let end = End::Violation(expected);
+        assert_eq!(taken, Err(NoDelivery::Ended(end)), "{bits:x} {head:?}");
+        assert_eq!(pair.server.link.calls(), 0);
+        assert_eq!(pair.server.link.ring_take(words, |_, _, _| None), Ok(None));
+    }
+    let mut pair = pair();
+    pair.call();
+    pair.take(SERVER);
+    let words = &pair.world.rings[SERVER];
+    words.write(At::Forward(0), next);
+    let taken = pair.server.link.ring_take(words, |_, _, _| Some(good));
+    assert_eq!(taken.unwrap().unwrap().id, 2);
+}
+
+/// What a caller finds after the calls 1 and 3, as the first reply.
+//= SM2-RNG-004, SM2-SRV-003 test
+#[test]
+fn replies_that_a_caller_refuses() {
+    let rows = [
+        (head(2, 0, 0), Violation::UnknownCall),
+        (head(4, 0, 0), Violation::UnknownCall),
+        (head(1, 0, 4), Violation::Malformed),
+        (head(1, 0, 256), Violation::Malformed),
+        (head(1, 1, 2), Violation::BadLength),
+        (head(1, 1, 3), Violation::BadLength),
+        (head(1, 4033, 0), Violation::BadLength),
+    ];
+    let legal = [head(3, 4, 0), head(1, 4, 1), head(3, 0, 2), head(1, 0, 3)];
+    let rows = rows.map(|(head, violation)| (head, Some(violation)));
+    for (head, expected) in rows.into_iter().chain(legal.map(|it| (it, None))) {
+        let mut pair = pair();
+        let attach = Frame::Attach(segment(0));
+        let fds = link_support::fds_for(&attach);
+        link_support::feed(&mut pair.caller.link, &attach.to_vec(), &fds).unwrap();
+        pair.call();
+        pair.call();
+        pair.pump();
+        pair.harvest(CALLER);
+        let words = &pair.world.rings[CALLER];
+        words.write(At::Forward(1), word(0, 2, 1));
+        let taken = pair.caller.link.ring_take(words, |_, _, _| Some(head));
+        pair.caller.drain(&pair.world);
+        let Some(expected) = expected else {
+            assert!(taken.unwrap().is_some());
+            continue;
+        };
+        let end = End::Violation(expected);
+        assert_eq!(taken, Err(NoDelivery::Ended(end)), "{head:?}");
+        let failed = Some(Outcome::Failed);
+        assert!(
+            pair.caller.calls.values().all(|it| *it == failed),
+            "at once"
+        );
+        assert_eq!(pair.caller.outputs.last(), Some(&Output::Ended(end)));
+    }
+}
+
+/// One request more than may be without a reply.
+//= SM2-SRV-002 test
+#[test]
+fn a_caller_without_measure() {
+    let mut pair = pair();
+    pair.call();
+    pair.take(SERVER);
+    pair.release(SERVER);
+    let words = &pair.world.rings[SERVER];
+    for id in 2..=CALLS_MAX as u64 + 1 {
+        words.write(At::Forward((id % 2) as u32), word(0, 3, id));
+        let taken = pair
+            .server
+            .link
+            .ring_take(words, |_, _, _| Some(head(id, 0, 0)));
+        if id > CALLS_MAX as u64 {
+            let end = End::Violation(Violation::CallLimit);
+            assert_eq!(taken, Err(NoDelivery::Ended(end)));
+            break;
+        }
+        let sequence = taken.unwrap().unwrap().sequence;
+        for index in 0..words.layout.window() {
+            words.write(At::Back(index), 0);
+        }
+        assert_eq!(pair.server.link.ring_release(words, sequence), Ok(false));
+    }
+    assert!(pair.server.link.end().is_some());
+}
+
+/// A peer that never hands over a ring is never taken from.
+//= SM2-RNG-002 test
+#[test]
+fn nothing_is_taken_before_the_other_ring_is_there() {
+    let config = with_ring(Role::Server);
+    let mut link = opened(config);
+    let words = ring_support::Memory::new(config.ring_layout().unwrap());
+    accept(&mut link, &Frame::Attach(segment(0)));
+    words.write(At::Forward(1), word(0, 0, 1));
+    assert!(!link.ring_ready(&words));
+    assert_eq!(
+        link.ring_take(&words, |_, _, _| Some(head(1, 0, 0))),
+        Ok(None)
+    );
+    accept(&mut link, &RING);
+    assert!(link.ring_ready(&words));
+    let taken = link.ring_take(&words, |_, _, _| Some(head(1, 0, 0)));
+    assert_eq!(taken.unwrap().unwrap().id, 1);
+}
+
+//= SM2-RNG-002 test
+#[test]
+fn a_second_ring_is_wrong_at_both_ends() {
+    for role in [Role::Caller, Role::Server] {
+        let config = with_ring(role);
+        let mut link = Link::new(config);
+        drain(&mut link);
+        accept(&mut link, &open_to(&config));
+        accept(&mut link, &RING);
+        assert_eq!(link_support::reject(&mut link, &RING), Violation::BadRing);
+    }
+}

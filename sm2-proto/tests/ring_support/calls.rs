@@ -1,0 +1,489 @@
+//! The two ends of a link of a service on the ring lane: their applications, drivers and lists.
+//!
+//! The lists are SPEC's rules said once more: which calls were made, what became of them, and
+//! which slots nobody may write to.
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+use std::{
+    cell::RefCell,
+    collections::{BTreeMap, BTreeSet},
+};
+
+use sm2_proto::{
+    Datagram, Instant,
+    limits::SLOT_HEAD,
+    link::{
+        Config, Delivery, EMPTY, End, Error, Fate, Input, Link, NoDelivery, Output, Packet,
+        Payload, RingMessage, Role, SlotHead, Status, Words, doorbell,
+    },
+};
+
+pub(crate) use crate::world::segment;
+use crate::{
+    link_support::NOW,
+    ring_support::{Memory, terms},
+    world::{SLOTS, World},
+};
+
+pub(crate) const CALLER: usize = 0;
+pub(crate) const SERVER: usize = 1;
+
+/// A message as the list of its sender has it.
+struct Sent {
+    key: u64,
+    place: (u32, u32),
+    fate: Option<Fate>,
+}
+
+/// What became of a call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    Reply(Status),
+    Failed,
+}
+
+/// One end.
+pub(crate) struct Side {
+    end: usize,
+    pub(crate) link: Link,
+    kept: Option<Packet>,
+    pub(crate) full: bool,
+    pub(crate) ended: bool,
+    /// Whether it waits for the bell.
+    pub(crate) asleep: bool,
+    sent: Vec<Sent>,
+    pub(crate) held: Vec<Delivery>,
+    /// All outputs but those to transmit and those that settle.
+    pub(crate) outputs: Vec<Output>,
+    /// Caller: its calls.
+    pub(crate) calls: BTreeMap<u64, Option<Outcome>>,
+    /// Server: the requests that it took, and those of them without a reply.
+    pub(crate) taken: Vec<u64>,
+    pub(crate) owed: Vec<u64>,
+    pub(crate) cancelled: BTreeSet<u64>,
+}
+
+impl Side {
+    fn new(end: usize, config: Config) -> Self {
+        Self {
+            end,
+            link: Link::new(config),
+            kept: None,
+            full: false,
+            ended: false,
+            asleep: false,
+            sent: Vec::new(),
+            held: Vec::new(),
+            outputs: Vec::new(),
+            calls: BTreeMap::new(),
+            taken: Vec::new(),
+            owed: Vec::new(),
+            cancelled: BTreeSet::new(),
+        }
+    }
+
+    /// Does what the machine says.
+    pub(crate) fn drain(&mut self, world: &World) {
+        while let Some(output) = self.link.poll() {
+            let is_late = matches!(output, Output::CallFailed { .. });
+            let is_close = self.link.end().is_some();
+            assert!(
+                !self.ended || is_late,
+                "nothing comes after Ended: {output:?}"
+            );
+            match &output {
+                Output::Transmit(_) if self.full && is_close => {}
+                Output::Transmit(packet) if self.full => {
+                    assert!(self.kept.replace(packet.clone()).is_none());
+                    let _ = self.link.handle(NOW, Input::Blocked);
+                }
+                Output::Transmit(packet) => {
+                    assert!(self.kept.is_none(), "nothing overtakes what is kept");
+                    world.put(self.end, packet);
+                }
+                Output::Settled { key, fate } => self.settle(world, *key, *fate),
+                Output::Cancelled { call } => {
+                    assert!(self.owed.contains(call) && self.cancelled.insert(*call));
+                }
+                Output::CallFailed { call } => self.finish(*call, Outcome::Failed),
+                Output::Ended(_) => (self.ended, self.kept) = (true, None),
+                _ => {}
+            }
+            if !matches!(output, Output::Transmit(_) | Output::Settled { .. }) {
+                self.outputs.push(output);
+            }
+        }
+    }
+
+    /// CALL-RING: a call ends once.
+    fn finish(&mut self, call: u64, outcome: Outcome) {
+        let before = self.calls.insert(call, Some(outcome));
+        assert_eq!(before, Some(None), "call {call}: {outcome:?}");
+    }
+
+    fn settle(&mut self, world: &World, key: u64, fate: Fate) {
+        let sent = self.sent.iter_mut().find(|it| it.key == key).unwrap();
+        assert_eq!(sent.fate.replace(fate), None, "settled once");
+        assert!(matches!(fate, Fate::Delivered | Fate::Closed), "{fate:?}");
+        if fate == Fate::Delivered {
+            // Whoever still reads there sees that.
+            let place = (self.end, sent.place.0, sent.place.1);
+            world.heads.borrow_mut().insert(place, [0xaa; SLOT_HEAD]);
+        }
+    }
+
+    /// Does not care whether the socket takes it: if not, the other end has something to read.
+    fn ring_the_bell(&self, world: &World) {
+        if !self.full || !world.is_readable(1 - self.end) {
+            let bell = (doorbell().to_vec(), vec![]);
+            world.wires.borrow_mut()[self.end].push_back(bell);
+        }
+    }
+
+    /// A place that nothing is in, the one that was used last if possible.
+    fn free_place(&self, within: u32) -> Option<(u32, u32)> {
+        let is_kept = |it: &Sent| matches!(it.fate, None | Some(Fate::Closed));
+        let is_free =
+            |slot: &u32| !(self.sent.iter()).any(|it| it.place == (within, *slot) && is_kept(it));
+        let last = |slot: &u32| self.sent.iter().rposition(|it| it.place == (within, *slot));
+        let slot = (0..SLOTS).filter(is_free).max_by_key(last)?;
+        Some((within, slot))
+    }
+
+    /// Makes the next call.
+    pub(crate) fn call(&mut self, words: &impl Words, world: &World, within: u32) {
+        if self.ended || !self.link.is_open() || self.free_place(within).is_none() {
+            return;
+        }
+        // Numbers grow, but not always by one.
+        let last = self.calls.last_key_value().map_or(0, |(id, _)| *id);
+        let id = last + 1 + last % 2;
+        self.calls.insert(id, None);
+        self.send(words, world, id, Status::Ok, within);
+    }
+
+    /// Replies to one of the calls that wait for it.
+    pub(crate) fn reply(&mut self, words: &impl Words, world: &World, pick: usize, within: u32) {
+        if self.owed.is_empty() || self.ended || self.free_place(within).is_none() {
+            return;
+        }
+        let id = self.owed.remove(pick % self.owed.len());
+        let status = match (self.cancelled.remove(&id), id % 3) {
+            (true, _) => Status::Cancelled,
+            (false, 0) => Status::Failed,
+            (false, _) => Status::Ok,
+        };
+        world.replied.borrow_mut().insert(id, status);
+        self.send(words, world, id, status, within);
+    }
+
+    fn send(&mut self, words: &impl Words, world: &World, id: u64, status: Status, within: u32) {
+        let place = self.free_place(within).expect("was looked for");
+        let head = SlotHead {
+            id,
+            time: Instant(0),
+            len: u64::from(status.has_payload()) * (id % 7),
+            status,
+        };
+        let slot = (self.end, place.0, place.1);
+        world.heads.borrow_mut().insert(slot, head.to_bytes());
+        let message = RingMessage {
+            key: 1000 + self.sent.len() as u64,
+            id,
+            len: head.len,
+            segment: segment(place.0),
+            slot: place.1,
+        };
+        self.sent.push(Sent {
+            key: message.key,
+            place,
+            fate: None,
+        });
+        let mut settled = Vec::new();
+        let sent = (self.link).ring_send(words, &message, |key, fate| settled.push((key, fate)));
+        self.sent_or_harvested(world, sent, &settled);
+        self.send_due(words, world);
+    }
+
+    fn send_due(&mut self, words: &impl Words, world: &World) {
+        while self.link.ring_is_due() {
+            self.harvest_once(words, world);
+        }
+    }
+
+    pub(crate) fn harvest(&mut self, words: &impl Words, world: &World) {
+        self.harvest_once(words, world);
+        self.send_due(words, world);
+    }
+
+    fn harvest_once(&mut self, words: &impl Words, world: &World) {
+        if self.ended || !self.link.is_open() {
+            return;
+        }
+        let mut settled = Vec::new();
+        let result = (self.link).ring_harvest(words, |key, fate| settled.push((key, fate)));
+        self.sent_or_harvested(world, result, &settled);
+    }
+
+    fn sent_or_harvested(
+        &mut self,
+        world: &World,
+        result: Result<bool, Error>,
+        settled: &[(u64, Fate)],
+    ) {
+        for (key, fate) in settled {
+            self.settle(world, *key, *fate);
+        }
+        if result.expect("an honest pair") {
+            self.ring_the_bell(world);
+        }
+        self.drain(world);
+    }
+
+    /// Whether there is a message in a segment that was not attached yet.
+    pub(crate) fn take(&mut self, words: &impl Words, world: &World) -> bool {
+        let from = 1 - self.end;
+        let copy = |segment, offset, _| world.copy(from, segment, offset);
+        let taken = self.link.ring_take(words, copy);
+        match taken {
+            Ok(Some(delivery)) => {
+                self.took(world, delivery);
+                if self.link.ring_made_room(words) {
+                    self.ring_the_bell(world);
+                }
+            }
+            Ok(None) => {}
+            Err(NoDelivery::TooManyBorrowed(it)) => {
+                assert_eq!(self.held.len(), usize::from(it.max_borrowed));
+            }
+            Err(NoDelivery::UnknownSegment) => return true,
+            Err(NoDelivery::Misuse(_)) => assert!(!self.link.has_ring()),
+            Err(NoDelivery::Ended(end)) => panic!("an honest pair: {end}"),
+        }
+        self.drain(world);
+        if self.ended && self.calls.values().any(|it| *it == Some(Outcome::Failed)) {
+            self.check_nothing_left();
+        }
+        false
+    }
+
+    /// A call fails only when no reply is left to take.
+    //= SM2-RNG-011 test
+    fn check_nothing_left(&self) {
+        assert_eq!(self.link.calls(), 0);
+        let failed = (self.calls.iter()).filter(|(_, it)| **it == Some(Outcome::Failed));
+        assert!(failed.count() > 0 && self.calls.values().all(Option::is_some));
+    }
+
+    fn took(&mut self, world: &World, delivery: Delivery) {
+        let id = delivery.id;
+        self.check_head(world, &delivery);
+        assert_eq!(delivery.lost, 0);
+        if self.end == SERVER {
+            assert!(self.taken.last().is_none_or(|last| *last < id));
+            self.taken.push(id);
+            if !self.ended {
+                self.owed.push(id);
+            }
+        } else {
+            let status = world.replied.borrow()[&id];
+            assert_eq!(delivery.status, status);
+            self.finish(id, Outcome::Reply(status));
+        }
+        self.held.push(delivery);
+    }
+
+    /// Nobody has written to the slot of a message that is held.
+    pub(crate) fn check_head(&self, world: &World, delivery: &Delivery) {
+        let Payload::Pooled { segment, offset } = delivery.payload else {
+            panic!("it is pooled");
+        };
+        let head = world.copy(1 - self.end, segment, offset).unwrap();
+        assert_eq!(head[..8], delivery.id.to_le_bytes(), "{delivery:?}");
+    }
+
+    pub(crate) fn release(&mut self, words: &impl Words, world: &World, pick: usize) {
+        if self.held.is_empty() {
+            return;
+        }
+        let index = pick % self.held.len();
+        let delivery = self.held.swap_remove(index);
+        match self.link.ring_release(words, delivery.sequence) {
+            Ok(true) => self.ring_the_bell(world),
+            Ok(false) => {}
+            Err(error) => assert!(self.ended, "{error}"),
+        }
+        self.drain(world);
+    }
+
+    /// Cancels one of the calls that were ever made.
+    pub(crate) fn cancel(&mut self, world: &World, pick: usize) {
+        let Some(call) = self.calls.keys().rev().nth(pick).copied() else {
+            return;
+        };
+        let result = self.link.handle(NOW, Input::Cancel { call });
+        assert!(result.is_ok() || self.ended, "{result:?}");
+        self.drain(world);
+    }
+
+    pub(crate) fn retire(&mut self, world: &World, segment: u32) {
+        let is_used = |it: &Sent| it.place.0 == segment && it.fate.is_none();
+        if !self.sent.iter().any(is_used) {
+            let _ = self.link.handle(NOW, Input::Retire { segment });
+            self.drain(world);
+        }
+    }
+
+    pub(crate) fn set_full(&mut self, world: &World, full: bool) {
+        self.full = full;
+        if !full && let Some(packet) = self.kept.take() {
+            world.put(self.end, &packet);
+            self.asleep = false;
+            let _ = self.link.handle(NOW, Input::Writable);
+            self.drain(world);
+        }
+    }
+
+    /// Reads one datagram, or sees that the other end is gone.
+    pub(crate) fn read(&mut self, world: &World, is_over: bool) {
+        if self.ended {
+            return;
+        }
+        let next = world.wires.borrow_mut()[1 - self.end].pop_front();
+        let result = match &next {
+            Some((bytes, fds)) => {
+                let datagram = Datagram {
+                    bytes,
+                    fds,
+                    ..Datagram::default()
+                };
+                self.link.handle(NOW, Input::Datagram(datagram))
+            }
+            None if is_over => self.link.handle(NOW, Input::Eof),
+            None => return,
+        };
+        assert_eq!(result, Ok(()), "an honest pair");
+        // Whatever can be read wakes.
+        self.asleep = false;
+        self.drain(world);
+    }
+
+    pub(crate) fn close(&mut self, world: &World, how: Input<'_>) {
+        let _ = self.link.handle(NOW, how);
+        self.drain(world);
+        (self.full, self.kept) = (false, None);
+    }
+
+    /// Whether there is something that it could do without reading its socket.
+    pub(crate) fn has_work(&self, world: &World) -> bool {
+        let (incoming, outgoing) = (&world.rings[self.end], &world.rings[1 - self.end]);
+        let mut probe = (self.link.clone(), outgoing.clone());
+        let before = probe.1.forward();
+        let _ = probe.0.ring_harvest(&probe.1, |_, _| {});
+        let put = (before.iter().zip(probe.1.forward())).any(|(a, b)| *a == EMPTY && b != EMPTY);
+        put || self.link.ring_ready(incoming)
+    }
+
+    pub(crate) fn in_flight(&self) -> usize {
+        self.sent.iter().filter(|it| it.fate.is_none()).count()
+    }
+}
+
+/// Both ends.
+pub(crate) struct Calls {
+    pub(crate) world: World,
+    pub(crate) caller: Side,
+    pub(crate) server: Side,
+}
+
+impl Calls {
+    /// Before any frame was read.
+    pub(crate) fn fresh(depth: [u16; 2], max_borrowed: [u16; 2]) -> Self {
+        let config = |end, role| terms(role, true, depth[end], max_borrowed[end]);
+        let configs = [config(CALLER, Role::Caller), config(SERVER, Role::Server)];
+        let mut pair = Self {
+            world: World {
+                rings: configs.map(|it| Memory::new(it.ring_layout().unwrap())),
+                heads: RefCell::default(),
+                wires: RefCell::default(),
+                replied: RefCell::default(),
+            },
+            caller: Side::new(CALLER, configs[CALLER]),
+            server: Side::new(SERVER, configs[SERVER]),
+        };
+        pair.caller.drain(&pair.world);
+        pair.server.drain(&pair.world);
+        pair
+    }
+
+    /// Open, with both rings.
+    pub(crate) fn open(depth: [u16; 2], max_borrowed: [u16; 2]) -> Self {
+        let mut pair = Self::fresh(depth, max_borrowed);
+        pair.pump();
+        assert!(pair.caller.link.is_open() && pair.server.link.is_open());
+        pair
+    }
+
+    /// Both ends read all that is there.
+    pub(crate) fn pump(&mut self) {
+        while self.world.is_readable(CALLER) || self.world.is_readable(SERVER) {
+            self.read(CALLER);
+            self.read(SERVER);
+        }
+    }
+
+    pub(crate) fn side(&mut self, end: usize) -> (&mut Side, &World) {
+        match end {
+            CALLER => (&mut self.caller, &self.world),
+            _ => (&mut self.server, &self.world),
+        }
+    }
+
+    pub(crate) fn read(&mut self, end: usize) {
+        let is_over = self.side(1 - end).0.ended;
+        let (side, world) = self.side(end);
+        side.read(world, is_over);
+    }
+
+    /// Makes a call.
+    pub(crate) fn call(&mut self) {
+        self.caller.call(&self.world.rings[SERVER], &self.world, 0);
+    }
+
+    /// The server replies to the oldest.
+    pub(crate) fn reply(&mut self) {
+        (self.server).reply(&self.world.rings[CALLER], &self.world, 0, 0);
+    }
+
+    pub(crate) fn take(&mut self, end: usize) {
+        let (side, world) = self.side(end);
+        if !side.take(&world.rings[end], world) {
+            return;
+        }
+        while self.world.is_readable(end) && !self.side(end).0.ended {
+            self.read(end);
+        }
+        let (side, world) = self.side(end);
+        if side.take(&world.rings[end], world) {
+            assert!(side.ended, "attached before it is used");
+            // What came by the socket after the end was not read.
+            side.link.ring_unknown_segment();
+            side.drain(world);
+        }
+    }
+
+    pub(crate) fn release(&mut self, end: usize) {
+        let (side, world) = self.side(end);
+        side.release(&world.rings[end], world, 0);
+    }
+
+    pub(crate) fn harvest(&mut self, end: usize) {
+        let (side, world) = self.side(end);
+        side.harvest(&world.rings[1 - end], world);
+    }
+
+    /// Why an end is over.
+    pub(crate) fn end_of(&self, end: usize) -> Option<End> {
+        [&self.caller, &self.server][end].link.end()
+    }
+}
