@@ -4,13 +4,15 @@
 //! sleeps or waits for another core: what is left is the work of the library and the kernel.
 //! Prints nanoseconds per message, the median of nine rounds, for both lanes.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use sm2_manager::{Background, Options};
 use sm2_node::{Node, Publisher, Subscriber};
 
 const ROUNDS: usize = 9;
-const MESSAGES: u32 = 20_000;
+const MESSAGES: usize = 32_000;
+/// As many are published before they are received.
+const BATCH: usize = 32;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let bytes = match std::env::args().nth(1) {
@@ -20,7 +22,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let socket = folder.path().join("domain.sock");
     let _manager = Background::start(&socket, Options::default())?;
-    println!("{bytes} bytes, ns per message: publish, receive and give back");
+    println!(
+        "{bytes} bytes, ns per message: publish, receive and give back; the same, 32 at a time"
+    );
     let lanes = [("ring", true), ("socket", false)];
     let wanted = std::env::args().nth(2);
     let is_wanted = |lane: &str| wanted.as_ref().is_none_or(|it| it == lane);
@@ -33,12 +37,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         };
         let (talker, listener) = (node("talker")?, node("listener")?);
         let publisher = talker.publisher::<[u8]>("topic")?;
-        let subscriber = listener.subscriber::<[u8]>("topic")?;
+        let subscriber = listener.subscriber_builder::<[u8]>("topic");
+        let subscriber = subscriber.depth(64).max_borrowed(32).declare()?;
         while publisher.links().iter().all(|it| !it.open) {
             listener.spin_once(None)?;
         }
-        let (publish, receive) = cost(&publisher, &subscriber, &vec![1; bytes])?;
-        println!("{lane:<8} {publish:>8.0} {receive:>8.0}");
+        print!("{lane:<8}");
+        for at_a_time in [1, 32] {
+            let (publish, receive) = cost(&publisher, &subscriber, &vec![1; bytes], at_a_time)?;
+            print!(" {publish:>8.0} {receive:>8.0}");
+        }
+        println!();
     }
     Ok(())
 }
@@ -47,24 +56,33 @@ fn cost(
     publisher: &Publisher<[u8]>,
     subscriber: &Subscriber<[u8]>,
     message: &[u8],
+    at_a_time: usize,
 ) -> Result<(f64, f64), Box<dyn std::error::Error>> {
     let (mut publish, mut receive) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
         let (mut published, mut received) = (0.0, 0.0);
-        for _ in 0..MESSAGES / 4 {
+        for _ in 0..MESSAGES / BATCH {
             let start = Instant::now();
-            for _ in 0..4 {
-                publisher.publish(message)?;
+            if at_a_time == 1 {
+                for _ in 0..BATCH {
+                    publisher.publish(message)?;
+                }
+            } else {
+                publisher.publish_all([message; BATCH])?;
             }
             let middle = Instant::now();
-            for _ in 0..4 {
-                drop(subscriber.try_recv()?.ok_or("a message is missing")?);
+            let mut missing = BATCH;
+            while missing > 0 {
+                missing -= match at_a_time {
+                    1 => usize::from(subscriber.try_recv()?.is_some()),
+                    _ => subscriber.recv_each(Some(Duration::ZERO), BATCH, |it| drop(it))?,
+                };
             }
             published += (middle - start).as_secs_f64();
             received += middle.elapsed().as_secs_f64();
         }
-        publish.push(published * 1e9 / f64::from(MESSAGES));
-        receive.push(received * 1e9 / f64::from(MESSAGES));
+        publish.push(published * 1e9 / MESSAGES as f64);
+        receive.push(received * 1e9 / MESSAGES as f64);
     }
     Ok((median(publish), median(receive)))
 }

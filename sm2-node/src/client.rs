@@ -16,7 +16,7 @@ use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Topic};
 use crate::handle::{Handle, Receipt, Received, until};
 use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
 use crate::{
-    CallError, DeclareError, LinkStatus, Message, Near, QueryError, StoreError, WaitError,
+    CallError, DeclareError, LinkStatus, Message, Near, QueryError, StoreError, Wait, WaitError,
 };
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
@@ -32,6 +32,7 @@ use crate::{
 pub struct Client<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
     inline_max: usize,
+    wait: Wait,
     calls: PhantomData<fn(&Q) -> Box<R>>,
 }
 
@@ -111,6 +112,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         Ok(Call {
             call: call.map_err(|choice| self.no_server(choice))?,
             handle: Arc::clone(&self.handle),
+            wait: self.wait,
             deadline,
             done: false,
             replies: PhantomData,
@@ -205,6 +207,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> AsFd for Client<Q, R> {
 pub struct Call<R: Message + ?Sized> {
     handle: Arc<Handle>,
     call: CallId,
+    wait: Wait,
     deadline: Option<Instant>,
     /// Whether its outcome was seen.
     done: bool,
@@ -219,7 +222,7 @@ impl<R: Message + ?Sized> Call<R> {
     ///
     /// See [`CallError`].
     pub fn wait(mut self) -> Result<Reply<R>, CallError> {
-        match self.look(self.deadline)? {
+        match self.look(self.wait, self.deadline)? {
             Some(reply) => Ok(reply),
             None => Err(CallError::DeadlineExceeded {
                 service: self.handle.name.clone(),
@@ -233,7 +236,7 @@ impl<R: Message + ?Sized> Call<R> {
     ///
     /// See [`CallError`].
     pub fn try_wait(&mut self) -> Result<Option<Reply<R>>, CallError> {
-        let reply = self.look(Some(Instant(0)))?;
+        let reply = self.look(Wait::Park, Some(Instant(0)))?;
         let late = self.deadline.is_some_and(|it| it <= sm2_io::clock::now());
         if reply.is_none() && !self.done && late {
             self.forget();
@@ -252,15 +255,16 @@ impl<R: Message + ?Sized> Call<R> {
             .with(|interface, tools| interface.cancel(call, tools));
     }
 
-    fn look(&mut self, until: Option<Instant>) -> Result<Option<Reply<R>>, CallError> {
+    fn look(&mut self, way: Wait, until: Option<Instant>) -> Result<Option<Reply<R>>, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let call = self.call;
-        let outcome = shared.wait(Topic::Interface(*id), until, |inner| {
-            let found = inner.interfaces.get_mut(id)?.outcome(call);
-            if found.is_none() {
-                self.handle.silence(inner);
-            }
-            found
+        let outcome = shared.wait_as(way, Topic::Interface(*id), until, |inner| {
+            self.handle.look(inner, |inner| {
+                let outcome = inner.with(*id, &shared.epoll, |interface, tools| {
+                    interface.outcome(call, tools)
+                });
+                outcome.flatten()
+            })
         });
         let outcome = outcome.map_err(|error| failed(&self.handle.name, error))?;
         self.done |= outcome.is_some();
@@ -375,6 +379,7 @@ pub struct ClientBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
     types: Option<(TypeId, TypeId)>,
     qos: ServiceQos,
     inline_max: usize,
+    wait: Wait,
     calls: PhantomData<fn(&Q) -> Box<R>>,
 }
 
@@ -390,6 +395,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
                 sealed: false,
             },
             inline_max: INLINE_DEFAULT,
+            wait: Wait::Park,
             calls: PhantomData,
         }
     }
@@ -407,10 +413,16 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
         self
     }
 
-    /// Requests up to this many bytes are copied into the datagram; longer ones go through
-    /// shared memory. At most 61,440; 4,096 by default.
+    /// Requests up to this many bytes are copied into the datagram; longer ones, and all on the
+    /// ring lane, go through shared memory. At most 61,440; 4,096 by default.
     pub const fn inline_max(mut self, bytes: usize) -> Self {
         self.inline_max = inline_limit(bytes);
+        self
+    }
+
+    /// What a thread does while it waits for a reply: [`Wait::Park`] by default.
+    pub const fn wait(mut self, way: Wait) -> Self {
+        self.wait = way;
         self
     }
 
@@ -433,6 +445,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
                 [schema_of::<Q>(), schema_of::<R>()],
             )?),
             inline_max: self.inline_max,
+            wait: self.wait,
             calls: PhantomData,
         })
     }

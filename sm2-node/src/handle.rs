@@ -1,5 +1,7 @@
 //! What all four kinds of interface have in common.
 
+mod many;
+
 use std::borrow::Cow;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -165,12 +167,10 @@ impl Handle {
         let epoll = &self.shared.epoll;
         let topic = Topic::Interface(self.id);
         let found = self.shared.wait_as(way, topic, until, |inner| {
-            match inner.with(self.id, epoll, &take)? {
-                Ok(None) if self.silence(inner) => {}
-                taken => return taken.map_err(RecvError::from).transpose(),
-            }
-            let taken = inner.with(self.id, epoll, &take)?;
-            taken.map_err(RecvError::from).transpose()
+            self.look(inner, |inner| {
+                let taken = inner.with(self.id, epoll, &take)?;
+                taken.map_err(RecvError::from).transpose()
+            })
         });
         match found.map_err(RecvError::Io)?.transpose()? {
             Some(taken) => self.open_for(taken).map(Some),
@@ -178,49 +178,9 @@ impl Handle {
         }
     }
 
-    /// The messages that are there, at most so many.
-    pub(crate) fn receive_many(
-        &self,
-        most: usize,
-    ) -> Result<Vec<Result<Received, RecvError>>, RecvError> {
-        let mut taken = Vec::new();
-        let mut inner = self.shared.lock();
-        inner.drive_if_due(sm2_io::clock::now(), &self.shared.epoll);
-        self.take_many(&mut inner, &mut taken, most)?;
-        if taken.is_empty() {
-            // Nothing came by a ring: perhaps by a socket.
-            inner.drive(&self.shared.epoll);
-            self.take_many(&mut inner, &mut taken, most)?;
-        }
-        if taken.is_empty() && self.silence(&mut inner) {
-            self.take_many(&mut inner, &mut taken, most)?;
-        }
-        drop(inner);
-        // All of them now: what is dropped then is given back.
-        Ok(taken.into_iter().map(|it| self.open_for(it)).collect())
-    }
-
-    fn take_many(
-        &self,
-        inner: &mut Inner,
-        taken: &mut Vec<Taken>,
-        most: usize,
-    ) -> Result<(), RecvError> {
-        let more = inner.with(self.id, &self.shared.epoll, |interface, tools| {
-            interface.take_many(taken, most, tools)
-        });
-        match more {
-            Some(Err(full)) if taken.is_empty() => Err(full.into()),
-            _ => Ok(()),
-        }
-    }
-
     fn open_for(&self, taken: Taken) -> Result<Received, RecvError> {
-        let peer = Arc::clone(&taken.peer);
-        self.open(taken).map_err(|source| RecvError::Map {
-            publisher: peer.name.clone(),
-            source,
-        })
+        let receipt = self.receipt(&taken);
+        self.open_with(taken, receipt).map_err(RecvError::from)
     }
 
     /// Puts a message where the links that need it can have it.
@@ -288,18 +248,18 @@ impl Handle {
 
     /// Makes a message readable that was taken. If that is not possible, its link is closed.
     pub(crate) fn open(&self, taken: Taken) -> io::Result<Received> {
+        let receipt = self.receipt(&taken);
+        self.open_with(taken, receipt).map_err(|it| it.source)
+    }
+
+    #[inline]
+    fn open_with(&self, taken: Taken, receipt: Receipt) -> Result<Received, Unreadable> {
         let Taken {
             token,
             peer,
             delivery,
             source,
         } = taken;
-        let receipt = Receipt {
-            shared: Arc::downgrade(&self.shared),
-            interface: self.id,
-            token,
-            sequence: delivery.sequence,
-        };
         match source.open() {
             Ok(payload) => Ok(Received {
                 peer,
@@ -307,15 +267,36 @@ impl Handle {
                 payload,
                 receipt,
             }),
-            Err(error) => {
+            Err(source) => {
                 self.with_idle(|interface, tools| interface.unreadable(token, tools));
-                Err(error)
+                Err(Unreadable { peer, source })
             }
         }
     }
 
-    /// Nothing is there: the descriptor, if there is one, is readable again when something comes.
-    /// Whether to look once more, since something may have come meanwhile.
+    fn receipt(&self, taken: &Taken) -> Receipt {
+        Receipt {
+            shared: Arc::downgrade(&self.shared),
+            interface: self.id,
+            token: taken.token,
+            sequence: taken.delivery.sequence,
+        }
+    }
+
+    /// What `look` finds. If that is nothing, the descriptor, if there is one, is readable again when
+    /// something comes; since something may have come meanwhile, it looks once more then.
+    pub(crate) fn look<T>(
+        &self,
+        inner: &mut Inner,
+        mut look: impl FnMut(&mut Inner) -> Option<T>,
+    ) -> Option<T> {
+        look(inner).or_else(|| match self.silence(inner) {
+            true => look(inner),
+            false => None,
+        })
+    }
+
+    /// Whether to look once more.
     pub(crate) fn silence(&self, inner: &mut Inner) -> bool {
         let Some(Some(bell)) = self.bell.get() else {
             return false;
@@ -360,6 +341,12 @@ pub(crate) struct Received {
     pub(crate) receipt: Receipt,
 }
 
+/// A message that cannot be read: this machine is out of memory.
+struct Unreadable {
+    peer: Arc<Peer>,
+    source: io::Error,
+}
+
 /// That a message is to be given back. It neither keeps the node alive nor its interface.
 #[derive(Debug)]
 pub(crate) struct Receipt {
@@ -370,6 +357,16 @@ pub(crate) struct Receipt {
 }
 
 impl Receipt {
+    /// That of a message that somebody else gives back.
+    const fn none() -> Self {
+        Self {
+            shared: Weak::new(),
+            interface: InterfaceId(0),
+            token: 0,
+            sequence: 0,
+        }
+    }
+
     /// The token of its link.
     pub(crate) const fn token(&self) -> u64 {
         self.token
@@ -461,6 +458,15 @@ fn register_schema(inner: &mut Inner, data: TypeId, text: Option<String>, epoll:
     match check_schema(&data, &text) {
         Ok(()) => inner.register_schema(data, text, epoll),
         Err(error) => tracing::warn!(%error, "tools will not know this type"),
+    }
+}
+
+impl From<Unreadable> for RecvError {
+    fn from(Unreadable { peer, source }: Unreadable) -> Self {
+        Self::Map {
+            publisher: peer.name.clone(),
+            source,
+        }
     }
 }
 

@@ -106,7 +106,7 @@
 //!
 //! | lane | which links | costs |
 //! | --- | --- | --- |
-//! | ring | topics between two nodes that both [offer](NodeBuilder::ring_lane) it, unless sealed | two atomic words; no system call as long as nobody sleeps ([`Wait`]), but a look at the sockets every 100 us |
+//! | ring | topics and services between two nodes that both [offer](NodeBuilder::ring_lane) it, unless sealed | two atomic words; no system call as long as nobody sleeps ([`Wait`]), but a look at the sockets every 100 us |
 //! | socket | all others | a system call at each side |
 //!
 //! # Where to read on

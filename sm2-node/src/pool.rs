@@ -4,9 +4,9 @@
 //! says how large the next segment is to be. It knows neither links nor messages:
 //! its owner, the [outbox](crate::driver), gives a slot back when nobody needs it any more.
 //!
-//! - Sizes of slots are powers of two and what lies halfway between two of them, 4 KiB at least,
-//!   and multiples of 2 MiB from there on, so that each slot begins with a huge page. Slots of one
-//!   size form a class. The last [`HEAD_BYTES`] of a slot are no message's.
+//! - Sizes of slots are powers of two and what lies halfway between two of them: 128 bytes at least,
+//!   multiples of 64 below a page and of 4 KiB above it, and of 2 MiB from there on, so that each slot
+//!   begins with a huge page. Slots of one size form a class. The last [`HEAD_BYTES`] of a slot are no message's.
 //! - Of a class, a slot of the oldest segment is taken, and there the one that was given back
 //!   last: its memory is still in a cache. Slots that were never needed cost no memory at all, and
 //!   those of younger segments are needed by nobody again, once a rush is over. If the class has
@@ -40,7 +40,13 @@ pub(crate) const IDLE_DEFAULT: Duration = Duration::from_secs(5);
 /// What a number of a segment is less than: 15 bits.
 const IDS: u32 = 1 << 15;
 
-/// What the size of a large slot is a multiple of.
+/// The size of the smallest slot: two cache lines that come together.
+const STRIDE_MIN: u64 = 128;
+
+/// What the size of a slot is a multiple of that is not smaller.
+const PAGE: u64 = 4 << 10;
+
+/// The same of a large slot.
 const HUGE_PAGE: u64 = 2 << 20;
 
 /// Free slots, whose memory is an `M` each.
@@ -377,17 +383,17 @@ impl<M> Pool<M> {
 /// The size of the slot for a message of `len` bytes and its head.
 pub(crate) const fn stride_for(len: u64) -> u64 {
     let least = len.saturating_add(HEAD_BYTES);
-    let whole = if least > STRIDE_UNIT {
+    let whole = if least > STRIDE_MIN {
         least.next_power_of_two()
     } else {
-        STRIDE_UNIT
+        STRIDE_MIN
     };
     let half_step = whole / 4 * 3;
     let size = if least <= half_step { half_step } else { whole };
-    let unit = if size < HUGE_PAGE {
-        STRIDE_UNIT
-    } else {
-        HUGE_PAGE
+    let unit = match size {
+        ..PAGE => STRIDE_UNIT,
+        PAGE..HUGE_PAGE => PAGE,
+        HUGE_PAGE.. => HUGE_PAGE,
     };
     size.next_multiple_of(unit)
 }
@@ -395,7 +401,9 @@ pub(crate) const fn stride_for(len: u64) -> u64 {
 /// How many slots the first segment of a class has.
 const fn first_slots(stride: u64) -> u32 {
     match stride {
-        0..=0x1_0000 => 16,
+        // A page of them.
+        0..=0x80 => 32,
+        0x81..=0x1_0000 => 16,
         0x1_0001..=0x10_0000 => 4,
         _ => 1,
     }

@@ -23,6 +23,7 @@ use crate::{
 };
 
 mod builder;
+mod many;
 
 pub use self::builder::PublisherBuilder;
 
@@ -32,6 +33,13 @@ pub(crate) const INLINE_DEFAULT: usize = 4_096;
 /// Messages up to this length are copied while the node is locked: that is quicker than to lock
 /// it again.
 const SHORT: usize = 16 << 10;
+
+/// How long a publication that has to wait spins before it sleeps: about as long as it takes to
+/// fall asleep and to wake up.
+const SPIN: Duration = Duration::from_micros(20);
+
+/// In pauses of the processor, how long it leaves the memory alone meanwhile.
+const PAUSES: u32 = 64;
 
 /// What a builder was told, as far as a datagram has room for it.
 pub(crate) const fn inline_limit(bytes: usize) -> usize {
@@ -216,26 +224,12 @@ impl<T: Plain + ?Sized + KnownLayout<PointerMetadata = usize>> Publisher<T> {
 impl Core {
     fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(published) = self.publish_short(&bytes) {
+        let mut published = Published::default();
+        if self.publish_shorts(std::slice::from_ref(&bytes), &mut published) == 1 {
             return Ok(published);
         }
         let publication = self.start(bytes)?;
         self.wait_for_room(publication)
-    }
-
-    /// Publishes a message at once, if it is short and all subscribers have room for it on the
-    /// ring lane.
-    fn publish_short(&self, bytes: &[u8]) -> Option<Published> {
-        if bytes.len() > SHORT {
-            return None;
-        }
-        let Handle { shared, id, .. } = &self.handle;
-        let now = sm2_io::clock::now();
-        let mut inner = shared.lock();
-        inner.drive_if_due(now, &shared.epoll);
-        inner.with(*id, &shared.epoll, |interface, tools| {
-            interface.publish_short(bytes, now, tools)
-        })?
     }
 
     /// Sends a message to all who have room now. It has to be [finished](Self::finish).
@@ -289,10 +283,26 @@ impl Core {
         }
     }
 
+    /// A subscriber that takes messages just now makes room sooner than this thread would be
+    /// awake again.
+    fn spin_for_room(&self, publication: &mut Publication) {
+        let until = sm2_io::clock::now().after(SPIN);
+        while !publication.is_done() && sm2_io::clock::now() < until {
+            // Each look costs the subscriber, which writes to the same memory.
+            for _ in 0..PAUSES {
+                std::hint::spin_loop();
+            }
+            self.handle.with_idle(|interface, tools| {
+                interface.publish_more(&mut publication.offered, tools)
+            });
+        }
+    }
+
     //= SM2-QOS-002
     fn wait_for_room(&self, mut publication: Publication) -> Result<Published, PublishError> {
         let Handle { shared, id, .. } = &self.handle;
         let mut waited = Ok(None);
+        self.spin_for_room(&mut publication);
         if !publication.is_done() {
             let deadline = Some(publication.deadline);
             waited = shared.wait(Topic::Interface(*id), deadline, |inner| {
@@ -312,17 +322,13 @@ impl Core {
     #[cfg(feature = "tokio")]
     pub(crate) fn go_on(&self, publication: &mut Publication) -> bool {
         let Handle { shared, id, .. } = &self.handle;
-        let mut inner = shared.driven();
-        let done = inner.with(*id, &shared.epoll, |interface, tools| {
-            interface.publish_more(&mut publication.offered, tools)
-        });
-        if done != Some(true) && self.handle.silence(&mut inner) {
+        let done = self.handle.look(&mut shared.driven(), |inner| {
             let done = inner.with(*id, &shared.epoll, |interface, tools| {
                 interface.publish_more(&mut publication.offered, tools)
             });
-            return done == Some(true);
-        }
-        done == Some(true)
+            (done == Some(true)).then_some(())
+        });
+        done.is_some()
     }
 
     /// The waiting is over: who has no room goes without this message.

@@ -8,7 +8,7 @@ use sm2_proto::control::Peer;
 use sm2_proto::{Contract, Instant, Name, TypeId};
 
 use crate::handle::{Receipt, Received};
-use crate::{Message, PayloadError};
+use crate::{Message, RecvError};
 
 /// One received message. Dereferences to it; dropping it gives it back.
 ///
@@ -27,15 +27,23 @@ pub struct Sample<T: Message + ?Sized> {
 }
 
 impl<T: Message + ?Sized> Sample<T> {
-    pub(crate) fn new(received: Received) -> Result<Self, PayloadError> {
+    #[inline]
+    pub(crate) fn new(received: Received) -> Result<Self, RecvError> {
         let Received {
             peer,
             delivery,
             payload,
             receipt,
         } = received;
+        let view = match T::view(payload) {
+            Ok(view) => view,
+            Err(reason) => {
+                let publisher = peer.name.clone();
+                return Err(RecvError::Payload { publisher, reason });
+            }
+        };
         Ok(Self {
-            view: T::view(payload)?,
+            view,
             sequence: delivery.id,
             time: delivery.time,
             lost: delivery.lost,

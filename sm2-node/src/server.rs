@@ -12,7 +12,7 @@ use sm2_proto::control::Peer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos};
 
-use crate::driver::{CallId, Interface, Needs, Shared};
+use crate::driver::{CallId, Interface, Shared};
 use crate::handle::{Handle, Receipt, Received, until};
 use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
 use crate::{
@@ -35,6 +35,7 @@ const DROPPED: &str = "the server dropped the request without an answer";
 pub struct Server<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
     inline_max: usize,
+    wait: Wait,
     serves: PhantomData<fn(&Q) -> Box<R>>,
 }
 
@@ -74,7 +75,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     fn take(&self, until: Option<Instant>) -> Result<Option<Request<Q, R>>, RecvError> {
         let Some(received) = self
             .handle
-            .receive(Wait::Park, until, Interface::take_request)?
+            .receive(self.wait, until, Interface::take_request)?
         else {
             return Ok(None);
         };
@@ -260,10 +261,13 @@ struct Pending {
 impl Pending {
     fn reply(mut self, bytes: Cow<'_, [u8]>, status: Status) -> Result<(), ReplyError> {
         let call = self.call;
-        let needs = self.handle.with(|interface, _| {
-            let link = interface.link(call.token).filter(|link| link.is_open());
-            link.map(|link| Needs::of(link.is_sealed()))
-        });
+        let needs = {
+            let mut inner = self.handle.shared.lock();
+            inner.drive_for_reply(&self.handle, call.token);
+            let interface = inner.interfaces.get(&self.handle.id);
+            let link = interface.and_then(|it| it.link(call.token));
+            link.filter(|it| it.is_open()).map(|it| it.needs())
+        };
         let gone = || ReplyError::ClientGone {
             client: self.client.name.clone(),
         };
@@ -311,6 +315,7 @@ pub struct ServerBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
     service: String,
     qos: ServiceQos,
     inline_max: usize,
+    wait: Wait,
     serves: PhantomData<fn(&Q) -> Box<R>>,
 }
 
@@ -325,6 +330,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
                 sealed: false,
             },
             inline_max: INLINE_DEFAULT,
+            wait: Wait::Park,
             serves: PhantomData,
         }
     }
@@ -348,10 +354,16 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
         self
     }
 
-    /// Replies up to this many bytes are copied into the datagram; longer ones go through
-    /// shared memory. At most 61,440; 4,096 by default.
+    /// Replies up to this many bytes are copied into the datagram; longer ones, and all on the
+    /// ring lane, go through shared memory. At most 61,440; 4,096 by default.
     pub const fn inline_max(mut self, bytes: usize) -> Self {
         self.inline_max = inline_limit(bytes);
+        self
+    }
+
+    /// What a thread does while it waits for a request: [`Wait::Park`] by default.
+    pub const fn wait(mut self, way: Wait) -> Self {
+        self.wait = way;
         self
     }
 
@@ -375,6 +387,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
                 [schema_of::<Q>(), schema_of::<R>()],
             )?),
             inline_max: self.inline_max,
+            wait: self.wait,
             serves: PhantomData,
         })
     }

@@ -10,28 +10,15 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{Domain, SOON, next};
+use common::{Domain, LANES, SOON, WAYS, next};
 use sm2_io::wait_readable;
 use sm2_node::asynchronous::IntoAsync;
-use sm2_node::{Node, Published, Publisher, Sample, Subscriber, Wait};
+use sm2_node::{Published, Publisher, Sample, Subscriber, Wait};
 
 /// Longer than any test takes: whoever waits so long was not woken.
 const EVER: Duration = Duration::from_secs(600);
-/// Which lane is offered.
-const LANES: [bool; 2] = [true, false];
-const WAYS: [Wait; 3] = [
-    Wait::Park,
-    Wait::SpinThenPark(Duration::from_micros(30)),
-    Wait::Spin,
-];
-
-fn node(domain: &Domain, name: &str, ring: bool) -> Node {
-    let builder = Node::builder(name).socket(domain.socket());
-    builder.ring_lane(ring).connect().unwrap()
-}
-
 fn subscriber(domain: &Domain, ring: bool, way: Wait) -> Subscriber<u64> {
-    let builder = node(domain, "listener", ring).subscriber_builder("topic");
+    let builder = domain.node_on(ring, "listener").subscriber_builder("topic");
     builder.wait(way).declare().unwrap()
 }
 
@@ -44,7 +31,7 @@ fn dawdle(round: u64) {
 
 /// Publishes numbers from 1 on, each as soon as the one before was acknowledged.
 fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::JoinHandle<()>) {
-    let publisher = node(domain, "talker", ring).publisher::<u64>("topic");
+    let publisher = domain.node_on(ring, "talker").publisher::<u64>("topic");
     let publisher: Publisher<u64> = publisher.unwrap();
     let taken = Arc::new(AtomicU64::new(0));
     let acknowledged = Arc::clone(&taken);
@@ -103,7 +90,7 @@ fn whoever_waits_for_a_time_waits_no_longer() {
         for way in WAYS {
             let domain = Domain::new();
             let subscriber = subscriber(&domain, ring, way);
-            let publisher = node(&domain, "talker", ring).publisher::<u64>("topic");
+            let publisher = domain.node_on(ring, "talker").publisher::<u64>("topic");
             let publisher = publisher.unwrap();
             // Without a link, and with one.
             for links in [0, 1] {
@@ -194,9 +181,11 @@ fn patient(
     ring: bool,
     rounds: u64,
 ) -> (Subscriber<u64>, Receiver<Published>, thread::JoinHandle<()>) {
-    let builder = node(domain, "talker", ring).publisher_builder::<u64>("topic");
+    let builder = domain
+        .node_on(ring, "talker")
+        .publisher_builder::<u64>("topic");
     let publisher = builder.depth(1).reliable(EVER).declare().unwrap();
-    let builder = node(domain, "listener", ring).subscriber_builder("topic");
+    let builder = domain.node_on(ring, "listener").subscriber_builder("topic");
     let builder = builder.depth(1).max_borrowed(1).reliable(true);
     let subscriber = builder.declare().unwrap();
     let (sender, published) = channel();

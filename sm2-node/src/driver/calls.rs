@@ -1,5 +1,7 @@
 //! Calls, from both ends: those that a client made, and the replies of a server.
 
+mod ring;
+
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -105,7 +107,7 @@ impl Interface {
             },
             Some(link) => Choice::Link {
                 token: link.token(),
-                needs: Needs::of(link.is_sealed()),
+                needs: link.needs(),
             },
         }
     }
@@ -145,7 +147,10 @@ impl Interface {
     }
 
     /// How a call went, once it is over; it is forgotten then.
-    pub(crate) fn outcome(&mut self, call: CallId) -> Option<Outcome> {
+    pub(crate) fn outcome(&mut self, call: CallId, tools: &mut Tools<'_>) -> Option<Outcome> {
+        if self.link(call.token).is_some_and(LinkDriver::ring_ready) {
+            self.settle_link(call.token, tools);
+        }
         let outcome = self.calls.open.get_mut(&call)?.take()?;
         self.calls.open.remove(&call);
         Some(outcome)
@@ -182,7 +187,8 @@ impl Interface {
                 (false, true) => Status::DeadlinePassed,
                 (false, false) => {
                     // A request says when it is too late, not when it was made.
-                    self.note_taken(&taken, sm2_io::clock::now(), tools);
+                    let now = sm2_io::clock::now();
+                    self.note_taken(std::slice::from_ref(&taken), |_| now, tools);
                     return Ok(Some(taken));
                 }
             };
@@ -253,8 +259,13 @@ impl Interface {
     /// The application gives a message back.
     //= SM2-MSG-005
     pub(crate) fn give_back(&mut self, token: u64, sequence: u64, tools: &mut Tools<'_>) {
-        self.with_link(token, tools, |link, outbox, tools| {
-            link.release(sequence, tools.epoll, outbox);
-        });
+        let Some(link) = self.links.get_mut(&token) else {
+            return;
+        };
+        link.release(sequence, tools.epoll, &mut self.outbox);
+        // On a receiver's link that goes on nothing follows from it.
+        if link.role() != Role::Receiver || link.end().is_some() {
+            self.settle_link(token, tools);
+        }
     }
 }

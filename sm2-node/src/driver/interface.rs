@@ -142,7 +142,7 @@ impl Interface {
     }
 
     /// Takes back what the other sides gave back, on the ring lane.
-    pub(super) fn harvest(&mut self, tools: &mut Tools<'_>) {
+    pub(crate) fn harvest(&mut self, tools: &mut Tools<'_>) {
         let mut is_over = false;
         for link in self.links.values_mut() {
             link.ring_harvest(tools, &mut self.outbox);
@@ -152,6 +152,8 @@ impl Interface {
         if is_over {
             self.bury_ended(tools);
         }
+        // The last message of a segment may have come back.
+        self.detach_segments(tools);
     }
 
     /// Whether there may be a message to take.
@@ -178,6 +180,7 @@ impl Interface {
             return;
         };
         self.calls.collect(token, link, tools, &mut self.outbox);
+        link.send_waiting(tools, &mut self.outbox);
         link.note_fates(tools.counting);
         if link.end().is_some() && !link.buried {
             self.bury(token, tools);

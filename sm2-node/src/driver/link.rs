@@ -3,25 +3,23 @@
 //! Nothing here waits. A socket that takes no more keeps one packet here and stops
 //! the machine's transmitting; whatever fails ends this link and no other.
 
+mod outputs;
+
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
-use std::fmt::Display;
-use std::io::{self, IoSlice};
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
-use sm2_io::{
-    CounterEntry, Epoll, Event, Interest, Mapping, RecvError, Ring, SendError, SeqPacket,
-};
+use sm2_io::{CounterEntry, Epoll, Event, Mapping, RecvError, Ring, SeqPacket};
 use sm2_proto::control::Peer;
 use sm2_proto::link::{
-    self, Counters, Delivery, End, Input, Link, Output, Packet, Role, Status, TooManyBorrowed,
+    self, Counters, Delivery, End, Input, Link, Packet, Role, Status, TooManyBorrowed,
 };
 use sm2_proto::{Code, Datagram, Farewell, Instant, LinkId};
 
 use super::BURST;
 use super::counters::Counting;
 use super::datagram::{Incoming, receive};
-use super::outbox::Outbox;
+use super::outbox::{Needs, Outbox};
 use super::ring::prepare_ring;
 use super::status::Received;
 use crate::payload::{Payload, Source};
@@ -39,6 +37,8 @@ pub(crate) struct LinkDriver {
     pub(super) machine: Link,
     /// The ring, if the link has one.
     pub(super) ring: Option<Ring>,
+    /// Caller, server: the ring by which they send; the other one is for what they receive.
+    pub(super) ring_out: Option<Ring>,
     /// The ring's file, until the other side has it.
     pub(super) ring_file: Option<OwnedFd>,
     /// The packet that the socket did not take.
@@ -98,6 +98,7 @@ impl LinkDriver {
             socket: Some(socket),
             machine: Link::new(config),
             ring,
+            ring_out: None,
             ring_file,
             unsent: None,
             segments: BTreeMap::new(),
@@ -146,6 +147,17 @@ impl LinkDriver {
 
     pub(super) fn role(&self) -> Role {
         self.machine.config().role
+    }
+
+    /// The form that a message needs on it.
+    pub(crate) fn needs(&self) -> Needs {
+        match self.has_ring() {
+            true => Needs {
+                ring: true,
+                ..Needs::default()
+            },
+            false => Needs::of(self.is_sealed()),
+        }
     }
 
     /// Whether one more message would be sent or queued without loss.
@@ -286,6 +298,9 @@ impl LinkDriver {
         tools: &mut Tools<'_>,
         outbox: &mut Outbox,
     ) {
+        if self.has_call_rings() {
+            return self.ring_send_call(key, status, tools, outbox);
+        }
         if self.has_ring() {
             return self.ring_send(key, tools, outbox);
         }
@@ -318,169 +333,8 @@ impl LinkDriver {
         self.drain(Incoming::default(), epoll, outbox);
     }
 
-    /// Does all that the machine says: the one place where its outputs are matched.
-    fn drain(&mut self, mut came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
-        loop {
-            while let Some(output) = self.machine.poll() {
-                match output {
-                    Output::Transmit(packet) => self.transmit(packet, epoll, outbox),
-                    Output::Opened => {
-                        if !self.has_ring() {
-                            self.ring = None;
-                            self.ring_file = None;
-                        }
-                    }
-                    // It is there since the beginning.
-                    Output::MakeRing(_) => debug_assert!(self.ring.is_some()),
-                    Output::Ring(layout) => self.map_ring(layout, came.take_fd()),
-                    Output::Attach {
-                        segment,
-                        stride,
-                        slots,
-                    } => self.attach(segment, stride * u64::from(slots), came.take_fd()),
-                    Output::Detach { segment } => {
-                        self.segments.remove(&segment);
-                    }
-                    Output::Keep { sequence } => {
-                        if let Some(fd) = came.take_fd() {
-                            self.kept.insert(sequence, fd);
-                        }
-                    }
-                    Output::Discard { sequence } => {
-                        self.kept.remove(&sequence);
-                    }
-                    Output::Settled { key, fate } => outbox.settle(key, fate),
-                    Output::Cancelled { call } => {
-                        self.cancelled.insert(call);
-                    }
-                    Output::CallFailed { call } => self.failed.push(call),
-                    Output::Ended(end) => self.hang_up(end, epoll),
-                }
-            }
-            match self.failing.take() {
-                Some(code) if self.end().is_none() => {
-                    let _ = self
-                        .machine
-                        .handle(sm2_io::clock::now(), Input::Close(code));
-                }
-                _ => return,
-            }
-        }
-    }
-
-    fn transmit(&mut self, packet: Packet, epoll: &Epoll, outbox: &Outbox) {
-        match self.offer(&packet, outbox) {
-            // Whoever closed has sent all it will: that is read first, and then the end of
-            // the stream (SM2-TRN-006).
-            Ok(()) | Err(SendError::Closed) => {
-                if packet.attachment == Some(link::Attachment::Ring) {
-                    self.ring_file = None;
-                }
-            }
-            Err(SendError::WouldBlock) => {
-                let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
-                self.unsent = Some(packet);
-                self.watch(Interest::BOTH, epoll);
-            }
-            //= SM2-TRN-010
-            Err(SendError::TooManyInFlight) => {
-                self.fail(Farewell::Stalled, &SendError::TooManyInFlight)
-            }
-            Err(error @ (SendError::TooLong | SendError::Io(_))) => {
-                self.fail(Farewell::Resources, &error);
-            }
-        }
-    }
-
-    fn offer(&self, packet: &Packet, outbox: &Outbox) -> Result<(), SendError> {
-        let socket = self.socket.as_ref().ok_or(SendError::Closed)?;
-        let parts = [IoSlice::new(&packet.head), IoSlice::new(&packet.payload)];
-        let parts = &parts[..if packet.payload.is_empty() { 1 } else { 2 }];
-        let Some(attachment) = packet.attachment else {
-            return socket.send(parts, &[]);
-        };
-        let ring = self.ring_file.as_ref().map(AsFd::as_fd);
-        let Some(fd) = outbox.descriptor(attachment).or(ring) else {
-            return Err(SendError::Io(io::ErrorKind::NotFound.into()));
-        };
-        socket.send(parts, &[fd])
-    }
-
-    /// The socket takes packets again.
-    fn flush(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
-        let Some(packet) = self.unsent.take() else {
-            return;
-        };
-        let _ = self.machine.handle(sm2_io::clock::now(), Input::Writable);
-        self.watch(Interest::READABLE, epoll);
-        self.transmit(packet, epoll, outbox);
-        self.drain(Incoming::default(), epoll, outbox);
-    }
-
-    fn watch(&mut self, interest: Interest, epoll: &Epoll) {
-        if let Some(socket) = &self.socket
-            && let Err(error) = epoll.modify(socket, self.token, interest)
-        {
-            self.fail(Farewell::Resources, &error);
-        }
-    }
-
-    /// Maps a segment of the other side, once and for all of its messages.
-    //= SM2-PAY-007
-    fn attach(&mut self, segment: u32, len: u64, fd: Option<OwnedFd>) {
-        let mapped = fd
-            .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
-            .and_then(|fd| Mapping::read_only(fd.as_fd(), len, false));
-        match mapped {
-            Ok(mapping) => {
-                self.segments.insert(segment, Arc::new(mapping));
-            }
-            Err(error) => self.fail(Farewell::Resources, &error),
-        }
-    }
-
-    /// The link has to be ended, as soon as the machine's outputs are done.
-    pub(super) fn fail(&mut self, code: Farewell, error: &dyn Display) {
-        tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link given up: {code}");
-        self.failing = Some(code.code());
-    }
-
-    //= SM2-OPN-006, SM2-OPN-007
-    fn hang_up(&mut self, end: End, epoll: &Epoll) {
-        let (link, peer) = (self.id, &self.peer.name);
-        match end {
-            End::Violation(rule) => tracing::warn!(
-                %link, %peer,
-                rule = rule.name(),
-                clause = rule.clause(),
-                "the other side broke the protocol; the link is over"
-            ),
-            End::Peer(code) if code != Farewell::Done.code() => {
-                tracing::warn!(%link, %peer, %code, "the other side ended the link");
-            }
-            End::Peer(_) | End::Eof | End::Local(_) => tracing::debug!(%link, %peer, %end),
-        }
-        self.unsent = None;
-        self.failing = None;
-        if let Some(socket) = self.socket.take() {
-            let _ = epoll.remove(&socket);
-            // A child process may have inherited it: the other side must learn of the end.
-            let _ = socket.shutdown();
-        }
-        self.forget_unused();
-    }
-
-    /// What messages that are still to be taken do not need goes now.
-    fn forget_unused(&mut self) {
-        if !self.is_ready() {
-            self.segments.clear();
-            self.kept.clear();
-            self.ring = None;
-            self.ring_file = None;
-        }
-    }
-
     /// The next message for the application, and where it is.
+    #[inline]
     pub(super) fn take(
         &mut self,
         tools: &mut Tools<'_>,
@@ -502,6 +356,7 @@ impl LinkDriver {
         Ok(Some((delivery, source)))
     }
 
+    #[inline]
     fn source(&mut self, delivery: &Delivery) -> Source {
         let found = match &delivery.payload {
             link::Payload::Inline(bytes) => Some(Source::Ready(Payload::inline(bytes.clone()))),

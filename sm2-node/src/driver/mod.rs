@@ -228,8 +228,22 @@ impl Inner {
         }
     }
 
-    /// Changes an interface, and tells the Manager which of its links are over by that.
+    /// Takes back what an interface's messages were given back, changes it, and tells the Manager
+    /// which of its links are over by that.
     pub(crate) fn with<R>(
+        &mut self,
+        id: InterfaceId,
+        epoll: &Epoll,
+        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+    ) -> Option<R> {
+        self.with_as_is(id, epoll, |interface, tools| {
+            interface.harvest(tools);
+            change(interface, tools)
+        })
+    }
+
+    /// The same without taking anything back.
+    pub(crate) fn with_as_is<R>(
         &mut self,
         id: InterfaceId,
         epoll: &Epoll,
@@ -243,7 +257,6 @@ impl Inner {
             now: self.now,
             stirred: false,
         };
-        interface.harvest(&mut tools);
         let result = change(interface, &mut tools);
         if tools.stirred {
             self.sleepers.wake(Topic::Interface(id));

@@ -73,12 +73,11 @@ impl Needs {
         self.pooled || self.sealed
     }
 
-    pub(crate) const fn add(&mut self, sealed: bool) {
-        if sealed {
-            self.sealed = true;
-        } else {
-            self.pooled = true;
-        }
+    /// What another link needs as well.
+    pub(crate) const fn add(&mut self, other: Self) {
+        self.ring |= other.ring;
+        self.pooled |= other.pooled;
+        self.sealed |= other.sealed;
     }
 }
 
@@ -205,7 +204,7 @@ impl Outbox {
 
     /// A slot for `len` bytes.
     pub(crate) fn lease(&mut self, len: u64) -> Result<Lease<Slot>, NoSlot> {
-        if let Some(lease) = self.pool.take(len) {
+        if let Some(lease) = self.ready(len) {
             return Ok(lease);
         }
         let plan = self.pool.plan(len).or_else(|Full| {
@@ -236,6 +235,11 @@ impl Outbox {
         self.pool.add(geometry, slots);
     }
 
+    /// A free slot, if there is one.
+    pub(crate) fn ready(&mut self, len: u64) -> Option<Lease<Slot>> {
+        self.pool.take(len)
+    }
+
     /// Gives back to the system what was not used for long. Cheap: it may be called with every
     /// message.
     pub(crate) fn rest(&mut self, now: Instant) {
@@ -252,7 +256,7 @@ impl Outbox {
     /// Stores a message. The caller holds it, until it [lets go](Self::release).
     pub(crate) fn store(&mut self, mut forms: Forms, label: Label) -> u64 {
         if let Some(lease) = &mut forms.pooled {
-            ring::write_head(lease, label);
+            ring::write_head(lease, label, Status::Ok);
         }
         let Label { id, time, len, .. } = label;
         self.messages.insert(Message {

@@ -23,13 +23,10 @@ impl Interface {
     pub(crate) fn needs(&self) -> Needs {
         let mut needs = Needs::default();
         for link in self.links().filter(|link| link.is_open()) {
-            match link.has_ring() {
-                true => needs.ring = true,
-                false => needs.add(link.is_sealed()),
-            }
+            needs.add(link.needs());
         }
         if needs.nobody() && self.latches() > 0 {
-            needs.add(self.contract.sealed());
+            needs.add(Needs::of(self.contract.sealed()));
         }
         needs
     }
@@ -47,7 +44,13 @@ impl Interface {
             return None;
         }
         let len = bytes.len() as u64;
-        let mut lease = self.outbox.lease(len).ok()?;
+        let mut lease = match self.outbox.ready(len) {
+            Some(lease) => lease,
+            None => {
+                self.harvest(tools);
+                self.outbox.lease(len).ok()?
+            }
+        };
         lease.memory.bytes_mut(bytes.len()).copy_from_slice(bytes);
         let forms = Forms {
             pooled: Some(lease),

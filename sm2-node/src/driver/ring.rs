@@ -12,14 +12,14 @@ use sm2_proto::{Farewell, limits::SLOT_HEAD};
 use super::link::{LinkDriver, Tools};
 use super::outbox::Outbox;
 
-/// Makes the ring that a sender will write to, before it is offered: a process without a
+/// Makes the ring that this side will take messages from, before it is offered: a process without a
 /// descriptor to spare uses the socket lane.
 //= SM2-RNG-002
 pub(super) fn prepare_ring(config: &mut link::Config) -> Option<(Ring, OwnedFd)> {
-    if !config.ring || config.sealed || config.role != Role::Receiver {
+    if !config.ring || config.sealed {
         return None;
     }
-    let layout = RingLayout::new(config.depth, config.window())?;
+    let layout = config.ring_layout()?;
     match Ring::create(layout) {
         Ok(made) => Some(made),
         Err(error) => {
@@ -31,13 +31,14 @@ pub(super) fn prepare_ring(config: &mut link::Config) -> Option<(Ring, OwnedFd)>
 }
 
 impl LinkDriver {
-    /// Maps the ring that the receiver made.
+    /// Maps the ring that the other side made.
     pub(super) fn map_ring(&mut self, layout: RingLayout, fd: Option<OwnedFd>) {
         let mapped = fd
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
             .and_then(|fd| Ring::map(fd.as_fd(), layout));
         match mapped {
-            Ok(ring) => self.ring = Some(ring),
+            Ok(ring) if self.role() == Role::Sender => self.ring = Some(ring),
+            Ok(ring) => self.ring_out = Some(ring),
             Err(error) => self.fail(Farewell::Resources, &error),
         }
     }
@@ -107,6 +108,9 @@ impl LinkDriver {
 
     /// Takes back what the receiver gave back.
     pub(super) fn ring_harvest(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        if self.has_call_rings() {
+            return self.harvest_calls(tools, outbox);
+        }
         let Some(ring) = &self.ring else { return };
         if !self.role().sends() || self.machine.end().is_some() {
             return;
@@ -137,6 +141,7 @@ impl LinkDriver {
     }
 
     /// The next message for the application.
+    #[inline]
     pub(super) fn ring_take(
         &mut self,
         tools: &mut Tools<'_>,
@@ -155,6 +160,10 @@ impl LinkDriver {
                     if taken.is_some() {
                         self.ring_taken(ring);
                     }
+                    if self.has_call_rings() {
+                        // That a call is cancelled, or failed.
+                        self.drain_idle(tools.epoll, outbox);
+                    }
                     return Ok(taken);
                 }
                 Err(NoDelivery::TooManyBorrowed(error)) => return Err(error),
@@ -162,6 +171,8 @@ impl LinkDriver {
                 Err(NoDelivery::UnknownSegment) if !looked && self.end().is_none() => {
                     self.receive_all(tools, outbox);
                     tools.stirred = true;
+                    // The bell was perhaps among that, and somebody is about to sleep.
+                    self.park();
                 }
                 Err(NoDelivery::UnknownSegment) => self.machine.ring_unknown_segment(),
                 Err(NoDelivery::Ended(_) | NoDelivery::Misuse(_)) => break,
@@ -202,7 +213,7 @@ impl LinkDriver {
 
     /// A socket that takes no more has something to read: its other end is awake, or will be.
     //= SM2-RNG-009
-    fn ring_the_bell(&self) {
+    pub(super) fn ring_the_bell(&self) {
         if let Some(socket) = &self.socket {
             let _ = socket.send(&[IoSlice::new(&doorbell())], &[]);
         }

@@ -3,6 +3,7 @@
 use std::ops::Bound::{Excluded, Included, Unbounded};
 use std::sync::Arc;
 
+use sm2_io::CounterEntry;
 use sm2_proto::control::Peer;
 use sm2_proto::link::{Delivery, Input, TooManyBorrowed};
 use sm2_proto::{Farewell, Instant};
@@ -29,11 +30,10 @@ pub(crate) struct Full {
 
 impl Interface {
     /// The next message of any link, in turn.
+    #[inline]
     pub(crate) fn take(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
         let taken = self.next(tools)?;
-        if let Some(taken) = &taken {
-            self.note_taken(taken, taken.delivery.time, tools);
-        }
+        self.note_taken(taken.as_slice(), |it| it.time, tools);
         Ok(taken)
     }
 
@@ -44,77 +44,90 @@ impl Interface {
         most: usize,
         tools: &mut Tools<'_>,
     ) -> Result<(), Full> {
+        let before = all.len();
+        let mut full = Ok(());
         while all.len() < most {
-            match self.take(tools)? {
-                Some(taken) => all.push(taken),
-                None => break,
+            match self.next(tools) {
+                Ok(Some(taken)) => all.push(taken),
+                Ok(None) => break,
+                Err(error) => {
+                    full = Err(error);
+                    break;
+                }
             }
         }
-        Ok(())
+        self.note_taken(&all[before..], |it| it.time, tools);
+        full
     }
 
-    /// The application has a message, which was published at this moment.
-    pub(super) fn note_taken(&self, taken: &Taken, published: Instant, tools: &mut Tools<'_>) {
-        let (now, delivery) = (tools.now, &taken.delivery);
-        let link = self.links.get(&taken.token);
-        let link = link.and_then(|link| link.entry.as_ref());
-        for entry in [self.entry.as_ref(), link] {
-            tools.counting.note(entry, |entry| {
-                entry.taken(now, published, delivery.len);
-                entry.lost(delivery.lost);
-            });
+    /// The application has these messages, which were published at that moment: the counters change
+    /// once for all of a link that came together.
+    pub(super) fn note_taken(
+        &self,
+        all: &[Taken],
+        published: impl Fn(&Delivery) -> Instant,
+        tools: &mut Tools<'_>,
+    ) {
+        if all.is_empty() {
+            return;
         }
+        let now = tools.now;
+        let mut note = |entry: Option<&CounterEntry>, taken: &[Taken]| {
+            tools.counting.note(entry, |entry| {
+                for Taken { delivery, .. } in taken {
+                    entry.taken(now, published(delivery), delivery.len);
+                    entry.lost(delivery.lost);
+                }
+            });
+        };
+        for taken in all.chunk_by(|one, next| one.token == next.token) {
+            let link = taken.first().and_then(|it| self.links.get(&it.token));
+            note(link.and_then(|it| it.entry.as_ref()), taken);
+        }
+        note(self.entry.as_ref(), all);
     }
 
-    /// The same, whether the application gets it or not.
+    /// The next message of any link, in turn, whether the application gets it or not.
+    #[inline]
     pub(super) fn next(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
         let start = self.last_taken;
         let (mut position, mut wrapped, mut full) = (start, false, None);
         loop {
             let end = if wrapped { Included(start) } else { Unbounded };
-            let mut links = self.links.range((Excluded(position), end));
+            let mut links = self.links.range_mut((Excluded(position), end));
             match links.find(|(_, link)| link.is_ready()) {
-                Some((&token, _)) => {
+                Some((&token, link)) => {
                     position = token;
-                    match self.take_from(token, tools) {
-                        Err(error) => full = Some(error),
-                        // What seemed to be one was none, or ended its link: others have theirs.
-                        Ok(None) => {}
-                        taken => return taken,
+                    match link.take(tools, &mut self.outbox) {
+                        Ok(Some((delivery, source))) => {
+                            let taken = Taken {
+                                token,
+                                peer: Arc::clone(&link.peer),
+                                delivery,
+                                source,
+                            };
+                            // It may have been all that kept a link that is over.
+                            if link.end().is_some() {
+                                self.settle_link(token, tools);
+                            }
+                            self.last_taken = token;
+                            self.lost += taken.delivery.lost;
+                            return Ok(Some(taken));
+                        }
+                        // What seemed to be a message was none, or ended its link by what was found in
+                        // its ring: others have theirs.
+                        Ok(None) => self.settle_link(token, tools),
+                        Err(error) => {
+                            let peer = Arc::clone(&link.peer);
+                            full = Some(Full { error, peer });
+                        }
                     }
                 }
-                None if wrapped => break,
+                None if wrapped => return full.map_or(Ok(None), Err),
                 // Tokens of links are greater than zero.
                 None => (position, wrapped) = (0, true),
             }
         }
-        full.map_or(Ok(None), Err)
-    }
-
-    fn take_from(&mut self, token: u64, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
-        let Some(link) = self.links.get_mut(&token) else {
-            return Ok(None);
-        };
-        let peer = Arc::clone(&link.peer);
-        let (delivery, source) = match link.take(tools, &mut self.outbox) {
-            Ok(Some(taken)) => taken,
-            Ok(None) => {
-                // Perhaps the link is over, by what was found in its ring.
-                self.settle_link(token, tools);
-                return Ok(None);
-            }
-            Err(error) => return Err(Full { error, peer }),
-        };
-        self.last_taken = token;
-        self.lost += delivery.lost;
-        // The last message of a link that is over was all that kept it.
-        self.settle_link(token, tools);
-        Ok(Some(Taken {
-            token,
-            peer,
-            delivery,
-            source,
-        }))
     }
 
     /// A message that was taken cannot be shown: this machine is out of memory, and the link

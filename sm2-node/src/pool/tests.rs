@@ -36,8 +36,15 @@ const SECOND: u64 = 1_000_000_000;
 fn sizes_of_slots() {
     const MIB: u64 = 1 << 20;
     let sizes = [
-        (0, 4 << 10),
-        (1, 4 << 10),
+        (0, 128),
+        (64, 128),
+        (65, 192),
+        (129, 256),
+        (192, 256),
+        (193, 384),
+        (1_000, 1_536),
+        (3_008, 3 << 10),
+        (3_009, 4 << 10),
         (4032, 4 << 10),
         (4033, 8 << 10),
         (8129, 12 << 10),
@@ -76,7 +83,8 @@ proptest! {
         prop_assert!(stride < HUGE_PAGE || stride.is_multiple_of(HUGE_PAGE));
         // Not more than half as much again, or a unit more.
         let surplus = stride - len - HEAD_BYTES;
-        prop_assert!(surplus <= (len / 2 + HEAD_BYTES).max(STRIDE_UNIT) || stride <= 2 * HUGE_PAGE);
+        let unit = if stride < PAGE { STRIDE_MIN } else { PAGE };
+        prop_assert!(surplus <= (len / 2 + HEAD_BYTES).max(unit) || stride <= 2 * HUGE_PAGE);
         prop_assert!(stride_for(len + 1) >= stride);
         prop_assert!(stride <= SEGMENT_BYTES_MAX);
     }
@@ -88,7 +96,7 @@ fn there_are_few_classes() {
         .map(|step| stride_for(2_f64.powf(f64::from(step) / 64.0) as u64))
         .collect();
     strides.dedup();
-    assert!(strides.len() <= 2 * (41 - 12), "{strides:?}");
+    assert!(strides.len() <= 2 * (41 - 7), "{strides:?}");
 }
 
 #[test]
@@ -137,7 +145,7 @@ fn a_larger_slot_will_do() {
 #[test]
 fn the_limit_holds_and_unused_segments_make_room() {
     let mut pool = Pool::new(96 << 10);
-    let small = taken(&mut pool, 1).unwrap();
+    let small = taken(&mut pool, 4_000).unwrap();
     assert_eq!(pool.bytes(), 64 << 10);
     assert_eq!(pool.plan(40_000), Err(Full));
     assert!(pool.unused().is_empty(), "one slot is in use");

@@ -63,7 +63,8 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     }
 
     /// How many messages wait for each subscriber that has not taken those before:
-    /// 1 to 1,024; 8 by default.
+    /// 1 to 1,024; 8 by default. On the ring lane, where messages wait in the subscriber's
+    /// ring, its own [depth](crate::SubscriberBuilder::depth) says that instead.
     pub const fn depth(mut self, messages: u16) -> Self {
         self.offer.depth = messages;
         self

@@ -5,10 +5,19 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use sm2_manager::{Background, Options, Policy};
-use sm2_node::{LinkStatus, Message, Node, Publisher, Sample, Subscriber};
+use sm2_node::{LinkStatus, Message, Node, Publisher, Sample, Subscriber, Wait};
 
 /// Long enough for a machine that is busy with other tests.
 pub(crate) const SOON: Duration = Duration::from_secs(2);
+
+/// Which lane is offered.
+pub(crate) const LANES: [bool; 2] = [true, false];
+/// All ways to wait.
+pub(crate) const WAYS: [Wait; 3] = [
+    Wait::Park,
+    Wait::SpinThenPark(Duration::from_micros(30)),
+    Wait::Spin,
+];
 
 /// A Manager, with its socket in a temporary folder.
 pub(crate) struct Domain {
@@ -38,6 +47,12 @@ impl Domain {
 
     pub(crate) fn node(&self, name: &str) -> Node {
         Node::builder(name).socket(self.socket()).connect().unwrap()
+    }
+
+    /// A node that offers the ring lane, or does not.
+    pub(crate) fn node_on(&self, ring: bool, name: &str) -> Node {
+        let builder = Node::builder(name).socket(self.socket());
+        builder.ring_lane(ring).connect().unwrap()
     }
 
     /// Starts a Manager; nodes of the one before come back by themselves, when they are called.

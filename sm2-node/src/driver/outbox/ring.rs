@@ -6,7 +6,7 @@ use std::os::unix::fs::FileExt;
 
 use sm2_io::Slot;
 use sm2_proto::limits::SLOT_HEAD;
-use sm2_proto::link::{RingMessage, SlotHead};
+use sm2_proto::link::{RingMessage, SlotHead, Status};
 
 use super::{Label, NoSlot, Outbox, info};
 use crate::pool::Lease;
@@ -30,6 +30,23 @@ impl Outbox {
         })
     }
 
+    /// The same of a request or a reply, which is sent on one link alone.
+    pub(in crate::driver) fn ring_call(
+        &mut self,
+        key: u64,
+        status: Status,
+    ) -> io::Result<RingMessage> {
+        let message = self.ring_message(key)?;
+        if status != Status::Ok
+            && let Some(label) = self.label(key)
+            && let Some(stored) = self.messages.get_mut(key)
+            && let Some(lease) = &mut stored.forms.pooled
+        {
+            write_head(lease, label, status);
+        }
+        Ok(message)
+    }
+
     fn copy_to_slot(&mut self, key: u64) -> io::Result<()> {
         let label = self.label(key).ok_or(io::ErrorKind::NotFound)?;
         let mut lease = self.lease(label.len).map_err(|error| match error {
@@ -42,7 +59,7 @@ impl Outbox {
             self.unlease(lease);
             return Err(error);
         }
-        write_head(&mut lease, label);
+        write_head(&mut lease, label, Status::Ok);
         if let Some(message) = self.messages.get_mut(key) {
             message.forms.pooled = Some(lease);
         }
@@ -64,10 +81,16 @@ impl Outbox {
 
 /// Writes the head that receivers of the ring lane read.
 //= SM2-RNG-004
-pub(super) fn write_head(lease: &mut Lease<Slot>, label: Label) {
+pub(super) fn write_head(lease: &mut Lease<Slot>, label: Label, status: Status) {
     let Label { id, time, len } = label;
     let slot = lease.memory.len_bytes();
     if let Some(place) = lease.memory.bytes_mut(slot).last_chunk_mut::<SLOT_HEAD>() {
-        *place = SlotHead { id, time, len }.to_bytes();
+        *place = SlotHead {
+            id,
+            time,
+            len,
+            status,
+        }
+        .to_bytes();
     }
 }

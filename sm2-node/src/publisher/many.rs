@@ -1,0 +1,94 @@
+//! Publishing many messages at a time: as many as have room under one lock.
+
+use std::borrow::Cow;
+use std::sync::PoisonError;
+
+use super::{Core, Published, Publisher, SHORT};
+use crate::handle::Handle;
+use crate::{Message, PublishError, StoreError};
+
+/// How many messages are encoded before the first of them is sent.
+const RUN: usize = 32;
+
+impl<T: Message + ?Sized> Publisher<T> {
+    /// Sends messages, one after the other, as [`publish`](Self::publish) does; quicker, if they
+    /// are short. Messages of one call share their time in groups of at most 32.
+    ///
+    /// In the result, [`links`](Published::links) is what the last of them has, and
+    /// [`missed`](Published::missed) the sum of all.
+    ///
+    /// # Errors
+    ///
+    /// See [`PublishError`]: those before the message that it is about were sent.
+    pub fn publish_all<'a>(
+        &self,
+        messages: impl IntoIterator<Item = &'a T>,
+    ) -> Result<Published, PublishError>
+    where
+        T: 'a,
+    {
+        let mut messages = messages.into_iter().map(Message::bytes);
+        let mut run = Vec::with_capacity(RUN);
+        let mut sum = Published::default();
+        loop {
+            // Not under the lock: this is the program's code.
+            let encoded = messages.by_ref().take(RUN).try_for_each(|bytes| {
+                run.push(bytes?);
+                Ok(())
+            });
+            let is_last = run.len() < RUN;
+            self.core.publish_run(&mut run, &mut sum)?;
+            encoded.map_err(StoreError::Encode)?;
+            if is_last {
+                return Ok(sum);
+            }
+        }
+    }
+}
+
+impl Published {
+    fn add(&mut self, next: Self) {
+        self.links = next.links;
+        self.missed += next.missed;
+    }
+}
+
+impl Core {
+    /// Publishes all of these, and leaves none.
+    fn publish_run(
+        &self,
+        run: &mut Vec<Cow<'_, [u8]>>,
+        sum: &mut Published,
+    ) -> Result<(), PublishError> {
+        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut rest = run.drain(..);
+        loop {
+            let sent = self.publish_shorts(rest.as_slice(), sum);
+            // The next one is long, or has to wait for somebody.
+            let Some(bytes) = rest.by_ref().nth(sent) else {
+                return Ok(());
+            };
+            let publication = self.start(bytes)?;
+            sum.add(self.wait_for_room(publication)?);
+        }
+    }
+
+    /// Publishes as many of these as are short and find room at once; how many.
+    pub(super) fn publish_shorts(&self, run: &[Cow<'_, [u8]>], sum: &mut Published) -> usize {
+        let Handle { shared, id, .. } = &self.handle;
+        let now = sm2_io::clock::now();
+        let mut inner = shared.lock();
+        let driven = inner.drive_if_due(now, &shared.epoll);
+        let sent = inner.with_as_is(*id, &shared.epoll, |interface, tools| {
+            // Else what came back is looked at when it is needed: a receiver that keeps up
+            // writes to the same memory all the time.
+            if driven {
+                interface.harvest(tools);
+            }
+            let short = run.iter().take_while(|bytes| bytes.len() <= SHORT);
+            let published = short.map_while(|bytes| interface.publish_short(bytes, now, tools));
+            published.map(|it| sum.add(it)).count()
+        });
+        sent.unwrap_or(0)
+    }
+}

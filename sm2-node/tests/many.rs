@@ -1,0 +1,245 @@
+//! Many messages at a time: `publish_all` and `recv_each` do what `publish` and `recv` do.
+
+mod common;
+
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::thread;
+use std::time::Duration;
+
+use common::{Domain, meet, pattern, until};
+use serde::{Deserialize, Serialize, de, ser};
+use sm2_node::{Message, PublishError, Publisher, RecvError, Schema, StoreError, Subscriber};
+
+/// How long a test waits for what has to happen.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A reliable publisher and a subscriber of it that may hold so many.
+fn linked(
+    domain: &Domain,
+    ring: bool,
+    depth: u16,
+    held: u16,
+) -> (Publisher<[u8]>, Subscriber<[u8]>) {
+    let publisher = domain.node_on(ring, "talker").publisher_builder("topic");
+    let publisher = publisher.depth(depth).reliable(PATIENCE).declare().unwrap();
+    let subscriber = domain.node_on(ring, "listener").subscriber_builder("topic");
+    let subscriber = subscriber.depth(depth).max_borrowed(held).reliable(true);
+    let subscriber = subscriber.declare().unwrap();
+    meet(&publisher, &[&subscriber]);
+    (publisher, subscriber)
+}
+
+/// Short ones and long ones, far more than there is room for: every byte, in order, on both lanes.
+//= SM2-QOS-002 test
+#[test]
+fn all_messages_come_in_their_order() {
+    const MESSAGES: usize = 700;
+    let message = |number: usize| {
+        let len = [0, 8, 64, 200, 5_000, 40_000, 70_000][number % 7];
+        pattern(len, number as u64)
+    };
+    for (ring, depth) in [(true, 7), (true, 64), (false, 7)] {
+        let domain = Domain::new();
+        let (publisher, subscriber) = linked(&domain, ring, depth, 5);
+        let talker = thread::spawn(move || {
+            let all: Vec<_> = (0..MESSAGES).map(message).collect();
+            let published = publisher.publish_all(all.iter().map(Vec::as_slice));
+            let published = published.unwrap();
+            assert_eq!((published.links, published.missed), (1, 0));
+            let flushed = publisher.flush(PATIENCE).unwrap();
+            assert!(flushed, "all of them were given back");
+            assert_eq!(publisher.counters().delivered, MESSAGES as u64);
+        });
+        let mut number = 0;
+        while number < MESSAGES {
+            let before = number;
+            let seen = subscriber.recv_each(Some(PATIENCE), 9, |sample| {
+                assert!(**sample.unwrap() == *message(number), "message {number}");
+                number += 1;
+            });
+            assert_eq!(seen.unwrap(), number - before);
+            assert!(
+                (1..=5).contains(&(number - before)),
+                "no more than it may hold"
+            );
+        }
+        talker.join().unwrap();
+        assert_eq!(subscriber.lost(), 0);
+    }
+}
+
+#[test]
+fn whoever_has_no_room_misses_what_others_get() {
+    for ring in [true, false] {
+        let domain = Domain::new();
+        let publisher = domain
+            .node_on(ring, "talker")
+            .publisher_builder::<[u8]>("topic");
+        let patience = Duration::from_millis(30);
+        let publisher = publisher.depth(4).reliable(patience).declare().unwrap();
+        let [stopped, quick] = [("stopped", 4), ("quick", 64)].map(|(name, depth)| {
+            let subscriber = domain
+                .node_on(ring, name)
+                .subscriber_builder::<[u8]>("topic");
+            let subscriber = subscriber.depth(depth).max_borrowed(1).reliable(true);
+            subscriber.declare().unwrap()
+        });
+        meet(&publisher, &[&stopped, &quick]);
+        let all: Vec<_> = (0..20).map(|seed| pattern(64, seed)).collect();
+        let published = publisher
+            .publish_all(all.iter().map(Vec::as_slice))
+            .unwrap();
+        assert_eq!(published.links, 1, "links of the last one");
+        let sent = publisher
+            .links()
+            .iter()
+            .map(|it| it.counters.deadline)
+            .sum::<u64>();
+        assert_eq!(published.missed as u64, sent);
+        assert!((1..20).contains(&published.missed));
+        for message in &all {
+            assert!(*quick.recv_timeout(PATIENCE).unwrap().unwrap() == **message);
+        }
+        assert!(published.complete().is_err());
+    }
+}
+
+#[test]
+fn nothing_to_send_and_nothing_to_see() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = linked(&domain, true, 8, 4);
+    let published = publisher.publish_all([]).unwrap();
+    assert_eq!((published.links, published.missed), (0, 0));
+    let none =
+        |timeout, most| subscriber.recv_each(timeout, most, |_| panic!("there is no message"));
+    assert_eq!(none(Some(Duration::ZERO), 8).unwrap(), 0);
+    assert_eq!(none(Some(Duration::from_millis(5)), 8).unwrap(), 0);
+    assert_eq!(none(None, 0).unwrap(), 0, "no more than asked for");
+    publisher.publish_all([&b"one"[..], b"two"]).unwrap();
+    let held = subscriber.recv_timeout(PATIENCE).unwrap().unwrap();
+    let rest: [_; 3] = std::array::from_fn(|_| {
+        publisher.publish(b"more").unwrap();
+        subscriber.recv_timeout(PATIENCE).unwrap().unwrap()
+    });
+    publisher.publish(b"last").unwrap();
+    let full = none(Some(PATIENCE), 8).unwrap_err();
+    assert!(matches!(full, RecvError::TooManyBorrowed { held: 4, .. }));
+    drop((held, rest));
+}
+
+/// Whoever panics on a message loses that batch, and holds none of it.
+//= SM2-MSG-005 test
+#[test]
+fn a_batch_is_given_back_whatever_happens() {
+    for ring in [true, false] {
+        let domain = Domain::new();
+        let (publisher, subscriber) = linked(&domain, ring, 8, 4);
+        for round in 0..5 {
+            publisher.publish_all([&b"a"[..], b"b", b"c"]).unwrap();
+            let seen = Cell::new(0);
+            let look = || {
+                subscriber.recv_each(Some(PATIENCE), 8, |sample| {
+                    seen.set(seen.get() + 1);
+                    assert_ne!(&**sample.unwrap(), b"b", "as this program wants it");
+                })
+            };
+            assert!(catch_unwind(AssertUnwindSafe(look)).is_err());
+            assert_eq!(seen.get(), 2, "round {round}");
+            until(|| publisher.counters().in_flight == 0);
+        }
+        assert_eq!(publisher.counters().delivered, 15);
+    }
+}
+
+/// While one is looked at, the node can be called, and what is lent does not change.
+#[test]
+fn the_node_is_free_while_a_message_is_looked_at() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = linked(&domain, true, 8, 4);
+    publisher.publish_all([&[1; 64][..], &[2; 64]]).unwrap();
+    let mut seen = Vec::new();
+    subscriber
+        .recv_each(Some(PATIENCE), 8, |sample| {
+            let sample = sample.unwrap();
+            publisher.publish(&[9; 64]).unwrap();
+            assert_eq!(subscriber.lost(), 0);
+            assert!(sample.iter().all(|byte| *byte == sample[0]));
+            seen.push(sample[0]);
+        })
+        .unwrap();
+    assert_eq!(seen, [1, 2]);
+}
+
+/// A number that cannot always be written or read.
+#[derive(Message, Serialize, Deserialize, Debug)]
+#[message(name = "test/Picky", encoding = "postcard")]
+struct Picky(Number);
+
+#[derive(Schema, Debug, PartialEq, Clone, Copy)]
+struct Number(u32);
+
+const UNWRITABLE: u32 = 40;
+const UNREADABLE: u32 = 7;
+
+impl Serialize for Number {
+    fn serialize<S: ser::Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        match self.0 {
+            UNWRITABLE => Err(ser::Error::custom("not this one")),
+            number => to.serialize_u32(number),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Number {
+    fn deserialize<D: de::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        match u32::deserialize(from)? {
+            UNREADABLE => Err(de::Error::custom("not this one")),
+            number => Ok(Self(number)),
+        }
+    }
+}
+
+/// One that cannot be written keeps those before it from nothing, one that cannot be read those
+/// behind it.
+#[test]
+fn a_message_that_is_none_costs_no_other() {
+    let domain = Domain::new();
+    let publisher = domain
+        .node_on(true, "talker")
+        .publisher_builder::<Picky>("topic");
+    let publisher = publisher.depth(64).declare().unwrap();
+    let [lent, taken] = ["lent", "taken"].map(|name| {
+        let subscriber = domain
+            .node_on(true, name)
+            .subscriber_builder::<Picky>("topic");
+        subscriber.depth(64).max_borrowed(64).declare().unwrap()
+    });
+    meet(&publisher, &[&lent, &taken]);
+    let all: Vec<_> = (0..50).map(|number| Picky(Number(number))).collect();
+    let error = publisher.publish_all(&all).unwrap_err();
+    assert!(
+        matches!(error, PublishError::Store(StoreError::Encode(_))),
+        "{error}"
+    );
+    let (mut numbers, mut errors) = (Vec::new(), Vec::new());
+    let seen = lent.recv_each(Some(PATIENCE), 64, |sample| match sample {
+        Ok(sample) => numbers.push(sample.0.0),
+        Err(error) => errors.push((numbers.len(), error)),
+    });
+    let readable = |number: &u32| *number != UNREADABLE;
+    let wanted: Vec<_> = (0..UNWRITABLE).filter(readable).collect();
+    assert_eq!((seen.unwrap(), &numbers), (40, &wanted));
+    assert!(
+        matches!(&errors[..], [(7, RecvError::Payload { .. })]),
+        "{errors:?}"
+    );
+    let mut samples = Vec::new();
+    let error = taken.try_recv_many(&mut samples, 64).unwrap_err();
+    assert!(matches!(error, RecvError::Payload { .. }), "{error}");
+    let numbers: Vec<_> = samples.iter().map(|sample| sample.0.0).collect();
+    assert_eq!(
+        numbers, wanted,
+        "also those behind the one that cannot be read"
+    );
+}

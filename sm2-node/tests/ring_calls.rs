@@ -1,0 +1,358 @@
+//! Calls by both lanes as programs see them: which lane it is, that whoever waits is woken, and
+//! that each call ends once, however it ends. (What is not about lanes is in `services.rs`.)
+
+mod common;
+
+use std::os::fd::AsFd;
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use common::{Domain, LANES, SOON, WAYS, pattern, until};
+use sm2_io::wait_readable;
+use sm2_node::asynchronous::IntoAsync;
+use sm2_node::{
+    CallError, Client, ClientBuilder, LinkStatus, Reply, Request, Server, ServerBuilder,
+};
+
+/// As long as all calls of a test take, with a lot else to do.
+const LONG: Duration = Duration::from_secs(30);
+fn serving(domain: &Domain, ring: bool) -> ServerBuilder<[u8], [u8]> {
+    domain.node_on(ring, "server").server_builder("service")
+}
+
+fn calling(domain: &Domain, ring: bool) -> ClientBuilder<[u8], [u8]> {
+    domain.node_on(ring, "client").client_builder("service")
+}
+
+/// Both ends of a link.
+type Ends = (Server<[u8], [u8]>, Client<[u8], [u8]>);
+
+/// Both, linked: each is called in turn until the link is open at both ends.
+fn linked(server: ServerBuilder<[u8], [u8]>, client: ClientBuilder<[u8], [u8]>) -> Ends {
+    let (server, client) = (server.declare().unwrap(), client.declare().unwrap());
+    let moment = Some(Duration::from_millis(1));
+    until(|| {
+        let open = client.wait_for_servers(1, moment).is_ok();
+        server.wait_for_clients(1, moment).is_ok() && open
+    });
+    (server, client)
+}
+
+fn ring(links: &[LinkStatus]) -> bool {
+    let [link] = links else {
+        panic!("{links:?}");
+    };
+    link.ring
+}
+
+/// Does nothing for a while, which is another one each time.
+fn dawdle(round: u64) {
+    let spins = [0, 10, 100, 1_000, 10_000][(round % 5) as usize];
+    (0..spins * (1 + round % 3)).for_each(|_| std::hint::spin_loop());
+}
+
+/// Replies with what it was asked, until it is asked nothing.
+fn echo(server: Server<[u8], [u8]>, mut next: impl FnMut() + Send + 'static) -> JoinHandle<u64> {
+    thread::spawn(move || {
+        for served in 0.. {
+            next();
+            let request = server.recv().unwrap();
+            let bytes = request.to_vec();
+            request.reply(&bytes).unwrap();
+            if bytes.is_empty() {
+                return served;
+            }
+        }
+        0
+    })
+}
+
+//= SM2-RNG-001, SM2-RNG-002 test
+#[test]
+fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
+    let sizes = [0, 1, 4_032, 4_033, 4_096, 4_097, 61_441, 3 << 20];
+    for (ours, theirs) in [(true, true), (true, false), (false, true), (false, false)] {
+        for sealed in [false, true] {
+            let domain = Domain::new();
+            let client = calling(&domain, ours).sealed(sealed);
+            let (server, client) = linked(serving(&domain, theirs), client);
+            let expected = ours && theirs && !sealed;
+            assert_eq!(ring(&client.links()), expected);
+            assert_eq!(ring(&server.links()), expected);
+            for (seed, len) in (1..).zip(sizes) {
+                let bytes = pattern(len, seed);
+                let call = client.send(&bytes, Some(SOON)).unwrap();
+                let request = server.recv().unwrap();
+                assert!(*request == *bytes, "{len} bytes");
+                let turned: Vec<u8> = request.iter().rev().copied().collect();
+                request.reply(&turned).unwrap();
+                assert!(*call.wait().unwrap() == *turned, "{len} bytes");
+            }
+            let failing = client.send(b"x", Some(SOON)).unwrap();
+            server.recv().unwrap().fail("not today").unwrap();
+            let error = failing.wait().unwrap_err();
+            assert!(matches!(error, CallError::Failed { reason, .. } if reason == "not today"));
+            for links in [client.links(), server.links()] {
+                let counters = links[0].counters;
+                assert_eq!((counters.offered, links[0].received.messages), (9, 9));
+            }
+        }
+    }
+}
+
+//= SM2-RNG-009 test
+#[test]
+fn each_way_of_waiting_gets_its_requests_and_its_replies() {
+    const ROUNDS: u64 = 300;
+    for lane in LANES {
+        for (ours, theirs) in WAYS.into_iter().flat_map(|a| WAYS.map(|b| (a, b))) {
+            let domain = Domain::new();
+            let server = serving(&domain, lane).wait(theirs);
+            let (server, client) = linked(server, calling(&domain, lane).wait(ours));
+            let mut round = 0;
+            let server = echo(server, move || {
+                round += 1;
+                dawdle(round);
+            });
+            for number in 1..=ROUNDS {
+                let reply = client.call(&number.to_le_bytes(), SOON).unwrap();
+                assert_eq!(*reply, number.to_le_bytes());
+                dawdle(number / 2);
+            }
+            client.call(&[], SOON).unwrap();
+            assert_eq!(server.join().unwrap(), ROUNDS);
+        }
+    }
+}
+
+/// One request at a time to a program that polls the descriptor when it found nothing, and the
+/// replies likewise.
+//= SM2-RNG-009 test
+#[test]
+fn polled_descriptors_are_readable_for_every_request_and_reply() {
+    const ROUNDS: u64 = 500;
+    for lane in LANES {
+        let domain = Domain::new();
+        let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
+        let answering = thread::spawn(move || {
+            for number in 0..ROUNDS {
+                let request: Request<[u8], [u8]> = loop {
+                    if let Some(request) = server.try_recv().unwrap() {
+                        break request;
+                    }
+                    assert!(wait_readable(&[server.as_fd()], Some(SOON)).unwrap());
+                };
+                dawdle(number);
+                let bytes = request.to_vec();
+                request.reply(&bytes).unwrap();
+            }
+            server
+        });
+        for number in 0..ROUNDS {
+            let mut call = client.send(&number.to_le_bytes(), None).unwrap();
+            dawdle(number / 3);
+            let reply: Reply<[u8]> = loop {
+                if let Some(reply) = call.try_wait().unwrap() {
+                    break reply;
+                }
+                assert!(wait_readable(&[client.as_fd()], Some(SOON)).unwrap());
+            };
+            assert_eq!(*reply, number.to_le_bytes());
+        }
+        answering.join().unwrap();
+    }
+}
+
+#[test]
+fn futures_are_woken_for_every_request_and_reply() {
+    const ROUNDS: u64 = 300;
+    for lane in LANES {
+        let domain = Domain::new();
+        let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
+        let server = echo(server, || {});
+        let runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = { runtime }.enable_all().build().unwrap();
+        runtime.block_on(async {
+            let client = client.into_async().unwrap();
+            for number in 1..=ROUNDS {
+                let bytes = number.to_le_bytes();
+                // Two at a time, on one descriptor.
+                let (one, other) =
+                    tokio::join!(client.call(&bytes, SOON), client.call(b"other", SOON));
+                assert_eq!(
+                    (&*one.unwrap(), &*other.unwrap()),
+                    (&bytes[..], &b"other"[..])
+                );
+            }
+            client.call(&[], SOON).await.unwrap();
+        });
+        assert_eq!(server.join().unwrap(), 2 * ROUNDS);
+    }
+}
+
+/// More calls than the server has places for, and more replies than the client has.
+//= SM2-RNG-009, SM2-SRV-003 test
+#[test]
+fn calls_that_wait_for_room_are_all_answered() {
+    for lane in LANES {
+        for way in WAYS {
+            let domain = Domain::new();
+            let server = serving(&domain, lane).depth(1).max_borrowed(1).wait(way);
+            let client = calling(&domain, lane).max_borrowed(1_000).wait(way);
+            let (server, client) = linked(server, client);
+            let server = echo(server, || {});
+            let calls: Vec<_> = (1..=200_u64)
+                .map(|number| client.send(&number.to_le_bytes(), Some(LONG)).unwrap())
+                .collect();
+            // The last first: the others wait for their turn.
+            for (index, call) in calls.into_iter().enumerate().rev() {
+                let number = index as u64 + 1;
+                assert_eq!(*call.wait().unwrap(), number.to_le_bytes());
+            }
+            client.call(&[], SOON).unwrap();
+            assert_eq!(server.join().unwrap(), 200);
+        }
+    }
+}
+
+/// Replies in memory that is new to the client, which reads its socket for that: among what it
+/// reads may be the bell of another reply.
+//= SM2-RNG-009 test
+#[test]
+fn replies_that_bring_their_segments() {
+    for way in WAYS {
+        for round in 0..4 {
+            let domain = Domain::new();
+            let server = serving(&domain, true).depth(100).wait(way);
+            let client = calling(&domain, true).max_borrowed(1_000).wait(way);
+            let (server, client) = linked(server, client);
+            let mut served = round;
+            let server = echo(server, move || {
+                served += 1;
+                dawdle(served);
+            });
+            let size = |seed: u64| 4_000 << (seed % 6);
+            let calls: Vec<_> = (1..=90)
+                .map(|seed| (client.send(&pattern(size(seed), seed), Some(LONG))).unwrap())
+                .collect();
+            for (index, call) in calls.into_iter().enumerate().rev() {
+                let seed = index as u64 + 1;
+                assert!(*call.wait().unwrap() == *pattern(size(seed), seed));
+            }
+            client.call(&[], SOON).unwrap();
+            assert_eq!(server.join().unwrap(), 90);
+        }
+    }
+}
+
+/// Each thread's reply may be found by another one.
+#[test]
+fn threads_that_share_a_client() {
+    for lane in LANES {
+        for way in WAYS {
+            let domain = Domain::new();
+            let client = calling(&domain, lane).wait(way);
+            let (server, client) = linked(serving(&domain, lane), client);
+            let server = echo(server, || {});
+            let client = Arc::new(client);
+            let threads = [1, 2, 3_u64].map(|which| {
+                let client = Arc::clone(&client);
+                thread::spawn(move || {
+                    for number in 0..150 {
+                        let bytes = pattern(20, 1_000 * which + number);
+                        assert!(*client.call(&bytes, SOON).unwrap() == *bytes);
+                        dawdle(number);
+                    }
+                })
+            });
+            for thread in threads {
+                thread.join().unwrap();
+            }
+            client.call(&[], SOON).unwrap();
+            assert_eq!(server.join().unwrap(), 450);
+        }
+    }
+}
+
+/// Cancelled while it waits here, while it is on its way, and while the server works on it.
+//= SM2-SRV-004, SM2-RNG-012 test
+#[test]
+fn a_call_is_cancelled_wherever_it_is() {
+    for lane in LANES {
+        let domain = Domain::new();
+        let server = serving(&domain, lane).depth(1).max_borrowed(1);
+        let (server, client) = linked(server, calling(&domain, lane));
+        let call = || client.send(b"x", Some(SOON)).unwrap();
+        let (working, underway, waiting, last) = (call(), call(), call(), call());
+        let request = server.recv().unwrap();
+        for call in [&working, &underway, &waiting] {
+            call.cancel();
+        }
+        until(|| request.is_cancelled());
+        request.reply(b"too late").unwrap();
+        // Whether the server hears of it in time is a matter of luck by rings.
+        let mut last = Some(last);
+        while let Some(mut call) = last.take() {
+            if let Some(request) = server.recv_timeout(Duration::from_millis(1)).unwrap() {
+                request.reply(b"done").unwrap();
+            }
+            match call.try_wait().unwrap() {
+                Some(reply) => assert_eq!(*reply, *b"done"),
+                None => last = Some(call),
+            }
+        }
+        assert_eq!(*working.wait().unwrap(), *b"too late");
+        for cancelled in [underway, waiting] {
+            match cancelled.wait() {
+                Err(CallError::Cancelled { .. }) => {}
+                other => assert!(lane && *other.unwrap() == *b"done"),
+            }
+        }
+        assert!(client.links()[0].end.is_none() && server.links()[0].end.is_none());
+    }
+}
+
+/// A server that goes: what it replied to is there, all else fails at once.
+//= SM2-RNG-011, SM2-SRV-005 test
+#[test]
+fn replies_outlive_their_server() {
+    for lane in LANES {
+        let domain = Domain::new();
+        let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
+        let call = |byte| client.send(&[byte], Some(SOON)).unwrap();
+        let (calls, left) = ([1, 2, 3].map(call), [4, 5].map(call));
+        for _ in 0..3 {
+            let request = server.recv().unwrap();
+            let bytes = pattern(10_000, request[0].into());
+            request.reply(&bytes).unwrap();
+        }
+        drop(server);
+        for (seed, call) in (1..).zip(calls) {
+            assert!(*call.wait().unwrap() == *pattern(10_000, seed));
+        }
+        for call in left {
+            let error = call.wait().unwrap_err();
+            assert!(matches!(error, CallError::ServerGone { .. }), "{error}");
+        }
+        let error = client.call(b"?", SOON).unwrap_err();
+        assert!(matches!(error, CallError::NoServer { .. }), "{error}");
+    }
+}
+
+/// A client that goes: its requests cost the server nothing.
+#[test]
+fn requests_do_not_outlive_their_client() {
+    for lane in LANES {
+        let domain = Domain::new();
+        let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
+        let calls = [1, 2, 3].map(|byte| client.send(&[byte], Some(SOON)).unwrap());
+        let request = server.recv().unwrap();
+        drop(client);
+        drop(calls);
+        until(|| request.is_cancelled());
+        assert!(server.try_recv().unwrap().is_none());
+        assert_eq!(*request, [1], "what was taken stays");
+        request.reply(b"").unwrap_err();
+    }
+}
