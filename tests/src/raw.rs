@@ -371,6 +371,20 @@ impl RawLink {
         frame
     }
 
+    /// The name of the violation that ended it, by what is there to read; none if it goes on.
+    #[track_caller]
+    pub fn verdict(&self) -> Option<&'static str> {
+        while let Some(frame) = self.end.try_recv() {
+            let bytes = frame.expect("CLOSE before the end").bytes;
+            if bytes[0] == link::kind::CLOSE {
+                let code = u16::from_le_bytes([bytes[2], bytes[3]]);
+                let violation = Violation::from_code(Code(code));
+                return Some(violation.expect("a violation").name());
+            }
+        }
+        None
+    }
+
     /// Reads until CLOSE, which ends the stream; its code. None if there was no CLOSE.
     #[track_caller]
     pub fn closed(&self) -> Option<u16> {

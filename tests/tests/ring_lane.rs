@@ -68,19 +68,6 @@ impl Victim {
         let taken = self.actor.tell("take by 2");
         assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
     }
-
-    /// The name of the violation that ended the raw link; none if it goes on.
-    fn verdict(&self) -> Option<&'static str> {
-        while let Some(frame) = self.link.end.try_recv() {
-            let bytes = frame.expect("CLOSE before the end").bytes;
-            if bytes[0] == kind::CLOSE {
-                let code = u16::from_le_bytes([bytes[2], bytes[3]]);
-                let violation = Violation::from_code(sm2_proto::Code(code));
-                return Some(violation.expect("a violation").name());
-            }
-        }
-        None
-    }
 }
 
 /// Any of a ring's words.
@@ -132,7 +119,7 @@ fn a_publisher_that_writes_anything_anywhere_loses_its_link_alone() {
                 written += 1;
             }
             victim.actor.answer();
-            if let Some(verdict) = victim.verdict() {
+            if let Some(verdict) = victim.link.verdict() {
                 break verdict;
             }
         };
@@ -202,7 +189,7 @@ fn a_flood_of_doorbells_stops_nobody() {
             match victim.link.end.try_send(&doorbell(), &[]) {
                 Ok(()) => rang += 1,
                 Err(SendError::WouldBlock) => {}
-                Err(error) => panic!("{error} after {n} messages: {:?}", victim.verdict()),
+                Err(error) => panic!("{error} after {n} messages: {:?}", victim.link.verdict()),
             }
         }
         assert_eq!(sender.send(n, n as usize % 8, &pattern::message(n, 100)), 0);
@@ -213,7 +200,7 @@ fn a_flood_of_doorbells_stops_nobody() {
         assert_eq!(sender.harvest(n - 1), word(1, n % 8, n));
     }
     assert!(rang > 2_000, "{rang}");
-    assert_eq!(victim.verdict(), None);
+    assert_eq!(victim.link.verdict(), None);
 }
 
 /// It has agreed on a ring, and that was all.
@@ -234,7 +221,7 @@ fn a_publisher_that_never_maps_the_ring_stops_nobody() {
         assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
         victim.hears_its_friend();
     }
-    assert_eq!(victim.verdict(), None);
+    assert_eq!(victim.link.verdict(), None);
 }
 
 /// What is in the ring when a process is killed is there to be taken, and nothing after it.
@@ -449,6 +436,6 @@ fn a_segment_that_goes_with_messages_in_the_ring_costs_its_publisher_alone() {
     assert_eq!(victim.link.end.expect().bytes[0], kind::DETACHED);
     let drained = victim.actor.tell("drain t");
     assert_eq!(number(&drained, "got"), 0);
-    assert_eq!(victim.verdict(), Some("unknown-segment"));
+    assert_eq!(victim.link.verdict(), Some("unknown-segment"));
     victim.hears_its_friend();
 }

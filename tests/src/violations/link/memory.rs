@@ -181,6 +181,7 @@ fn geometries() -> Rows {
     let geometries = [
         ("stride 0", 0, 1),
         ("stride 1", 1, 4096),
+        ("stride 96", 96, 1),
         ("stride 4,097", 4097, 1),
         ("no slot", PAGE, 0),
         ("65,537 slots", PAGE, 65_537),

@@ -3,6 +3,7 @@
 //! The real end is an interface of a real node, and the raw one belongs to a raw node
 //! of the same domain.
 
+mod calls;
 mod flow;
 mod frames;
 mod layout;
@@ -117,10 +118,7 @@ impl Real {
     /// Whether it offers the ring lane.
     #[must_use]
     pub const fn offers_ring(self) -> bool {
-        matches!(
-            self,
-            Self::Subscriber | Self::BestEffort | Self::Publisher | Self::ReliablePublisher
-        )
+        !matches!(self, Self::SealedSubscriber)
     }
 }
 
@@ -292,6 +290,7 @@ pub fn rows() -> Rows {
     rows.extend(flow::rows());
     rows.extend(ring::rows());
     rows.extend(words::rows());
+    rows.extend(calls::rows());
     rows
 }
 

@@ -22,8 +22,8 @@ use crate::{
 };
 
 /// The ring that raw receivers make: window 6, as in their OPEN.
-const DEPTH: u16 = 4;
-const WINDOW: u32 = 6;
+pub(super) const DEPTH: u16 = 4;
+pub(super) const WINDOW: u32 = 6;
 
 pub(super) fn rows() -> Rows {
     let mut rows = lanes();
@@ -82,12 +82,18 @@ fn lanes() -> Rows {
             RawReceiver::new(DEPTH, WINDOW).offer(&stage.link);
         })
         .sent(Publisher, "DETACHED on the socket lane", detached(1));
-    all([[Subscriber, SealedSubscriber, BestEffort, Publisher]
-        .into_iter()
-        .fold(without, |rule, real| {
-            let what = format!("DOORBELL on the socket lane to a {real:?}");
-            rule.sent(real, what, doorbell())
-        })])
+    let reals = [
+        Subscriber,
+        SealedSubscriber,
+        BestEffort,
+        Publisher,
+        Server,
+        Client,
+    ];
+    all([reals.into_iter().fold(without, |rule, real| {
+        let what = format!("DOORBELL on the socket lane to a {real:?}");
+        rule.sent(real, what, doorbell())
+    })])
 }
 
 fn roles() -> Rows {
@@ -104,11 +110,7 @@ fn roles() -> Rows {
             let _receiver = stage.receiver();
             stage.send(detach(1));
         });
-    let services = [Server, Client].into_iter().fold(rule, |rule, real| {
-        let rule = rule.sent(real, format!("DOORBELL to a {real:?}"), doorbell());
-        rule.sent(real, format!("DETACHED to a {real:?}"), detached(1))
-    });
-    all([services])
+    all([rule])
 }
 
 fn layouts() -> Rows {

@@ -1,0 +1,242 @@
+//! Clients on the ring lane that do not play along: what they write costs them their link, and no
+//! other client a call.
+
+use std::{
+    collections::BTreeMap,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::{self, JoinHandle},
+    time::Duration,
+};
+
+use sm2_node::{Client, Node, Server};
+use sm2_proto::link::{At, Words};
+use sm2_tests::{
+    PATIENCE,
+    control::{self, Qos},
+    domain::TempDomain,
+    eventually,
+    link::{Open, cancel, doorbell, kind, role},
+    pattern,
+    random::Random,
+    raw::{RawLink, RawNode},
+    ring::{RawReceiver, RawSender, head, word},
+};
+
+/// A node that offers the ring lane, whatever the environment says.
+fn node(domain: &TempDomain, name: &str) -> Node {
+    let builder = Node::builder(name).socket(domain.socket());
+    builder.ring_lane(true).connect().expect("a node")
+}
+
+/// A server that replies with what it was asked, and whose node works on a thread of its own.
+struct Victim {
+    friend: Client<[u8], [u8]>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Victim {
+    fn new(domain: &TempDomain) -> Self {
+        let server = node(domain, "victim").server_builder::<[u8], [u8]>("s");
+        let server = server.depth(4).max_borrowed(2).declare().expect("a server");
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = thread::spawn(move || {
+            while !stopped.load(Ordering::Relaxed) {
+                serve(&server);
+            }
+        });
+        let friend = node(domain, "friend").client("s").expect("a client");
+        friend.wait_for_servers(1, Some(PATIENCE)).expect("a link");
+        let victim = Self {
+            friend,
+            stop,
+            thread: Some(thread),
+        };
+        victim.answers_its_friend();
+        assert!(victim.friend.links()[0].ring);
+        victim
+    }
+
+    #[track_caller]
+    fn answers_its_friend(&self) {
+        for len in [0, 100, 10_000] {
+            let asked = pattern::message(len as u64, len);
+            let reply = self.friend.call(&asked, PATIENCE).expect("a reply");
+            assert!(*reply == *asked, "{len} bytes");
+        }
+    }
+}
+
+fn serve(server: &Server<[u8], [u8]>) {
+    let request = server.recv_timeout(Duration::from_millis(5));
+    if let Some(request) = request.expect("a request") {
+        let bytes = request.to_vec();
+        // The raw one may be gone.
+        let _ = request.reply(&bytes);
+    }
+}
+
+impl Drop for Victim {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let thread = self.thread.take().expect("until now");
+        assert!(thread.join().is_ok() || thread::panicking());
+    }
+}
+
+/// A client of three calls, by hand.
+struct RawCaller {
+    _node: RawNode,
+    link: RawLink,
+    requests: RawSender,
+    replies: RawReceiver,
+}
+
+impl RawCaller {
+    const WINDOW: u32 = 4;
+
+    fn new(domain: &TempDomain, name: &str) -> Self {
+        let raw = RawNode::welcomed(&domain.socket(), name);
+        let qos = Qos {
+            depth: 1,
+            max_borrowed: 3,
+            ..Qos::PLAIN
+        };
+        raw.declare(1, &control::client("s", qos));
+        let link = raw.linked();
+        let open = Open::new(role::CALLER, link.id, Self::WINDOW).with_ring();
+        link.end.send(open.bytes());
+        assert_eq!(link.end.expect().bytes[0], kind::OPEN, "OPEN comes first");
+        let replies = RawReceiver::new(3, Self::WINDOW);
+        replies.offer(&link);
+        Self {
+            _node: raw,
+            requests: RawSender::new(&link, 8),
+            link,
+            replies,
+        }
+    }
+
+    /// Something that no correct client does, most of the time.
+    fn misbehave(&mut self, random: &mut Random, near: u64) {
+        let (depth, window) = (self.requests.depth, self.requests.window);
+        let bits = match random.within(0..6) {
+            0 => random.next(),
+            1 => 0,
+            2 => random.within(0..3),
+            _ => word(1, random.within(0..9), near + random.within(0..3)),
+        };
+        match random.within(0..40) {
+            // Rarely: two for one call end all.
+            0 => drop((self.link.end).try_send(&cancel(near + random.within(0..4)), &[])),
+            1..6 => {
+                let slot = random.within(0..8) as usize;
+                let mut head = head(near + random.within(0..2), random.within(0..9));
+                head[24] = u8::from(random.within(0..9) == 0);
+                self.requests.fill(slot, b"payload", head);
+            }
+            6..11 => drop(
+                self.requests
+                    .ring
+                    .swap(At::Back(random.within(0..window.into()) as u32), bits),
+            ),
+            11..16 => drop(
+                self.replies
+                    .ring
+                    .swap(At::Back(random.within(0..4) as u32), bits),
+            ),
+            16..21 => drop(
+                self.replies
+                    .ring
+                    .swap(At::Forward(random.within(0..3) as u32), bits),
+            ),
+            _ => {
+                let index = random.within(0..depth.into()) as u32;
+                self.requests.ring.swap(At::Forward(index), bits);
+            }
+        }
+    }
+}
+
+//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-008, SM2-RNG-012, SM2-SRV-002 sys
+#[test]
+fn a_client_that_writes_anything_anywhere_loses_its_link_alone() {
+    let mut random = Random::new(1);
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    let victim = Victim::new(&domain);
+    let mut verdicts = BTreeMap::new();
+    for round in 0..60 {
+        let mut raw = RawCaller::new(&domain, &format!("raw-{round}"));
+        // Some of it right, so that the server is in the midst of something.
+        let good = random.within(0..3);
+        for id in 1..=good {
+            raw.requests.send(id, id as usize, b"payload");
+        }
+        raw.requests.bell(&raw.link);
+        let verdict = loop {
+            for _ in 0..20 {
+                raw.misbehave(&mut random, good + 1);
+            }
+            // One that is parked, and one that is not: it has to look in any case.
+            let _ = raw.link.end.try_send(&doorbell(), &[]);
+            if let Some(verdict) = raw.link.verdict() {
+                break verdict;
+            }
+        };
+        *verdicts.entry(verdict).or_insert(0) += 1;
+        for _ in 0..10_000 {
+            raw.misbehave(&mut random, good + 1);
+        }
+        victim.answers_its_friend();
+    }
+    println!("{verdicts:?}");
+    assert!(verdicts.len() > 1, "always the same: {verdicts:?}");
+}
+
+/// CANCEL by the socket before the request is in the ring, and again long after its reply.
+//= SM2-RNG-012 sys
+#[test]
+fn a_cancel_may_come_before_its_request_and_after_its_reply() {
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    let victim = Victim::new(&domain);
+    let mut raw = RawCaller::new(&domain, "raw");
+    for id in 1..=20_u64 {
+        if id % 2 == 0 {
+            raw.link.end.send(cancel(id));
+        }
+        if id % 5 == 0 {
+            victim.answers_its_friend();
+        }
+        raw.requests.send(id, (id % 8) as usize, b"payload");
+        raw.requests.bell(&raw.link);
+        let mut reply = None;
+        eventually("a reply", || {
+            reply = reply.or_else(|| raw.replies.take(id));
+            reply.is_some()
+        });
+        raw.replies.give(id - 1, reply.expect("taken"));
+        eventually("its request back", || raw.requests.harvest(id - 1) != 0);
+        raw.link.end.send(cancel(id));
+        assert_eq!(raw.link.verdict(), None);
+    }
+    victim.answers_its_friend();
+    assert_eq!(raw.link.verdict(), None);
+    // And once one that is never made.
+    raw.link.end.send(cancel(21));
+    raw.requests.fill(0, b"payload", head(22, 7));
+    raw.requests.put(21, word(1, 0, 21));
+    raw.requests.bell(&raw.link);
+    let mut verdict = None;
+    eventually("the end", || {
+        verdict = verdict.or_else(|| raw.link.verdict());
+        verdict.is_some()
+    });
+    assert_eq!(verdict, Some("unknown-call"));
+    victim.answers_its_friend();
+}
