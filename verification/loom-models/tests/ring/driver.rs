@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use sm2_proto::link::{
     Attachment, Config, Delivery, End, Error, Fate, Input, Link, Misuse, NoDelivery, Output,
-    Payload, RingLayout, RingMessage, Role, SlotHead, Words, doorbell,
+    Payload, RingLayout, RingMessage, Role, SlotHead, Status, Words, doorbell,
 };
 use sm2_proto::{Datagram, Farewell, FdFacts, Instant, LinkId, Seals, limits::SLOT_HEAD};
 
@@ -268,6 +268,7 @@ impl<W: Mortal> Driver<W> {
             id,
             time: NOW,
             len: 8,
+            status: Status::Ok,
         };
         self.memory.slots[slot].write(payload_of(id), head.to_bytes());
         let reliable = self.link.config().reliable;
