@@ -1,0 +1,53 @@
+//! What counting costs, in wall time: one change of an entry that tools may read meanwhile.
+//!
+//! `cargo bench -p sm2-io --bench counters`
+
+use std::{hint::black_box, time::Duration};
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use sm2_io::CounterPage;
+use sm2_proto::{Instant, InterfaceId, LinkId, link::Counters};
+
+const LINK: LinkId = LinkId {
+    epoch: 7,
+    serial: 3,
+};
+
+fn update(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("counters");
+    let mut page = CounterPage::new().expect("a file in memory");
+    let entry = page.allocate(InterfaceId(1), Some(LINK)).expect("room");
+    let mut now = 1_000;
+    group.bench_function("published", |bencher| {
+        bencher.iter(|| {
+            now += 1;
+            page.update(&entry).published(Instant(now), black_box(64));
+        });
+    });
+    group.bench_function("taken", |bencher| {
+        bencher.iter(|| {
+            now += 1;
+            let published = Instant(now - 1_000);
+            page.update(&entry)
+                .taken(Instant(now), published, black_box(64));
+        });
+    });
+    let mut fates = Counters::default();
+    group.bench_function("fates", |bencher| {
+        bencher.iter(|| {
+            fates.offered += 1;
+            fates.delivered += 1;
+            page.update(&entry).fates(black_box(&fates));
+        });
+    });
+    page.free(entry);
+}
+
+criterion_group! {
+    name = counters;
+    config = Criterion::default()
+        .warm_up_time(Duration::from_secs(1))
+        .measurement_time(Duration::from_secs(2));
+    targets = update
+}
+criterion_main!(counters);
