@@ -32,6 +32,8 @@ pub struct PeerInfo {
     pub lossy: bool,
     /// It has nodes that find each other, and sleep when they have nothing to do.
     pub nodes: bool,
+    /// It differs from another one only where many messages are sent at a time.
+    pub batches: bool,
     /// What it is, in a line.
     pub about: &'static str,
 }
@@ -45,7 +47,16 @@ const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerIn
         services: true,
         lossy: false,
         nodes: true,
+        batches: false,
         about,
+    }
+}
+
+/// Many messages at a time.
+const fn batching(info: PeerInfo) -> PeerInfo {
+    PeerInfo {
+        batches: true,
+        ..info
     }
 }
 
@@ -109,7 +120,12 @@ pub const PEERS: &[PeerInfo] = &[
     restless(brokered(peer(
         "sm2-spin",
         Family::Sm2,
-        "SM2, pooled, reliable; the subscriber spins",
+        "SM2, pooled, reliable; whoever waits for a message spins",
+    ))),
+    batching(brokered(peer(
+        "sm2-batch",
+        Family::Sm2,
+        "SM2, pooled, reliable; publish_all and recv_each: many messages at a time",
     ))),
     bare(peer(
         "raw-memcpy",

@@ -102,6 +102,20 @@ pub trait Publish: Send {
     /// Whatever keeps it from sending. That a message is dropped is none, where the peer drops.
     fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError>;
 
+    /// Sends `count` messages: one after the other, unless the peer has a better way.
+    ///
+    /// # Errors
+    ///
+    /// As [`publish`](Self::publish).
+    fn publish_run(
+        &mut self,
+        count: usize,
+        len: usize,
+        write: impl FnMut(&mut [u8]),
+    ) -> Result<(), PeerError> {
+        one_by_one(self, count, len, write)
+    }
+
     /// How many subscribers are there.
     ///
     /// # Errors
@@ -133,6 +147,16 @@ pub trait Publish: Send {
     fn flush(&mut self) -> Result<(), PeerError> {
         Ok(())
     }
+}
+
+/// Sends `count` messages, each by itself.
+fn one_by_one(
+    publisher: &mut (impl Publish + ?Sized),
+    count: usize,
+    len: usize,
+    mut write: impl FnMut(&mut [u8]),
+) -> Result<(), PeerError> {
+    (0..count).try_for_each(|_| publisher.publish(len, &mut write))
 }
 
 /// How long others may take to come, and a reliable message to be taken, in nanoseconds.

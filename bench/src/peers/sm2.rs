@@ -1,11 +1,11 @@
-//! SM2: one Manager, a node in each process. Large messages are written into loans.
+//! SM2: one Manager, a node in each process. Messages are written into loans, short ones copied.
 
 use std::{fmt::Display, path::PathBuf, time::Duration};
 
 use sm2_manager::{Manager, Options};
 use sm2_node::{Client, Instant, Node, Publisher, Subscriber, Wait};
 
-use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
+use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe, one_by_one};
 use crate::{
     clock::now_ns,
     control::{Stage, reached},
@@ -24,13 +24,20 @@ pub struct Sm2 {
     mode: Mode,
 }
 
-/// What differs between `sm2`, `sm2-drop`, `sm2-sealed` and `sm2-spin`. Another way of using SM2 is a line here,
+/// Up to this length, in bytes, a message is copied: shorter than a loan takes.
+const SHORT: usize = 1_024;
+
+/// How many messages a subscriber takes at a time, if it takes many.
+const BATCH: usize = 64;
+
+/// What differs between `sm2`, `sm2-drop`, `sm2-sealed`, `sm2-spin` and `sm2-batch`. Another way of using SM2 is a line here,
 /// where it matters below, and in the catalogue.
 #[derive(Clone, Copy)]
 struct Mode {
     reliable: bool,
     sealed: bool,
     wait: Wait,
+    batch: bool,
 }
 
 impl Mode {
@@ -43,6 +50,7 @@ impl Mode {
             } else {
                 Wait::Park
             },
+            batch: peer == "sm2-batch",
         }
     }
 }
@@ -82,20 +90,25 @@ impl Peer for Sm2 {
             builder = builder.reliable(PATIENCE);
         }
         let publisher = builder.declare().map_err(failed("declare a publisher"))?;
-        Ok(Sender { publisher })
+        Ok(Sender {
+            publisher,
+            batch: self.mode.batch,
+            messages: Vec::new(),
+        })
     }
 
     fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
         let builder = self.node.subscriber_builder::<[u8]>(&topic.name);
         let builder = builder
             .depth(depth(topic))
-            .max_borrowed(1)
+            .max_borrowed(if self.mode.batch { BATCH as u16 } else { 1 })
             .reliable(self.mode.reliable)
             .wait(self.mode.wait);
         let subscriber = builder.declare().map_err(failed("declare a subscriber"))?;
         Ok(Receiver {
             subscriber,
             handler,
+            batch: self.mode.batch,
         })
     }
 
@@ -103,6 +116,7 @@ impl Peer for Sm2 {
         let builder = self.node.client_builder::<[u8], [u8]>(&topic.name);
         let client = builder
             .sealed(self.mode.sealed)
+            .wait(self.mode.wait)
             .declare()
             .map_err(failed("declare a client"))?;
         client
@@ -123,6 +137,7 @@ impl Peer for Sm2 {
         let builder = self.node.server_builder::<[u8], [u8]>(&topic.name);
         let server = builder
             .sealed(self.mode.sealed)
+            .wait(self.mode.wait)
             .declare()
             .map_err(failed("declare a server"))?;
         ready();
@@ -145,14 +160,42 @@ fn depth(topic: &Topic) -> u16 {
 /// A publisher.
 pub struct Sender {
     publisher: Publisher<[u8]>,
+    batch: bool,
+    /// Short ones, to be copied.
+    messages: Vec<u8>,
 }
 
 impl Publish for Sender {
     fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError> {
+        if len <= SHORT {
+            self.messages.resize(len, 0);
+            write(&mut self.messages);
+            let published = self.publisher.publish(&self.messages);
+            let published = published.map_err(failed("publish"))?;
+            published.complete().map_err(failed("publish"))?;
+            return Ok(());
+        }
         let loan = self.publisher.loan_slice(len);
         let mut loan = loan.map_err(failed("get memory for a message"))?;
         write(&mut loan);
         let published = loan.publish().map_err(failed("publish"))?;
+        published.complete().map_err(failed("publish"))?;
+        Ok(())
+    }
+
+    fn publish_run(
+        &mut self,
+        count: usize,
+        len: usize,
+        mut write: impl FnMut(&mut [u8]),
+    ) -> Result<(), PeerError> {
+        if !self.batch {
+            return one_by_one(self, count, len, write);
+        }
+        self.messages.resize(count * len, 0);
+        self.messages.chunks_exact_mut(len).for_each(&mut write);
+        let published = self.publisher.publish_all(self.messages.chunks_exact(len));
+        let published = published.map_err(failed("publish"))?;
         published.complete().map_err(failed("publish"))?;
         Ok(())
     }
@@ -180,12 +223,35 @@ impl Publish for Sender {
 pub struct Receiver<H> {
     subscriber: Subscriber<[u8]>,
     handler: H,
+    batch: bool,
+}
+
+impl<H: Handler> Receiver<H> {
+    /// As many as there are at a time.
+    fn pump_batches(&mut self, timeout: Duration) -> Result<(), PeerError> {
+        let handler = &mut self.handler;
+        let (mut flow, mut failure) = (Flow::Continue, None);
+        while flow == Flow::Continue && failure.is_none() {
+            let seen = (self.subscriber).recv_each(Some(timeout), BATCH, |sample| match sample {
+                Ok(sample) if handler.message(sample) == Flow::Return => flow = Flow::Return,
+                Ok(_) => {}
+                Err(error) => failure = Some(error),
+            });
+            if seen.map_err(failed("receive"))? == 0 {
+                break;
+            }
+        }
+        failure.map_or(Ok(()), |error| Err(failed("read a message")(error)))
+    }
 }
 
 impl<H: Handler> Subscribe<H> for Receiver<H> {
     fn pump(&mut self, until_ns: u64) -> Result<(), PeerError> {
         // Reading the clock for each message would be seen at millions of them a second.
         let timeout = Instant(until_ns).since(Instant(now_ns()));
+        if self.batch {
+            return self.pump_batches(timeout);
+        }
         loop {
             let sample = self.subscriber.recv_timeout(timeout);
             match sample.map_err(failed("receive"))? {

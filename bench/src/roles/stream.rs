@@ -14,7 +14,7 @@ use crate::{
 const LOOK_NS: u64 = 250_000_000;
 
 /// How many unstamped messages are published between two looks at the clock.
-const CLOCK_EACH: u64 = 64;
+const RUN: usize = 64;
 
 /// Publishes when told to, counts in the middle, and goes on until told to stop.
 pub(super) fn publish<P: Peer>(domain: &Domain, stream: &Stream) -> Result<Outcome, Failure> {
@@ -70,30 +70,37 @@ impl<P: Publish> Source<'_, P> {
                     }
                     sleep_until(due_ns);
                 }
-                None if !self.stream.stamped && count % CLOCK_EACH != 0 => {}
                 None if now_ns() >= end_ns => return Ok(count),
                 None => {}
             }
-            self.publish(flags)?;
-            count += 1;
+            let run = match (self.stream.rate_hz, self.stream.stamped) {
+                (None, false) => RUN,
+                _ => 1,
+            };
+            self.publish(run, flags)?;
+            count += run as u64;
         }
     }
 
-    fn publish(&mut self, flags: u64) -> Result<(), PeerError> {
-        let stamped = self.stream.stamped;
-        let header = Header {
-            number: self.number,
-            flags,
-            start_ns: if stamped { now_ns() } else { 0 },
-            handed_ns: 0,
-        };
-        self.number += 1;
-        self.publisher.publish(self.stream.len, |message| {
+    fn publish(&mut self, run: usize, flags: u64) -> Result<(), PeerError> {
+        let (stamped, number) = (self.stream.stamped, &mut self.number);
+        let write = |message: &mut [u8]| {
+            let header = Header {
+                number: *number,
+                flags,
+                start_ns: if stamped { now_ns() } else { 0 },
+                handed_ns: 0,
+            };
+            *number += 1;
             fill(header, message);
             if stamped {
                 stamp(message, now_ns());
             }
-        })
+        };
+        match run {
+            1 => self.publisher.publish(self.stream.len, write),
+            _ => self.publisher.publish_run(run, self.stream.len, write),
+        }
     }
 }
 

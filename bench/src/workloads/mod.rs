@@ -158,14 +158,17 @@ pub fn find(name: &str) -> Option<&'static Workload> {
     WORKLOADS.iter().find(|workload| workload.name == name)
 }
 
-const fn everybody(_: &PeerInfo) -> Result<(), &'static str> {
-    Ok(())
+const fn everybody(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.batches {
+        true => Err("one message at a time: the same as sm2"),
+        false => Ok(()),
+    }
 }
 
 fn moves_messages(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.name {
         "raw-memcpy" => Err("no process talks to another there"),
-        _ => Ok(()),
+        _ => everybody(peer),
     }
 }
 
@@ -178,14 +181,14 @@ fn loses_nothing(peer: &PeerInfo) -> Result<(), &'static str> {
 
 const fn has_nodes(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.nodes {
-        true => Ok(()),
+        true => everybody(peer),
         false => Err("it knows no nodes, or none that sleep"),
     }
 }
 
 const fn has_services(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.services {
-        true => Ok(()),
+        true => everybody(peer),
         false => Err("it has no services, or this program does not use them"),
     }
 }
