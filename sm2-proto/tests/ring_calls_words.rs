@@ -10,11 +10,14 @@ mod world;
 
 use calls::{CALLER, Calls, Outcome, SERVER, segment};
 use link_support::{NOW, RING, accept, drain, open_to, opened, with_ring};
-use ring_support::word;
+use ring_support::{Memory, word};
 use sm2_proto::{
     Datagram, Violation,
     limits::CALLS_MAX,
-    link::{At, End, Error, Input, Link, NoDelivery, Output, Role, wire::Frame},
+    link::{
+        At, End, Error, Fate, Input, Link, NoDelivery, Output, RingMessage, Role, Words,
+        wire::Frame,
+    },
 };
 
 /// The server: two wait, two are held. The caller: three calls and their replies.
@@ -112,6 +115,59 @@ fn requests_that_a_server_refuses() {
     words.write(At::Forward(0), next);
     let taken = pair.server.link.ring_take(words, |_, _, _| Some(good));
     assert_eq!(taken.unwrap().unwrap().id, 2);
+}
+
+/// A ring with room, in which something stands once a word is put.
+struct Between<'a>(&'a Memory);
+
+impl Words for Between<'_> {
+    fn load(&self, at: At) -> u64 {
+        self.0.load(at)
+    }
+
+    fn swap(&self, at: At, bits: u64) -> u64 {
+        self.0.swap(at, bits);
+        word(0, 7, 9)
+    }
+
+    fn take(&self, at: At, bits: u64) -> bool {
+        self.0.take(at, bits)
+    }
+
+    fn fence(&self) {}
+}
+
+/// The call whose word it was is over as all others are, and each of them once.
+//= SM2-RNG-008, SM2-SRV-005 test
+#[test]
+fn a_server_that_writes_where_the_caller_does() {
+    let mut pair = pair();
+    pair.call();
+    let words = Between(&pair.world.rings[SERVER]);
+    let message = RingMessage {
+        key: 7,
+        id: 9,
+        len: 0,
+        segment: segment(0),
+        slot: 6,
+    };
+    let link = &mut pair.caller.link;
+    let sent = link.ring_send(&words, &message, |_, _| panic!("nothing is settled yet"));
+    assert_eq!(sent, Err(violation(Violation::BadWord)));
+    let outputs = drain(link);
+    let settled = |it: &&Output| {
+        matches!(
+            it,
+            Output::Settled {
+                fate: Fate::Closed,
+                ..
+            }
+        )
+    };
+    assert_eq!(outputs.iter().filter(settled).count(), 2, "{outputs:?}");
+    assert_eq!(link.in_flight(), 0);
+    let counters = link.counters();
+    assert_eq!((counters.offered, counters.closed), (2, 2));
 }
 
 /// What a caller finds after the calls 1 and 3, as the first reply.

@@ -1,12 +1,14 @@
-//! One end of a link of the ring lane whose words answer what bytes decide, each access anew: a
-//! load, a swap and a take need not agree with each other.
+//! One end of a link of the ring lane, of whichever role, whose words answer what bytes decide,
+//! each access anew: a load, a swap and a take need not agree with each other.
 //!
 //! Mostly the answers are those of a memory that a peer writes right words to, so that a run gets
 //! past the first of them.
 
-use alloc::{collections::BTreeMap, vec::Vec};
-use core::cell::{Cell, RefCell};
+mod hostile;
 
+use alloc::{collections::BTreeSet, vec::Vec};
+
+use self::hostile::Hostile;
 use super::{super::wire::LANE_RING, LANE_SOCKET, LINK, NOW, World};
 use crate::{
     Code, Datagram, FdFacts, Instant, Seals,
@@ -14,7 +16,7 @@ use crate::{
     limits::SLOT_HEAD,
     link::{
         At, Config, Delivery, EMPTY, Error, Fate, Input, Misuse, NoDelivery, Payload, RingLayout,
-        RingMessage, Role, SegmentInfo, SlotHead, Status, Word, Words,
+        RingMessage, Role, SegmentInfo, SlotHead, Status, Word,
         wire::{Frame, Open},
     },
 };
@@ -30,97 +32,35 @@ const fn segment(id: u32) -> SegmentInfo {
 }
 
 /// Runs what the bytes say. Panics if the machine broke a promise.
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-011 fuzz
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-011, SM2-RNG-012 fuzz
 pub(crate) fn words(data: &[u8]) {
     let mut script = Script::new(data);
     let Some(mut ring) = Ring::new(&mut script) else {
         return;
     };
     while ring.step(&mut script).is_some() {
-        ring.world.drain();
+        ring.drain();
     }
     ring.world.input(Input::Eof);
+    ring.drain();
     assert!(ring.world.pending.is_empty());
+    ring.take_all();
 }
 
-/// Words that lie.
-struct Hostile<'a> {
-    layout: RingLayout,
-    /// By offset.
-    memory: RefCell<BTreeMap<u64, u64>>,
-    script: RefCell<Script<'a>>,
-    accesses: Cell<u64>,
-    /// Whether no exchange ever succeeds.
-    stubborn: bool,
-}
-
-impl Hostile<'_> {
-    fn offset(&self, at: At) -> u64 {
-        self.layout.offset(at).expect("a word of the ring")
-    }
-
-    fn set(&self, at: At, bits: u64) -> u64 {
-        let offset = self.offset(at);
-        self.memory
-            .borrow_mut()
-            .insert(offset, bits)
-            .unwrap_or(EMPTY)
-    }
-
-    /// What is there, or what the bytes say.
-    fn answer(&self, right: u64) -> u64 {
-        self.accesses.set(self.accesses.get() + 1);
-        let mut script = self.script.borrow_mut();
-        let mut lie = || {
-            let kind = script.byte()?;
-            Some(match kind {
-                0xff => EMPTY,
-                0xfe => u64::from(script.byte()?) << (script.byte()? % 64),
-                0xfd => right ^ 1 << (script.byte()? % 64),
-                // As if the other side were further, or less far.
-                0xfc => right.wrapping_add(u64::from(script.byte()? % 32) << 32),
-                0xfb => right.wrapping_sub(u64::from(script.byte()? % 32) << 32),
-                _ => right,
-            })
-        };
-        lie().unwrap_or(right)
-    }
-}
-
-impl Words for Hostile<'_> {
-    fn load(&self, at: At) -> u64 {
-        let offset = self.offset(at);
-        let right = self.memory.borrow().get(&offset).copied();
-        self.answer(right.unwrap_or(EMPTY))
-    }
-
-    fn swap(&self, at: At, bits: u64) -> u64 {
-        let right = self.set(at, bits);
-        self.answer(right)
-    }
-
-    fn take(&self, at: At, bits: u64) -> bool {
-        let offset = self.offset(at);
-        let there = self.memory.borrow().get(&offset).copied();
-        let is_there = !self.stubborn && there.unwrap_or(EMPTY) == bits;
-        let answer = self.answer(u64::from(is_there)) == 1;
-        if answer {
-            self.set(at, EMPTY);
-        }
-        answer
-    }
-
-    fn fence(&self) {}
-}
-
-/// One end with its ring, and what its peer needs to be right most of the time.
+/// One end with its rings, and what its peer needs to be right most of the time.
 struct Ring<'a> {
     world: World,
-    words: Hostile<'a>,
+    /// Where this end puts words; of a receiver, nothing.
+    outgoing: Hostile<'a>,
+    /// Where this end takes words out; of a sender, nothing.
+    incoming: Hostile<'a>,
     /// What the application holds.
     held: Vec<Delivery>,
-    /// How many words the peer has put, forward or back.
+    /// Caller: the calls without an outcome. Server: those without a reply.
+    calls: BTreeSet<u64>,
+    /// How many words the peer has put, forward and back.
     put: u64,
+    given_back: u64,
     /// The words that the machine put and the peer took.
     taken: Vec<u64>,
     /// The last id that the peer used.
@@ -134,7 +74,12 @@ impl<'a> Ring<'a> {
         let config = Config {
             id: LINK,
             version: 1,
-            role: [Role::Sender, Role::Receiver][usize::from(flags & 1)],
+            role: match flags & 9 {
+                0 => Role::Sender,
+                1 => Role::Receiver,
+                8 => Role::Caller,
+                _ => Role::Server,
+            },
             reliable: flags & 2 != 0,
             sealed: false,
             ring: true,
@@ -143,19 +88,24 @@ impl<'a> Ring<'a> {
         };
         let window = u32::from(config.depth + config.max_borrowed);
         let layout = RingLayout::new(config.depth, window)?;
-        let len = script.byte()?;
+        let len = usize::from(script.byte()?);
+        // The answers are spent from the front, the operations from behind these.
+        let answers = script.at_most(len);
+        let sent = match config.role {
+            Role::Sender => answers.len(),
+            Role::Receiver => 0,
+            Role::Caller | Role::Server => answers.len() / 2,
+        };
+        let (outgoing, incoming) = answers.split_at(sent);
+        let stubborn = flags & 4 != 0;
         let mut ring = Self {
             world: World::with(config),
-            words: Hostile {
-                layout,
-                memory: RefCell::default(),
-                // The answers are spent from the front, the operations from behind these.
-                script: RefCell::new(Script::new(script.at_most(usize::from(len)))),
-                accesses: Cell::new(0),
-                stubborn: flags & 4 != 0,
-            },
+            outgoing: Hostile::new(layout, outgoing, stubborn),
+            incoming: Hostile::new(config.ring_layout().unwrap_or(layout), incoming, stubborn),
             held: Vec::new(),
+            calls: BTreeSet::new(),
             put: 0,
+            given_back: 0,
             taken: Vec::new(),
             id: 0,
         };
@@ -163,28 +113,32 @@ impl<'a> Ring<'a> {
         Some(ring)
     }
 
+    fn role(&self) -> Role {
+        self.world.link.config().role
+    }
+
     fn open(&mut self, window: u32) {
-        let config = *self.world.link.config();
-        let is_sender = config.role == Role::Sender;
+        let role = self.role();
         let open = Frame::Open(Open {
-            role: config.role.counterpart() as u8,
+            role: role.counterpart() as u8,
             version: 1,
-            window: if is_sender { window } else { 0 },
+            window: if role.sends() { window } else { 0 },
             link: LINK,
             lanes: LANE_SOCKET | LANE_RING,
         });
         self.world.frame(&open, &[]);
-        if is_sender {
+        if role.sends() {
             let facts = FdFacts {
                 regular: true,
-                size_bytes: self.words.layout.size_bytes(),
+                size_bytes: self.outgoing.layout.size_bytes(),
                 seals: Seals::RING,
             };
-            let depth = config.depth;
+            let depth = self.outgoing.layout.depth();
             self.world.frame(&Frame::Ring { depth, window }, &[facts]);
             self.world.input(Input::Attach(segment(0)));
             self.world.input(Input::Attach(segment(1)));
-        } else {
+        }
+        if role != Role::Sender {
             self.attached(0);
             self.attached(1);
         }
@@ -200,28 +154,40 @@ impl<'a> Ring<'a> {
         self.world.frame(&Frame::Attach(segment(id)), &[facts]);
     }
 
+    /// Whether the next operation is about what this end sends.
+    fn is_outgoing(&self, script: &mut Script<'_>) -> Option<bool> {
+        match self.role() {
+            Role::Sender => Some(true),
+            Role::Receiver => Some(false),
+            Role::Caller | Role::Server => Some(script.byte()? % 2 == 0),
+        }
+    }
+
     fn step(&mut self, script: &mut Script<'_>) -> Option<()> {
         let choice = script.byte()? % 16;
-        let is_sender = self.world.link.config().role == Role::Sender;
+        let is_outgoing = self.is_outgoing(script)?;
         match choice {
-            0..=4 if is_sender => self.send(script)?,
-            5 | 6 if is_sender => self.harvest(),
-            7..=9 if is_sender => self.peer_takes(script)?,
-            10 if is_sender => self.segments(script)?,
-            0..=4 => self.take(),
+            0..=4 if is_outgoing => self.send(script)?,
+            5 | 6 if is_outgoing => self.harvest(),
+            7..=9 if is_outgoing => self.peer_takes(script)?,
+            10 if is_outgoing => self.segments(script)?,
+            0..=4 => {
+                self.take();
+            }
             5 | 6 => self.release(script)?,
             7..=9 => self.peer_puts(script)?,
             10 => self.peer_segments(script)?,
             11 => self.look(),
             12 => {
+                let words = [&self.incoming, &self.outgoing][usize::from(is_outgoing)];
                 let at = match script.byte()? % 4 {
                     0 => At::ReceiverParked,
                     1 => At::SenderParked,
-                    2 => At::Forward(u32::from(script.byte()?) % u32::from(self.depth())),
-                    _ => At::Back(u32::from(script.byte()?) % self.words.layout.window()),
+                    2 => At::Forward(u32::from(script.byte()?) % words.depth() as u32),
+                    _ => At::Back(u32::from(script.byte()?) % words.layout.window()),
                 };
                 let bits = u64::from(script.byte()?) << (script.byte()? % 64);
-                self.words.set(at, bits);
+                words.set(at, bits);
             }
             13 => self.world.input(Input::Blocked),
             14 => self.world.input(Input::Writable),
@@ -229,51 +195,111 @@ impl<'a> Ring<'a> {
                 0xff => self.world.input(Input::Close(Code(0))),
                 0xfe => self.world.input(Input::Eof),
                 0xfd => self.world.link.ring_unknown_segment(),
+                0xf0..=0xfc => self.cancel(script)?,
                 _ => self.world.frame(&Frame::Doorbell, &[]),
             },
         }
         Some(())
     }
 
-    fn depth(&self) -> u16 {
-        self.words.layout.depth()
+    /// What the machine said of calls since the last time.
+    fn drain(&mut self) {
+        self.world.drain();
+        for call in self.world.failed.drain(..) {
+            assert!(self.calls.remove(&call), "a call ends once");
+        }
+        for call in self.world.cancelled.drain(..) {
+            assert!(self.calls.contains(&call), "it has no reply");
+        }
     }
 
-    /// How many accesses a call made: never more than the layout allows, whatever is there.
-    fn check_accesses(&self, most: u64) {
-        let accesses = self.words.accesses.take();
-        assert!(accesses <= most, "{accesses} accesses, {most} at most");
+    /// After the end: what is left in the ring, and then no call is without an outcome.
+    fn take_all(&mut self) {
+        let last = loop {
+            for delivery in self.held.drain(..) {
+                let _ = (self.world.link).ring_release(&self.incoming, delivery.sequence);
+                self.incoming.check_accesses(3);
+            }
+            let taken = self.take();
+            if !matches!(taken, Ok(true)) {
+                break taken;
+            }
+        };
+        if last == Err(NoDelivery::UnknownSegment) {
+            self.world.link.ring_unknown_segment();
+        }
+        self.drain();
+        if self.role() == Role::Caller {
+            assert_eq!(self.calls, BTreeSet::new(), "after {last:?}");
+        }
     }
 
-    fn window(&self) -> u64 {
-        u64::from(self.words.layout.window())
+    /// The id of one of the calls, mostly.
+    fn some_call(&self, script: &mut Script<'_>) -> Option<u64> {
+        let pick = script.below(8)? % self.calls.len().max(1);
+        let right = self.calls.iter().nth(pick).copied();
+        script.near(right.unwrap_or(self.id))
+    }
+
+    fn cancel(&mut self, script: &mut Script<'_>) -> Option<()> {
+        let call = self.some_call(script)?;
+        match self.role() {
+            Role::Caller => self.world.input(Input::Cancel { call }),
+            // Perhaps before its request is taken.
+            _ => {
+                let call = call.wrapping_add(u64::from(script.byte()? % 2));
+                self.world.frame(&Frame::Cancel { call }, &[]);
+            }
+        }
+        Some(())
+    }
+
+    /// How often a call at most looks at the outgoing ring: once for each message that waits.
+    fn most_to_send(&self) -> u64 {
+        let waiting = self.world.pending.len() as u64;
+        (2 * self.outgoing.window() + 6) * (2 + 2 * waiting)
     }
 
     fn send(&mut self, script: &mut Script<'_>) -> Option<()> {
         self.world.own += 1;
         let key = self.world.own;
+        let role = self.role();
         let message = RingMessage {
             key,
-            id: script.near(key)?,
+            id: match role {
+                Role::Server => self.some_call(script)?,
+                _ => script.near(key)?,
+            },
             len: script.near(100)?,
             segment: segment(script.below(3)? as u32),
             slot: script.below(SLOTS as u8 + 1)? as u32,
         };
         let before = self.world.link.clone();
+        let most = self.most_to_send();
         let mut settled = Vec::new();
         let note = |key, fate| settled.push((key, fate));
-        let result = self.world.link.ring_send(&self.words, &message, note);
-        self.check_accesses(2 * self.window() + 5);
-        match result {
-            Ok(_) => assert!(self.world.pending.insert(key)),
+        let result = (self.world.link).ring_send(&self.outgoing, &message, note);
+        self.outgoing.check_accesses(most);
+        let is_sent = match result {
+            Ok(_) => true,
             Err(Error::Misuse(misuse)) => {
                 assert_eq!(self.world.link, before, "misuse changes nothing: {misuse}");
+                false
             }
             // Whoever is told of the end is told of this message with all others.
-            Err(Error::Ended(_)) if before.end().is_none() => {
-                assert!(self.world.pending.insert(key));
+            Err(Error::Ended(_)) if before.end().is_none() => true,
+            Err(Error::Ended(end)) => {
+                assert_eq!(before.end(), Some(end));
+                false
             }
-            Err(Error::Ended(end)) => assert_eq!(before.end(), Some(end)),
+        };
+        if is_sent {
+            assert!(self.world.pending.insert(key));
+            match role {
+                Role::Caller => assert!(self.calls.insert(message.id), "ids grow"),
+                Role::Server => assert!(self.calls.remove(&message.id), "it had no reply"),
+                Role::Sender | Role::Receiver => {}
+            }
         }
         assert!(
             settled.iter().all(|it| it.0 != key),
@@ -284,11 +310,12 @@ impl<'a> Ring<'a> {
     }
 
     fn harvest(&mut self) {
+        let most = self.most_to_send();
         let mut settled = Vec::new();
         let note = |key, fate| settled.push((key, fate));
-        let result = self.world.link.ring_harvest(&self.words, note);
+        let result = self.world.link.ring_harvest(&self.outgoing, note);
         assert!(!matches!(result, Err(Error::Misuse(_))));
-        self.check_accesses(2 * self.window());
+        self.outgoing.check_accesses(most);
         assert!(settled.iter().all(|it| it.1 == Fate::Delivered));
         self.settle(&settled);
     }
@@ -297,25 +324,25 @@ impl<'a> Ring<'a> {
         for (key, _) in settled {
             assert!(self.world.pending.remove(key), "settled once");
         }
-        self.world.drain();
+        self.drain();
     }
 
     /// The peer takes what is at some index, or gives back what it took.
     fn peer_takes(&mut self, script: &mut Script<'_>) -> Option<()> {
-        let index = u32::from(script.byte()?) % u32::from(self.depth());
-        let bits = self.words.set(At::Forward(index), EMPTY);
+        let index = u32::from(script.byte()?) % self.outgoing.depth() as u32;
+        let bits = self.outgoing.set(At::Forward(index), EMPTY);
         if script.rarely()? {
             // It will say that it had it, and leaves it where it is.
-            self.words.set(At::Forward(index), bits);
+            self.outgoing.set(At::Forward(index), bits);
         }
         if bits != EMPTY {
             self.taken.push(bits);
         }
         if script.byte()? % 2 == 0 && !self.taken.is_empty() {
             let pick = script.below(8)? % self.taken.len();
-            let back = (self.put % self.window()) as u32;
-            self.words.set(At::Back(back), self.taken.swap_remove(pick));
-            self.put += 1;
+            let back = (self.given_back % self.outgoing.window()) as u32;
+            (self.outgoing).set(At::Back(back), self.taken.swap_remove(pick));
+            self.given_back += 1;
         }
         Some(())
     }
@@ -333,28 +360,48 @@ impl<'a> Ring<'a> {
         Some(())
     }
 
-    fn take(&mut self) {
+    /// What a message to this end says of itself, mostly as it should.
+    fn next_head(&mut self) -> [u8; SLOT_HEAD] {
+        let mut script = self.incoming.answers();
+        let is_reply = self.role() == Role::Caller;
+        let right = if is_reply {
+            let pick = script.below(8).unwrap_or(0) % self.calls.len().max(1);
+            self.calls.iter().nth(pick).copied().unwrap_or(self.id)
+        } else {
+            self.id + 1
+        };
+        self.id = script.near(right).unwrap_or(right).min(1 << 60);
+        let choice = if is_reply { script.byte() } else { None };
+        let status = match choice {
+            Some(0xf0..=0xf7) => Status::Failed,
+            Some(0xf8..) => Status::Cancelled,
+            _ => Status::Ok,
+        };
+        let most = (4_096 - SLOT_HEAD as u64) * u64::from(status.has_payload());
+        let head = SlotHead {
+            id: self.id,
+            time: Instant(9),
+            len: script.near(most).unwrap_or(0),
+            status,
+        };
+        head.to_bytes()
+    }
+
+    /// Whether there was a message.
+    fn take(&mut self) -> Result<bool, NoDelivery> {
         let before = self.world.link.clone();
-        let id = &mut self.id;
-        let mut script = self.words.script.borrow().clone();
+        let next = self.next_head();
         let mut copies = 0;
         let head = |_, offset: u64, stride: u64| {
             copies += 1;
             assert!(stride == 4_096 && offset < 4_096 * u64::from(SLOTS));
-            *id = script.near(*id + 1).unwrap_or(*id + 1).min(1 << 60);
-            let head = SlotHead {
-                id: *id,
-                time: Instant(9),
-                len: script.near(4_096 - SLOT_HEAD as u64).unwrap_or(0),
-                status: Status::Ok,
-            };
-            Some(head.to_bytes())
+            Some(next)
         };
-        let result = self.world.link.ring_take(&self.words, head);
+        let result = self.world.link.ring_take(&self.incoming, head);
         assert!(copies <= 1, "the head is copied once");
-        self.check_accesses(6 * u64::from(self.depth()));
+        self.incoming.check_accesses(6 * self.incoming.depth());
         let limit = usize::from(self.world.link.config().max_borrowed);
-        match result {
+        match &result {
             Ok(Some(delivery)) => {
                 assert!(self.held.len() < limit);
                 let Payload::Pooled { segment, offset } = delivery.payload else {
@@ -364,17 +411,29 @@ impl<'a> Ring<'a> {
                 assert!(offset + delivery.len + SLOT_HEAD as u64 <= *size);
                 assert!(self.held.iter().all(|it| it.sequence < delivery.sequence));
                 assert!(self.held.iter().all(|it| it.payload != delivery.payload));
-                self.held.push(delivery);
+                match self.role() {
+                    Role::Caller => assert!(self.calls.remove(&delivery.id), "it had no reply"),
+                    // After the end nobody waits for a reply.
+                    Role::Server if before.end().is_none() => {
+                        assert!(self.calls.insert(delivery.id), "ids grow");
+                    }
+                    _ => {}
+                }
+                self.held.push(delivery.clone());
             }
             Ok(None) => {}
             Err(NoDelivery::TooManyBorrowed(_)) => assert_eq!(self.held.len(), limit),
             Err(NoDelivery::UnknownSegment) => assert_eq!(self.world.link.end(), before.end()),
             Err(NoDelivery::Ended(end)) => {
-                assert_eq!(self.world.link.end(), Some(end));
-                assert!(before.end().is_none_or(|first| first == end));
+                assert_eq!(self.world.link.end(), Some(*end));
+                assert!(before.end().is_none_or(|first| first == *end));
             }
-            Err(NoDelivery::Misuse(misuse)) => panic!("{misuse}"),
+            Err(NoDelivery::Misuse(misuse)) => {
+                assert!(self.role() == Role::Sender, "{misuse}");
+            }
         }
+        self.drain();
+        result.map(|it| it.is_some())
     }
 
     fn release(&mut self, script: &mut Script<'_>) -> Option<()> {
@@ -382,8 +441,8 @@ impl<'a> Ring<'a> {
         let right = self.held.get(pick).map_or(0, |it| it.sequence);
         let sequence = script.near(right)?;
         let at = self.held.iter().position(|it| it.sequence == sequence);
-        let result = self.world.link.ring_release(&self.words, sequence);
-        self.check_accesses(3);
+        let result = (self.world.link).ring_release(&self.incoming, sequence);
+        self.incoming.check_accesses(3);
         match result {
             Ok(_) => assert!(at.is_some()),
             Err(Error::Misuse(misuse)) => {
@@ -404,9 +463,9 @@ impl<'a> Ring<'a> {
             script.below(3)? as u32,
             script.below(SLOTS as u8 + 1)? as u32,
         );
-        let index = (sequence % u64::from(self.depth())) as u32;
+        let index = (sequence % self.incoming.depth()) as u32;
         let word = Word::new(segment, slot, sequence)?;
-        self.words.set(At::Forward(index), word.to_bits());
+        self.incoming.set(At::Forward(index), word.to_bits());
         self.put += 1;
         Some(())
     }
@@ -430,17 +489,21 @@ impl<'a> Ring<'a> {
     /// What changes nothing.
     fn look(&self) {
         let link = &self.world.link;
-        let depth = u64::from(self.depth());
-        link.ring_has_room(&self.words);
-        self.check_accesses(1);
-        link.ring_ready(&self.words);
-        self.check_accesses(2 * depth + 1);
-        assert!(link.ring_waiting(&self.words) as u64 <= depth);
-        self.check_accesses(depth);
-        link.ring_made_room(&self.words);
-        self.check_accesses(2);
-        link.ring_park(&self.words);
-        link.ring_unpark(&self.words);
-        self.check_accesses(2);
+        link.ring_has_room(&self.outgoing);
+        self.outgoing.check_accesses(1);
+        let depth = self.incoming.depth();
+        link.ring_ready(&self.incoming);
+        self.incoming.check_accesses(2 * depth + 1);
+        assert!(link.ring_waiting(&self.incoming) as u64 <= depth);
+        self.incoming.check_accesses(depth);
+        link.ring_made_room(&self.incoming);
+        self.incoming.check_accesses(2);
+        let parking = match self.role() {
+            Role::Sender => &self.outgoing,
+            _ => &self.incoming,
+        };
+        link.ring_park(parking);
+        link.ring_unpark(parking);
+        parking.check_accesses(2);
     }
 }

@@ -34,6 +34,9 @@ pub(super) struct World {
     pub(super) own: u64,
     /// The calls that the machine was asked, or has asked.
     pub(super) calls: Vec<u64>,
+    /// The calls that the machine said to have failed, or to be cancelled.
+    pub(super) failed: Vec<u64>,
+    pub(super) cancelled: Vec<u64>,
 }
 
 impl World {
@@ -66,6 +69,8 @@ impl World {
             peer: (0, 0),
             own: 0,
             calls: Vec::new(),
+            failed: Vec::new(),
+            cancelled: Vec::new(),
         };
         world.drain();
         world
@@ -108,7 +113,9 @@ impl World {
 
     pub(super) fn drain(&mut self) {
         while let Some(output) = self.link.poll() {
-            assert!(self.end.is_none(), "nothing comes after Ended");
+            // Replies of a ring can be taken after the end; only then it is known which calls failed.
+            let is_late = self.link.has_ring() && matches!(output, Output::CallFailed { .. });
+            assert!(self.end.is_none() || is_late, "nothing comes after Ended");
             self.observe(output);
         }
         assert_eq!(self.end, self.link.end());
@@ -143,9 +150,9 @@ impl World {
             | Output::MakeRing(_)
             | Output::Ring(_)
             | Output::Keep { .. }
-            | Output::Discard { .. }
-            | Output::Cancelled { .. }
-            | Output::CallFailed { .. } => {}
+            | Output::Discard { .. } => {}
+            Output::Cancelled { call } => self.cancelled.push(call),
+            Output::CallFailed { call } => self.failed.push(call),
         }
     }
 

@@ -185,7 +185,11 @@ impl Link {
             let (id, segment) = (message.id, message.segment);
             match sender.send(words, message, settled) {
                 Ok(wanted) => bell |= wanted,
-                Err(Unsent::Violation(violation)) => return Err(violation),
+                Err(Unsent::Violation(violation)) => {
+                    // The sender settles it with all others.
+                    waiting.messages.pop_front();
+                    return Err(violation);
+                }
                 Err(Unsent::Misuse(Misuse::NotAttached)) => {
                     // If the number is not free yet, DETACHED will come.
                     let _ = sender.attach(&segment);

@@ -1,0 +1,108 @@
+//! The memory of a ring whose words answer what bytes decide.
+
+use alloc::collections::BTreeMap;
+use core::cell::{Cell, RefCell};
+
+use crate::{
+    fuzz::Script,
+    link::{At, EMPTY, RingLayout, Words},
+};
+
+/// Words that lie.
+pub(super) struct Hostile<'a> {
+    pub(super) layout: RingLayout,
+    /// By offset.
+    memory: RefCell<BTreeMap<u64, u64>>,
+    script: RefCell<Script<'a>>,
+    accesses: Cell<u64>,
+    /// Whether no exchange ever succeeds.
+    stubborn: bool,
+}
+
+impl<'a> Hostile<'a> {
+    pub(super) fn new(layout: RingLayout, answers: &'a [u8], stubborn: bool) -> Self {
+        Self {
+            layout,
+            memory: RefCell::default(),
+            script: RefCell::new(Script::new(answers)),
+            accesses: Cell::new(0),
+            stubborn,
+        }
+    }
+
+    /// What is left of the answers.
+    pub(super) fn answers(&self) -> Script<'a> {
+        self.script.borrow().clone()
+    }
+
+    pub(super) fn depth(&self) -> u64 {
+        u64::from(self.layout.depth())
+    }
+
+    pub(super) fn window(&self) -> u64 {
+        u64::from(self.layout.window())
+    }
+
+    /// How many accesses a call made: never more than the layout allows, whatever is there.
+    pub(super) fn check_accesses(&self, most: u64) {
+        let accesses = self.accesses.take();
+        assert!(accesses <= most, "{accesses} accesses, {most} at most");
+    }
+
+    fn offset(&self, at: At) -> u64 {
+        self.layout.offset(at).expect("a word of the ring")
+    }
+
+    pub(super) fn set(&self, at: At, bits: u64) -> u64 {
+        let offset = self.offset(at);
+        self.memory
+            .borrow_mut()
+            .insert(offset, bits)
+            .unwrap_or(EMPTY)
+    }
+
+    /// What is there, or what the bytes say.
+    fn answer(&self, right: u64) -> u64 {
+        self.accesses.set(self.accesses.get() + 1);
+        let mut script = self.script.borrow_mut();
+        let mut lie = || {
+            let kind = script.byte()?;
+            Some(match kind {
+                0xff => EMPTY,
+                0xfe => u64::from(script.byte()?) << (script.byte()? % 64),
+                0xfd => right ^ 1 << (script.byte()? % 64),
+                // As if the other side were further, or less far.
+                0xfc => right.wrapping_add(u64::from(script.byte()? % 32) << 32),
+                0xfb => right.wrapping_sub(u64::from(script.byte()? % 32) << 32),
+                _ => right,
+            })
+        };
+        lie().unwrap_or(right)
+    }
+}
+
+impl Words for Hostile<'_> {
+    fn load(&self, at: At) -> u64 {
+        let offset = self.offset(at);
+        let right = self.memory.borrow().get(&offset).copied();
+        self.answer(right.unwrap_or(EMPTY))
+    }
+
+    fn swap(&self, at: At, bits: u64) -> u64 {
+        let right = self.set(at, bits);
+        self.answer(right)
+    }
+
+    fn take(&self, at: At, bits: u64) -> bool {
+        let offset = self.offset(at);
+        let there = self.memory.borrow().get(&offset).copied();
+        let is_there = !self.stubborn && there.unwrap_or(EMPTY) == bits;
+        let answer = self.answer(u64::from(is_there)) == 1;
+        if answer {
+            self.set(at, EMPTY);
+        }
+        answer
+    }
+
+    fn fence(&self) {}
+}
