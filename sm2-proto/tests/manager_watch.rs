@@ -175,6 +175,26 @@ fn changes_of_one_key_are_one_change() {
     );
 }
 
+/// The oldest refusal makes room for the next, and whoever watches hears of both.
+//= SM2-WCH-004 test
+#[test]
+fn a_refusal_that_is_forgotten_is_removed() {
+    let mut bench = Bench::new(Policy {
+        refusals_per_session: 1,
+        ..UNLIMITED
+    });
+    let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
+    bench.declared(a, 1, &scan());
+    let wrong = publisher("scan", &data("Image"));
+    bench.declare(b, 1, &wrong);
+    let before = bench.manager.revision();
+    bench.declare(b, 2, &wrong);
+    let answer = asked(&mut bench, a, before);
+    let mut told = keys(&answer);
+    told.sort();
+    assert_eq!(told, [(member(b, 1), false), (member(b, 2), true)]);
+}
+
 //= SM2-WCH-002 test
 #[test]
 fn what_is_forgotten_or_never_was() {

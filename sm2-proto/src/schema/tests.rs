@@ -155,6 +155,18 @@ fn plain_values_lie_one_behind_the_other() {
 }
 
 #[test]
+fn names_of_fields_and_variants() {
+    for text in ["a", "Z", "0", "_", "-", "a_9-Z", "größe", "\u{a0}", "名"] {
+        assert!(is_name(text), "{text}");
+    }
+    for text in [
+        "", " ", "a b", "a.b", "a/b", "a:", "{", "\u{7f}", "\u{9f}", "a\n",
+    ] {
+        assert!(!is_name(text), "{text:?}");
+    }
+}
+
+#[test]
 fn what_has_no_plain_layout_says_why() {
     let cases = [
         ("string", NoLayout::Kind),
