@@ -46,6 +46,7 @@ pub mod domain;
 mod fd;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
+pub mod gateway;
 mod ids;
 pub mod limits;
 pub mod link;

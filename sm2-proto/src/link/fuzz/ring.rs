@@ -171,9 +171,7 @@ impl<'a> Ring<'a> {
             5 | 6 if is_outgoing => self.harvest(),
             7..=9 if is_outgoing => self.peer_takes(script)?,
             10 if is_outgoing => self.segments(script)?,
-            0..=4 => {
-                self.take();
-            }
+            0..=4 => drop(self.take()),
             5 | 6 => self.release(script)?,
             7..=9 => self.peer_puts(script)?,
             10 => self.peer_segments(script)?,

@@ -1,0 +1,52 @@
+//! Who a gateway is: its public key.
+
+use core::{fmt, str::FromStr};
+
+/// An Ed25519 public key. Whoever has its private key is the gateway.
+//= SM2-GWC-001
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct GatewayId(pub [u8; 32]);
+
+/// Why a text is not a [`GatewayId`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GatewayIdError {
+    /// The text is shorter or longer.
+    #[error("the id of a gateway has 64 hexadecimal digits, this text has {0} bytes")]
+    Length(usize),
+    /// A byte that is no lower-case hexadecimal digit.
+    #[error("the id of a gateway holds only 0-9 and a-f, not what stands at byte {0}")]
+    BadByte(usize),
+}
+
+impl fmt::Display for GatewayId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl fmt::Debug for GatewayId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "GatewayId({self})")
+    }
+}
+
+impl FromStr for GatewayId {
+    type Err = GatewayIdError;
+
+    fn from_str(text: &str) -> Result<Self, GatewayIdError> {
+        let text = text.as_bytes();
+        if text.len() != 64 {
+            return Err(GatewayIdError::Length(text.len()));
+        }
+        let digit = |at: usize| match text[at] {
+            it @ b'0'..=b'9' => Ok(it - b'0'),
+            it @ b'a'..=b'f' => Ok(it - b'a' + 10),
+            _ => Err(GatewayIdError::BadByte(at)),
+        };
+        let mut bytes = [0; 32];
+        for (at, byte) in bytes.iter_mut().enumerate() {
+            *byte = digit(2 * at)? << 4 | digit(2 * at + 1)?;
+        }
+        Ok(Self(bytes))
+    }
+}
