@@ -15,6 +15,8 @@ pub const QOS_MAX: u16 = 1_024;
 pub const WINDOW_MAX: u32 = 2_048;
 /// The most calls of one link without a reply.
 pub const CALLS_MAX: usize = 1_024;
+/// The most messages of topics that a gateway has in the making for one peer.
+pub const MESSAGES_IN_THE_MAKING_MAX: usize = 64;
 /// The most segments attached at a time, per link and direction.
 pub const SEGMENTS_MAX: usize = 256;
 /// The most links that one interface has at a time, whatever the Manager's quota.

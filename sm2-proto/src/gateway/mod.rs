@@ -4,11 +4,13 @@
 //! | --- | --- |
 //! | [`Rules`] | which names go to which peer, and come from it |
 //! | [`Beacon`] | where a peer may be found |
+//! | [`schedule::Schedule`] | which message goes to a peer next |
 
 mod beacon;
 mod id;
 mod pattern;
 mod rules;
+pub mod schedule;
 
 pub use self::{
     beacon::{BEACON_LEN, Beacon, NoBeacon},
