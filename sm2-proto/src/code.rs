@@ -51,6 +51,8 @@ macro_rules! codes {
     };
 }
 
+pub(crate) use codes;
+
 codes! {
     /// An end that is nobody's breach of SPEC.
     Farewell {

@@ -15,6 +15,10 @@ pub const QOS_MAX: u16 = 1_024;
 pub const WINDOW_MAX: u32 = 2_048;
 /// The most calls of one link without a reply.
 pub const CALLS_MAX: usize = 1_024;
+/// The most bytes of a frame between gateways, without its length.
+pub const GATEWAY_FRAME_MAX: usize = 65_536;
+/// The most gateways that a message comes through, its origin included.
+pub const HOPS_MAX: usize = 8;
 /// The most messages of topics that a gateway has in the making for one peer.
 pub const MESSAGES_IN_THE_MAKING_MAX: usize = 64;
 /// The most segments attached at a time, per link and direction.

@@ -23,7 +23,8 @@ pub fn encode_to_node(frame: &ToNode) -> Vec<u8> {
 
 /// Reads a frame from a node: exactly one, in its only encoding.
 pub fn decode_to_manager(datagram: &Datagram<'_>) -> Result<ToManager, Violation> {
-    let frame: ToManager = decode(datagram, ToManager::COUNT)?;
+    datagram.check()?;
+    let frame: ToManager = decode(datagram.bytes, ToManager::COUNT)?;
     match &frame {
         ToManager::Declare { contract, .. } => check_contract(contract)?,
         ToManager::Schema { text, .. } => check_schema(text)?,
@@ -35,7 +36,8 @@ pub fn decode_to_manager(datagram: &Datagram<'_>) -> Result<ToManager, Violation
 
 /// Reads a frame from the Manager: exactly one, in its only encoding.
 pub fn decode_to_node(datagram: &Datagram<'_>) -> Result<ToNode, Violation> {
-    let frame: ToNode = decode(datagram, ToNode::COUNT)?;
+    datagram.check()?;
+    let frame: ToNode = decode(datagram.bytes, ToNode::COUNT)?;
     match &frame {
         ToNode::Link { peer, .. } => check_contract(&peer.contract)?,
         ToNode::Page { items, .. } => items.iter().try_for_each(check_item)?,
@@ -73,19 +75,19 @@ const fn check_schema(text: &str) -> Result<(), Violation> {
     }
 }
 
-fn encode<T: Serialize>(frame: &T) -> Vec<u8> {
+/// The bytes of any frame whose body is as in SPEC section 3.
+pub(crate) fn encode<T: Serialize>(frame: &T) -> Vec<u8> {
     // Serializing into memory fails only for sequences of unknown length, and
-    // no frame has one: `frames.rs` derives every Serialize over Vec and String.
+    // no frame has one: each derives its Serialize over Vec and String.
     postcard::to_allocvec(frame).unwrap_or_default()
 }
 
+/// Reads one of so many frames: exactly one, in its only encoding.
 //= SM2-FRM-001, SM2-FRM-002
-fn decode<T: Serialize + DeserializeOwned>(
-    datagram: &Datagram<'_>,
+pub(crate) fn decode<T: Serialize + DeserializeOwned>(
+    bytes: &[u8],
     frames: u32,
 ) -> Result<T, Violation> {
-    datagram.check()?;
-    let bytes = datagram.bytes;
     let (number, _) =
         postcard::take_from_bytes::<u32>(bytes).map_err(|_| Violation::UnknownFrame)?;
     if number >= frames {
@@ -98,7 +100,7 @@ fn decode<T: Serialize + DeserializeOwned>(
     });
     let frame = T::deserialize(&mut deserializer).map_err(|error| match error {
         Error::DeserializeBadUtf8 => Violation::BadName,
-        // A type refused the value just read. Of the texts in control frames only
+        // A type refused the value just read. Of the texts in frames only
         // names are refused; all else that is refused is an enumeration's number.
         Error::SerdeDeCustom if text.get() => Violation::BadName,
         _ => Violation::Malformed,

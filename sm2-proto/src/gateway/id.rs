@@ -2,9 +2,11 @@
 
 use core::{fmt, str::FromStr};
 
+use serde::{Deserialize, Serialize};
+
 /// An Ed25519 public key. Whoever has its private key is the gateway.
 //= SM2-GWC-001
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct GatewayId(pub [u8; 32]);
 
 /// Why a text is not a [`GatewayId`].

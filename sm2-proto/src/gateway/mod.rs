@@ -1,12 +1,17 @@
 //! What gateways agree on: SPEC section 14.
 //!
-//! | part | what it decides |
+//! | part | what it is about |
 //! | --- | --- |
 //! | [`Rules`] | which names go to which peer, and come from it |
 //! | [`Beacon`] | where a peer may be found |
+//! | [`Frame`], [`FrameReader`] | what gateways say to each other |
+//! | [`Header`] | what stands before a payload |
 //! | [`schedule::Schedule`] | which message goes to a peer next |
 
 mod beacon;
+mod code;
+mod frames;
+mod header;
 mod id;
 mod pattern;
 mod rules;
@@ -14,6 +19,9 @@ pub mod schedule;
 
 pub use self::{
     beacon::{BEACON_LEN, Beacon, NoBeacon},
+    code::PeerViolation,
+    frames::{Frame, FrameReader, Hop, Subject, Verdict},
+    header::{Carried, HEADER_LEN, Header, Outcome},
     id::{GatewayId, GatewayIdError},
     pattern::{Pattern, PatternError},
     rules::{Action, Decision, Direction, Rule, Rules, SubjectKind},

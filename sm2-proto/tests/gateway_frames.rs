@@ -1,0 +1,345 @@
+//! What gateways say to each other, as bytes: the frames of the control stream, and headers.
+
+mod support;
+
+use proptest::{collection::vec, prelude::*, sample::select};
+use sm2_proto::{
+    Name, TypeId,
+    gateway::{
+        Carried, Frame, FrameReader, GatewayId, HEADER_LEN, Header, Hop, Outcome, PeerViolation,
+        Subject, SubjectKind, Verdict,
+    },
+    limits::{GATEWAY_FRAME_MAX, HOPS_MAX, MESSAGE_MAX},
+};
+use support::{
+    cases,
+    contracts::{data, name},
+};
+
+fn hop(gateway: u8) -> Hop {
+    Hop {
+        gateway: GatewayId([gateway; 32]),
+        epoch: 3,
+    }
+}
+
+fn topic() -> Subject {
+    Subject::Topic {
+        name: name("scan"),
+        data: data("Scan"),
+        reliable: true,
+    }
+}
+
+fn offer(path: Vec<Hop>) -> Frame {
+    let (offer, subject) = (300, topic());
+    Frame::Offer {
+        offer,
+        subject,
+        path,
+    }
+}
+
+/// The bytes of each, written by hand from SPEC.
+//= SM2-GWF-002, SM2-FRM-002 test
+#[test]
+fn the_bytes_of_each_frame() {
+    let mut offered = vec![50, 0, 0, 0, 1, 0xac, 2, 0, 4];
+    offered.extend(b"scan\x04Scan\x07\x01\x01");
+    offered.extend([9; 32]);
+    offered.push(3);
+    let service = Frame::Offer {
+        offer: 1,
+        subject: Subject::Service {
+            name: name("add"),
+            request: data("A"),
+            reply: data("B"),
+        },
+        path: vec![hop(1)],
+    };
+    let mut serving = vec![47, 0, 0, 0, 1, 1, 1, 3];
+    serving.extend(b"add\x01A\x07\x01B\x07\x01");
+    serving.extend([1; 32]);
+    serving.push(3);
+    let hello = Frame::Hello {
+        min_version: 1,
+        max_version: 2,
+        epoch: 128,
+        name: name("arm"),
+    };
+    let ask = Frame::Ask {
+        ask: 1,
+        kind: SubjectKind::Service,
+        name: name("a"),
+    };
+    let answer = |verdict| Frame::Answer { ask: 1, verdict };
+    let table = [
+        (hello, b"\x09\0\0\0\0\x01\x02\x80\x01\x03arm".to_vec()),
+        (offer(vec![hop(9)]), offered),
+        (service, serving),
+        (Frame::Unoffer { offer: 1 }, b"\x02\0\0\0\x02\x01".to_vec()),
+        (
+            Frame::Unoffered { offer: 1 },
+            b"\x02\0\0\0\x03\x01".to_vec(),
+        ),
+        (
+            Frame::Want { offer: 1, depth: 4 },
+            b"\x03\0\0\0\x04\x01\x04".to_vec(),
+        ),
+        (Frame::Unwant { offer: 1 }, b"\x02\0\0\0\x05\x01".to_vec()),
+        (Frame::Unwanted { offer: 1 }, b"\x02\0\0\0\x06\x01".to_vec()),
+        (ask, b"\x05\0\0\0\x07\x01\x01\x01a".to_vec()),
+        (answer(Verdict::Offered), b"\x03\0\0\0\x08\x01\0".to_vec()),
+        (answer(Verdict::Denied), b"\x03\0\0\0\x08\x01\x01".to_vec()),
+        (answer(Verdict::Absent), b"\x03\0\0\0\x08\x01\x02".to_vec()),
+    ];
+    for (frame, bytes) in table {
+        assert_eq!(frame.to_bytes(), bytes, "{frame:?}");
+        assert_eq!(Frame::from_body(&bytes[4..]), Ok(frame));
+    }
+}
+
+//= SM2-GWF-002, SM2-GWO-006, SM2-FRM-001, SM2-FRM-002, SM2-NAM-001 test
+#[test]
+fn bodies_that_are_refused() {
+    let table: [(&[u8], PeerViolation); 16] = [
+        (b"", PeerViolation::UnknownFrame),
+        (b"\x09\x01", PeerViolation::UnknownFrame),
+        (b"\x82", PeerViolation::UnknownFrame),
+        (b"\x02", PeerViolation::Malformed),
+        (b"\x08\x01\x03", PeerViolation::Malformed),
+        (b"\x07\x01\x02\x01a", PeerViolation::Malformed),
+        (b"\x07\x01\0\x01", PeerViolation::Malformed),
+        (b"\x02\x01\0", PeerViolation::TrailingBytes),
+        (b"\x02\x81\0", PeerViolation::NotCanonical),
+        (b"\x82\0\x01", PeerViolation::NotCanonical),
+        (b"\x07\x01\0\0", PeerViolation::BadName),
+        (b"\x07\x01\0\x01.", PeerViolation::BadName),
+        (b"\x07\x01\0\x02\xc3\xa4", PeerViolation::BadName),
+        (b"\x07\x01\0\x01\xff", PeerViolation::BadName),
+        (b"\x04\x01\0", PeerViolation::BadQos),
+        (b"\x04\x01\x81\x08", PeerViolation::BadQos),
+    ];
+    for (body, expected) in table {
+        assert_eq!(Frame::from_body(body), Err(expected), "{body:x?}");
+    }
+    let most = Frame::Want {
+        offer: 1,
+        depth: 1_024,
+    };
+    assert_eq!(Frame::from_body(&most.to_bytes()[4..]), Ok(most));
+    let longest: Vec<Hop> = (0..HOPS_MAX as u8).map(hop).collect();
+    let too_long: Vec<Hop> = (0..=HOPS_MAX as u8).map(hop).collect();
+    let again = Hop { epoch: 4, ..hop(1) };
+    for (path, is_legal) in [
+        (vec![], false),
+        (vec![hop(1)], true),
+        (longest, true),
+        (too_long, false),
+        (vec![hop(1), hop(2), hop(1)], false),
+        (vec![hop(1), again], false),
+    ] {
+        let frame = offer(path);
+        let expected = if is_legal {
+            Ok(frame.clone())
+        } else {
+            Err(PeerViolation::BadPath)
+        };
+        assert_eq!(Frame::from_body(&frame.to_bytes()[4..]), expected);
+    }
+}
+
+//= SM2-GWF-002 test
+#[test]
+fn lengths_of_frames() {
+    let read = |bytes: &[u8]| {
+        let mut reader = FrameReader::default();
+        reader.push(bytes);
+        reader.next_frame()
+    };
+    assert_eq!(read(&[0, 0, 0, 0]), Err(PeerViolation::Malformed));
+    // It is refused before any of it is there.
+    let longest = GATEWAY_FRAME_MAX as u32;
+    assert_eq!(read(&longest.to_le_bytes()), Ok(None));
+    let too_long = (longest + 1).to_le_bytes();
+    assert_eq!(read(&too_long), Err(PeerViolation::FrameTooLong));
+    assert_eq!(read(&too_long[..3]), Ok(None));
+    let body = vec![0; GATEWAY_FRAME_MAX + 1];
+    assert_eq!(Frame::from_body(&body), Err(PeerViolation::FrameTooLong));
+    assert_eq!(Frame::from_body(&body[1..]), Err(PeerViolation::BadName));
+}
+
+fn any_name() -> impl Strategy<Value = Name> {
+    "[a-zA-Z0-9_-]{1,9}(/[a-z0-9]{1,5}){0,3}".prop_map(|it| name(&it))
+}
+
+fn any_type() -> impl Strategy<Value = TypeId> {
+    (any_name(), any::<u64>()).prop_map(|(name, hash)| TypeId { name, hash })
+}
+
+fn any_frame() -> impl Strategy<Value = Frame> {
+    let topic =
+        (any_name(), any_type(), any::<bool>()).prop_map(|(name, data, reliable)| Subject::Topic {
+            name,
+            data,
+            reliable,
+        });
+    let service =
+        (any_name(), any_type(), any_type()).prop_map(|(name, request, reply)| Subject::Service {
+            name,
+            request,
+            reply,
+        });
+    let subject = prop_oneof![topic, service];
+    let path = vec(any::<u64>(), 1..=HOPS_MAX).prop_map(|epochs| {
+        let hop = |(gateway, epoch): (u8, u64)| Hop {
+            epoch,
+            ..hop(gateway)
+        };
+        (0..).zip(epochs).map(hop).collect::<Vec<_>>()
+    });
+    let verdicts = vec![Verdict::Offered, Verdict::Denied, Verdict::Absent];
+    let kinds = vec![SubjectKind::Topic, SubjectKind::Service];
+    prop_oneof![
+        (any::<(u16, u16, u64)>(), any_name()).prop_map(
+            |((min_version, max_version, epoch), name)| Frame::Hello {
+                min_version,
+                max_version,
+                epoch,
+                name
+            }
+        ),
+        (any::<u64>(), subject, path).prop_map(|(offer, subject, path)| Frame::Offer {
+            offer,
+            subject,
+            path
+        }),
+        any::<u64>().prop_map(|offer| Frame::Unoffer { offer }),
+        any::<u64>().prop_map(|offer| Frame::Unoffered { offer }),
+        (any::<u64>(), 1_u16..=1_024).prop_map(|(offer, depth)| Frame::Want { offer, depth }),
+        any::<u64>().prop_map(|offer| Frame::Unwant { offer }),
+        any::<u64>().prop_map(|offer| Frame::Unwanted { offer }),
+        (any::<u64>(), select(kinds), any_name()).prop_map(|(ask, kind, name)| Frame::Ask {
+            ask,
+            kind,
+            name
+        }),
+        (any::<u64>(), select(verdicts)).prop_map(|(ask, verdict)| Frame::Answer { ask, verdict }),
+    ]
+}
+
+proptest! {
+    #![proptest_config(cases(300))]
+
+    /// In pieces of any length, frames are what they were.
+    //= SM2-GWF-002 test
+    #[test]
+    fn frames_go_there_in_pieces(frames in vec(any_frame(), 0..8), pieces in vec(1_usize..40, 1..20)) {
+        let bytes: Vec<u8> = frames.iter().flat_map(Frame::to_bytes).collect();
+        let mut reader = FrameReader::default();
+        let mut read = vec![];
+        let (mut rest, mut pieces) = (&bytes[..], pieces.iter().cycle());
+        while !rest.is_empty() {
+            let (piece, behind) = rest.split_at(rest.len().min(*pieces.next().unwrap()));
+            reader.push(piece);
+            while let Some(frame) = reader.next_frame().unwrap() {
+                read.push(frame);
+            }
+            rest = behind;
+        }
+        prop_assert_eq!(read, frames);
+        prop_assert!(reader.is_between_frames());
+    }
+
+    /// Whatever comes is refused, or is the only encoding of a frame.
+    //= SM2-FRM-001, SM2-FRM-002 test
+    #[test]
+    fn no_other_bytes_are_frames(frame in any_frame(), at in any::<prop::sample::Index>(), byte: u8, cut: bool) {
+        let mut body = frame.to_bytes().split_off(4);
+        let at = at.index(body.len());
+        if cut {
+            body.truncate(at);
+            prop_assert!(Frame::from_body(&body).is_err());
+        } else {
+            body[at] = byte;
+            if let Ok(other) = Frame::from_body(&body) {
+                prop_assert_eq!(&other.to_bytes()[4..], &body[..]);
+            }
+        }
+    }
+}
+
+fn message(len: u64) -> Header {
+    Header {
+        carried: Carried::Message {
+            sequence: 0x0102_0304_0506_0708,
+            age_ns: 9,
+        },
+        offer: 5,
+        len,
+    }
+}
+
+//= SM2-GWM-002 test
+#[test]
+fn the_bytes_of_a_header() {
+    let mut expected = [0; HEADER_LEN];
+    expected[0] = 1;
+    expected[8] = 5;
+    expected[16..24].copy_from_slice(&[8, 7, 6, 5, 4, 3, 2, 1]);
+    expected[24] = 9;
+    expected[33] = 2;
+    assert_eq!(message(512).to_bytes(), expected);
+    let request = Header {
+        carried: Carried::Request { left_ns: 7 },
+        offer: 1,
+        len: 0,
+    };
+    let mut expected = [0; HEADER_LEN];
+    (expected[0], expected[8], expected[24]) = (2, 1, 7);
+    assert_eq!(request.to_bytes(), expected);
+    assert_eq!(Header::from_bytes(&expected), Ok(request));
+}
+
+//= SM2-GWM-002, SM2-SRV-003, SM2-PAY-008 test
+#[test]
+fn headers_that_are_refused() {
+    for (number, status) in (0..).zip(Outcome::ALL) {
+        for len in [0, 1, MESSAGE_MAX, MESSAGE_MAX + 1] {
+            let header = Header {
+                carried: Carried::Reply { status },
+                offer: 1,
+                len,
+            };
+            let bytes = header.to_bytes();
+            assert_eq!(u64::from(bytes[16]), number);
+            let is_legal = len == 0 || (number < 2 && len <= MESSAGE_MAX);
+            let expected = if is_legal {
+                Ok(header)
+            } else {
+                Err(PeerViolation::BadLength)
+            };
+            assert_eq!(Header::from_bytes(&bytes), expected, "{header:?}");
+        }
+    }
+    let longest = message(MESSAGE_MAX);
+    assert_eq!(Header::from_bytes(&longest.to_bytes()), Ok(longest));
+    let too_long = message(MESSAGE_MAX + 1).to_bytes();
+    assert_eq!(Header::from_bytes(&too_long), Err(PeerViolation::BadLength));
+    for (place, byte) in [(0, 0), (0, 4), (1, 1), (7, 128)] {
+        let mut bytes = message(0).to_bytes();
+        bytes[place] = byte;
+        assert_eq!(Header::from_bytes(&bytes), Err(PeerViolation::Malformed));
+    }
+    // What says nothing has to be zero: of a request the number, of a reply what is left.
+    let mut request = message(0).to_bytes();
+    request[0] = 2;
+    assert_eq!(Header::from_bytes(&request), Err(PeerViolation::Malformed));
+    for (place, byte) in [(16, 6), (17, 1), (24, 1), (31, 1)] {
+        let mut reply = [0; HEADER_LEN];
+        reply[0] = 3;
+        assert!(Header::from_bytes(&reply).is_ok());
+        reply[place] = byte;
+        assert_eq!(Header::from_bytes(&reply), Err(PeerViolation::Malformed));
+    }
+}
