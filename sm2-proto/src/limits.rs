@@ -19,6 +19,10 @@ pub const CALLS_MAX: usize = 1_024;
 pub const GATEWAY_FRAME_MAX: usize = 65_536;
 /// The most gateways that a message comes through, its origin included.
 pub const HOPS_MAX: usize = 8;
+/// The most offers of one gateway to another that are not gone.
+pub const OFFERS_MAX: usize = 4_096;
+/// The most questions of one gateway to another without an answer.
+pub const QUESTIONS_MAX: usize = 64;
 /// The most messages of topics that a gateway has in the making for one peer.
 pub const MESSAGES_IN_THE_MAKING_MAX: usize = 64;
 /// The most segments attached at a time, per link and direction.

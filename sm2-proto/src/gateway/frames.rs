@@ -102,6 +102,25 @@ pub enum Subject {
     },
 }
 
+impl Subject {
+    /// A topic or a service.
+    #[must_use]
+    pub const fn kind(&self) -> SubjectKind {
+        match self {
+            Self::Topic { .. } => SubjectKind::Topic,
+            Self::Service { .. } => SubjectKind::Service,
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(&self) -> &Name {
+        match self {
+            Self::Topic { name, .. } | Self::Service { name, .. } => name,
+        }
+    }
+}
+
 /// One gateway that an offer came through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Hop {
@@ -138,18 +157,24 @@ impl Frame {
     ///
     /// # Errors
     /// It is not exactly one legal frame.
-    //= SM2-GWF-002, SM2-GWO-006
+    //= SM2-GWF-002
     pub fn from_body(body: &[u8]) -> Result<Self, PeerViolation> {
         if body.len() > GATEWAY_FRAME_MAX {
             return Err(PeerViolation::FrameTooLong);
         }
         let frame: Self = control::decode(body, Self::COUNT)?;
-        match &frame {
+        frame.check()?;
+        Ok(frame)
+    }
+
+    //= SM2-GWO-006
+    pub(super) fn check(&self) -> Result<(), PeerViolation> {
+        match self {
             Self::Want { depth, .. } if !(1..=QOS_MAX).contains(depth) => {
                 Err(PeerViolation::BadQos)
             }
             Self::Offer { path, .. } if !is_path(path) => Err(PeerViolation::BadPath),
-            _ => Ok(frame),
+            _ => Ok(()),
         }
     }
 }

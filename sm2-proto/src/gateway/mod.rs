@@ -6,6 +6,7 @@
 //! | [`Beacon`] | where a peer may be found |
 //! | [`Frame`], [`FrameReader`] | what gateways say to each other |
 //! | [`Header`] | what stands before a payload |
+//! | [`session::Session`] | one connection with a peer |
 //! | [`schedule::Schedule`] | which message goes to a peer next |
 
 mod beacon;
@@ -16,10 +17,11 @@ mod id;
 mod pattern;
 mod rules;
 pub mod schedule;
+pub mod session;
 
 pub use self::{
     beacon::{BEACON_LEN, Beacon, NoBeacon},
-    code::PeerViolation,
+    code::{PeerFarewell, PeerViolation},
     frames::{Frame, FrameReader, Hop, Subject, Verdict},
     header::{Carried, HEADER_LEN, Header, Outcome},
     id::{GatewayId, GatewayIdError},

@@ -1,0 +1,387 @@
+//! One connection with a peer: who it is, what each side offers and wants, and what may come by
+//! streams (SPEC sections 14.2 to 14.5).
+//!
+//! Feed what happened with [`handle`](Session::handle), then do what [`poll`](Session::poll) says
+//! until it says nothing, and call again at the [`deadline`](Session::deadline). The bytes of
+//! payloads never come here, only the [`Header`] of each stream.
+
+mod input;
+mod offers;
+
+use alloc::{
+    collections::{BTreeMap, VecDeque},
+    vec::Vec,
+};
+use core::time::Duration;
+
+pub use self::input::{End, Input, Misuse, Output};
+use self::offers::{Ours, Theirs};
+use super::{
+    Carried, Frame, FrameReader, GatewayId, Header, Hop, PeerFarewell, PeerViolation, Subject,
+};
+use crate::{Instant, Name, limits::QUESTIONS_MAX};
+
+/// The versions that this machine speaks.
+const VERSION: u16 = 1;
+/// How long a peer may take to greet.
+const GREETING: Duration = Duration::from_secs(2);
+
+/// One connection with one peer.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Session {
+    me: Hop,
+    peer: GatewayId,
+    /// Of the peer's epochs that are known, the greatest.
+    least_epoch: u64,
+    state: Result<Phase, End>,
+    reader: FrameReader,
+    ours: Ours,
+    theirs: Theirs,
+    /// The calls of this side without a reply, by stream: the offer of each.
+    calls: BTreeMap<u64, u64>,
+    /// The questions of this side without an answer.
+    asked: VecDeque<u64>,
+    /// The questions of the peer without an answer.
+    owed: VecDeque<u64>,
+    outputs: VecDeque<Output>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Phase {
+    Greeting { until: Instant },
+    Open { epoch: u64 },
+}
+
+impl Session {
+    /// A connection whose handshake has just shown that the other side is `peer`; `least_epoch`
+    /// is the greatest of its epochs that was ever seen.
+    #[must_use]
+    pub fn new(now: Instant, me: Hop, name: Name, peer: GatewayId, least_epoch: u64) -> Self {
+        let hello = Frame::Hello {
+            min_version: VERSION,
+            max_version: VERSION,
+            epoch: me.epoch,
+            name,
+        };
+        Self {
+            me,
+            peer,
+            least_epoch,
+            state: Ok(Phase::Greeting {
+                until: now.after(GREETING),
+            }),
+            reader: FrameReader::default(),
+            ours: Ours::default(),
+            theirs: Theirs::default(),
+            calls: BTreeMap::new(),
+            asked: VecDeque::new(),
+            owed: VecDeque::new(),
+            outputs: VecDeque::from([Output::Transmit(hello.to_bytes())]),
+        }
+    }
+
+    /// Takes one input.
+    ///
+    /// # Errors
+    /// The driver did what it may not: nothing has changed. Whatever the peer does is no error
+    /// here, but an [`Output::Ended`].
+    pub fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Misuse> {
+        if self.state.is_err() {
+            return Err(Misuse::Ended);
+        }
+        let judged = match input {
+            Input::Control(bytes) => {
+                self.reader.push(bytes);
+                self.read()
+            }
+            Input::Stream { stream, header } => self.stream(stream, &header),
+            Input::Closed(code) => {
+                self.end(End::Closed(code));
+                Ok(())
+            }
+            Input::Close(code) => {
+                self.end(End::Local(code));
+                Ok(())
+            }
+            Input::Tick => {
+                self.check_greeting(now);
+                Ok(())
+            }
+            other => return self.ask_for(other),
+        };
+        if let Err(violation) = judged {
+            self.end(End::Violation(violation));
+        }
+        Ok(())
+    }
+
+    /// The next thing to do.
+    pub fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// Until when the peer has to greet.
+    #[must_use]
+    pub const fn deadline(&self) -> Option<Instant> {
+        match self.state {
+            Ok(Phase::Greeting { until }) => Some(until),
+            _ => None,
+        }
+    }
+
+    /// Why it is over.
+    #[must_use]
+    pub const fn end_cause(&self) -> Option<End> {
+        match self.state {
+            Err(end) => Some(end),
+            Ok(_) => None,
+        }
+    }
+
+    //= SM2-GWF-001
+    fn check_greeting(&mut self, now: Instant) {
+        if self.deadline().is_some_and(|until| until <= now) {
+            self.end(End::Local(PeerFarewell::GreetingTimeout.code()));
+        }
+    }
+
+    /// What the gateway wants.
+    fn ask_for(&mut self, input: Input<'_>) -> Result<(), Misuse> {
+        if !matches!(self.state, Ok(Phase::Open { .. })) {
+            return Err(Misuse::NotOpen);
+        }
+        let frame = match input {
+            Input::Offer {
+                offer,
+                subject,
+                path,
+            } => self.offer(offer, subject, path)?,
+            Input::Unoffer { offer } => {
+                self.ours.withdraw(offer)?;
+                Frame::Unoffer { offer }
+            }
+            Input::Want { offer, depth } => {
+                self.theirs.want(offer, depth)?;
+                Frame::Want { offer, depth }
+            }
+            Input::Unwant { offer } => {
+                self.theirs.unwant(offer)?;
+                self.fail_calls(|it| it == offer);
+                Frame::Unwant { offer }
+            }
+            Input::Ask { ask, kind, name } => {
+                if self.asked.len() >= QUESTIONS_MAX {
+                    return Err(Misuse::TooManyQuestions);
+                }
+                self.asked.push_back(ask);
+                Frame::Ask { ask, kind, name }
+            }
+            Input::Answer { ask, verdict } => {
+                if self.owed.front() != Some(&ask) {
+                    return Err(Misuse::NotAsked);
+                }
+                self.owed.pop_front();
+                Frame::Answer { ask, verdict }
+            }
+            Input::Call { stream, offer } => {
+                if self.calls.contains_key(&stream) {
+                    return Err(Misuse::StreamInUse);
+                }
+                self.theirs.check_call(offer)?;
+                self.calls.insert(stream, offer);
+                return Ok(());
+            }
+            Input::Forget { stream } => {
+                let call = self.calls.remove(&stream);
+                return call.map(|_| ()).ok_or(Misuse::NoCall);
+            }
+            Input::Control(_)
+            | Input::Stream { .. }
+            | Input::Closed(_)
+            | Input::Close(_)
+            | Input::Tick => return Ok(()),
+        };
+        self.outputs.push_back(Output::Transmit(frame.to_bytes()));
+        Ok(())
+    }
+
+    //= SM2-GWO-001, SM2-GWO-003
+    fn offer(&mut self, offer: u64, subject: Subject, path: Vec<Hop>) -> Result<Frame, Misuse> {
+        let is_to_peer = path.iter().any(|it| it.gateway == self.peer);
+        if is_to_peer || path.last() != Some(&self.me) {
+            return Err(Misuse::WrongPath);
+        }
+        let kind = subject.kind();
+        let frame = Frame::Offer {
+            offer,
+            subject,
+            path,
+        };
+        frame.check().map_err(|_| Misuse::WrongPath)?;
+        self.ours.offer(offer, kind)?;
+        Ok(frame)
+    }
+
+    /// What stands in the control stream.
+    fn read(&mut self) -> Result<(), PeerViolation> {
+        while self.state.is_ok()
+            && let Some(frame) = self.reader.next_frame()?
+        {
+            match self.state {
+                Ok(Phase::Greeting { .. }) => self.greeting(frame)?,
+                Ok(Phase::Open { epoch }) => self.frame(frame, epoch)?,
+                Err(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    //= SM2-GWF-001
+    fn greeting(&mut self, frame: Frame) -> Result<(), PeerViolation> {
+        let Frame::Hello {
+            min_version,
+            max_version,
+            epoch,
+            name,
+        } = frame
+        else {
+            return Err(PeerViolation::ExpectedHello);
+        };
+        if min_version == 0 || min_version > max_version {
+            return Err(PeerViolation::BadVersionRange);
+        }
+        if min_version > VERSION {
+            self.end(End::Local(PeerFarewell::Version.code()));
+        } else if epoch < self.least_epoch {
+            self.end(End::Local(PeerFarewell::Stale.code()));
+        } else {
+            self.state = Ok(Phase::Open { epoch });
+            self.outputs.push_back(Output::Greeted { epoch, name });
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, frame: Frame, epoch: u64) -> Result<(), PeerViolation> {
+        let output = match frame {
+            Frame::Hello { .. } => return Err(PeerViolation::UnexpectedHello),
+            Frame::Offer {
+                offer,
+                subject,
+                path,
+            } => {
+                self.check_path(&path, epoch)?;
+                self.theirs.offered(offer, subject.kind())?;
+                Output::Offered {
+                    offer,
+                    subject,
+                    path,
+                }
+            }
+            Frame::Unoffer { offer } => {
+                self.theirs.gone(offer)?;
+                self.fail_calls(|it| it == offer);
+                let answer = Frame::Unoffered { offer };
+                self.outputs.push_back(Output::Transmit(answer.to_bytes()));
+                Output::Gone { offer }
+            }
+            Frame::Unoffered { offer } => return self.ours.gone(offer),
+            Frame::Want { offer, depth } => {
+                if !self.ours.wanted(offer)? {
+                    return Ok(());
+                }
+                Output::Wanted { offer, depth }
+            }
+            Frame::Unwant { offer } => {
+                if !self.ours.unwanted(offer)? {
+                    return Ok(());
+                }
+                let answer = Frame::Unwanted { offer };
+                self.outputs.push_back(Output::Transmit(answer.to_bytes()));
+                Output::Unwanted { offer }
+            }
+            Frame::Unwanted { offer } => return self.theirs.unwanted(offer),
+            //= SM2-GWO-005
+            Frame::Ask { ask, kind, name } => {
+                if self.owed.len() >= QUESTIONS_MAX {
+                    return Err(PeerViolation::Malformed);
+                }
+                self.owed.push_back(ask);
+                Output::Asked { ask, kind, name }
+            }
+            Frame::Answer { ask, verdict } => {
+                if self.asked.front() != Some(&ask) {
+                    return Err(PeerViolation::UnexpectedAnswer);
+                }
+                self.asked.pop_front();
+                Output::Answered { ask, verdict }
+            }
+        };
+        self.outputs.push_back(output);
+        Ok(())
+    }
+
+    //= SM2-GWO-003
+    fn check_path(&self, path: &[Hop], epoch: u64) -> Result<(), PeerViolation> {
+        let sender = Hop {
+            gateway: self.peer,
+            epoch,
+        };
+        let comes_back = path.iter().any(|it| it.gateway == self.me.gateway);
+        if comes_back || path.last() != Some(&sender) {
+            return Err(PeerViolation::BadPath);
+        }
+        Ok(())
+    }
+
+    /// The header of a stream is there.
+    //= SM2-GWM-001, SM2-GWS-001
+    fn stream(&mut self, stream: u64, header: &Header) -> Result<(), PeerViolation> {
+        if !matches!(self.state, Ok(Phase::Open { .. })) {
+            return Err(PeerViolation::ExpectedHello);
+        }
+        let offer = header.offer;
+        let output = match header.carried {
+            Carried::Message { .. } if self.theirs.admit(offer)? => Output::Take { stream },
+            Carried::Message { .. } => Output::Discard { stream },
+            Carried::Request { .. } if self.ours.admit(offer)? => Output::Take { stream },
+            Carried::Request { .. } => Output::Unreachable { stream },
+            Carried::Reply { .. } => {
+                if self.calls.remove(&stream) != Some(offer) {
+                    return Err(PeerViolation::UnknownCall);
+                }
+                Output::Take { stream }
+            }
+        };
+        self.outputs.push_back(output);
+        Ok(())
+    }
+
+    //= SM2-GWS-002
+    fn fail_calls(&mut self, of: impl Fn(u64) -> bool) {
+        let outputs = &mut self.outputs;
+        self.calls.retain(|&stream, offer| {
+            let fails = of(*offer);
+            outputs.extend(fails.then_some(Output::CallFailed { stream }));
+            !fails
+        });
+    }
+
+    fn end(&mut self, end: End) {
+        self.state = Err(end);
+        self.fail_calls(|_| true);
+        self.outputs.push_back(Output::Ended(end));
+    }
+}
+
+/// Which of two connections with one peer stays: each as the peer's epoch, and whether this side
+/// opened it. True: the first.
+#[must_use]
+pub fn first_stays(
+    me: GatewayId,
+    peer: GatewayId,
+    first: (u64, bool),
+    second: (u64, bool),
+) -> bool {
+    let by_the_smaller = |opened: bool| opened == (me < peer);
+    (first.0, by_the_smaller(first.1)) >= (second.0, by_the_smaller(second.1))
+}

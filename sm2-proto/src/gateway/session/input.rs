@@ -1,0 +1,210 @@
+//! What goes into a session and comes out of it.
+
+use alloc::vec::Vec;
+
+use super::super::{Header, Hop, PeerViolation, Subject, SubjectKind, Verdict};
+use crate::{Code, Name};
+
+/// What happened, or is wanted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Input<'a> {
+    /// Bytes of the control stream, in any pieces.
+    Control(&'a [u8]),
+    /// The header of a stream of the peer's is there, or that of a reply.
+    Stream {
+        /// The driver's name for the stream.
+        stream: u64,
+        /// What it says.
+        header: Header,
+    },
+    /// The connection is over; the peer's code, if it said one. Also if the control stream ended.
+    Closed(Option<Code>),
+    /// End the connection.
+    Close(Code),
+    /// The peer may have this.
+    Offer {
+        /// Greater than all before.
+        offer: u64,
+        /// What it is.
+        subject: Subject,
+        /// From the origin to this gateway.
+        path: Vec<Hop>,
+    },
+    /// It may not any more.
+    Unoffer {
+        /// Which.
+        offer: u64,
+    },
+    /// What the peer offers is wanted.
+    Want {
+        /// Which.
+        offer: u64,
+        /// How many messages wait at most, 1 to 1,024.
+        depth: u16,
+    },
+    /// It is not wanted any more.
+    Unwant {
+        /// Which.
+        offer: u64,
+    },
+    /// Could this side have that?
+    Ask {
+        /// The number of the question.
+        ask: u64,
+        /// A topic or a service.
+        kind: SubjectKind,
+        /// Its name.
+        name: Name,
+    },
+    /// The answer to the oldest question.
+    Answer {
+        /// Its number.
+        ask: u64,
+        /// What it is.
+        verdict: Verdict,
+    },
+    /// A stream for a call is about to be opened.
+    Call {
+        /// The driver's name for the stream.
+        stream: u64,
+        /// The service.
+        offer: u64,
+    },
+    /// Nobody waits for this call's reply any more: its stream is reset, and nothing of it comes
+    /// here from now on.
+    Forget {
+        /// The stream.
+        stream: u64,
+    },
+    /// Time has passed.
+    Tick,
+}
+
+/// What is to be done, or known.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Output {
+    /// Write these bytes to the control stream.
+    Transmit(Vec<u8>),
+    /// The peer has greeted.
+    Greeted {
+        /// Of its process.
+        epoch: u64,
+        /// What people call it.
+        name: Name,
+    },
+    /// The peer offers this.
+    Offered {
+        /// The number of the offer.
+        offer: u64,
+        /// What it is.
+        subject: Subject,
+        /// From the origin to the peer.
+        path: Vec<Hop>,
+    },
+    /// The peer does not offer it any more.
+    Gone {
+        /// Which.
+        offer: u64,
+    },
+    /// The peer wants what this side offers.
+    Wanted {
+        /// Which.
+        offer: u64,
+        /// How many messages wait for it at most.
+        depth: u16,
+    },
+    /// The peer does not want it any more.
+    Unwanted {
+        /// Which.
+        offer: u64,
+    },
+    /// The peer wants to know whether it could have that: answer in turn.
+    Asked {
+        /// The number of the question.
+        ask: u64,
+        /// A topic or a service.
+        kind: SubjectKind,
+        /// Its name.
+        name: Name,
+    },
+    /// The peer has answered.
+    Answered {
+        /// The number of the question.
+        ask: u64,
+        /// What it said.
+        verdict: Verdict,
+    },
+    /// Read what this stream carries.
+    Take {
+        /// Which.
+        stream: u64,
+    },
+    /// Stop this stream: nobody wants what it carries.
+    Discard {
+        /// Which.
+        stream: u64,
+    },
+    /// Reply to the call of this stream that the server cannot be reached.
+    Unreachable {
+        /// Which.
+        stream: u64,
+    },
+    /// No reply to the call of this stream counts any more: reset it, and feed nothing of it.
+    CallFailed {
+        /// Which.
+        stream: u64,
+    },
+    /// The connection is over: close it with the code of this. Nothing comes after.
+    Ended(End),
+}
+
+/// Why a connection is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum End {
+    /// The peer broke SPEC.
+    Violation(PeerViolation),
+    /// This side ended it.
+    Local(Code),
+    /// The peer ended it, with this code, or the way to it was lost.
+    Closed(Option<Code>),
+}
+
+/// What a driver may not do; nothing has changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Misuse {
+    /// The connection is over.
+    #[error("the connection is over")]
+    Ended,
+    /// The peer has not greeted yet.
+    #[error("the peer has not greeted yet")]
+    NotOpen,
+    /// The number of an offer is not greater than all before.
+    #[error("the number of an offer is greater than all before")]
+    OfferNumber,
+    /// There are as many offers as there may be.
+    #[error("there are as many offers as there may be")]
+    TooManyOffers,
+    /// The path does not end here, leads back to the peer, or is no path.
+    #[error(
+        "the path of an offer ends with this gateway, does not come from the peer, and names 1 to 8 gateways once"
+    )]
+    WrongPath,
+    /// No such offer, or not in this state.
+    #[error("there is no such offer, or it is not in a state for this")]
+    WrongOffer,
+    /// `depth` is out of its range.
+    #[error("`depth` is 1 to 1,024")]
+    WrongDepth,
+    /// As many questions wait for an answer as may.
+    #[error("as many questions wait for an answer as may")]
+    TooManyQuestions,
+    /// The oldest question has another number.
+    #[error("questions are answered in their order")]
+    NotAsked,
+    /// The stream has a call.
+    #[error("the stream has a call already")]
+    StreamInUse,
+    /// The stream has no call without a reply.
+    #[error("the stream has no call without a reply")]
+    NoCall,
+}

@@ -1,0 +1,203 @@
+//! The offers of both sides: the tables of SPEC section 14.3.
+
+use alloc::collections::BTreeMap;
+
+use super::{
+    super::{PeerViolation, SubjectKind},
+    Misuse,
+};
+use crate::limits::{OFFERS_MAX, QOS_MAX};
+
+/// What this side offers.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Ours {
+    offers: BTreeMap<u64, (SubjectKind, Our)>,
+    last: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Our {
+    Offered,
+    Wanted,
+    /// UNOFFER was sent.
+    Withdrawing,
+}
+
+/// What the peer offers.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Theirs {
+    offers: BTreeMap<u64, Their>,
+    last: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Their {
+    kind: SubjectKind,
+    interest: Interest,
+    /// Whether WANT was ever sent.
+    was_wanted: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Interest {
+    None,
+    /// WANT was sent.
+    Wanting,
+    /// UNWANT was sent.
+    Unwanting,
+}
+
+impl Ours {
+    //= SM2-GWO-001
+    pub(super) fn offer(&mut self, offer: u64, kind: SubjectKind) -> Result<(), Misuse> {
+        if offer <= self.last {
+            return Err(Misuse::OfferNumber);
+        }
+        if self.offers.len() >= OFFERS_MAX {
+            return Err(Misuse::TooManyOffers);
+        }
+        self.last = offer;
+        self.offers.insert(offer, (kind, Our::Offered));
+        Ok(())
+    }
+
+    pub(super) fn withdraw(&mut self, offer: u64) -> Result<(), Misuse> {
+        match self.offers.get_mut(&offer) {
+            Some((_, state)) if *state != Our::Withdrawing => {
+                *state = Our::Withdrawing;
+                Ok(())
+            }
+            _ => Err(Misuse::WrongOffer),
+        }
+    }
+
+    fn state(&mut self, offer: u64) -> Result<&mut Our, PeerViolation> {
+        let it = self.offers.get_mut(&offer);
+        it.map(|(_, state)| state)
+            .ok_or(PeerViolation::UnknownOffer)
+    }
+
+    /// WANT came: whether that means anything.
+    //= SM2-GWO-002
+    pub(super) fn wanted(&mut self, offer: u64) -> Result<bool, PeerViolation> {
+        let state = self.state(offer)?;
+        match state {
+            Our::Offered => *state = Our::Wanted,
+            Our::Wanted => return Err(PeerViolation::BadWant),
+            Our::Withdrawing => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    /// UNWANT came: whether that means anything.
+    //= SM2-GWO-002
+    pub(super) fn unwanted(&mut self, offer: u64) -> Result<bool, PeerViolation> {
+        let state = self.state(offer)?;
+        match state {
+            Our::Offered => return Err(PeerViolation::UnknownOffer),
+            Our::Wanted => *state = Our::Offered,
+            Our::Withdrawing => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    /// UNOFFERED came.
+    //= SM2-GWO-002
+    pub(super) fn gone(&mut self, offer: u64) -> Result<(), PeerViolation> {
+        match self.state(offer)? {
+            Our::Withdrawing => {
+                self.offers.remove(&offer);
+                Ok(())
+            }
+            Our::Offered | Our::Wanted => Err(PeerViolation::UnknownOffer),
+        }
+    }
+
+    /// A call came: whether its server can be reached.
+    //= SM2-GWS-001
+    pub(super) fn admit(&self, offer: u64) -> Result<bool, PeerViolation> {
+        match self.offers.get(&offer) {
+            Some((SubjectKind::Service, state)) => Ok(*state == Our::Wanted),
+            None if (1..=self.last).contains(&offer) => Ok(false),
+            Some((SubjectKind::Topic, _)) | None => Err(PeerViolation::UnknownOffer),
+        }
+    }
+}
+
+impl Theirs {
+    /// OFFER came.
+    //= SM2-GWO-001
+    pub(super) fn offered(&mut self, offer: u64, kind: SubjectKind) -> Result<(), PeerViolation> {
+        if offer <= self.last {
+            return Err(PeerViolation::BadOffer);
+        }
+        if self.offers.len() >= OFFERS_MAX {
+            return Err(PeerViolation::OfferLimit);
+        }
+        self.last = offer;
+        let their = Their {
+            kind,
+            interest: Interest::None,
+            was_wanted: false,
+        };
+        self.offers.insert(offer, their);
+        Ok(())
+    }
+
+    pub(super) fn want(&mut self, offer: u64, depth: u16) -> Result<(), Misuse> {
+        if !(1..=QOS_MAX).contains(&depth) {
+            return Err(Misuse::WrongDepth);
+        }
+        let their = self.offers.get_mut(&offer);
+        let their = their.filter(|it| it.interest == Interest::None);
+        let their = their.ok_or(Misuse::WrongOffer)?;
+        (their.interest, their.was_wanted) = (Interest::Wanting, true);
+        Ok(())
+    }
+
+    pub(super) fn unwant(&mut self, offer: u64) -> Result<(), Misuse> {
+        let their = self.offers.get_mut(&offer);
+        let their = their.filter(|it| it.interest == Interest::Wanting);
+        their.ok_or(Misuse::WrongOffer)?.interest = Interest::Unwanting;
+        Ok(())
+    }
+
+    /// UNOFFER came.
+    //= SM2-GWO-002
+    pub(super) fn gone(&mut self, offer: u64) -> Result<(), PeerViolation> {
+        let gone = self.offers.remove(&offer);
+        gone.map(|_| ()).ok_or(PeerViolation::UnknownOffer)
+    }
+
+    /// UNWANTED came.
+    //= SM2-GWO-002
+    pub(super) fn unwanted(&mut self, offer: u64) -> Result<(), PeerViolation> {
+        let their = self.offers.get_mut(&offer);
+        let their = their.filter(|it| it.interest == Interest::Unwanting);
+        their.ok_or(PeerViolation::UnknownOffer)?.interest = Interest::None;
+        Ok(())
+    }
+
+    /// A message came: whether it is wanted.
+    //= SM2-GWM-001
+    pub(super) fn admit(&self, offer: u64) -> Result<bool, PeerViolation> {
+        match self.offers.get(&offer) {
+            Some(it) if it.kind == SubjectKind::Topic && it.was_wanted => {
+                Ok(it.interest == Interest::Wanting)
+            }
+            // Streams and frames have no common order.
+            None if (1..=self.last).contains(&offer) => Ok(false),
+            _ => Err(PeerViolation::NotWanted),
+        }
+    }
+
+    pub(super) fn check_call(&self, offer: u64) -> Result<(), Misuse> {
+        let their = self.offers.get(&offer);
+        match their {
+            Some(it) if it.kind == SubjectKind::Service && it.interest == Interest::Wanting => {
+                Ok(())
+            }
+            _ => Err(Misuse::WrongOffer),
+        }
+    }
+}
