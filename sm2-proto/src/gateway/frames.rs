@@ -192,6 +192,8 @@ fn is_path(path: &[Hop]) -> bool {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct FrameReader {
     bytes: Vec<u8>,
+    /// How many of them were read.
+    read: usize,
 }
 
 impl FrameReader {
@@ -206,7 +208,8 @@ impl FrameReader {
     /// The peer broke SPEC: no frame can be read after this one.
     //= SM2-GWF-002
     pub fn next_frame(&mut self) -> Result<Option<Frame>, PeerViolation> {
-        let Some((len, rest)) = self.bytes.split_first_chunk() else {
+        let Some((len, rest)) = self.bytes[self.read..].split_first_chunk() else {
+            self.compact();
             return Ok(None);
         };
         let len = u32::from_le_bytes(*len) as usize;
@@ -217,16 +220,23 @@ impl FrameReader {
             return Err(PeerViolation::Malformed);
         }
         let Some(body) = rest.get(..len) else {
+            self.compact();
             return Ok(None);
         };
         let frame = Frame::from_body(body)?;
-        self.bytes.drain(..size_of::<u32>() + len);
+        self.read += size_of::<u32>() + len;
         Ok(Some(frame))
+    }
+
+    /// Moves what is left to the beginning, once for all frames before it.
+    fn compact(&mut self) {
+        self.bytes.drain(..self.read);
+        self.read = 0;
     }
 
     /// Whether the stream could end here.
     #[must_use]
     pub fn is_between_frames(&self) -> bool {
-        self.bytes.is_empty()
+        self.read == self.bytes.len()
     }
 }
