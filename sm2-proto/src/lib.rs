@@ -37,6 +37,7 @@
 
 extern crate alloc;
 
+mod backoff;
 mod code;
 mod contract;
 pub mod control;
@@ -60,6 +61,7 @@ mod refusal;
 pub mod schema;
 mod time;
 
+pub use backoff::Backoff;
 pub use code::{Code, Farewell, Violation};
 pub use contract::{Contract, Demand, Kind, Offer, QosError, ServiceQos, TypeId};
 pub use datagram::Datagram;

@@ -19,6 +19,8 @@ pub const CALLS_MAX: usize = 1_024;
 pub const GATEWAY_FRAME_MAX: usize = 65_536;
 /// The most gateways that a message comes through, its origin included.
 pub const HOPS_MAX: usize = 8;
+/// The most datagrams of a second that a gateway looks at for beacons.
+pub const BEACONS_PER_S: u32 = 256;
 /// The most offers of one gateway to another that are not gone.
 pub const OFFERS_MAX: usize = 4_096;
 /// The most questions of one gateway to another without an answer.

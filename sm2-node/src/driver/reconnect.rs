@@ -11,13 +11,11 @@ use std::time::Duration;
 
 use sm2_io::{Epoll, Interest, SeqPacket, Timer};
 use sm2_proto::node::{End, Input};
-use sm2_proto::{Code, Farewell, Instant, Refusal};
+use sm2_proto::{Backoff, Code, Farewell, Instant, Refusal};
 
 use super::datagram::Incoming;
 use super::{Inner, SESSION, TIMER, Topic};
 
-/// The longest that the first attempt waits.
-const FIRST: Duration = Duration::from_millis(10);
 /// The longest that any attempt waits.
 const LONGEST: Duration = Duration::from_millis(250);
 
@@ -47,7 +45,7 @@ impl Reconnect {
         Ok(Self {
             path,
             timer,
-            backoff: Backoff::new(RandomState::new().hash_one(std::process::id())),
+            backoff: Backoff::new(RandomState::new().hash_one(std::process::id()), LONGEST),
             back_since: None,
             cause: None,
         })
@@ -59,7 +57,7 @@ impl Reconnect {
         if let Some(since) = self.back_since.take() {
             self.backoff.ended_after(now.since(since));
         }
-        let at = now.after(self.backoff.next());
+        let at = now.after(self.backoff.wait());
         if let Err(error) = self.timer.set(Some(at)) {
             tracing::error!(%error, "cannot set the timer: this node will not come back");
         }
@@ -133,86 +131,4 @@ impl Inner {
 pub(crate) fn may_return(end: End) -> bool {
     const SHUTTING_DOWN: Code = Farewell::ShuttingDown.code();
     matches!(end, End::Eof | End::Peer(SHUTTING_DOWN))
-}
-
-/// How long to wait before each attempt.
-//= SM2-RES-001
-#[derive(Clone, Debug)]
-struct Backoff {
-    /// The longest that the next wait can be.
-    longest: Duration,
-    random: u64,
-}
-
-impl Backoff {
-    const fn new(seed: u64) -> Self {
-        Self {
-            longest: FIRST,
-            random: seed,
-        }
-    }
-
-    /// The node was back for so long. Two sides that do not get along must not greet each other
-    /// as often as they can: a session that ends at once counts as one more attempt.
-    fn ended_after(&mut self, session: Duration) {
-        if session >= LONGEST {
-            self.longest = FIRST;
-        }
-    }
-
-    /// The first time anything up to `FIRST`: all nodes of a domain lose their Manager at the
-    /// same moment. Then twice as long each time, and never less than half of that.
-    fn next(&mut self) -> Duration {
-        let longest = self.longest;
-        self.longest = (longest * 2).min(LONGEST);
-        let shortest = if longest == FIRST {
-            Duration::ZERO
-        } else {
-            longest / 2
-        };
-        let span_ns = (longest - shortest).as_nanos() as u64;
-        shortest + Duration::from_nanos(self.random() % (span_ns + 1))
-    }
-
-    /// SplitMix64.
-    const fn random(&mut self) -> u64 {
-        self.random = self.random.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.random;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    //= SM2-RES-001 test
-    #[test]
-    fn waits_double_up_to_the_longest_and_differ_from_node_to_node() {
-        let limits = [10, 20, 40, 80, 160, 250, 250, 250].map(Duration::from_millis);
-        let mut seen = std::collections::BTreeSet::new();
-        for seed in 0..500 {
-            let mut backoff = Backoff::new(seed);
-            for round in 0..2 {
-                for (at, limit) in limits.into_iter().enumerate() {
-                    let wait = backoff.next();
-                    assert!(wait <= limit, "{wait:?} of {limit:?}");
-                    assert!(at == 0 || wait >= limit / 2, "{wait:?} of {limit:?}");
-                    seen.insert(wait);
-                }
-                assert!(round == 0 || seen.len() > limits.len());
-                // A session that was none changes nothing.
-                backoff.ended_after(LONGEST - Duration::from_nanos(1));
-                assert!(backoff.next() >= LONGEST / 2);
-                backoff.ended_after(LONGEST);
-            }
-        }
-        assert!(seen.len() > 7_000, "{} of 8,000 waits differ", seen.len());
-        let first = |seed| Backoff::new(seed).next();
-        let half = FIRST / 2;
-        assert!((0..100).any(|seed| first(seed) < half));
-        assert!((0..100).any(|seed| first(seed) > half));
-    }
 }

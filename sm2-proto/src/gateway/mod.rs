@@ -3,7 +3,7 @@
 //! | part | what it is about |
 //! | --- | --- |
 //! | [`Rules`] | which names go to which peer, and come from it |
-//! | [`Beacon`] | where a peer may be found |
+//! | [`Beacon`], [`discovery::Discovery`] | where a peer may be found, whom to connect to and when |
 //! | [`Frame`], [`FrameReader`] | what gateways say to each other |
 //! | [`Header`] | what stands before a payload |
 //! | [`session::Session`] | one connection with a peer |
@@ -11,6 +11,7 @@
 
 mod beacon;
 mod code;
+pub mod discovery;
 mod frames;
 mod header;
 mod id;
