@@ -363,6 +363,30 @@ fn what_the_peer_says_of_its_offers() {
     assert_eq!(bench.stream(MESSAGE, 1), not_wanted());
 }
 
+//= SM2-GWO-002 test
+#[test]
+fn wanted_again_before_its_end_is_confirmed() {
+    let want = |depth| Input::Want { offer: 1, depth };
+    let unwant = || Input::Unwant { offer: 1 };
+    let unwanted = Frame::Unwanted { offer: 1 };
+    let mut bench = Bench::open();
+    bench.offered(1, topic());
+    bench.input(want(2));
+    bench.input(unwant());
+    assert_eq!(bench.misuse(unwant()), Misuse::WrongOffer);
+    assert_eq!(bench.stream(MESSAGE, 1), [Output::Discard { stream: 7 }]);
+    assert_eq!(bench.input(want(3)), []);
+    assert_eq!(bench.stream(MESSAGE, 1), [Output::Take { stream: 7 }]);
+    assert_eq!(bench.misuse(want(3)), Misuse::WrongOffer);
+    let mut changed = Bench(bench.0.clone());
+    let again = Frame::Want { offer: 1, depth: 3 };
+    assert_eq!(bench.frame(&unwanted), [transmit(&again)]);
+    assert_eq!(bench.stream(MESSAGE, 1), [Output::Take { stream: 7 }]);
+    assert_eq!(changed.input(unwant()), []);
+    assert_eq!(changed.frame(&unwanted), []);
+    assert_eq!(changed.stream(MESSAGE, 1), [Output::Discard { stream: 7 }]);
+}
+
 //= SM2-GWO-001, SM2-GWO-003 test
 #[test]
 fn offers_that_are_refused() {
@@ -611,7 +635,6 @@ struct Pair {
     /// What each side was offered, and what of it it wants.
     known: [BTreeMap<u64, SubjectKind>; 2],
     wanting: [BTreeSet<u64>; 2],
-    unwanting: [BTreeSet<u64>; 2],
     /// What the peer of each side wants, as far as that knows.
     wanted: [BTreeSet<u64>; 2],
     calls: [BTreeSet<u64>; 2],
@@ -627,7 +650,6 @@ impl Pair {
             offers: Default::default(),
             known: Default::default(),
             wanting: Default::default(),
-            unwanting: Default::default(),
             wanted: Default::default(),
             calls: Default::default(),
             next: 0,
@@ -649,7 +671,6 @@ impl Pair {
                 Output::Gone { offer } => {
                     assert!(self.known[side].remove(&offer).is_some());
                     self.wanting[side].remove(&offer);
-                    self.unwanting[side].remove(&offer);
                 }
                 Output::Wanted { offer, .. } => assert!(self.wanted[side].insert(offer)),
                 Output::Unwanted { offer } => assert!(self.wanted[side].remove(&offer)),
@@ -671,17 +692,6 @@ impl Pair {
         let count = most.min(self.control[side].len());
         let bytes: Vec<u8> = self.control[side].drain(..count).collect();
         assert!(self.input(side, Input::Control(&bytes)));
-        // What was confirmed can be wanted anew: the machine knows it best.
-        let known: Vec<u64> = self.unwanting[side].iter().copied().collect();
-        for offer in known {
-            let mut again = self.sides[side].clone();
-            if again
-                .handle(Instant(0), Input::Want { offer, depth: 1 })
-                .is_ok()
-            {
-                self.unwanting[side].remove(&offer);
-            }
-        }
     }
 
     /// A stream arrives. Of a request: the reply sets out.
@@ -737,7 +747,10 @@ impl Pair {
             (_, 0) => (MESSAGE, messages[pick % messages.len()]),
             (_, count) => {
                 let offer = calls[pick % count];
-                assert!(self.input(side, Input::Call { stream, offer }));
+                if !self.input(side, Input::Call { stream, offer }) {
+                    // Wanted again, and the peer has not confirmed yet that it was not.
+                    return;
+                }
                 self.calls[side].insert(stream);
                 (REQUEST, offer)
             }
@@ -778,9 +791,7 @@ impl Pair {
                 }
             }
             2 => {
-                let is_free = |it: &&u64| {
-                    !self.wanting[side].contains(it) && !self.unwanting[side].contains(it)
-                };
+                let is_free = |it: &&u64| !self.wanting[side].contains(it);
                 if let Some(offer) =
                     some(self.known[side].keys().filter(is_free).copied().collect())
                 {
@@ -792,7 +803,6 @@ impl Pair {
                 if let Some(offer) = some(self.wanting[side].iter().copied().collect()) {
                     assert!(self.input(side, Input::Unwant { offer }));
                     self.wanting[side].remove(&offer);
-                    self.unwanting[side].insert(offer);
                 }
             }
             4 | 5 => self.read(side, pick),
@@ -822,7 +832,7 @@ proptest! {
         for side in [0, 1] {
             prop_assert_eq!(&pair.known[1 - side], &pair.offers[side]);
             prop_assert_eq!(&pair.wanting[1 - side], &pair.wanted[side]);
-            prop_assert!(pair.calls[side].is_empty() && pair.unwanting[side].is_empty());
+            prop_assert!(pair.calls[side].is_empty());
         }
     }
 }

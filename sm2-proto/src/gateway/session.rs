@@ -161,11 +161,15 @@ impl Session {
                 Frame::Unoffer { offer }
             }
             Input::Want { offer, depth } => {
-                self.theirs.want(offer, depth)?;
+                if !self.theirs.want(offer, depth)? {
+                    return Ok(());
+                }
                 Frame::Want { offer, depth }
             }
             Input::Unwant { offer } => {
-                self.theirs.unwant(offer)?;
+                if !self.theirs.unwant(offer)? {
+                    return Ok(());
+                }
                 self.fail_calls(|it| it == offer);
                 Frame::Unwant { offer }
             }
@@ -299,7 +303,13 @@ impl Session {
                 self.outputs.push_back(Output::Transmit(answer.to_bytes()));
                 Output::Unwanted { offer }
             }
-            Frame::Unwanted { offer } => return self.theirs.unwanted(offer),
+            Frame::Unwanted { offer } => {
+                let Some(depth) = self.theirs.unwanted(offer)? else {
+                    return Ok(());
+                };
+                let again = Frame::Want { offer, depth };
+                Output::Transmit(again.to_bytes())
+            }
             //= SM2-GWO-005
             Frame::Ask { ask, kind, name } => {
                 if self.owed.len() >= QUESTIONS_MAX {

@@ -35,7 +35,7 @@ pub enum Input<'a> {
         /// Which.
         offer: u64,
     },
-    /// What the peer offers is wanted.
+    /// What the peer offers is wanted; if that it was not has not been confirmed yet, once it is.
     Want {
         /// Which.
         offer: u64,

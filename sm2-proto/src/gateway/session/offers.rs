@@ -43,8 +43,10 @@ enum Interest {
     None,
     /// WANT was sent.
     Wanting,
-    /// UNWANT was sent.
-    Unwanting,
+    /// UNWANT was sent; whether it is wanted again once that is confirmed, and how.
+    Unwanting {
+        again: Option<u16>,
+    },
 }
 
 impl Ours {
@@ -144,22 +146,38 @@ impl Theirs {
         Ok(())
     }
 
-    pub(super) fn want(&mut self, offer: u64, depth: u16) -> Result<(), Misuse> {
+    /// Whether to say so now.
+    pub(super) fn want(&mut self, offer: u64, depth: u16) -> Result<bool, Misuse> {
         if !(1..=QOS_MAX).contains(&depth) {
             return Err(Misuse::WrongDepth);
         }
-        let their = self.offers.get_mut(&offer);
-        let their = their.filter(|it| it.interest == Interest::None);
-        let their = their.ok_or(Misuse::WrongOffer)?;
-        (their.interest, their.was_wanted) = (Interest::Wanting, true);
-        Ok(())
+        let their = self.offers.get_mut(&offer).ok_or(Misuse::WrongOffer)?;
+        let (interest, now) = match their.interest {
+            Interest::None => (Interest::Wanting, true),
+            Interest::Unwanting { again: None } => {
+                let again = Some(depth);
+                (Interest::Unwanting { again }, false)
+            }
+            Interest::Wanting | Interest::Unwanting { again: Some(_) } => {
+                return Err(Misuse::WrongOffer);
+            }
+        };
+        (their.interest, their.was_wanted) = (interest, true);
+        Ok(now)
     }
 
-    pub(super) fn unwant(&mut self, offer: u64) -> Result<(), Misuse> {
-        let their = self.offers.get_mut(&offer);
-        let their = their.filter(|it| it.interest == Interest::Wanting);
-        their.ok_or(Misuse::WrongOffer)?.interest = Interest::Unwanting;
-        Ok(())
+    /// Whether to say so now.
+    pub(super) fn unwant(&mut self, offer: u64) -> Result<bool, Misuse> {
+        let their = self.offers.get_mut(&offer).ok_or(Misuse::WrongOffer)?;
+        let now = match their.interest {
+            Interest::Wanting => true,
+            Interest::Unwanting { again: Some(_) } => false,
+            Interest::None | Interest::Unwanting { again: None } => {
+                return Err(Misuse::WrongOffer);
+            }
+        };
+        their.interest = Interest::Unwanting { again: None };
+        Ok(now)
     }
 
     /// UNOFFER came.
@@ -169,13 +187,16 @@ impl Theirs {
         gone.map(|_| ()).ok_or(PeerViolation::UnknownOffer)
     }
 
-    /// UNWANTED came.
+    /// UNWANTED came. How it is wanted again, if it is.
     //= SM2-GWO-002
-    pub(super) fn unwanted(&mut self, offer: u64) -> Result<(), PeerViolation> {
+    pub(super) fn unwanted(&mut self, offer: u64) -> Result<Option<u16>, PeerViolation> {
         let their = self.offers.get_mut(&offer);
-        let their = their.filter(|it| it.interest == Interest::Unwanting);
-        their.ok_or(PeerViolation::UnknownOffer)?.interest = Interest::None;
-        Ok(())
+        let their = their.ok_or(PeerViolation::UnknownOffer)?;
+        let Interest::Unwanting { again } = their.interest else {
+            return Err(PeerViolation::UnknownOffer);
+        };
+        their.interest = again.map_or(Interest::None, |_| Interest::Wanting);
+        Ok(again)
     }
 
     /// A message came: whether it is wanted.
@@ -183,7 +204,13 @@ impl Theirs {
     pub(super) fn admit(&self, offer: u64) -> Result<bool, PeerViolation> {
         match self.offers.get(&offer) {
             Some(it) if it.kind == SubjectKind::Topic && it.was_wanted => {
-                Ok(it.interest == Interest::Wanting)
+                let is_wanted = |it| {
+                    matches!(
+                        it,
+                        Interest::Wanting | Interest::Unwanting { again: Some(_) }
+                    )
+                };
+                Ok(is_wanted(it.interest))
             }
             // Streams and frames have no common order.
             None if (1..=self.last).contains(&offer) => Ok(false),
