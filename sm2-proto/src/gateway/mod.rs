@@ -7,6 +7,7 @@
 //! | [`Frame`], [`FrameReader`] | what gateways say to each other |
 //! | [`Header`] | what stands before a payload |
 //! | [`session::Session`] | one connection with a peer |
+//! | [`router::Router`] | which offers are made, used and passed on |
 //! | [`schedule::Schedule`] | which message goes to a peer next |
 
 mod beacon;
@@ -16,6 +17,7 @@ mod frames;
 mod header;
 mod id;
 mod pattern;
+pub mod router;
 mod rules;
 pub mod schedule;
 pub mod session;

@@ -1,0 +1,206 @@
+//! Which offers a gateway makes, uses and passes on: SPEC sections 14.3 and 14.6.
+//!
+//! What is there and who wants what goes in with [`handle`](Router::handle); what follows from it
+//! comes out of [`poll`](Router::poll), as differences. Everything is decided anew for
+//! a subject when something about it changes, from what is so now: no order of
+//! events leads anywhere else.
+
+mod input;
+mod subject;
+
+use alloc::{
+    collections::{BTreeMap, VecDeque},
+    vec::Vec,
+};
+
+pub use self::input::{Input, Output, Source};
+use self::subject::SubjectState;
+use super::{Direction, GatewayId, Hop, Rules, Subject};
+
+/// The routes of one gateway.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Router {
+    me: Hop,
+    rules: Rules,
+    /// The peers that there is a connection with, and the last number of an offer to each.
+    peers: BTreeMap<GatewayId, u64>,
+    subjects: BTreeMap<Subject, SubjectState>,
+    /// The offers of peers, and those to them, by their numbers.
+    theirs: BTreeMap<(GatewayId, u64), Subject>,
+    ours: BTreeMap<(GatewayId, u64), Subject>,
+    outputs: VecDeque<Output>,
+}
+
+impl Router {
+    /// A gateway that knows of nothing.
+    #[must_use]
+    pub fn new(me: Hop, rules: Rules) -> Self {
+        Self {
+            me,
+            rules,
+            peers: BTreeMap::new(),
+            subjects: BTreeMap::new(),
+            theirs: BTreeMap::new(),
+            ours: BTreeMap::new(),
+            outputs: VecDeque::new(),
+        }
+    }
+
+    /// Takes one input. What it says of a peer without a connection, or of an offer that is not
+    /// there, changes nothing.
+    pub fn handle(&mut self, input: Input) {
+        match input {
+            Input::Rules(rules) => {
+                self.rules = rules;
+                self.settle_all();
+            }
+            Input::Up { peer } => {
+                self.down(peer);
+                self.peers.insert(peer, 0);
+                self.settle_all();
+            }
+            Input::Down { peer } => self.down(peer),
+            Input::Local { subject, present } => {
+                self.subject(&subject).local = present;
+                self.settle(&subject);
+            }
+            Input::Taken {
+                subject,
+                origin,
+                taken,
+            } => {
+                let state = self.subject(&subject);
+                match taken {
+                    Some(depth) => state.taken.insert(origin, depth),
+                    None => state.taken.remove(&origin),
+                };
+                self.settle(&subject);
+            }
+            Input::Offered {
+                peer,
+                offer,
+                subject,
+                path,
+            } => {
+                if self.peers.contains_key(&peer) && !path.is_empty() {
+                    self.theirs.insert((peer, offer), subject.clone());
+                    self.subject(&subject).theirs.insert((peer, offer), path);
+                    self.settle(&subject);
+                }
+            }
+            Input::Gone { peer, offer } => {
+                if let Some(subject) = self.theirs.remove(&(peer, offer)) {
+                    self.subject(&subject).gone((peer, offer));
+                    self.settle(&subject);
+                }
+            }
+            Input::Wanted { peer, offer, depth } => self.wanted(peer, offer, Some(depth)),
+            Input::Unwanted { peer, offer } => self.wanted(peer, offer, None),
+        }
+        self.invariants();
+    }
+
+    /// The next thing to do.
+    pub fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// To whom a message goes, or who may call: peers, each with the number of the offer.
+    pub fn takers(
+        &self,
+        subject: &Subject,
+        source: Source,
+    ) -> impl Iterator<Item = (GatewayId, u64)> {
+        let state = self.subjects.get(subject);
+        state.into_iter().flat_map(move |it| it.takers(source))
+    }
+
+    /// Of whom an offer of this gateway's is.
+    #[must_use]
+    pub fn source(&self, peer: GatewayId, offer: u64) -> Option<(&Subject, Source)> {
+        let subject = self.ours.get(&(peer, offer))?;
+        let source = self.subjects.get(subject)?.source(peer, offer)?;
+        Some((subject, source))
+    }
+
+    fn subject(&mut self, subject: &Subject) -> &mut SubjectState {
+        self.subjects.entry(subject.clone()).or_default()
+    }
+
+    fn wanted(&mut self, peer: GatewayId, offer: u64, depth: Option<u16>) {
+        if let Some(subject) = self.ours.get(&(peer, offer)).cloned() {
+            self.subject(&subject).wanted(peer, offer, depth);
+            self.settle(&subject);
+        }
+    }
+
+    /// The connection is over: nothing is left of what was said on it.
+    fn down(&mut self, peer: GatewayId) {
+        if self.peers.remove(&peer).is_none() {
+            return;
+        }
+        self.theirs.retain(|(of, _), _| *of != peer);
+        self.ours.retain(|(to, _), _| *to != peer);
+        for state in self.subjects.values_mut() {
+            state.forget(peer);
+        }
+        self.settle_all();
+    }
+
+    fn settle_all(&mut self) {
+        let all: Vec<Subject> = self.subjects.keys().cloned().collect();
+        for subject in &all {
+            self.settle(subject);
+        }
+    }
+
+    /// Makes everything about a subject as it has to be.
+    //= SM2-GWO-003, SM2-GWO-004, SM2-GWR-003
+    fn settle(&mut self, subject: &Subject) {
+        let Some(mut state) = self.subjects.remove(subject) else {
+            return;
+        };
+        let (kind, name) = (subject.kind(), subject.name());
+        let allows = |direction, peer: &GatewayId| self.rules.allow(kind, name, direction, peer);
+        let routes = state.best_routes(|peer| allows(Direction::In, peer));
+        let sources = state.sources(&routes, self.me);
+        let withdrawn = state.withdraw(|peer, source, path| {
+            sources.get(&source) == Some(path) && allows(Direction::Out, peer)
+        });
+        for (peer, offer) in withdrawn {
+            self.ours.remove(&(peer, offer));
+            self.outputs.push_back(Output::Unoffer { peer, offer });
+        }
+        for (&source, path) in &sources {
+            for (peer, last) in &mut self.peers {
+                let comes_from = path.iter().any(|it| it.gateway == *peer);
+                if comes_from || !allows(Direction::Out, peer) || state.is_offered(*peer, source) {
+                    continue;
+                }
+                *last += 1;
+                let (peer, offer) = (*peer, *last);
+                state.offer(peer, source, offer, path.clone());
+                self.ours.insert((peer, offer), subject.clone());
+                self.outputs.push_back(Output::Offer {
+                    peer,
+                    offer,
+                    subject: subject.clone(),
+                    path: path.clone(),
+                });
+            }
+        }
+        state.use_routes(subject, &routes, &mut self.outputs);
+        state.subscribe(subject, &mut self.outputs);
+        if !state.is_idle() {
+            self.subjects.insert(subject.clone(), state);
+        }
+    }
+
+    /// What must hold between any two calls.
+    fn invariants(&self) {
+        let theirs = self.subjects.values().map(|it| it.theirs.len());
+        debug_assert_eq!(theirs.sum::<usize>(), self.theirs.len());
+        let ours = self.subjects.values().map(SubjectState::offers);
+        debug_assert_eq!(ours.sum::<usize>(), self.ours.len());
+    }
+}
