@@ -170,6 +170,21 @@ fn a_server_that_writes_where_the_caller_does() {
     assert_eq!((counters.offered, counters.closed), (2, 2));
 }
 
+/// Those that never got into the ring as well.
+//= SM2-QOS-004 test
+#[test]
+fn calls_that_waited_are_closed_by_the_end() {
+    let mut pair = pair();
+    for _ in 0..4 {
+        pair.call();
+    }
+    assert!(pair.caller.link.ring_is_waiting());
+    let eof = pair.caller.link.handle(NOW, Input::Eof);
+    assert_eq!(eof, Ok(()));
+    let counters = pair.caller.link.counters();
+    assert_eq!((counters.offered, counters.closed), (4, 4));
+}
+
 /// What a caller finds after the calls 1 and 3, as the first reply.
 //= SM2-RNG-004, SM2-SRV-003 test
 #[test]

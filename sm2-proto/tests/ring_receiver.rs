@@ -20,6 +20,7 @@ use sm2_proto::{
 fn a_delivery_says_what_the_head_says() {
     let mut rig = Rig::open(false, 2, 1);
     assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
+    assert_eq!(rig.ends[RECEIVER].ring_waiting(&rig.words), 0);
     assert_eq!(rig.take(), Ok(None));
     rig.send(4, 3).unwrap();
     assert!(rig.ends[RECEIVER].ring_ready(&rig.words));

@@ -170,12 +170,7 @@ impl Link {
 
     fn handle_ended(&mut self, input: &Input<'_>) {
         match input {
-            Input::Release { sequence } => {
-                self.inbound.forget(*sequence);
-                if let Some(receiver) = ring::receiver_of(&mut self.ring) {
-                    receiver.forget(*sequence);
-                }
-            }
+            Input::Release { sequence } => self.inbound.forget(*sequence),
             Input::Blocked => self.farewell = None,
             _ => {}
         }

@@ -226,11 +226,6 @@ impl RingReceiver {
         Some(Ok(super::wants_bell(words, At::SenderParked)))
     }
 
-    /// The application gives a message back, of which the other side need not know.
-    pub(in crate::link) fn forget(&mut self, sequence: u64) -> Option<Word> {
-        self.borrowed.remove(sequence)
-    }
-
     /// Whether the application holds a message in this segment.
     pub(in crate::link) fn holds(&self, segment: u32) -> bool {
         self.borrowed.is_in(segment)
