@@ -223,6 +223,17 @@ fn one_offer_of_each_origin_is_used() {
         offer: 2,
     });
     assert!(outputs.contains(&show(5, 1)), "{outputs:?}");
+    // A number says one thing.
+    assert_eq!(bench.offered(2, &[5, 1]), []);
+    assert_eq!(
+        bench.input(Input::Offered {
+            peer: id(1),
+            offer: 2,
+            subject: topic("b"),
+            path: path(&[1]),
+        }),
+        []
+    );
     // Another origin is another matter.
     let outputs = bench.offered(9, &[8, 2]);
     assert!(outputs.contains(&show(8, 2)) && !outputs.contains(&hide(5)));

@@ -46,8 +46,8 @@ impl Router {
         }
     }
 
-    /// Takes one input. What it says of a peer without a connection, or of an offer that is not
-    /// there, changes nothing.
+    /// Takes one input. What it says of a peer without a connection, of an offer that is not
+    /// there, or of a number a second time, changes nothing.
     pub fn handle(&mut self, input: Input) {
         match input {
             Input::Rules(rules) => {
@@ -82,7 +82,8 @@ impl Router {
                 subject,
                 path,
             } => {
-                if self.peers.contains_key(&peer) && !path.is_empty() {
+                let is_new = !self.theirs.contains_key(&(peer, offer));
+                if is_new && self.peers.contains_key(&peer) && !path.is_empty() {
                     self.theirs.insert((peer, offer), subject.clone());
                     self.subject(&subject).theirs.insert((peer, offer), path);
                     self.settle(&subject);
