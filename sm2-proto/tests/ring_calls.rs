@@ -55,9 +55,13 @@ fn each_end_makes_the_ring_that_it_takes_from() {
 //= SM2-RNG-002 test
 #[test]
 fn a_caller_has_a_place_for_each_reply_within_the_limits() {
-    for (depth, max_borrowed, expected) in
-        [(1, 1, 1), (1, 64, 64), (1, 1024, 1024), (1024, 1024, 1024)]
-    {
+    for (depth, max_borrowed, expected) in [
+        (1, 1, 1),
+        (1, 64, 64),
+        (1, 1023, 1023),
+        (1, 1024, 1024),
+        (1024, 1024, 1024),
+    ] {
         let config = Config {
             depth,
             max_borrowed,
@@ -196,10 +200,9 @@ fn what_can_never_be_sent_is_refused_at_once() {
     expect(RingMessage { segment, ..good }, Misuse::BadSegment);
     expect(request(5, 8), Misuse::SlotOutside);
     expect(RingMessage { len: 4033, ..good }, Misuse::TooLong);
-    assert_eq!(
-        pair.caller.link.ring_send(words, &good, |_, _| {}),
-        Ok(false)
-    );
+    let longest = RingMessage { len: 4032, ..good };
+    let sent = pair.caller.link.ring_send(words, &longest, |_, _| {});
+    assert_eq!(sent, Ok(false));
     let late = pair.caller.link.ring_send(words, &request(5, 1), |_, _| {});
     assert_eq!(late, Err(Error::Misuse(Misuse::IdNotGrowing)));
     let reply = (pair.server.link).ring_send(&pair.world.rings[CALLER], &good, |_, _| {});

@@ -195,6 +195,7 @@ fn the_bell_rings_once_for_who_is_parked() {
     assert_eq!(rig.send(3, 3), Ok(false), "once is enough");
     rig.ends[RECEIVER].ring_park(&rig.words);
     rig.ends[RECEIVER].ring_unpark(&rig.words);
+    assert_eq!(rig.words.read(At::ReceiverParked), 0);
     rig.ends[SENDER].ring_park(&rig.words);
     assert_eq!(rig.words.read(At::SenderParked), 1);
     assert_eq!(rig.release(delivery.sequence), Ok(true));

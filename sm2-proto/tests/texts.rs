@@ -1,7 +1,7 @@
 //! What people read of values: in errors, and where a program prints them.
 
 use sm2_proto::{
-    Code, Farewell, Name,
+    Code, Farewell, LinkId, Name,
     link::wire::Frame,
     manager::{Manager, Policy},
 };
@@ -10,6 +10,15 @@ use sm2_proto::{
 fn a_value_that_is_no_name_is_said_to_be_none() {
     let error = serde_json::from_str::<Name>("7").expect_err("a number");
     assert!(error.to_string().contains("expected a name"), "{error}");
+}
+
+#[test]
+fn a_link_is_called_by_its_epoch_and_number() {
+    let link = LinkId {
+        epoch: 0xab,
+        serial: 12,
+    };
+    assert_eq!(link.to_string(), "link ab.12");
 }
 
 #[test]

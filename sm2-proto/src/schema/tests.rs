@@ -155,6 +155,24 @@ fn plain_values_lie_one_behind_the_other() {
 }
 
 #[test]
+fn encodings_by_their_names() {
+    let encoding = |text: &str| parsed(text).encoding;
+    assert_eq!(encoding("plain:u8"), Encoding::Plain);
+    assert_eq!(encoding("postcard:u8"), Encoding::Postcard);
+    assert_eq!(encoding("json:u8"), Encoding::Json);
+    assert_eq!(encoding("cdr:u8"), Encoding::Other("cdr".into()));
+}
+
+/// Brackets beside each other are not inside each other.
+//= SM2-TYP-001 test
+#[test]
+fn width_is_not_depth() {
+    let fields = (0..2 * SCHEMA_DEPTH_MAX).map(|field| format!("f{field}:list[u8],"));
+    let text = format!("plain:struct{{{}}}", fields.collect::<String>());
+    assert_eq!(parsed(&text).to_string(), text);
+}
+
+#[test]
 fn names_of_fields_and_variants() {
     for text in ["a", "Z", "0", "_", "-", "a_9-Z", "größe", "\u{a0}", "名"] {
         assert!(is_name(text), "{text}");
