@@ -206,7 +206,7 @@ fn greetings() {
         ended(PeerViolation::ExpectedHello)
     );
     let end = End::Violation(PeerViolation::ExpectedHello);
-    assert_eq!(first.0.end_cause(), Some(end));
+    assert_eq!(first.0.end(), Some(end));
     assert_eq!(first.misuse(Input::Tick), Misuse::Ended);
 }
 
@@ -616,7 +616,7 @@ fn both_ways_to_end_it() {
             _ => End::Closed(None),
         };
         assert_eq!(bench.input(input), [Output::Ended(end)]);
-        assert_eq!(bench.0.end_cause(), Some(end));
+        assert_eq!(bench.0.end(), Some(end));
         assert_eq!(bench.misuse(Input::Control(&[1])), Misuse::Ended);
     }
     // What stands behind the frame that ended it is not read.

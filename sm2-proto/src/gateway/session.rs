@@ -96,11 +96,11 @@ impl Session {
             }
             Input::Stream { stream, header } => self.stream(stream, &header),
             Input::Closed(code) => {
-                self.end(End::Closed(code));
+                self.finish(End::Closed(code));
                 Ok(())
             }
             Input::Close(code) => {
-                self.end(End::Local(code));
+                self.finish(End::Local(code));
                 Ok(())
             }
             Input::Tick => {
@@ -110,7 +110,7 @@ impl Session {
             other => return self.ask_for(other),
         };
         if let Err(violation) = judged {
-            self.end(End::Violation(violation));
+            self.finish(End::Violation(violation));
         }
         Ok(())
     }
@@ -131,7 +131,7 @@ impl Session {
 
     /// Why it is over.
     #[must_use]
-    pub const fn end_cause(&self) -> Option<End> {
+    pub const fn end(&self) -> Option<End> {
         match self.state {
             Err(end) => Some(end),
             Ok(_) => None,
@@ -141,7 +141,7 @@ impl Session {
     //= SM2-GWF-001
     fn check_greeting(&mut self, now: Instant) {
         if self.deadline().is_some_and(|until| until <= now) {
-            self.end(End::Local(PeerFarewell::GreetingTimeout.code()));
+            self.finish(End::Local(PeerFarewell::GreetingTimeout.code()));
         }
     }
 
@@ -255,9 +255,9 @@ impl Session {
             return Err(PeerViolation::BadVersionRange);
         }
         if min_version > VERSION {
-            self.end(End::Local(PeerFarewell::Version.code()));
+            self.finish(End::Local(PeerFarewell::Version.code()));
         } else if epoch < self.least_epoch {
-            self.end(End::Local(PeerFarewell::Stale.code()));
+            self.finish(End::Local(PeerFarewell::Stale.code()));
         } else {
             self.state = Ok(Phase::Open { epoch });
             self.outputs.push_back(Output::Greeted { epoch, name });
@@ -376,7 +376,7 @@ impl Session {
         });
     }
 
-    fn end(&mut self, end: End) {
+    fn finish(&mut self, end: End) {
         self.state = Err(end);
         self.fail_calls(|_| true);
         self.outputs.push_back(Output::Ended(end));

@@ -20,7 +20,8 @@ pub struct Entry {
 /// The violations of SPEC section 10: the codes from 16 on.
 #[must_use]
 pub fn entries() -> Vec<Entry> {
-    let section = SPEC.split("## 10. Codes").nth(1).expect("section 10");
+    let section = SPEC.split("\n## ").find(|it| it.starts_with("10. Codes"));
+    let section = section.expect("section 10");
     let rows = section.lines().filter(|line| line.starts_with("| "));
     let entries = rows.filter_map(|line| {
         let cells: Vec<&str> = line.split('|').map(str::trim).collect();
