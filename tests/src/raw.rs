@@ -54,6 +54,13 @@ impl RawPeer {
         Self::new(socket.expect("a connection"))
     }
 
+    /// Whether the other side has read all that was sent.
+    #[must_use]
+    #[track_caller]
+    pub fn is_read(&self) -> bool {
+        self.socket.unread_bytes().expect("a connected socket") == 0
+    }
+
     /// Sends one datagram.
     #[track_caller]
     pub fn send(&self, bytes: impl AsRef<[u8]>) {

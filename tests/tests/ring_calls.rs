@@ -227,8 +227,9 @@ fn a_cancel_may_come_before_its_request_and_after_its_reply() {
     }
     victim.answers_its_friend();
     assert_eq!(raw.link.verdict(), None);
-    // And once one that is never made.
+    // And once one that is never made: it has to be read before the request that shows it.
     raw.link.end.send(cancel(21));
+    eventually("the CANCEL is read", || raw.link.end.is_read());
     raw.requests.fill(0, b"payload", head(22, 7));
     raw.requests.put(21, word(1, 0, 21));
     raw.requests.bell(&raw.link);
