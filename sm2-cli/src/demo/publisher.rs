@@ -28,6 +28,8 @@ const GATHERING: Duration = Duration::from_secs(20);
 
 /// How long subscribers may take to check what is published, at the end.
 const SETTLING: Duration = Duration::from_secs(5);
+/// How often it looks for that.
+const LOOK: Duration = Duration::from_millis(10);
 
 /// How often it reports.
 const SECOND: Duration = Duration::from_secs(1);
@@ -102,7 +104,9 @@ fn publish(
 fn settle(node: &Node, publisher: &Publisher<[u8]>) -> Result<(), CliError> {
     let until = clock::now().after(SETTLING);
     while publisher.counters().in_flight > 0 && clock::now() < until {
-        let ready = step(node, &[(io::stdin().as_fd(), For::Reading)], Some(until))?;
+        // What comes back by a ring wakes nobody who does not wait for room.
+        let soon = clock::now().after(LOOK).min(until);
+        let ready = step(node, &[(io::stdin().as_fd(), For::Reading)], Some(soon))?;
         if ready == [true] {
             break;
         }
