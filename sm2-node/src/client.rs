@@ -196,6 +196,14 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     }
 }
 
+#[cfg(feature = "tokio")]
+impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
+    /// See [`Handle::silenced`].
+    pub(crate) fn silenced(&self) -> Arc<tokio::sync::Notify> {
+        Arc::clone(&self.handle.silenced)
+    }
+}
+
 impl<Q: Message + ?Sized, R: Message + ?Sized> AsFd for Client<Q, R> {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.handle.descriptor()

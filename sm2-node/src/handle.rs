@@ -35,6 +35,10 @@ pub(crate) struct Handle {
     pool_limit_bytes: u64,
     /// Made when somebody asks for a descriptor; none if that failed.
     bell: OnceLock<Option<Bell>>,
+    /// Tasks that wait for the descriptor, to be told when somebody else silences it: the
+    /// runtime learns of changes alone, and this one is over before it asks.
+    #[cfg(feature = "tokio")]
+    pub(crate) silenced: Arc<tokio::sync::Notify>,
 }
 
 impl Handle {
@@ -66,6 +70,8 @@ impl Handle {
             matched: 0,
             pool_limit_bytes,
             bell: OnceLock::new(),
+            #[cfg(feature = "tokio")]
+            silenced: Arc::default(),
         };
         let until = until(Some(shared.patience));
         let answer = shared.wait(Topic::Interface(id), until, |inner| {
@@ -301,7 +307,10 @@ impl Handle {
         let Some(Some(bell)) = self.bell.get() else {
             return false;
         };
-        bell.silence(inner);
+        if bell.silence(inner) {
+            #[cfg(feature = "tokio")]
+            self.silenced.notify_waiters();
+        }
         inner.park(Topic::Interface(self.id))
     }
 

@@ -2,11 +2,12 @@
 
 mod common;
 
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use common::{Domain, SOON, pair};
-use futures_util::{SinkExt, StreamExt};
+use common::{Domain, LANES, SOON, pair};
+use futures_util::{SinkExt, StreamExt, poll};
 use sm2_node::asynchronous::{IntoAsync, drive};
 use sm2_node::{CallError, Message, PublishError, Publisher, Subscriber};
 
@@ -234,6 +235,38 @@ fn a_call_that_is_dropped_is_cancelled() {
         let late = client.call(&2, Duration::from_millis(20)).await;
         assert!(matches!(late, Err(CallError::DeadlineExceeded { .. })));
     });
+}
+
+/// Whoever asks for its own reply may be the one that reads the reply of another task.
+//= SM2-RNG-009 test
+#[test]
+fn a_task_is_woken_though_another_one_took_note_of_its_reply() {
+    for lane in LANES {
+        let domain = Domain::new();
+        let (asks, answers) = (domain.node_on(lane, "asks"), domain.node_on(lane, "answers"));
+        let server = answers.server::<u64, u64>("echo").expect("granted");
+        let client = asks.client::<u64, u64>("echo").expect("granted");
+        run(async {
+            let client = client.into_async().expect("watched");
+            let mut waiting = pin!(client.call(&1, SOON));
+            let request = loop {
+                assert!(poll!(&mut waiting).is_pending());
+                if let Some(request) = server.try_recv().expect("received") {
+                    break request;
+                }
+                tokio::task::yield_now().await;
+            };
+            let mut other = client.get_ref().send(&2, Some(SOON)).expect("sent");
+            // Now it sleeps, and the runtime knows of no change.
+            for _ in 0..10 {
+                tokio::task::yield_now().await;
+                assert!(poll!(&mut waiting).is_pending());
+            }
+            request.reply(&1).expect("replied");
+            assert!(other.try_wait().expect("no reply yet").is_none());
+            assert_eq!(*waiting.await.expect("replied"), 1);
+        });
+    }
 }
 
 #[test]

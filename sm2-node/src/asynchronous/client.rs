@@ -62,6 +62,9 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> IntoAsync for Client<Q, R> {
     type Async = AsyncClient<Q, R>;
 
     fn into_async(self) -> io::Result<AsyncClient<Q, R>> {
-        Watched::new(self).map(AsyncClient)
+        // Each task waits for a reply of its own, and any of them may find that there is
+        // nothing more for it.
+        let silenced = self.silenced();
+        Watched::new(self, silenced).map(AsyncClient)
     }
 }

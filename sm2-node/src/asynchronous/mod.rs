@@ -39,6 +39,7 @@ use std::convert::Infallible;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::pin::pin;
+use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
@@ -77,7 +78,7 @@ pub trait IntoAsync: Sized {
 ///
 /// Outside of a tokio runtime with I/O enabled.
 pub async fn drive(node: Node) -> io::Result<Infallible> {
-    let node = Watched::new(node)?;
+    let node = Watched::new(node, Arc::default())?;
     let error = node.wait(|node| node.spin_once(None).err()).await?;
     Err(error)
 }
@@ -93,15 +94,15 @@ struct Watched<S: AsFd> {
     fd: AsyncFd<OwnedFd>,
     source: S,
     /// Whoever takes note of a change tells all others who wait for the same descriptor.
-    changed: Notify,
+    changed: Arc<Notify>,
 }
 
 impl<S: AsFd> Watched<S> {
-    fn new(source: S) -> io::Result<Self> {
+    fn new(source: S, changed: Arc<Notify>) -> io::Result<Self> {
         Ok(Self {
             fd: sm2_io::watch_readable(source.as_fd())?,
             source,
-            changed: Notify::new(),
+            changed,
         })
     }
 

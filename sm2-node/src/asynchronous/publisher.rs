@@ -4,6 +4,7 @@ use std::borrow::Borrow;
 use std::future::poll_fn;
 use std::io;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 
 use futures_util::Sink;
@@ -98,7 +99,7 @@ impl<T: Message + ?Sized> IntoAsync for Publisher<T> {
 
     fn into_async(self) -> io::Result<AsyncPublisher<T>> {
         Ok(AsyncPublisher {
-            publisher: Watched::new(self)?,
+            publisher: Watched::new(self, Arc::default())?,
             under_way: None,
             published: None,
         })

@@ -5,6 +5,7 @@ use std::convert::Infallible;
 use std::fmt::Display;
 use std::io;
 use std::pin::{Pin, pin};
+use std::sync::Arc;
 use std::task::{Context, Poll};
 
 use futures_util::future::{Either, select};
@@ -93,7 +94,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> IntoAsync for Server<Q, R> {
     type Async = AsyncServer<Q, R>;
 
     fn into_async(self) -> io::Result<AsyncServer<Q, R>> {
-        Watched::new(self).map(AsyncServer)
+        Watched::new(self, Arc::default()).map(AsyncServer)
     }
 }
 

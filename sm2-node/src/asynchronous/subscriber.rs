@@ -2,6 +2,7 @@
 
 use std::io;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll};
 
 use futures_util::Stream;
@@ -43,7 +44,7 @@ impl<T: Message + ?Sized> IntoAsync for Subscriber<T> {
     type Async = AsyncSubscriber<T>;
 
     fn into_async(self) -> io::Result<AsyncSubscriber<T>> {
-        Watched::new(self).map(AsyncSubscriber)
+        Watched::new(self, Arc::default()).map(AsyncSubscriber)
     }
 }
 

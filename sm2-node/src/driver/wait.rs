@@ -86,13 +86,15 @@ impl Sleepers {
         self.spare.push(Arc::clone(waker));
     }
 
-    /// The sleeper has seen all that happened up to now.
-    fn calm(&mut self, waker: &Arc<Waker>) {
+    /// The sleeper has seen all that happened up to now; whether anything did.
+    fn calm(&mut self, waker: &Arc<Waker>) -> bool {
         let sleeper = self.all.iter_mut().find(|it| Arc::ptr_eq(&it.waker, waker));
-        if let Some(sleeper) = sleeper.filter(|it| it.woken) {
-            sleeper.woken = false;
-            sleeper.waker.drain();
-        }
+        let Some(sleeper) = sleeper.filter(|it| it.woken) else {
+            return false;
+        };
+        sleeper.woken = false;
+        sleeper.waker.drain();
+        true
     }
 }
 
@@ -237,9 +239,9 @@ impl Bell {
         Ok(bell)
     }
 
-    /// Nothing is there any more: readable again when something comes.
-    pub(crate) fn silence(&self, inner: &mut Inner) {
-        inner.sleepers.calm(&self.waker);
+    /// Nothing is there any more: readable again when something comes. Whether it was rung.
+    pub(crate) fn silence(&self, inner: &mut Inner) -> bool {
+        inner.sleepers.calm(&self.waker)
     }
 
     /// Nobody polls it any more.
