@@ -243,7 +243,10 @@ fn a_call_that_is_dropped_is_cancelled() {
 fn a_task_is_woken_though_another_one_took_note_of_its_reply() {
     for lane in LANES {
         let domain = Domain::new();
-        let (asks, answers) = (domain.node_on(lane, "asks"), domain.node_on(lane, "answers"));
+        let (asks, answers) = (
+            domain.node_on(lane, "asks"),
+            domain.node_on(lane, "answers"),
+        );
         let server = answers.server::<u64, u64>("echo").expect("granted");
         let client = asks.client::<u64, u64>("echo").expect("granted");
         run(async {
