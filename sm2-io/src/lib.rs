@@ -21,6 +21,7 @@
 //! | [`waker`] | [`Waker`]: waking a loop from another thread |
 //! | [`timer`] | [`Timer`]: waking a loop at a moment |
 //! | [`clock`] | [`now`](clock::now) |
+//! | `quic` | QUIC between gateways (feature `quic`) |
 //!
 //! # Where `unsafe` lives
 //!
@@ -52,6 +53,8 @@ mod listener;
 mod loan;
 pub mod mapping;
 pub mod memfd;
+#[cfg(feature = "quic")]
+pub mod quic;
 pub mod ring;
 #[cfg(feature = "tokio")]
 mod runtime;

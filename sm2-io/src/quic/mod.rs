@@ -1,0 +1,19 @@
+//! QUIC between gateways (SPEC section 14.1): who is who, what is agreed on, and the UDP socket.
+//!
+//! The protocol itself is [`quinn_proto`], which does no I/O and reads no clock. What a gateway
+//! says by it is decided by the machines of [`sm2_proto::gateway`]; the driver that feeds both is
+//! in `sm2-gateway`.
+
+mod endpoint;
+mod key;
+mod socket;
+mod tls;
+mod transport;
+
+pub use self::{
+    endpoint::{Arrival, Endpoint, peer_of},
+    key::{KeyError, SecretKey},
+    socket::{Batch, Socket},
+    tls::Trusted,
+    transport::{ALPN, CALLS_MAX, Congestion, IDLE, KEEP_ALIVE},
+};
