@@ -41,6 +41,16 @@ codes! {
     }
 }
 
+codes! {
+    /// Why a stream was reset, or is not read any more.
+    StreamEnd {
+        Superseded = 112, "superseded", "SM2-GWM-004";
+        Expired = 113, "expired", "SM2-GWM-004";
+        Withdrawn = 114, "withdrawn", "SM2-GWM-004";
+        Cancelled = 115, "cancelled", "SM2-GWS-003";
+    }
+}
+
 impl From<Violation> for PeerViolation {
     /// Of the body of a frame.
     fn from(violation: Violation) -> Self {

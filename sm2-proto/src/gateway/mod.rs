@@ -24,7 +24,7 @@ pub mod session;
 
 pub use self::{
     beacon::{BEACON_LEN, Beacon, NoBeacon},
-    code::{PeerFarewell, PeerViolation},
+    code::{PeerFarewell, PeerViolation, StreamEnd},
     frames::{Frame, FrameReader, Hop, Subject, Verdict},
     header::{Carried, HEADER_LEN, Header, Outcome},
     id::{GatewayId, GatewayIdError},

@@ -95,6 +95,7 @@ impl Session {
                 self.read()
             }
             Input::Stream { stream, header } => self.stream(stream, &header),
+            Input::Violation(violation) => Err(violation),
             Input::Closed(code) => {
                 self.finish(End::Closed(code));
                 Ok(())
@@ -201,6 +202,7 @@ impl Session {
             }
             Input::Control(_)
             | Input::Stream { .. }
+            | Input::Violation(_)
             | Input::Closed(_)
             | Input::Close(_)
             | Input::Tick => return Ok(()),

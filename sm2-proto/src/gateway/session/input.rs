@@ -19,6 +19,8 @@ pub enum Input<'a> {
     },
     /// The connection is over; the peer's code, if it said one. Also if the control stream ended.
     Closed(Option<Code>),
+    /// The peer broke SPEC in what never comes here: the payload of a stream.
+    Violation(PeerViolation),
     /// End the connection.
     Close(Code),
     /// The peer may have this.

@@ -217,7 +217,9 @@ pub(crate) fn bell() {
                 let mut inner = node.driven();
                 match inner.take(ONE) {
                     Some(()) => missing -= 1,
-                    None => bell.silence(&mut inner),
+                    None => {
+                        bell.silence(&mut inner);
+                    }
                 }
             }
             bell.remove(&mut node.lock());

@@ -1,0 +1,3 @@
+//! Gateways.
+pub mod clock;
+pub mod peer;

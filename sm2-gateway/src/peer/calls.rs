@@ -1,0 +1,135 @@
+//! Calls, both ways.
+
+use std::collections::BTreeMap;
+
+use bytes::Bytes;
+use quinn_proto::{Connection, Dir, StreamId, VarInt};
+use sm2_proto::{
+    Instant,
+    gateway::{Carried, Header, Outcome, StreamEnd, session::Input},
+};
+
+use super::{
+    Peer,
+    outgoing::{Outgoing, Written},
+    stream_id, unreachable_call,
+};
+use crate::clock::Now;
+
+/// The calls of a connection that are not over.
+#[derive(Debug, Default)]
+pub(super) struct Calls {
+    /// Those of this side, by their streams: the caller's names for them.
+    tickets: BTreeMap<StreamId, u64>,
+    /// Those of the peer's that wait for a reply: the offers that they were for.
+    came: BTreeMap<StreamId, u64>,
+    /// Requests and replies that are not written whole.
+    writing: Vec<Outgoing>,
+}
+
+impl Calls {
+    /// A call of the peer's is to be replied to.
+    pub(super) fn came(&mut self, id: StreamId, offer: u64) {
+        self.came.insert(id, offer);
+    }
+
+    /// No reply to it is due any more; if one was: the offer that it was for.
+    pub(super) fn settled(&mut self, id: StreamId) -> Option<u64> {
+        self.came.remove(&id)
+    }
+
+    /// A call of this side has its reply, or will have none: the caller's name for it.
+    pub(super) fn is_over(&mut self, id: StreamId) -> Option<u64> {
+        self.tickets.remove(&id)
+    }
+
+    /// Whatever comes, nobody reads it.
+    pub(super) fn abandon(&mut self, id: StreamId, connection: &mut Connection) -> Option<u64> {
+        let ticket = self.tickets.remove(&id)?;
+        let code = VarInt::from_u32(StreamEnd::Cancelled.code().0.into());
+        self.writing.retain(|it| it.stream != id);
+        // What is closed already needs neither.
+        let _ = connection.send_stream(id).reset(code);
+        let _ = connection.recv_stream(id).stop(code);
+        Some(ticket)
+    }
+
+    /// The connection is over: the calls without a reply.
+    pub(super) fn end(&mut self) -> impl Iterator<Item = u64> + use<> {
+        self.writing.clear();
+        self.came.clear();
+        std::mem::take(&mut self.tickets).into_values()
+    }
+
+    pub(super) fn write(&mut self, connection: &mut Connection) {
+        self.writing
+            .retain_mut(|outgoing| outgoing.write(connection) == Written::Part);
+    }
+}
+
+impl Peer {
+    //= SM2-GWS-001
+    pub(super) fn call(
+        &mut self,
+        now: Now,
+        ticket: u64,
+        offer: u64,
+        deadline: Option<Instant>,
+        payload: Bytes,
+    ) {
+        let Some(id) = self.connection.streams().open(Dir::Bi) else {
+            return self.events.push_back(unreachable_call(ticket));
+        };
+        let stream = id.into();
+        if !self.session_takes(now, Input::Call { stream, offer }) {
+            let code = VarInt::from_u32(StreamEnd::Cancelled.code().0.into());
+            let _ = self.connection.send_stream(id).reset(code);
+            return self.events.push_back(unreachable_call(ticket));
+        }
+        let left = deadline.map_or(0, |it| {
+            // Zero would be none.
+            u64::try_from(it.since(now.at).as_nanos()).unwrap_or(u64::MAX).max(1)
+        });
+        let header = Header {
+            carried: Carried::Request { left_ns: left },
+            offer,
+            len: payload.len() as u64,
+        };
+        self.calls.tickets.insert(id, ticket);
+        self.send_call(id, &header, payload);
+    }
+
+    //= SM2-GWS-003
+    pub(super) fn forget(&mut self, now: Now, ticket: u64) {
+        let found = self.calls.tickets.iter().find(|(_, it)| **it == ticket);
+        if let Some((&id, _)) = found {
+            self.session_takes(now, Input::Forget { stream: id.into() });
+            self.incoming.forget(id);
+            self.calls.abandon(id, &mut self.connection);
+        }
+    }
+
+    //= SM2-GWS-002
+    pub(super) fn reply(&mut self, call: u64, outcome: Outcome, payload: Bytes) {
+        let id = stream_id(call);
+        let Some(offer) = self.calls.settled(id) else {
+            return;
+        };
+        let payload = match outcome.has_payload() {
+            true => payload,
+            false => Bytes::new(),
+        };
+        let header = Header {
+            carried: Carried::Reply { status: outcome },
+            offer,
+            len: payload.len() as u64,
+        };
+        self.send_call(id, &header, payload);
+    }
+
+    fn send_call(&mut self, id: StreamId, header: &Header, payload: Bytes) {
+        // Before messages, after what is said of offers.
+        let _ = self.connection.send_stream(id).set_priority(1);
+        self.calls.writing.push(Outgoing::new(id, header, payload));
+    }
+}

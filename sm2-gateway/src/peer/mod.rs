@@ -1,0 +1,647 @@
+//! One connection with one peer: QUIC below, the session and the schedule above.
+//!
+//! It does no I/O and reads no clock. Feed it datagrams and time, tell it what to do with
+//! [`command`](Peer::command), send what [`poll_transmit`](Peer::poll_transmit) gives, and take what
+//! happened from [`poll`](Peer::poll). What it does with a peer that breaks the rules is in
+//! `sm2_proto::gateway`; here is only how streams carry it.
+
+mod calls;
+mod incoming;
+mod outgoing;
+mod topics;
+mod words;
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    time::Duration,
+};
+
+use bytes::Bytes;
+use quinn_proto::{
+    Connection, ConnectionError, ConnectionEvent, Dir, EndpointEvent, ReadError, ReadableError,
+    Side, StreamEvent, StreamId, Transmit, VarInt, WriteError,
+};
+use sm2_proto::{
+    Code, Instant, Name,
+    gateway::{
+        Carried, GatewayId, Header, Hop, Outcome, PeerFarewell, PeerViolation, StreamEnd,
+        session::{End, Input, Output, Session},
+    },
+};
+use sm2_io::quic::peer_of;
+
+use self::{
+    calls::Calls,
+    incoming::{Incoming, Progress},
+    topics::Topics,
+};
+pub use self::words::{Command, Counts, Event, Reason};
+use crate::clock::{Clock, Now};
+
+/// How much of the control stream waits for a peer that does not read it.
+//= SM2-GWF-003
+const CONTROL_WAITING_MAX: usize = 1 << 20;
+/// A stream that carries nothing for so long is not read any more.
+const STUCK: Duration = Duration::from_secs(30);
+/// What a read takes at a time.
+const PIECE_BYTES: usize = 64 << 10;
+
+/// How much of a peer this side keeps.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// The longest payload that is taken.
+    pub message_bytes: u64,
+    /// All payloads that are not whole yet.
+    pub memory_bytes: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            message_bytes: 64 << 20,
+            memory_bytes: 128 << 20,
+        }
+    }
+}
+
+/// Who this side is, for its sessions.
+#[derive(Clone, Debug)]
+pub struct Me {
+    /// Its id and epoch.
+    pub hop: Hop,
+    /// What people call it.
+    pub name: Name,
+}
+
+/// A connection.
+#[derive(Debug)]
+pub struct Peer {
+    connection: Connection,
+    clock: Clock,
+    limits: Limits,
+    me: Me,
+    /// Of the peer's epochs that are known, by peer: the greatest.
+    least_epochs: BTreeMap<GatewayId, u64>,
+    peer: Option<GatewayId>,
+    /// From the end of the handshake on.
+    session: Option<Session>,
+    control: Option<StreamId>,
+    control_out: VecDeque<Bytes>,
+    incoming: Incoming,
+    topics: Topics,
+    calls: Calls,
+    counts: Counts,
+    events: VecDeque<Event>,
+    is_over: bool,
+}
+
+impl Peer {
+    /// A connection that was just dialled, or whose first datagram has come.
+    #[must_use]
+    pub fn new(
+        connection: Connection,
+        clock: Clock,
+        me: Me,
+        least_epochs: BTreeMap<GatewayId, u64>,
+        limits: Limits,
+    ) -> Self {
+        Self {
+            connection,
+            clock,
+            limits,
+            me,
+            least_epochs,
+            peer: None,
+            session: None,
+            control: None,
+            control_out: VecDeque::new(),
+            incoming: Incoming::default(),
+            topics: Topics::default(),
+            calls: Calls::default(),
+            counts: Counts::default(),
+            events: VecDeque::new(),
+            is_over: false,
+        }
+    }
+
+    /// Whether this side opened it.
+    #[must_use]
+    pub fn is_dialled(&self) -> bool {
+        self.connection.side() == Side::Client
+    }
+
+    /// What was sent, and what was not.
+    #[must_use]
+    pub const fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// The time that it takes there and back, and the bytes that may be under way.
+    #[must_use]
+    pub fn path(&self) -> (Duration, u64) {
+        (self.connection.rtt(), self.connection.congestion_state().window())
+    }
+
+    /// Where the other side is.
+    #[must_use]
+    pub fn address(&self) -> std::net::SocketAddr {
+        self.connection.remote_address()
+    }
+
+    /// Whether nothing is left to be done: the endpoint has forgotten it.
+    #[must_use]
+    pub fn is_drained(&self) -> bool {
+        self.connection.is_drained()
+    }
+
+    /// Takes what the endpoint has for it.
+    pub fn handle_event(&mut self, now: Now, event: ConnectionEvent) {
+        self.connection.handle_event(event);
+        self.turn(now);
+    }
+
+    /// To be called at the [`deadline`](Self::deadline).
+    pub fn handle_timeout(&mut self, now: Now) {
+        if self.connection.poll_timeout().is_some_and(|it| it <= now.quic) {
+            self.connection.handle_timeout(now.quic);
+        }
+        if let Some(session) = &mut self.session {
+            // A session that is over needs none.
+            let _ = session.handle(now.at, Input::Tick);
+        }
+        while let Some((id, since)) = self.incoming.slowest()
+            && now.at.since(since) >= STUCK
+        {
+            self.refuse(id, StreamEnd::Expired.code());
+        }
+        self.topics.tick(now.at);
+        self.turn(now);
+    }
+
+    /// When there is something to do if nothing happens until then.
+    #[must_use]
+    pub fn deadline(&mut self) -> Option<Instant> {
+        let clock = self.clock;
+        let quic = self.connection.poll_timeout().map(|it| clock.of(it));
+        let session = self.session.as_ref().and_then(Session::deadline);
+        let stuck = self.incoming.slowest().map(|(_, since)| since.after(STUCK));
+        let topics = self.topics.deadline();
+        [quic, session, stuck, topics].into_iter().flatten().min()
+    }
+
+    /// What is to be sent next, in `buffer`.
+    pub fn poll_transmit(
+        &mut self,
+        now: Now,
+        max_datagrams: usize,
+        buffer: &mut Vec<u8>,
+    ) -> Option<Transmit> {
+        self.connection.poll_transmit(now.quic, max_datagrams, buffer)
+    }
+
+    /// What the endpoint is to be told.
+    pub fn poll_endpoint(&mut self) -> Option<EndpointEvent> {
+        self.connection.poll_endpoint_events()
+    }
+
+    /// What happened.
+    pub fn poll(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// Does what the gateway wants. What can no longer be done, since the peer has changed its mind
+    /// meanwhile, is left undone; a call that cannot be made is unreachable.
+    pub fn command(&mut self, now: Now, command: Command) {
+        match command {
+            Command::Offer {
+                offer,
+                subject,
+                path,
+                terms,
+            } => {
+                let input = Input::Offer {
+                    offer,
+                    subject,
+                    path,
+                };
+                if self.session_takes(now, input) {
+                    self.topics.terms(offer, terms);
+                }
+            }
+            Command::Unoffer { offer } => {
+                self.session_takes(now, Input::Unoffer { offer });
+                self.topics.forget(now.at, offer);
+            }
+            Command::Change { offer, terms } => self.topics.change(now.at, offer, terms),
+            Command::Want { offer, depth } => {
+                self.session_takes(now, Input::Want { offer, depth });
+            }
+            Command::Unwant { offer } => {
+                self.session_takes(now, Input::Unwant { offer });
+            }
+            Command::Answer { ask, verdict } => {
+                self.session_takes(now, Input::Answer { ask, verdict });
+            }
+            Command::Message {
+                offer,
+                sequence,
+                published,
+                payload,
+            } => {
+                let message = topics::Message {
+                    sequence,
+                    published,
+                    payload,
+                };
+                self.counts.offered += u64::from(self.topics.offer(now.at, offer, message));
+            }
+            Command::Call {
+                ticket,
+                offer,
+                deadline,
+                payload,
+            } => self.call(now, ticket, offer, deadline, payload),
+            Command::Forget { ticket } => self.forget(now, ticket),
+            Command::Reply {
+                call,
+                outcome,
+                payload,
+            } => self.reply(call, outcome, payload),
+            Command::Close(code) => {
+                self.session_takes(now, Input::Close(code));
+            }
+        }
+        self.turn(now);
+    }
+
+    /// Whether the session took it.
+    fn session_takes(&mut self, now: Now, input: Input<'_>) -> bool {
+        let session = self.session.as_mut();
+        session.is_some_and(|it| it.handle(now.at, input).is_ok())
+    }
+
+    /// Does all that can be done now.
+    fn turn(&mut self, now: Now) {
+        while let Some(event) = self.connection.poll() {
+            self.on_quic(now, event);
+        }
+        self.drain_session(now);
+        if self.is_over {
+            return;
+        }
+        self.write_control(now);
+        let window = self.connection.congestion_state().window();
+        // What QUIC has not sent yet cannot be overtaken any more: little of it, but never none.
+        let ahead = u64::from(self.connection.current_mtu()) * 16;
+        self.connection.set_send_window(window.saturating_add(ahead));
+        self.calls.write(&mut self.connection);
+        self.topics.write(now.at, &mut self.connection, &mut self.counts);
+        self.drain_session(now);
+    }
+
+    fn on_quic(&mut self, now: Now, event: quinn_proto::Event) {
+        use quinn_proto::Event as Quic;
+        match event {
+            Quic::HandshakeDataReady | Quic::DatagramsUnblocked => {}
+            Quic::Connected => self.greet(now),
+            Quic::ConnectionLost { reason } => self.lost(now, &reason),
+            Quic::Stream(StreamEvent::Opened { dir }) => self.accept(now, dir),
+            Quic::Stream(StreamEvent::Readable { id }) => self.read(now, id),
+            Quic::Stream(StreamEvent::Stopped { id, .. }) => self.stopped(id),
+            Quic::Stream(
+                StreamEvent::Writable { .. }
+                | StreamEvent::Finished { .. }
+                | StreamEvent::Available { .. },
+            ) => {}
+            Quic::DatagramReceived => self.datagrams(now),
+        }
+    }
+
+    /// The handshake is done.
+    fn greet(&mut self, now: Now) {
+        let Some(peer) = peer_of(&self.connection) else {
+            // No handshake ends without a key.
+            return self.over(now, Reason::Handshake("the peer showed no key".to_owned()));
+        };
+        self.peer = Some(peer);
+        let least = self.least_epochs.get(&peer).copied().unwrap_or(0);
+        let Me { hop, name } = self.me.clone();
+        self.session = Some(Session::new(now.at, hop, name, peer, least));
+        if self.is_dialled() {
+            self.control = self.connection.streams().open(Dir::Bi);
+        }
+    }
+
+    fn lost(&mut self, now: Now, reason: &ConnectionError) {
+        let code = match reason {
+            ConnectionError::ApplicationClosed(close) => {
+                u16::try_from(close.error_code.into_inner()).ok().map(Code)
+            }
+            _ => None,
+        };
+        if self.session.is_some() {
+            self.session_takes(now, Input::Closed(code));
+        } else {
+            self.over(now, Reason::Handshake(reason.to_string()));
+        }
+    }
+
+    /// The peer has opened streams: each is readable from now on.
+    fn accept(&mut self, now: Now, dir: Dir) {
+        while let Some(id) = self.connection.streams().accept(dir) {
+            if dir == Dir::Bi && self.control.is_none() && !self.is_dialled() {
+                self.control = Some(id);
+            }
+            self.read(now, id);
+        }
+    }
+
+    /// Reads all that is there.
+    fn read(&mut self, now: Now, id: StreamId) {
+        while !self.is_over {
+            let mut stream = self.connection.recv_stream(id);
+            let mut chunks = match stream.read(true) {
+                Ok(chunks) => chunks,
+                Err(ReadableError::ClosedStream | ReadableError::IllegalOrderedRead) => return,
+            };
+            let next = chunks.next(PIECE_BYTES);
+            // The windows are told by the next datagram.
+            let _ = chunks.finalize();
+            match next {
+                Ok(Some(chunk)) => self.bytes(now, id, &chunk.bytes),
+                Ok(None) => return self.ended(now, id),
+                Err(ReadError::Blocked) => return,
+                Err(ReadError::Reset(_)) => return self.was_reset(now, id),
+            }
+        }
+    }
+
+    fn bytes(&mut self, now: Now, id: StreamId, bytes: &[u8]) {
+        if self.control == Some(id) {
+            self.session_takes(now, Input::Control(bytes));
+            return self.drain_session(now);
+        }
+        match self.incoming.push(id, bytes, now.at, &self.limits) {
+            Ok(Progress::More) => {}
+            Ok(Progress::Header(header)) => self.header(now, id, header),
+            Ok(Progress::TooMuch) => self.refuse(id, PeerFarewell::Resources.code()),
+            Err(violation) => self.violated(now, violation),
+        }
+    }
+
+    fn header(&mut self, now: Now, id: StreamId, header: Header) {
+        let is_bidirectional = id.dir() == Dir::Bi;
+        let is_ours = id.initiator() == self.connection.side();
+        let fits = match header.carried {
+            Carried::Message { .. } => !is_bidirectional,
+            Carried::Request { .. } => is_bidirectional && !is_ours,
+            Carried::Reply { .. } => is_bidirectional && is_ours,
+        };
+        if !fits {
+            return self.violated(now, PeerViolation::Malformed);
+        }
+        if let Carried::Request { .. } = header.carried {
+            self.calls.came(id, header.offer);
+        }
+        let stream = id.into();
+        self.session_takes(now, Input::Stream { stream, header });
+        self.drain_session(now);
+    }
+
+    /// A stream has ended as it should.
+    fn ended(&mut self, now: Now, id: StreamId) {
+        if self.control == Some(id) {
+            //= SM2-GWF-001
+            self.session_takes(now, Input::Closed(None));
+            return self.drain_session(now);
+        }
+        match self.incoming.finish(id) {
+            Ok((header, payload)) => self.carried(id, &header, payload),
+            Err(violation) => self.violated(now, violation),
+        }
+    }
+
+    fn carried(&mut self, id: StreamId, header: &Header, payload: Bytes) {
+        let offer = header.offer;
+        let event = match header.carried {
+            Carried::Message { sequence, age_ns } => {
+                self.counts.received += 1;
+                Event::Message {
+                    offer,
+                    sequence,
+                    age: Duration::from_nanos(age_ns),
+                    payload,
+                }
+            }
+            Carried::Request { left_ns } => Event::Request {
+                call: id.into(),
+                offer,
+                left: (left_ns > 0).then(|| Duration::from_nanos(left_ns)),
+                payload,
+            },
+            Carried::Reply { status } => {
+                let Some(ticket) = self.calls.is_over(id) else {
+                    return;
+                };
+                Event::Reply {
+                    ticket,
+                    outcome: status,
+                    payload,
+                }
+            }
+        };
+        self.events.push_back(event);
+    }
+
+    /// The peer has reset a stream: it is no message, and no reply.
+    fn was_reset(&mut self, now: Now, id: StreamId) {
+        if self.control == Some(id) {
+            return self.ended(now, id);
+        }
+        self.incoming.forget(id);
+        self.calls.settled(id);
+        if let Some(ticket) = self.calls.is_over(id) {
+            self.session_takes(now, Input::Forget { stream: id.into() });
+            self.events.push_back(unreachable_call(ticket));
+        }
+    }
+
+    /// The peer does not want what this side sends on a stream.
+    fn stopped(&mut self, id: StreamId) {
+        if self.calls.settled(id).is_some() {
+            //= SM2-GWS-003
+            self.events.push_back(Event::Cancelled { call: id.into() });
+        }
+    }
+
+    /// Small messages that came without a stream.
+    //= SM2-GWM-003
+    fn datagrams(&mut self, now: Now) {
+        while let Some(bytes) = self.connection.datagrams().recv() {
+            let Some((head, _)) = bytes.split_first_chunk() else {
+                return self.violated(now, PeerViolation::Malformed);
+            };
+            let payload = bytes.slice(head.len()..);
+            match Header::from_bytes(head) {
+                Ok(header)
+                    if header.len == payload.len() as u64
+                        && matches!(header.carried, Carried::Message { .. }) =>
+                {
+                    // No stream has this number.
+                    let stream = u64::MAX;
+                    self.session_takes(now, Input::Stream { stream, header });
+                    self.drain_session_for(now, Some((header, payload)));
+                }
+                Ok(_) => return self.violated(now, PeerViolation::Malformed),
+                Err(violation) => return self.violated(now, violation),
+            }
+        }
+    }
+
+    /// Stops a stream; the peer is told why.
+    fn refuse(&mut self, id: StreamId, code: Code) {
+        self.counts.refused += 1;
+        self.stop(id, code);
+        if self.calls.settled(id).is_some() {
+            let code = VarInt::from_u32(code.0.into());
+            let _ = self.connection.send_stream(id).reset(code);
+        }
+    }
+
+    fn stop(&mut self, id: StreamId, code: Code) {
+        self.incoming.forget(id);
+        // One that is closed already needs none.
+        let _ = self.connection.recv_stream(id).stop(VarInt::from_u32(code.0.into()));
+        if let Some(ticket) = self.calls.is_over(id) {
+            self.events.push_back(unreachable_call(ticket));
+        }
+    }
+
+    fn violated(&mut self, now: Now, violation: PeerViolation) {
+        self.session_takes(now, Input::Violation(violation));
+        self.drain_session(now);
+    }
+
+    fn drain_session(&mut self, now: Now) {
+        self.drain_session_for(now, None);
+    }
+
+    /// Does what the session says; `datagram`: what came without a stream.
+    fn drain_session_for(&mut self, now: Now, mut datagram: Option<(Header, Bytes)>) {
+        while let Some(output) = self.session.as_mut().and_then(Session::poll) {
+            match output {
+                Output::Transmit(bytes) => self.control_out.push_back(bytes.into()),
+                Output::Greeted { epoch, name } => {
+                    if let Some(peer) = self.peer {
+                        self.events.push_back(Event::Greeted { peer, epoch, name });
+                    }
+                }
+                Output::Offered {
+                    offer,
+                    subject,
+                    path,
+                } => self.events.push_back(Event::Offered {
+                    offer,
+                    subject,
+                    path,
+                }),
+                Output::Gone { offer } => self.events.push_back(Event::Gone { offer }),
+                Output::Wanted { offer, depth } => {
+                    self.topics.wanted(now.at, offer, depth);
+                    self.events.push_back(Event::Wanted { offer, depth });
+                }
+                Output::Unwanted { offer } => {
+                    self.topics.unwanted(now.at, offer);
+                    self.events.push_back(Event::Unwanted { offer });
+                }
+                Output::Asked { ask, kind, name } => {
+                    self.events.push_back(Event::Asked { ask, kind, name });
+                }
+                // This side asks nothing.
+                Output::Answered { .. } => {}
+                Output::Take { stream: u64::MAX } => {
+                    if let Some((header, payload)) = datagram.take() {
+                        self.carried(StreamId::new(Side::Client, Dir::Uni, 0), &header, payload);
+                    }
+                }
+                // Its bytes are kept from now on, as those of all that were not stopped.
+                Output::Take { .. } => {}
+                Output::Discard { stream: u64::MAX } => datagram = None,
+                Output::Discard { stream } => {
+                    self.stop(stream_id(stream), StreamEnd::Withdrawn.code());
+                }
+                Output::Unreachable { stream } => {
+                    let id = stream_id(stream);
+                    self.stop(id, StreamEnd::Withdrawn.code());
+                    self.reply(stream, Outcome::Unreachable, Bytes::new());
+                }
+                Output::CallFailed { stream } => {
+                    let id = stream_id(stream);
+                    if let Some(ticket) = self.calls.abandon(id, &mut self.connection) {
+                        self.events.push_back(unreachable_call(ticket));
+                    }
+                }
+                Output::Ended(end) => self.over(now, Reason::Said(end)),
+            }
+        }
+    }
+
+    /// The connection is over: the other side is told, and nothing is left but to do so.
+    fn over(&mut self, now: Now, reason: Reason) {
+        if self.is_over {
+            return;
+        }
+        self.is_over = true;
+        let code = match &reason {
+            Reason::Said(End::Violation(violation)) => Some(violation.code()),
+            Reason::Said(End::Local(code)) => Some(*code),
+            Reason::Said(End::Closed(_)) => None,
+            Reason::Handshake(_) => Some(PeerFarewell::Done.code()),
+        };
+        if !self.connection.is_closed() {
+            let code = code.unwrap_or_else(|| PeerFarewell::Done.code());
+            let text = Bytes::from(reason.to_string());
+            self.connection.close(now.quic, VarInt::from_u32(code.0.into()), text);
+        }
+        let failed = self.calls.end();
+        self.events.extend(failed.map(unreachable_call));
+        self.topics.end(&mut self.counts);
+        self.events.push_back(Event::Ended(reason));
+    }
+
+    //= SM2-GWF-003
+    fn write_control(&mut self, now: Now) {
+        let Some(id) = self.control else { return };
+        let mut stream = self.connection.send_stream(id);
+        // Before all messages.
+        let _ = stream.set_priority(2);
+        while let Some(bytes) = self.control_out.front_mut() {
+            match stream.write_chunks(std::slice::from_mut(bytes)) {
+                Ok(_) if bytes.is_empty() => {
+                    self.control_out.pop_front();
+                }
+                Ok(_) | Err(WriteError::Blocked) => break,
+                Err(WriteError::Stopped(_) | WriteError::ClosedStream) => {
+                    self.session_takes(now, Input::Closed(None));
+                    return;
+                }
+            }
+        }
+        let waiting: usize = self.control_out.iter().map(Bytes::len).sum();
+        if waiting > CONTROL_WAITING_MAX {
+            self.session_takes(now, Input::Close(PeerFarewell::Stalled.code()));
+        }
+    }
+}
+
+fn unreachable_call(ticket: u64) -> Event {
+    Event::Reply {
+        ticket,
+        outcome: Outcome::Unreachable,
+        payload: Bytes::new(),
+    }
+}
+
+fn stream_id(stream: u64) -> StreamId {
+    StreamId::from(VarInt::from_u64(stream).unwrap_or(VarInt::MAX))
+}

@@ -1,0 +1,57 @@
+//! Payloads that go: each is written as far as QUIC takes it, and its memory is QUIC's from then
+//! on, without a copy, until it has arrived.
+
+use bytes::Bytes;
+use quinn_proto::{Connection, StreamId, VarInt, WriteError};
+use sm2_proto::gateway::{Header, StreamEnd};
+
+/// A header and a payload on their way into a stream.
+#[derive(Debug)]
+pub(super) struct Outgoing {
+    pub(super) stream: StreamId,
+    rest: [Bytes; 2],
+}
+
+/// How far one was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Written {
+    /// All of it, and the end.
+    All,
+    /// As much as there was room for.
+    Part,
+    /// The other side does not want it.
+    Stopped,
+}
+
+impl Outgoing {
+    pub(super) fn new(stream: StreamId, header: &Header, payload: Bytes) -> Self {
+        let head = Bytes::copy_from_slice(&header.to_bytes());
+        Self {
+            stream,
+            rest: [head, payload],
+        }
+    }
+
+    pub(super) fn write(&mut self, connection: &mut Connection) -> Written {
+        let mut stream = connection.send_stream(self.stream);
+        while self.rest.iter().any(|it| !it.is_empty()) {
+            match stream.write_chunks(&mut self.rest) {
+                // What was taken is no longer in `rest`.
+                Ok(_) => {}
+                Err(WriteError::Blocked) => return Written::Part,
+                Err(WriteError::Stopped(_) | WriteError::ClosedStream) => return Written::Stopped,
+            }
+        }
+        match stream.finish() {
+            Ok(()) => Written::All,
+            Err(_) => Written::Stopped,
+        }
+    }
+
+    /// The other side is not to wait for the rest.
+    pub(super) fn reset(&self, connection: &mut Connection, end: StreamEnd) {
+        let code = VarInt::from_u32(end.code().0.into());
+        // One that is closed already needs none.
+        let _ = connection.send_stream(self.stream).reset(code);
+    }
+}

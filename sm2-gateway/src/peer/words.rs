@@ -1,0 +1,231 @@
+//! What a connection is told, and what it says.
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use sm2_proto::{
+    Code, Instant, Name,
+    gateway::{
+        GatewayId, Hop, Outcome, PeerFarewell, PeerViolation, Subject, SubjectKind, Verdict,
+        schedule::Terms, session::End,
+    },
+};
+
+/// What a connection is to do.
+#[derive(Clone, Debug)]
+pub enum Command {
+    /// Offer this to the peer.
+    Offer {
+        /// The number of the offer.
+        offer: u64,
+        /// What it is.
+        subject: Subject,
+        /// From its origin to this gateway.
+        path: Vec<Hop>,
+        /// How its messages go, if it is a topic.
+        terms: Terms,
+    },
+    /// Do not offer it any more.
+    Unoffer {
+        /// Which.
+        offer: u64,
+    },
+    /// There are other rules for an offer.
+    Change {
+        /// Which.
+        offer: u64,
+        /// How its messages go from now on.
+        terms: Terms,
+    },
+    /// Want what the peer offers.
+    Want {
+        /// Which.
+        offer: u64,
+        /// How many messages wait for this side at most.
+        depth: u16,
+    },
+    /// Do not want it any more.
+    Unwant {
+        /// Which.
+        offer: u64,
+    },
+    /// Answer the oldest question.
+    Answer {
+        /// Its number.
+        ask: u64,
+        /// What it is.
+        verdict: Verdict,
+    },
+    /// Send this message, if the peer wants it.
+    Message {
+        /// Of which offer.
+        offer: u64,
+        /// Its number at the origin.
+        sequence: u64,
+        /// When it was published.
+        published: Instant,
+        /// Its bytes.
+        payload: Bytes,
+    },
+    /// Call a service of the peer's.
+    Call {
+        /// The caller's name for it: in the [`Event::Reply`].
+        ticket: u64,
+        /// Which service.
+        offer: u64,
+        /// When the caller gives up.
+        deadline: Option<Instant>,
+        /// The request.
+        payload: Bytes,
+    },
+    /// Nobody waits for the reply any more.
+    Forget {
+        /// Of which call.
+        ticket: u64,
+    },
+    /// Reply to a call of the peer's.
+    Reply {
+        /// Which, by its [`Event::Request`].
+        call: u64,
+        /// How it went.
+        outcome: Outcome,
+        /// The reply, or why it failed.
+        payload: Bytes,
+    },
+    /// End the connection.
+    Close(Code),
+}
+
+/// What happened on a connection.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// The handshake is done and the peer has greeted.
+    Greeted {
+        /// Who it is.
+        peer: GatewayId,
+        /// Of its process.
+        epoch: u64,
+        /// What people call it.
+        name: Name,
+    },
+    /// The peer offers this.
+    Offered {
+        /// The number of the offer.
+        offer: u64,
+        /// What it is.
+        subject: Subject,
+        /// From its origin to the peer.
+        path: Vec<Hop>,
+    },
+    /// It does not any more.
+    Gone {
+        /// Which.
+        offer: u64,
+    },
+    /// The peer wants what it was offered.
+    Wanted {
+        /// Which.
+        offer: u64,
+        /// How many messages wait for it at most.
+        depth: u16,
+    },
+    /// It does not any more.
+    Unwanted {
+        /// Which.
+        offer: u64,
+    },
+    /// The peer asks whether it could have that.
+    Asked {
+        /// The number of the question.
+        ask: u64,
+        /// A topic or a service.
+        kind: SubjectKind,
+        /// Its name.
+        name: Name,
+    },
+    /// A message came, whole.
+    Message {
+        /// Of which offer.
+        offer: u64,
+        /// Its number at the origin.
+        sequence: u64,
+        /// Since publication, when it set out.
+        age: Duration,
+        /// Its bytes.
+        payload: Bytes,
+    },
+    /// The peer calls.
+    Request {
+        /// For the [`Command::Reply`].
+        call: u64,
+        /// Which service.
+        offer: u64,
+        /// What is left until its deadline.
+        left: Option<Duration>,
+        /// The request.
+        payload: Bytes,
+    },
+    /// The peer does not want this reply any more.
+    Cancelled {
+        /// Which call.
+        call: u64,
+    },
+    /// A call of this side is over.
+    Reply {
+        /// Which.
+        ticket: u64,
+        /// How it went.
+        outcome: Outcome,
+        /// The reply, or why it failed.
+        payload: Bytes,
+    },
+    /// The connection is over; nothing comes after.
+    Ended(Reason),
+}
+
+/// Why a connection is over.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Reason {
+    /// Something was said on it.
+    #[error("{}", said(.0))]
+    Said(End),
+    /// There never was one: the other side was not reached, or did not show that it is who it
+    /// should be.
+    #[error("no connection: {0}")]
+    Handshake(String),
+}
+
+fn said(end: &End) -> String {
+    match end {
+        End::Violation(violation) => format!("closed: the peer broke the protocol: {violation}"),
+        End::Local(code) => format!("closed: {}", name_of(*code)),
+        End::Closed(Some(code)) => format!("closed by the peer: {}", name_of(*code)),
+        End::Closed(None) => "lost: nothing came for 5 s, or the peer was restarted".to_owned(),
+    }
+}
+
+fn name_of(code: Code) -> String {
+    let farewell = PeerFarewell::from_code(code).map(PeerFarewell::name);
+    let violation = || PeerViolation::from_code(code).map(PeerViolation::name);
+    let name = farewell.or_else(violation);
+    name.map_or_else(|| format!("code {}", code.0), str::to_owned)
+}
+
+/// What was sent, and what was not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Counts {
+    /// Messages for this peer.
+    pub offered: u64,
+    /// Whose bytes all left.
+    pub sent: u64,
+    /// Newer ones took their place.
+    pub superseded: u64,
+    /// They were too old before their turn came.
+    pub expired: u64,
+    /// Nobody wanted them any more.
+    pub withdrawn: u64,
+    /// Messages that came, whole.
+    pub received: u64,
+    /// Messages of the peer's that were not taken: too long, too many at a time, or stuck.
+    pub refused: u64,
+}
