@@ -1,3 +1,25 @@
-//! Gateways.
+//! SM2 gateways: topics and services between domains, over QUIC (SPEC section 14).
+//!
+//! | to do | see |
+//! | --- | --- |
+//! | run one in a program | [`Config`], [`Gateway`] |
+//! | make and read keys | [`keys`] |
+//! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
+//! | the same for all that is between domain and peers | [`hub`] |
+//!
+//! What is decided is decided by the machines of `sm2_proto::gateway`; [`peer`] and [`hub`] join them
+//! without I/O; `run` has the tasks, `local` the domain's nodes.
+
 pub mod clock;
+pub mod config;
+pub mod hub;
+pub mod keys;
+mod local;
 pub mod peer;
+mod run;
+
+pub use self::{
+    config::{Config, ConfigError},
+    local::{LocalError, Place, is_remote, status_service},
+    run::{BeaconsError, Gateway, PeerReport, Report, RunError},
+};

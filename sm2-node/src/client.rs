@@ -388,6 +388,7 @@ pub struct ClientBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
     qos: ServiceQos,
     inline_max: usize,
     wait: Wait,
+    servers: fn(&Name) -> bool,
     calls: PhantomData<fn(&Q) -> Box<R>>,
 }
 
@@ -404,6 +405,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
             },
             inline_max: INLINE_DEFAULT,
             wait: Wait::Park,
+            servers: |_| true,
             calls: PhantomData,
         }
     }
@@ -434,6 +436,12 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
         self
     }
 
+    /// Calls only servers of nodes whose name is accepted; all of them by default.
+    pub const fn servers(mut self, accept: fn(&Name) -> bool) -> Self {
+        self.servers = accept;
+        self
+    }
+
     /// Declares it, and waits for the Manager's word.
     ///
     /// # Errors
@@ -445,13 +453,11 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
             types: self.types,
             qos: self.qos,
         };
+        let schemas = [schema_of::<Q>(), schema_of::<R>()];
+        let handle = Handle::declare(&self.shared, contract, u64::MAX, schemas)?;
+        handle.with_idle(|interface, _| interface.servers = self.servers);
         Ok(Client {
-            handle: Arc::new(Handle::declare(
-                &self.shared,
-                contract,
-                u64::MAX,
-                [schema_of::<Q>(), schema_of::<R>()],
-            )?),
+            handle: Arc::new(handle),
             inline_max: self.inline_max,
             wait: self.wait,
             calls: PhantomData,
@@ -463,6 +469,13 @@ impl ClientBuilder<[u8], [u8]> {
     /// Calls servers of every pair of types, in bytes.
     pub fn any_types(mut self) -> Self {
         self.types = None;
+        self
+    }
+
+    /// Calls servers of this pair of types, whose encoding the program knows: for tools that
+    /// handle types which they were not built with.
+    pub fn type_ids(mut self, request: TypeId, reply: TypeId) -> Self {
+        self.types = Some((request, reply));
         self
     }
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use sm2_proto::control::Peer;
 use sm2_proto::link::Status;
-use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos};
+use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
 use crate::driver::{CallId, Interface, Shared};
 use crate::handle::{Handle, Receipt, Received, until};
@@ -313,6 +313,8 @@ impl Drop for Pending {
 pub struct ServerBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
     shared: Arc<Shared>,
     service: String,
+    /// None: those that the program was built with.
+    types: Option<(TypeId, TypeId)>,
     qos: ServiceQos,
     inline_max: usize,
     wait: Wait,
@@ -324,6 +326,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
         Self {
             shared: Arc::clone(shared),
             service: service.to_owned(),
+            types: None,
             qos: ServiceQos {
                 depth: 64,
                 max_borrowed: 16,
@@ -373,22 +376,33 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
     ///
     /// See [`DeclareError`].
     pub fn declare(self) -> Result<Server<Q, R>, DeclareError> {
+        // Of types that it was not built with the program knows no text.
+        let schemas = match self.types {
+            None => vec![schema_of::<Q>(), schema_of::<R>()],
+            Some(_) => Vec::new(),
+        };
+        let types = self.types.unwrap_or_else(|| (Q::type_id(), R::type_id()));
         let contract = Contract::Server {
             service: checked_name(Kind::Server, self.service)?,
-            request: Q::type_id(),
-            reply: R::type_id(),
+            request: types.0,
+            reply: types.1,
             qos: self.qos,
         };
+        let handle = Handle::declare(&self.shared, contract, u64::MAX, schemas)?;
         Ok(Server {
-            handle: Arc::new(Handle::declare(
-                &self.shared,
-                contract,
-                u64::MAX,
-                [schema_of::<Q>(), schema_of::<R>()],
-            )?),
+            handle: Arc::new(handle),
             inline_max: self.inline_max,
             wait: self.wait,
             serves: PhantomData,
         })
+    }
+}
+
+impl ServerBuilder<[u8], [u8]> {
+    /// Requests and replies are of these types, whose encoding the program knows: for tools that
+    /// handle types which they were not built with.
+    pub fn type_ids(mut self, request: TypeId, reply: TypeId) -> Self {
+        self.types = Some((request, reply));
+        self
     }
 }

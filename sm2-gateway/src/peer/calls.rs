@@ -88,7 +88,9 @@ impl Peer {
         }
         let left = deadline.map_or(0, |it| {
             // Zero would be none.
-            u64::try_from(it.since(now.at).as_nanos()).unwrap_or(u64::MAX).max(1)
+            u64::try_from(it.since(now.at).as_nanos())
+                .unwrap_or(u64::MAX)
+                .max(1)
         });
         let header = Header {
             carried: Carried::Request { left_ns: left },

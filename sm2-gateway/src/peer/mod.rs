@@ -21,6 +21,7 @@ use quinn_proto::{
     Connection, ConnectionError, ConnectionEvent, Dir, EndpointEvent, ReadError, ReadableError,
     Side, StreamEvent, StreamId, Transmit, VarInt, WriteError,
 };
+use sm2_io::quic::peer_of;
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
@@ -28,14 +29,13 @@ use sm2_proto::{
         session::{End, Input, Output, Session},
     },
 };
-use sm2_io::quic::peer_of;
 
+pub use self::words::{Command, Counts, Event, Reason};
 use self::{
     calls::Calls,
     incoming::{Incoming, Progress},
     topics::Topics,
 };
-pub use self::words::{Command, Counts, Event, Reason};
 use crate::clock::{Clock, Now};
 
 /// How much of the control stream waits for a peer that does not read it.
@@ -139,7 +139,10 @@ impl Peer {
     /// The time that it takes there and back, and the bytes that may be under way.
     #[must_use]
     pub fn path(&self) -> (Duration, u64) {
-        (self.connection.rtt(), self.connection.congestion_state().window())
+        (
+            self.connection.rtt(),
+            self.connection.congestion_state().window(),
+        )
     }
 
     /// Where the other side is.
@@ -162,7 +165,11 @@ impl Peer {
 
     /// To be called at the [`deadline`](Self::deadline).
     pub fn handle_timeout(&mut self, now: Now) {
-        if self.connection.poll_timeout().is_some_and(|it| it <= now.quic) {
+        if self
+            .connection
+            .poll_timeout()
+            .is_some_and(|it| it <= now.quic)
+        {
             self.connection.handle_timeout(now.quic);
         }
         if let Some(session) = &mut self.session {
@@ -196,7 +203,8 @@ impl Peer {
         max_datagrams: usize,
         buffer: &mut Vec<u8>,
     ) -> Option<Transmit> {
-        self.connection.poll_transmit(now.quic, max_datagrams, buffer)
+        self.connection
+            .poll_transmit(now.quic, max_datagrams, buffer)
     }
 
     /// What the endpoint is to be told.
@@ -293,9 +301,11 @@ impl Peer {
         let window = self.connection.congestion_state().window();
         // What QUIC has not sent yet cannot be overtaken any more: little of it, but never none.
         let ahead = u64::from(self.connection.current_mtu()) * 16;
-        self.connection.set_send_window(window.saturating_add(ahead));
+        self.connection
+            .set_send_window(window.saturating_add(ahead));
         self.calls.write(&mut self.connection);
-        self.topics.write(now.at, &mut self.connection, &mut self.counts);
+        self.topics
+            .write(now.at, &mut self.connection, &mut self.counts);
         self.drain_session(now);
     }
 
@@ -511,7 +521,10 @@ impl Peer {
     fn stop(&mut self, id: StreamId, code: Code) {
         self.incoming.forget(id);
         // One that is closed already needs none.
-        let _ = self.connection.recv_stream(id).stop(VarInt::from_u32(code.0.into()));
+        let _ = self
+            .connection
+            .recv_stream(id)
+            .stop(VarInt::from_u32(code.0.into()));
         if let Some(ticket) = self.calls.is_over(id) {
             self.events.push_back(unreachable_call(ticket));
         }
@@ -601,7 +614,8 @@ impl Peer {
         if !self.connection.is_closed() {
             let code = code.unwrap_or_else(|| PeerFarewell::Done.code());
             let text = Bytes::from(reason.to_string());
-            self.connection.close(now.quic, VarInt::from_u32(code.0.into()), text);
+            self.connection
+                .close(now.quic, VarInt::from_u32(code.0.into()), text);
         }
         let failed = self.calls.end();
         self.events.extend(failed.map(unreachable_call));

@@ -5,17 +5,12 @@ use std::{net::SocketAddr, sync::Arc, time::Instant};
 use bytes::BytesMut;
 use quinn_proto::{
     ClientConfig, Connection, ConnectionEvent, ConnectionHandle, DatagramEvent, EcnCodepoint,
-    EndpointConfig, EndpointEvent, ServerConfig, TransportConfig, Transmit,
+    EndpointConfig, EndpointEvent, ServerConfig, Transmit, TransportConfig,
 };
 use rustls::pki_types::CertificateDer;
 use sm2_proto::gateway::GatewayId;
 
-use super::{
-    Congestion, SecretKey, Trusted,
-    key::from_spki,
-    tls,
-    transport,
-};
+use super::{Congestion, SecretKey, Trusted, key::from_spki, tls, transport};
 
 /// How many handshakes that others began may be under way.
 const HANDSHAKES_MAX: usize = 64;

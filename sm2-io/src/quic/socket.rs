@@ -98,7 +98,11 @@ impl Socket {
         loop {
             self.socket.readable().await?;
             let received = self.socket.try_io(Interest::READABLE, || {
-                let mut slots: Vec<_> = batch.bytes.chunks_mut(SLOT_BYTES).map(IoSliceMut::new).collect();
+                let mut slots: Vec<_> = batch
+                    .bytes
+                    .chunks_mut(SLOT_BYTES)
+                    .map(IoSliceMut::new)
+                    .collect();
                 (self.state).recv((&self.socket).into(), &mut slots, &mut batch.metas)
             });
             match received {

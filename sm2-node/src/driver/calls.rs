@@ -96,7 +96,8 @@ impl Interface {
     /// The server that the next call goes to.
     //= SM2-SRV-001
     pub(crate) fn choose_server(&self) -> Choice {
-        let open = || self.links().filter(|link| link.is_open());
+        let is_meant = |link: &&LinkDriver| link.is_open() && (self.servers)(&link.peer.name);
+        let open = || self.links().filter(is_meant);
         // Of several with as few calls the oldest: links are in the order of their age.
         let least = open().min_by_key(|link| link.calls());
         match least {

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::link::{Counters, Input};
-use sm2_proto::{Code, Contract, Farewell, LinkId, Refusal};
+use sm2_proto::{Code, Contract, Farewell, LinkId, Name, Refusal};
 
 use super::calls::Calls;
 use super::link::{LinkDriver, Tools};
@@ -28,6 +28,8 @@ pub(crate) struct Interface {
     /// How many messages were published.
     pub(super) published: u64,
     pub(super) calls: Calls,
+    /// Whether a client may call the server of that node.
+    pub(crate) servers: fn(&Name) -> bool,
     /// How many LINK frames DECLARED announced that have not come (SM2-IFC-002).
     pub(super) links_due: u32,
     /// Why the Manager of this session does not have it, though an earlier one had.
@@ -68,6 +70,7 @@ impl Interface {
             latched: VecDeque::new(),
             published: 0,
             calls: Calls::default(),
+            servers: |_| true,
             links_due: 0,
             refused_again: None,
             entry,

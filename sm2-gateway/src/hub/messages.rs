@@ -1,0 +1,95 @@
+//! Messages on their way: numbered at their origin, taken once, passed on.
+
+use std::{collections::BTreeMap, time::Duration};
+
+use bytes::Bytes;
+use sm2_proto::{
+    Instant,
+    gateway::{GatewayId, Hop, Subject, router::Source},
+};
+
+use super::{Hub, LocalCommand, Output};
+use crate::peer::Command;
+
+/// What was numbered, and what was seen.
+#[derive(Debug, Default)]
+pub(super) struct Messages {
+    /// The last number of each subject of this domain.
+    last: BTreeMap<Subject, u64>,
+    /// The last number that was taken, of each origin.
+    seen: BTreeMap<(Subject, GatewayId), (u64, u64)>,
+}
+
+impl Messages {
+    /// Whether it is newer than all that were taken from there.
+    //= SM2-GWM-007
+    fn is_new(&mut self, subject: &Subject, origin: Hop, sequence: u64) -> bool {
+        let seen = self.seen.entry((subject.clone(), origin.gateway));
+        let last = seen.or_insert((0, 0));
+        let is_new = (origin.epoch, sequence) > *last;
+        if is_new {
+            *last = (origin.epoch, sequence);
+        }
+        is_new
+    }
+}
+
+impl Hub {
+    /// Somebody in the domain published.
+    pub(super) fn local_message(&mut self, subject: &Subject, published: Instant, payload: Bytes) {
+        let last = self.messages.last.entry(subject.clone()).or_insert(0);
+        *last += 1;
+        let sequence = *last;
+        self.pass_on(subject, Source::Local, sequence, published, &payload);
+    }
+
+    /// A peer sent a message.
+    //= SM2-GWM-005
+    pub(super) fn message(
+        &mut self,
+        now: Instant,
+        peer: GatewayId,
+        offer: u64,
+        sequence: u64,
+        age: Duration,
+        payload: Bytes,
+    ) {
+        let offers = self.peers.get(&peer).map(|it| &it.offers);
+        let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)).cloned() else {
+            return;
+        };
+        if !self.messages.is_new(&subject, origin, sequence) {
+            return;
+        }
+        let age = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);
+        let published = Instant(now.0.saturating_sub(age));
+        let source = Source::Remote(origin.gateway);
+        self.pass_on(&subject, source, sequence, published, &payload);
+        self.outputs.push_back(Output::Local(LocalCommand::Publish {
+            subject,
+            origin: origin.gateway,
+            payload,
+        }));
+    }
+
+    fn pass_on(
+        &mut self,
+        subject: &Subject,
+        source: Source,
+        sequence: u64,
+        published: Instant,
+        payload: &Bytes,
+    ) {
+        let takers: Vec<(GatewayId, u64)> = self.router.takers(subject, source).collect();
+        for (peer, offer) in takers {
+            let payload = payload.clone();
+            let command = Command::Message {
+                offer,
+                sequence,
+                published,
+                payload,
+            };
+            self.tell(peer, command);
+        }
+    }
+}

@@ -1,0 +1,443 @@
+//! What connects the domain with the peers, and the peers with each other.
+//!
+//! The hub knows the routes (`sm2_proto::gateway::router`), which connection is which peer's, which
+//! message was seen before, and who waits for which reply. It does no I/O: what happened goes
+//! in with [`handle`](Hub::handle), what is to be done comes out of [`poll`](Hub::poll).
+
+mod calls;
+mod messages;
+mod words;
+
+use std::collections::{BTreeMap, VecDeque};
+
+use sm2_proto::{
+    Code, Instant, Name,
+    gateway::{
+        Direction, GatewayId, Hop, PeerFarewell, Rules, Subject, SubjectKind, Verdict,
+        router::{self, Router, Source},
+        schedule::Terms,
+        session::first_stays,
+    },
+};
+
+pub use self::words::{Input, LocalCommand, LocalEvent, Output, PeerStatus};
+use self::{calls::Calls, messages::Messages};
+use crate::peer::{Command, Event};
+
+/// The rules, and how what each of them allows is sent.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Policy {
+    /// Which names go where.
+    pub rules: Rules,
+    /// By the index of the rule.
+    pub terms: Vec<Terms>,
+}
+
+impl Policy {
+    /// How messages of this name go to that peer.
+    fn terms(&self, subject: &Subject, peer: &GatewayId) -> Terms {
+        let decision = self
+            .rules
+            .decide(subject.kind(), subject.name(), Direction::Out, peer);
+        let terms = decision.rule.and_then(|rule| self.terms.get(rule));
+        terms.copied().unwrap_or(DEFAULT_TERMS)
+    }
+}
+
+/// How messages go about which a rule says no more.
+pub const DEFAULT_TERMS: Terms = Terms {
+    depth: 1,
+    priority: 3,
+    messages_per_s: None,
+    bytes_per_s: None,
+    max_age: None,
+};
+
+/// The middle of a gateway.
+#[derive(Debug)]
+pub struct Hub {
+    me: Hop,
+    policy: Policy,
+    router: Router,
+    /// The connections that have greeted and are not over: whose they are.
+    connections: BTreeMap<u64, GatewayId>,
+    peers: BTreeMap<GatewayId, Peer>,
+    messages: Messages,
+    calls: Calls,
+    outputs: VecDeque<Output>,
+}
+
+/// A peer that there is a connection with.
+#[derive(Debug)]
+struct Peer {
+    /// The connection that stays.
+    connection: u64,
+    is_dialled: bool,
+    epoch: u64,
+    name: Name,
+    /// What it offers.
+    offers: BTreeMap<u64, (Subject, Hop)>,
+    /// What it was offered.
+    offered: BTreeMap<u64, Subject>,
+}
+
+impl Hub {
+    /// A gateway without peers.
+    #[must_use]
+    pub fn new(me: Hop, policy: Policy) -> Self {
+        Self {
+            me,
+            router: Router::new(me, policy.rules.clone()),
+            policy,
+            connections: BTreeMap::new(),
+            peers: BTreeMap::new(),
+            messages: Messages::default(),
+            calls: Calls::default(),
+            outputs: VecDeque::new(),
+        }
+    }
+
+    /// Takes one input.
+    pub fn handle(&mut self, now: Instant, input: Input) {
+        match input {
+            Input::Peer {
+                connection,
+                is_dialled,
+                event,
+            } => self.peer(now, connection, is_dialled, event),
+            Input::Local(event) => self.local(event),
+            Input::Policy(policy) => self.change(policy),
+            Input::Distrust(peer) => {
+                if let Some(it) = self.peers.get(&peer) {
+                    let connection = it.connection;
+                    self.close(connection, PeerFarewell::Done.code());
+                }
+            }
+        }
+    }
+
+    /// The next thing to do.
+    pub fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// The greatest epoch of each peer that has a connection: an older process is stale.
+    #[must_use]
+    pub fn epochs(&self) -> BTreeMap<GatewayId, u64> {
+        let epochs = self.peers.iter().map(|(id, it)| (*id, it.epoch));
+        epochs.collect()
+    }
+
+    /// Who is connected, and what goes to and fro.
+    #[must_use]
+    pub fn peers(&self) -> Vec<PeerStatus> {
+        let status = |(id, it): (&GatewayId, &Peer)| PeerStatus {
+            id: *id,
+            name: it.name.clone(),
+            connection: it.connection,
+            epoch: it.epoch,
+            offers: it
+                .offers
+                .values()
+                .map(|(subject, _)| subject.clone())
+                .collect(),
+            offered: it.offered.values().cloned().collect(),
+        };
+        self.peers.iter().map(status).collect()
+    }
+
+    /// The rules that are in force.
+    #[must_use]
+    pub const fn policy(&self) -> &Policy {
+        &self.policy
+    }
+
+    fn change(&mut self, policy: Policy) {
+        self.policy = policy;
+        let rules = self.policy.rules.clone();
+        self.route(router::Input::Rules(rules));
+        for (id, peer) in &self.peers {
+            for (offer, subject) in &peer.offered {
+                let terms = self.policy.terms(subject, id);
+                let offer = *offer;
+                self.outputs.push_back(Output::Peer {
+                    connection: peer.connection,
+                    command: Command::Change { offer, terms },
+                });
+            }
+        }
+    }
+
+    fn close(&mut self, connection: u64, code: Code) {
+        let command = Command::Close(code);
+        self.outputs.push_back(Output::Peer {
+            connection,
+            command,
+        });
+    }
+
+    fn tell(&mut self, peer: GatewayId, command: Command) {
+        if let Some(it) = self.peers.get(&peer) {
+            let connection = it.connection;
+            self.outputs.push_back(Output::Peer {
+                connection,
+                command,
+            });
+        }
+    }
+
+    /// What happened on a connection.
+    fn peer(&mut self, now: Instant, connection: u64, is_dialled: bool, event: Event) {
+        if let Event::Greeted { peer, epoch, name } = event {
+            return self.greeted(connection, is_dialled, peer, epoch, name);
+        }
+        let Some(&peer) = self.connections.get(&connection) else {
+            return;
+        };
+        match event {
+            Event::Greeted { .. } => {}
+            Event::Ended(_) => self.ended(connection, peer),
+            Event::Offered {
+                offer,
+                subject,
+                path,
+            } => {
+                let Some(&origin) = path.first() else { return };
+                if let Some(it) = self.peers.get_mut(&peer) {
+                    it.offers.insert(offer, (subject.clone(), origin));
+                }
+                self.route(router::Input::Offered {
+                    peer,
+                    offer,
+                    subject,
+                    path,
+                });
+            }
+            Event::Gone { offer } => {
+                self.route(router::Input::Gone { peer, offer });
+                if let Some(it) = self.peers.get_mut(&peer) {
+                    it.offers.remove(&offer);
+                }
+            }
+            Event::Wanted { offer, depth } => {
+                self.route(router::Input::Wanted { peer, offer, depth });
+            }
+            Event::Unwanted { offer } => self.route(router::Input::Unwanted { peer, offer }),
+            Event::Asked { ask, kind, name } => {
+                let verdict = self.verdict(peer, kind, &name);
+                self.tell(peer, Command::Answer { ask, verdict });
+            }
+            Event::Message {
+                offer,
+                sequence,
+                age,
+                payload,
+            } => self.message(now, peer, offer, sequence, age, payload),
+            Event::Request {
+                call,
+                offer,
+                left,
+                payload,
+            } => self.request(now, peer, connection, call, offer, left, payload),
+            Event::Cancelled { call } => self.cancelled(connection, call),
+            Event::Reply {
+                ticket,
+                outcome,
+                payload,
+            } => self.replied(ticket, outcome, payload),
+        }
+    }
+
+    /// A connection has greeted: if there is another one with that peer, one of them goes.
+    //= SM2-GWC-004
+    fn greeted(
+        &mut self,
+        connection: u64,
+        is_dialled: bool,
+        peer: GatewayId,
+        epoch: u64,
+        name: Name,
+    ) {
+        if let Some(it) = self.peers.get(&peer) {
+            let (old, new) = ((it.epoch, it.is_dialled), (epoch, is_dialled));
+            let code = |lost: u64, stays: u64| match lost < stays {
+                true => PeerFarewell::Stale.code(),
+                false => PeerFarewell::Duplicate.code(),
+            };
+            if first_stays(self.me.gateway, peer, old, new) {
+                return self.close(connection, code(epoch, it.epoch));
+            }
+            let (other, code) = (it.connection, code(it.epoch, epoch));
+            self.close(other, code);
+            self.ended(other, peer);
+        }
+        self.connections.insert(connection, peer);
+        self.peers.insert(
+            peer,
+            Peer {
+                connection,
+                is_dialled,
+                epoch,
+                name: name.clone(),
+                offers: BTreeMap::new(),
+                offered: BTreeMap::new(),
+            },
+        );
+        self.outputs
+            .push_back(Output::Connected { peer, epoch, name });
+        self.route(router::Input::Up { peer });
+    }
+
+    fn ended(&mut self, connection: u64, peer: GatewayId) {
+        self.connections.remove(&connection);
+        self.peers.remove(&peer);
+        self.calls_ended(connection);
+        self.route(router::Input::Down { peer });
+        self.outputs.push_back(Output::Lost { peer });
+    }
+
+    /// What happened in the domain.
+    fn local(&mut self, event: LocalEvent) {
+        match event {
+            LocalEvent::Present { subject, present } => {
+                self.route(router::Input::Local { subject, present });
+            }
+            LocalEvent::Taken {
+                subject,
+                origin,
+                taken,
+            } => self.route(router::Input::Taken {
+                subject,
+                origin,
+                taken,
+            }),
+            LocalEvent::Message {
+                subject,
+                published,
+                payload,
+            } => self.local_message(&subject, published, payload),
+            LocalEvent::Request {
+                request,
+                subject,
+                origin,
+                deadline,
+                payload,
+            } => self.local_request(request, &subject, origin, deadline, payload),
+            LocalEvent::Dropped { request } => self.local_dropped(request),
+            LocalEvent::Replied {
+                call,
+                outcome,
+                payload,
+            } => self.replied(call, outcome, payload),
+        }
+    }
+
+    /// Tells the routes, and does what follows.
+    fn route(&mut self, input: router::Input) {
+        self.router.handle(input);
+        while let Some(output) = self.router.poll() {
+            self.routed(output);
+        }
+    }
+
+    fn routed(&mut self, output: router::Output) {
+        match output {
+            router::Output::Offer {
+                peer,
+                offer,
+                subject,
+                path,
+            } => {
+                let terms = self.policy.terms(&subject, &peer);
+                if let Some(it) = self.peers.get_mut(&peer) {
+                    it.offered.insert(offer, subject.clone());
+                }
+                let command = Command::Offer {
+                    offer,
+                    subject,
+                    path,
+                    terms,
+                };
+                self.tell(peer, command);
+            }
+            router::Output::Unoffer { peer, offer } => {
+                if let Some(it) = self.peers.get_mut(&peer) {
+                    it.offered.remove(&offer);
+                }
+                self.tell(peer, Command::Unoffer { offer });
+            }
+            router::Output::Want { peer, offer, depth } => {
+                let offers = self.peers.get(&peer).map(|it| &it.offers);
+                if let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)) {
+                    let key = (subject.clone(), origin.gateway);
+                    self.calls.routes.insert(key, (peer, offer));
+                }
+                self.tell(peer, Command::Want { offer, depth });
+            }
+            router::Output::Unwant { peer, offer } => {
+                self.calls.routes.retain(|_, route| *route != (peer, offer));
+                self.tell(peer, Command::Unwant { offer });
+            }
+            router::Output::Show {
+                subject,
+                origin,
+                peer,
+            } => self.show(subject, origin, peer),
+            router::Output::Hide { subject, origin } => {
+                if subject.kind() == SubjectKind::Service {
+                    self.calls.routes.remove(&(subject.clone(), origin));
+                }
+                let command = LocalCommand::Hide { subject, origin };
+                self.outputs.push_back(Output::Local(command));
+            }
+            router::Output::Subscribe { subject, depth } => {
+                let command = LocalCommand::Subscribe { subject, depth };
+                self.outputs.push_back(Output::Local(command));
+            }
+            router::Output::Unsubscribe { subject } => {
+                let command = LocalCommand::Unsubscribe { subject };
+                self.outputs.push_back(Output::Local(command));
+            }
+        }
+    }
+
+    fn show(&mut self, subject: Subject, origin: GatewayId, peer: GatewayId) {
+        let Some(it) = self.peers.get(&peer) else {
+            return;
+        };
+        let command = LocalCommand::Show {
+            subject: subject.clone(),
+            origin,
+            peer: it.name.clone(),
+        };
+        self.outputs.push_back(Output::Local(command));
+        // A call is not to wait for what a subscriber of a topic waits for.
+        if subject.kind() == SubjectKind::Service {
+            let taken = Some(1);
+            self.router.handle(router::Input::Taken {
+                subject,
+                origin,
+                taken,
+            });
+        }
+    }
+
+    //= SM2-GWO-007
+    fn verdict(&self, peer: GatewayId, kind: SubjectKind, name: &Name) -> Verdict {
+        if !self.policy.rules.allow(kind, name, Direction::Out, &peer) {
+            return Verdict::Denied;
+        }
+        let offered = self.peers.get(&peer).map(|it| &it.offered);
+        let is_it = |it: &Subject| it.kind() == kind && it.name() == name;
+        match offered.is_some_and(|it| it.values().any(is_it)) {
+            true => Verdict::Offered,
+            false => Verdict::Absent,
+        }
+    }
+
+    /// Of whom this gateway's offer is.
+    fn source(&self, peer: GatewayId, offer: u64) -> Option<(Subject, Source)> {
+        let (subject, source) = self.router.source(peer, offer)?;
+        Some((subject.clone(), source))
+    }
+}

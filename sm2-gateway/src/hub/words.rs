@@ -1,0 +1,199 @@
+//! What goes into a hub and comes out of it.
+
+use bytes::Bytes;
+use sm2_proto::{
+    Instant, Name,
+    gateway::{GatewayId, Outcome, Subject},
+};
+
+use super::Policy;
+use crate::peer::{Command, Event};
+
+/// What happened.
+#[derive(Clone, Debug)]
+pub enum Input {
+    /// On a connection.
+    Peer {
+        /// Which.
+        connection: u64,
+        /// Whether this side opened it.
+        is_dialled: bool,
+        /// What.
+        event: Event,
+    },
+    /// In the domain.
+    Local(LocalEvent),
+    /// There are other rules.
+    Policy(Policy),
+    /// A peer is not trusted any more.
+    Distrust(GatewayId),
+}
+
+/// What is to be done.
+#[derive(Clone, Debug)]
+pub enum Output {
+    /// On a connection.
+    Peer {
+        /// Which.
+        connection: u64,
+        /// What.
+        command: Command,
+    },
+    /// In the domain.
+    Local(LocalCommand),
+    /// There is a connection with this peer: for those who look for it.
+    Connected {
+        /// With whom.
+        peer: GatewayId,
+        /// Of its process.
+        epoch: u64,
+        /// What people call it.
+        name: Name,
+    },
+    /// There is none any more.
+    Lost {
+        /// With whom.
+        peer: GatewayId,
+    },
+}
+
+/// What happened in the domain.
+#[derive(Clone, Debug)]
+pub enum LocalEvent {
+    /// Whether the domain has publishers or servers of this, besides those that stand for remote ones.
+    Present {
+        /// Of what.
+        subject: Subject,
+        /// Whether it has.
+        present: bool,
+    },
+    /// Whether the domain has subscribers of what comes from there.
+    Taken {
+        /// What.
+        subject: Subject,
+        /// From which gateway's domain.
+        origin: GatewayId,
+        /// How many messages wait for them at most, if there is anybody.
+        taken: Option<u16>,
+    },
+    /// The domain's publishers published this.
+    Message {
+        /// Of what.
+        subject: Subject,
+        /// When.
+        published: Instant,
+        /// Its bytes.
+        payload: Bytes,
+    },
+    /// Somebody called a server that stands for a remote one.
+    Request {
+        /// The domain's name for it: in the [`LocalCommand::Reply`].
+        request: u64,
+        /// Which service.
+        subject: Subject,
+        /// Of which gateway's domain.
+        origin: GatewayId,
+        /// When the caller gives up.
+        deadline: Option<Instant>,
+        /// The request.
+        payload: Bytes,
+    },
+    /// The caller does not want the reply any more.
+    Dropped {
+        /// Of which request.
+        request: u64,
+    },
+    /// A server of the domain has replied.
+    Replied {
+        /// To which [`LocalCommand::Call`].
+        call: u64,
+        /// How it went.
+        outcome: Outcome,
+        /// The reply, or why it failed.
+        payload: Bytes,
+    },
+}
+
+/// What is to be done in the domain.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LocalCommand {
+    /// Take what the domain's publishers publish, or be a client of its servers.
+    Subscribe {
+        /// Of what.
+        subject: Subject,
+        /// How many messages wait for a peer at most.
+        depth: u16,
+    },
+    /// Do not any more.
+    Unsubscribe {
+        /// Of what.
+        subject: Subject,
+    },
+    /// Be a publisher or a server that stands for the remote ones.
+    Show {
+        /// Of what.
+        subject: Subject,
+        /// Of which gateway's domain.
+        origin: GatewayId,
+        /// What people call the peer that it comes by.
+        peer: Name,
+    },
+    /// Do not any more.
+    Hide {
+        /// Of what.
+        subject: Subject,
+        /// Of which gateway's domain.
+        origin: GatewayId,
+    },
+    /// Publish a remote message.
+    Publish {
+        /// Of what.
+        subject: Subject,
+        /// Of which gateway's domain.
+        origin: GatewayId,
+        /// Its bytes.
+        payload: Bytes,
+    },
+    /// Call a server of the domain.
+    Call {
+        /// The hub's name for it: in the [`LocalEvent::Replied`].
+        call: u64,
+        /// Which service.
+        subject: Subject,
+        /// When the caller gives up.
+        deadline: Option<Instant>,
+        /// The request.
+        payload: Bytes,
+    },
+    /// Nobody waits for the reply any more.
+    Cancel {
+        /// Of which call.
+        call: u64,
+    },
+    /// Reply to a request.
+    Reply {
+        /// Which.
+        request: u64,
+        /// How it went.
+        outcome: Outcome,
+        /// The reply, or why it failed.
+        payload: Bytes,
+    },
+}
+
+/// A peer that there is a connection with.
+#[derive(Clone, Debug)]
+pub struct PeerStatus {
+    /// Who it is.
+    pub id: GatewayId,
+    /// What people call it.
+    pub name: Name,
+    /// The connection.
+    pub connection: u64,
+    /// Of its process.
+    pub epoch: u64,
+    /// What it offers.
+    pub offers: Vec<Subject>,
+    /// What it was offered.
+    pub offered: Vec<Subject>,
+}

@@ -1,0 +1,68 @@
+//! Calls of the domain's servers, for peers.
+
+use std::{collections::BTreeMap, sync::Arc, time::Duration};
+
+use bytes::Bytes;
+use sm2_node::{CallError, asynchronous::AsyncClient};
+use sm2_proto::{Instant, gateway::Outcome};
+use tokio::task::AbortHandle;
+
+use super::Events;
+use crate::hub::LocalEvent;
+
+/// A call without a deadline is given up after so long: a peer is not to collect them here.
+const LONGEST: Duration = Duration::from_secs(600);
+
+/// The calls that wait for a reply.
+#[derive(Debug, Default)]
+pub(super) struct Calls(BTreeMap<u64, AbortHandle>);
+
+impl Calls {
+    pub(super) fn start(
+        &mut self,
+        call: u64,
+        client: Option<Arc<AsyncClient<[u8], [u8]>>>,
+        deadline: Option<Instant>,
+        payload: Bytes,
+        events: Events,
+    ) {
+        self.0.retain(|_, task| !task.is_finished());
+        let task = tokio::spawn(async move {
+            let (outcome, payload) = match client {
+                Some(client) => ask(&client, deadline, &payload).await,
+                None => (Outcome::Unreachable, Bytes::new()),
+            };
+            let event = LocalEvent::Replied {
+                call,
+                outcome,
+                payload,
+            };
+            events.send(event).await;
+        });
+        self.0.insert(call, task.abort_handle());
+    }
+
+    pub(super) fn cancel(&mut self, call: u64) {
+        if let Some(task) = self.0.remove(&call) {
+            task.abort();
+        }
+    }
+}
+
+async fn ask(
+    client: &AsyncClient<[u8], [u8]>,
+    deadline: Option<Instant>,
+    payload: &[u8],
+) -> (Outcome, Bytes) {
+    let now = sm2_io::clock::now();
+    let timeout = deadline.map_or(LONGEST, |it| it.since(now).min(LONGEST));
+    let outcome = match client.call(payload, timeout).await {
+        Ok(reply) => return (Outcome::Ok, Bytes::copy_from_slice(&reply)),
+        Err(CallError::Failed { reason, .. }) => return (Outcome::Failed, reason.into()),
+        Err(CallError::DeadlineExceeded { .. }) => Outcome::DeadlinePassed,
+        Err(CallError::Cancelled { .. }) => Outcome::Cancelled,
+        Err(CallError::NoServer { .. } | CallError::ServerGone { .. }) => Outcome::Unreachable,
+        Err(error) => return (Outcome::Failed, error.to_string().into()),
+    };
+    (outcome, Bytes::new())
+}

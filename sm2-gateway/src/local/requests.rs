@@ -1,0 +1,133 @@
+//! Requests of the domain's programs to servers that stand for remote ones.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
+
+use bytes::Bytes;
+use sm2_node::{
+    Node, RecvError, Request, Server,
+    asynchronous::{AsyncServer, IntoAsync},
+};
+use sm2_proto::{
+    Name, TypeId,
+    gateway::{GatewayId, Outcome, Subject},
+};
+use tokio::sync::oneshot;
+
+use super::Events;
+use crate::hub::LocalEvent;
+
+/// How often it is asked whether the caller still waits.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// The requests that wait for a reply.
+#[derive(Debug, Default)]
+pub(super) struct Requests {
+    last: u64,
+    open: BTreeMap<u64, oneshot::Sender<(Outcome, Bytes)>>,
+}
+
+impl Requests {
+    fn open(&mut self) -> (u64, oneshot::Receiver<(Outcome, Bytes)>) {
+        let (answer, answered) = oneshot::channel();
+        self.last += 1;
+        self.open.insert(self.last, answer);
+        (self.last, answered)
+    }
+}
+
+pub(super) fn server(
+    node: &Node,
+    name: &Name,
+    request: &TypeId,
+    reply: &TypeId,
+) -> Result<AsyncServer<[u8], [u8]>, String> {
+    let server: Server<[u8], [u8]> = node
+        .server_builder(name.as_str())
+        .type_ids(request.clone(), reply.clone())
+        .max_borrowed(256)
+        .declare()
+        .map_err(|error| error.to_string())?;
+    server.into_async().map_err(|error| error.to_string())
+}
+
+/// Hands on each request, for as long as it is polled.
+pub(super) async fn serve(
+    server: AsyncServer<[u8], [u8]>,
+    subject: Subject,
+    origin: GatewayId,
+    requests: Arc<Mutex<Requests>>,
+    events: Events,
+) {
+    loop {
+        match server.recv().await {
+            Ok(request) => {
+                let (subject, requests) = (subject.clone(), Arc::clone(&requests));
+                tokio::spawn(forward(request, subject, origin, requests, events.clone()));
+            }
+            // As many as may be wait for a reply.
+            Err(RecvError::TooManyBorrowed { .. }) => tokio::time::sleep(LOOK).await,
+            Err(error) => tracing::warn!(name = %subject.name(), %error, "a request was not taken"),
+        }
+    }
+}
+
+async fn forward(
+    request: Request<[u8], [u8]>,
+    subject: Subject,
+    origin: GatewayId,
+    requests: Arc<Mutex<Requests>>,
+    events: Events,
+) {
+    let (id, mut answered) = lock(&requests).open();
+    let event = LocalEvent::Request {
+        request: id,
+        subject,
+        origin,
+        deadline: request.deadline(),
+        payload: Bytes::copy_from_slice(&request),
+    };
+    events.send(event).await;
+    let answer = loop {
+        tokio::select! {
+            answer = &mut answered => break answer.ok(),
+            () = tokio::time::sleep(LOOK) => if request.is_cancelled() {
+                lock(&requests).open.remove(&id);
+                events.send(LocalEvent::Dropped { request: id }).await;
+                return;
+            },
+        }
+    };
+    let done = match answer {
+        Some((Outcome::Ok, payload)) => request.reply(&payload),
+        Some((Outcome::Failed, reason)) => request.fail(&String::from_utf8_lossy(&reason)),
+        Some((Outcome::Denied, _)) => request.fail("denied by the rules of a gateway"),
+        Some((Outcome::DeadlinePassed, _)) => request.fail("the deadline passed at a gateway"),
+        Some((Outcome::Cancelled, _)) => request.fail("cancelled at a gateway"),
+        Some((Outcome::Unreachable, _)) | None => {
+            request.fail("unreachable: a gateway has no way to the server any more")
+        }
+    };
+    if let Err(error) = done {
+        tracing::debug!(%error, "a reply was not wanted any more");
+    }
+}
+
+pub(super) fn answer(
+    requests: &Arc<Mutex<Requests>>,
+    request: u64,
+    outcome: Outcome,
+    payload: Bytes,
+) {
+    if let Some(waiting) = lock(requests).open.remove(&request) {
+        // Who does not wait any more needs none.
+        let _ = waiting.send((outcome, payload));
+    }
+}
+
+fn lock(requests: &Mutex<Requests>) -> std::sync::MutexGuard<'_, Requests> {
+    requests.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,165 @@
+//! What the domain has, and what it takes of what is shown.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    io,
+    sync::{Arc, Mutex, PoisonError},
+    thread,
+    time::Duration,
+};
+
+use sm2_node::Node;
+use sm2_proto::{
+    Contract,
+    domain::{Domain, InterfaceView},
+    gateway::{GatewayId, Subject},
+};
+use tokio::sync::mpsc;
+
+use super::names::is_gateways;
+use crate::{hub::LocalEvent, run::Message};
+
+/// How long the end of a gateway may go unnoticed here.
+const LOOK: Duration = Duration::from_secs(1);
+/// Where there is no Manager, waiting for one takes no time.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// The topics that are shown.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Shown(Arc<Mutex<BTreeSet<(Subject, GatewayId)>>>);
+
+impl Shown {
+    pub(super) fn insert(&self, subject: &Subject, origin: GatewayId) {
+        self.lock().insert((subject.clone(), origin));
+    }
+
+    pub(super) fn remove(&self, what: &(Subject, GatewayId)) {
+        self.lock().remove(what);
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, BTreeSet<(Subject, GatewayId)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What is known of the domain.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct View {
+    present: BTreeSet<Subject>,
+    taken: BTreeMap<(Subject, GatewayId), u16>,
+}
+
+/// Follows the domain on a thread of its own, as long as somebody wants to know.
+pub(super) fn start(node: &Node, shown: Shown, hub: mpsc::Sender<Message>) -> io::Result<()> {
+    let mut watch = node.watch();
+    let follow = move || {
+        let mut view = View::default();
+        while !hub.is_closed() {
+            match watch.wait(Some(LOOK)) {
+                Ok(changes) if changes.is_empty() => thread::sleep(PAUSE),
+                Ok(_) => {}
+                Err(error) => {
+                    tracing::warn!(%error, "cannot follow the domain");
+                    thread::sleep(PAUSE);
+                    continue;
+                }
+            }
+            let now = View::of(watch.domain(), &shown.lock());
+            for event in view.difference(&now) {
+                if hub.blocking_send(Message::Local(event)).is_err() {
+                    return;
+                }
+            }
+            view = now;
+        }
+    };
+    let thread = thread::Builder::new().name("watch".to_owned());
+    thread.spawn(follow).map(drop)
+}
+
+impl View {
+    fn of(domain: &Domain, shown: &BTreeSet<(Subject, GatewayId)>) -> Self {
+        let is_own = |it: &InterfaceView<'_>| {
+            let node = domain.node(it.place.node);
+            it.refused.is_none() && node.is_some_and(|node| !is_gateways(node.name))
+        };
+        let contracts: Vec<&Contract> = (domain.interfaces())
+            .filter(is_own)
+            .map(|it| it.contract)
+            .collect();
+        let mut view = Self::default();
+        let mut topics = BTreeMap::new();
+        for contract in &contracts {
+            match contract {
+                Contract::Publisher { topic, data, offer } => {
+                    *topics.entry((topic, data)).or_insert(false) |= offer.reliable;
+                }
+                Contract::Server {
+                    service,
+                    request,
+                    reply,
+                    ..
+                } => {
+                    view.present.insert(Subject::Service {
+                        name: service.clone(),
+                        request: request.clone(),
+                        reply: reply.clone(),
+                    });
+                }
+                Contract::Subscriber { .. } | Contract::Client { .. } => {}
+            }
+        }
+        let topics = topics.into_iter();
+        view.present
+            .extend(topics.map(|((name, data), reliable)| Subject::Topic {
+                name: name.clone(),
+                data: data.clone(),
+                reliable,
+            }));
+        for (subject, origin) in shown {
+            let takes = |contract: &&Contract| depth(contract, subject);
+            if let Some(depth) = contracts.iter().filter_map(takes).max() {
+                view.taken.insert((subject.clone(), *origin), depth);
+            }
+        }
+        view
+    }
+
+    fn difference(&self, now: &Self) -> Vec<LocalEvent> {
+        let present = |subject: &Subject, present| LocalEvent::Present {
+            subject: subject.clone(),
+            present,
+        };
+        let taken = |(subject, origin): &(Subject, GatewayId), taken| LocalEvent::Taken {
+            subject: subject.clone(),
+            origin: *origin,
+            taken,
+        };
+        let gone = self.present.difference(&now.present);
+        let new = now.present.difference(&self.present);
+        let left = self.taken.keys().filter(|it| !now.taken.contains_key(it));
+        let other = (now.taken.iter()).filter(|(it, depth)| self.taken.get(it) != Some(depth));
+        (gone.map(|it| present(it, false)))
+            .chain(new.map(|it| present(it, true)))
+            .chain(left.map(|it| taken(it, None)))
+            .chain(other.map(|(it, depth)| taken(it, Some(*depth))))
+            .collect()
+    }
+}
+
+/// How many messages wait for this subscriber, if it takes that topic.
+fn depth(contract: &Contract, subject: &Subject) -> Option<u16> {
+    match (contract, subject) {
+        (
+            Contract::Subscriber {
+                topic,
+                data,
+                demand,
+            },
+            Subject::Topic {
+                name, data: theirs, ..
+            },
+        ) if topic == name && data.as_ref().is_none_or(|it| it == theirs) => Some(demand.depth),
+        _ => None,
+    }
+}

@@ -1,0 +1,243 @@
+//! The task of one connection.
+
+use std::{
+    collections::BTreeMap,
+    net::SocketAddr,
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
+
+use quinn_proto::{Connection, ConnectionEvent, ConnectionHandle, EndpointEvent};
+use sm2_io::quic::Socket;
+use sm2_proto::gateway::GatewayId;
+use tokio::{
+    sync::mpsc::{self, error::TrySendError},
+    time::{Instant, sleep_until},
+};
+
+use super::{Message, NetworkMessage};
+use crate::{
+    clock::Clock,
+    peer::{Command, Counts, Event, Limits, Me, Peer},
+};
+
+/// How many datagrams wait for a connection that has a lot to do.
+const DATAGRAMS: usize = 2_048;
+/// How many messages do.
+const MESSAGES: usize = 64;
+/// What is done in one turn, so that all that waits gets its own.
+const BURST: usize = 64;
+/// How long a connection that is over goes on answering.
+const DRAIN: Duration = Duration::from_secs(3);
+
+/// What all tasks share.
+#[derive(Debug)]
+pub(super) struct Shared {
+    pub(super) clock: Clock,
+    pub(super) me: Me,
+    pub(super) limits: Limits,
+    pub(super) socket: Socket,
+    pub(super) hub: mpsc::Sender<Message>,
+    pub(super) network: mpsc::UnboundedSender<NetworkMessage>,
+    /// Of the peers with a connection: an older process is stale.
+    pub(super) epochs: Mutex<BTreeMap<GatewayId, u64>>,
+    pub(super) reports: Mutex<BTreeMap<u64, ConnectionReport>>,
+}
+
+/// How a connection is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ConnectionReport {
+    pub(super) counts: Counts,
+    pub(super) rtt: Duration,
+    pub(super) address: SocketAddr,
+}
+
+/// The ways to a connection.
+#[derive(Clone, Debug)]
+pub(crate) struct Senders {
+    pub(super) commands: mpsc::UnboundedSender<Command>,
+    pub(super) messages: mpsc::Sender<Command>,
+    pub(super) endpoint: mpsc::UnboundedSender<ConnectionEvent>,
+    pub(super) datagrams: mpsc::Sender<ConnectionEvent>,
+}
+
+#[derive(Debug)]
+pub(super) struct Inbox {
+    commands: mpsc::UnboundedReceiver<Command>,
+    messages: mpsc::Receiver<Command>,
+    endpoint: mpsc::UnboundedReceiver<ConnectionEvent>,
+    datagrams: mpsc::Receiver<ConnectionEvent>,
+}
+
+pub(super) fn channels() -> (Senders, Inbox) {
+    let (commands, commands_out) = mpsc::unbounded_channel();
+    let (messages, messages_out) = mpsc::channel(MESSAGES);
+    let (endpoint, endpoint_out) = mpsc::unbounded_channel();
+    let (datagrams, datagrams_out) = mpsc::channel(DATAGRAMS);
+    let senders = Senders {
+        commands,
+        messages,
+        endpoint,
+        datagrams,
+    };
+    let inbox = Inbox {
+        commands: commands_out,
+        messages: messages_out,
+        endpoint: endpoint_out,
+        datagrams: datagrams_out,
+    };
+    (senders, inbox)
+}
+
+impl Senders {
+    /// Whether it was taken. A message that finds no room is lost, as it would be on the way.
+    pub(super) fn command(&self, command: Command) -> bool {
+        match command {
+            Command::Message { .. } => {
+                !matches!(self.messages.try_send(command), Err(TrySendError::Full(_)))
+            }
+            command => self.commands.send(command).is_ok(),
+        }
+    }
+}
+
+/// One connection, from its first datagram to its last.
+pub(super) struct Task {
+    shared: Arc<Shared>,
+    handle: ConnectionHandle,
+    /// The connection's number, which is not used again.
+    number: u64,
+    dialled: Option<GatewayId>,
+    peer: Peer,
+    has_ended: Option<Instant>,
+}
+
+impl Task {
+    pub(super) fn new(
+        shared: Arc<Shared>,
+        handle: ConnectionHandle,
+        number: u64,
+        dialled: Option<GatewayId>,
+        connection: Connection,
+    ) -> Self {
+        let epochs = lock(&shared.epochs).clone();
+        let peer = Peer::new(
+            connection,
+            shared.clock,
+            shared.me.clone(),
+            epochs,
+            shared.limits,
+        );
+        Self {
+            shared,
+            handle,
+            number,
+            dialled,
+            peer,
+            has_ended: None,
+        }
+    }
+
+    pub(super) async fn run(mut self, mut inbox: Inbox) {
+        let mut buffer = Vec::new();
+        loop {
+            self.settle(&mut buffer).await;
+            if self.peer.is_drained() || self.has_ended.is_some_and(|it| it.elapsed() >= DRAIN) {
+                break;
+            }
+            let now = sm2_io::clock::now();
+            let deadline = self
+                .peer
+                .deadline()
+                .map(|it| Instant::now() + it.since(now));
+            let deadline = deadline
+                .into_iter()
+                .chain(self.has_ended.map(|it| it + DRAIN))
+                .min();
+            let wait = async {
+                match deadline {
+                    Some(deadline) => sleep_until(deadline).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                biased;
+                Some(event) = inbox.endpoint.recv() => self.event(event),
+                Some(event) = inbox.datagrams.recv() => {
+                    self.event(event);
+                    for _ in 0..BURST {
+                        let Ok(event) = inbox.datagrams.try_recv() else { break };
+                        self.event(event);
+                    }
+                }
+                command = inbox.commands.recv() => match command {
+                    Some(command) => self.command(command),
+                    None => break,
+                },
+                Some(message) = inbox.messages.recv() => self.command(message),
+                () = wait => self.peer.handle_timeout(self.shared.clock.now()),
+            }
+        }
+        lock(&self.shared.reports).remove(&self.number);
+        if !self.peer.is_drained() {
+            self.tell_endpoint(EndpointEvent::drained());
+        }
+    }
+
+    fn event(&mut self, event: ConnectionEvent) {
+        self.peer.handle_event(self.shared.clock.now(), event);
+    }
+
+    fn command(&mut self, command: Command) {
+        self.peer.command(self.shared.clock.now(), command);
+    }
+
+    /// Without a network nobody needs to know.
+    fn tell_endpoint(&self, event: EndpointEvent) {
+        let handle = self.handle;
+        let _ = (self.shared.network).send(NetworkMessage::Endpoint { handle, event });
+    }
+
+    /// Does what follows from what happened.
+    async fn settle(&mut self, buffer: &mut Vec<u8>) {
+        while let Some(event) = self.peer.poll() {
+            if let Event::Ended(reason) = &event {
+                tracing::info!(address = %self.peer.address(), "{reason}");
+                self.has_ended = Some(Instant::now());
+                if let Some(peer) = self.dialled {
+                    let _ = self.shared.network.send(NetworkMessage::Failed { peer });
+                }
+            }
+            let message = Message::Peer {
+                connection: self.number,
+                event,
+            };
+            let _ = self.shared.hub.send(message).await;
+        }
+        while let Some(event) = self.peer.poll_endpoint() {
+            self.tell_endpoint(event);
+        }
+        let segments = self.shared.socket.max_segments();
+        for _ in 0..BURST {
+            buffer.clear();
+            let now = self.shared.clock.now();
+            let Some(transmit) = self.peer.poll_transmit(now, segments, buffer) else {
+                break;
+            };
+            if self.shared.socket.send(&transmit, buffer).await.is_err() {
+                return;
+            }
+        }
+        let (rtt, _) = self.peer.path();
+        let report = ConnectionReport {
+            counts: self.peer.counts(),
+            rtt,
+            address: self.peer.address(),
+        };
+        lock(&self.shared.reports).insert(self.number, report);
+    }
+}
+
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,151 @@
+//! The task of the hub.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use sm2_proto::{Name, gateway::GatewayId};
+use tokio::sync::mpsc;
+
+use super::{
+    Message, NetworkMessage,
+    connection::{Senders, Shared, lock},
+    goodbye, local, status,
+};
+use crate::{
+    hub::{Hub, Input, Output},
+    peer::{Command, Event},
+};
+
+/// The hub, and the ways to all others.
+struct Task {
+    hub: Hub,
+    /// What the configuration calls peers.
+    names: BTreeMap<GatewayId, Name>,
+    shared: Arc<Shared>,
+    local: local::Orders,
+    connections: BTreeMap<u64, Connection>,
+}
+
+struct Connection {
+    is_dialled: bool,
+    senders: Senders,
+}
+
+pub(super) async fn run(
+    hub: Hub,
+    names: BTreeMap<GatewayId, Name>,
+    shared: Arc<Shared>,
+    mut inbox: mpsc::Receiver<Message>,
+    local: local::Orders,
+) {
+    let mut task = Task {
+        hub,
+        names,
+        shared,
+        local,
+        connections: BTreeMap::new(),
+    };
+    while let Some(message) = inbox.recv().await {
+        task.message(message);
+    }
+}
+
+impl Task {
+    fn message(&mut self, message: Message) {
+        match message {
+            Message::Opened {
+                connection,
+                is_dialled,
+                senders,
+            } => {
+                let it = Connection {
+                    is_dialled,
+                    senders,
+                };
+                self.connections.insert(connection, it);
+            }
+            Message::Peer { connection, event } => self.event(connection, event),
+            Message::Local(event) => self.handle(Input::Local(event)),
+            Message::Reload { policy, names } => {
+                let gone: Vec<GatewayId> = (self.names.keys())
+                    .filter(|it| !names.contains_key(it))
+                    .copied()
+                    .collect();
+                self.names = names;
+                for peer in gone {
+                    self.handle(Input::Distrust(peer));
+                }
+                self.handle(Input::Policy(policy));
+            }
+            Message::Report(answer) => {
+                let report = status::report(&self.hub, &self.shared);
+                // Whoever asked may have gone.
+                let _ = answer.send(report);
+            }
+            Message::Stop => {
+                for it in self.connections.values() {
+                    it.senders.command(Command::Close(goodbye()));
+                }
+            }
+        }
+    }
+
+    fn event(&mut self, connection: u64, mut event: Event) {
+        let Some(it) = self.connections.get(&connection) else {
+            return;
+        };
+        let is_dialled = it.is_dialled;
+        // Whatever a peer calls itself: two of them may say the same.
+        if let Event::Greeted { peer, name, .. } = &mut event {
+            match self.names.get(peer) {
+                Some(known) => *name = known.clone(),
+                // Not trusted any more since the handshake.
+                None => {
+                    it.senders.command(Command::Close(goodbye()));
+                    return;
+                }
+            }
+        }
+        let is_over = matches!(event, Event::Ended(_));
+        self.handle(Input::Peer {
+            connection,
+            is_dialled,
+            event,
+        });
+        if is_over {
+            self.connections.remove(&connection);
+        }
+    }
+
+    fn handle(&mut self, input: Input) {
+        self.hub.handle(sm2_io::clock::now(), input);
+        while let Some(output) = self.hub.poll() {
+            match output {
+                Output::Peer {
+                    connection,
+                    command,
+                } => {
+                    if let Some(it) = self.connections.get(&connection) {
+                        it.senders.command(command);
+                    }
+                }
+                Output::Local(command) => {
+                    self.local.send(command);
+                }
+                Output::Connected { peer, epoch, name } => {
+                    tracing::info!(%name, id = %peer, "connected");
+                    lock(&self.shared.epochs).insert(peer, epoch);
+                    self.network(NetworkMessage::Connected { peer, epoch });
+                }
+                Output::Lost { peer } => {
+                    tracing::info!(name = self.names.get(&peer).map(Name::as_str), id = %peer, "lost");
+                    self.network(NetworkMessage::Lost { peer });
+                }
+            }
+        }
+    }
+
+    /// Without a network there is nothing to be told.
+    fn network(&self, message: NetworkMessage) {
+        let _ = self.shared.network.send(message);
+    }
+}

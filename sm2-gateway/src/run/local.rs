@@ -1,0 +1,59 @@
+//! The task of the domain's side.
+
+use tokio::{
+    sync::mpsc::{self, error::TrySendError},
+    task::block_in_place,
+};
+
+use crate::{hub::LocalCommand, local::Local};
+
+/// How many remote messages wait to be published.
+const MESSAGES: usize = 256;
+
+/// The ways to the domain's side.
+#[derive(Debug)]
+pub(super) struct Orders {
+    commands: mpsc::UnboundedSender<LocalCommand>,
+    messages: mpsc::Sender<LocalCommand>,
+}
+
+pub(super) struct Inbox {
+    commands: mpsc::UnboundedReceiver<LocalCommand>,
+    messages: mpsc::Receiver<LocalCommand>,
+}
+
+pub(super) fn channel() -> (Orders, Inbox) {
+    let (commands, commands_out) = mpsc::unbounded_channel();
+    let (messages, messages_out) = mpsc::channel(MESSAGES);
+    let orders = Orders { commands, messages };
+    let inbox = Inbox {
+        commands: commands_out,
+        messages: messages_out,
+    };
+    (orders, inbox)
+}
+
+impl Orders {
+    /// Whether it was taken: a message that finds no room is lost.
+    pub(super) fn send(&self, command: LocalCommand) -> bool {
+        match command {
+            LocalCommand::Publish { .. } => {
+                !matches!(self.messages.try_send(command), Err(TrySendError::Full(_)))
+            }
+            command => self.commands.send(command).is_ok(),
+        }
+    }
+}
+
+pub(super) async fn run(mut local: Local, mut inbox: Inbox) {
+    loop {
+        let command = tokio::select! {
+            biased;
+            command = inbox.commands.recv() => command,
+            Some(message) = inbox.messages.recv() => Some(message),
+        };
+        let Some(command) = command else { return };
+        // The Manager answers at once, or is stuck: then the other tasks go on.
+        block_in_place(|| local.handle(command));
+    }
+}

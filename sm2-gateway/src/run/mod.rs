@@ -1,0 +1,283 @@
+//! A gateway at work: tasks, and what goes between them.
+//!
+//! | task | what it has |
+//! | --- | --- |
+//! | `network` | the UDP socket, the endpoint, beacons, whom to dial |
+//! | `connection`, one for each | QUIC, the session, the schedule and the memory of one peer |
+//! | `hub` | routes, calls |
+//! | `local` | the domain's nodes |
+//!
+//! Nobody waits for a connection: what it does not take in time is dropped, if it is a message, or
+//! a datagram. So a peer that is slow, stuck or hostile harms nobody but itself.
+
+mod beacons;
+mod connection;
+mod hub;
+mod local;
+mod network;
+mod status;
+
+use std::{
+    collections::BTreeMap,
+    io,
+    net::SocketAddr,
+    sync::{Arc, Mutex},
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use sm2_io::quic::{Endpoint, Socket, Trusted};
+use sm2_proto::{
+    Name,
+    gateway::{GatewayId, Hop, PeerFarewell, Subject},
+};
+use tokio::sync::{mpsc, oneshot, watch};
+
+pub use self::beacons::BeaconsError;
+pub use self::status::{PeerReport, Report};
+use self::{
+    beacons::Beacons,
+    connection::{Senders, Shared},
+};
+use crate::{
+    clock::Clock,
+    config::Config,
+    hub::{Hub, LocalEvent, Policy},
+    keys::{self, KeyFileError},
+    local::{Local, LocalError},
+    peer::{Event, Me},
+};
+
+/// What waits for the hub.
+const HUB_QUEUE: usize = 1_024;
+/// How long connections have to say goodbye.
+const GOODBYE: Duration = Duration::from_millis(500);
+
+/// What the hub is told.
+#[derive(Debug)]
+pub(crate) enum Message {
+    /// There is a connection.
+    Opened {
+        connection: u64,
+        is_dialled: bool,
+        senders: Senders,
+    },
+    /// Something happened on it.
+    Peer { connection: u64, event: Event },
+    /// Something happened in the domain.
+    Local(LocalEvent),
+    /// There is another configuration.
+    Reload {
+        policy: Policy,
+        names: BTreeMap<GatewayId, Name>,
+    },
+    /// How is it?
+    Report(oneshot::Sender<Report>),
+    /// Say goodbye to all peers.
+    Stop,
+}
+
+/// What the network's task is told.
+#[derive(Debug)]
+pub(crate) enum NetworkMessage {
+    /// By a connection.
+    Endpoint {
+        handle: quinn_proto::ConnectionHandle,
+        event: quinn_proto::EndpointEvent,
+    },
+    /// An attempt to connect led to nothing.
+    Failed { peer: GatewayId },
+    /// By the hub.
+    Connected { peer: GatewayId, epoch: u64 },
+    /// By the hub.
+    Lost { peer: GatewayId },
+    /// There are other peers.
+    Peers(Vec<crate::config::PeerConfig>),
+}
+
+/// Why a gateway did not start, or ended.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// Its key.
+    #[error(transparent)]
+    Key(#[from] KeyFileError),
+    /// Its domain.
+    #[error(transparent)]
+    Local(#[from] LocalError),
+    /// The address is taken, or not of this machine.
+    #[error("cannot listen at {address}: {source}; `listen` in {config} says where")]
+    Listen {
+        /// Which.
+        address: SocketAddr,
+        /// What the system said.
+        source: io::Error,
+        /// Where it is said.
+        config: String,
+    },
+    /// Its beacons.
+    #[error(transparent)]
+    Beacons(#[from] BeaconsError),
+    /// TLS does not take the key.
+    #[error("the key is of no use: {0}")]
+    Tls(String),
+    /// The socket broke.
+    #[error("the network is gone: {0}")]
+    Network(io::Error),
+}
+
+/// A gateway that runs.
+#[derive(Debug)]
+pub struct Gateway {
+    hub: mpsc::Sender<Message>,
+    network: mpsc::UnboundedSender<NetworkMessage>,
+    trusted: Trusted,
+    address: SocketAddr,
+    id: GatewayId,
+    ended: watch::Receiver<Option<Arc<io::Error>>>,
+}
+
+impl Gateway {
+    /// Starts all of it, or nothing.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    ///
+    /// # Panics
+    /// Outside of a multi-threaded tokio runtime.
+    pub async fn start(config: &Config) -> Result<Self, RunError> {
+        let key = keys::load(&config.key)?;
+        let id = key.id();
+        let socket = Socket::bind(config.listen).map_err(|source| RunError::Listen {
+            address: config.listen,
+            source,
+            config: config.path.display().to_string(),
+        })?;
+        let beacons = Beacons::open(&config.discovery)?;
+        let address = socket.local_addr().map_err(RunError::Network)?;
+        let trusted = Trusted::default();
+        trusted.set(config.peers.iter().map(|it| it.id));
+        let endpoint = Endpoint::new(key, trusted.clone(), config.congestion, None);
+        let endpoint = endpoint.map_err(|error| RunError::Tls(error.to_string()))?;
+        let hop = Hop {
+            gateway: id,
+            epoch: epoch(),
+        };
+        let (hub, hub_inbox) = mpsc::channel(HUB_QUEUE);
+        let (network, network_inbox) = mpsc::unbounded_channel();
+        let (local_orders, local_inbox) = local::channel();
+        let (place, name, events) = (config.place.clone(), config.name.clone(), hub.clone());
+        let domain = tokio::task::block_in_place(|| Local::join(place, &name, events))?;
+        status::serve(&domain, &config.name, hub.clone())?;
+        let shared = Arc::new(Shared {
+            clock: Clock::of_the_machine(),
+            me: Me {
+                hop,
+                name: config.name.clone(),
+            },
+            limits: config.limits,
+            socket,
+            hub: hub.clone(),
+            network: network.clone(),
+            epochs: Mutex::default(),
+            reports: Mutex::default(),
+        });
+        let (ending, ended) = watch::channel(None);
+        tokio::spawn(local::run(domain, local_inbox));
+        tokio::spawn(hub::run(
+            Hub::new(hop, config.policy.clone()),
+            names(config),
+            Arc::clone(&shared),
+            hub_inbox,
+            local_orders,
+        ));
+        let peers = config.peers.clone();
+        tokio::spawn(async move {
+            let network = network::Network::new(endpoint, beacons, shared, address.port(), peers);
+            let error = network.run(network_inbox).await;
+            let _ = ending.send(error.err().map(Arc::new));
+        });
+        tracing::info!(%id, %address, name = %config.name, "the gateway is there");
+        Ok(Self {
+            hub,
+            network,
+            trusted,
+            address,
+            id,
+            ended,
+        })
+    }
+
+    /// Where QUIC listens.
+    #[must_use]
+    pub const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Who it is.
+    #[must_use]
+    pub const fn id(&self) -> GatewayId {
+        self.id
+    }
+
+    /// Takes rules and peers of another configuration; its name, key, domain and addresses stay.
+    //= SM2-GWR-004
+    pub async fn reload(&self, config: &Config) {
+        self.trusted.set(config.peers.iter().map(|it| it.id));
+        // Whoever is gone meanwhile needs to be told nothing.
+        let _ = self
+            .network
+            .send(NetworkMessage::Peers(config.peers.clone()));
+        let policy = config.policy.clone();
+        let names = names(config);
+        let _ = self.hub.send(Message::Reload { policy, names }).await;
+    }
+
+    /// Who is connected, and what goes to and fro.
+    pub async fn report(&self) -> Option<Report> {
+        let (answer, answered) = oneshot::channel();
+        self.hub.send(Message::Report(answer)).await.ok()?;
+        answered.await.ok()
+    }
+
+    /// Waits until it has ended by itself: the network is gone.
+    pub async fn ended(&mut self) -> RunError {
+        let ended = self.ended.wait_for(Option::is_some).await;
+        let error = ended.ok().and_then(|it| it.clone());
+        let error = error.map_or_else(
+            || io::Error::other("a task of the gateway ended"),
+            |it| io::Error::new(it.kind(), it.to_string()),
+        );
+        RunError::Network(error)
+    }
+
+    /// Says goodbye to peers and the domain.
+    pub async fn stop(self) {
+        let _ = self.hub.send(Message::Stop).await;
+        // The datagrams that say so are sent by the connections' own tasks.
+        tokio::time::sleep(GOODBYE).await;
+    }
+}
+
+fn names(config: &Config) -> BTreeMap<GatewayId, Name> {
+    let names = config.peers.iter().map(|it| (it.id, it.name.clone()));
+    names.collect()
+}
+
+/// Greater than that of any process before, as long as the clock is not set back.
+//= SM2-GWC-004
+fn epoch() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.map_or(0, |it| u64::try_from(it.as_nanos()).unwrap_or(u64::MAX))
+}
+
+/// What a subject is called in reports.
+fn label(subject: &Subject) -> String {
+    match subject {
+        Subject::Topic { name, .. } => format!("topic {name}"),
+        Subject::Service { name, .. } => format!("service {name}"),
+    }
+}
+
+/// The code of a goodbye.
+const fn goodbye() -> sm2_proto::Code {
+    PeerFarewell::ShuttingDown.code()
+}

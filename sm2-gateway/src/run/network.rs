@@ -1,0 +1,204 @@
+//! The task of the UDP socket: datagrams to their connections, whom to dial, beacons.
+
+use std::{collections::BTreeMap, io, sync::Arc};
+
+use quinn_proto::{Connection, ConnectionHandle};
+use sm2_io::quic::{Arrival, Batch, Endpoint};
+use sm2_proto::gateway::{
+    Beacon, GatewayId,
+    discovery::{Discovery, Input, Output},
+};
+use tokio::{
+    sync::mpsc,
+    time::{Instant, sleep_until},
+};
+
+use super::{
+    Message, NetworkMessage,
+    beacons::Beacons,
+    connection::{Senders, Shared, Task, channels},
+};
+use crate::config::PeerConfig;
+
+/// What the task of the network has.
+pub(super) struct Network {
+    endpoint: Endpoint,
+    beacons: Option<Beacons>,
+    shared: Arc<Shared>,
+    port: u16,
+    discovery: Discovery,
+    peers: Vec<GatewayId>,
+    connections: BTreeMap<ConnectionHandle, Senders>,
+    /// The number of the last connection.
+    last: u64,
+}
+
+impl Network {
+    pub(super) fn new(
+        endpoint: Endpoint,
+        beacons: Option<Beacons>,
+        shared: Arc<Shared>,
+        port: u16,
+        peers: Vec<PeerConfig>,
+    ) -> Self {
+        let hop = shared.me.hop;
+        let now = sm2_io::clock::now();
+        let discovery = Discovery::new(now, hop.gateway, hop.epoch, beacons.is_some());
+        let mut network = Self {
+            endpoint,
+            beacons,
+            shared,
+            port,
+            discovery,
+            peers: Vec::new(),
+            connections: BTreeMap::new(),
+            last: 0,
+        };
+        network.trust(peers);
+        network
+    }
+
+    pub(super) async fn run(
+        mut self,
+        mut inbox: mpsc::UnboundedReceiver<NetworkMessage>,
+    ) -> io::Result<()> {
+        let shared = Arc::clone(&self.shared);
+        let mut batch = Batch::new();
+        let mut answer = Vec::new();
+        let mut beacon = vec![0; 512];
+        loop {
+            self.discover().await;
+            let now = sm2_io::clock::now();
+            let deadline = self.discovery.deadline();
+            let deadline = deadline.map(|it| Instant::now() + it.since(now));
+            let wait = async {
+                match deadline {
+                    Some(deadline) => sleep_until(deadline).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                received = shared.socket.recv(&mut batch) => {
+                    received?;
+                    self.datagrams(&batch, &mut answer).await;
+                }
+                message = inbox.recv() => match message {
+                    Some(message) => self.message(message),
+                    None => return Ok(()),
+                },
+                (from, len) = Beacons::recv(self.beacons.as_ref(), &mut beacon) => {
+                    let bytes = &beacon[..len];
+                    self.discovery.handle(sm2_io::clock::now(), Input::Beacon { from, bytes });
+                }
+                () = wait => self.discovery.handle(sm2_io::clock::now(), Input::Tick),
+            }
+        }
+    }
+
+    async fn datagrams(&mut self, batch: &Batch, answer: &mut Vec<u8>) {
+        let now = self.shared.clock.now().quic;
+        for (from, ecn, datagram) in batch.datagrams() {
+            answer.clear();
+            match self.endpoint.handle(now, from, ecn, datagram, answer) {
+                None => {}
+                Some(Arrival::New(handle, connection)) => {
+                    self.open(handle, None, *connection).await;
+                }
+                Some(Arrival::Event(handle, event)) => {
+                    if let Some(senders) = self.connections.get(&handle) {
+                        // A connection that does not keep up loses datagrams, and no other does.
+                        let _ = senders.datagrams.try_send(event);
+                    }
+                }
+                Some(Arrival::Answer(transmit)) => {
+                    let _ = self.shared.socket.send(&transmit, answer).await;
+                }
+            }
+        }
+    }
+
+    fn message(&mut self, message: NetworkMessage) {
+        let now = sm2_io::clock::now();
+        match message {
+            NetworkMessage::Endpoint { handle, event } => {
+                if event.is_drained() {
+                    self.connections.remove(&handle);
+                }
+                let answer = self.endpoint.event(handle, event);
+                if let (Some(event), Some(senders)) = (answer, self.connections.get(&handle)) {
+                    let _ = senders.endpoint.send(event);
+                }
+            }
+            NetworkMessage::Failed { peer } => self.discovery.handle(now, Input::Failed { peer }),
+            NetworkMessage::Connected { peer, epoch } => {
+                self.discovery.handle(now, Input::Connected { peer, epoch });
+            }
+            NetworkMessage::Lost { peer } => self.discovery.handle(now, Input::Lost { peer }),
+            NetworkMessage::Peers(peers) => self.trust(peers),
+        }
+    }
+
+    fn trust(&mut self, peers: Vec<PeerConfig>) {
+        let now = sm2_io::clock::now();
+        let ids: Vec<GatewayId> = peers.iter().map(|it| it.id).collect();
+        for peer in std::mem::take(&mut self.peers) {
+            if !ids.contains(&peer) {
+                self.discovery.handle(now, Input::Distrust { peer });
+            }
+        }
+        self.peers = ids;
+        for PeerConfig { id, addresses, .. } in peers {
+            let peer = id;
+            self.discovery.handle(now, Input::Trust { peer, addresses });
+        }
+    }
+
+    /// Does what discovery says.
+    async fn discover(&mut self) {
+        while let Some(output) = self.discovery.poll() {
+            match output {
+                Output::Dial { peer, address } => {
+                    let now = self.shared.clock.now().quic;
+                    match self.endpoint.connect(now, peer, address) {
+                        Ok((handle, connection)) => self.open(handle, Some(peer), connection).await,
+                        Err(error) => {
+                            tracing::warn!(%peer, %address, error, "cannot connect");
+                            let now = sm2_io::clock::now();
+                            self.discovery.handle(now, Input::Failed { peer });
+                        }
+                    }
+                }
+                Output::Announce => {
+                    let beacon = Beacon {
+                        port: self.port,
+                        gateway: self.shared.me.hop.gateway,
+                        epoch: self.shared.me.hop.epoch,
+                    };
+                    if let Some(beacons) = &self.beacons {
+                        beacons.send(&beacon).await;
+                    }
+                }
+            }
+        }
+    }
+
+    async fn open(
+        &mut self,
+        handle: ConnectionHandle,
+        dialled: Option<GatewayId>,
+        connection: Connection,
+    ) {
+        self.last += 1;
+        let (senders, inbox) = channels();
+        self.connections.insert(handle, senders.clone());
+        let message = Message::Opened {
+            connection: self.last,
+            is_dialled: dialled.is_some(),
+            senders,
+        };
+        let _ = self.shared.hub.send(message).await;
+        let shared = Arc::clone(&self.shared);
+        let task = Task::new(shared, handle, self.last, dialled, connection);
+        tokio::spawn(task.run(inbox));
+    }
+}

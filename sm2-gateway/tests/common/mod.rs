@@ -1,0 +1,105 @@
+//! Domains with a gateway each.
+#![allow(dead_code, reason = "each test uses its own part")]
+
+use std::{
+    fmt::Write,
+    fs,
+    net::SocketAddr,
+    path::PathBuf,
+    time::{Duration, Instant},
+};
+
+use sm2_gateway::{Config, Gateway, Report, keys};
+use sm2_manager::{Background, Options};
+use sm2_node::Node;
+use sm2_proto::gateway::GatewayId;
+use tokio::runtime::Runtime;
+
+/// Long enough for a machine that is busy with other tests.
+pub(crate) const SOON: Duration = Duration::from_secs(20);
+
+/// A domain, and what its gateway needs.
+pub(crate) struct Domain {
+    manager: Option<Background>,
+    pub(crate) name: &'static str,
+    pub(crate) id: GatewayId,
+    folder: tempfile::TempDir,
+}
+
+impl Domain {
+    pub(crate) fn new(name: &'static str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let id = keys::generate(&folder.path().join("key")).unwrap().id();
+        let socket = folder.path().join("sock");
+        let manager = Background::start(&socket, Options::default()).unwrap();
+        Self {
+            manager: Some(manager),
+            name,
+            id,
+            folder,
+        }
+    }
+
+    pub(crate) fn node(&self, name: &str) -> Node {
+        let socket = self.folder.path().join("sock");
+        Node::builder(name).socket(socket).connect().unwrap()
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// A configuration that knows these peers, and has these rules.
+    pub(crate) fn config(&self, peers: &[(&Self, Option<SocketAddr>)], rules: &str) -> Config {
+        let mut text = format!(
+            "name = \"{}\"\nlisten = \"127.0.0.1:0\"\nkey = \"key\"\nsocket = \"sock\"\n",
+            self.name
+        );
+        for (peer, address) in peers {
+            writeln!(
+                text,
+                "[[peer]]\nname = \"{}\"\nid = \"{}\"",
+                peer.name, peer.id
+            )
+            .unwrap();
+            if let Some(address) = address {
+                writeln!(text, "addresses = [\"{address}\"]").unwrap();
+            }
+        }
+        text.push_str(rules);
+        let path = self.path("gateway.toml");
+        fs::write(&path, text).unwrap();
+        Config::load(&path).unwrap()
+    }
+
+    pub(crate) fn gateway(
+        &self,
+        runtime: &Runtime,
+        peers: &[(&Self, Option<SocketAddr>)],
+        rules: &str,
+    ) -> Gateway {
+        let config = self.config(peers, rules);
+        runtime.block_on(Gateway::start(&config)).unwrap()
+    }
+}
+
+/// Everything may go everywhere.
+pub(crate) const ALL: &str = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
+
+pub(crate) fn runtime() -> Runtime {
+    let builder = tokio::runtime::Builder::new_multi_thread();
+    { builder }.worker_threads(2).enable_all().build().unwrap()
+}
+
+pub(crate) fn report(runtime: &Runtime, gateway: &Gateway) -> Report {
+    runtime.block_on(gateway.report()).unwrap()
+}
+
+/// Waits until something is so.
+pub(crate) fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let deadline = Instant::now() + SOON;
+    while !is_so() {
+        assert!(Instant::now() < deadline, "{what}: not in time");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
