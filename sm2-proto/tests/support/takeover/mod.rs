@@ -429,10 +429,14 @@ impl World {
             programs.iter().position(of).expect("a session of ours")
         };
         let ours = places.map(|(session, interface)| (owner(session), interface));
+        // Its WITHDRAW is on the way.
+        let is_withdrawn = |&(at, interface): &(usize, InterfaceId)| {
+            !programs[at].interfaces.contains_key(&interface)
+        };
         let pair = Pair {
             ends: ours,
             sockets: [Socket::Underway; 2],
-            doomed: false,
+            doomed: ours.iter().any(is_withdrawn),
         };
         assert!(self.pairs.insert(link, pair).is_none(), "{link} is new");
         for ((session, frame), (at, _)) in ends.into_iter().zip(ours) {
