@@ -46,6 +46,9 @@ pub(crate) enum Command {
     Top(top::Arguments),
     /// Check this machine, the Manager and the domain
     Doctor(doctor::Arguments),
+    /// Carry topics and services to other domains and machines
+    #[command(subcommand, after_help = sm2_gateway::program::examples("sm2 gateway"))]
+    Gateway(sm2_gateway::program::Command),
     /// Show what large messages cost on this machine; needs no Manager
     Demo(demo::Arguments),
     /// Print a shell's completions of this command

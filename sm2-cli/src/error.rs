@@ -225,6 +225,9 @@ pub(crate) enum CliError {
         /// How many it may be.
         limit: u64,
     },
+    /// A gateway of the demo did not start, or did not find the other one.
+    #[error("the demo's gateways: {0}")]
+    Gateway(String),
     /// A process of the demo came to no good end.
     #[error("the demo's {part} failed: {reason}")]
     PartFailed {

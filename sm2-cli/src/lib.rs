@@ -1,6 +1,7 @@
 //! `sm2`: an SM2 domain from a shell.
 //!
-//! One module per command or group of commands; `sm2 manager` is [`sm2_manager::program`]. A
+//! One module per command or group of commands; `sm2 manager` is [`sm2_manager::program`], `sm2 gateway`
+//! [`sm2_gateway::program`]. A
 //! command returns how it ended or a `error::CliError`; only this file turns that into an
 //! exit status and a line on standard error. It is a library for the sake of the fuzz targets:
 //! the program's own file, `main.rs`, calls [`main`] and no more.
@@ -67,11 +68,12 @@ pub fn main() -> ExitCode {
         Ok(command) => command,
         Err(status) => return status,
     };
-    if !matches!(command, Command::Manager(_)) {
+    if !matches!(command, Command::Manager(_) | Command::Gateway(_)) {
         log_errors();
     }
     let result = match command {
         Command::Manager(arguments) => return sm2_manager::program::main(&arguments),
+        Command::Gateway(command) => return sm2_gateway::program::main(&command, "sm2"),
         Command::Topic(command) => topic::run(&command),
         Command::Service(command) => service::run(&command),
         Command::Node(command) => node::run(&command),

@@ -113,6 +113,7 @@ struct File {
 #[derive(Clone, Copy, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum CongestionWord {
+    Steady,
     Bbr,
     Cubic,
     NewReno,
@@ -235,7 +236,8 @@ impl Config {
             },
             discovery: file.discovery,
             congestion: match file.congestion {
-                None | Some(CongestionWord::Bbr) => Congestion::Bbr,
+                None | Some(CongestionWord::Steady) => Congestion::Steady,
+                Some(CongestionWord::Bbr) => Congestion::Bbr,
                 Some(CongestionWord::Cubic) => Congestion::Cubic,
                 Some(CongestionWord::NewReno) => Congestion::NewReno,
             },

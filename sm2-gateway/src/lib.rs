@@ -16,6 +16,8 @@ pub mod hub;
 pub mod keys;
 mod local;
 pub mod peer;
+#[cfg(feature = "program")]
+pub mod program;
 mod run;
 
 pub use self::{

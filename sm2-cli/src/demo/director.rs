@@ -22,7 +22,6 @@ use crate::{
     Ended,
     error::CliError,
     interrupt::{Interrupt, Stopped},
-    size::Size,
     wait::{For, wait},
 };
 
@@ -88,12 +87,11 @@ impl Director<'_> {
     fn gather(&mut self) -> Result<(), CliError> {
         let Arguments {
             subscribers,
-            size,
             rate,
-            seconds,
             integrity,
             ..
         } = self.arguments;
+        let (size, seconds) = (self.arguments.size(), self.arguments.seconds());
         self.screen.announce(&format!(
             "1 publisher, {subscribers} subscribers: {size} at {rate} Hz for {seconds} s, {}; \
              every byte is checked",
@@ -120,7 +118,7 @@ impl Director<'_> {
         command
             .args([PART, role, "--name", &name, "--socket"])
             .arg(self.socket)
-            .args(["--size", &self.arguments.size.0.to_string()])
+            .args(["--size", &self.arguments.size().0.to_string()])
             .args(["--period", &self.arguments.period().as_nanos().to_string()])
             .args(["--count", &self.count.to_string()])
             .args(["--subscribers", &self.arguments.subscribers.to_string()])
@@ -169,14 +167,9 @@ impl Director<'_> {
         // While all memory is still there.
         meter.look();
         self.dismiss()?;
-        let Arguments {
-            size: Size(size),
-            integrity,
-            ..
-        } = self.arguments;
         Ok(Report::new(
-            *size,
-            *integrity,
+            self.arguments.size().0,
+            self.arguments.integrity,
             &self.outcomes(),
             meter.total(),
             self.heeded.is_some(),

@@ -4,6 +4,7 @@
 //! process. [`director`] starts, watches and ends them; [`publisher`] and [`subscriber`] are what
 //! they do; [`part`] is how they talk.
 
+mod bad_link;
 mod child;
 mod director;
 mod folder;
@@ -38,18 +39,21 @@ pub(crate) struct Arguments {
     /// How many processes receive
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(super) subscribers: u32,
-    /// How large a message is, such as 64kB or 10MB
-    #[arg(long, value_name = "SIZE", default_value = "10MB", value_parser = size)]
-    pub(super) size: Size,
+    /// How large a message is, such as 64kB [default: 10MB; over a bad link 1MB]
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    pub(super) size: Option<Size>,
     /// How many messages are published each second
     #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = positive, allow_negative_numbers = true)]
     pub(super) rate: f64,
-    /// How long they are published, in seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = positive, allow_negative_numbers = true)]
-    pub(super) seconds: f64,
+    /// How long they are published, in seconds [default: 10; over a bad link 30]
+    #[arg(long, value_name = "SECONDS", value_parser = positive, allow_negative_numbers = true)]
+    pub(super) seconds: Option<f64>,
     /// Share messages in memory that is used again, or seal each, so that nobody can change it any more
     #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
     pub(super) integrity: Integrity,
+    /// Two domains with a bad link between their gateways: one subscriber beside the publisher, one behind the link
+    #[arg(long, conflicts_with_all = ["subscribers", "integrity"])]
+    pub(super) bad_link: bool,
     /// Print nothing but one JSON object at the end
     #[arg(long)]
     pub(super) json: bool,
@@ -66,7 +70,8 @@ Ctrl-C before the end, after the report of what there was (JSON says `interrupte
 Examples:
   sm2 demo
   sm2 demo --subscribers 2 --size 1MiB --rate 100 --integrity sealed
-  sm2 demo --seconds 3 --json | tail -n 1";
+  sm2 demo --seconds 3 --json | tail -n 1
+  sm2 demo --bad-link --json | tail -n 1";
 
 /// The first word of the command line that the demo starts its processes with.
 pub(crate) const PART: &str = "demo-part";
@@ -115,10 +120,20 @@ const SLOTS: u64 = 4;
 const DEPTH: u16 = 8;
 
 impl Arguments {
+    fn size(&self) -> Size {
+        let default = if self.bad_link { 1_000_000 } else { 10_000_000 };
+        self.size.unwrap_or(Size(default))
+    }
+
+    fn seconds(&self) -> f64 {
+        let default = if self.bad_link { 30.0 } else { 10.0 };
+        self.seconds.unwrap_or(default)
+    }
+
     /// How many messages are published.
     fn count(&self) -> Result<u64, CliError> {
         // Saturates; both are positive.
-        match (self.rate * self.seconds).round() as u64 {
+        match (self.rate * self.seconds()).round() as u64 {
             count if count > statistics::MESSAGES_MAX => Err(CliError::DemoTooLong {
                 count,
                 limit: statistics::MESSAGES_MAX,
@@ -129,7 +144,7 @@ impl Arguments {
 
     /// Refuses what would drive the machine out of memory.
     fn check_memory(&self) -> Result<(), CliError> {
-        let size_bytes = self.size.0;
+        let size_bytes = self.size().0;
         let needed_bytes = size_bytes.saturating_mul(SLOTS);
         match procfs::available_bytes() {
             Some(available_bytes) if needed_bytes > available_bytes => {
@@ -155,6 +170,9 @@ impl Arguments {
 /// If a part failed or a message was damaged; if it could not be started at all.
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     arguments.check_memory()?;
+    if arguments.bad_link {
+        return bad_link::run(arguments);
+    }
     director::direct(arguments, arguments.count()?)
 }
 

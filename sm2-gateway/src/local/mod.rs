@@ -70,8 +70,12 @@ pub enum LocalError {
 }
 
 impl Place {
-    fn connect(&self, name: &Name) -> Result<Node, ConnectError> {
-        let mut builder = Node::builder(name.as_str()).timeout(PATIENCE);
+    /// A node there.
+    ///
+    /// # Errors
+    /// See [`ConnectError`].
+    pub fn node(&self, name: &str) -> Result<Node, ConnectError> {
+        let mut builder = Node::builder(name).timeout(PATIENCE);
         if let Some(domain) = &self.domain {
             builder = builder.domain(domain);
         }
@@ -101,13 +105,26 @@ pub(crate) struct Local {
     node: Node,
     events: Events,
     /// One for each peer that something is shown of.
-    remotes: BTreeMap<Name, Node>,
+    remotes: BTreeMap<Name, RemoteNode>,
     topics: BTreeMap<Subject, Subscription>,
     clients: BTreeMap<Subject, Arc<RawClient>>,
     shown: BTreeMap<(Subject, GatewayId), Show>,
     shown_topics: Shown,
     calls: Calls,
     requests: Arc<Mutex<Requests>>,
+}
+
+/// A node that stands for a peer, and what moves it on.
+#[derive(Debug)]
+struct RemoteNode {
+    node: Node,
+    driving: AbortHandle,
+}
+
+impl Drop for RemoteNode {
+    fn drop(&mut self) {
+        self.driving.abort();
+    }
 }
 
 /// What stands for something remote.
@@ -133,7 +150,7 @@ impl Local {
         gateway: &Name,
         events: mpsc::Sender<Message>,
     ) -> Result<Self, LocalError> {
-        let node = place.connect(&names::own_node(gateway)?)?;
+        let node = place.node(names::own_node(gateway)?.as_str())?;
         let events = Events(events);
         let shown_topics = Shown::default();
         watch::start(&node, shown_topics.clone(), events.0.clone())?;
@@ -281,16 +298,20 @@ impl Local {
 
     /// The node that stands for a peer.
     fn remote(&mut self, peer: &Name) -> Result<Node, String> {
-        if let Some(node) = self.remotes.get(peer) {
+        if let Some(RemoteNode { node, .. }) = self.remotes.get(peer) {
             return Ok(node.clone());
         }
         let name = remote_node(peer).map_err(|error| error.to_string())?;
         let node = self
             .place
-            .connect(&name)
+            .node(name.as_str())
             .map_err(|error| error.to_string())?;
-        tokio::spawn(sm2_node::asynchronous::drive(node.clone()));
-        self.remotes.insert(peer.clone(), node.clone());
+        let driving = tokio::spawn(sm2_node::asynchronous::drive(node.clone()));
+        let remote = RemoteNode {
+            node: node.clone(),
+            driving: driving.abort_handle(),
+        };
+        self.remotes.insert(peer.clone(), remote);
         Ok(node)
     }
 

@@ -299,10 +299,12 @@ impl Peer {
         }
         self.write_control(now);
         let window = self.connection.congestion_state().window();
-        // What QUIC has not sent yet cannot be overtaken any more: little of it, but never none.
+        // What QUIC has and has not sent yet cannot be overtaken any more: little of it. Its window is
+        // counted from the first byte that did not arrive, and one that was lost takes two more
+        // round trips.
         let ahead = u64::from(self.connection.current_mtu()) * 16;
-        self.connection
-            .set_send_window(window.saturating_add(ahead));
+        let send_window = window.saturating_mul(3).saturating_add(ahead);
+        self.connection.set_send_window(send_window);
         self.calls.write(&mut self.connection);
         self.topics
             .write(now.at, &mut self.connection, &mut self.counts);

@@ -212,7 +212,7 @@ fn name_of(code: Code) -> String {
 }
 
 /// What was sent, and what was not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 pub struct Counts {
     /// Messages for this peer.
     pub offered: u64,

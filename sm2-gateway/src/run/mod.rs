@@ -92,6 +92,8 @@ pub(crate) enum NetworkMessage {
     Lost { peer: GatewayId },
     /// There are other peers.
     Peers(Vec<crate::config::PeerConfig>),
+    /// Nobody is to connect any more.
+    Stop,
 }
 
 /// Why a gateway did not start, or ended.
@@ -251,6 +253,7 @@ impl Gateway {
 
     /// Says goodbye to peers and the domain.
     pub async fn stop(self) {
+        let _ = self.network.send(NetworkMessage::Stop);
         let _ = self.hub.send(Message::Stop).await;
         // The datagrams that say so are sent by the connections' own tasks.
         tokio::time::sleep(GOODBYE).await;

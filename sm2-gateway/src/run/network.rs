@@ -135,6 +135,10 @@ impl Network {
             }
             NetworkMessage::Lost { peer } => self.discovery.handle(now, Input::Lost { peer }),
             NetworkMessage::Peers(peers) => self.trust(peers),
+            NetworkMessage::Stop => {
+                self.endpoint.close();
+                self.trust(Vec::new());
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! How a gateway is: for whoever asks the service `gateway/NAME/status` of its domain.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sm2_node::{Server, asynchronous::IntoAsync};
 use sm2_proto::Name;
 use tokio::sync::{mpsc, oneshot};
@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// How a gateway is.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Report {
     /// What people call it.
     pub name: String,
@@ -28,7 +28,7 @@ pub struct Report {
 }
 
 /// A peer that there is a connection with.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct PeerReport {
     /// What the configuration calls it.
     pub name: String,

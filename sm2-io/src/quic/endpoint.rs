@@ -81,6 +81,11 @@ impl Endpoint {
         connected.map_err(|error| error.to_string())
     }
 
+    /// Takes no more connections that others open.
+    pub fn close(&mut self) {
+        self.quic.set_server_config(None);
+    }
+
     /// Takes a datagram. What is to be sent in answer is put into `buffer`.
     pub fn handle(
         &mut self,

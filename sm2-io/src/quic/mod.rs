@@ -4,6 +4,7 @@
 //! says by it is decided by the machines of [`sm2_proto::gateway`]; the driver that feeds both is
 //! in `sm2-gateway`.
 
+mod congestion;
 mod endpoint;
 mod key;
 mod socket;
@@ -11,6 +12,7 @@ mod tls;
 mod transport;
 
 pub use self::{
+    congestion::SteadyConfig,
     endpoint::{Arrival, Endpoint, peer_of},
     key::{KeyError, SecretKey},
     socket::{Batch, Socket},

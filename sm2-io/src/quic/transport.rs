@@ -8,6 +8,8 @@ use quinn_proto::{
 };
 use sm2_proto::limits::MESSAGES_IN_THE_MAKING_MAX;
 
+use super::congestion::SteadyConfig;
+
 /// The name of what is spoken (RFC 7301).
 //= SM2-GWC-002
 pub const ALPN: &[u8] = b"sm2-gateway/1";
@@ -28,8 +30,10 @@ const WINDOW_BYTES: u32 = 32 << 20;
 /// How fast a connection sends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Congestion {
-    /// By the rate at which bytes arrive: loss alone does not slow it down.
+    /// By the rate at which bytes arrive, with a short queue: loss alone does not slow it down.
     #[default]
+    Steady,
+    /// The same with longer queues (quinn-proto's, which is experimental).
     Bbr,
     /// By loss (RFC 9438).
     Cubic,
@@ -52,6 +56,7 @@ pub(super) fn config(congestion: Congestion) -> Arc<TransportConfig> {
         // Whose bytes go first is decided by priorities alone.
         .send_fairness(false);
     match congestion {
+        Congestion::Steady => config.congestion_controller_factory(Arc::new(SteadyConfig)),
         Congestion::Bbr => config.congestion_controller_factory(Arc::new(BbrConfig::default())),
         Congestion::Cubic => config.congestion_controller_factory(Arc::new(CubicConfig::default())),
         Congestion::NewReno => {

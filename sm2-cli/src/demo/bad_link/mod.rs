@@ -1,0 +1,266 @@
+//! `sm2 demo --bad-link`: what a bad link between two domains does to the one with the publisher.
+//!
+//! Two domains, each with a Manager and a gateway; between the gateways a link that carries an eighth of
+//! what is published, and loses some of it (the paper's Fig. 2). One subscriber is beside the publisher,
+//! the other joins behind the link after a third of the time.
+
+mod relay;
+mod report;
+mod traffic;
+
+use std::{
+    path::Path,
+    sync::{Arc, atomic::Ordering},
+    time::Duration,
+};
+
+use sm2_gateway::{Config, Gateway, keys};
+use sm2_io::clock;
+use sm2_manager::{Background, Options};
+use sm2_node::Node;
+use tokio::runtime::Runtime;
+
+use self::{
+    relay::{Link, Relay},
+    report::{Age, LinkReport, Local, Remote, Report, Window},
+    traffic::{Shared, lock},
+};
+use super::{Arguments, folder, statistics::hundredths};
+use crate::{Ended, connect, error::CliError, interrupt::Interrupt, output::Output, size::Size};
+
+/// The link of the paper: what it carries, loses, and how long that takes.
+const LINK: Link = Link {
+    rate_bit: 30.8e6,
+    loss_permille: 40,
+    delay: Duration::from_micros(7_500),
+    jitter: Duration::from_millis(1),
+    queue: Duration::from_millis(60),
+};
+/// How far the subscriber beside the publisher may be behind; the other one wants the newest alone.
+const LOCAL_DEPTH: u16 = 4;
+/// A second is left out after something has begun.
+const SETTLING: Duration = Duration::from_secs(1);
+/// How long until the gateways know each other.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// One of the two domains.
+struct Side {
+    _manager: Background,
+    node: Node,
+    gateway: Gateway,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
+    let folder = folder::private()?;
+    let runtime = Runtime::new().map_err(CliError::system("start threads"))?;
+    for name in ["near", "far"] {
+        keys::generate(&folder.path().join(format!("{name}.key")))
+            .map_err(|error| CliError::Gateway(error.to_string()))?;
+    }
+    let far = Side::start(&runtime, folder.path(), "far", "near", None)?;
+    let relay = Relay::start(LINK, far.gateway.address());
+    let relay = relay.map_err(CliError::system("make a link"))?;
+    let near = Side::start(
+        &runtime,
+        folder.path(),
+        "near",
+        "far",
+        Some(relay.address()),
+    )?;
+    let connected = async {
+        while near
+            .gateway
+            .report()
+            .await
+            .is_some_and(|it| it.peers.is_empty())
+        {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    let connected = runtime.block_on(async { tokio::time::timeout(PATIENCE, connected).await });
+    if connected.is_err() {
+        return Err(CliError::Gateway(
+            "the gateways did not find each other".to_owned(),
+        ));
+    }
+    let size = arguments.size();
+    let seconds = arguments.seconds();
+    let mut out = Output::new();
+    if !arguments.json {
+        out.line(format_args!(
+            "{size} at {} Hz in one domain, for {seconds} s; to another domain over a link of {} Mbit/s that loses {} %",
+            arguments.rate,
+            LINK.rate_bit / 1e6,
+            f64::from(LINK.loss_permille) / 10.0
+        ))?;
+        out.line("  s   local Hz  p99 us   remote Hz   Mbit/s  age p50 ms")?;
+        out.flush()?;
+    }
+    let report = measure(arguments, seconds, size, &near, &far, &interrupt, &mut out)?;
+    drop(relay);
+    runtime.block_on(async { tokio::join!(near.gateway.stop(), far.gateway.stop()) });
+    match arguments.json {
+        true => out.json(&report)?,
+        false => say(&mut out, &report)?,
+    }
+    out.flush()?;
+    let damaged = report.local.damaged + report.remote.damaged;
+    match interrupt.signal() {
+        Some(signal) => Ok(Ended::Stopped(signal)),
+        None if damaged > 0 || report.remote.hz == 0.0 => Ok(Ended::No),
+        None => Ok(Ended::Done),
+    }
+}
+
+impl Side {
+    fn start(
+        runtime: &Runtime,
+        folder: &Path,
+        name: &str,
+        peer: &str,
+        address: Option<std::net::SocketAddr>,
+    ) -> Result<Self, CliError> {
+        let failed = |error: String| CliError::Gateway(error);
+        let socket = folder.join(format!("{name}.sock"));
+        let manager = Background::start(&socket, Options::default())?;
+        let node = Node::builder(&format!("{name}-demo"))
+            .socket(&socket)
+            .connect()?;
+        let id = keys::load(&folder.join(format!("{peer}.key")));
+        let id = id.map_err(|error| failed(error.to_string()))?.id();
+        let addresses = address.map_or_else(String::new, |it| format!("\"{it}\""));
+        let text = format!(
+            "name = \"{name}\"\nlisten = \"127.0.0.1:0\"\nkey = \"{name}.key\"\n\
+             socket = \"{name}.sock\"\n\
+             [[peer]]\nname = \"{peer}\"\nid = \"{id}\"\naddresses = [{addresses}]\n\
+             [[rule]]\naction = \"allow\"\nnames = \"**\"\n"
+        );
+        let config = Config::parse(&folder.join("gateway.toml"), &text);
+        let config = config.map_err(|error| failed(error.to_string()))?;
+        let gateway = runtime.block_on(Gateway::start(&config));
+        Ok(Self {
+            _manager: manager,
+            node,
+            gateway: gateway.map_err(|error| failed(error.to_string()))?,
+        })
+    }
+}
+
+/// Publishes, receives, and shows it second by second.
+fn measure(
+    arguments: &Arguments,
+    seconds: f64,
+    size: Size,
+    near: &Side,
+    far: &Side,
+    interrupt: &Interrupt,
+    out: &mut Output,
+) -> Result<Report, CliError> {
+    let size_bytes = usize::try_from(size.0).unwrap_or(usize::MAX);
+    let shared = Arc::new(Shared::default());
+    let (local, listening) = traffic::subscribe(&near.node, Arc::clone(&shared), LOCAL_DEPTH)?;
+    let period = arguments.period();
+    let talking = traffic::publish(near.node.clone(), Arc::clone(&shared), size_bytes, period)?;
+    let begin = clock::now();
+    let length = Duration::from_secs_f64(seconds);
+    let join_at = begin.after(length / 3);
+    let mut remote = None;
+    let mut stopped = false;
+    for second in 1.. {
+        let from = begin.after(Duration::from_secs(second - 1));
+        let until = begin
+            .after(Duration::from_secs(second))
+            .min(begin.after(length));
+        if remote.is_none() && join_at < until {
+            stopped |= pause(near, interrupt, join_at)?;
+            remote = Some(traffic::subscribe(&far.node, Arc::clone(&shared), 1)?);
+        }
+        stopped |= pause(near, interrupt, until)?;
+        if !arguments.json {
+            let window = Window { from, to: until };
+            let seen = lock(&local).clone();
+            let away = remote
+                .as_ref()
+                .map_or_else(Vec::new, |(log, _)| lock(log).clone());
+            out.line(format_args!(
+                "{second:3} {:10.1} {:7.0} {:11.2} {:8.1} {:11.1}",
+                window.hz(&seen),
+                window.age(&seen, 99) / 1e3,
+                window.hz(&away),
+                window.hz(&away) * 8e-6 * size.0 as f64,
+                window.age(&away, 50) / 1e6,
+            ))?;
+            out.flush()?;
+        }
+        if stopped || clock::now() >= begin.after(length) {
+            break;
+        }
+    }
+    let end = clock::now();
+    shared.stop.store(true, Ordering::Relaxed);
+    let (log, away) = remote.unzip();
+    for thread in [Some(talking), Some(listening), away].into_iter().flatten() {
+        thread
+            .join()
+            .map_err(|_| CliError::Gateway("a part of the demo panicked".to_owned()))??;
+    }
+    let before = Window {
+        from: begin.after(SETTLING),
+        to: join_at.min(end),
+    };
+    let after = Window {
+        from: join_at.after(SETTLING),
+        to: end,
+    };
+    let local = lock(&local).clone();
+    let away = log.map_or_else(Vec::new, |log| lock(&log).clone());
+    let hz = after.hz(&away);
+    Ok(Report {
+        local: Local {
+            hz_before: before.hz(&local),
+            hz_after: after.hz(&local),
+            p99_us_before: hundredths(before.age(&local, 99) / 1e3),
+            p99_us_after: hundredths(after.age(&local, 99) / 1e3),
+            lost: report::lost(&local),
+            damaged: report::damaged(&local),
+        },
+        remote: Remote {
+            hz,
+            goodput_mbit: hundredths(hz * 8e-6 * size.0 as f64),
+            age_ms: Age {
+                p50: hundredths(after.age(&away, 50) / 1e6),
+                p99: hundredths(after.age(&away, 99) / 1e6),
+            },
+            damaged: report::damaged(&away),
+        },
+        link: LinkReport {
+            rate_mbit: LINK.rate_bit / 1e6,
+            loss_percent: f64::from(LINK.loss_permille) / 10.0,
+        },
+        interrupted: stopped,
+    })
+}
+
+/// Whether a signal came.
+fn pause(side: &Side, interrupt: &Interrupt, until: sm2_proto::Instant) -> Result<bool, CliError> {
+    use std::os::fd::AsFd;
+    connect::pause(&side.node, interrupt.as_fd(), until)
+}
+
+fn say(out: &mut Output, report: &Report) -> Result<(), CliError> {
+    let Report { local, remote, .. } = report;
+    out.line(format_args!(
+        "local:  {} Hz before, {} Hz after; p99 {} us before, {} us after; {} lost, {} damaged",
+        local.hz_before,
+        local.hz_after,
+        local.p99_us_before,
+        local.p99_us_after,
+        local.lost,
+        local.damaged
+    ))?;
+    out.line(format_args!(
+        "remote: {} Hz, {} Mbit/s in whole messages; age p50 {} ms, p99 {} ms; {} damaged",
+        remote.hz, remote.goodput_mbit, remote.age_ms.p50, remote.age_ms.p99, remote.damaged
+    ))
+}

@@ -1,0 +1,102 @@
+//! What came of it.
+
+use serde::Serialize;
+use sm2_proto::Instant;
+
+use super::super::statistics::hundredths;
+use super::traffic::Seen;
+
+/// The object that `--json` prints last.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Report {
+    pub(super) local: Local,
+    pub(super) remote: Remote,
+    pub(super) link: LinkReport,
+    /// Whether Ctrl-C came before the end.
+    pub(super) interrupted: bool,
+}
+
+/// The subscriber beside the publisher.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Local {
+    /// Messages each second before the remote one joined, and from then on.
+    pub(super) hz_before: f64,
+    pub(super) hz_after: f64,
+    /// From publishing to receiving, of 99 of 100.
+    pub(super) p99_us_before: f64,
+    pub(super) p99_us_after: f64,
+    /// Messages that never came.
+    pub(super) lost: u64,
+    /// Messages with a wrong byte.
+    pub(super) damaged: u64,
+}
+
+/// The subscriber behind the link.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Remote {
+    pub(super) hz: f64,
+    pub(super) goodput_mbit: f64,
+    pub(super) age_ms: Age,
+    pub(super) damaged: u64,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Age {
+    pub(super) p50: f64,
+    pub(super) p99: f64,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct LinkReport {
+    pub(super) rate_mbit: f64,
+    pub(super) loss_percent: f64,
+}
+
+/// A part of the run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Window {
+    pub(super) from: Instant,
+    pub(super) to: Instant,
+}
+
+impl Window {
+    fn of<'a>(&self, seen: &'a [Seen]) -> impl Iterator<Item = &'a Seen> + use<'a> {
+        let Self { from, to } = *self;
+        seen.iter().filter(move |it| from <= it.at && it.at < to)
+    }
+
+    pub(super) fn seconds(&self) -> f64 {
+        self.to.since(self.from).as_secs_f64()
+    }
+
+    pub(super) fn hz(&self, seen: &[Seen]) -> f64 {
+        match self.seconds() {
+            seconds if seconds > 0.0 => hundredths(self.of(seen).count() as f64 / seconds),
+            _ => 0.0,
+        }
+    }
+
+    /// So many of 100 were as young, in nanoseconds.
+    pub(super) fn age(&self, seen: &[Seen], percent: usize) -> f64 {
+        let mut ages: Vec<u64> = self.of(seen).map(|it| it.age_ns).collect();
+        ages.sort_unstable();
+        let rank = (ages.len() * percent).div_ceil(100).max(1);
+        ages.get(rank - 1).copied().unwrap_or(0) as f64
+    }
+}
+
+/// Messages with a wrong byte.
+pub(super) fn damaged(seen: &[Seen]) -> u64 {
+    seen.iter().filter(|it| it.damaged).count() as u64
+}
+
+/// Numbers that are missing between the first and the last.
+pub(super) fn lost(seen: &[Seen]) -> u64 {
+    let whole = || seen.iter().filter(|it| !it.damaged);
+    match (whole().next(), whole().next_back()) {
+        (Some(first), Some(last)) => {
+            (last.number - first.number + 1).saturating_sub(whole().count() as u64)
+        }
+        _ => 0,
+    }
+}

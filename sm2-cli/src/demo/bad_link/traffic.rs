@@ -1,0 +1,114 @@
+//! Who publishes and who receives.
+
+use std::{
+    collections::BTreeMap,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::{self, JoinHandle},
+    time::Duration,
+};
+
+use sm2_io::clock;
+use sm2_node::{Node, RecvError};
+use sm2_proto::Instant;
+
+use super::super::pattern;
+use crate::error::CliError;
+
+/// The topic.
+pub(super) const TOPIC: &str = "camera";
+/// How long a thread may not notice that it is over.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// What all threads know.
+#[derive(Debug, Default)]
+pub(super) struct Shared {
+    pub(super) stop: AtomicBool,
+    /// When each message was published.
+    sent: Mutex<BTreeMap<u64, Instant>>,
+}
+
+/// A message that came.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seen {
+    /// When.
+    pub(super) at: Instant,
+    /// How long after it was published, in nanoseconds.
+    pub(super) age_ns: u64,
+    /// Its number.
+    pub(super) number: u64,
+    /// Whether a byte is not what was sent.
+    pub(super) damaged: bool,
+}
+
+/// What a subscriber has seen so far.
+pub(super) type Log = Arc<Mutex<Vec<Seen>>>;
+
+/// Publishes until all is over; how long `publish` took each time.
+pub(super) fn publish(
+    node: Node,
+    shared: Arc<Shared>,
+    size_bytes: usize,
+    period: Duration,
+) -> Result<JoinHandle<Result<(), CliError>>, CliError> {
+    let publisher = node.publisher_builder::<[u8]>(TOPIC).depth(1).declare()?;
+    Ok(thread::spawn(move || {
+        let mut next = clock::now();
+        for number in 0.. {
+            while clock::now() < next {
+                thread::sleep(next.since(clock::now()));
+            }
+            if shared.stop.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            let mut loan = publisher.loan_slice(size_bytes)?;
+            pattern::fill(number, &mut loan);
+            lock(&shared.sent).insert(number, clock::now());
+            loan.publish()?;
+            next = next.after(period);
+        }
+        Ok(())
+    }))
+}
+
+/// Receives until all is over.
+pub(super) fn subscribe(
+    node: &Node,
+    shared: Arc<Shared>,
+    depth: u16,
+) -> Result<(Log, JoinHandle<Result<(), CliError>>), CliError> {
+    let subscriber = node
+        .subscriber_builder::<[u8]>(TOPIC)
+        .depth(depth)
+        .declare()?;
+    let log = Log::default();
+    let ours = Arc::clone(&log);
+    let thread = thread::spawn(move || {
+        while !shared.stop.load(Ordering::Relaxed) {
+            let sample = match subscriber.recv_timeout(LOOK) {
+                Ok(Some(sample)) => sample,
+                Ok(None) => continue,
+                Err(error @ RecvError::Map { .. }) => return Err(error.into()),
+                Err(_) => continue,
+            };
+            let at = clock::now();
+            let checked = pattern::check(&sample);
+            let number = checked.unwrap_or(u64::MAX);
+            let sent = lock(&shared.sent).get(&number).copied();
+            lock(&ours).push(Seen {
+                at,
+                age_ns: sent.map_or(0, |it| u64::try_from(at.since(it).as_nanos()).unwrap_or(0)),
+                number,
+                damaged: checked.is_err() || sent.is_none(),
+            });
+        }
+        Ok(())
+    });
+    Ok((log, thread))
+}
+
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

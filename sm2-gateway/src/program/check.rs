@@ -1,0 +1,73 @@
+//! `sm2 gateway check`.
+
+use std::{io::Write, path::PathBuf};
+
+use clap::Args;
+use sm2_proto::{
+    Contract,
+    gateway::{Action, Direction, SubjectKind},
+};
+
+use super::{ProgramError, line};
+use crate::{Config, is_remote, keys};
+
+/// `sm2 gateway check`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// The configuration
+    #[arg(value_name = "FILE")]
+    config: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), ProgramError> {
+    let config = Config::load(&arguments.config)?;
+    let id = keys::load(&config.key)?.id();
+    let (peers, rules) = (config.peers.len(), config.rule_lines.len());
+    line(
+        out,
+        format!(
+            "{}: {} is {id}, with {peers} peers and {rules} rules",
+            config.path.display(),
+            config.name
+        ),
+    )?;
+    if config.peers.iter().any(|it| it.id == id) {
+        return Err(ProgramError::Wrong(format!(
+            "{}: a peer has the id of this gateway itself",
+            config.path.display()
+        )));
+    }
+    let name = format!("sm2-gateway-check-{}", std::process::id());
+    let node = match config.place.node(&name) {
+        Ok(node) => node,
+        // A file can be checked on another machine.
+        Err(error) => return line(out, format!("what it would carry is not known: {error}")),
+    };
+    let domain = node.snapshot()?;
+    let own = domain.interfaces().filter(|it| {
+        let node = domain.node(it.place.node);
+        it.refused.is_none() && node.is_some_and(|node| !is_remote(node.name))
+    });
+    let subjects = own.filter_map(|it| match it.contract {
+        Contract::Publisher { topic, .. } => Some((SubjectKind::Topic, topic.clone())),
+        Contract::Server { service, .. } => Some((SubjectKind::Service, service.clone())),
+        Contract::Subscriber { .. } | Contract::Client { .. } => None,
+    });
+    let subjects: std::collections::BTreeSet<_> = subjects.collect();
+    for peer in &config.peers {
+        for (kind, name) in &subjects {
+            let (action, rule) = config.explain(*kind, name, Direction::Out, &peer.id);
+            let word = match kind {
+                SubjectKind::Topic => "topic",
+                SubjectKind::Service => "service",
+            };
+            if let (Action::Allow, Some(at)) = (action, rule) {
+                line(
+                    out,
+                    format!("{} may have {word} {name} (line {at})", peer.name),
+                )?;
+            }
+        }
+    }
+    Ok(())
+}

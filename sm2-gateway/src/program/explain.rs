@@ -1,0 +1,84 @@
+//! `sm2 gateway explain`.
+
+use std::{io::Write, path::PathBuf};
+
+use clap::{Args, ValueEnum};
+use sm2_proto::{
+    Name,
+    gateway::{Action, Direction, SubjectKind},
+};
+
+use super::{ProgramError, line};
+use crate::Config;
+
+/// `sm2 gateway explain`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// The name of a topic or a service
+    #[arg(value_parser = Name::new)]
+    name: Name,
+    /// The configuration
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// The peer, by its name or its id
+    #[arg(long, value_name = "PEER")]
+    peer: String,
+    /// From this domain to the peer, or from the peer to this domain
+    #[arg(long, value_enum)]
+    direction: Way,
+    /// What the name is of
+    #[arg(long, value_enum, default_value_t = Kind::Topic)]
+    kind: Kind,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Way {
+    In,
+    Out,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Kind {
+    Topic,
+    Service,
+}
+
+/// Whether it is allowed.
+pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, ProgramError> {
+    let config = Config::load(&arguments.config)?;
+    let peer = config.peer(&arguments.peer).ok_or_else(|| {
+        let known = config.peers.iter().map(|it| it.name.as_str());
+        let known: Vec<_> = known.collect();
+        ProgramError::NoPeer {
+            config: arguments.config.clone(),
+            peer: arguments.peer.clone(),
+            known: match known.is_empty() {
+                true => "none".to_owned(),
+                false => known.join(", "),
+            },
+        }
+    })?;
+    let kind = match arguments.kind {
+        Kind::Topic => SubjectKind::Topic,
+        Kind::Service => SubjectKind::Service,
+    };
+    let direction = match arguments.direction {
+        Way::In => Direction::In,
+        Way::Out => Direction::Out,
+    };
+    let (action, rule) = config.explain(kind, &arguments.name, direction, &peer.id);
+    let word = match action {
+        Action::Allow => "allowed",
+        Action::Deny => "denied",
+    };
+    let name = &arguments.name;
+    let path = config.path.display();
+    line(
+        out,
+        match rule {
+            Some(at) => format!("{name}: {word} by the rule at {path}:{at}"),
+            None => format!("{name}: {word}: no rule of {path} fits"),
+        },
+    )?;
+    Ok(action == Action::Allow)
+}

@@ -1,0 +1,24 @@
+//! `sm2 gateway keygen` and `sm2 gateway id`.
+
+use std::{io::Write, path::PathBuf};
+
+use clap::Args;
+
+use super::{ProgramError, line};
+use crate::keys;
+
+/// A key file.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// The key file
+    #[arg(value_name = "KEY")]
+    key: PathBuf,
+}
+
+pub(super) fn generate(arguments: &Arguments, out: &mut impl Write) -> Result<(), ProgramError> {
+    line(out, keys::generate(&arguments.key)?.id())
+}
+
+pub(super) fn id(arguments: &Arguments, out: &mut impl Write) -> Result<(), ProgramError> {
+    line(out, keys::load(&arguments.key)?.id())
+}

@@ -1,0 +1,203 @@
+//! The command line of gateways: `sm2-gateway` and `sm2 gateway`.
+//!
+//! | exit status | |
+//! | --- | --- |
+//! | 0 | done; `run`: stopped by SIGINT or SIGTERM |
+//! | 1 | it did not start, or could not go on, or the answer is no: standard error says why |
+//! | 2 | wrong usage |
+
+mod check;
+mod explain;
+mod keys;
+mod peers;
+mod run;
+mod trust;
+
+use std::{
+    io::{self, IsTerminal, Write},
+    path::PathBuf,
+    process::ExitCode,
+};
+
+use clap::{Args, Subcommand};
+use sm2_node::{CallError, ConnectError, DeclareError, QueryError};
+
+use crate::{ConfigError, Place, RunError, keys::KeyFileError};
+
+/// What the help ends with. `command` is what it is called: `sm2-gateway`, `sm2 gateway`.
+#[must_use]
+pub fn examples(command: &str) -> String {
+    format!(
+        "\
+A gateway is its key: whoever has the key file is the gateway, and its id, the public key, is
+what others trust. Nothing goes anywhere but what a rule of both sides allows.
+SM2_LOG (error, warn, info, debug) says what `run` logs on standard error; SIGHUP makes it read its
+file again: a bad one changes nothing.
+
+Examples:
+  {command} keygen robot.key
+  {command} id robot.key
+  {command} trust robot.toml base 3f…e1 192.0.2.1:7633
+  {command} check robot.toml
+  {command} explain camera/front --config robot.toml --peer base --direction out
+  {command} run robot.toml
+  {command} peers --json"
+    )
+}
+
+/// What can be done.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Carry topics and services between this domain and those of peers
+    Run(run::Arguments),
+    /// Make a key, in a file that only its owner can read
+    Keygen(keys::Arguments),
+    /// Print the id that belongs to a key, for peers to trust
+    Id(keys::Arguments),
+    /// Add a peer to a configuration
+    Trust(trust::Arguments),
+    /// Show the peers of the gateways of a domain, and what goes to and fro
+    Peers(peers::Arguments),
+    /// Say which rule decides about a name
+    Explain(explain::Arguments),
+    /// Check a configuration, and list what it would carry now
+    Check(check::Arguments),
+}
+
+/// Which domain to ask.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Domain")]
+pub struct Domain {
+    /// The domain to ask [default: $SM2_DOMAIN, else `default`]
+    #[arg(long, value_name = "NAME")]
+    domain: Option<String>,
+    /// Its Manager's socket, wherever it is [default: $SM2_SOCKET, else the domain's]
+    #[arg(long, value_name = "PATH", conflicts_with = "domain")]
+    socket: Option<PathBuf>,
+}
+
+impl Domain {
+    fn place(&self) -> Place {
+        Place {
+            domain: self.domain.clone(),
+            socket: self.socket.clone(),
+        }
+    }
+}
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ProgramError {
+    /// The configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The key.
+    #[error(transparent)]
+    Key(#[from] KeyFileError),
+    /// The gateway.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The runtime, signals, or a file.
+    #[error("cannot {what}: {source}")]
+    System {
+        /// What was to be done.
+        what: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A name of the command line is not in the configuration.
+    #[error("{config} has no peer {peer}: it knows {known}")]
+    NoPeer {
+        /// Which file.
+        config: PathBuf,
+        /// What was asked for.
+        peer: String,
+        /// Those that are there.
+        known: String,
+    },
+    /// The domain.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The domain.
+    #[error(transparent)]
+    Declare(#[from] DeclareError),
+    /// The domain.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// A gateway does not answer.
+    #[error(transparent)]
+    Call(#[from] CallError),
+    /// A gateway answers with something else.
+    #[error("{gateway} answers with what is no report: {source}")]
+    NoReport {
+        /// Which.
+        gateway: String,
+        /// What is wrong with it.
+        source: serde_json::Error,
+    },
+    /// No gateway is there.
+    #[error("this domain has no gateway: start one with `sm2 gateway run FILE`")]
+    NoGateway,
+    /// What was to be added is not right.
+    #[error("{0}")]
+    Wrong(String),
+}
+
+impl ProgramError {
+    fn system(what: impl Into<String>) -> impl FnOnce(io::Error) -> Self {
+        let what = what.into();
+        |source| Self::System { what, source }
+    }
+}
+
+/// Does what a command line says.
+///
+/// # Errors
+/// See [`ProgramError`].
+pub fn execute(command: &Command, out: &mut impl Write) -> Result<bool, ProgramError> {
+    match command {
+        Command::Run(arguments) => run::run(arguments).map(|()| true),
+        Command::Keygen(arguments) => keys::generate(arguments, out).map(|()| true),
+        Command::Id(arguments) => keys::id(arguments, out).map(|()| true),
+        Command::Trust(arguments) => trust::run(arguments).map(|()| true),
+        Command::Peers(arguments) => peers::run(arguments, out).map(|()| true),
+        Command::Explain(arguments) => explain::run(arguments, out),
+        Command::Check(arguments) => check::run(arguments, out).map(|()| true),
+    }
+}
+
+/// As [`execute`], with logs and errors on standard error, and an exit status. `program`: what it is
+/// called.
+#[must_use]
+pub fn main(command: &Command, program: &str) -> ExitCode {
+    let default = match command {
+        Command::Run(_) => "info",
+        _ => "error",
+    };
+    let filter = tracing_subscriber::EnvFilter::try_from_env("SM2_LOG")
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(default));
+    let logs = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(io::stderr().is_terminal())
+        .with_writer(io::stderr);
+    // A program that has its own goes on with that.
+    let _ = logs.try_init();
+    match execute(command, &mut io::stdout().lock()) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(ProgramError::System { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            // Nobody is left to tell if standard error is closed.
+            let _ = writeln!(io::stderr(), "{program}: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Writes a line.
+fn line(out: &mut impl Write, line: impl std::fmt::Display) -> Result<(), ProgramError> {
+    writeln!(out, "{line}").map_err(ProgramError::system("write to standard output"))
+}

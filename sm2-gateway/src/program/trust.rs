@@ -1,0 +1,61 @@
+//! `sm2 gateway trust`.
+
+use std::{fs, net::SocketAddr, path::PathBuf};
+
+use clap::Args;
+use sm2_proto::{Name, gateway::GatewayId};
+
+use super::ProgramError;
+use crate::Config;
+
+/// `sm2 gateway trust`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// The configuration
+    #[arg(value_name = "FILE")]
+    config: PathBuf,
+    /// What to call the peer
+    #[arg(value_parser = Name::new)]
+    name: Name,
+    /// Its id, as `sm2 gateway id` prints it there
+    id: GatewayId,
+    /// Where it is, such as 192.0.2.1:7633
+    #[arg(value_name = "ADDRESS")]
+    addresses: Vec<SocketAddr>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
+    let path = &arguments.config;
+    let read = fs::read_to_string(path);
+    let text = read.map_err(ProgramError::system(format!("read {}", path.display())))?;
+    Config::parse(path, &text)?;
+    let peer = entry(arguments);
+    // Peers stand before rules, which name them; the rest of the file stays as it is.
+    let at = text.find("[[rule]]").unwrap_or(text.len());
+    let (before, after) = text.split_at(at);
+    let gap = if before.ends_with('\n') { "" } else { "\n" };
+    let new = format!("{before}{gap}{peer}{after}");
+    Config::parse(path, &new)?;
+    replace(path, &new)
+}
+
+fn entry(arguments: &Arguments) -> String {
+    let addresses = arguments.addresses.iter().map(|it| format!("\"{it}\""));
+    let addresses = addresses.collect::<Vec<_>>().join(", ");
+    format!(
+        "[[peer]]\nname = \"{}\"\nid = \"{}\"\naddresses = [{addresses}]\n\n",
+        arguments.name, arguments.id
+    )
+}
+
+/// Whole or not at all.
+fn replace(path: &PathBuf, text: &str) -> Result<(), ProgramError> {
+    let new = path.with_extension("toml.new");
+    let failed = || ProgramError::system(format!("write {}", path.display()));
+    fs::write(&new, text).map_err(failed())?;
+    fs::rename(&new, path).map_err(|error| {
+        // What is left of it is of no use.
+        let _ = fs::remove_file(&new);
+        failed()(error)
+    })
+}

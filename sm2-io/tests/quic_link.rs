@@ -1,0 +1,229 @@
+//! How much a connection carries over a link that loses datagrams, in virtual time.
+#![cfg(feature = "quic")]
+
+use std::{
+    cmp::Reverse,
+    collections::BinaryHeap,
+    net::SocketAddr,
+    time::{Duration, Instant},
+};
+
+use quinn_proto::{Connection, ConnectionHandle, Dir, Event, StreamId};
+use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
+
+/// A link.
+#[derive(Clone, Copy)]
+struct Link {
+    rate_bit: f64,
+    loss_permille: u64,
+    delay: Duration,
+    /// What waits longer is lost.
+    queue: Duration,
+}
+
+const PAPER: Link = Link {
+    rate_bit: 30.8e6,
+    loss_permille: 40,
+    delay: Duration::from_micros(7_500),
+    queue: Duration::from_millis(60),
+};
+
+/// One side: an endpoint and its connection.
+struct Side {
+    endpoint: Endpoint,
+    connection: Option<(ConnectionHandle, Connection)>,
+    address: SocketAddr,
+    /// When its way has carried all that it was given.
+    free: Instant,
+}
+
+/// What a run came to.
+#[derive(Debug)]
+struct Figures {
+    /// Of what the link carries, after loss and headers.
+    share: f64,
+    rtt: Duration,
+}
+
+/// A datagram on its way: when it arrives, its number, to which side.
+type Flying = Reverse<(Instant, u64, usize, Vec<u8>)>;
+
+struct World {
+    link: Link,
+    sides: [Side; 2],
+    flying: BinaryHeap<Flying>,
+    count: u64,
+    random: u64,
+}
+
+impl World {
+    fn new(link: Link, congestion: Congestion, start: Instant) -> Self {
+        let keys = [(); 2].map(|()| SecretKey::generate().unwrap());
+        let trusted = Trusted::default();
+        trusted.set(keys.iter().map(SecretKey::id));
+        let far = keys[1].id();
+        let mut port = 0;
+        let sides = keys.map(|key| {
+            port += 1;
+            Side {
+                endpoint: Endpoint::new(key, trusted.clone(), congestion, Some([port; 32]))
+                    .unwrap(),
+                connection: None,
+                address: SocketAddr::from(([10, 0, 0, port], 7_633)),
+                free: start,
+            }
+        });
+        let mut world = Self {
+            link,
+            sides,
+            flying: BinaryHeap::new(),
+            count: 0,
+            random: 0x1234_5678_9abc_def1,
+        };
+        let address = world.sides[1].address;
+        let connection = world.sides[0].endpoint.connect(start, far, address);
+        world.sides[0].connection = Some(connection.unwrap());
+        world
+    }
+
+    fn random(&mut self) -> u64 {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        self.random
+    }
+
+    fn carry(&mut self, now: Instant, from: usize, bytes: &[u8]) {
+        let begins = self.sides[from].free.max(now);
+        if begins - now > self.link.queue {
+            return;
+        }
+        let bits = 8.0 * (bytes.len() + 28) as f64;
+        let sent = begins + Duration::from_secs_f64(bits / self.link.rate_bit);
+        self.sides[from].free = sent;
+        if self.random() % 1_000 >= self.link.loss_permille {
+            self.count += 1;
+            let due = sent + self.link.delay;
+            self.flying
+                .push(Reverse((due, self.count, 1 - from, bytes.to_vec())));
+        }
+    }
+
+    fn transmit(&mut self, now: Instant, at: usize) {
+        let mut buffer = Vec::new();
+        loop {
+            buffer.clear();
+            let side = &mut self.sides[at];
+            let Some((handle, connection)) = &mut side.connection else {
+                return;
+            };
+            while let Some(event) = connection.poll_endpoint_events() {
+                if let Some(answer) = side.endpoint.event(*handle, event) {
+                    connection.handle_event(answer);
+                }
+            }
+            let Some(transmit) = connection.poll_transmit(now, 1, &mut buffer) else {
+                return;
+            };
+            let bytes = buffer[..transmit.size].to_vec();
+            self.carry(now, at, &bytes);
+        }
+    }
+
+    fn deliver(&mut self, now: Instant, to: usize, bytes: &[u8]) {
+        let from = self.sides[1 - to].address;
+        let side = &mut self.sides[to];
+        let mut answer = Vec::new();
+        match side.endpoint.handle(now, from, None, bytes, &mut answer) {
+            Some(Arrival::New(handle, connection)) => side.connection = Some((handle, *connection)),
+            Some(Arrival::Event(_, event)) => {
+                if let Some((_, connection)) = &mut side.connection {
+                    connection.handle_event(event);
+                }
+            }
+            Some(Arrival::Answer(_)) | None => {}
+        }
+    }
+}
+
+/// Sends as much as goes, for some time.
+fn run(link: Link, congestion: Congestion, length: Duration) -> Figures {
+    let start = Instant::now();
+    let mut world = World::new(link, congestion, start);
+    let (mut now, mut received, mut stream) = (start, 0_u64, None::<StreamId>);
+    let warm = start + Duration::from_secs(2);
+    let data = vec![7; 1 << 16];
+    let mut rtt = Duration::ZERO;
+    while now < start + length {
+        for at in 0..2 {
+            if let Some((_, connection)) = &mut world.sides[at].connection {
+                while let Some(event) = connection.poll() {
+                    if matches!(event, Event::Connected) && at == 0 {
+                        stream = connection.streams().open(Dir::Uni);
+                    }
+                }
+                if at == 1 {
+                    connection.streams().accept(Dir::Uni);
+                    if let Ok(mut chunks) = connection
+                        .recv_stream(StreamId::new(quinn_proto::Side::Client, Dir::Uni, 0))
+                        .read(true)
+                    {
+                        while let Ok(Some(chunk)) = chunks.next(usize::MAX) {
+                            if now >= warm {
+                                received += chunk.bytes.len() as u64;
+                            }
+                        }
+                        let _ = chunks.finalize();
+                    }
+                }
+                if let (0, Some(id)) = (at, stream) {
+                    let window = connection.congestion_state().window();
+                    connection.set_send_window(3 * window + 20_000);
+                    while connection.send_stream(id).write(&data).is_ok() {}
+                    rtt = connection.rtt();
+                }
+            }
+            world.transmit(now, at);
+        }
+        let timers = world.sides.iter_mut().filter_map(|side| {
+            let (_, connection) = side.connection.as_mut()?;
+            connection.poll_timeout()
+        });
+        let timer = timers.min();
+        let arrival = world.flying.peek().map(|Reverse((due, ..))| *due);
+        let next = [timer, arrival].into_iter().flatten().min().unwrap();
+        now = now.max(next);
+        while let Some(Reverse((due, ..))) = world.flying.peek()
+            && *due <= now
+        {
+            let Reverse((_, _, to, bytes)) = world.flying.pop().unwrap();
+            world.deliver(now, to, &bytes);
+        }
+        for side in &mut world.sides {
+            if let Some((_, connection)) = &mut side.connection {
+                connection.handle_timeout(now);
+            }
+        }
+    }
+    let seconds = (length - Duration::from_secs(2)).as_secs_f64();
+    let carried = link.rate_bit / 8.0 * (1.0 - link.loss_permille as f64 / 1e3);
+    // Of a datagram of 1,452 bytes and its headers.
+    let payload = 0.95;
+    Figures {
+        share: received as f64 / seconds / (carried * payload),
+        rtt,
+    }
+}
+
+/// As the paper's link was; the figures of the others are printed beside it.
+#[test]
+fn loss_by_chance_does_not_slow_a_connection_down() {
+    let length = Duration::from_secs(22);
+    for congestion in [Congestion::Bbr, Congestion::Cubic, Congestion::NewReno] {
+        println!("{congestion:?}: {:?}", run(PAPER, congestion, length));
+    }
+    let steady = run(PAPER, Congestion::Steady, length);
+    println!("Steady: {steady:?}");
+    assert!(steady.share > 0.9, "{steady:?}");
+    assert!(steady.rtt < Duration::from_millis(40), "{steady:?}");
+}
