@@ -6,11 +6,12 @@
 //! itself where they do not follow from what came. Then the peer made so many `offers`, from 1
 //! on, and the receiver made a `call` to an offer of the peer's, on the stream of the vector.
 
-#[path = "support/gateway_words.rs"]
-mod words;
+#[path = "support/gateway/mod.rs"]
+mod gateway;
 
 use std::collections::BTreeSet;
 
+use gateway::{agreement, words};
 use serde::Deserialize;
 use serde_json::Value;
 use sm2_proto::{
@@ -131,6 +132,8 @@ impl Vector {
 
     fn check_control(&self) {
         let (name, bytes) = (&self.name, bytes(&self.hex));
+        agreement::stream(&bytes, &[3]);
+        agreement::body(bytes.get(4..).unwrap_or_default());
         let mut reader = FrameReader::default();
         reader.push(&bytes);
         let read = reader.next_frame();
@@ -160,6 +163,7 @@ impl Vector {
     fn check_stream(&self) {
         let (name, bytes) = (&self.name, bytes(&self.hex));
         let bytes = bytes.try_into().expect("as long as a header");
+        agreement::header(&bytes);
         let read = Header::from_bytes(&bytes);
         if let Ok(header) = &read {
             assert_eq!(header.to_bytes(), bytes, "{name}");
@@ -214,6 +218,7 @@ impl Vector {
 
     fn check_beacon(&self) {
         let (name, bytes) = (&self.name, bytes(&self.hex));
+        agreement::beacon(&bytes);
         let read = Beacon::from_bytes(&bytes);
         if let Ok(beacon) = &read {
             assert_eq!(beacon.to_bytes().as_slice(), bytes, "{name}");
