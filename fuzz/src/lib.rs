@@ -11,6 +11,8 @@ mod direction;
 mod driver;
 #[path = "../../sm2-proto/tests/fuzzed/mod.rs"]
 mod fuzzed;
+#[path = "../../sm2-proto/tests/support/gateway/mod.rs"]
+mod gateway;
 #[path = "../../sm2-proto/tests/link_support/mod.rs"]
 mod link_support;
 #[path = "../../sm2-proto/tests/support/naive_control.rs"]
@@ -28,6 +30,11 @@ mod takeover;
 /// The control codec and its naive twin, on the same bytes.
 pub fn control_codec(data: &[u8]) {
     fuzzed::control_codec(data);
+}
+
+/// What gateways send: the decoders and their naive twins, on the same bytes.
+pub fn gateway_frames(data: &[u8]) {
+    fuzzed::gateway_frames(data);
 }
 
 /// Operations on both ends of one link.

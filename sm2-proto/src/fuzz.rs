@@ -12,6 +12,16 @@ pub fn domain_mirror(data: &[u8]) {
     crate::domain::fuzz::mirror(data);
 }
 
+/// Beacons that anybody sends, and what becomes of attempts to connect.
+pub fn gateway_discovery(data: &[u8]) {
+    crate::gateway::fuzz::discovery(data);
+}
+
+/// Frames and headers of a hostile gateway, and what the gateway itself asks for.
+pub fn gateway_session(data: &[u8]) {
+    crate::gateway::fuzz::session(data);
+}
+
 /// Datagrams and operations on one end of a link, in the order that the bytes say.
 pub fn link_frames(data: &[u8]) {
     crate::link::fuzz::frames(data);

@@ -10,6 +10,8 @@ mod direction;
 #[path = "link_support/driver.rs"]
 mod driver;
 mod fuzzed;
+#[path = "support/gateway/mod.rs"]
+mod gateway;
 mod link_support;
 #[path = "support/naive_control.rs"]
 mod naive;
@@ -30,11 +32,14 @@ use sm2_proto::fuzz;
 type Body = Result<fn(&[u8]), &'static str>;
 
 /// Every target of `fuzz/`.
-const TARGETS: [(&str, Body); 11] = [
+const TARGETS: [(&str, Body); 14] = [
     ("command_line", Err("sm2-cli")),
     ("control_codec", Ok(fuzzed::control_codec)),
     ("counters_page", Err("sm2-cli")),
     ("domain_mirror", Ok(fuzz::domain_mirror)),
+    ("gateway_discovery", Ok(fuzz::gateway_discovery)),
+    ("gateway_frames", Ok(fuzzed::gateway_frames)),
+    ("gateway_session", Ok(fuzz::gateway_session)),
     ("link_frames", Ok(fuzz::link_frames)),
     ("link_pair", Ok(fuzzed::link_pair)),
     ("manager_session", Ok(fuzz::manager_session)),

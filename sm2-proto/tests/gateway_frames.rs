@@ -1,10 +1,12 @@
 //! What gateways say to each other, as bytes: the frames of the control stream, and headers.
 
+#[path = "support/gateway_frames.rs"]
+mod frames;
 mod support;
 
-use proptest::{collection::vec, prelude::*, sample::select};
+use frames::any_frame;
+use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Name, TypeId,
     gateway::{
         Carried, Frame, FrameReader, GatewayId, HEADER_LEN, Header, Hop, Outcome, PeerViolation,
         Subject, SubjectKind, Verdict,
@@ -167,65 +169,6 @@ fn lengths_of_frames() {
     let body = vec![0; GATEWAY_FRAME_MAX + 1];
     assert_eq!(Frame::from_body(&body), Err(PeerViolation::FrameTooLong));
     assert_eq!(Frame::from_body(&body[1..]), Err(PeerViolation::BadName));
-}
-
-fn any_name() -> impl Strategy<Value = Name> {
-    "[a-zA-Z0-9_-]{1,9}(/[a-z0-9]{1,5}){0,3}".prop_map(|it| name(&it))
-}
-
-fn any_type() -> impl Strategy<Value = TypeId> {
-    (any_name(), any::<u64>()).prop_map(|(name, hash)| TypeId { name, hash })
-}
-
-fn any_frame() -> impl Strategy<Value = Frame> {
-    let topic =
-        (any_name(), any_type(), any::<bool>()).prop_map(|(name, data, reliable)| Subject::Topic {
-            name,
-            data,
-            reliable,
-        });
-    let service =
-        (any_name(), any_type(), any_type()).prop_map(|(name, request, reply)| Subject::Service {
-            name,
-            request,
-            reply,
-        });
-    let subject = prop_oneof![topic, service];
-    let path = vec(any::<u64>(), 1..=HOPS_MAX).prop_map(|epochs| {
-        let hop = |(gateway, epoch): (u8, u64)| Hop {
-            epoch,
-            ..hop(gateway)
-        };
-        (0..).zip(epochs).map(hop).collect::<Vec<_>>()
-    });
-    let verdicts = vec![Verdict::Offered, Verdict::Denied, Verdict::Absent];
-    let kinds = vec![SubjectKind::Topic, SubjectKind::Service];
-    prop_oneof![
-        (any::<(u16, u16, u64)>(), any_name()).prop_map(
-            |((min_version, max_version, epoch), name)| Frame::Hello {
-                min_version,
-                max_version,
-                epoch,
-                name
-            }
-        ),
-        (any::<u64>(), subject, path).prop_map(|(offer, subject, path)| Frame::Offer {
-            offer,
-            subject,
-            path
-        }),
-        any::<u64>().prop_map(|offer| Frame::Unoffer { offer }),
-        any::<u64>().prop_map(|offer| Frame::Unoffered { offer }),
-        (any::<u64>(), 1_u16..=1_024).prop_map(|(offer, depth)| Frame::Want { offer, depth }),
-        any::<u64>().prop_map(|offer| Frame::Unwant { offer }),
-        any::<u64>().prop_map(|offer| Frame::Unwanted { offer }),
-        (any::<u64>(), select(kinds), any_name()).prop_map(|(ask, kind, name)| Frame::Ask {
-            ask,
-            kind,
-            name
-        }),
-        (any::<u64>(), select(verdicts)).prop_map(|(ask, verdict)| Frame::Answer { ask, verdict }),
-    ]
 }
 
 proptest! {

@@ -14,6 +14,8 @@ mod beacon;
 mod code;
 pub mod discovery;
 mod frames;
+#[cfg(any(test, feature = "fuzzing"))]
+pub(crate) mod fuzz;
 mod header;
 mod id;
 mod pattern;

@@ -358,9 +358,11 @@ impl Session {
             Carried::Request { .. } if self.ours.admit(offer)? => Output::Take { stream },
             Carried::Request { .. } => Output::Unreachable { stream },
             Carried::Reply { .. } => {
-                if self.calls.remove(&stream) != Some(offer) {
+                // One that it does not answer still waits, and has to fail.
+                if self.calls.get(&stream) != Some(&offer) {
                     return Err(PeerViolation::UnknownCall);
                 }
+                self.calls.remove(&stream);
                 Output::Take { stream }
             }
         };

@@ -4,7 +4,11 @@
 //! modules that these use at their root.
 
 mod control_codec;
+mod gateway_frames;
 mod link_pair;
 mod takeover;
 
-pub(crate) use self::{control_codec::control_codec, link_pair::link_pair, takeover::takeover};
+pub(crate) use self::{
+    control_codec::control_codec, gateway_frames::gateway_frames, link_pair::link_pair,
+    takeover::takeover,
+};

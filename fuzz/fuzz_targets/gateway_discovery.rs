@@ -1,0 +1,4 @@
+//! Beacons from anybody, and attempts to connect.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| sm2_proto::fuzz::gateway_discovery(data));

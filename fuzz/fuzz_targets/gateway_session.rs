@@ -1,0 +1,4 @@
+//! Frames and headers from a hostile gateway into a session.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| sm2_proto::fuzz::gateway_session(data));

@@ -1,0 +1,348 @@
+//! What SPEC section 14 makes of one connection, in plain sets of numbers: what the session says
+//! is compared with it.
+
+use alloc::{
+    collections::{BTreeMap, BTreeSet, VecDeque},
+    vec,
+    vec::Vec,
+};
+
+use super::super::{
+    Carried, Frame, GatewayId, Header, Hop, PeerFarewell, PeerViolation, SubjectKind,
+    session::{End, Input, Output},
+};
+
+/// Everything that both sides have said, as far as it still counts.
+pub(super) struct Book {
+    pub(super) me: Hop,
+    pub(super) peer: GatewayId,
+    /// Of the peer's epochs that were seen before, the greatest.
+    pub(super) least_epoch: u64,
+    /// The peer's epoch, once it has greeted.
+    pub(super) greeted: Option<u64>,
+    /// What this side offers, and what was withdrawn and is not gone.
+    pub(super) offered: BTreeMap<u64, SubjectKind>,
+    pub(super) withdrawn: BTreeSet<u64>,
+    pub(super) last_offered: u64,
+    /// What of it the peer wants.
+    pub(super) wanted: BTreeSet<u64>,
+    /// What the peer offers.
+    pub(super) known: BTreeMap<u64, SubjectKind>,
+    pub(super) last_known: u64,
+    /// What of it the driver wants, and with which depth; and what it ever wanted.
+    pub(super) wishes: BTreeMap<u64, u16>,
+    pub(super) wished: BTreeSet<u64>,
+    /// The last of WANT (true) and UNWANT that was sent, where UNWANTED did not follow.
+    pub(super) said: BTreeMap<u64, bool>,
+    /// Calls to the peer without a reply: the offer of each stream.
+    pub(super) calls: BTreeMap<u64, u64>,
+    /// Questions to the peer, and of the peer, without an answer.
+    pub(super) asked: VecDeque<u64>,
+    pub(super) owed: VecDeque<u64>,
+}
+
+impl Book {
+    pub(super) fn new(me: Hop, peer: GatewayId, least_epoch: u64) -> Self {
+        Self {
+            me,
+            peer,
+            least_epoch,
+            greeted: None,
+            offered: BTreeMap::new(),
+            withdrawn: BTreeSet::new(),
+            last_offered: 0,
+            wanted: BTreeSet::new(),
+            known: BTreeMap::new(),
+            last_known: 0,
+            wishes: BTreeMap::new(),
+            wished: BTreeSet::new(),
+            said: BTreeMap::new(),
+            calls: BTreeMap::new(),
+            asked: VecDeque::new(),
+            owed: VecDeque::new(),
+        }
+    }
+
+    /// A frame of the peer's: what comes of it.
+    pub(super) fn hears(&mut self, frame: Frame) -> Result<Vec<Output>, End> {
+        match (self.greeted, frame) {
+            (
+                None,
+                Frame::Hello {
+                    min_version,
+                    max_version,
+                    epoch,
+                    name,
+                },
+            ) => {
+                if min_version < 1 || max_version < min_version {
+                    return Err(End::Violation(PeerViolation::BadVersionRange));
+                }
+                if min_version > 1 {
+                    return Err(End::Local(PeerFarewell::Version.code()));
+                }
+                if epoch < self.least_epoch {
+                    return Err(End::Local(PeerFarewell::Stale.code()));
+                }
+                self.greeted = Some(epoch);
+                Ok(vec![Output::Greeted { epoch, name }])
+            }
+            (None, _) => Err(End::Violation(PeerViolation::ExpectedHello)),
+            (Some(epoch), frame) => self.judges(frame, epoch).map_err(End::Violation),
+        }
+    }
+
+    fn judges(&mut self, frame: Frame, epoch: u64) -> Result<Vec<Output>, PeerViolation> {
+        match frame {
+            Frame::Hello { .. } => Err(PeerViolation::UnexpectedHello),
+            Frame::Offer { .. } | Frame::Unoffer { .. } | Frame::Unwanted { .. } => {
+                self.judges_theirs(frame, epoch)
+            }
+            Frame::Unoffered { .. } | Frame::Want { .. } | Frame::Unwant { .. } => {
+                self.judges_ours(frame)
+            }
+            Frame::Ask { ask, kind, name } => {
+                if self.owed.len() == 64 {
+                    return Err(PeerViolation::Malformed);
+                }
+                self.owed.push_back(ask);
+                Ok(vec![Output::Asked { ask, kind, name }])
+            }
+            Frame::Answer { ask, verdict } => {
+                if self.asked.front() != Some(&ask) {
+                    return Err(PeerViolation::UnexpectedAnswer);
+                }
+                self.asked.pop_front();
+                Ok(vec![Output::Answered { ask, verdict }])
+            }
+        }
+    }
+
+    /// Of what the peer offers.
+    fn judges_theirs(&mut self, frame: Frame, epoch: u64) -> Result<Vec<Output>, PeerViolation> {
+        Ok(match frame {
+            Frame::Offer {
+                offer,
+                subject,
+                path,
+            } => {
+                let gateway = self.peer;
+                let passed_here = path.iter().any(|hop| hop.gateway == self.me.gateway);
+                if passed_here || path.last() != Some(&Hop { gateway, epoch }) {
+                    return Err(PeerViolation::BadPath);
+                }
+                if offer <= self.last_known {
+                    return Err(PeerViolation::BadOffer);
+                }
+                if self.known.len() == 4_096 {
+                    return Err(PeerViolation::OfferLimit);
+                }
+                self.last_known = offer;
+                self.known.insert(offer, subject.kind());
+                vec![Output::Offered {
+                    offer,
+                    subject,
+                    path,
+                }]
+            }
+            Frame::Unoffer { offer } => {
+                if self.known.remove(&offer).is_none() {
+                    return Err(PeerViolation::UnknownOffer);
+                }
+                self.said.remove(&offer);
+                self.wishes.remove(&offer);
+                let mut outputs = self.fail_calls(Some(offer));
+                outputs.push(transmit(&Frame::Unoffered { offer }));
+                outputs.push(Output::Gone { offer });
+                outputs
+            }
+            Frame::Unwanted { offer } => {
+                if self.said.get(&offer) != Some(&false) {
+                    return Err(PeerViolation::UnknownOffer);
+                }
+                self.said.remove(&offer);
+                let again = self.wishes.get(&offer).copied();
+                let want = again.map(|depth| {
+                    self.said.insert(offer, true);
+                    transmit(&Frame::Want { offer, depth })
+                });
+                want.into_iter().collect()
+            }
+            other => unreachable!("{other:?} says nothing of the peer's offers"),
+        })
+    }
+
+    /// Of what this side offers.
+    fn judges_ours(&mut self, frame: Frame) -> Result<Vec<Output>, PeerViolation> {
+        Ok(match frame {
+            Frame::Unoffered { offer } => {
+                if !self.withdrawn.remove(&offer) {
+                    return Err(PeerViolation::UnknownOffer);
+                }
+                self.offered.remove(&offer);
+                vec![]
+            }
+            Frame::Want { offer, .. } | Frame::Unwant { offer }
+                if self.withdrawn.contains(&offer) =>
+            {
+                vec![]
+            }
+            Frame::Want { offer, depth } => {
+                if !self.offered.contains_key(&offer) {
+                    return Err(PeerViolation::UnknownOffer);
+                }
+                if !self.wanted.insert(offer) {
+                    return Err(PeerViolation::BadWant);
+                }
+                vec![Output::Wanted { offer, depth }]
+            }
+            Frame::Unwant { offer } => {
+                if !self.wanted.remove(&offer) {
+                    return Err(PeerViolation::UnknownOffer);
+                }
+                let answer = transmit(&Frame::Unwanted { offer });
+                vec![answer, Output::Unwanted { offer }]
+            }
+            other => unreachable!("{other:?} says nothing of this side's offers"),
+        })
+    }
+
+    /// The header of a stream: what becomes of the stream.
+    pub(super) fn sees(&mut self, stream: u64, header: &Header) -> Result<Output, PeerViolation> {
+        let offer = header.offer;
+        if self.greeted.is_none() {
+            return Err(PeerViolation::ExpectedHello);
+        }
+        Ok(match header.carried {
+            Carried::Message { .. } => {
+                let is_gone = offer <= self.last_known && !self.known.contains_key(&offer);
+                let is_topic = self.known.get(&offer) == Some(&SubjectKind::Topic);
+                if self.wishes.contains_key(&offer) && is_topic {
+                    Output::Take { stream }
+                } else if offer > 0 && (is_gone || (is_topic && self.wished.contains(&offer))) {
+                    Output::Discard { stream }
+                } else {
+                    return Err(PeerViolation::NotWanted);
+                }
+            }
+            Carried::Request { .. } => {
+                let is_gone = offer <= self.last_offered && !self.offered.contains_key(&offer);
+                let is_service = self.offered.get(&offer) == Some(&SubjectKind::Service);
+                if offer == 0 || !(is_gone || is_service) {
+                    return Err(PeerViolation::UnknownOffer);
+                }
+                if self.wanted.contains(&offer) {
+                    Output::Take { stream }
+                } else {
+                    Output::Unreachable { stream }
+                }
+            }
+            Carried::Reply { .. } => {
+                if self.calls.get(&stream) != Some(&offer) {
+                    return Err(PeerViolation::UnknownCall);
+                }
+                self.calls.remove(&stream);
+                Output::Take { stream }
+            }
+        })
+    }
+
+    /// What the driver asks for: what comes of it; none if it may not.
+    pub(super) fn asks(&mut self, input: Input<'_>) -> Option<Vec<Output>> {
+        self.greeted?;
+        let frame = match input {
+            Input::Offer {
+                offer,
+                subject,
+                path,
+            } => {
+                let mut gateways: BTreeSet<_> = path.iter().map(|hop| hop.gateway).collect();
+                let is_path = gateways.len() == path.len()
+                    && path.len() <= 8
+                    && gateways.insert(self.peer)
+                    && path.last() == Some(&self.me);
+                if !is_path || offer <= self.last_offered || self.offered.len() == 4_096 {
+                    return None;
+                }
+                self.last_offered = offer;
+                self.offered.insert(offer, subject.kind());
+                Frame::Offer {
+                    offer,
+                    subject,
+                    path,
+                }
+            }
+            Input::Unoffer { offer } => {
+                if !self.offered.contains_key(&offer) || !self.withdrawn.insert(offer) {
+                    return None;
+                }
+                self.wanted.remove(&offer);
+                Frame::Unoffer { offer }
+            }
+            Input::Want { offer, depth } => {
+                let is_free = self.known.contains_key(&offer) && !self.wishes.contains_key(&offer);
+                if !is_free || !(1..=1_024).contains(&depth) {
+                    return None;
+                }
+                self.wishes.insert(offer, depth);
+                self.wished.insert(offer);
+                if self.said.contains_key(&offer) {
+                    return Some(vec![]);
+                }
+                self.said.insert(offer, true);
+                Frame::Want { offer, depth }
+            }
+            Input::Unwant { offer } => {
+                self.wishes.remove(&offer)?;
+                if self.said.insert(offer, false) == Some(false) {
+                    return Some(vec![]);
+                }
+                let mut outputs = self.fail_calls(Some(offer));
+                outputs.push(Output::Transmit(Frame::Unwant { offer }.to_bytes()));
+                return Some(outputs);
+            }
+            Input::Ask { ask, kind, name } => {
+                if self.asked.len() == 64 {
+                    return None;
+                }
+                self.asked.push_back(ask);
+                Frame::Ask { ask, kind, name }
+            }
+            Input::Answer { ask, verdict } => {
+                self.owed.front().filter(|it| **it == ask)?;
+                self.owed.pop_front();
+                Frame::Answer { ask, verdict }
+            }
+            Input::Call { stream, offer } => {
+                let is_service = self.known.get(&offer) == Some(&SubjectKind::Service);
+                let is_wanted = self.said.get(&offer) == Some(&true);
+                let is_free = !self.calls.contains_key(&stream);
+                return (is_service && is_wanted && is_free).then(|| {
+                    self.calls.insert(stream, offer);
+                    vec![]
+                });
+            }
+            Input::Forget { stream } => return self.calls.remove(&stream).map(|_| vec![]),
+            other => unreachable!("{other:?} is not asked for"),
+        };
+        Some(vec![Output::Transmit(frame.to_bytes())])
+    }
+
+    /// Calls of an offer, or all of them, get no reply any more.
+    pub(super) fn fail_calls(&mut self, of: Option<u64>) -> Vec<Output> {
+        let fails = |offer: u64| of.is_none_or(|it| it == offer);
+        let failed: Vec<u64> = self
+            .calls
+            .iter()
+            .filter(|it| fails(*it.1))
+            .map(|it| *it.0)
+            .collect();
+        self.calls.retain(|_, offer| !fails(*offer));
+        let output = |stream| Output::CallFailed { stream };
+        failed.into_iter().map(output).collect()
+    }
+}
+
+fn transmit(frame: &Frame) -> Output {
+    Output::Transmit(frame.to_bytes())
+}

@@ -1,0 +1,434 @@
+//! One connection under what a hostile peer sends and its own driver asks for.
+//!
+//! Most of what comes is legal but for what the bytes change, so that a run gets past the first
+//! check. Whatever happens, the session says what [`Book`] says.
+
+use alloc::{
+    collections::{BTreeMap, BTreeSet},
+    vec,
+    vec::Vec,
+};
+use core::time::Duration;
+
+use super::{
+    super::{
+        Carried, Frame, FrameReader, GatewayId, Header, Hop, Outcome, PeerFarewell, Subject,
+        SubjectKind, Verdict,
+        session::{End, Input, Misuse, Output, Session},
+    },
+    book::Book,
+};
+use crate::{Code, Instant, Name, TypeId, fuzz::script::Script};
+
+const GREETING: Duration = Duration::from_secs(2);
+const LEAST_EPOCH: u64 = 70;
+
+const fn hop(gateway: u8) -> Hop {
+    Hop {
+        gateway: GatewayId([gateway; 32]),
+        epoch: LEAST_EPOCH + gateway as u64,
+    }
+}
+
+/// What a session takes and says is what SPEC makes of it, each call is settled once, and after
+/// its end there is nothing.
+//= SM2-GWF-001, SM2-GWO-001, SM2-GWO-002, SM2-GWO-003, SM2-GWO-005, SM2-GWM-001, SM2-GWS-001, SM2-GWS-002 fuzz
+pub(crate) fn session(data: &[u8]) {
+    let Ok(name) = Name::new("me") else {
+        return;
+    };
+    let (me, peer) = (hop(1), hop(2).gateway);
+    let mut world = World {
+        script: Script::new(data),
+        session: Session::new(Instant(0), me, name, peer, LEAST_EPOCH),
+        book: Book::new(me, peer, LEAST_EPOCH),
+        reader: FrameReader::default(),
+        underway: Vec::new(),
+        now: Instant(0),
+        calls: BTreeSet::new(),
+    };
+    let hello = world.session.poll();
+    assert!(matches!(hello, Some(Output::Transmit(_))), "{hello:?}");
+    while world.session.end().is_none() && world.step().is_some() {}
+    world.check_end();
+}
+
+struct World<'a> {
+    script: Script<'a>,
+    session: Session,
+    book: Book,
+    /// Splits what comes as the session has to.
+    reader: FrameReader,
+    /// Bytes of the control stream that have not come yet.
+    underway: Vec<u8>,
+    now: Instant,
+    /// The streams of calls that are not settled, by what the session took and said.
+    calls: BTreeSet<u64>,
+}
+
+impl World<'_> {
+    /// One operation; none when the bytes are used up.
+    fn step(&mut self) -> Option<()> {
+        match self.script.byte()? % 16 {
+            0 => {
+                if self.script.rarely()? {
+                    let bytes = self.script.bytes()?;
+                    self.underway.extend(bytes);
+                }
+                self.control(usize::MAX);
+            }
+            1..=5 => {
+                let frame = self.frame()?;
+                self.underway.extend(frame.to_bytes());
+                // Some come in pieces, or several at once.
+                let len = match self.script.byte()? {
+                    0xf0.. => 0,
+                    it @ 0xe0.. => usize::from(it - 0xdf),
+                    _ => usize::MAX,
+                };
+                self.control(len);
+            }
+            6..=10 => {
+                let input = self.wish()?;
+                self.ask(input);
+            }
+            11..=14 => self.stream()?,
+            _ => self.moment()?,
+        }
+        Some(())
+    }
+
+    /// A frame of the peer's that is legal as such.
+    fn frame(&mut self) -> Option<Frame> {
+        let script = &mut self.script;
+        let choice = script.byte()?;
+        let is_hello = self.book.greeted.is_none() && choice < 0xf0;
+        if is_hello || choice == u8::MAX {
+            return Some(Frame::Hello {
+                min_version: script.near(1)? as u16,
+                max_version: script.near(1)? as u16,
+                epoch: script.near(hop(2).epoch)?,
+                name: script.name()?,
+            });
+        }
+        // One that the tables allow, if there is any.
+        let book = &self.book;
+        let offer = match choice % 8 {
+            2 => pick(script, book.known.keys().copied())?,
+            3 => pick(script, book.withdrawn.iter().copied())?,
+            4 => {
+                let is_free = |it: &u64| !book.wanted.contains(it);
+                pick(script, book.offered.keys().copied().filter(is_free))?
+            }
+            5 => pick(script, book.wanted.union(&book.withdrawn).copied())?,
+            6 => {
+                let ends = book.said.iter().filter(|(_, wants)| !**wants);
+                pick(script, ends.map(|(offer, _)| *offer))?
+            }
+            _ => None,
+        };
+        let offer = match (choice, offer) {
+            (0xf0.., None) => Some(script.number()?),
+            (_, offer) => offer,
+        };
+        Some(match (choice % 8, offer) {
+            (2, Some(offer)) => Frame::Unoffer { offer },
+            (3, Some(offer)) => Frame::Unoffered { offer },
+            (4, Some(offer)) => Frame::Want {
+                offer,
+                depth: 1 + u16::from(script.byte()?),
+            },
+            (5, Some(offer)) => Frame::Unwant { offer },
+            (6, Some(offer)) => Frame::Unwanted { offer },
+            (7, _) if script.byte()? % 2 == 0 || book.asked.is_empty() => Frame::Ask {
+                ask: script.number()?,
+                kind: kind(script)?,
+                name: script.name()?,
+            },
+            (7, _) => Frame::Answer {
+                ask: script.near(book.asked.front().copied().unwrap_or(1))?,
+                verdict: verdict(script)?,
+            },
+            _ => Frame::Offer {
+                offer: script.near(book.last_known.saturating_add(1))?,
+                subject: subject(script)?,
+                path: path(script, &[3, 2])?,
+            },
+        })
+    }
+
+    /// What the driver asks for, mostly what it may.
+    fn wish(&mut self) -> Option<Input<'static>> {
+        let script = &mut self.script;
+        Some(match script.byte()? % 9 {
+            0 => Input::Offer {
+                offer: script.near(self.book.last_offered.saturating_add(1))?,
+                subject: subject(script)?,
+                path: path(script, &[3, 1])?,
+            },
+            1 => Input::Unoffer {
+                offer: key(script, &self.book.offered)?,
+            },
+            2 | 3 => Input::Want {
+                offer: key(script, &self.book.known)?,
+                depth: script.near(4)? as u16,
+            },
+            4 => Input::Unwant {
+                offer: key(script, &self.book.wishes)?,
+            },
+            5 => Input::Ask {
+                ask: script.number()?,
+                kind: kind(script)?,
+                name: script.name()?,
+            },
+            6 => Input::Answer {
+                ask: script.near(self.book.owed.front().copied().unwrap_or(1))?,
+                verdict: verdict(script)?,
+            },
+            7 => Input::Call {
+                stream: script.number()?,
+                offer: key(script, &self.book.said)?,
+            },
+            _ => Input::Forget {
+                stream: key(script, &self.book.calls)?,
+            },
+        })
+    }
+
+    /// The header of a stream comes.
+    fn stream(&mut self) -> Option<()> {
+        let (script, book) = (&mut self.script, &self.book);
+        let choice = script.byte()?;
+        let found = match choice % 4 {
+            0 | 1 => {
+                let is_topic = |it: &u64| book.known.get(it) != Some(&SubjectKind::Service);
+                pick(script, book.wished.iter().copied().filter(is_topic))?
+            }
+            2 => {
+                let services = book
+                    .offered
+                    .iter()
+                    .filter(|it| *it.1 == SubjectKind::Service);
+                pick(script, services.map(|(offer, _)| *offer))?
+            }
+            _ => pick(script, book.calls.keys().copied())?,
+        };
+        let found = match found {
+            None if choice < 0xf0 => return Some(()),
+            None => script.number()?,
+            Some(found) => found,
+        };
+        let (stream, offer, carried) = match choice % 4 {
+            0 | 1 => {
+                let (sequence, age_ns) = (1, 0);
+                (8, found, Carried::Message { sequence, age_ns })
+            }
+            2 => (8, found, Carried::Request { left_ns: 0 }),
+            _ => {
+                let status = Outcome::ALL[script.below(6)?];
+                let of = book.calls.get(&found).copied();
+                let offer = match choice {
+                    0xe0.. => script.number()?,
+                    _ => script.near(of.unwrap_or(1))?,
+                };
+                (found, offer, Carried::Reply { status })
+            }
+        };
+        let header = Header {
+            carried,
+            offer,
+            len: 0,
+        };
+        let expected = match self.book.sees(stream, &header) {
+            Ok(output) => vec![output],
+            Err(violation) => self.over(End::Violation(violation)),
+        };
+        let is_reply = matches!(carried, Carried::Reply { .. });
+        self.feed(Input::Stream { stream, header }, &expected);
+        if is_reply && self.session.end().is_none() {
+            assert!(self.calls.remove(&stream), "{stream} waited");
+        }
+        Some(())
+    }
+
+    /// Time passes, or the connection ends.
+    fn moment(&mut self) -> Option<()> {
+        let code = Code(self.script.byte()?.into());
+        let (input, end) = match self.script.byte()? {
+            0xff => (Input::Close(code), Some(End::Local(code))),
+            0xfe => (Input::Closed(Some(code)), Some(End::Closed(Some(code)))),
+            0xfd => (Input::Closed(None), Some(End::Closed(None))),
+            ms => {
+                self.now = self.now.after(Duration::from_millis(ms.into()));
+                let is_late = self.book.greeted.is_none() && self.now >= Instant(0).after(GREETING);
+                let late = End::Local(PeerFarewell::GreetingTimeout.code());
+                (Input::Tick, is_late.then_some(late))
+            }
+        };
+        let expected = end.map_or(vec![], |end| self.over(end));
+        self.feed(input, &expected);
+        Some(())
+    }
+
+    /// So many of the bytes that are underway come.
+    fn control(&mut self, len: usize) {
+        let len = len.min(self.underway.len());
+        let bytes: Vec<u8> = self.underway.drain(..len).collect();
+        self.reader.push(&bytes);
+        let mut expected = vec![];
+        loop {
+            let heard = match self.reader.next_frame() {
+                Ok(None) => break,
+                Ok(Some(frame)) => self.book.hears(frame),
+                Err(violation) => Err(End::Violation(violation)),
+            };
+            match heard {
+                Ok(outputs) => expected.extend(outputs),
+                Err(end) => {
+                    expected.extend(self.over(end));
+                    break;
+                }
+            }
+        }
+        self.feed(Input::Control(&bytes), &expected);
+    }
+
+    fn ask(&mut self, input: Input<'static>) {
+        if let Some(expected) = self.book.asks(input.clone()) {
+            if let Input::Call { stream, .. } = input {
+                assert!(self.calls.insert(stream), "{stream} is free");
+            }
+            if let Input::Forget { stream } = input {
+                assert!(self.calls.remove(&stream), "{stream} waited");
+            }
+            self.feed(input, &expected);
+        } else {
+            let before = self.session.clone();
+            let taken = self.session.handle(self.now, input.clone());
+            assert!(taken.is_err(), "{input:?}");
+            assert_eq!(self.session, before, "misuse changes nothing");
+        }
+    }
+
+    /// What the session says at its end.
+    fn over(&mut self, end: End) -> Vec<Output> {
+        let mut outputs = self.book.fail_calls(None);
+        outputs.push(Output::Ended(end));
+        outputs
+    }
+
+    fn feed(&mut self, input: Input<'_>, expected: &[Output]) {
+        let taken = self.session.handle(self.now, input.clone());
+        assert_eq!(taken, Ok(()), "{input:?}");
+        let outputs: Vec<Output> = core::iter::from_fn(|| self.session.poll()).collect();
+        assert_eq!(outputs, expected, "{input:?}");
+        for output in outputs {
+            match output {
+                Output::Transmit(bytes) => {
+                    let mut reader = FrameReader::default();
+                    reader.push(&bytes);
+                    assert!(matches!(reader.next_frame(), Ok(Some(_))), "{bytes:02x?}");
+                    assert!(reader.is_between_frames());
+                }
+                Output::CallFailed { stream } => {
+                    assert!(self.calls.remove(&stream), "{stream} waited");
+                }
+                Output::Ended(end) => assert_eq!(self.session.end(), Some(end)),
+                _ => {}
+            }
+        }
+        let greets = self.book.greeted.is_none() && self.session.end().is_none();
+        let deadline = greets.then(|| Instant(0).after(GREETING));
+        assert_eq!(self.session.deadline(), deadline);
+    }
+
+    /// Nothing waits, and nothing comes any more.
+    fn check_end(&mut self) {
+        let code = Code(0);
+        if self.session.end().is_none() {
+            let expected = self.over(End::Local(code));
+            self.feed(Input::Close(code), &expected);
+        }
+        assert!(self.calls.is_empty(), "{:?} are not settled", self.calls);
+        let end = self.session.end();
+        for input in [
+            Input::Control(&[1]),
+            Input::Closed(None),
+            Input::Close(code),
+            Input::Unoffer { offer: 1 },
+            Input::Want { offer: 1, depth: 1 },
+            Input::Forget { stream: 1 },
+            Input::Tick,
+        ] {
+            assert_eq!(self.session.handle(self.now, input), Err(Misuse::Ended));
+        }
+        assert_eq!((self.session.poll(), self.session.end()), (None, end));
+    }
+}
+
+/// One of these numbers, mostly; none if there is none.
+fn pick(script: &mut Script<'_>, of: impl Iterator<Item = u64>) -> Option<Option<u64>> {
+    let of: Vec<u64> = of.collect();
+    let Some(last) = of.len().checked_sub(1) else {
+        return Some(None);
+    };
+    let found = of[usize::from(script.byte()?) % (last + 1)];
+    script.near(found).map(Some)
+}
+
+/// One of these numbers, mostly, or another one.
+fn key<T>(script: &mut Script<'_>, of: &BTreeMap<u64, T>) -> Option<u64> {
+    let found = pick(script, of.keys().copied())?;
+    found.map_or_else(|| script.number(), Some)
+}
+
+fn kind(script: &mut Script<'_>) -> Option<SubjectKind> {
+    let kinds = [SubjectKind::Topic, SubjectKind::Service];
+    Some(kinds[script.below(2)?])
+}
+
+fn verdict(script: &mut Script<'_>) -> Option<Verdict> {
+    let verdicts = [Verdict::Offered, Verdict::Denied, Verdict::Absent];
+    Some(verdicts[script.below(3)?])
+}
+
+fn subject(script: &mut Script<'_>) -> Option<Subject> {
+    let name = script.name()?;
+    let data = TypeId {
+        name: name.clone(),
+        hash: 0,
+    };
+    Some(match kind(script)? {
+        SubjectKind::Topic => Subject::Topic {
+            name,
+            data,
+            reliable: true,
+        },
+        SubjectKind::Service => Subject::Service {
+            name,
+            request: data.clone(),
+            reply: data,
+        },
+    })
+}
+
+/// Through these gateways, or the last of them alone; rarely another way.
+fn path(script: &mut Script<'_>, through: &[u8]) -> Option<Vec<Hop>> {
+    let choice = script.byte()?;
+    let mut path: Vec<Hop> = through.iter().copied().map(hop).collect();
+    match choice {
+        0xff => path.reverse(),
+        0xfe => path.insert(0, hop(1)),
+        0xfd => path.insert(0, hop(2)),
+        0xfc => path.extend(path.clone()),
+        0xfb => path.clear(),
+        0xfa => path.splice(0..0, (10..17).map(hop)).for_each(drop),
+        0xf9 => {
+            let last = path.last_mut()?;
+            last.epoch = script.number()?;
+        }
+        it if it % 2 == 0 => drop(path.drain(..path.len() - 1)),
+        _ => {}
+    }
+    Some(path)
+}

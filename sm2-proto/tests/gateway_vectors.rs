@@ -1,0 +1,313 @@
+//! Replays `tests/vectors/gateway.json`, the golden vectors of gateways.
+//!
+//! Of the control stream and of other streams a vector is what gateway 1 (its id is 32 bytes of
+//! 1, its epoch 71) receives from gateway 2, of which it has seen epoch 70 at most, where `before`
+//! has happened: bytes of the control stream that came and, with `>` in front, those that it sent
+//! itself where they do not follow from what came. Then the peer made so many `offers`, from 1
+//! on, and the receiver made a `call` to an offer of the peer's, on the stream of the vector.
+
+#[path = "support/gateway/mod.rs"]
+mod gateway;
+
+use std::collections::BTreeSet;
+
+use gateway::{agreement, words};
+use serde::Deserialize;
+use serde_json::Value;
+use sm2_proto::{
+    Instant, Name, TypeId,
+    gateway::{
+        Beacon, Frame, FrameReader, GatewayId, Header, Hop, PeerFarewell, PeerViolation, Subject,
+        session::{End, Input, Output, Session},
+    },
+};
+
+const VECTORS: &str = include_str!("../../tests/vectors/gateway.json");
+const NOW: Instant = Instant(0);
+const STREAM: u64 = 4;
+const PEER: Hop = Hop {
+    gateway: GatewayId([2; 32]),
+    epoch: 72,
+};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Vector {
+    name: String,
+    clause: String,
+    of: Surface,
+    #[serde(default)]
+    before: Vec<String>,
+    #[serde(default)]
+    offers: u64,
+    call: Option<u64>,
+    hex: String,
+    frame: Option<Value>,
+    /// What the receiver sends at once.
+    #[serde(default)]
+    answer: String,
+    header: Option<Value>,
+    /// What becomes of the stream.
+    stream: Option<String>,
+    violation: Option<String>,
+    /// An end that is no violation.
+    closed: Option<String>,
+    beacon: Option<Value>,
+    ignored: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(rename_all = "lowercase")]
+enum Surface {
+    /// The control stream.
+    Control,
+    /// The header of another stream.
+    Stream,
+    /// A datagram to the group.
+    Beacon,
+}
+
+/// What becomes of a connection: what it says of the input, or how it ends.
+type Outcome = Result<Vec<Output>, End>;
+
+fn vectors() -> Vec<Vector> {
+    serde_json::from_str(VECTORS).expect("the file is what the module says")
+}
+
+fn bytes(hex: &str) -> Vec<u8> {
+    let digit = |at| u8::from_str_radix(&hex[at..at + 2], 16).expect("two digits");
+    (0..hex.len()).step_by(2).map(digit).collect()
+}
+
+fn name(text: &str) -> Name {
+    Name::new(text).expect("legal")
+}
+
+fn feed(session: &mut Session, input: Input<'_>) -> Outcome {
+    let fed = session.handle(NOW, input);
+    fed.expect("the driver keeps the contract");
+    let outputs = std::iter::from_fn(|| session.poll()).collect();
+    session.end().map_or(Ok(outputs), Err)
+}
+
+impl Vector {
+    /// The connection after what happened before.
+    fn session(&self) -> Session {
+        let me = Hop {
+            gateway: GatewayId([1; 32]),
+            epoch: 71,
+        };
+        let mut session = Session::new(NOW, me, name("me"), PEER.gateway, 70);
+        while session.poll().is_some() {}
+        for before in &self.before {
+            let fed = match before.strip_prefix('>') {
+                Some(hex) => feed(&mut session, said(&bytes(hex))),
+                None => feed(&mut session, Input::Control(&bytes(before))),
+            };
+            fed.unwrap_or_else(|end| panic!("{}: {before}: {end:?}", self.name));
+        }
+        for offer in 1..=self.offers {
+            let frame = Frame::Offer {
+                offer,
+                subject: Subject::Topic {
+                    name: name("scan"),
+                    data: TypeId {
+                        name: name("Scan"),
+                        hash: 7,
+                    },
+                    reliable: true,
+                },
+                path: vec![PEER],
+            };
+            let fed = feed(&mut session, Input::Control(&frame.to_bytes()));
+            fed.unwrap_or_else(|end| panic!("{}: {offer}: {end:?}", self.name));
+        }
+        if let Some(offer) = self.call {
+            let stream = STREAM;
+            let fed = feed(&mut session, Input::Call { stream, offer });
+            assert_eq!(fed, Ok(vec![]), "{}", self.name);
+        }
+        session
+    }
+
+    fn check_control(&self) {
+        let (name, bytes) = (&self.name, bytes(&self.hex));
+        agreement::stream(&bytes, &[3]);
+        agreement::body(bytes.get(4..).unwrap_or_default());
+        let mut reader = FrameReader::default();
+        reader.push(&bytes);
+        let read = reader.next_frame();
+        if let Ok(frame) = &read {
+            let frame = frame.as_ref().expect("all of it is there");
+            assert_eq!(frame.to_bytes(), bytes, "{name}");
+            assert!(reader.is_between_frames(), "{name}");
+            if let Some(expected) = &self.frame {
+                assert_eq!(*expected, words::frame(frame), "{name}");
+            }
+        }
+        let outcome = feed(&mut self.session(), Input::Control(&bytes));
+        match (&self.frame, outcome) {
+            (Some(_), Ok(outputs)) => {
+                let sent = outputs.into_iter().filter_map(|output| match output {
+                    Output::Transmit(bytes) => Some(bytes),
+                    _ => None,
+                });
+                let sent: Vec<Vec<u8>> = sent.collect();
+                assert_eq!(sent.concat(), self::bytes(&self.answer), "{name}");
+            }
+            (None, Err(end)) => self.check_end(end),
+            (_, other) => panic!("{name}: {other:?}"),
+        }
+    }
+
+    fn check_stream(&self) {
+        let (name, bytes) = (&self.name, bytes(&self.hex));
+        let bytes = bytes.try_into().expect("as long as a header");
+        agreement::header(&bytes);
+        let read = Header::from_bytes(&bytes);
+        if let Ok(header) = &read {
+            assert_eq!(header.to_bytes(), bytes, "{name}");
+        }
+        if let Some(expected) = &self.header {
+            let header = read.as_ref().map(words::header);
+            assert_eq!(header.as_ref(), Ok(expected), "{name}");
+        }
+        let mut session = self.session();
+        let outcome = match read {
+            Ok(header) => feed(
+                &mut session,
+                Input::Stream {
+                    stream: STREAM,
+                    header,
+                },
+            ),
+            Err(violation) => Err(End::Violation(violation)),
+        };
+        match outcome {
+            Ok(outputs) => {
+                let stream = STREAM;
+                let expected = match self.stream.as_deref() {
+                    Some("taken") => Output::Take { stream },
+                    Some("discarded") => Output::Discard { stream },
+                    Some("unreachable") => Output::Unreachable { stream },
+                    other => panic!("{name}: {other:?}"),
+                };
+                assert_eq!(outputs, [expected], "{name}");
+            }
+            Err(end) => self.check_end(end),
+        }
+    }
+
+    fn check_end(&self, end: End) {
+        let Self {
+            violation, closed, ..
+        } = self;
+        let expected = match (violation.as_deref(), closed.as_deref()) {
+            (Some(name), None) => {
+                let violation = PeerViolation::ALL.iter().find(|it| it.name() == name);
+                End::Violation(*violation.expect("SPEC names it"))
+            }
+            (None, Some(name)) => {
+                let farewell = PeerFarewell::ALL.iter().find(|it| it.name() == name);
+                End::Local(farewell.expect("SPEC names it").code())
+            }
+            other => panic!("{}: {end:?}, not {other:?}", self.name),
+        };
+        assert_eq!(end, expected, "{}", self.name);
+    }
+
+    fn check_beacon(&self) {
+        let (name, bytes) = (&self.name, bytes(&self.hex));
+        agreement::beacon(&bytes);
+        let read = Beacon::from_bytes(&bytes);
+        if let Ok(beacon) = &read {
+            assert_eq!(beacon.to_bytes().as_slice(), bytes, "{name}");
+        }
+        let meaning = read.as_ref().ok().map(words::beacon);
+        assert_eq!(meaning, self.beacon, "{name}");
+        let why = read.err().map(words::no_beacon);
+        assert_eq!(why, self.ignored.as_deref(), "{name}");
+    }
+}
+
+/// What the receiver did before: the input that has these bytes sent.
+fn said(bytes: &[u8]) -> Input<'static> {
+    match Frame::from_body(&bytes[4..]).expect("a gateway sends it") {
+        Frame::Offer {
+            offer,
+            subject,
+            path,
+        } => Input::Offer {
+            offer,
+            subject,
+            path,
+        },
+        Frame::Unoffer { offer } => Input::Unoffer { offer },
+        Frame::Want { offer, depth } => Input::Want { offer, depth },
+        Frame::Unwant { offer } => Input::Unwant { offer },
+        Frame::Ask { ask, kind, name } => Input::Ask { ask, kind, name },
+        Frame::Answer { ask, verdict } => Input::Answer { ask, verdict },
+        other => panic!("{other:?} follows from what came"),
+    }
+}
+
+//= SM2-GWF-002, SM2-GWM-002, SM2-GWD-001 vector
+#[test]
+fn every_vector() {
+    for vector in vectors() {
+        match vector.of {
+            Surface::Control => vector.check_control(),
+            Surface::Stream => vector.check_stream(),
+            Surface::Beacon => vector.check_beacon(),
+        }
+        let outcomes = [
+            vector.frame.is_some(),
+            vector.header.is_some() && vector.stream.is_some(),
+            vector.violation.is_some(),
+            vector.closed.is_some(),
+            vector.beacon.is_some(),
+            vector.ignored.is_some(),
+        ];
+        let count = outcomes.iter().filter(|it| **it).count();
+        assert_eq!(count, 1, "{}: one outcome", vector.name);
+        assert!(vector.clause.starts_with("SM2-"), "{}", vector.name);
+    }
+}
+
+#[test]
+fn every_kind_and_violation_has_a_vector() {
+    let vectors = vectors();
+    let frames: Vec<_> = vectors.iter().filter_map(|it| it.frame.as_ref()).collect();
+    assert_eq!(kinds(&frames).len(), 9);
+    let texts: String = frames.iter().map(ToString::to_string).collect();
+    for variant in ["topic", "service", "offered", "denied", "absent"] {
+        let with_fields = format!("\"{variant}\":{{");
+        let without = format!(":\"{variant}\"");
+        let found = texts.contains(&with_fields) || texts.contains(&without);
+        assert!(found, "{variant}");
+    }
+    let headers: Vec<_> = vectors.iter().filter_map(|it| it.header.as_ref()).collect();
+    assert_eq!(kinds(&headers).len(), 3);
+    let statuses = headers
+        .iter()
+        .filter_map(|it| it["reply"]["status"].as_str());
+    assert_eq!(statuses.collect::<BTreeSet<_>>().len(), 6);
+    let streams = vectors.iter().filter_map(|it| it.stream.as_deref());
+    assert_eq!(streams.collect::<BTreeSet<_>>().len(), 3);
+    let violations = vectors.iter().filter_map(|it| it.violation.as_deref());
+    let all = PeerViolation::ALL.iter().map(|it| it.name());
+    assert_eq!(
+        violations.collect::<BTreeSet<_>>(),
+        all.collect::<BTreeSet<_>>()
+    );
+    let ignored = vectors.iter().filter_map(|it| it.ignored.as_deref());
+    assert_eq!(ignored.collect::<BTreeSet<_>>().len(), 5);
+    let names: BTreeSet<_> = vectors.iter().map(|it| &it.name).collect();
+    assert_eq!(names.len(), vectors.len(), "names tell vectors apart");
+}
+
+/// The variants that stand for their fields.
+fn kinds(values: &[&Value]) -> BTreeSet<String> {
+    let keys = values.iter().filter_map(|it| it.as_object());
+    keys.flat_map(|it| it.keys().cloned()).collect()
+}
