@@ -82,3 +82,91 @@ fn a_service_of_one_domain_is_called_in_another() {
     serving.join().unwrap();
     runtime.block_on(right.stop());
 }
+
+//= SM2-GWR-003, SM2-GWR-004 test
+#[test]
+fn rules_that_change_take_effect_at_once() {
+    let (near, far) = (Domain::new("near"), Domain::new("far"));
+    let runtime = runtime();
+    let left = near.gateway(&runtime, &[(&far, None)], ALL);
+    let right = far.gateway(&runtime, &[(&near, Some(left.address()))], ALL);
+    let talker = near.node("talker");
+    let publisher = talker.publisher::<u64>("secret/count").unwrap();
+    let listener = far.node("listener");
+    let subscriber = listener.subscriber::<u64>("secret/count").unwrap();
+    subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
+    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    let other = "[[rule]]\naction = \"deny\"\nnames = \"secret/*\"\n".to_owned() + ALL;
+    let config = near.config(&[(&far, None)], &other);
+    runtime.block_on(left.reload(&config));
+    until("withdrawn", || {
+        subscriber.links().iter().all(|it| it.end.is_some())
+    });
+    publisher.publish(&1).unwrap();
+    assert!(
+        subscriber
+            .recv_timeout(Duration::from_millis(200))
+            .unwrap()
+            .is_none()
+    );
+    // And back.
+    let config = near.config(&[(&far, None)], ALL);
+    runtime.block_on(left.reload(&config));
+    subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
+    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    publisher.publish(&2).unwrap();
+    assert_eq!(*subscriber.recv_timeout(SOON).unwrap().expect("in time"), 2);
+    // A peer that is not trusted any more is gone.
+    let config = near.config(&[], ALL);
+    runtime.block_on(left.reload(&config));
+    until("gone", || report(&runtime, &left).peers.is_empty());
+    runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
+}
+
+#[test]
+fn three_domains_in_a_row_pass_on_and_give_nothing_back() {
+    let [a, b, c] = ["a", "b", "c"].map(Domain::new);
+    let runtime = runtime();
+    let first = a.gateway(&runtime, &[(&b, None)], ALL);
+    let second = b.gateway(&runtime, &[(&a, Some(first.address())), (&c, None)], ALL);
+    let third = c.gateway(&runtime, &[(&b, Some(second.address()))], ALL);
+    let nodes = [(&a, "talker"), (&a, "here"), (&b, "between"), (&c, "there")];
+    let [talker, here, between, there] = nodes.map(|(domain, name)| domain.node(name));
+    let publisher = talker.publisher::<u64>("count").unwrap();
+    let subscribers =
+        [&here, &between, &there].map(|node| node.subscriber::<u64>("count").unwrap());
+    // Nodes move on when they are called.
+    let moment = Some(Duration::from_millis(1));
+    until("linked", || {
+        publisher.links();
+        let linked = |it: &&sm2_node::Subscriber<u64>| it.wait_for_publishers(1, moment).is_ok();
+        subscribers.iter().filter(linked).count() == subscribers.len()
+    });
+    // Its own domain's, and the gateway.
+    publisher.wait_for_subscribers(2, Some(SOON)).unwrap();
+    let mut number = 0;
+    until("all the way", || {
+        number += 1;
+        publisher.publish(&number).unwrap();
+        let last = subscribers[2]
+            .recv_timeout(Duration::from_millis(50))
+            .unwrap();
+        last.is_some()
+    });
+    std::thread::sleep(Duration::from_millis(200));
+    for subscriber in &subscribers {
+        while subscriber.try_recv().unwrap().is_some() {}
+    }
+    publisher.publish(&1_000_000).unwrap();
+    for subscriber in &subscribers {
+        let sample = subscriber.recv_timeout(SOON).unwrap().expect("in time");
+        assert_eq!(*sample, 1_000_000);
+        assert!(
+            subscriber
+                .recv_timeout(Duration::from_millis(50))
+                .unwrap()
+                .is_none()
+        );
+    }
+    runtime.block_on(async { tokio::join!(first.stop(), second.stop(), third.stop()) });
+}

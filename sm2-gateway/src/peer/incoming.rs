@@ -114,3 +114,80 @@ impl Incoming {
         Some(stream)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use quinn_proto::{Dir, Side};
+    use sm2_proto::gateway::Carried;
+
+    use super::*;
+
+    const LIMITS: Limits = Limits {
+        message_bytes: 100,
+        memory_bytes: 150,
+    };
+
+    fn id(number: u64) -> StreamId {
+        StreamId::new(Side::Client, Dir::Uni, number)
+    }
+
+    fn stream(len: u64, payload: usize) -> Vec<u8> {
+        let header = Header {
+            carried: Carried::Message {
+                sequence: 1,
+                age_ns: 0,
+            },
+            offer: 3,
+            len,
+        };
+        [&header.to_bytes()[..], &vec![7; payload]].concat()
+    }
+
+    //= SM2-GWM-006 test
+    #[test]
+    fn a_payload_has_the_length_that_its_header_says() {
+        for (len, payload, is_legal) in [(0, 0, true), (5, 5, true), (5, 4, false)] {
+            let bytes = stream(len, payload);
+            for piece in [1, 7, bytes.len()] {
+                let mut incoming = Incoming::default();
+                for piece in bytes.chunks(piece) {
+                    let pushed = incoming.push(id(0), piece, Instant(0), &LIMITS);
+                    assert!(pushed.is_ok());
+                }
+                let end = incoming.finish(id(0));
+                assert_eq!(end.is_ok(), is_legal, "{len}, {payload}");
+                assert_eq!(incoming.held_bytes, 0);
+            }
+        }
+        let mut incoming = Incoming::default();
+        let more = incoming.push(id(0), &stream(5, 6), Instant(0), &LIMITS);
+        assert_eq!(more, Err(PeerViolation::Malformed));
+        assert_eq!(incoming.finish(id(9)), Err(PeerViolation::Malformed));
+        let mut incoming = Incoming::default();
+        let head = &stream(5, 5)[..HEADER_LEN - 1];
+        assert_eq!(
+            incoming.push(id(0), head, Instant(0), &LIMITS),
+            Ok(Progress::More)
+        );
+        assert_eq!(incoming.finish(id(0)), Err(PeerViolation::Malformed));
+    }
+
+    #[test]
+    fn no_more_is_kept_than_the_limits_say() {
+        let mut incoming = Incoming::default();
+        let long = incoming.push(id(0), &stream(101, 1), Instant(0), &LIMITS);
+        assert_eq!(long, Ok(Progress::TooMuch));
+        incoming.forget(id(0));
+        for number in 1..=2 {
+            let pushed = incoming.push(id(number), &stream(100, 70), Instant(number), &LIMITS);
+            assert!(matches!(pushed, Ok(Progress::Header(_))));
+        }
+        let third = incoming.push(id(3), &stream(100, 70), Instant(3), &LIMITS);
+        assert_eq!(third, Ok(Progress::TooMuch));
+        incoming.forget(id(3));
+        assert_eq!(incoming.held_bytes, 140);
+        assert_eq!(incoming.slowest(), Some((id(1), Instant(1))));
+        let more = incoming.push(id(2), &[7; 11], Instant(9), &LIMITS);
+        assert_eq!(more, Ok(Progress::TooMuch));
+    }
+}

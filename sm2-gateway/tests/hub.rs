@@ -1,0 +1,407 @@
+//! The hub by itself: what comes out for what goes in.
+
+use std::{num::NonZeroU64, time::Duration};
+
+use bytes::Bytes;
+use sm2_gateway::{
+    hub::{Hub, Input, LocalCommand, LocalEvent, Output, Policy},
+    peer::{Command, Event, Reason},
+};
+use sm2_proto::{
+    Instant, Name, TypeId,
+    gateway::{
+        Action, Direction, GatewayId, Hop, Outcome, Pattern, PeerFarewell, Rule, Rules, Subject,
+        SubjectKind, Verdict, schedule::Terms, session::End,
+    },
+};
+
+const NOW: Instant = Instant(1_000_000_000);
+
+fn hop(number: u8) -> Hop {
+    Hop {
+        gateway: GatewayId([number; 32]),
+        epoch: u64::from(number),
+    }
+}
+
+fn name(text: &str) -> Name {
+    Name::new(text).unwrap()
+}
+
+fn bytes() -> TypeId {
+    TypeId {
+        name: name("bytes"),
+        hash: 0,
+    }
+}
+
+fn topic(text: &str) -> Subject {
+    Subject::Topic {
+        name: name(text),
+        data: bytes(),
+        reliable: false,
+    }
+}
+
+fn service(text: &str) -> Subject {
+    Subject::Service {
+        name: name(text),
+        request: bytes(),
+        reply: bytes(),
+    }
+}
+
+fn rule(action: Action, names: &str) -> Rule {
+    Rule {
+        action,
+        kind: None,
+        names: Pattern::new(names).unwrap(),
+        direction: None,
+        peers: None,
+    }
+}
+
+fn policy(rules: Vec<Rule>) -> Policy {
+    Policy {
+        rules: Rules(rules),
+        terms: Vec::new(),
+    }
+}
+
+/// Gateway 5, which lets everything through.
+fn hub() -> Hub {
+    Hub::new(hop(5), policy(vec![rule(Action::Allow, "**")]))
+}
+
+fn outputs(hub: &mut Hub) -> Vec<Output> {
+    std::iter::from_fn(|| hub.poll()).collect()
+}
+
+fn tell(hub: &mut Hub, connection: u64, event: Event) -> Vec<Output> {
+    hub.handle(
+        NOW,
+        Input::Peer {
+            connection,
+            is_dialled: false,
+            event,
+        },
+    );
+    outputs(hub)
+}
+
+fn local(hub: &mut Hub, event: LocalEvent) -> Vec<Output> {
+    hub.handle(NOW, Input::Local(event));
+    outputs(hub)
+}
+
+fn greet(hub: &mut Hub, connection: u64, peer: u8, epoch: u64) -> Vec<Output> {
+    let event = Event::Greeted {
+        peer: hop(peer).gateway,
+        epoch,
+        name: name("peer"),
+    };
+    tell(hub, connection, event)
+}
+
+fn offered(hub: &mut Hub, connection: u64, offer: u64, subject: Subject, path: &[u8]) {
+    let path = path.iter().map(|it| hop(*it)).collect();
+    tell(
+        hub,
+        connection,
+        Event::Offered {
+            offer,
+            subject,
+            path,
+        },
+    );
+}
+
+fn message(offer: u64, sequence: u64, age_ms: u64) -> Event {
+    Event::Message {
+        offer,
+        sequence,
+        age: Duration::from_millis(age_ms),
+        payload: Bytes::from_static(b"x"),
+    }
+}
+
+fn published(outputs: &[Output]) -> usize {
+    let is_it = |it: &&Output| matches!(it, Output::Local(LocalCommand::Publish { .. }));
+    outputs.iter().filter(is_it).count()
+}
+
+fn closed(outputs: &[Output]) -> Vec<(u64, u16)> {
+    let of = |it: &Output| match it {
+        Output::Peer {
+            connection,
+            command: Command::Close(code),
+        } => Some((*connection, code.0)),
+        _ => None,
+    };
+    outputs.iter().filter_map(of).collect()
+}
+
+//= SM2-GWC-004 test
+#[test]
+fn of_two_connections_with_one_peer_one_stays() {
+    let (duplicate, stale) = (
+        PeerFarewell::Duplicate.code().0,
+        PeerFarewell::Stale.code().0,
+    );
+    // Peer 9 has the greater id: what this side opened stays, and these it did not.
+    for (first, second, expected) in [
+        (7, 7, (2, duplicate)),
+        (7, 8, (1, stale)),
+        (8, 7, (2, stale)),
+    ] {
+        let mut hub = hub();
+        greet(&mut hub, 1, 9, first);
+        let said = greet(&mut hub, 2, 9, second);
+        assert_eq!(closed(&said), [expected], "{first}, {second}");
+    }
+    // Peer 3 has the smaller one: of equal epochs that which it opened.
+    let mut hub = hub();
+    let event = Event::Greeted {
+        peer: hop(3).gateway,
+        epoch: 7,
+        name: name("peer"),
+    };
+    hub.handle(
+        NOW,
+        Input::Peer {
+            connection: 1,
+            is_dialled: true,
+            event,
+        },
+    );
+    outputs(&mut hub);
+    assert_eq!(closed(&greet(&mut hub, 2, 3, 7)), [(1, duplicate)]);
+}
+
+//= SM2-GWC-004 test
+#[test]
+fn what_was_known_of_a_peer_is_forgotten_with_its_connection() {
+    let mut hub = hub();
+    greet(&mut hub, 1, 9, 7);
+    offered(&mut hub, 1, 1, topic("scan"), &[9]);
+    let said = greet(&mut hub, 2, 9, 8);
+    let hidden = |it: &Output| matches!(it, Output::Local(LocalCommand::Hide { .. }));
+    assert!(said.iter().any(hidden), "{said:?}");
+    let lost = said.iter().any(|it| matches!(it, Output::Lost { .. }));
+    assert!(lost, "{said:?}");
+    // What the old one still says counts for nothing.
+    assert!(tell(&mut hub, 1, message(1, 1, 0)).is_empty());
+}
+
+//= SM2-GWO-007 test
+#[test]
+fn questions_have_answers() {
+    let rules = vec![rule(Action::Deny, "secret/**"), rule(Action::Allow, "**")];
+    let mut hub = Hub::new(hop(5), policy(rules));
+    greet(&mut hub, 1, 9, 7);
+    for there in ["scan", "secret/scan"] {
+        let subject = topic(there);
+        let present = true;
+        local(&mut hub, LocalEvent::Present { subject, present });
+    }
+    let mut ask = |kind, text| {
+        let event = Event::Asked {
+            ask: 1,
+            kind,
+            name: name(text),
+        };
+        match tell(&mut hub, 1, event).as_slice() {
+            [
+                Output::Peer {
+                    command: Command::Answer { ask: 1, verdict },
+                    ..
+                },
+            ] => *verdict,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(ask(SubjectKind::Topic, "scan"), Verdict::Offered);
+    assert_eq!(ask(SubjectKind::Service, "scan"), Verdict::Absent);
+    assert_eq!(ask(SubjectKind::Topic, "map"), Verdict::Absent);
+    assert_eq!(ask(SubjectKind::Topic, "secret/scan"), Verdict::Denied);
+    assert_eq!(ask(SubjectKind::Topic, "secret/map"), Verdict::Denied);
+}
+
+/// Gateway 9 offers, gateway 3 wants, both are peers of 5.
+fn between() -> Hub {
+    let mut hub = hub();
+    greet(&mut hub, 1, 9, 9);
+    greet(&mut hub, 2, 3, 3);
+    offered(&mut hub, 1, 4, topic("scan"), &[9]);
+    tell(&mut hub, 2, Event::Wanted { offer: 1, depth: 1 });
+    hub
+}
+
+//= SM2-GWM-005 test
+#[test]
+fn a_message_is_passed_on_with_its_number_and_its_age() {
+    let mut hub = between();
+    let said = tell(&mut hub, 1, message(4, 17, 250));
+    let passed = said.iter().find_map(|it| match it {
+        Output::Peer {
+            connection: 2,
+            command:
+                Command::Message {
+                    offer: 1,
+                    sequence,
+                    published,
+                    ..
+                },
+        } => Some((*sequence, *published)),
+        _ => None,
+    });
+    assert_eq!(passed, Some((17, Instant(NOW.0 - 250_000_000))), "{said:?}");
+    // Not to whom it came from, nor past it.
+    let back = |it: &Output| matches!(it, Output::Peer { connection: 1, .. });
+    assert!(!said.iter().any(back), "{said:?}");
+}
+
+//= SM2-GWM-007 test
+#[test]
+fn a_message_is_taken_once() {
+    let mut hub = between();
+    let mut taken = |sequence| published(&tell(&mut hub, 1, message(4, sequence, 0)));
+    assert_eq!([1, 1, 3, 2, 3, 4].map(&mut taken), [1, 0, 1, 0, 0, 1]);
+    // A new process of the origin's begins anew.
+    tell(&mut hub, 1, Event::Gone { offer: 4 });
+    let path = vec![Hop {
+        epoch: 10,
+        ..hop(9)
+    }];
+    let subject = topic("scan");
+    tell(
+        &mut hub,
+        1,
+        Event::Offered {
+            offer: 5,
+            subject,
+            path,
+        },
+    );
+    assert_eq!(published(&tell(&mut hub, 1, message(5, 1, 0))), 1);
+}
+
+fn request(call: u64, offer: u64) -> Event {
+    Event::Request {
+        call,
+        offer,
+        left: None,
+        payload: Bytes::new(),
+    }
+}
+
+//= SM2-GWS-003 test
+#[test]
+fn a_call_that_is_not_wanted_any_more_is_cancelled_where_it_went() {
+    let mut hub = hub();
+    greet(&mut hub, 1, 9, 9);
+    greet(&mut hub, 2, 3, 3);
+    let (subject, present) = (service("near"), true);
+    local(&mut hub, LocalEvent::Present { subject, present });
+    tell(&mut hub, 2, Event::Wanted { offer: 1, depth: 1 });
+    let said = tell(&mut hub, 2, request(8, 1));
+    let [Output::Local(LocalCommand::Call { call, .. })] = said[..] else {
+        panic!("{said:?}");
+    };
+    let said = tell(&mut hub, 2, Event::Cancelled { call: 8 });
+    assert!(matches!(said[..], [Output::Local(LocalCommand::Cancel { call: it })] if it == call));
+    // And one that went on to another peer.
+    offered(&mut hub, 1, 6, service("far"), &[9]);
+    tell(&mut hub, 2, Event::Wanted { offer: 2, depth: 1 });
+    let said = tell(&mut hub, 2, request(9, 2));
+    let [
+        Output::Peer {
+            connection: 1,
+            command: Command::Call { ticket, .. },
+        },
+    ] = said[..]
+    else {
+        panic!("{said:?}");
+    };
+    let said = tell(&mut hub, 2, Event::Ended(Reason::Said(End::Closed(None))));
+    let forgotten = said.iter().any(|it| {
+        matches!(it, Output::Peer { connection: 1, command: Command::Forget { ticket: t } } if *t == ticket)
+    });
+    assert!(forgotten, "{said:?}");
+}
+
+#[test]
+fn a_call_has_one_answer_also_when_the_way_is_lost() {
+    let mut hub = hub();
+    greet(&mut hub, 1, 9, 9);
+    offered(&mut hub, 1, 6, service("far"), &[9]);
+    let ask = |request| LocalEvent::Request {
+        request,
+        subject: service("far"),
+        origin: hop(9).gateway,
+        deadline: None,
+        payload: Bytes::new(),
+    };
+    local(&mut hub, ask(1));
+    let said = tell(&mut hub, 1, Event::Ended(Reason::Said(End::Closed(None))));
+    let answers = |said: &[Output]| {
+        let of = |it: &Output| match it {
+            Output::Local(LocalCommand::Reply {
+                request, outcome, ..
+            }) => Some((*request, *outcome)),
+            _ => None,
+        };
+        said.iter().filter_map(of).collect::<Vec<_>>()
+    };
+    assert_eq!(answers(&said), [(1, Outcome::Unreachable)]);
+    let said = local(&mut hub, ask(2));
+    assert_eq!(answers(&said), [(2, Outcome::Unreachable)]);
+}
+
+//= SM2-GWR-004 test
+#[test]
+fn other_rules_withdraw_before_anything_else_is_said() {
+    let mut hub = between();
+    let terms = Terms {
+        bytes_per_s: NonZeroU64::new(1_000),
+        ..sm2_gateway::hub::DEFAULT_TERMS
+    };
+    let (subject, present) = (topic("own"), true);
+    local(&mut hub, LocalEvent::Present { subject, present });
+    let deny_in = Rule {
+        direction: Some(Direction::In),
+        ..rule(Action::Deny, "scan")
+    };
+    let other = Policy {
+        rules: Rules(vec![deny_in, rule(Action::Allow, "**")]),
+        terms: vec![terms; 2],
+    };
+    hub.handle(NOW, Input::Policy(other));
+    let said = outputs(&mut hub);
+    let at = |is_it: fn(&Output) -> bool| said.iter().position(is_it);
+    let unoffer = at(|it| {
+        matches!(
+            it,
+            Output::Peer {
+                connection: 2,
+                command: Command::Unoffer { offer: 1 }
+            }
+        )
+    });
+    let unwant = at(|it| {
+        matches!(
+            it,
+            Output::Peer {
+                connection: 1,
+                command: Command::Unwant { offer: 4 }
+            }
+        )
+    });
+    let change = at(
+        |it| matches!(it, Output::Peer { command: Command::Change { terms, .. }, .. } if terms.bytes_per_s.is_some()),
+    );
+    assert!(unoffer.is_some() && unwant.is_some(), "{said:?}");
+    assert!(unoffer.max(unwant) < change, "{said:?}");
+    // What is under way of it reaches nobody.
+    assert!(tell(&mut hub, 1, message(4, 1, 0)).is_empty());
+}
