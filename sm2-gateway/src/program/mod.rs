@@ -49,20 +49,50 @@ Examples:
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Carry topics and services between this domain and those of peers
+    #[command(after_help = RUN)]
     Run(run::Arguments),
     /// Make a key, in a file that only its owner can read
+    #[command(after_help = KEYGEN)]
     Keygen(keys::Arguments),
     /// Print the id that belongs to a key, for peers to trust
+    #[command(after_help = ID)]
     Id(keys::Arguments),
     /// Add a peer to a configuration
+    #[command(after_help = TRUST)]
     Trust(trust::Arguments),
     /// Show the peers of the gateways of a domain, and what goes to and fro
+    #[command(after_help = PEERS)]
     Peers(peers::Arguments),
     /// Say which rule decides about a name
+    #[command(after_help = EXPLAIN)]
     Explain(explain::Arguments),
     /// Check a configuration, and list what it would carry now
+    #[command(after_help = CHECK)]
     Check(check::Arguments),
 }
+
+const RUN: &str = "\
+Examples:
+  sm2 gateway run robot.toml";
+const KEYGEN: &str = "\
+Examples:
+  sm2 gateway keygen robot.key";
+const ID: &str = "\
+Examples:
+  sm2 gateway id robot.key";
+const TRUST: &str = "\
+Examples:
+  sm2 gateway trust robot.toml base 3f…e1 192.0.2.1:7633";
+const PEERS: &str = "\
+Examples:
+  sm2 gateway peers
+  sm2 gateway peers --json | jq '.peers[].messages'";
+const EXPLAIN: &str = "\
+Examples:
+  sm2 gateway explain camera/front --config robot.toml --peer base --direction out";
+const CHECK: &str = "\
+Examples:
+  sm2 gateway check robot.toml";
 
 /// Which domain to ask.
 #[derive(Args, Clone, Debug)]

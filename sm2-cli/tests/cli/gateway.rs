@@ -1,0 +1,220 @@
+//! `sm2 gateway`, and the demo of a bad link.
+
+use std::{fs, os::unix::fs::PermissionsExt};
+
+use crate::common::{Domain, Finished, Running, sm2, until};
+use nix::sys::signal::Signal;
+use serde_json::Value;
+
+/// A domain with a key and a configuration.
+struct Side {
+    domain: Domain,
+    id: String,
+}
+
+impl Side {
+    fn new(name: &str, port: u16) -> Self {
+        let domain = Domain::new();
+        let key = domain.path("gateway.key");
+        let made = Running::start(sm2(&["gateway", "keygen"]).arg(&key)).finish();
+        assert_eq!(made.code(), 0, "{made:?}");
+        let text = format!(
+            "name = \"{name}\"\nlisten = \"127.0.0.1:{port}\"\nkey = \"gateway.key\"\n\
+             socket = \"sm2.sock\"\n\n[[rule]]\naction = \"deny\"\nnames = \"secret/**\"\n\
+             [[rule]]\naction = \"allow\"\nnames = \"**\"\n"
+        );
+        fs::write(domain.path("gateway.toml"), text).unwrap();
+        Self {
+            domain,
+            id: made.stdout().trim().to_owned(),
+        }
+    }
+
+    /// A command that has the configuration as its first argument.
+    fn gateway(&self, command: &str, arguments: &[&str]) -> Running {
+        let mut command = sm2(&["gateway", command]);
+        let file = self.domain.path("gateway.toml");
+        Running::start(command.arg(file).args(arguments))
+    }
+
+    fn wrong(&self, file: &str) -> Finished {
+        let path = self.domain.path("wrong.toml");
+        fs::write(&path, file).unwrap();
+        Running::start(sm2(&["gateway", "run"]).arg(path)).finish()
+    }
+}
+
+/// A port that is free now.
+fn port() -> u16 {
+    let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.local_addr().unwrap().port()
+}
+
+#[test]
+fn two_domains_as_the_readme_says() {
+    let (near, far) = (Side::new("near", port()), Side::new("far", 0));
+    let text = fs::read_to_string(near.domain.path("gateway.toml")).unwrap();
+    let address = text.lines().nth(1).unwrap();
+    let address = address.trim_start_matches("listen = ").trim_matches('"');
+    assert_eq!(near.gateway("trust", &["far", &far.id]).finish().code(), 0);
+    let trusted = far.gateway("trust", &["near", &near.id, address]).finish();
+    assert_eq!(trusted.code(), 0, "{trusted:?}");
+    let twice = far.gateway("trust", &["near", &near.id]).finish();
+    assert_eq!(twice.code(), 1);
+    assert!(
+        twice.stderr().contains("two peers of the name near"),
+        "{twice:?}"
+    );
+    let (left, right) = (near.gateway("run", &[]), far.gateway("run", &[]));
+    let peers = |side: &Side| side.domain.run(&["gateway", "peers", "--json"]);
+    until("connected", || {
+        let peers = peers(&near);
+        peers.code() == 0 && peers.stdout().contains("\"name\":\"far\"")
+    });
+    let echo = far
+        .domain
+        .start(&["topic", "echo", "chatter", "--count", "1"]);
+    let talking = near.domain.start(&[
+        "topic",
+        "pub",
+        "chatter",
+        "--from",
+        "/etc/hostname",
+        "--loop",
+        "--rate",
+        "20",
+    ]);
+    assert_eq!(echo.finish().code(), 0);
+    let report: Value = serde_json::from_str(&peers(&near).stdout()).unwrap();
+    assert_eq!(report["peers"][0]["offered"][0], "topic chatter");
+    assert!(report["peers"][0]["messages"]["sent"].as_u64().unwrap() > 0);
+    let check = near.gateway("check", &[]).finish();
+    assert!(
+        check.stdout().contains("far may have topic chatter (line"),
+        "{check:?}"
+    );
+    drop(talking);
+    left.signal(Signal::SIGTERM);
+    assert_eq!(left.finish().code(), 0);
+    until("lost", || !peers(&far).stdout().contains("near\",\"id"));
+    right.signal(Signal::SIGINT);
+    assert_eq!(right.finish().code(), 0);
+    let none = peers(&far);
+    assert_eq!(none.code(), 1);
+    assert!(none.stderr().contains("has no gateway"), "{none:?}");
+}
+
+#[test]
+fn explain_names_the_rule() {
+    let (near, far) = (Side::new("near", 0), Side::new("far", 0));
+    near.gateway("trust", &["far", &far.id]).finish();
+    let file = near.domain.path("gateway.toml");
+    let explain = |name: &str, peer: &str| {
+        let mut command = sm2(&[
+            "gateway",
+            "explain",
+            name,
+            "--peer",
+            peer,
+            "--direction",
+            "out",
+        ]);
+        Running::start(command.arg("--config").arg(&file)).finish()
+    };
+    let allowed = explain("camera", "far");
+    assert_eq!(allowed.code(), 0);
+    assert!(
+        allowed
+            .stdout()
+            .starts_with("camera: allowed by the rule at "),
+        "{allowed:?}"
+    );
+    let denied = explain("secret/camera", &far.id);
+    assert_eq!(denied.code(), 1);
+    assert!(denied.stdout().contains("denied by the rule"), "{denied:?}");
+    assert_ne!(
+        allowed.stdout().rsplit(':').next(),
+        denied.stdout().rsplit(':').next()
+    );
+    let unknown = explain("camera", "nobody");
+    assert!(
+        unknown.stderr().contains("no peer nobody: it knows far"),
+        "{unknown:?}"
+    );
+}
+
+#[test]
+fn what_is_wrong_is_one_line_and_starts_nothing() {
+    let side = Side::new("near", 0);
+    let good = fs::read_to_string(side.domain.path("gateway.toml")).unwrap();
+    let say = |from: &str, to: &str, expected: &str| {
+        let finished = side.wrong(&good.replace(from, to));
+        assert_eq!(finished.code(), 1, "{to}");
+        let error = finished.stderr();
+        assert!(error.contains(expected), "{to}: {error}");
+        assert_eq!(error.lines().count(), 1, "{error}");
+    };
+    say("allow", "alow", "wrong.toml:10: unknown variant");
+    say("name =", "nam =", "wrong.toml:1: unknown field `nam`");
+    say("**", "a/../b", "wrong.toml:8: `");
+    say(
+        "127.0.0.1:0",
+        "here",
+        "wrong.toml:2: `here` is no address with a port",
+    );
+    say(
+        "127.0.0.1:0",
+        "192.0.2.1:7633",
+        "cannot listen at 192.0.2.1:7633",
+    );
+    say("sm2.sock", "none.sock", "none.sock");
+    say("gateway.key", "none.key", "sm2 gateway keygen");
+    let held = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let taken = held.local_addr().unwrap().to_string();
+    say("127.0.0.1:0", &taken, "cannot listen at");
+    drop(held);
+    let key = side.domain.path("gateway.key");
+    fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
+    say("near", "near", "chmod 600");
+    let again = Running::start(sm2(&["gateway", "keygen"]).arg(&key)).finish();
+    assert!(again.stderr().contains("never overwritten"), "{again:?}");
+}
+
+#[test]
+fn the_demo_of_a_bad_link_ends_with_one_object() {
+    let arguments = [
+        "demo",
+        "--bad-link",
+        "--seconds",
+        "6",
+        "--size",
+        "100kB",
+        "--json",
+    ];
+    let demo = Running::start(&mut sm2(&arguments)).finish();
+    assert_eq!(demo.code(), 0, "{demo:?}");
+    let stdout = demo.stdout();
+    let report: Value = serde_json::from_str(stdout.lines().last().unwrap()).unwrap();
+    for (part, keys) in [
+        (
+            "local",
+            &[
+                "hz_before",
+                "hz_after",
+                "p99_us_before",
+                "p99_us_after",
+                "lost",
+                "damaged",
+            ][..],
+        ),
+        ("remote", &["hz", "goodput_mbit", "age_ms", "damaged"]),
+        ("link", &["rate_mbit", "loss_percent"]),
+    ] {
+        for key in keys {
+            assert!(!report[part][key].is_null(), "{part}.{key}: {report}");
+        }
+    }
+    assert_eq!(report["local"]["damaged"], 0);
+    assert_eq!(report["remote"]["damaged"], 0);
+    assert!(report["remote"]["hz"].as_f64().unwrap() > 0.0, "{report}");
+}
