@@ -34,6 +34,12 @@ enum Caller {
     Peer { connection: u64, call: u64 },
 }
 
+impl Calls {
+    pub(super) fn open(&self) -> usize {
+        self.open.len()
+    }
+}
+
 impl Hub {
     /// Somebody in the domain calls a remote service.
     pub(super) fn local_request(

@@ -146,6 +146,12 @@ impl Hub {
         self.peers.iter().map(status).collect()
     }
 
+    /// How many calls have no reply yet, in both directions.
+    #[must_use]
+    pub fn open_calls(&self) -> usize {
+        self.calls.open()
+    }
+
     /// The rules that are in force.
     #[must_use]
     pub const fn policy(&self) -> &Policy {
