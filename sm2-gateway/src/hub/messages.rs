@@ -58,7 +58,11 @@ impl Hub {
         let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)).cloned() else {
             return;
         };
-        if !self.messages.is_new(&subject, origin, sequence) {
+        // It may have been on its way here when its offer went out of use.
+        //= SM2-GWO-004
+        //= SM2-GWR-004
+        let in_use = self.calls.routes.get(&(subject.clone(), origin.gateway));
+        if in_use != Some(&(peer, offer)) || !self.messages.is_new(&subject, origin, sequence) {
             return;
         }
         let age = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);

@@ -390,9 +390,7 @@ impl Hub {
                 peer,
             } => self.show(subject, origin, peer),
             router::Output::Hide { subject, origin } => {
-                if subject.kind() == SubjectKind::Service {
-                    self.calls.routes.remove(&(subject.clone(), origin));
-                }
+                self.calls.routes.remove(&(subject.clone(), origin));
                 let command = LocalCommand::Hide { subject, origin };
                 self.outputs.push_back(Output::Local(command));
             }
