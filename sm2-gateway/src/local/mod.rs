@@ -100,7 +100,8 @@ pub(crate) struct Local {
     place: Place,
     node: Node,
     events: Events,
-    /// One for each peer that something is shown of.
+    /// One for each peer that something was ever shown of. It stays: its name is not free at once
+    /// when it goes, and then nothing could be shown when the peer is back.
     remotes: BTreeMap<Name, Node>,
     topics: BTreeMap<Subject, Subscription>,
     clients: BTreeMap<Subject, Arc<RawClient>>,
@@ -113,14 +114,16 @@ pub(crate) struct Local {
 /// What stands for something remote.
 #[derive(Debug)]
 enum Show {
-    Topic {
-        peer: Name,
-        publisher: Box<Publisher<[u8]>>,
-    },
-    Service {
-        peer: Name,
-        serving: AbortHandle,
-    },
+    Topic(Box<Publisher<[u8]>>),
+    Service(AbortHandle),
+}
+
+impl Drop for Show {
+    fn drop(&mut self) {
+        if let Self::Service(serving) = self {
+            serving.abort();
+        }
+    }
 }
 
 impl Local {
@@ -177,7 +180,7 @@ impl Local {
                 origin,
                 payload,
             } => {
-                if let Some(Show::Topic { publisher, .. }) = self.shown.get(&(subject, origin))
+                if let Some(Show::Topic(publisher)) = self.shown.get(&(subject, origin))
                     && let Err(error) = publisher.publish(&payload)
                 {
                     tracing::warn!(%error, "a remote message was not published");
@@ -245,10 +248,7 @@ impl Local {
                 reliable,
             } => {
                 self.shown_topics.insert(&subject, origin);
-                topics::publisher(&node, name, data, *reliable).map(|it| Show::Topic {
-                    peer: peer.clone(),
-                    publisher: Box::new(it),
-                })
+                topics::publisher(&node, name, data, *reliable).map(|it| Show::Topic(Box::new(it)))
             }
             Subject::Service {
                 name,
@@ -265,10 +265,7 @@ impl Local {
                     requests,
                     events,
                 ));
-                Ok(Show::Service {
-                    peer: peer.clone(),
-                    serving: serving.abort_handle(),
-                })
+                Ok(Show::Service(serving.abort_handle()))
             }
         });
         match done {
@@ -296,22 +293,6 @@ impl Local {
 
     fn hide(&mut self, what: &(Subject, GatewayId)) {
         self.shown_topics.remove(what);
-        let Some(show) = self.shown.remove(what) else {
-            return;
-        };
-        let peer = match show {
-            Show::Topic { peer, .. } => peer,
-            Show::Service { peer, serving } => {
-                serving.abort();
-                peer
-            }
-        };
-        let is_its = |it: &Show| match it {
-            Show::Topic { peer: of, .. } | Show::Service { peer: of, .. } => *of == peer,
-        };
-        // A node without anything says nothing.
-        if !self.shown.values().any(is_its) {
-            self.remotes.remove(&peer);
-        }
+        self.shown.remove(what);
     }
 }
