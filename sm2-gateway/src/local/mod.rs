@@ -164,7 +164,7 @@ impl Local {
     /// with the rest.
     pub(crate) fn handle(&mut self, command: LocalCommand) {
         match command {
-            LocalCommand::Subscribe { subject, depth } => self.subscribe(subject, depth),
+            LocalCommand::Subscribe { subject, .. } => self.subscribe(subject),
             LocalCommand::Unsubscribe { subject } => {
                 self.topics.remove(&subject);
                 self.clients.remove(&subject);
@@ -205,10 +205,14 @@ impl Local {
         }
     }
 
-    fn subscribe(&mut self, subject: Subject, depth: u16) {
+    fn subscribe(&mut self, subject: Subject) {
+        // Peers want it otherwise than before: it is taken in the same way.
+        if self.topics.contains_key(&subject) || self.clients.contains_key(&subject) {
+            return;
+        }
         let done = match &subject {
             Subject::Topic { name, data, .. } => {
-                topics::subscribe(&self.node, &subject, name, data, depth, self.events.clone())
+                topics::subscribe(&self.node, &subject, name, data, self.events.clone())
                     .map(|it| drop(self.topics.insert(subject.clone(), it)))
             }
             Subject::Service {
