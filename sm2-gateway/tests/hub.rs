@@ -283,6 +283,7 @@ fn a_message_is_taken_once() {
             path,
         },
     );
+    tell(&mut hub, 2, Event::Wanted { offer: 2, depth: 1 });
     assert_eq!(published(&tell(&mut hub, 1, message(5, 1, 0))), 1);
 }
 

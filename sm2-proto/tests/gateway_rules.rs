@@ -6,8 +6,8 @@ use proptest::{collection::vec, prelude::*, sample::select};
 use sm2_proto::{
     Name,
     gateway::{
-        Action, Decision, Direction, GatewayId, GatewayIdError, Pattern, PatternError, Rule, Rules,
-        SubjectKind,
+        Action, Decision, Direction, Frame, GatewayId, GatewayIdError, Pattern, PatternError,
+        PeerViolation, Rule, Rules, SubjectKind,
     },
 };
 use support::{cases, contracts::name};
@@ -173,6 +173,72 @@ fn the_first_rule_that_fits_decides() {
 }
 
 /// All names of up to four of these segments.
+/// What a rule denies has one spelling: others are no names, on no way in, or those of others.
+//= SM2-GWR-001 test
+//= SM2-GWR-002 test
+//= SM2-NAM-001 test
+#[test]
+fn a_denied_name_has_no_other_spelling() {
+    let denied = rule(Action::Deny, "secret/**");
+    let rules = Rules(vec![denied, rule(Action::Allow, "**")]);
+    let [peer, _] = PEERS;
+    let allows = |text: &str| {
+        let name = name(text);
+        rules.allow(SubjectKind::Topic, &name, Direction::Out, &peer)
+    };
+    for text in ["secret", "secret/x", "secret/x/y", "secret/secret"] {
+        assert!(!allows(text), "{text}");
+    }
+    for text in [
+        "Secret/x",
+        "SECRET/x",
+        "secrets/x",
+        "a/secret/x",
+        "secret_/x",
+    ] {
+        assert!(allows(text), "{text} is another name");
+    }
+    let spellings = [
+        "/secret/x",
+        "secret//x",
+        "secret/x/",
+        "./secret/x",
+        "a/../secret/x",
+        "secret/./x",
+        " secret/x",
+        "secret/x ",
+        "secret/x\0",
+        "secret%2fx",
+        "secret\\x",
+        "secret\u{2215}x",
+        "\u{ff53}ecret/x",
+        "\u{455}ecret/x",
+        "se\u{301}cret/x",
+        "secret\u{200b}/x",
+        "\u{202e}x/terces",
+    ];
+    for text in spellings {
+        assert!(Name::new(text).is_err(), "{text:?}");
+        assert!(Pattern::new(text).is_err(), "{text:?}");
+        let standing_in = "n".repeat(text.len());
+        let ask = Frame::Ask {
+            ask: 1,
+            kind: SubjectKind::Topic,
+            name: name(&standing_in),
+        };
+        let mut body = ask.to_bytes().split_off(4);
+        let at = body.len() - text.len();
+        assert_eq!(&body[at..], standing_in.as_bytes());
+        assert_eq!(Frame::from_body(&body), Ok(ask));
+        body[at..].copy_from_slice(text.as_bytes());
+        assert_eq!(
+            Frame::from_body(&body),
+            Err(PeerViolation::BadName),
+            "{text:?}"
+        );
+    }
+}
+
 fn names() -> Vec<Name> {
     let mut texts: Vec<String> = vec![];
     let mut longest: Vec<String> = vec![String::new()];

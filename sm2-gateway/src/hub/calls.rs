@@ -14,7 +14,7 @@ use crate::peer::Command;
 /// The calls that have no reply yet.
 #[derive(Debug, Default)]
 pub(super) struct Calls {
-    /// By which peer's offer each remote service is reached.
+    /// By which peer's offer each remote topic or service comes, if it is wanted.
     pub(super) routes: BTreeMap<(Subject, GatewayId), (GatewayId, u64)>,
     open: BTreeMap<u64, Call>,
     last: u64,
@@ -32,6 +32,12 @@ struct Call {
 enum Caller {
     Local { request: u64 },
     Peer { connection: u64, call: u64 },
+}
+
+impl Calls {
+    pub(super) fn open(&self) -> usize {
+        self.open.len()
+    }
 }
 
 impl Hub {

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use bytes::Bytes;
 use sm2_proto::{
     Instant,
-    gateway::{Direction, GatewayId, Hop, Subject, router::Source},
+    gateway::{GatewayId, Hop, Subject, router::Source},
 };
 
 use super::{Hub, LocalCommand, Output};
@@ -44,7 +44,7 @@ impl Hub {
     }
 
     /// A peer sent a message.
-    //= SM2-GWM-005, SM2-GWR-003
+    //= SM2-GWM-005
     pub(super) fn message(
         &mut self,
         now: Instant,
@@ -58,10 +58,11 @@ impl Hub {
         let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)).cloned() else {
             return;
         };
-        // What was under way when the rules changed.
-        let (kind, name) = (subject.kind(), subject.name());
-        let is_allowed = (self.policy.rules).allow(kind, name, Direction::In, &peer);
-        if !is_allowed || !self.messages.is_new(&subject, origin, sequence) {
+        // It may have been on its way here when its offer went out of use.
+        //= SM2-GWO-004
+        //= SM2-GWR-004
+        let in_use = self.calls.routes.get(&(subject.clone(), origin.gateway));
+        if in_use != Some(&(peer, offer)) || !self.messages.is_new(&subject, origin, sequence) {
             return;
         }
         let age = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);

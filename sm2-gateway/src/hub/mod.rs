@@ -146,6 +146,12 @@ impl Hub {
         self.peers.iter().map(status).collect()
     }
 
+    /// How many calls have no reply yet, in both directions.
+    #[must_use]
+    pub fn open_calls(&self) -> usize {
+        self.calls.open()
+    }
+
     /// The rules that are in force.
     #[must_use]
     pub const fn policy(&self) -> &Policy {
@@ -384,9 +390,7 @@ impl Hub {
                 peer,
             } => self.show(subject, origin, peer),
             router::Output::Hide { subject, origin } => {
-                if subject.kind() == SubjectKind::Service {
-                    self.calls.routes.remove(&(subject.clone(), origin));
-                }
+                self.calls.routes.remove(&(subject.clone(), origin));
                 let command = LocalCommand::Hide { subject, origin };
                 self.outputs.push_back(Output::Local(command));
             }

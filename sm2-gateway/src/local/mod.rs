@@ -104,8 +104,9 @@ pub(crate) struct Local {
     place: Place,
     node: Node,
     events: Events,
-    /// One for each peer that something is shown of.
-    remotes: BTreeMap<Name, RemoteNode>,
+    /// One for each peer that something was ever shown of. It stays: its name is not free at once
+    /// when it goes, and then nothing could be shown when the peer is back.
+    remotes: BTreeMap<Name, Node>,
     topics: BTreeMap<Subject, Subscription>,
     clients: BTreeMap<Subject, Arc<RawClient>>,
     shown: BTreeMap<(Subject, GatewayId), Show>,
@@ -114,30 +115,19 @@ pub(crate) struct Local {
     requests: Arc<Mutex<Requests>>,
 }
 
-/// A node that stands for a peer, and what moves it on.
-#[derive(Debug)]
-struct RemoteNode {
-    node: Node,
-    driving: AbortHandle,
-}
-
-impl Drop for RemoteNode {
-    fn drop(&mut self) {
-        self.driving.abort();
-    }
-}
-
 /// What stands for something remote.
 #[derive(Debug)]
 enum Show {
-    Topic {
-        peer: Name,
-        publisher: Box<Publisher<[u8]>>,
-    },
-    Service {
-        peer: Name,
-        serving: AbortHandle,
-    },
+    Topic(Box<Publisher<[u8]>>),
+    Service(AbortHandle),
+}
+
+impl Drop for Show {
+    fn drop(&mut self) {
+        if let Self::Service(serving) = self {
+            serving.abort();
+        }
+    }
 }
 
 impl Local {
@@ -178,7 +168,7 @@ impl Local {
     /// with the rest.
     pub(crate) fn handle(&mut self, command: LocalCommand) {
         match command {
-            LocalCommand::Subscribe { subject, depth } => self.subscribe(subject, depth),
+            LocalCommand::Subscribe { subject, .. } => self.subscribe(subject),
             LocalCommand::Unsubscribe { subject } => {
                 self.topics.remove(&subject);
                 self.clients.remove(&subject);
@@ -194,7 +184,7 @@ impl Local {
                 origin,
                 payload,
             } => {
-                if let Some(Show::Topic { publisher, .. }) = self.shown.get(&(subject, origin))
+                if let Some(Show::Topic(publisher)) = self.shown.get(&(subject, origin))
                     && let Err(error) = publisher.publish(&payload)
                 {
                     tracing::warn!(%error, "a remote message was not published");
@@ -219,10 +209,14 @@ impl Local {
         }
     }
 
-    fn subscribe(&mut self, subject: Subject, depth: u16) {
+    fn subscribe(&mut self, subject: Subject) {
+        // Peers want it otherwise than before: it is taken in the same way.
+        if self.topics.contains_key(&subject) || self.clients.contains_key(&subject) {
+            return;
+        }
         let done = match &subject {
             Subject::Topic { name, data, .. } => {
-                topics::subscribe(&self.node, &subject, name, data, depth, self.events.clone())
+                topics::subscribe(&self.node, &subject, name, data, self.events.clone())
                     .map(|it| drop(self.topics.insert(subject.clone(), it)))
             }
             Subject::Service {
@@ -262,10 +256,7 @@ impl Local {
                 reliable,
             } => {
                 self.shown_topics.insert(&subject, origin);
-                topics::publisher(&node, name, data, *reliable).map(|it| Show::Topic {
-                    peer: peer.clone(),
-                    publisher: Box::new(it),
-                })
+                topics::publisher(&node, name, data, *reliable).map(|it| Show::Topic(Box::new(it)))
             }
             Subject::Service {
                 name,
@@ -282,10 +273,7 @@ impl Local {
                     requests,
                     events,
                 ));
-                Ok(Show::Service {
-                    peer: peer.clone(),
-                    serving: serving.abort_handle(),
-                })
+                Ok(Show::Service(serving.abort_handle()))
             }
         });
         match done {
@@ -298,7 +286,7 @@ impl Local {
 
     /// The node that stands for a peer.
     fn remote(&mut self, peer: &Name) -> Result<Node, String> {
-        if let Some(RemoteNode { node, .. }) = self.remotes.get(peer) {
+        if let Some(node) = self.remotes.get(peer) {
             return Ok(node.clone());
         }
         let name = remote_node(peer).map_err(|error| error.to_string())?;
@@ -306,33 +294,13 @@ impl Local {
             .place
             .node(name.as_str())
             .map_err(|error| error.to_string())?;
-        let driving = tokio::spawn(sm2_node::asynchronous::drive(node.clone()));
-        let remote = RemoteNode {
-            node: node.clone(),
-            driving: driving.abort_handle(),
-        };
-        self.remotes.insert(peer.clone(), remote);
+        tokio::spawn(sm2_node::asynchronous::drive(node.clone()));
+        self.remotes.insert(peer.clone(), node.clone());
         Ok(node)
     }
 
     fn hide(&mut self, what: &(Subject, GatewayId)) {
         self.shown_topics.remove(what);
-        let Some(show) = self.shown.remove(what) else {
-            return;
-        };
-        let peer = match show {
-            Show::Topic { peer, .. } => peer,
-            Show::Service { peer, serving } => {
-                serving.abort();
-                peer
-            }
-        };
-        let is_its = |it: &Show| match it {
-            Show::Topic { peer: of, .. } | Show::Service { peer: of, .. } => *of == peer,
-        };
-        // A node without anything says nothing.
-        if !self.shown.values().any(is_its) {
-            self.remotes.remove(&peer);
-        }
+        self.shown.remove(what);
     }
 }

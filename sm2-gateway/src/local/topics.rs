@@ -17,6 +17,9 @@ use crate::hub::LocalEvent;
 const COPIED_BYTES: usize = 16 << 10;
 /// How many longer ones are held until they have arrived, or newer ones took their place.
 const HELD: u16 = 16;
+/// How many messages wait for the gateway, whatever its peers want: with another depth it would be
+/// another subscriber, and what is published meanwhile would be lost for all of them.
+const WAITING: u16 = 64;
 /// How many messages a publisher that stands for a remote one keeps for a slow subscriber.
 const DEPTH: u16 = 64;
 
@@ -44,13 +47,12 @@ pub(super) fn subscribe(
     subject: &Subject,
     name: &Name,
     data: &TypeId,
-    depth: u16,
     events: Events,
 ) -> Result<Subscription, String> {
     let builder = node.subscriber_builder::<[u8]>(name.as_str());
     let subscriber: Subscriber<[u8]> = builder
         .type_id(data.clone())
-        .depth(depth)
+        .depth(WAITING)
         .max_borrowed(HELD)
         .declare()
         .map_err(|error| error.to_string())?;

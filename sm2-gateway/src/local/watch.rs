@@ -26,18 +26,28 @@ const PAUSE: Duration = Duration::from_millis(100);
 
 /// The topics that are shown.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Shown(Arc<Mutex<BTreeSet<(Subject, GatewayId)>>>);
+pub(super) struct Shown(Arc<Mutex<Topics>>);
+
+#[derive(Debug, Default)]
+struct Topics {
+    /// Each with a number of its own: one that is hidden and shown again is another.
+    numbers: BTreeMap<(Subject, GatewayId), u64>,
+    last: u64,
+}
 
 impl Shown {
     pub(super) fn insert(&self, subject: &Subject, origin: GatewayId) {
-        self.lock().insert((subject.clone(), origin));
+        let mut topics = self.lock();
+        topics.last += 1;
+        let number = topics.last;
+        topics.numbers.insert((subject.clone(), origin), number);
     }
 
     pub(super) fn remove(&self, what: &(Subject, GatewayId)) {
-        self.lock().remove(what);
+        self.lock().numbers.remove(what);
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, BTreeSet<(Subject, GatewayId)>> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Topics> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -46,7 +56,9 @@ impl Shown {
 #[derive(Debug, Default, PartialEq, Eq)]
 struct View {
     present: BTreeSet<Subject>,
-    taken: BTreeMap<(Subject, GatewayId), u16>,
+    /// How many messages wait at most, and the number of what is shown: what is shown anew is not
+    /// taken until the hub hears so.
+    taken: BTreeMap<(Subject, GatewayId), (u16, u64)>,
 }
 
 /// Follows the domain on a thread of its own, as long as somebody wants to know.
@@ -64,7 +76,7 @@ pub(super) fn start(node: &Node, shown: Shown, hub: mpsc::Sender<Message>) -> io
                     continue;
                 }
             }
-            let now = View::of(watch.domain(), &shown.lock());
+            let now = View::of(watch.domain(), &shown.lock().numbers);
             for event in view.difference(&now) {
                 if hub.blocking_send(Message::Local(event)).is_err() {
                     return;
@@ -78,7 +90,7 @@ pub(super) fn start(node: &Node, shown: Shown, hub: mpsc::Sender<Message>) -> io
 }
 
 impl View {
-    fn of(domain: &Domain, shown: &BTreeSet<(Subject, GatewayId)>) -> Self {
+    fn of(domain: &Domain, shown: &BTreeMap<(Subject, GatewayId), u64>) -> Self {
         let is_own = |it: &InterfaceView<'_>| {
             let node = domain.node(it.place.node);
             it.refused.is_none() && node.is_some_and(|node| !is_gateways(node.name))
@@ -116,10 +128,11 @@ impl View {
                 data: data.clone(),
                 reliable,
             }));
-        for (subject, origin) in shown {
+        for ((subject, origin), number) in shown {
             let takes = |contract: &&Contract| depth(contract, subject);
             if let Some(depth) = contracts.iter().filter_map(takes).max() {
-                view.taken.insert((subject.clone(), *origin), depth);
+                let taken = (depth, *number);
+                view.taken.insert((subject.clone(), *origin), taken);
             }
         }
         view
@@ -138,11 +151,11 @@ impl View {
         let gone = self.present.difference(&now.present);
         let new = now.present.difference(&self.present);
         let left = self.taken.keys().filter(|it| !now.taken.contains_key(it));
-        let other = (now.taken.iter()).filter(|(it, depth)| self.taken.get(it) != Some(depth));
+        let other = (now.taken.iter()).filter(|(it, taken)| self.taken.get(it) != Some(taken));
         (gone.map(|it| present(it, false)))
             .chain(new.map(|it| present(it, true)))
             .chain(left.map(|it| taken(it, None)))
-            .chain(other.map(|(it, depth)| taken(it, Some(*depth))))
+            .chain(other.map(|(it, (depth, _))| taken(it, Some(*depth))))
             .collect()
     }
 }

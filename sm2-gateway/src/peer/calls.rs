@@ -28,6 +28,10 @@ pub(super) struct Calls {
 }
 
 impl Calls {
+    pub(super) fn len(&self) -> usize {
+        self.tickets.len() + self.came.len() + self.writing.len()
+    }
+
     /// A call of the peer's is to be replied to.
     pub(super) fn came(&mut self, id: StreamId, offer: u64) {
         self.came.insert(id, offer);
@@ -47,11 +51,16 @@ impl Calls {
     pub(super) fn abandon(&mut self, id: StreamId, connection: &mut Connection) -> Option<u64> {
         let ticket = self.tickets.remove(&id)?;
         let code = VarInt::from_u32(StreamEnd::Cancelled.code().0.into());
-        self.writing.retain(|it| it.stream != id);
+        self.stop_writing(id);
         // What is closed already needs neither.
         let _ = connection.send_stream(id).reset(code);
         let _ = connection.recv_stream(id).stop(code);
         Some(ticket)
+    }
+
+    /// Its stream is reset.
+    pub(super) fn stop_writing(&mut self, id: StreamId) {
+        self.writing.retain(|it| it.stream != id);
     }
 
     /// The connection is over: the calls without a reply.

@@ -102,6 +102,10 @@ impl Incoming {
         self.remove(id);
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.streams.len()
+    }
+
     /// The stream that nothing came on for the longest time, and since when.
     pub(super) fn slowest(&self) -> Option<(StreamId, Instant)> {
         let moved = self.streams.iter().map(|(id, it)| (*id, it.moved));

@@ -30,7 +30,7 @@ use sm2_proto::{
     },
 };
 
-pub use self::words::{Command, Counts, Event, Reason};
+pub use self::words::{Command, Counts, Event, Held, Reason};
 use self::{
     calls::Calls,
     incoming::{Incoming, Progress},
@@ -136,6 +136,18 @@ impl Peer {
         self.counts
     }
 
+    /// What is not over on it.
+    #[must_use]
+    pub fn held(&mut self) -> Held {
+        let streams = self.connection.streams();
+        Held {
+            bidirectional: streams.remote_open_streams(Dir::Bi),
+            unidirectional: streams.remote_open_streams(Dir::Uni),
+            payloads: self.incoming.len(),
+            calls: self.calls.len(),
+        }
+    }
+
     /// The time that it takes there and back, and the bytes that may be under way.
     #[must_use]
     pub fn path(&self) -> (Duration, u64) {
@@ -179,7 +191,7 @@ impl Peer {
         while let Some((id, since)) = self.incoming.slowest()
             && now.at.since(since) >= STUCK
         {
-            self.refuse(id, StreamEnd::Expired.code());
+            self.refuse(now, id, StreamEnd::Expired.code());
         }
         self.topics.tick(now.at);
         self.turn(now);
@@ -319,7 +331,9 @@ impl Peer {
             Quic::ConnectionLost { reason } => self.lost(now, &reason),
             Quic::Stream(StreamEvent::Opened { dir }) => self.accept(now, dir),
             Quic::Stream(StreamEvent::Readable { id }) => self.read(now, id),
-            Quic::Stream(StreamEvent::Stopped { id, .. }) => self.stopped(id),
+            Quic::Stream(StreamEvent::Stopped { id, error_code }) => {
+                self.stopped(now, id, error_code);
+            }
             Quic::Stream(
                 StreamEvent::Writable { .. }
                 | StreamEvent::Finished { .. }
@@ -396,7 +410,7 @@ impl Peer {
         match self.incoming.push(id, bytes, now.at, &self.limits) {
             Ok(Progress::More) => {}
             Ok(Progress::Header(header)) => self.header(now, id, header),
-            Ok(Progress::TooMuch) => self.refuse(id, PeerFarewell::Resources.code()),
+            Ok(Progress::TooMuch) => self.refuse(now, id, PeerFarewell::Resources.code()),
             Err(violation) => self.violated(now, violation),
         }
     }
@@ -472,14 +486,16 @@ impl Peer {
         }
         self.incoming.forget(id);
         self.calls.settled(id);
-        if let Some(ticket) = self.calls.is_over(id) {
-            self.session_takes(now, Input::Forget { stream: id.into() });
-            self.events.push_back(unreachable_call(ticket));
-        }
+        self.end_sending(id, code_of(StreamEnd::Cancelled.code()));
+        self.unanswered(now, id);
     }
 
     /// The peer does not want what this side sends on a stream.
-    fn stopped(&mut self, id: StreamId) {
+    fn stopped(&mut self, now: Now, id: StreamId, code: VarInt) {
+        if self.control == Some(id) {
+            return self.ended(now, id);
+        }
+        self.end_sending(id, code);
         if self.calls.settled(id).is_some() {
             //= SM2-GWS-003
             self.events.push_back(Event::Cancelled { call: id.into() });
@@ -511,23 +527,34 @@ impl Peer {
     }
 
     /// Stops a stream; the peer is told why.
-    fn refuse(&mut self, id: StreamId, code: Code) {
+    fn refuse(&mut self, now: Now, id: StreamId, code: Code) {
         self.counts.refused += 1;
         self.stop(id, code);
-        if self.calls.settled(id).is_some() {
-            let code = VarInt::from_u32(code.0.into());
-            let _ = self.connection.send_stream(id).reset(code);
-        }
+        self.calls.settled(id);
+        self.end_sending(id, code_of(code));
+        self.unanswered(now, id);
     }
 
     fn stop(&mut self, id: StreamId, code: Code) {
         self.incoming.forget(id);
         // One that is closed already needs none.
-        let _ = self
-            .connection
-            .recv_stream(id)
-            .stop(VarInt::from_u32(code.0.into()));
+        let _ = self.connection.recv_stream(id).stop(code_of(code));
+    }
+
+    /// Nothing more is sent on a stream. One that never ends would count as open for ever.
+    fn end_sending(&mut self, id: StreamId, code: VarInt) {
+        let is_ours = id.initiator() == self.connection.side();
+        if id.dir() == Dir::Bi || is_ours {
+            self.calls.stop_writing(id);
+            // One that is closed already needs none.
+            let _ = self.connection.send_stream(id).reset(code);
+        }
+    }
+
+    /// If it is a call of this side: it gets no reply.
+    fn unanswered(&mut self, now: Now, id: StreamId) {
         if let Some(ticket) = self.calls.is_over(id) {
+            self.session_takes(now, Input::Forget { stream: id.into() });
             self.events.push_back(unreachable_call(ticket));
         }
     }
@@ -656,6 +683,10 @@ fn unreachable_call(ticket: u64) -> Event {
         outcome: Outcome::Unreachable,
         payload: Bytes::new(),
     }
+}
+
+fn code_of(code: Code) -> VarInt {
+    VarInt::from_u32(code.0.into())
 }
 
 fn stream_id(stream: u64) -> StreamId {

@@ -28,7 +28,14 @@ pub(super) struct Topics {
     /// Those in the making, by their offers.
     making: BTreeMap<u64, Making>,
     last_key: u64,
+    /// How many long messages were started.
+    started: i32,
 }
+
+/// Messages up to this length go before longer ones that QUIC has already.
+const SHORT_BYTES: usize = 16 << 10;
+/// The priority of their streams; of longer ones the earlier goes first, also with what was lost of it.
+const SHORT: i32 = 0;
 
 #[derive(Debug)]
 struct Making {
@@ -136,7 +143,7 @@ impl Topics {
             let Some(making) = self.making.get_mut(&offer) else {
                 continue;
             };
-            making.open(offer, now, connection);
+            making.open(offer, now, connection, &mut self.started);
             let State::Writing(outgoing) = &mut making.state else {
                 continue;
             };
@@ -199,13 +206,22 @@ impl Topics {
 
 impl Making {
     /// Opens the stream, as late as can be.
-    fn open(&mut self, offer: u64, now: Instant, connection: &mut Connection) {
+    fn open(&mut self, offer: u64, now: Instant, connection: &mut Connection, started: &mut i32) {
         let State::NoStream(message) = &self.state else {
             return;
         };
         let Some(stream) = connection.streams().open(Dir::Uni) else {
             return;
         };
+        let priority = match message.payload.len() {
+            ..=SHORT_BYTES => SHORT,
+            _ => {
+                *started = started.saturating_add(1);
+                -*started
+            }
+        };
+        // It was opened just now.
+        let _ = connection.send_stream(stream).set_priority(priority);
         let age = now.since(message.published).as_nanos();
         let header = Header {
             carried: Carried::Message {

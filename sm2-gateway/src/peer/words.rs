@@ -229,3 +229,16 @@ pub struct Counts {
     /// Messages of the peer's that were not taken: too long, too many at a time, or stuck.
     pub refused: u64,
 }
+
+/// What is not over on a connection.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Held {
+    /// Streams of the peer's for the control stream and calls.
+    pub bidirectional: u64,
+    /// Streams of the peer's for messages.
+    pub unidirectional: u64,
+    /// Payloads that are not whole.
+    pub payloads: usize,
+    /// Calls without a reply, both ways, and what is not written of them.
+    pub calls: usize,
+}

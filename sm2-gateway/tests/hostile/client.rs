@@ -1,0 +1,244 @@
+//! QUIC by hand: a peer that says what it likes.
+
+use std::{
+    collections::BTreeMap,
+    net::{SocketAddr, UdpSocket},
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use bytes::{Bytes, BytesMut};
+use quinn_proto::{
+    Connection, ConnectionError, ConnectionHandle, DatagramEvent, Dir, Endpoint, EndpointConfig,
+    Event, ReadError, StreamEvent, StreamId, TransportConfig, VarInt,
+};
+use sm2_proto::gateway::{Frame, FrameReader, Header};
+
+use crate::common::SOON;
+
+/// How long the other side may take to do nothing.
+const WHILE: Duration = Duration::from_millis(300);
+
+pub(crate) struct Client {
+    socket: UdpSocket,
+    endpoint: Endpoint,
+    handle: ConnectionHandle,
+    connection: Connection,
+    pub(crate) is_connected: bool,
+    /// Whether it reads nothing more.
+    pub(crate) is_deaf: bool,
+    pub(crate) lost: Option<ConnectionError>,
+    pub(crate) control: Option<StreamId>,
+    /// What came on the control stream.
+    reader: FrameReader,
+    pub(crate) frames: Vec<Frame>,
+    /// Streams that the other side does not read any more, and why.
+    pub(crate) stopped: BTreeMap<StreamId, u64>,
+    /// What came on other streams; whether it has ended, and how.
+    pub(crate) came: BTreeMap<StreamId, (Vec<u8>, Option<Ending>)>,
+}
+
+/// How a stream ended: as it should, or reset.
+type Ending = Result<(), u64>;
+
+impl Client {
+    pub(crate) fn dial(
+        to: SocketAddr,
+        tls: rustls::ClientConfig,
+        transport: TransportConfig,
+    ) -> Self {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let wait = Some(Duration::from_millis(2));
+        socket.set_read_timeout(wait).unwrap();
+        let mut endpoint = Endpoint::new(Arc::new(EndpointConfig::default()), None, true, None);
+        let tls = quinn_proto::crypto::rustls::QuicClientConfig::try_from(tls).unwrap();
+        let mut config = quinn_proto::ClientConfig::new(Arc::new(tls));
+        config.transport_config(Arc::new(transport));
+        let connected = endpoint.connect(Instant::now(), config, to, "gateway.invalid");
+        let (handle, connection) = connected.unwrap();
+        Self {
+            socket,
+            endpoint,
+            handle,
+            connection,
+            is_connected: false,
+            is_deaf: false,
+            lost: None,
+            control: None,
+            reader: FrameReader::default(),
+            frames: Vec::new(),
+            stopped: BTreeMap::new(),
+            came: BTreeMap::new(),
+        }
+    }
+
+    /// Waits until something is so.
+    pub(crate) fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Self) -> bool) {
+        let deadline = Instant::now() + SOON;
+        while !is_so(self) {
+            let frames = &self.frames;
+            assert!(
+                Instant::now() < deadline,
+                "{what}: not in time; {:?} {frames:?}",
+                self.lost
+            );
+            self.turn();
+        }
+    }
+
+    /// Lets the other side do what it will.
+    pub(crate) fn wait(&mut self) {
+        let end = Instant::now() + WHILE;
+        while Instant::now() < end {
+            self.turn();
+        }
+    }
+
+    /// The connection is there, and its control stream.
+    pub(crate) fn connected(mut self) -> Self {
+        self.until("the handshake", |it| it.is_connected || it.lost.is_some());
+        assert!(self.lost.is_none(), "{:?}", self.lost);
+        self.control = self.connection.streams().open(Dir::Bi);
+        self
+    }
+
+    pub(crate) fn say(&mut self, bytes: &[u8]) {
+        let control = self.control.unwrap();
+        self.write(control, bytes);
+    }
+
+    pub(crate) fn frame(&mut self, frame: &Frame) {
+        self.say(&frame.to_bytes());
+    }
+
+    pub(crate) fn open(&mut self, dir: Dir) -> StreamId {
+        self.connection.streams().open(dir).expect("more streams")
+    }
+
+    /// Writes as much as there is room for.
+    pub(crate) fn write(&mut self, id: StreamId, mut bytes: &[u8]) {
+        while !bytes.is_empty() && self.lost.is_none() {
+            match self.connection.send_stream(id).write(bytes) {
+                Ok(len) => bytes = &bytes[len..],
+                Err(_) => return,
+            }
+            self.turn();
+        }
+    }
+
+    pub(crate) fn finish(&mut self, id: StreamId) {
+        let _ = self.connection.send_stream(id).finish();
+    }
+
+    /// A stream with a header and a payload.
+    pub(crate) fn send(&mut self, dir: Dir, header: &Header, payload: &[u8]) -> StreamId {
+        let id = self.open(dir);
+        self.write(id, &header.to_bytes());
+        self.write(id, payload);
+        self.finish(id);
+        id
+    }
+
+    pub(crate) fn give_up_sending(&mut self, id: StreamId) {
+        let _ = self.connection.send_stream(id).reset(VarInt::from_u32(115));
+    }
+
+    pub(crate) fn give_up(&mut self, id: StreamId) {
+        let code = VarInt::from_u32(115);
+        let _ = self.connection.send_stream(id).reset(code);
+        let _ = self.connection.recv_stream(id).stop(code);
+    }
+
+    pub(crate) fn datagram(&mut self, bytes: &[u8]) {
+        let bytes = Bytes::copy_from_slice(bytes);
+        self.connection.datagrams().send(bytes, true).unwrap();
+    }
+
+    /// The code that the other side closes with.
+    pub(crate) fn closed(&mut self, what: &str) -> u64 {
+        self.until(what, |it| it.lost.is_some());
+        match self.lost.clone() {
+            Some(ConnectionError::ApplicationClosed(close)) => close.error_code.into_inner(),
+            other => panic!("{what}: {other:?}"),
+        }
+    }
+
+    /// What is sent, and what has come.
+    pub(crate) fn turn(&mut self) {
+        let mut buffer = Vec::new();
+        while let Some(transmit) = (self.connection).poll_transmit(Instant::now(), 1, &mut buffer) {
+            let _ = self
+                .socket
+                .send_to(&buffer[..transmit.size], transmit.destination);
+            buffer.clear();
+        }
+        let mut bytes = [0; 2_048];
+        if let Ok((len, from)) = self.socket.recv_from(&mut bytes) {
+            let bytes = BytesMut::from(&bytes[..len]);
+            let (now, answer) = (Instant::now(), &mut Vec::new());
+            if let Some(DatagramEvent::ConnectionEvent(_, event)) =
+                self.endpoint.handle(now, from, None, None, bytes, answer)
+            {
+                self.connection.handle_event(event);
+            }
+        }
+        let now = Instant::now();
+        if self.connection.poll_timeout().is_some_and(|it| it <= now) {
+            self.connection.handle_timeout(now);
+        }
+        while let Some(event) = self.connection.poll_endpoint_events() {
+            if let Some(event) = self.endpoint.handle_event(self.handle, event) {
+                self.connection.handle_event(event);
+            }
+        }
+        while let Some(event) = self.connection.poll() {
+            self.event(event);
+        }
+    }
+
+    fn event(&mut self, event: Event) {
+        match event {
+            Event::Connected => self.is_connected = true,
+            Event::ConnectionLost { reason } => self.lost = Some(reason),
+            Event::Stream(StreamEvent::Opened { dir }) => {
+                while let Some(id) = self.connection.streams().accept(dir) {
+                    self.read(id);
+                }
+            }
+            Event::Stream(StreamEvent::Readable { id }) => self.read(id),
+            Event::Stream(StreamEvent::Stopped { id, error_code }) => {
+                self.stopped.insert(id, error_code.into_inner());
+            }
+            _ => {}
+        }
+    }
+
+    fn read(&mut self, id: StreamId) {
+        if self.is_deaf {
+            return;
+        }
+        let mut stream = self.connection.recv_stream(id);
+        let Ok(mut chunks) = stream.read(true) else {
+            return;
+        };
+        let it = self.came.entry(id).or_default();
+        loop {
+            match chunks.next(usize::MAX) {
+                Ok(Some(chunk)) => it.0.extend_from_slice(&chunk.bytes),
+                Ok(None) => it.1 = Some(Ok(())),
+                Err(ReadError::Blocked) => break,
+                Err(ReadError::Reset(code)) => it.1 = Some(Err(code.into_inner())),
+            }
+            if it.1.is_some() {
+                break;
+            }
+        }
+        let _ = chunks.finalize();
+        if self.control == Some(id) {
+            self.reader.push(&std::mem::take(&mut it.0));
+            while let Some(frame) = self.reader.next_frame().unwrap() {
+                self.frames.push(frame);
+            }
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! Whole gateways in one thread, under a virtual clock, over a network that loses, doubles, delays
+//! and cuts: what rules deny never gets through, nothing comes twice, every call ends once, and
+//! when it is quiet, what can be reached is there.
+//!
+//! `SM2_SIM_SEEDS=1000` runs more seeds, `SM2_SIM_SEED=17` one. A seed leads to the same events at
+//! the same moments each time. Only the bytes of datagrams differ, and the length of a handshake by
+//! a few of them: TLS and QUIC take keys, connection ids and grease from the system.
+
+#[path = "simulation/domain.rs"]
+mod domain;
+#[path = "simulation/ledger.rs"]
+mod ledger;
+#[path = "simulation/link.rs"]
+mod link;
+#[path = "simulation/network.rs"]
+mod network;
+#[path = "simulation/node.rs"]
+mod node;
+#[path = "simulation/ops.rs"]
+mod ops;
+#[path = "simulation/queue.rs"]
+mod queue;
+#[path = "simulation/quiet.rs"]
+mod quiet;
+#[path = "simulation/random.rs"]
+mod random;
+#[path = "simulation/rules.rs"]
+mod rules;
+#[path = "simulation/script.rs"]
+mod script;
+#[path = "simulation/trace.rs"]
+mod trace;
+
+use std::{
+    collections::BTreeMap,
+    panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
+};
+
+use script::{Arrangement, Simulation};
+
+/// What a script takes.
+const SCRIPT_MS: u64 = 15_000;
+/// Until everything is as it should be: idle time-outs, the longest waits, and a bit more.
+const QUIET_MS: u64 = 25_000;
+const SEEDS: u64 = 24;
+
+/// What came of a seed.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Outcome {
+    digest: u64,
+    events: u64,
+    delivered: u64,
+    answered: BTreeMap<u64, u64>,
+}
+
+fn run(arrangement: Arrangement, seed: u64) -> Outcome {
+    let mut simulation = Simulation::new(arrangement, seed);
+    let ran = catch_unwind(AssertUnwindSafe(|| {
+        simulation.run(SCRIPT_MS);
+        simulation.heal();
+        simulation.run(QUIET_MS);
+        simulation.check_quiet();
+    }));
+    let ledger = &simulation.world.ledger;
+    if let Err(panic) = ran {
+        eprintln!(
+            "{}{arrangement:?} {seed} failed at {} ms: SM2_SIM_SEED={seed} cargo test -p sm2-gateway --test simulation",
+            ledger.trace.tail(),
+            simulation.now.0 / network::MS,
+        );
+        resume_unwind(panic);
+    }
+    Outcome {
+        digest: ledger.trace.digest(),
+        events: ledger.trace.count,
+        delivered: ledger.delivered,
+        answered: ledger.answered.clone(),
+    }
+}
+
+fn number(variable: &str) -> Option<u64> {
+    let text = std::env::var(variable).ok()?;
+    Some(
+        text.parse()
+            .unwrap_or_else(|_| panic!("{variable}: {text} is no number")),
+    )
+}
+
+fn seeds(arrangement: Arrangement) {
+    let seeds = match number("SM2_SIM_SEED") {
+        Some(seed) => seed..seed + 1,
+        None => 0..number("SM2_SIM_SEEDS").unwrap_or(SEEDS),
+    };
+    let (mut delivered, mut ok) = (0, 0);
+    let is_all = seeds.start == 0 && seeds.end >= SEEDS;
+    for seed in seeds {
+        let outcome = run(arrangement, seed);
+        delivered += outcome.delivered;
+        ok += outcome.answered.get(&0).copied().unwrap_or(0);
+    }
+    println!("{arrangement:?}: {delivered} messages, {ok} calls");
+    // A simulation in which nothing arrives finds nothing.
+    assert!(!is_all || (delivered > 100 && ok > 50), "{delivered} {ok}");
+}
+
+#[test]
+fn two_gateways() {
+    seeds(Arrangement::Pair);
+}
+
+#[test]
+fn a_chain_of_three() {
+    seeds(Arrangement::Chain);
+}
+
+#[test]
+fn three_that_all_know_each_other() {
+    seeds(Arrangement::Triangle);
+}
+
+#[test]
+fn a_ring_of_four() {
+    seeds(Arrangement::Ring);
+}
+
+#[test]
+fn a_seed_leads_to_the_same_each_time() {
+    for seed in 0..4 {
+        let first = run(Arrangement::Triangle, seed);
+        assert_eq!(run(Arrangement::Triangle, seed), first, "seed {seed}");
+    }
+}

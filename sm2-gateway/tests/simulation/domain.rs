@@ -1,0 +1,170 @@
+//! The nodes of a domain: publishers, subscribers, servers and clients, as few words as can be.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use bytes::Bytes;
+use sm2_gateway::hub::{LocalCommand, LocalEvent};
+use sm2_proto::{
+    Instant,
+    gateway::{GatewayId, Outcome, Subject, SubjectKind},
+};
+
+use crate::{ledger::Ledger, network::MS, random::Random};
+
+/// What is there whether or not there is a gateway.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Nodes {
+    /// What has publishers or servers.
+    pub(crate) present: BTreeSet<Subject>,
+    /// What has subscribers, and how many messages wait for them.
+    pub(crate) takes: BTreeMap<Subject, u16>,
+}
+
+/// A domain as its gateway sees it.
+pub(crate) struct Domain {
+    me: usize,
+    pub(crate) nodes: Nodes,
+    pub(crate) shown: BTreeSet<(Subject, GatewayId)>,
+    /// What the gateway takes.
+    pub(crate) subscribed: BTreeSet<Subject>,
+    /// What servers have to do: when they are done, and the reply.
+    serving: BTreeMap<u64, (Instant, Bytes)>,
+    pub(crate) last_request: u64,
+    random: Random,
+}
+
+impl Domain {
+    /// And what the gateway hears at first.
+    pub(crate) fn new(me: usize, nodes: Nodes, random: Random) -> (Self, Vec<LocalEvent>) {
+        let present = |subject: &Subject| LocalEvent::Present {
+            subject: subject.clone(),
+            present: true,
+        };
+        let events = nodes.present.iter().map(present).collect();
+        let domain = Self {
+            me,
+            nodes,
+            shown: BTreeSet::new(),
+            subscribed: BTreeSet::new(),
+            serving: BTreeMap::new(),
+            last_request: 0,
+            random,
+        };
+        (domain, events)
+    }
+
+    /// A publisher or server comes, or the last one goes.
+    pub(crate) fn set_present(&mut self, subject: Subject, present: bool) -> Vec<LocalEvent> {
+        match present {
+            true => self.nodes.present.insert(subject.clone()),
+            false => self.nodes.present.remove(&subject),
+        };
+        vec![LocalEvent::Present { subject, present }]
+    }
+
+    /// A subscriber comes, or the last one goes.
+    pub(crate) fn set_taken(&mut self, subject: &Subject, taken: Option<u16>) -> Vec<LocalEvent> {
+        match taken {
+            Some(depth) => self.nodes.takes.insert(subject.clone(), depth),
+            None => self.nodes.takes.remove(subject),
+        };
+        let of_it = self.shown.iter().filter(|(it, _)| it == subject);
+        of_it
+            .map(|(_, origin)| taken_event(subject, *origin, taken))
+            .collect()
+    }
+
+    /// Does what the gateway says; what it hears of it.
+    pub(crate) fn command(
+        &mut self,
+        now: Instant,
+        command: LocalCommand,
+        ledger: &mut Ledger,
+    ) -> Vec<LocalEvent> {
+        match command {
+            LocalCommand::Subscribe { subject, .. } => {
+                self.subscribed.insert(subject);
+            }
+            LocalCommand::Unsubscribe { subject } => {
+                assert!(self.subscribed.remove(&subject), "it was not subscribed");
+            }
+            LocalCommand::Show {
+                subject, origin, ..
+            } => {
+                let taken = self.nodes.takes.get(&subject).copied();
+                let is_new = self.shown.insert((subject.clone(), origin));
+                assert!(is_new, "{subject:?} is shown twice");
+                if taken.is_some() {
+                    return vec![taken_event(&subject, origin, taken)];
+                }
+            }
+            LocalCommand::Hide { subject, origin } => {
+                let was_shown = self.shown.remove(&(subject.clone(), origin));
+                assert!(was_shown, "{subject:?} was not shown");
+                if subject.kind() == SubjectKind::Topic {
+                    return vec![taken_event(&subject, origin, None)];
+                }
+            }
+            LocalCommand::Publish {
+                subject,
+                origin,
+                payload,
+            } => {
+                let is_shown = self.shown.contains(&(subject.clone(), origin));
+                assert!(is_shown, "a message of {subject:?}, which is not shown");
+                ledger.delivered(self.me, &subject, origin, &payload);
+            }
+            LocalCommand::Call {
+                call,
+                subject,
+                payload,
+                ..
+            } => {
+                ledger.called(self.me, &subject, &payload);
+                let reply = [format!("{} ", self.me).as_bytes(), &payload].concat();
+                let late = self.random.below(300) * MS;
+                let due = Instant(now.0 + late);
+                self.serving.insert(call, (due, reply.into()));
+            }
+            LocalCommand::Cancel { call } => {
+                self.serving.remove(&call);
+            }
+            LocalCommand::Reply {
+                request,
+                outcome,
+                payload,
+            } => ledger.replied(self.me, request, outcome, &payload),
+        }
+        Vec::new()
+    }
+
+    pub(crate) fn deadline(&self) -> Option<Instant> {
+        self.serving.values().map(|(due, _)| *due).min()
+    }
+
+    /// The replies that are due.
+    pub(crate) fn poll(&mut self, now: Instant) -> Option<LocalEvent> {
+        let due = self.serving.iter().find(|(_, (due, _))| *due <= now);
+        let call = *due?.0;
+        let (_, payload) = self.serving.remove(&call)?;
+        let outcome = Outcome::Ok;
+        Some(LocalEvent::Replied {
+            call,
+            outcome,
+            payload,
+        })
+    }
+
+    pub(crate) fn is_serving(&self) -> bool {
+        !self.serving.is_empty()
+    }
+}
+
+fn taken_event(subject: &Subject, origin: GatewayId, taken: Option<u16>) -> LocalEvent {
+    let subject = subject.clone();
+    LocalEvent::Taken {
+        subject,
+        origin,
+        taken,
+    }
+}

@@ -1,0 +1,42 @@
+//! What tasks have for each other: taken a little later, in its order.
+
+use std::collections::VecDeque;
+
+use sm2_proto::Instant;
+
+use crate::{network::MS, random::Random};
+
+/// What one task has for another, which takes it a little later.
+pub(crate) struct Queue<T>(VecDeque<(Instant, T)>);
+
+impl<T> Queue<T> {
+    pub(crate) const fn new() -> Self {
+        Self(VecDeque::new())
+    }
+
+    pub(crate) fn push(&mut self, now: Instant, late: u64, item: T) {
+        let last = self.0.back().map_or(now, |(at, _)| *at);
+        self.0.push_back((last.max(Instant(now.0 + late)), item));
+    }
+
+    pub(crate) fn next_at(&self) -> Option<Instant> {
+        self.0.front().map(|(at, _)| *at)
+    }
+
+    pub(crate) fn pop(&mut self, now: Instant) -> Option<T> {
+        let is_due = self.next_at()? <= now;
+        is_due.then(|| self.0.pop_front())?.map(|(_, item)| item)
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.0.len()
+    }
+}
+
+/// How late another task takes what it is told.
+pub(crate) const fn lag(random: &mut Random) -> u64 {
+    match random.percent(70) {
+        true => 0,
+        false => random.below(3) * MS,
+    }
+}

@@ -1,0 +1,63 @@
+//! What a hub said, as text.
+
+use sm2_gateway::{
+    hub::{LocalCommand, Output},
+    peer::Command,
+};
+
+/// Without the bytes of payloads.
+pub(crate) fn text(output: &Output) -> String {
+    match output {
+        Output::Peer {
+            connection,
+            command,
+        } => format!("to {connection}: {}", command_text(command)),
+        Output::Local(command) => local_text(command),
+        it => format!("{it:?}"),
+    }
+}
+
+fn command_text(command: &Command) -> String {
+    match command {
+        Command::Offer {
+            offer,
+            subject,
+            path,
+            ..
+        } => format!("offer {offer} {} by {}", subject.name(), path.len()),
+        Command::Message {
+            offer,
+            sequence,
+            payload,
+            ..
+        } => format!("message {offer} {sequence}, {} bytes", payload.len()),
+        Command::Call { ticket, offer, .. } => format!("call {ticket} of {offer}"),
+        Command::Reply { call, outcome, .. } => format!("reply {call} {outcome:?}"),
+        it => format!("{it:?}"),
+    }
+}
+
+fn local_text(command: &LocalCommand) -> String {
+    match command {
+        LocalCommand::Publish {
+            subject, payload, ..
+        } => format!("publish {} {} bytes", subject.name(), payload.len()),
+        LocalCommand::Show {
+            subject,
+            origin,
+            peer,
+        } => format!("show {subject:?} {} {peer}", short(&origin.to_string())),
+        LocalCommand::Hide { subject, origin } => {
+            format!("hide {subject:?} {}", short(&origin.to_string()))
+        }
+        LocalCommand::Call { call, subject, .. } => format!("serve {call} {}", subject.name()),
+        LocalCommand::Reply {
+            request, outcome, ..
+        } => format!("answer {request} {outcome:?}"),
+        it => format!("{it:?}"),
+    }
+}
+
+fn short(id: &str) -> &str {
+    &id[..8]
+}
