@@ -144,6 +144,30 @@ impl World {
             Some(Arrival::Answer(_)) | None => {}
         }
     }
+
+    /// Lets time pass until something happens; what the time is then.
+    fn step(&mut self, now: Instant) -> Instant {
+        let timers = self.sides.iter_mut().filter_map(|side| {
+            let (_, connection) = side.connection.as_mut()?;
+            connection.poll_timeout()
+        });
+        let timer = timers.min();
+        let arrival = self.flying.peek().map(|Reverse((due, ..))| *due);
+        let next = [timer, arrival].into_iter().flatten().min();
+        let now = next.map_or(now + Duration::from_secs(1), |it| it.max(now));
+        while let Some(Reverse((due, ..))) = self.flying.peek()
+            && *due <= now
+        {
+            let Reverse((_, _, to, bytes)) = self.flying.pop().unwrap();
+            self.deliver(now, to, &bytes);
+        }
+        for side in &mut self.sides {
+            if let Some((_, connection)) = &mut side.connection {
+                connection.handle_timeout(now);
+            }
+        }
+        now
+    }
 }
 
 /// Sends as much as goes, for some time.
@@ -185,25 +209,7 @@ fn run(link: Link, congestion: Congestion, length: Duration) -> Figures {
             }
             world.transmit(now, at);
         }
-        let timers = world.sides.iter_mut().filter_map(|side| {
-            let (_, connection) = side.connection.as_mut()?;
-            connection.poll_timeout()
-        });
-        let timer = timers.min();
-        let arrival = world.flying.peek().map(|Reverse((due, ..))| *due);
-        let next = [timer, arrival].into_iter().flatten().min().unwrap();
-        now = now.max(next);
-        while let Some(Reverse((due, ..))) = world.flying.peek()
-            && *due <= now
-        {
-            let Reverse((_, _, to, bytes)) = world.flying.pop().unwrap();
-            world.deliver(now, to, &bytes);
-        }
-        for side in &mut world.sides {
-            if let Some((_, connection)) = &mut side.connection {
-                connection.handle_timeout(now);
-            }
-        }
+        now = world.step(now);
     }
     let seconds = (length - Duration::from_secs(2)).as_secs_f64();
     let carried = link.rate_bit / 8.0 * (1.0 - link.loss_permille as f64 / 1e3);
@@ -226,4 +232,39 @@ fn loss_by_chance_does_not_slow_a_connection_down() {
     println!("Steady: {steady:?}");
     assert!(steady.share > 0.9, "{steady:?}");
     assert!(steady.rtt < Duration::from_millis(40), "{steady:?}");
+}
+
+/// Nothing is said on it for a minute; then the link is cut.
+//= SM2-GWC-003 test
+#[test]
+fn a_connection_lives_as_long_as_something_comes() {
+    let start = Instant::now();
+    let quiet = Link {
+        loss_permille: 0,
+        ..PAPER
+    };
+    let mut world = World::new(quiet, Congestion::Steady, start);
+    let cut = start + Duration::from_secs(60);
+    let (mut now, mut lost) = (start, [None; 2]);
+    while lost.contains(&None) {
+        assert!(now < cut + Duration::from_secs(60), "it never ends");
+        if now >= cut {
+            world.link.loss_permille = 1_000;
+        }
+        for (at, lost) in lost.iter_mut().enumerate() {
+            if let Some((_, connection)) = &mut world.sides[at].connection {
+                while let Some(event) = connection.poll() {
+                    if matches!(event, Event::ConnectionLost { .. }) {
+                        *lost = Some(now);
+                    }
+                }
+            }
+            world.transmit(now, at);
+        }
+        now = world.step(now);
+    }
+    for lost in lost.into_iter().flatten() {
+        assert!(lost >= cut + Duration::from_secs(3), "{:?}", lost - start);
+        assert!(lost <= cut + Duration::from_secs(7), "{:?}", lost - start);
+    }
 }

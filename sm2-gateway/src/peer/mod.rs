@@ -39,7 +39,6 @@ use self::{
 use crate::clock::{Clock, Now};
 
 /// How much of the control stream waits for a peer that does not read it.
-//= SM2-GWF-003
 const CONTROL_WAITING_MAX: usize = 1 << 20;
 /// A stream that carries nothing for so long is not read any more.
 const STUCK: Duration = Duration::from_secs(30);
@@ -629,6 +628,7 @@ impl Peer {
     }
 
     /// The connection is over: the other side is told, and nothing is left but to do so.
+    //= SM2-GWE-001
     fn over(&mut self, now: Now, reason: Reason) {
         if self.is_over {
             return;
@@ -652,7 +652,6 @@ impl Peer {
         self.events.push_back(Event::Ended(reason));
     }
 
-    //= SM2-GWF-003
     fn write_control(&mut self, now: Now) {
         let Some(id) = self.control else { return };
         let mut stream = self.connection.send_stream(id);
