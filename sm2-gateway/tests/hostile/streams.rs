@@ -75,6 +75,12 @@ fn streams_that_are_not_legal_end_the_connection() {
         let code = violation.code().0;
         assert_eq!(client.closed(what), u64::from(code), "{what}");
     }
+    // As soon as they are there: the end of the stream is not waited for.
+    let mut client = bench.wanted(&topic("m", text()));
+    let stream = client.open(Dir::Uni);
+    client.write(stream, &[&whole[..], b"four"].concat());
+    let code = V::Malformed.code().0;
+    assert_eq!(client.closed("more bytes and no end"), u64::from(code));
     let mut client = bench.greeted();
     client.send(Dir::Uni, &message(1, 0), b"");
     let code = V::NotWanted.code().0;

@@ -1,0 +1,63 @@
+//! Two connections with one peer: both sides keep the same one, whichever greets first.
+
+use sm2_gateway::{
+    hub::{Hub, Input, Output, Policy},
+    peer::{Command, Event},
+};
+use sm2_proto::{
+    Code, Instant, Name,
+    gateway::{GatewayId, Hop, PeerFarewell},
+};
+
+const SMALL: GatewayId = GatewayId([1; 32]);
+const GREAT: GatewayId = GatewayId([2; 32]);
+
+/// What a gateway closes when connections 1 and 2 greet: each as the peer's epoch, and whether this
+/// side opened it.
+fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, bool); 2]) -> (u64, Code) {
+    let gateway = me;
+    let mut hub = Hub::new(Hop { gateway, epoch: 1 }, Policy::default());
+    for (connection, (epoch, is_dialled)) in (1..).zip(greeted) {
+        let name = Name::new("peer").unwrap();
+        let event = Event::Greeted { peer, epoch, name };
+        let input = Input::Peer {
+            connection,
+            is_dialled,
+            event,
+        };
+        hub.handle(Instant(0), input);
+    }
+    let mut closed = Vec::new();
+    while let Some(output) = hub.poll() {
+        if let Output::Peer {
+            connection,
+            command: Command::Close(code),
+        } = output
+        {
+            closed.push((connection, code));
+        }
+    }
+    let left = hub.peers();
+    assert_eq!((closed.len(), left.len()), (1, 1));
+    assert_eq!(left[0].connection, 3 - closed[0].0, "the other one is used");
+    closed[0]
+}
+
+//= SM2-GWC-004 test
+#[test]
+fn of_two_connections_both_sides_keep_the_same() {
+    let (stale, duplicate) = (PeerFarewell::Stale.code(), PeerFarewell::Duplicate.code());
+    let (ours, its) = (true, false);
+    // The epoch decides, whoever opened them.
+    for (first, second) in [(ours, ours), (ours, its), (its, ours), (its, its)] {
+        for (me, peer) in [(SMALL, GREAT), (GREAT, SMALL)] {
+            assert_eq!(closed(me, peer, [(7, first), (8, second)]), (1, stale));
+            assert_eq!(closed(me, peer, [(8, first), (7, second)]), (2, stale));
+        }
+    }
+    // Then who opened it: the smaller id.
+    assert_eq!(closed(SMALL, GREAT, [(7, ours), (7, its)]), (2, duplicate));
+    assert_eq!(closed(SMALL, GREAT, [(7, its), (7, ours)]), (1, duplicate));
+    assert_eq!(closed(GREAT, SMALL, [(7, its), (7, ours)]), (2, duplicate));
+    assert_eq!(closed(GREAT, SMALL, [(7, ours), (7, its)]), (1, duplicate));
+}
