@@ -1,8 +1,9 @@
-//! What a message costs the two processes that exchange it: `message_cost [BYTES [LANE]]`.
+//! What a message costs the two processes that exchange it: `message_cost [BYTES [LANE [AT_A_TIME]]]`.
 //!
 //! Publisher and subscriber are two nodes of this process and of one thread, so nothing ever
 //! sleeps or waits for another core: what is left is the work of the library and the kernel.
-//! Prints nanoseconds per message, the median of nine rounds, for both lanes.
+//! Prints nanoseconds per message, the median of nine rounds, for both lanes. With `AT_A_TIME`, 1 or 32,
+//! it does only that, so that `valgrind --tool=callgrind` says in instructions where it goes.
 
 use std::time::{Duration, Instant};
 
@@ -27,6 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
     let lanes = [("ring", true), ("socket", false)];
     let wanted = std::env::args().nth(2);
+    let at_a_time = std::env::args().nth(3).map(|it| it.parse()).transpose()?;
     let is_wanted = |lane: &str| wanted.as_ref().is_none_or(|it| it == lane);
     for (lane, ring) in lanes.into_iter().filter(|it| is_wanted(it.0)) {
         let node = |name: &str| {
@@ -43,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             listener.spin_once(None)?;
         }
         print!("{lane:<8}");
-        for at_a_time in [1, 32] {
+        for at_a_time in at_a_time.map_or(vec![1, BATCH], |it| vec![it]) {
             let (publish, receive) = cost(&publisher, &subscriber, &vec![1; bytes], at_a_time)?;
             print!(" {publish:>8.0} {receive:>8.0}");
         }

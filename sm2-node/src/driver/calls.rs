@@ -260,7 +260,7 @@ impl Interface {
     /// The application gives a message back.
     //= SM2-MSG-005
     pub(crate) fn give_back(&mut self, token: u64, sequence: u64, tools: &mut Tools<'_>) {
-        let Some(link) = self.links.get_mut(&token) else {
+        let Some(link) = self.links.get_mut(token) else {
             return;
         };
         link.release(sequence, tools.epoll, &mut self.outbox);

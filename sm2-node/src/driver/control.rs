@@ -191,7 +191,7 @@ impl Inner {
                 self.last_token = token;
                 self.routes.insert(token, id);
                 self.with(id, epoll, |interface, tools| {
-                    interface.add_link(token, driver, tools);
+                    interface.add_link(driver, tools);
                 });
             }
             Err(error) => {

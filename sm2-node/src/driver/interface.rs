@@ -1,6 +1,6 @@
 //! One declared interface: its links, what it has on its way out, and the calls it made.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::link::{Counters, Input};
@@ -8,6 +8,7 @@ use sm2_proto::{Code, Contract, Farewell, LinkId, Name, Refusal};
 
 use super::calls::Calls;
 use super::link::{LinkDriver, Tools};
+use super::links::Links;
 use super::outbox::Outbox;
 use super::status::LinkStatus;
 
@@ -20,8 +21,7 @@ const ENDED_WITH_MESSAGES: usize = 64;
 pub(crate) struct Interface {
     pub(crate) contract: Contract,
     pub(crate) state: State,
-    /// By token: the oldest first.
-    pub(super) links: BTreeMap<u64, LinkDriver>,
+    pub(super) links: Links,
     pub(crate) outbox: Outbox,
     /// Keys of the last messages, the oldest first.
     pub(super) latched: VecDeque<u64>,
@@ -65,7 +65,7 @@ impl Interface {
         Self {
             contract,
             state: State::Declaring,
-            links: BTreeMap::new(),
+            links: Links::default(),
             outbox: Outbox::new(pool_limit_bytes),
             latched: VecDeque::new(),
             published: 0,
@@ -84,11 +84,11 @@ impl Interface {
     }
 
     pub(crate) fn links(&self) -> impl Iterator<Item = &LinkDriver> {
-        self.links.values()
+        self.links.iter()
     }
 
     pub(crate) fn link(&self, token: u64) -> Option<&LinkDriver> {
-        self.links.get(&token)
+        self.links.get(token)
     }
 
     /// Whether a link is being made or opened.
@@ -109,8 +109,9 @@ impl Interface {
         self.links().filter(|link| link.is_open()).count()
     }
 
-    pub(super) fn add_link(&mut self, token: u64, link: LinkDriver, tools: &mut Tools<'_>) {
-        self.links.insert(token, link);
+    pub(super) fn add_link(&mut self, link: LinkDriver, tools: &mut Tools<'_>) {
+        let token = link.token();
+        self.links.push(link);
         self.with_link(token, tools, |link, outbox, tools| {
             link.start(tools.epoll, outbox)
         });
@@ -123,11 +124,8 @@ impl Interface {
     }
 
     pub(super) fn unlink(&mut self, id: LinkId, code: Code, tools: &mut Tools<'_>) {
-        let found = self
-            .links
-            .iter()
-            .find(|(_, link)| link.id == id && !link.buried);
-        if let Some((&token, _)) = found {
+        let found = self.links.iter().find(|link| link.id == id && !link.buried);
+        if let Some(token) = found.map(LinkDriver::token) {
             self.with_link(token, tools, |link, outbox, tools| {
                 link.unlink(code, tools, outbox)
             });
@@ -136,7 +134,7 @@ impl Interface {
 
     /// Ends all links. What their sockets took reaches the other sides.
     pub(super) fn close(&mut self, tools: &mut Tools<'_>) {
-        for link in self.links.values_mut() {
+        for link in self.links.iter_mut() {
             let farewell = Input::Close(Farewell::Done.code());
             link.feed(farewell, tools.epoll, &mut self.outbox);
             tools.counting.free(link.entry.take());
@@ -147,7 +145,7 @@ impl Interface {
     /// Takes back what the other sides gave back, on the ring lane.
     pub(crate) fn harvest(&mut self, tools: &mut Tools<'_>) {
         let mut is_over = false;
-        for link in self.links.values_mut() {
+        for link in self.links.iter_mut() {
             link.ring_harvest(tools, &mut self.outbox);
             is_over |= link.end().is_some() && !link.buried;
         }
@@ -161,25 +159,25 @@ impl Interface {
 
     /// Whether there may be a message to take.
     pub(super) fn is_ready(&self) -> bool {
-        self.links.values().any(LinkDriver::is_ready)
+        self.links.iter().any(LinkDriver::is_ready)
     }
 
     /// Somebody is about to sleep until something happens here.
     pub(super) fn park(&mut self) {
-        for link in self.links.values_mut() {
+        for link in self.links.iter_mut() {
             link.park();
         }
     }
 
     pub(super) fn tokens(&self) -> impl Iterator<Item = u64> {
-        self.links.keys().copied()
+        self.links.iter().map(LinkDriver::token)
     }
 
     /// Does what follows from a change of a link: replays what is latched, hands out
     /// replies, retires segments, buries it. Called whenever a link was fed.
     pub(super) fn settle_link(&mut self, token: u64, tools: &mut Tools<'_>) {
         self.replay(token, tools);
-        let Some(link) = self.links.get_mut(&token) else {
+        let Some(link) = self.links.get_mut(token) else {
             return;
         };
         self.calls.collect(token, link, tools, &mut self.outbox);
@@ -191,19 +189,18 @@ impl Interface {
         self.detach_segments(tools);
         if self
             .links
-            .get(&token)
+            .get(token)
             .is_some_and(|it| it.buried && !it.is_ready())
         {
-            self.links.remove(&token);
+            self.links.remove(token);
             self.gone.push(token);
         }
     }
 
     /// Links that ended while they were sent to.
     pub(super) fn bury_ended(&mut self, tools: &mut Tools<'_>) {
-        let ended = |(token, link): (&u64, &LinkDriver)| {
-            (link.end().is_some() && !link.buried).then_some(*token)
-        };
+        let ended =
+            |link: &LinkDriver| (link.end().is_some() && !link.buried).then_some(link.token());
         let tokens: Vec<u64> = self.links.iter().filter_map(ended).collect();
         for token in tokens {
             self.settle_link(token, tools);
@@ -213,7 +210,7 @@ impl Interface {
 
     /// A link is over: the Manager is to know, and its counters are to be kept.
     fn bury(&mut self, token: u64, tools: &mut Tools<'_>) {
-        let Some(link) = self.links.get_mut(&token) else {
+        let Some(link) = self.links.get_mut(token) else {
             return;
         };
         link.buried = true;
@@ -236,15 +233,15 @@ impl Interface {
     /// An application that never takes its messages must not collect those of every
     /// publisher that ever was.
     fn drop_oldest_messages(&mut self, tools: &mut Tools<'_>) {
-        let buried = self.links.values().filter(|link| link.buried).count();
+        let buried = self.links.iter().filter(|link| link.buried).count();
         let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
         let (mut lost, gone) = (0, &mut self.gone);
-        self.links.retain(|token, link| {
+        self.links.retain(|link| {
             let drop = link.buried && surplus > 0;
             if drop {
                 surplus -= 1;
                 lost += link.ready() as u64;
-                gone.push(*token);
+                gone.push(link.token());
             }
             !drop
         });
@@ -262,7 +259,7 @@ impl Interface {
     /// Tells all links of segments that are over.
     pub(crate) fn detach_segments(&mut self, tools: &mut Tools<'_>) {
         while let Some(segment) = self.outbox.over.pop() {
-            for link in self.links.values_mut().filter(|link| link.end().is_none()) {
+            for link in self.links.iter_mut().filter(|link| link.end().is_none()) {
                 link.feed(Input::Retire { segment }, tools.epoll, &mut self.outbox);
             }
         }
@@ -275,7 +272,7 @@ impl Interface {
         tools: &mut Tools<'_>,
         change: impl FnOnce(&mut LinkDriver, &mut Outbox, &mut Tools<'_>) -> R,
     ) -> Option<R> {
-        let link = self.links.get_mut(&token)?;
+        let link = self.links.get_mut(token)?;
         let result = change(link, &mut self.outbox, tools);
         self.settle_link(token, tools);
         Some(result)

@@ -18,6 +18,7 @@ mod counters;
 mod datagram;
 mod interface;
 mod link;
+mod links;
 mod outbox;
 mod publish;
 mod questions;

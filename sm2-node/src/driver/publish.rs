@@ -4,7 +4,7 @@ use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant};
 
 use super::interface::Interface;
-use super::link::Tools;
+use super::link::{LinkDriver, Tools};
 use super::outbox::{Forms, Label, Needs};
 use crate::Published;
 
@@ -38,9 +38,7 @@ impl Interface {
         time: Instant,
         tools: &mut Tools<'_>,
     ) -> Option<Published> {
-        let mut open = self.links.values().filter(|link| link.is_open()).peekable();
-        open.peek()?;
-        if !open.all(|link| link.has_ring() && (!link.is_reliable() || link.has_room())) {
+        if !self.has_room_in_rings() {
             return None;
         }
         let len = bytes.len() as u64;
@@ -59,6 +57,13 @@ impl Interface {
         let offered = self.publish(forms, Label { id: 0, time, len }, tools);
         self.rest(time, tools);
         Some(self.finish(offered, tools))
+    }
+
+    /// Whether some links are open, all of them of the ring lane and none to be waited for.
+    fn has_room_in_rings(&self) -> bool {
+        let mut open = self.links().filter(|link| link.is_open()).peekable();
+        let room = |link: &LinkDriver| !link.is_reliable() || link.has_room();
+        open.peek().is_some() && open.all(|link| link.has_ring() && room(link))
     }
 
     fn latches(&self) -> usize {
@@ -91,7 +96,7 @@ impl Interface {
             missed: 0,
             waiting: Vec::new(),
         };
-        for (&token, link) in &mut self.links {
+        for link in self.links.iter_mut() {
             if !link.is_open() {
                 continue;
             }
@@ -104,7 +109,7 @@ impl Interface {
                 link.skip(tools, &mut self.outbox);
                 offered.missed += 1;
             } else {
-                offered.waiting.push(token);
+                offered.waiting.push(link.token());
             }
         }
         self.detach_segments(tools);
@@ -115,7 +120,7 @@ impl Interface {
     pub(crate) fn publish_more(&mut self, offered: &mut Offered, tools: &mut Tools<'_>) -> bool {
         let (key, links) = (offered.key, &mut offered.links);
         offered.waiting.retain(|token| {
-            let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
+            let Some(link) = self.links.get_mut(*token).filter(|link| link.is_open()) else {
                 return false;
             };
             let room = link.has_room();
@@ -140,7 +145,7 @@ impl Interface {
     pub(crate) fn finish(&mut self, mut offered: Offered, tools: &mut Tools<'_>) -> Published {
         self.publish_more(&mut offered, tools);
         for token in offered.waiting.drain(..) {
-            if let Some(link) = self.links.get_mut(&token) {
+            if let Some(link) = self.links.get_mut(token) {
                 link.skip(tools, &mut self.outbox);
                 offered.missed += 1;
             }
@@ -170,7 +175,7 @@ impl Interface {
     /// gets as much at a time as it has room for.
     //= SM2-QOS-003
     pub(super) fn replay(&mut self, token: u64, tools: &mut Tools<'_>) {
-        let Some(link) = self.links.get_mut(&token).filter(|link| link.is_open()) else {
+        let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
             return;
         };
         if !link.greeted {

@@ -1,6 +1,5 @@
 //! Receiving: the messages of all links, in turn.
 
-use std::ops::Bound::{Excluded, Included, Unbounded};
 use std::sync::Arc;
 
 use sm2_io::CounterEntry;
@@ -81,7 +80,7 @@ impl Interface {
             });
         };
         for taken in all.chunk_by(|one, next| one.token == next.token) {
-            let link = taken.first().and_then(|it| self.links.get(&it.token));
+            let link = taken.first().and_then(|it| self.links.get(it.token));
             note(link.and_then(|it| it.entry.as_ref()), taken);
         }
         note(self.entry.as_ref(), all);
@@ -93,10 +92,10 @@ impl Interface {
         let start = self.last_taken;
         let (mut position, mut wrapped, mut full) = (start, false, None);
         loop {
-            let end = if wrapped { Included(start) } else { Unbounded };
-            let mut links = self.links.range_mut((Excluded(position), end));
-            match links.find(|(_, link)| link.is_ready()) {
-                Some((&token, link)) => {
+            let last = if wrapped { start } else { u64::MAX };
+            match self.links.ready_between(position, last) {
+                Some(link) => {
+                    let token = link.token();
                     position = token;
                     match link.take(tools, &mut self.outbox) {
                         Ok(Some((delivery, source))) => {

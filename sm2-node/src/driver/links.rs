@@ -1,0 +1,62 @@
+//! The links of one interface.
+
+use super::link::LinkDriver;
+
+/// Links by token, the oldest first: tokens grow.
+///
+/// Each message looks at all of them, several times, and mostly there is one. So they stand in a row;
+/// that it takes longer to remove one of many is paid once for each link.
+#[derive(Debug, Default)]
+pub(super) struct Links(Vec<LinkDriver>);
+
+impl Links {
+    /// Adds a link with a token greater than all others.
+    pub(super) fn push(&mut self, link: LinkDriver) {
+        debug_assert!((self.0.last()).is_none_or(|last| last.token() < link.token()));
+        self.0.push(link);
+    }
+
+    pub(super) fn get(&self, token: u64) -> Option<&LinkDriver> {
+        self.0.get(self.place(token)?)
+    }
+
+    pub(super) fn get_mut(&mut self, token: u64) -> Option<&mut LinkDriver> {
+        let place = self.place(token)?;
+        self.0.get_mut(place)
+    }
+
+    pub(super) fn remove(&mut self, token: u64) {
+        if let Some(place) = self.place(token) {
+            self.0.remove(place);
+        }
+    }
+
+    /// Removes all but these.
+    pub(super) fn retain(&mut self, keep: impl FnMut(&LinkDriver) -> bool) {
+        self.0.retain(keep);
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = &LinkDriver> {
+        self.0.iter()
+    }
+
+    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut LinkDriver> {
+        self.0.iter_mut()
+    }
+
+    /// The first link that may have a message, of those with a token greater than `after` and at
+    /// most `last`.
+    pub(super) fn ready_between(&mut self, after: u64, last: u64) -> Option<&mut LinkDriver> {
+        let first = self.0.partition_point(|link| link.token() <= after);
+        let mut links = self.0[first..].iter_mut();
+        links
+            .find(|link| link.token() > last || link.is_ready())
+            .filter(|link| link.token() <= last)
+    }
+
+    fn place(&self, token: u64) -> Option<usize> {
+        self.0
+            .binary_search_by_key(&token, |link| link.token())
+            .ok()
+    }
+}
