@@ -132,6 +132,7 @@ impl CounterPage {
     /// Starts a change of an entry, which ends when the result is dropped. Readers have to
     /// wait that long: do nothing else in between.
     //= SM2-CNT-005
+    #[inline]
     pub fn update(&mut self, entry: &CounterEntry) -> Update<'_> {
         let words = entry_words(self.mapping.words(), entry.0);
         Update {
@@ -148,6 +149,7 @@ impl AsFd for CounterPage {
 }
 
 /// The words of entry number `index` of a file, which has that many.
+#[inline]
 fn entry_words(file: &[AtomicU64], index: u32) -> &[AtomicU64; ENTRY_FIELDS] {
     // The header is as long as an entry.
     let first = (index as usize + 1) * ENTRY_FIELDS;
@@ -168,12 +170,14 @@ pub struct Update<'a> {
 //= SM2-CNT-004
 impl Update<'_> {
     /// A sending side: one more message (or call) of `len_bytes` was published `at` this moment.
+    #[inline]
     pub fn published(&mut self, at: Instant, len_bytes: u64) {
         self.count(at, len_bytes, at.0);
     }
 
     /// A receiving side: the application took one more message (or request) of `len_bytes`
     /// `at` this moment, which was `published` at that one.
+    #[inline]
     pub fn taken(&mut self, at: Instant, published: Instant, len_bytes: u64) {
         // What the other side says is published later than now was not delayed.
         let delay_ns = at.0.saturating_sub(published.0);
@@ -185,11 +189,13 @@ impl Update<'_> {
     }
 
     /// So many more messages were gone before the application saw them.
+    #[inline]
     pub fn lost(&mut self, messages: u64) {
         self.add(field::LOST, messages);
     }
 
     /// What became of a link's messages so far, on its sending side.
+    #[inline]
     pub fn fates(&mut self, fates: &Counters) {
         self.set(field::OFFERED, fates.offered);
         self.set(field::DELIVERED, fates.delivered);
@@ -200,6 +206,7 @@ impl Update<'_> {
         self.set(field::IN_FLIGHT, fates.in_flight);
     }
 
+    #[inline]
     fn count(&mut self, at: Instant, len_bytes: u64, recent: u64) {
         let message = self.add(field::MESSAGES, 1);
         self.add(field::BYTES, len_bytes);
@@ -208,16 +215,19 @@ impl Update<'_> {
     }
 
     /// Nobody else writes, so that reading and writing need not be one step.
+    #[inline]
     fn add(&mut self, field: usize, more: u64) -> u64 {
         let sum = self.get(field).wrapping_add(more);
         self.set(field, sum);
         sum
     }
 
+    #[inline]
     fn get(&self, field: usize) -> u64 {
         self.change.get(field)
     }
 
+    #[inline]
     fn set(&mut self, field: usize, value: u64) {
         self.change.set(field, value);
     }

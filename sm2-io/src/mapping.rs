@@ -63,6 +63,7 @@ impl Mapping {
 
     /// The length in bytes.
     #[must_use]
+    #[inline]
     pub const fn len(&self) -> usize {
         self.region.len
     }
@@ -77,6 +78,7 @@ impl Mapping {
     ///
     /// See the [module](self) for when these bytes can be trusted to stay.
     #[must_use]
+    #[inline]
     pub fn bytes(&self, start: u64, len: u64) -> Option<&[u8]> {
         let start = usize::try_from(start).ok()?;
         let end = start.checked_add(usize::try_from(len).ok()?)?;
@@ -103,6 +105,7 @@ impl Mapping {
 
     /// All bytes; the same as [`bytes`](Self::bytes) from 0 to the end.
     #[must_use]
+    #[inline]
     pub const fn as_slice(&self) -> &[u8] {
         // SAFETY: the region is `len` readable bytes and stays mapped while `self` is
         // borrowed. Nobody in this process writes through it (PROT_READ). That no other
@@ -114,6 +117,7 @@ impl Mapping {
     /// Where the mapping starts, for reads that make no claim on what other
     /// processes do (volatile, atomic). Dangling if the length is 0.
     #[must_use]
+    #[inline]
     pub const fn as_ptr(&self) -> *const u8 {
         self.region.start.as_ptr()
     }
@@ -211,10 +215,12 @@ impl MappingMut {
         self.region.advise(MmapAdvise::MADV_DONTFORK)
     }
 
+    #[inline]
     pub(crate) const fn as_ptr(&self) -> *mut u8 {
         self.region.start.as_ptr()
     }
 
+    #[inline]
     pub(crate) const fn len(&self) -> usize {
         self.region.len
     }

@@ -113,6 +113,7 @@ impl Segment {
 
     /// The distance from one slot to the next, in bytes; a slot's length.
     #[must_use]
+    #[inline]
     pub const fn stride_bytes(&self) -> usize {
         self.stride
     }
@@ -136,6 +137,7 @@ impl Segment {
     ///
     /// If there is no such slot.
     #[must_use]
+    #[inline]
     pub fn slot_ptr(&self, index: u32) -> *mut u8 {
         assert!(
             index < self.slots,
@@ -164,6 +166,7 @@ impl Segment {
         clippy::mut_from_ref,
         reason = "the caller guarantees that the slot is not shared"
     )]
+    #[inline]
     pub unsafe fn slot_mut(&self, index: u32, len: usize) -> &mut [u8] {
         self.check_len(len);
         // SAFETY: `slot_ptr` is valid for a stride, and `len` is at most that; the borrow of
@@ -182,12 +185,14 @@ impl Segment {
     ///
     /// If there is no such slot, or `len` is more than a slot has.
     #[must_use]
+    #[inline]
     pub unsafe fn slot(&self, index: u32, len: usize) -> &[u8] {
         self.check_len(len);
         // SAFETY: as in `slot_mut`; that nobody writes is the caller's promise.
         unsafe { std::slice::from_raw_parts(self.slot_ptr(index), len) }
     }
 
+    #[inline]
     fn check_len(&self, len: usize) {
         let stride = self.stride;
         assert!(len <= stride, "{len} bytes of a slot of {stride} bytes");

@@ -48,12 +48,14 @@ impl Segment {
 impl Slot {
     /// The slot's number in its segment.
     #[must_use]
+    #[inline]
     pub const fn index(&self) -> u32 {
         self.index
     }
 
     /// The slot's length in bytes.
     #[must_use]
+    #[inline]
     pub fn len_bytes(&self) -> usize {
         self.segment.stride_bytes()
     }
@@ -74,6 +76,7 @@ impl Slot {
     ///
     /// If the slot is shorter.
     #[must_use]
+    #[inline]
     pub fn bytes(&self, len: usize) -> &[u8] {
         // SAFETY: `split` took the segment by value and made one `Slot` for each number, which
         // cannot be cloned; nothing else calls `slot_mut` on it. A writer needs `&mut` of this
@@ -87,6 +90,7 @@ impl Slot {
     ///
     /// If the slot is shorter.
     #[must_use]
+    #[inline]
     pub fn bytes_mut(&mut self, len: usize) -> &mut [u8] {
         // SAFETY: as in `bytes`, and `self` is borrowed exclusively: no other reference to this
         // slot's bytes exists in this process. That no receiver holds the slot is the protocol's

@@ -23,6 +23,7 @@ impl<'a, const N: usize> Change<'a, N> {
     /// Starts a change. `turn` is that of the last change of any words that these ever were,
     /// and of no one else: what it becomes is the greatest that there was.
     //= SM2-CNT-005
+    #[inline]
     pub(super) fn begin(words: &'a [AtomicU64; N], turn: &'a mut u64) -> Self {
         // Odd, and greater than before, also if the last one was never dropped.
         *turn = (*turn + 1) | 1;
@@ -34,11 +35,13 @@ impl<'a, const N: usize> Change<'a, N> {
     }
 
     /// What stands there. Nobody else writes, so that it needs no order.
+    #[inline]
     pub(super) fn get(&self, index: usize) -> u64 {
         u64::from_le(self.words[index].load(Ordering::Relaxed))
     }
 
     /// Writes a word, if it is another.
+    #[inline]
     pub(super) fn set(&mut self, index: usize, value: u64) {
         if self.get(index) != value {
             self.words[index].store(value.to_le(), Ordering::Relaxed);
@@ -48,6 +51,7 @@ impl<'a, const N: usize> Change<'a, N> {
 
 impl<const N: usize> Drop for Change<'_, N> {
     //= SM2-CNT-005
+    #[inline]
     fn drop(&mut self) {
         *self.turn += 1;
         // Pairs with the first fence of a reader: one that sees this turn sees all words

@@ -141,6 +141,7 @@ impl Inbound {
     }
 
     /// The form of an attached segment.
+    #[inline]
     pub(super) fn geometry(&self, segment: u32) -> Option<Geometry> {
         self.segments.get(&segment).map(|it| it.geometry)
     }
@@ -344,6 +345,7 @@ impl Inbound {
     }
 
     /// How many messages the application has not taken.
+    #[inline]
     pub(super) fn ready(&self) -> usize {
         self.ready.len()
     }

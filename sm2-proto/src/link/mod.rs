@@ -384,24 +384,28 @@ impl Link {
 
     /// Whether both OPEN were exchanged, and RING where the link has one, and the link is not over.
     #[must_use]
+    #[inline]
     pub fn is_open(&self) -> bool {
         self.state == Ok(Phase::Open) && !self.is_ring_awaited()
     }
 
     /// Why the link is over, if it is.
     #[must_use]
+    #[inline]
     pub fn end(&self) -> Option<End> {
         self.state.err()
     }
 
     /// The terms of this end.
     #[must_use]
+    #[inline]
     pub const fn config(&self) -> &Config {
         &self.config
     }
 
     /// What became of the messages that this end was given to send.
     #[must_use]
+    #[inline]
     pub fn counters(&self) -> Counters {
         match &self.ring {
             Some(ring) => ring.counters(),
@@ -425,6 +429,7 @@ impl Link {
     /// Whether a deadline passed ([`Input::Skip`]) and the other end has
     /// released nothing since: such a link is not waited for (SM2-QOS-002).
     #[must_use]
+    #[inline]
     pub fn is_stalled(&self) -> bool {
         match &self.ring {
             Some(ring) => ring.sender().is_some_and(RingSender::is_stalled),
@@ -452,11 +457,13 @@ impl Link {
     /// How many messages the application has not taken. On the ring lane: see
     /// [`Link::ring_ready`].
     #[must_use]
+    #[inline]
     pub fn ready(&self) -> usize {
         self.inbound.ready()
     }
 
     /// What must hold between any two calls. Free in release.
+    #[inline]
     fn invariants(&self) {
         if cfg!(debug_assertions) {
             self.outbound.invariants();

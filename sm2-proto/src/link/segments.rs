@@ -98,22 +98,26 @@ impl Geometry {
     }
 
     /// The size of a slot, and the longest message that it holds.
+    #[inline]
     pub(super) const fn stride(self) -> u64 {
         self.stride
     }
 
     /// How many slots there are.
+    #[inline]
     pub(super) const fn slots(self) -> u32 {
         self.slots
     }
 
     /// The size of the whole segment.
+    #[inline]
     pub(super) const fn size_bytes(self) -> u64 {
         self.stride * self.slots as u64
     }
 
     /// Where a slot begins; the whole slot is within the segment.
     //= SM2-PAY-002
+    #[inline]
     pub(super) const fn offset(self, slot: u32) -> Option<u64> {
         if slot < self.slots {
             Some(self.stride * slot as u64)

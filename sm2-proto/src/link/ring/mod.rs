@@ -102,6 +102,7 @@ pub fn doorbell() -> Head {
 
 /// Whether the other end, which has this parked word, has to be woken after a word that was put.
 //= SM2-RNG-009
+#[inline]
 fn wants_bell(words: &impl Words, parked: At) -> bool {
     // Pairs with the fence of who parks: it sees our word when it looks again, or we see that it parked.
     words.fence();
@@ -330,6 +331,7 @@ impl Link {
 
     /// Whether the link's messages go through a ring, once it [is open](Self::is_open).
     #[must_use]
+    #[inline]
     pub const fn has_ring(&self) -> bool {
         self.ring.is_some()
     }

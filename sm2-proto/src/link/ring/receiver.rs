@@ -68,6 +68,7 @@ impl RingReceiver {
         }
     }
 
+    #[inline]
     pub(in crate::link) const fn layout(&self) -> RingLayout {
         self.layout
     }
@@ -80,6 +81,7 @@ impl RingReceiver {
     /// The message to look for. A sender that died while it made room left an empty word where
     /// its oldest message had been: those behind it are still there.
     //= SM2-RNG-011
+    #[inline]
     fn oldest(&self, words: &impl Words) -> u64 {
         if self.left.is_none() || !self.displaces {
             return self.next;
@@ -145,6 +147,7 @@ impl RingReceiver {
     /// Whether this is the word of the message that is expected. If the sender went round,
     /// another one is from here on.
     //= SM2-RNG-007
+    #[inline]
     fn is_expected(&mut self, word: Word) -> Result<bool, Violation> {
         let ahead = u64::from(word.sequence.wrapping_sub(self.next as u32));
         if ahead == 0 {
@@ -243,6 +246,7 @@ impl RingReceiver {
     }
 
     /// What must hold between any two calls.
+    #[inline]
     pub(in crate::link) fn invariants(&self) {
         debug_assert!(self.borrowed.len() <= usize::from(self.max_borrowed));
         debug_assert!(self.left.is_none_or(|left| left <= self.layout.depth()));

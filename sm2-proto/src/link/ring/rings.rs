@@ -52,6 +52,7 @@ impl Ring {
         matches!(self.outgoing, Some(Outgoing::Awaited { .. }))
     }
 
+    #[inline]
     pub(in crate::link) const fn sender(&self) -> Option<&RingSender> {
         match &self.outgoing {
             Some(Outgoing::Here(sender)) => Some(sender),
@@ -59,6 +60,7 @@ impl Ring {
         }
     }
 
+    #[inline]
     pub(super) const fn sender_mut(&mut self) -> Option<&mut RingSender> {
         match &mut self.outgoing {
             Some(Outgoing::Here(sender)) => Some(sender),
@@ -67,6 +69,7 @@ impl Ring {
     }
 
     /// What became of the messages, also of those that wait.
+    #[inline]
     pub(in crate::link) fn counters(&self) -> Counters {
         let waiting = self.waiting.len() as u64;
         let sent = self.sender().map(RingSender::counters).unwrap_or_default();
@@ -82,6 +85,7 @@ impl Ring {
     }
 
     /// What must hold between any two calls.
+    #[inline]
     pub(in crate::link) fn invariants(&self) {
         if let Some(sender) = self.sender() {
             sender.invariants();
@@ -100,11 +104,13 @@ impl Outgoing {
 }
 
 /// The sender of a link's outgoing ring, once it is there.
+#[inline]
 pub(in crate::link) fn sender_of(ring: &mut Option<Ring>) -> Option<&mut RingSender> {
     ring.as_mut()?.sender_mut()
 }
 
 /// The receiver of a link's incoming ring.
+#[inline]
 pub(in crate::link) fn receiver_of(ring: &mut Option<Ring>) -> Option<&mut RingReceiver> {
     ring.as_mut()?.incoming.as_mut()
 }

@@ -292,6 +292,7 @@ impl RingSender {
     }
 
     /// Notes a message that `check` has allowed.
+    #[inline]
     fn enter(&mut self, message: &RingMessage, sequence: u64) {
         self.sequence = sequence;
         self.last_id = Some(message.id);
@@ -310,6 +311,7 @@ impl RingSender {
 
     /// Whether the machine may be given this message, and its word.
     //= SM2-RNG-003, SM2-PAY-005, SM2-PAY-008
+    #[inline]
     fn check(&self, message: &RingMessage, sequence: u64) -> Result<Word, Misuse> {
         let RingMessage {
             segment: info,
@@ -441,6 +443,7 @@ impl RingSender {
         self.stalled = false;
     }
 
+    #[inline]
     pub(in crate::link) const fn is_stalled(&self) -> bool {
         self.stalled
     }
@@ -450,6 +453,7 @@ impl RingSender {
     }
 
     //= SM2-QOS-004
+    #[inline]
     pub(in crate::link) fn counters(&self) -> Counters {
         Counters {
             in_flight: u64::from(self.unreleased),
@@ -468,6 +472,7 @@ impl RingSender {
     }
 
     /// What must hold between any two calls.
+    #[inline]
     pub(in crate::link) fn invariants(&self) {
         if cfg!(debug_assertions) {
             let it = self.counters();

@@ -24,11 +24,13 @@ impl Borrowed {
         }
     }
 
+    #[inline]
     pub(super) const fn len(&self) -> usize {
         self.sequences.len()
     }
 
     /// Whether a message is where this word says.
+    #[inline]
     pub(super) fn is_at(&self, word: Word) -> bool {
         self.places.contains(&place(word))
     }
@@ -39,6 +41,7 @@ impl Borrowed {
     }
 
     /// The word of one more message; its sequence number is greater than those before.
+    #[inline]
     pub(super) fn push(&mut self, sequence: u64, word: Word) {
         debug_assert!(self.sequences.last().is_none_or(|last| *last < sequence));
         debug_assert_eq!(word.sequence, sequence as u32);
@@ -47,6 +50,7 @@ impl Borrowed {
     }
 
     /// Takes out the word of a message. None: it is not there.
+    #[inline]
     pub(super) fn remove(&mut self, sequence: u64) -> Option<Word> {
         let index = match self.sequences.first()? {
             first if *first == sequence => 0,
@@ -62,6 +66,7 @@ impl Borrowed {
     }
 }
 
+#[inline]
 const fn place(word: Word) -> u32 {
     (word.segment as u32) << 16 | word.slot as u32
 }
