@@ -266,7 +266,7 @@ impl<R: Message + ?Sized> Call<R> {
     fn look(&mut self, way: Wait, until: Option<Instant>) -> Result<Option<Reply<R>>, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let call = self.call;
-        let outcome = shared.wait_as(way, Topic::Interface(*id), until, |inner| {
+        let outcome = shared.wait_as(way, Topic::Interface(*id), until.into(), |inner| {
             self.handle.look(inner, |inner| {
                 let outcome = inner.with(*id, &shared.epoll, |interface, tools| {
                     interface.outcome(call, tools)

@@ -19,7 +19,7 @@ use sm2_proto::{Contract, Instant, InterfaceId, Name, Refusal, TypeId};
 use crate::domain::check_schema;
 use crate::driver::{
     Bell, Forms, Full, Inner, Interface, LinkStatus, Needs, NoSlot, Reserved, Shared, State, Taken,
-    Tools, Topic,
+    Tools, Topic, Until,
 };
 use crate::pool::Lease;
 use crate::stock;
@@ -167,7 +167,7 @@ impl Handle {
     pub(crate) fn receive(
         &self,
         way: Wait,
-        until: Option<Instant>,
+        until: Until,
         take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
         let epoll = &self.shared.epoll;

@@ -12,8 +12,8 @@ use sm2_proto::control::Peer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Interface, Shared};
-use crate::handle::{Handle, Receipt, Received, until};
+use crate::driver::{CallId, Interface, Shared, Until};
+use crate::handle::{Handle, Receipt, Received};
 use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
 use crate::{
     DeclareError, LinkStatus, Message, Near, QueryError, RecvError, ReplyError, StoreError, Wait,
@@ -48,7 +48,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     /// See [`RecvError`].
     pub fn recv(&self) -> Result<Request<Q, R>, RecvError> {
         loop {
-            if let Some(request) = self.take(None)? {
+            if let Some(request) = self.take(Until::Forever)? {
                 return Ok(request);
             }
         }
@@ -60,7 +60,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     ///
     /// See [`RecvError`].
     pub fn try_recv(&self) -> Result<Option<Request<Q, R>>, RecvError> {
-        self.take(Some(Instant(0)))
+        self.take(Until::NOW)
     }
 
     /// The next request; waits for it at most this long.
@@ -69,10 +69,10 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     ///
     /// See [`RecvError`].
     pub fn recv_timeout(&self, timeout: Duration) -> Result<Option<Request<Q, R>>, RecvError> {
-        self.take(until(Some(timeout)))
+        self.take(Until::In(timeout))
     }
 
-    fn take(&self, until: Option<Instant>) -> Result<Option<Request<Q, R>>, RecvError> {
+    fn take(&self, until: Until) -> Result<Option<Request<Q, R>>, RecvError> {
         let Some(received) = self
             .handle
             .receive(self.wait, until, Interface::take_request)?

@@ -5,10 +5,10 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::{Contract, Demand, Instant, Kind, TypeId};
+use sm2_proto::{Contract, Demand, Kind, TypeId};
 
-use crate::driver::{Interface, Shared};
-use crate::handle::{Handle, until};
+use crate::driver::{Interface, Shared, Until};
+use crate::handle::Handle;
 use crate::publisher::{checked_name, schema_of};
 use crate::{
     DeclareError, LinkStatus, Message, Near, QueryError, RecvError, Sample, Wait, WaitError,
@@ -39,7 +39,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
     /// See [`RecvError`].
     pub fn recv(&self) -> Result<Sample<T>, RecvError> {
         loop {
-            if let Some(sample) = self.take(None)? {
+            if let Some(sample) = self.take(Until::Forever)? {
                 return Ok(sample);
             }
         }
@@ -51,7 +51,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
     ///
     /// See [`RecvError`].
     pub fn try_recv(&self) -> Result<Option<Sample<T>>, RecvError> {
-        self.take(Some(Instant(0)))
+        self.take(Until::NOW)
     }
 
     /// The next message; waits for it at most this long.
@@ -60,10 +60,10 @@ impl<T: Message + ?Sized> Subscriber<T> {
     ///
     /// See [`RecvError`].
     pub fn recv_timeout(&self, timeout: Duration) -> Result<Option<Sample<T>>, RecvError> {
-        self.take(until(Some(timeout)))
+        self.take(Until::In(timeout))
     }
 
-    fn take(&self, until: Option<Instant>) -> Result<Option<Sample<T>>, RecvError> {
+    fn take(&self, until: Until) -> Result<Option<Sample<T>>, RecvError> {
         let received = self.handle.receive(self.wait, until, Interface::take)?;
         received.map(Sample::new).transpose()
     }
@@ -81,7 +81,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
         most: usize,
     ) -> Result<usize, RecvError> {
         let before = samples.len();
-        let taken = self.handle.take_many(Wait::Park, Some(Instant(0)), most)?;
+        let taken = self.handle.take_many(Wait::Park, Until::NOW, most)?;
         let mut failed = None;
         for received in self.handle.open_many(taken) {
             match received.and_then(Sample::new) {
@@ -109,7 +109,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
         most: usize,
         mut each: impl FnMut(Result<&Sample<T>, RecvError>),
     ) -> Result<usize, RecvError> {
-        let taken = self.handle.take_many(self.wait, until(timeout), most)?;
+        let taken = self.handle.take_many(self.wait, timeout.into(), most)?;
         let count = taken.len();
         self.handle
             .lend(taken, |received| match received.and_then(Sample::new) {

@@ -55,7 +55,7 @@ use self::session::Session;
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::take::{Full, Taken};
 use self::wait::Sleepers;
-pub(crate) use self::wait::{Bell, Topic};
+pub(crate) use self::wait::{Bell, Topic, Until};
 
 /// How many datagrams one socket is read at a time, so that no peer keeps a node busy.
 const BURST: usize = 32;

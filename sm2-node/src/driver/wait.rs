@@ -14,6 +14,7 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
+use std::time::Duration;
 
 use sm2_io::{Epoll, Interest, Waker, wait_readable};
 use sm2_proto::{Instant, InterfaceId};
@@ -31,6 +32,42 @@ pub(crate) enum Topic {
     Interface(InterfaceId),
     /// The session with the Manager.
     Session,
+}
+
+/// How long to wait.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Until {
+    /// As long as it takes.
+    Forever,
+    /// Not longer than to this moment.
+    At(Instant),
+    /// Not longer than this. Whoever waits reads the clock anyway: so that it is read once.
+    In(Duration),
+}
+
+impl Until {
+    /// The time is over already.
+    pub(crate) const NOW: Self = Self::At(Instant(0));
+
+    fn moment(self, now: Instant) -> Option<Instant> {
+        match self {
+            Self::Forever => None,
+            Self::At(moment) => Some(moment),
+            Self::In(time) => Some(now.after(time)),
+        }
+    }
+}
+
+impl From<Option<Instant>> for Until {
+    fn from(until: Option<Instant>) -> Self {
+        until.map_or(Self::Forever, Self::At)
+    }
+}
+
+impl From<Option<Duration>> for Until {
+    fn from(timeout: Option<Duration>) -> Self {
+        timeout.map_or(Self::Forever, Self::In)
+    }
 }
 
 /// All who sleep.
@@ -112,7 +149,7 @@ impl Shared {
         until: Option<Instant>,
         look: impl FnMut(&mut Inner) -> Option<T>,
     ) -> io::Result<Option<T>> {
-        self.wait_as(Wait::Park, topic, until, look)
+        self.wait_as(Wait::Park, topic, until.into(), look)
     }
 
     /// The same in another way than to sleep at once.
@@ -124,16 +161,17 @@ impl Shared {
         &self,
         way: Wait,
         topic: Topic,
-        until: Option<Instant>,
+        until: Until,
         mut look: impl FnMut(&mut Inner) -> Option<T>,
     ) -> io::Result<Option<T>> {
+        let mut now = sm2_io::clock::now();
+        let until = until.moment(now);
         let spin_until = match way {
             Wait::Park => Instant(0),
-            Wait::SpinThenPark(time) => sm2_io::clock::now().after(time),
+            Wait::SpinThenPark(time) => now.after(time),
             Wait::Spin => Instant(u64::MAX),
         };
         loop {
-            let now = sm2_io::clock::now();
             let mut inner = self.lock();
             let driven = inner.drive_if_due(now, &self.epoll);
             if let Some(found) = look(&mut inner) {
@@ -145,6 +183,7 @@ impl Shared {
                 for _ in 0..PAUSES {
                     std::hint::spin_loop();
                 }
+                now = sm2_io::clock::now();
                 continue;
             }
             // Nothing came by a ring: perhaps by a socket.
@@ -158,6 +197,7 @@ impl Shared {
                 return Ok(None);
             }
             if now < spin_until {
+                now = sm2_io::clock::now();
                 continue;
             }
             //= SM2-RNG-009
@@ -172,6 +212,7 @@ impl Shared {
             let waited = wait_readable(&fds, until.map(|until| until.since(now)));
             self.lock().sleepers.leave(&waker);
             waited?;
+            now = sm2_io::clock::now();
         }
     }
 }

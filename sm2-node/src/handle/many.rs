@@ -1,9 +1,7 @@
 //! Many messages at a time: one look, one lock, and one more to give them all back.
 
-use sm2_proto::Instant;
-
 use super::{Handle, Receipt, Received};
-use crate::driver::{Inner, Taken, Topic};
+use crate::driver::{Inner, Taken, Topic, Until};
 use crate::{RecvError, Wait};
 
 impl Handle {
@@ -12,7 +10,7 @@ impl Handle {
     pub(crate) fn take_many(
         &self,
         way: Wait,
-        until: Option<Instant>,
+        until: Until,
         most: usize,
     ) -> Result<Vec<Taken>, RecvError> {
         let mut all = Vec::new();
