@@ -31,7 +31,7 @@
 //!   `recvmsg` and `accept4` return. (Control messages are built and parsed in
 //!   safe code.)
 //! - `epoll`: `epoll_pwait2`.
-//! - `mapping`: `mmap`, `munmap`, `madvise`, `mlock`, slices over read-only mappings, and atomic words over
+//! - `mapping`: `mmap`, `munmap`, `madvise`, `mlock`, prefetching, slices over read-only mappings, and atomic words over
 //!   those that change.
 //! - `loan`: slices over a memfd that nobody else has.
 //! - `segment`: slots, whose exclusive use the caller promises.

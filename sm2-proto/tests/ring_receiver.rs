@@ -55,6 +55,27 @@ fn a_delivery_says_what_the_head_says() {
     assert_eq!(taken, Ok(None));
 }
 
+//= SM2-RNG-007 test
+#[test]
+fn a_peek_says_where_the_next_message_is_and_changes_nothing() {
+    let mut rig = Rig::open(false, 2, 1);
+    let peek = |rig: &Rig| rig.ends[RECEIVER].ring_peek(&rig.words);
+    assert_eq!(peek(&rig), None);
+    rig.send(1, 3).unwrap();
+    let before = rig.words.forward();
+    assert_eq!(peek(&rig), Some((0, 3 * 4096, 4096)));
+    assert_eq!(rig.words.forward(), before);
+    assert_eq!(rig.taken().id, 1);
+    assert_eq!(peek(&rig), None);
+    // What is not a word, or is in no slot, is nowhere; that it is wrong is said by who takes it.
+    let next = At::Forward(0);
+    for bits in [1, word(7, 0, 2), word(0, 60_000, 2)] {
+        rig.words.swap(next, bits);
+        assert_eq!(peek(&rig), None, "{bits:x}");
+    }
+    assert!(rig.ends[RECEIVER].end().is_none());
+}
+
 //= SM2-MSG-005, SM2-RNG-007 test
 #[test]
 fn the_application_holds_no_more_than_it_may() {

@@ -17,7 +17,7 @@
 //!
 //! | a receiver's driver | calls, with the incoming ring |
 //! | --- | --- |
-//! | for the next message | [`Link::ring_take`] |
+//! | for the next message | [`Link::ring_take`]; [`Link::ring_peek`] before it says what to prefetch |
 //! | when the application gives one back | [`Link::ring_release`] |
 //! | before it sleeps | [`Link::ring_park`], and looks again |
 //!
@@ -232,6 +232,17 @@ impl Link {
         });
         self.invariants();
         result
+    }
+
+    /// Where the next message seems to be: its segment, the offset of its slot and that one's
+    /// length in bytes. Nothing is checked but that there is such a slot, and nothing follows from it:
+    /// it is for who wants to tell the processor what is read next.
+    #[inline]
+    pub fn ring_peek(&self, words: &impl Words) -> Option<(u32, u64, u64)> {
+        let word = self.ring_receiver()?.peek(words)?;
+        let geometry = self.inbound.geometry(word.segment.into())?;
+        let offset = geometry.offset(word.slot.into())?;
+        Some((word.segment.into(), offset, geometry.stride()))
     }
 
     /// No datagram is there that could attach the segment of the message.

@@ -78,6 +78,12 @@ impl RingReceiver {
         self.left != Some(0) && words.load(self.layout.forward(self.oldest(words))) != EMPTY
     }
 
+    /// The word that stands where the next message is expected.
+    #[inline]
+    pub(in crate::link) fn peek(&self, words: &impl Words) -> Option<Word> {
+        Word::from_bits(words.load(self.layout.forward(self.next))).ok()?
+    }
+
     /// The message to look for. A sender that died while it made room left an empty word where
     /// its oldest message had been: those behind it are still there.
     //= SM2-RNG-011
