@@ -119,6 +119,14 @@ impl Handle {
         (self.shared.with(self.id, change)).expect("the interface lives as long as its handle")
     }
 
+    /// The same, but the node is driven only if it is time to, as long as all links have rings.
+    pub(crate) fn with_due<R>(
+        &self,
+        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+    ) -> R {
+        (self.shared.with_due(self.id, change)).expect("the interface lives as long as its handle")
+    }
+
     /// Changes the interface, without driving the node.
     pub(crate) fn with_idle<R>(
         &self,

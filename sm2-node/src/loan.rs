@@ -39,7 +39,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
     pub(crate) fn new(publisher: &'p Core, len: usize) -> Result<Self, StoreError> {
         let (needs, sealed) = publisher
             .handle
-            .with(|interface, _| (interface.needs(), interface.contract.sealed()));
+            .with_due(|interface, _| (interface.needs(), interface.contract.sealed()));
         let all_sealed = needs.sealed || (needs.nobody() && sealed);
         let memory = if needs.ring || (len > publisher.inline_max && (needs.pooled || !all_sealed))
         {
@@ -73,7 +73,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
         let needs = self
             .publisher
             .handle
-            .with_idle(|interface, _| interface.needs());
+            .with_due(|interface, _| interface.needs());
         let mut forms = Forms::default();
         match memory {
             Memory::Heap(buffer) => forms.inline = Some(Bytes::from_owner(buffer)),

@@ -234,7 +234,7 @@ impl Core {
 
     /// Sends a message to all who have room now. It has to be [finished](Self::finish).
     pub(crate) fn start(&self, bytes: Cow<'_, [u8]>) -> Result<Publication, PublishError> {
-        let needs = self.handle.with(|interface, _| interface.needs());
+        let needs = self.handle.with_due(|interface, _| interface.needs());
         let len = bytes.len() as u64;
         let ready = |len| self.ready(|stock, now| stock.for_copy(len, now));
         let forms = (self.handle).store_with(bytes, self.inline_max, needs, ready)?;
@@ -257,10 +257,9 @@ impl Core {
         stock::seal(ready, bytes)
     }
 
-    /// Publishes what a loan holds.
+    /// Publishes what a loan holds. Its caller drove the node.
     pub(crate) fn publish_forms(&self, forms: Forms, len: u64) -> Result<Published, PublishError> {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
-        drop(self.handle.shared.driven());
         let publication = self.offer(forms, len);
         self.wait_for_room(publication)
     }

@@ -176,6 +176,21 @@ impl Shared {
         self.driven().with(interface, &self.epoll, change)
     }
 
+    /// The same, but the node is driven only if it is time to, as long as all links have rings.
+    pub(crate) fn with_due<R>(
+        &self,
+        interface: InterfaceId,
+        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+    ) -> Option<R> {
+        let now = sm2_io::clock::now();
+        let mut inner = self.lock();
+        let driven = inner.drive_if_due(now, &self.epoll);
+        if !driven && !inner.has_rings_only(Topic::Interface(interface)) {
+            inner.drive(&self.epoll);
+        }
+        inner.with(interface, &self.epoll, change)
+    }
+
     /// The same without driving it.
     pub(crate) fn with_idle<R>(
         &self,

@@ -244,7 +244,7 @@ impl Inner {
 
     /// Whether all that is waited for comes by rings, so that sockets need a look only now and
     /// then.
-    fn has_rings_only(&self, topic: Topic) -> bool {
+    pub(super) fn has_rings_only(&self, topic: Topic) -> bool {
         match topic {
             Topic::Interface(id) => self.interfaces.get(&id).is_some_and(|interface| {
                 interface.open_links() > 0
