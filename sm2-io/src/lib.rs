@@ -31,8 +31,8 @@
 //!   `recvmsg` and `accept4` return. (Control messages are built and parsed in
 //!   safe code.)
 //! - `epoll`: `epoll_pwait2`.
-//! - `mapping`: `mmap`, `munmap`, `madvise`, `mlock`, prefetching, slices over read-only mappings, and atomic words over
-//!   those that change.
+//! - `mapping`: `mmap`, `munmap`, `madvise`, `mlock`, prefetching, slices over read-only and private
+//!   mappings, and atomic words over those that change.
 //! - `loan`: slices over a memfd that nobody else has.
 //! - `segment`: slots, whose exclusive use the caller promises.
 //! - `slots`: keeping that promise by ownership.
@@ -71,7 +71,7 @@ pub use counters::{CounterEntry, CounterPage, CounterView};
 pub use endpoint::{EndpointError, socket_path};
 pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
 pub use loan::SealedLoan;
-pub use mapping::Mapping;
+pub use mapping::{Mapping, Scratch};
 pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;

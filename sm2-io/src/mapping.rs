@@ -1,4 +1,4 @@
-//! Shared mappings of memfds.
+//! Shared mappings of memfds, and private memory.
 //!
 //! # What a reader may rely on
 //!
@@ -19,6 +19,7 @@
 
 use std::io;
 use std::num::NonZeroUsize;
+use std::ops::{Deref, DerefMut};
 use std::os::fd::BorrowedFd;
 use std::ptr::NonNull;
 
@@ -237,6 +238,53 @@ impl MappingMut {
     #[inline]
     pub(crate) const fn len(&self) -> usize {
         self.region.len
+    }
+}
+
+/// Private memory, all zero at first, of which only those pages exist that were written: room for what
+/// may be long and mostly is not. (An allocator clears what it had used before, and with that makes it
+/// exist.) Dereferences to its bytes.
+#[derive(Debug)]
+pub struct Scratch {
+    region: Region,
+}
+
+impl Scratch {
+    /// So many bytes.
+    ///
+    /// # Errors
+    ///
+    /// Whatever `mmap(2)` says: no memory, or `InvalidInput` for a length of 0.
+    pub fn new(len: usize) -> io::Result<Self> {
+        let size = NonZeroUsize::new(len).ok_or(io::ErrorKind::InvalidInput)?;
+        let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
+        // SAFETY: without MAP_FIXED the kernel chooses addresses that nothing uses.
+        let start = unsafe { mman::mmap_anonymous(None, size, prot, MapFlags::MAP_PRIVATE)? };
+        Ok(Self {
+            region: Region {
+                start: start.cast(),
+                len,
+                mapped: len,
+            },
+        })
+    }
+}
+
+impl Deref for Scratch {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        // SAFETY: the region is `len` readable bytes, zero or what was written there, and stays
+        // mapped while `self` is borrowed. It is private: nobody else writes, and who writes by
+        // `deref_mut` has borrowed `self` exclusively.
+        unsafe { std::slice::from_raw_parts(self.region.start.as_ptr(), self.region.len) }
+    }
+}
+
+impl DerefMut for Scratch {
+    fn deref_mut(&mut self) -> &mut [u8] {
+        // SAFETY: as in `deref`; the bytes are writable, and `self` is borrowed exclusively.
+        unsafe { std::slice::from_raw_parts_mut(self.region.start.as_ptr(), self.region.len) }
     }
 }
 

@@ -35,7 +35,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use sm2_io::{Epoll, Event, Events, Interest, SeqPacket};
+use sm2_io::{Epoll, Event, Events, Interest, Scratch, SeqPacket};
 use sm2_proto::limits::DATAGRAM_MAX;
 use sm2_proto::node::Input;
 use sm2_proto::{Farewell, Instant, InterfaceId, Name, TypeId};
@@ -97,7 +97,7 @@ pub(crate) struct Inner {
     /// Which interface a link belongs to, by the link's token.
     routes: HashMap<u64, InterfaceId>,
     last_token: u64,
-    buffer: Box<[u8]>,
+    buffer: Scratch,
     events: Events,
     ready: Vec<Event>,
     sleepers: Sleepers,
@@ -129,7 +129,7 @@ impl Shared {
             interfaces: BTreeMap::new(),
             routes: HashMap::new(),
             last_token: SESSION,
-            buffer: vec![0; DATAGRAM_MAX].into(),
+            buffer: Scratch::new(DATAGRAM_MAX)?,
             events: Events::with_capacity(SOCKETS),
             ready: Vec::with_capacity(SOCKETS),
             sleepers: Sleepers::new()?,
