@@ -287,6 +287,40 @@ fn a_message_is_taken_once() {
     assert_eq!(published(&tell(&mut hub, 1, message(5, 1, 0))), 1);
 }
 
+/// One that invents origins is remembered of only as long as they are in use.
+#[test]
+fn what_was_seen_is_forgotten_in_the_end() {
+    let mut hub = between();
+    for round in 0..40_000_u64 {
+        let [first, second, ..] = round.to_le_bytes();
+        let mut origin = hop(100);
+        origin.gateway.0[..2].copy_from_slice(&[first, second]);
+        let (offer, path) = (5 + round, vec![origin, hop(9)]);
+        let subject = topic("scan");
+        tell(
+            &mut hub,
+            1,
+            Event::Offered {
+                offer,
+                subject,
+                path,
+            },
+        );
+        let wanted = Event::Wanted {
+            offer: 2 + round,
+            depth: 1,
+        };
+        tell(&mut hub, 2, wanted);
+        assert_eq!(
+            published(&tell(&mut hub, 1, message(offer, 1, 0))),
+            1,
+            "{round}"
+        );
+        tell(&mut hub, 1, Event::Gone { offer });
+    }
+    assert!(hub.remembered() <= 16_384 + 1, "{}", hub.remembered());
+}
+
 fn request(call: u64, offer: u64) -> Event {
     Event::Request {
         call,

@@ -11,6 +11,9 @@ use sm2_proto::{
 use super::{Hub, LocalCommand, Output};
 use crate::peer::Command;
 
+/// Of so many subjects and origins it is remembered what came, at least.
+const SEEN_LEAST: usize = 16_384;
+
 /// What was numbered, and what was seen.
 #[derive(Debug, Default)]
 pub(super) struct Messages {
@@ -21,6 +24,10 @@ pub(super) struct Messages {
 }
 
 impl Messages {
+    pub(super) fn remembered(&self) -> usize {
+        self.seen.len()
+    }
+
     /// Whether it is newer than all that were taken from there.
     //= SM2-GWM-007
     fn is_new(&mut self, subject: &Subject, origin: Hop, sequence: u64) -> bool {
@@ -61,8 +68,17 @@ impl Hub {
         // It may have been on its way here when its offer went out of use.
         //= SM2-GWO-004
         //= SM2-GWR-004
-        let in_use = self.calls.routes.get(&(subject.clone(), origin.gateway));
-        if in_use != Some(&(peer, offer)) || !self.messages.is_new(&subject, origin, sequence) {
+        let key = (subject, origin.gateway);
+        if self.calls.routes.get(&key) != Some(&(peer, offer)) {
+            return;
+        }
+        if self.messages.seen.len() >= SEEN_LEAST && !self.messages.seen.contains_key(&key) {
+            // A peer is not to fill the memory with origins that it invents.
+            let routes = &self.calls.routes;
+            self.messages.seen.retain(|it, _| routes.contains_key(it));
+        }
+        let (subject, _) = key;
+        if !self.messages.is_new(&subject, origin, sequence) {
             return;
         }
         let age = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);

@@ -152,6 +152,12 @@ impl Hub {
         self.calls.open()
     }
 
+    /// Of how many subjects and origins it is remembered which message came last.
+    #[must_use]
+    pub fn remembered(&self) -> usize {
+        self.messages.remembered()
+    }
+
     /// The rules that are in force.
     #[must_use]
     pub const fn policy(&self) -> &Policy {
