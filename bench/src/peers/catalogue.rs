@@ -143,6 +143,11 @@ pub const PEERS: &[PeerInfo] = &[
         "seqpacket sockets; above 4 KiB they carry numbers of slots in shared memory",
     )),
     bare(peer(
+        "raw-sealed",
+        Family::Raw,
+        "a new memfd for each message: pwrite, seal, send, map",
+    )),
+    bare(peer(
         "raw-spin",
         Family::Raw,
         "shared memory, spinning on both sides",

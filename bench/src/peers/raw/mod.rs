@@ -6,9 +6,11 @@ use crate::job::{Domain, Topic};
 
 mod futex;
 mod region;
+mod sealed;
 mod seqpacket;
 mod shared;
 
+use sealed::{SealedReceiver, SealedSender};
 use seqpacket::{PacketReceiver, PacketSender};
 use shared::{SharedReceiver, SharedSender};
 
@@ -62,6 +64,10 @@ impl Peer for Raw {
     fn publisher(&self, topic: &Topic) -> Result<RawSender, PeerError> {
         let failed = PeerError::caused::<std::io::Error>("make the shared memory");
         let memory = self.file(topic, "memory");
+        if self.domain.peer == "raw-sealed" {
+            let sender = SealedSender::new(&self.file(topic, "sock"), topic);
+            return sender.map(RawSender::Sealed).map_err(failed);
+        }
         match self.waiting() {
             Some(waiting) => SharedSender::new(&memory, topic.max_len, waiting)
                 .map(RawSender::Shared)
@@ -80,6 +86,9 @@ impl Peer for Raw {
         let failed = PeerError::caused::<std::io::Error>("join the shared memory");
         let memory = self.file(topic, "memory");
         let end = match self.waiting() {
+            None if self.domain.peer == "raw-sealed" => {
+                SealedReceiver::new(&self.file(topic, "sock"), topic.max_len).map(End::Sealed)
+            }
             Some(waiting) => SharedReceiver::new(&memory, topic.max_len, waiting).map(End::Shared),
             None => PacketReceiver::new(&memory, &self.file(topic, "sock"), topic.max_len)
                 .map(End::Packet),
@@ -97,6 +106,8 @@ pub enum RawSender {
     Shared(SharedSender),
     /// Waits at sockets.
     Packet(PacketSender),
+    /// The same, and each message is a file of its own.
+    Sealed(SealedSender),
 }
 
 impl Publish for RawSender {
@@ -106,6 +117,9 @@ impl Publish for RawSender {
             Self::Packet(sender) => sender
                 .publish(len, write)
                 .map_err(PeerError::caused("send a packet")),
+            Self::Sealed(sender) => sender
+                .publish(len, write)
+                .map_err(PeerError::caused("send a file")),
         }
     }
 
@@ -113,6 +127,9 @@ impl Publish for RawSender {
         match self {
             Self::Shared(sender) => Ok(sender.matched()),
             Self::Packet(sender) => sender
+                .matched()
+                .map_err(PeerError::caused("accept a subscriber")),
+            Self::Sealed(sender) => sender
                 .matched()
                 .map_err(PeerError::caused("accept a subscriber")),
         }
@@ -128,6 +145,7 @@ pub struct RawReceiver<H> {
 enum End {
     Shared(SharedReceiver),
     Packet(PacketReceiver),
+    Sealed(SealedReceiver),
 }
 
 impl<H: Handler> Subscribe<H> for RawReceiver<H> {
@@ -140,6 +158,9 @@ impl<H: Handler> Subscribe<H> for RawReceiver<H> {
             End::Packet(end) => end
                 .pump(&mut self.handler, until_ns)
                 .map_err(PeerError::caused("receive a packet")),
+            End::Sealed(end) => end
+                .pump(&mut self.handler, until_ns)
+                .map_err(PeerError::caused("receive a file")),
         }
     }
 

@@ -34,9 +34,48 @@ const INLINE_BYTES: usize = 4_096;
 /// How long a subscriber sleeps before it looks at the clock.
 const LOOK: TimeVal = TimeVal::new(0, 200_000);
 
+/// Where subscribers knock.
+pub(super) struct Door(OwnedFd);
+
+impl Door {
+    pub(super) fn open(path: &Path) -> io::Result<Self> {
+        let listener = seqpacket()?;
+        bind(listener.as_raw_fd(), &UnixAddr::new(path)?)?;
+        listen(&listener, Backlog::new(64)?)?;
+        Ok(Self(listener))
+    }
+
+    /// Who waits there, if anybody does.
+    pub(super) fn accept(&self) -> io::Result<Option<OwnedFd>> {
+        if !readable(&self.0, 0)? {
+            return Ok(None);
+        }
+        let fd = accept4(self.0.as_raw_fd(), SockFlag::SOCK_CLOEXEC)?;
+        // SAFETY: the kernel has just made it, and nobody else knows its number.
+        Ok(Some(unsafe { std::os::fd::FromRawFd::from_raw_fd(fd) }))
+    }
+}
+
+/// Knocks at a door, as soon as there is one.
+pub(super) fn knock(path: &Path) -> io::Result<OwnedFd> {
+    let socket = seqpacket()?;
+    let address = UnixAddr::new(path)?;
+    let mut tries = 0;
+    // The publisher may be about to open it.
+    while let Err(error) = connect(socket.as_raw_fd(), &address) {
+        if !matches!(error, Errno::ENOENT | Errno::ECONNREFUSED) || tries > 10_000 {
+            return Err(error.into());
+        }
+        tries += 1;
+        thread::sleep(Duration::from_millis(1));
+    }
+    setsockopt(&socket, ReceiveTimeout, &LOOK)?;
+    Ok(socket)
+}
+
 /// Writes.
 pub struct PacketSender {
-    listener: OwnedFd,
+    door: Door,
     subscribers: Vec<Subscriber>,
     /// As long as there are fewer, the door is looked at with each message.
     expected: usize,
@@ -62,12 +101,9 @@ fn seqpacket() -> nix::Result<OwnedFd> {
 impl PacketSender {
     pub(super) fn new(memory: &Path, path: &Path, topic: &Topic) -> io::Result<Self> {
         let len = topic.max_len;
-        let listener = seqpacket()?;
-        bind(listener.as_raw_fd(), &UnixAddr::new(path)?)?;
-        listen(&listener, Backlog::new(64)?)?;
         let region = (len > INLINE_BYTES).then(|| Region::open(memory, len, slots(len)));
         Ok(Self {
-            listener,
+            door: Door::open(path)?,
             subscribers: Vec::new(),
             expected: topic.subscribers.max(1),
             region: region.transpose()?,
@@ -78,10 +114,7 @@ impl PacketSender {
 
     /// Lets in who waits at the door.
     pub(super) fn matched(&mut self) -> io::Result<usize> {
-        while readable(&self.listener, 0)? {
-            let fd = accept4(self.listener.as_raw_fd(), SockFlag::SOCK_CLOEXEC)?;
-            // SAFETY: the kernel has just made it, and nobody else knows its number.
-            let socket = unsafe { std::os::fd::FromRawFd::from_raw_fd(fd) };
+        while let Some(socket) = self.door.accept()? {
             self.subscribers.push(Subscriber {
                 socket,
                 consumed: self.published,
@@ -165,18 +198,7 @@ pub struct PacketReceiver {
 
 impl PacketReceiver {
     pub(super) fn new(memory: &Path, path: &Path, len: usize) -> io::Result<Self> {
-        let socket = seqpacket()?;
-        let address = UnixAddr::new(path)?;
-        let mut tries = 0;
-        // The publisher may be about to open the door.
-        while let Err(error) = connect(socket.as_raw_fd(), &address) {
-            if !matches!(error, Errno::ENOENT | Errno::ECONNREFUSED) || tries > 10_000 {
-                return Err(error.into());
-            }
-            tries += 1;
-            thread::sleep(Duration::from_millis(1));
-        }
-        setsockopt(&socket, ReceiveTimeout, &LOOK)?;
+        let socket = knock(path)?;
         let region = (len > INLINE_BYTES).then(|| Region::open(memory, len, slots(len)));
         Ok(Self {
             socket,
