@@ -121,13 +121,6 @@ impl Hub {
         self.outputs.pop_front()
     }
 
-    /// The greatest epoch of each peer that has a connection: an older process is stale.
-    #[must_use]
-    pub fn epochs(&self) -> BTreeMap<GatewayId, u64> {
-        let epochs = self.peers.iter().map(|(id, it)| (*id, it.epoch));
-        epochs.collect()
-    }
-
     /// Who is connected, and what goes to and fro.
     #[must_use]
     pub fn peers(&self) -> Vec<PeerStatus> {

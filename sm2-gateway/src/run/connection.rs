@@ -228,7 +228,7 @@ impl Task {
                 return;
             }
         }
-        let (rtt, _) = self.peer.path();
+        let rtt = self.peer.rtt();
         let report = ConnectionReport {
             counts: self.peer.counts(),
             rtt,
