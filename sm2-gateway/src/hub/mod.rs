@@ -151,12 +151,6 @@ impl Hub {
         self.messages.remembered()
     }
 
-    /// The rules that are in force.
-    #[must_use]
-    pub const fn policy(&self) -> &Policy {
-        &self.policy
-    }
-
     fn change(&mut self, policy: Policy) {
         self.policy = policy;
         let rules = self.policy.rules.clone();

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use bytes::Bytes;
-use quinn_proto::{Connection, Dir, StreamId, VarInt};
+use quinn_proto::{Connection, Dir, StreamId};
 use sm2_proto::{
     Instant,
     gateway::{Carried, Header, Outcome, StreamEnd, session::Input},
 };
 
 use super::{
-    Peer,
+    Peer, code_of,
     outgoing::{Outgoing, Written},
     stream_id, unreachable_call,
 };
@@ -47,17 +47,6 @@ impl Calls {
         self.tickets.remove(&id)
     }
 
-    /// Whatever comes, nobody reads it.
-    pub(super) fn abandon(&mut self, id: StreamId, connection: &mut Connection) -> Option<u64> {
-        let ticket = self.tickets.remove(&id)?;
-        let code = VarInt::from_u32(StreamEnd::Cancelled.code().0.into());
-        self.stop_writing(id);
-        // What is closed already needs neither.
-        let _ = connection.send_stream(id).reset(code);
-        let _ = connection.recv_stream(id).stop(code);
-        Some(ticket)
-    }
-
     /// Its stream is reset.
     pub(super) fn stop_writing(&mut self, id: StreamId) {
         self.writing.retain(|it| it.stream != id);
@@ -91,8 +80,7 @@ impl Peer {
         };
         let stream = id.into();
         if !self.session_takes(now, Input::Call { stream, offer }) {
-            let code = VarInt::from_u32(StreamEnd::Cancelled.code().0.into());
-            let _ = self.connection.send_stream(id).reset(code);
+            self.end_sending(id, code_of(StreamEnd::Cancelled.code()));
             return self.events.push_back(unreachable_call(ticket));
         }
         let left = deadline.map_or(0, |it| {
@@ -115,9 +103,17 @@ impl Peer {
         let found = self.calls.tickets.iter().find(|(_, it)| **it == ticket);
         if let Some((&id, _)) = found {
             self.session_takes(now, Input::Forget { stream: id.into() });
-            self.incoming.forget(id);
-            self.calls.abandon(id, &mut self.connection);
+            self.abandon(id);
         }
+    }
+
+    /// Whatever comes of a call of this side, nobody reads it. The caller's name for it.
+    pub(super) fn abandon(&mut self, id: StreamId) -> Option<u64> {
+        let ticket = self.calls.is_over(id)?;
+        let code = StreamEnd::Cancelled.code();
+        self.stop(id, code);
+        self.end_sending(id, code_of(code));
+        Some(ticket)
     }
 
     //= SM2-GWS-002

@@ -422,8 +422,7 @@ impl Peer {
                     self.reply(stream, Outcome::Unreachable, Bytes::new());
                 }
                 Output::CallFailed { stream } => {
-                    let id = stream_id(stream);
-                    if let Some(ticket) = self.calls.abandon(id, &mut self.connection) {
+                    if let Some(ticket) = self.abandon(stream_id(stream)) {
                         self.events.push_back(unreachable_call(ticket));
                     }
                 }
@@ -448,8 +447,7 @@ impl Peer {
         if !self.connection.is_closed() {
             let code = code.unwrap_or_else(|| PeerFarewell::Done.code());
             let text = Bytes::from(reason.to_string());
-            self.connection
-                .close(now.quic, VarInt::from_u32(code.0.into()), text);
+            self.connection.close(now.quic, code_of(code), text);
         }
         let failed = self.calls.end();
         self.events.extend(failed.map(unreachable_call));

@@ -2,8 +2,10 @@
 //! on, without a copy, until it has arrived.
 
 use bytes::Bytes;
-use quinn_proto::{Connection, StreamId, VarInt, WriteError};
+use quinn_proto::{Connection, StreamId, WriteError};
 use sm2_proto::gateway::{Header, StreamEnd};
+
+use super::code_of;
 
 /// A header and a payload on their way into a stream.
 #[derive(Debug)]
@@ -50,8 +52,9 @@ impl Outgoing {
 
     /// The other side is not to wait for the rest.
     pub(super) fn reset(&self, connection: &mut Connection, end: StreamEnd) {
-        let code = VarInt::from_u32(end.code().0.into());
         // One that is closed already needs none.
-        let _ = connection.send_stream(self.stream).reset(code);
+        let _ = connection
+            .send_stream(self.stream)
+            .reset(code_of(end.code()));
     }
 }

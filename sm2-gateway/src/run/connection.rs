@@ -9,13 +9,10 @@ use std::{
 
 use quinn_proto::{Connection, ConnectionEvent, ConnectionHandle, EndpointEvent};
 use sm2_io::quic::Socket;
-use sm2_proto::gateway::GatewayId;
-use tokio::{
-    sync::mpsc::{self, error::TrySendError},
-    time::{Instant, sleep_until},
-};
+use sm2_proto::{Instant, gateway::GatewayId};
+use tokio::sync::mpsc::{self, error::TrySendError};
 
-use super::{Message, NetworkMessage};
+use super::{Message, NetworkMessage, sleep_to};
 use crate::{
     clock::Clock,
     peer::{Command, Counts, Event, Limits, Me, Peer},
@@ -142,24 +139,11 @@ impl Task {
         let mut buffer = Vec::new();
         loop {
             self.settle(&mut buffer).await;
-            if self.peer.is_drained() || self.has_ended.is_some_and(|it| it.elapsed() >= DRAIN) {
+            if self.peer.is_drained() || self.has_drained() {
                 break;
             }
-            let now = sm2_io::clock::now();
-            let deadline = self
-                .peer
-                .deadline()
-                .map(|it| Instant::now() + it.since(now));
-            let deadline = deadline
-                .into_iter()
-                .chain(self.has_ended.map(|it| it + DRAIN))
-                .min();
-            let wait = async {
-                match deadline {
-                    Some(deadline) => sleep_until(deadline).await,
-                    None => std::future::pending().await,
-                }
-            };
+            let drained = self.has_ended.map(|it| it.after(DRAIN));
+            let wait = sleep_to(self.peer.deadline().into_iter().chain(drained).min());
             tokio::select! {
                 biased;
                 Some(event) = inbox.endpoint.recv() => self.event(event),
@@ -184,6 +168,11 @@ impl Task {
         }
     }
 
+    fn has_drained(&self) -> bool {
+        let ended = self.has_ended;
+        ended.is_some_and(|it| sm2_io::clock::now().since(it) >= DRAIN)
+    }
+
     fn event(&mut self, event: ConnectionEvent) {
         self.peer.handle_event(self.shared.clock.now(), event);
     }
@@ -203,7 +192,7 @@ impl Task {
         while let Some(event) = self.peer.poll() {
             if let Event::Ended(reason) = &event {
                 tracing::info!(address = %self.peer.address(), "{reason}");
-                self.has_ended = Some(Instant::now());
+                self.has_ended = Some(sm2_io::clock::now());
                 if let Some(peer) = self.dialled {
                     let _ = self.shared.network.send(NetworkMessage::Failed { peer });
                 }

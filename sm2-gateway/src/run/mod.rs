@@ -27,7 +27,7 @@ use std::{
 
 use sm2_io::quic::{Endpoint, Socket, Trusted};
 use sm2_proto::{
-    Name,
+    Instant, Name,
     gateway::{GatewayId, Hop, PeerFarewell, Subject},
 };
 use tokio::sync::{mpsc, oneshot, watch};
@@ -277,6 +277,14 @@ fn label(subject: &Subject) -> String {
     match subject {
         Subject::Topic { name, .. } => format!("topic {name}"),
         Subject::Service { name, .. } => format!("service {name}"),
+    }
+}
+
+/// Waits until then; without a moment, for ever.
+async fn sleep_to(at: Option<Instant>) {
+    match at {
+        Some(at) => tokio::time::sleep(at.since(sm2_io::clock::now())).await,
+        None => std::future::pending().await,
     }
 }
 

@@ -8,15 +8,13 @@ use sm2_proto::gateway::{
     Beacon, GatewayId,
     discovery::{Discovery, Input, Output},
 };
-use tokio::{
-    sync::mpsc,
-    time::{Instant, sleep_until},
-};
+use tokio::sync::mpsc;
 
 use super::{
     Message, NetworkMessage,
     beacons::Beacons,
     connection::{Senders, Shared, Task, channels},
+    sleep_to,
 };
 use crate::config::PeerConfig;
 
@@ -68,15 +66,7 @@ impl Network {
         let mut beacon = vec![0; 512];
         loop {
             self.discover().await;
-            let now = sm2_io::clock::now();
-            let deadline = self.discovery.deadline();
-            let deadline = deadline.map(|it| Instant::now() + it.since(now));
-            let wait = async {
-                match deadline {
-                    Some(deadline) => sleep_until(deadline).await,
-                    None => std::future::pending().await,
-                }
-            };
+            let wait = sleep_to(self.discovery.deadline());
             tokio::select! {
                 received = shared.socket.recv(&mut batch) => {
                     received?;

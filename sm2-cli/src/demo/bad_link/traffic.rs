@@ -46,7 +46,7 @@ pub(super) struct Seen {
 /// What a subscriber has seen so far.
 pub(super) type Log = Arc<Mutex<Vec<Seen>>>;
 
-/// Publishes until all is over; how long `publish` took each time.
+/// Publishes until all is over.
 pub(super) fn publish(
     node: Node,
     shared: Arc<Shared>,
