@@ -59,9 +59,10 @@ impl Calls {
         std::mem::take(&mut self.tickets).into_values()
     }
 
-    pub(super) fn write(&mut self, connection: &mut Connection) {
+    /// Writes what there is `room` for, in bytes.
+    pub(super) fn write(&mut self, connection: &mut Connection, room: &mut usize) {
         self.writing
-            .retain_mut(|outgoing| outgoing.write(connection) == Written::Part);
+            .retain_mut(|outgoing| outgoing.write(connection, room) == Written::Part);
     }
 }
 

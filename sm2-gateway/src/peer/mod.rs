@@ -5,6 +5,7 @@
 //! happened from [`poll`](Peer::poll). What it does with a peer that breaks the rules is in
 //! `sm2_proto::gateway`; here is only how streams carry it.
 
+mod ahead;
 mod calls;
 mod incoming;
 mod outgoing;
@@ -32,7 +33,7 @@ use sm2_proto::{
 };
 
 pub use self::words::{Command, Counts, Event, Held, Reason};
-use self::{calls::Calls, incoming::Incoming, topics::Topics};
+use self::{ahead::Ahead, calls::Calls, incoming::Incoming, topics::Topics};
 use crate::clock::{Clock, Now};
 
 /// How much of the control stream waits for a peer that does not read it.
@@ -84,6 +85,7 @@ pub struct Peer {
     incoming: Incoming,
     topics: Topics,
     calls: Calls,
+    ahead: Ahead,
     counts: Counts,
     events: VecDeque<Event>,
     is_over: bool,
@@ -112,6 +114,7 @@ impl Peer {
             incoming: Incoming::default(),
             topics: Topics::default(),
             calls: Calls::default(),
+            ahead: Ahead::default(),
             counts: Counts::default(),
             events: VecDeque::new(),
             is_over: false,
@@ -206,8 +209,29 @@ impl Peer {
         max_datagrams: usize,
         buffer: &mut Vec<u8>,
     ) -> Option<Transmit> {
-        self.connection
-            .poll_transmit(now.quic, max_datagrams, buffer)
+        loop {
+            let next = (self.connection).poll_transmit(now.quic, max_datagrams, buffer);
+            if let Some(transmit) = &next {
+                self.ahead.sent(transmit);
+                return next;
+            }
+            if !self.write(now) {
+                return None;
+            }
+        }
+    }
+
+    /// Gives QUIC a little more than it can send at once; whether anything.
+    fn write(&mut self, now: Now) -> bool {
+        if self.is_over {
+            return false;
+        }
+        let had = self.ahead.room(&self.connection);
+        let mut room = had;
+        self.calls.write(&mut self.connection, &mut room);
+        (self.topics).write(now.at, &mut self.connection, &mut room, &mut self.counts);
+        self.ahead.wrote(had - room);
+        room < had
     }
 
     /// What the endpoint is to be told.
@@ -301,16 +325,6 @@ impl Peer {
             return;
         }
         self.write_control(now);
-        let window = self.connection.congestion_state().window();
-        // What QUIC has and has not sent yet cannot be overtaken any more: little of it. Its window is
-        // counted from the first byte that did not arrive, and one that was lost takes two more
-        // round trips.
-        let ahead = u64::from(self.connection.current_mtu()) * 16;
-        let send_window = window.saturating_mul(3).saturating_add(ahead);
-        self.connection.set_send_window(send_window);
-        self.calls.write(&mut self.connection);
-        self.topics
-            .write(now.at, &mut self.connection, &mut self.counts);
         self.drain_session(now);
     }
 

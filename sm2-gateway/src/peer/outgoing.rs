@@ -1,7 +1,7 @@
 //! Payloads that go: each is written as far as QUIC takes it, and its memory is QUIC's from then
 //! on, without a copy, until it has arrived.
 
-use bytes::Bytes;
+use bytes::{Buf, Bytes};
 use quinn_proto::{Connection, StreamId, WriteError};
 use sm2_proto::gateway::{Header, StreamEnd};
 
@@ -34,12 +34,19 @@ impl Outgoing {
         }
     }
 
-    pub(super) fn write(&mut self, connection: &mut Connection) -> Written {
+    /// Writes no more than there is `room` for, in bytes, which it takes.
+    pub(super) fn write(&mut self, connection: &mut Connection, room: &mut usize) -> Written {
         let mut stream = connection.send_stream(self.stream);
-        while self.rest.iter().any(|it| !it.is_empty()) {
-            match stream.write_chunks(&mut self.rest) {
-                // What was taken is no longer in `rest`.
-                Ok(_) => {}
+        while let Some(next) = self.rest.iter_mut().find(|it| !it.is_empty()) {
+            if *room == 0 {
+                return Written::Part;
+            }
+            let mut piece = next.slice(..next.len().min(*room));
+            match stream.write_chunks(std::slice::from_mut(&mut piece)) {
+                Ok(written) => {
+                    next.advance(written.bytes);
+                    *room -= written.bytes;
+                }
                 Err(WriteError::Blocked) => return Written::Part,
                 Err(WriteError::Stopped(_) | WriteError::ClosedStream) => return Written::Stopped,
             }

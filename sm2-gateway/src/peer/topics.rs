@@ -120,11 +120,17 @@ impl Topics {
         is_wanted
     }
 
-    /// Writes what there is room for: the message whose turn it is first.
-    pub(super) fn write(&mut self, now: Instant, connection: &mut Connection, counts: &mut Counts) {
+    /// Writes what there is `room` for, in bytes: the message whose turn it is first.
+    pub(super) fn write(
+        &mut self,
+        now: Instant,
+        connection: &mut Connection,
+        room: &mut usize,
+        counts: &mut Counts,
+    ) {
         loop {
             self.drain(connection, counts);
-            let Some(offer) = self.write_first(now, connection, counts) else {
+            let Some(offer) = self.write_first(now, connection, room, counts) else {
                 return;
             };
             let _ = self.schedule.handle(now, Input::Sent { offer });
@@ -136,6 +142,7 @@ impl Topics {
         &mut self,
         now: Instant,
         connection: &mut Connection,
+        room: &mut usize,
         counts: &mut Counts,
     ) -> Option<u64> {
         let order: Vec<u64> = self.schedule.order().collect();
@@ -147,8 +154,9 @@ impl Topics {
             let State::Writing(outgoing) = &mut making.state else {
                 continue;
             };
-            let written = outgoing.write(connection);
-            match written {
+            match outgoing.write(connection, room) {
+                // The peer takes no more of it, but perhaps of another.
+                Written::Part if *room > 0 => continue,
                 Written::Part => return None,
                 Written::All => counts.sent += 1,
                 Written::Stopped => {

@@ -138,12 +138,14 @@ impl Task {
     pub(super) async fn run(mut self, mut inbox: Inbox) {
         let mut buffer = Vec::new();
         loop {
-            self.settle(&mut buffer).await;
+            let has_more = self.settle(&mut buffer).await;
             if self.peer.is_drained() || self.has_drained() {
                 break;
             }
             let drained = self.has_ended.map(|it| it.after(DRAIN));
-            let wait = sleep_to(self.peer.deadline().into_iter().chain(drained).min());
+            let at_once = has_more.then(sm2_io::clock::now);
+            let deadlines = [self.peer.deadline(), drained, at_once];
+            let wait = sleep_to(deadlines.into_iter().flatten().min());
             tokio::select! {
                 biased;
                 Some(event) = inbox.endpoint.recv() => self.event(event),
@@ -187,8 +189,8 @@ impl Task {
         let _ = (self.shared.network).send(NetworkMessage::Endpoint { handle, event });
     }
 
-    /// Does what follows from what happened.
-    async fn settle(&mut self, buffer: &mut Vec<u8>) {
+    /// Does what follows from what happened; whether there may be more to be sent.
+    async fn settle(&mut self, buffer: &mut Vec<u8>) -> bool {
         while let Some(event) = self.peer.poll() {
             if let Event::Ended(reason) = &event {
                 tracing::info!(address = %self.peer.address(), "{reason}");
@@ -207,14 +209,15 @@ impl Task {
             self.tell_endpoint(event);
         }
         let segments = self.shared.socket.max_segments();
+        let mut has_more = true;
         for _ in 0..BURST {
             buffer.clear();
             let now = self.shared.clock.now();
-            let Some(transmit) = self.peer.poll_transmit(now, segments, buffer) else {
-                break;
-            };
+            let next = self.peer.poll_transmit(now, segments, buffer);
+            has_more = next.is_some();
+            let Some(transmit) = next else { break };
             if self.shared.socket.send(&transmit, buffer).await.is_err() {
-                return;
+                return false;
             }
         }
         let rtt = self.peer.rtt();
@@ -224,6 +227,7 @@ impl Task {
             address: self.peer.address(),
         };
         lock(&self.shared.reports).insert(self.number, report);
+        has_more
     }
 }
 

@@ -7,6 +7,7 @@
 mod congestion;
 mod endpoint;
 mod key;
+mod observed;
 mod socket;
 mod tls;
 mod transport;
@@ -15,6 +16,7 @@ pub use self::{
     congestion::SteadyConfig,
     endpoint::{Arrival, Endpoint, peer_of},
     key::{KeyError, SecretKey},
+    observed::idle_acks,
     socket::{Batch, Socket},
     tls::Trusted,
     transport::{ALPN, CALLS_MAX, Congestion, IDLE, KEEP_ALIVE},

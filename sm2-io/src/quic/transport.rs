@@ -4,11 +4,11 @@ use std::{sync::Arc, time::Duration};
 
 use quinn_proto::{
     IdleTimeout, TransportConfig, VarInt,
-    congestion::{BbrConfig, CubicConfig, NewRenoConfig},
+    congestion::{BbrConfig, ControllerFactory, CubicConfig, NewRenoConfig},
 };
 use sm2_proto::limits::MESSAGES_IN_THE_MAKING_MAX;
 
-use super::congestion::SteadyConfig;
+use super::{congestion::SteadyConfig, observed::ObservedConfig};
 
 /// The name of what is spoken (RFC 7301).
 //= SM2-GWC-002
@@ -53,15 +53,20 @@ pub(super) fn config(congestion: Congestion) -> Arc<TransportConfig> {
         .max_concurrent_uni_streams(VarInt::from_u32(messages))
         .stream_receive_window(VarInt::from_u32(STREAM_WINDOW_BYTES))
         .receive_window(VarInt::from_u32(WINDOW_BYTES))
-        // Whose bytes go first is decided by priorities alone.
-        .send_fairness(false);
+        // How much it is given at a time is decided by who gives it.
+        .send_window(WINDOW_BYTES.into())
+        // By priorities alone: without it a stream that has begun keeps those before it waiting.
+        .send_fairness(true);
     match congestion {
-        Congestion::Steady => config.congestion_controller_factory(Arc::new(SteadyConfig)),
-        Congestion::Bbr => config.congestion_controller_factory(Arc::new(BbrConfig::default())),
-        Congestion::Cubic => config.congestion_controller_factory(Arc::new(CubicConfig::default())),
-        Congestion::NewReno => {
-            config.congestion_controller_factory(Arc::new(NewRenoConfig::default()))
-        }
+        Congestion::Steady => observe(&mut config, SteadyConfig),
+        Congestion::Bbr => observe(&mut config, BbrConfig::default()),
+        Congestion::Cubic => observe(&mut config, CubicConfig::default()),
+        Congestion::NewReno => observe(&mut config, NewRenoConfig::default()),
     };
     Arc::new(config)
+}
+
+fn observe<F: ControllerFactory + Send + Sync + 'static>(config: &mut TransportConfig, factory: F) {
+    let observed = ObservedConfig(Arc::new(factory));
+    config.congestion_controller_factory(Arc::new(observed));
 }

@@ -1,0 +1,182 @@
+//! How old messages are when they come over a link that carries an eighth of what is published, in virtual
+//! time: the link of the paper's Fig. 2.
+
+#[path = "age/world.rs"]
+mod world;
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use sm2_gateway::{
+    hub::DEFAULT_TERMS,
+    peer::{Command, Event},
+};
+use sm2_io::quic::Congestion;
+use sm2_proto::{Instant, Name, TypeId, gateway::Subject};
+use world::{HEADERS_BYTES, Link, World};
+
+const PAPER: Link = Link {
+    rate_bit: 30.8e6,
+    loss_permille: 40,
+    delay: Duration::from_micros(7_500),
+    queue: Duration::from_millis(60),
+};
+/// What is published, in bytes, and how often.
+const IMAGE: Topic = Topic {
+    offer: 1,
+    len_bytes: 1_000_000,
+    period: Duration::from_nanos(33_333_333),
+};
+const POSE: Topic = Topic {
+    offer: 2,
+    len_bytes: 200,
+    period: Duration::from_millis(100),
+};
+/// The greatest part of a datagram that QUIC gives to a message: 1,452 bytes less headers (RFC 9000).
+const DATAGRAM_BYTES: f64 = 1_452.0;
+const QUIC_HEADERS_BYTES: f64 = 38.0;
+const LENGTH: Duration = Duration::from_secs(40);
+/// What comes before is not counted.
+const SETTLING: Duration = Duration::from_secs(3);
+
+struct Topic {
+    offer: u64,
+    len_bytes: usize,
+    period: Duration,
+}
+
+/// When each message of a topic was published, and how old they were when they came.
+#[derive(Default)]
+struct Log {
+    published: Vec<Instant>,
+    ages: Vec<Duration>,
+    last: Option<u64>,
+    overtaken: u64,
+}
+
+impl Log {
+    fn came(&mut self, now: Instant, sequence: u64, is_counted: bool) {
+        if self.last.is_some_and(|it| it >= sequence) {
+            // The hub passes on nothing that is older than what it had.
+            self.overtaken += 1;
+            return;
+        }
+        self.last = Some(sequence);
+        let published = self.published[usize::try_from(sequence).unwrap()];
+        if is_counted {
+            self.ages.push(now.since(published));
+        }
+    }
+
+    fn age(&self, percent: usize) -> Duration {
+        let mut ages = self.ages.clone();
+        ages.sort_unstable();
+        ages[(ages.len() * percent).div_ceil(100).max(1) - 1]
+    }
+}
+
+fn offer(world: &mut World, topic: &Topic) {
+    let name = Name::new(&format!("topic{}", topic.offer)).unwrap();
+    let command = Command::Offer {
+        offer: topic.offer,
+        subject: Subject::Topic {
+            data: TypeId {
+                name: name.clone(),
+                hash: 1,
+            },
+            name,
+            reliable: false,
+        },
+        path: vec![world.hop(0)],
+        terms: DEFAULT_TERMS,
+    };
+    world.command(0, command);
+}
+
+/// Both topics for so long, and how their messages came.
+fn run(link: Link, congestion: Congestion) -> (Log, Log) {
+    let mut world = World::new(link, congestion);
+    let begin = world.now;
+    let payloads = [&IMAGE, &POSE].map(|it| Bytes::from(vec![7; it.len_bytes]));
+    let mut logs = [Log::default(), Log::default()];
+    let mut next = [begin, begin];
+    let mut is_greeted = false;
+    while world.now < begin.after(LENGTH) {
+        let until = next[0].min(next[1]);
+        for (at, event) in world.step(until) {
+            match (at, event) {
+                (0, Event::Greeted { .. }) => {
+                    is_greeted = true;
+                    offer(&mut world, &IMAGE);
+                    offer(&mut world, &POSE);
+                }
+                (1, Event::Offered { offer, .. }) => {
+                    world.command(1, Command::Want { offer, depth: 1 });
+                }
+                (
+                    1,
+                    Event::Message {
+                        offer, sequence, ..
+                    },
+                ) => {
+                    let is_counted = world.now.since(begin) > SETTLING;
+                    let log = &mut logs[usize::try_from(offer - 1).unwrap()];
+                    log.came(world.now, sequence, is_counted);
+                }
+                (_, Event::Ended(reason)) => panic!("{reason}"),
+                _ => {}
+            }
+        }
+        for (index, topic) in [&IMAGE, &POSE].into_iter().enumerate() {
+            if world.now < next[index] {
+                continue;
+            }
+            next[index] = next[index].after(topic.period);
+            let log = &mut logs[index];
+            let command = Command::Message {
+                offer: topic.offer,
+                sequence: log.published.len() as u64,
+                published: world.now,
+                payload: payloads[index].clone(),
+            };
+            log.published.push(world.now);
+            world.command(0, command);
+        }
+    }
+    assert!(is_greeted);
+    let [image, pose] = logs;
+    (image, pose)
+}
+
+#[test]
+fn what_arrives_is_young() {
+    let datagram = DATAGRAM_BYTES + HEADERS_BYTES as f64;
+    let share = (DATAGRAM_BYTES - QUIC_HEADERS_BYTES) / datagram;
+    let carried = PAPER.rate_bit * share * (1.0 - PAPER.loss_permille as f64 / 1e3);
+    let transmission = Duration::from_secs_f64(8.0 * IMAGE.len_bytes as f64 / carried);
+    for congestion in [Congestion::Bbr, Congestion::Steady] {
+        let (image, pose) = run(PAPER, congestion);
+        let seconds = (LENGTH - SETTLING).as_secs_f64();
+        let goodput = image.ages.len() as f64 * 8.0 * IMAGE.len_bytes as f64 / seconds / carried;
+        println!(
+            "{congestion:?}: {:.1} % of what the link carries; a transmission takes {transmission:.0?}; \
+             age p50 {:.0?}, p99 {:.0?}; {} overtaken; of short messages p99 {:.0?}, {} of {} came",
+            100.0 * goodput,
+            image.age(50),
+            image.age(99),
+            image.overtaken,
+            pose.age(99),
+            pose.ages.len(),
+            seconds / POSE.period.as_secs_f64(),
+        );
+        if congestion != Congestion::Steady {
+            continue;
+        }
+        assert!(goodput >= 0.9);
+        assert!(image.age(50) <= transmission.mul_f64(1.25));
+        assert!(image.age(99) <= transmission * 2);
+        assert!(pose.age(99) < Duration::from_millis(150));
+        // Each one came, but for those that are on their way.
+        assert!(pose.ages.len() as f64 + 3.0 >= seconds / POSE.period.as_secs_f64());
+    }
+}

@@ -1,0 +1,103 @@
+//! A congestion controller, and how often its connection had nothing to send.
+//!
+//! QUIC does not say how much of what it was given has not been sent yet. It does tell its controller, with
+//! each acknowledgement, when that is nothing.
+
+use std::{any::Any, sync::Arc, time::Instant};
+
+use quinn_proto::{
+    Connection, RttEstimator,
+    congestion::{Controller, ControllerFactory, ControllerMetrics},
+};
+
+/// Makes controllers as `F` does, and observes them.
+pub(super) struct ObservedConfig<F>(pub(super) Arc<F>);
+
+impl<F: ControllerFactory + Send + Sync + 'static> ControllerFactory for ObservedConfig<F> {
+    fn build(self: Arc<Self>, now: Instant, current_mtu: u16) -> Box<dyn Controller> {
+        Box::new(Observed {
+            controller: Arc::clone(&self.0).build(now, current_mtu),
+            idle_acks: 0,
+        })
+    }
+}
+
+/// A controller that is observed.
+struct Observed {
+    controller: Box<dyn Controller>,
+    idle_acks: u64,
+}
+
+/// How many batches of acknowledgements came while all that the connection was given had been sent.
+#[must_use]
+pub fn idle_acks(connection: &Connection) -> u64 {
+    let controller = connection.congestion_state().clone_box().into_any();
+    controller
+        .downcast::<Observed>()
+        .map_or(0, |it| it.idle_acks)
+}
+
+impl Controller for Observed {
+    fn on_sent(&mut self, now: Instant, bytes: u64, last_packet_number: u64) {
+        self.controller.on_sent(now, bytes, last_packet_number);
+    }
+
+    fn on_ack(
+        &mut self,
+        now: Instant,
+        sent: Instant,
+        bytes: u64,
+        app_limited: bool,
+        rtt: &RttEstimator,
+    ) {
+        self.controller.on_ack(now, sent, bytes, app_limited, rtt);
+    }
+
+    fn on_end_acks(
+        &mut self,
+        now: Instant,
+        in_flight: u64,
+        app_limited: bool,
+        largest_packet_num_acked: Option<u64>,
+    ) {
+        self.idle_acks += u64::from(app_limited);
+        (self.controller).on_end_acks(now, in_flight, app_limited, largest_packet_num_acked);
+    }
+
+    fn on_congestion_event(
+        &mut self,
+        now: Instant,
+        sent: Instant,
+        is_persistent_congestion: bool,
+        lost_bytes: u64,
+    ) {
+        (self.controller).on_congestion_event(now, sent, is_persistent_congestion, lost_bytes);
+    }
+
+    fn on_mtu_update(&mut self, new_mtu: u16) {
+        self.controller.on_mtu_update(new_mtu);
+    }
+
+    fn window(&self) -> u64 {
+        self.controller.window()
+    }
+
+    fn metrics(&self) -> ControllerMetrics {
+        self.controller.metrics()
+    }
+
+    fn clone_box(&self) -> Box<dyn Controller> {
+        Box::new(Self {
+            controller: self.controller.clone_box(),
+            idle_acks: self.idle_acks,
+        })
+    }
+
+    fn initial_window(&self) -> u64 {
+        self.controller.initial_window()
+    }
+
+    fn into_any(self: Box<Self>) -> Box<dyn Any> {
+        self
+    }
+}
