@@ -16,6 +16,12 @@ const WINDOW_DIVISOR: u64 = 16;
 /// The headers of a datagram and of what is in it, in bytes: 36 to 44 (RFC 9000, 17.3 and 19.8).
 const HEADERS_BYTES: u64 = 44;
 
+/// Payloads up to this length are short: QUIC sends them before longer ones that it has already, so that
+/// they do not wait until it has less ahead.
+pub(super) const SHORT_BYTES: usize = 16 << 10;
+/// What it may have ahead of these beside.
+const SPARE_BYTES: usize = 16 << 10;
+
 /// What QUIC has ahead of one connection.
 #[derive(Debug, Default)]
 pub(super) struct Ahead {
@@ -26,8 +32,8 @@ pub(super) struct Ahead {
 }
 
 impl Ahead {
-    /// How many bytes can be written now.
-    pub(super) fn room(&mut self, connection: &Connection) -> usize {
+    /// How much can be written now.
+    pub(super) fn room(&mut self, connection: &Connection) -> Room {
         let lost_bytes = connection.stats().path.lost_bytes;
         self.unsent_bytes += lost_bytes.saturating_sub(self.lost_bytes);
         self.lost_bytes = lost_bytes;
@@ -38,12 +44,18 @@ impl Ahead {
         }
         let window = connection.congestion_state().window();
         let least = u64::from(connection.current_mtu()) * LEAST_DATAGRAMS;
-        let most = least + window / WINDOW_DIVISOR;
-        usize::try_from(most.saturating_sub(self.unsent_bytes)).unwrap_or(usize::MAX)
+        let most = least + window / WINDOW_DIVISOR + SPARE_BYTES as u64;
+        let left = most.saturating_sub(self.unsent_bytes);
+        Room {
+            left_bytes: usize::try_from(left).unwrap_or(usize::MAX),
+            taken_bytes: 0,
+        }
     }
 
-    pub(super) fn wrote(&mut self, len_bytes: usize) {
-        self.unsent_bytes += len_bytes as u64;
+    /// Whether anything was.
+    pub(super) const fn wrote(&mut self, room: &Room) -> bool {
+        self.unsent_bytes += room.taken_bytes as u64;
+        room.taken_bytes > 0
     }
 
     pub(super) fn sent(&mut self, transmit: &Transmit) {
@@ -52,5 +64,27 @@ impl Ahead {
             .map_or(1, |it| transmit.size.div_ceil(it));
         let carried = (transmit.size as u64).saturating_sub(datagrams as u64 * HEADERS_BYTES);
         self.unsent_bytes = self.unsent_bytes.saturating_sub(carried);
+    }
+}
+
+/// How much can be written.
+#[derive(Debug)]
+pub(super) struct Room {
+    left_bytes: usize,
+    taken_bytes: usize,
+}
+
+impl Room {
+    /// In bytes, of a payload of this length.
+    pub(super) fn left(&self, len_bytes: usize) -> usize {
+        match len_bytes {
+            ..=SHORT_BYTES => self.left_bytes,
+            _ => self.left_bytes.saturating_sub(SPARE_BYTES),
+        }
+    }
+
+    pub(super) fn take(&mut self, len_bytes: usize) {
+        self.left_bytes = self.left_bytes.saturating_sub(len_bytes);
+        self.taken_bytes += len_bytes;
     }
 }

@@ -10,7 +10,9 @@ use sm2_proto::{
 };
 
 use super::{
-    Peer, code_of,
+    Peer,
+    ahead::Room,
+    code_of,
     outgoing::{Outgoing, Written},
     stream_id, unreachable_call,
 };
@@ -59,10 +61,12 @@ impl Calls {
         std::mem::take(&mut self.tickets).into_values()
     }
 
-    /// Writes what there is `room` for, in bytes.
-    pub(super) fn write(&mut self, connection: &mut Connection, room: &mut usize) {
-        self.writing
-            .retain_mut(|outgoing| outgoing.write(connection, room) == Written::Part);
+    /// Writes what there is `room` for.
+    pub(super) fn write(&mut self, connection: &mut Connection, room: &mut Room) {
+        self.writing.retain_mut(|outgoing| {
+            let written = outgoing.write(connection, room);
+            matches!(written, Written::Part | Written::NoRoom)
+        });
     }
 }
 

@@ -12,6 +12,7 @@ mod outgoing;
 mod reading;
 mod topics;
 mod words;
+mod writing;
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -21,13 +22,13 @@ use std::{
 use bytes::Bytes;
 use quinn_proto::{
     Connection, ConnectionError, ConnectionEvent, Dir, EndpointEvent, Side, StreamEvent, StreamId,
-    Transmit, VarInt, WriteError,
+    Transmit, VarInt,
 };
 use sm2_io::quic::peer_of;
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
-        GatewayId, Header, Hop, Outcome, PeerFarewell, PeerViolation, StreamEnd,
+        GatewayId, Header, Hop, Outcome, PeerFarewell, PeerViolation, StreamEnd, Subject,
         session::{End, Input, Output, Session},
     },
 };
@@ -36,8 +37,6 @@ pub use self::words::{Command, Counts, Event, Held, Reason};
 use self::{ahead::Ahead, calls::Calls, incoming::Incoming, topics::Topics};
 use crate::clock::{Clock, Now};
 
-/// How much of the control stream waits for a peer that does not read it.
-const CONTROL_WAITING_MAX: usize = 1 << 20;
 /// A stream that carries nothing for so long is not read any more.
 const STUCK: Duration = Duration::from_secs(30);
 
@@ -221,19 +220,6 @@ impl Peer {
         }
     }
 
-    /// Gives QUIC a little more than it can send at once; whether anything.
-    fn write(&mut self, now: Now) -> bool {
-        if self.is_over {
-            return false;
-        }
-        let had = self.ahead.room(&self.connection);
-        let mut room = had;
-        self.calls.write(&mut self.connection, &mut room);
-        (self.topics).write(now.at, &mut self.connection, &mut room, &mut self.counts);
-        self.ahead.wrote(had - room);
-        room < had
-    }
-
     /// What the endpoint is to be told.
     pub fn poll_endpoint(&mut self) -> Option<EndpointEvent> {
         self.connection.poll_endpoint_events()
@@ -254,13 +240,14 @@ impl Peer {
                 path,
                 terms,
             } => {
+                let is_reliable = matches!(subject, Subject::Topic { reliable: true, .. });
                 let input = Input::Offer {
                     offer,
                     subject,
                     path,
                 };
                 if self.session_takes(now, input) {
-                    self.topics.terms(offer, terms);
+                    self.topics.terms(offer, terms, is_reliable);
                 }
             }
             Command::Unoffer { offer } => {
@@ -287,8 +274,10 @@ impl Peer {
                     sequence,
                     published,
                     payload,
+                    is_frequent: false,
                 };
-                self.counts.offered += u64::from(self.topics.offer(now.at, offer, message));
+                let is_wanted = (self.topics).offer(now.at, offer, message, self.connection.rtt());
+                self.counts.offered += u64::from(is_wanted);
             }
             Command::Call {
                 ticket,
@@ -467,29 +456,6 @@ impl Peer {
         self.events.extend(failed.map(unreachable_call));
         self.topics.end(&mut self.counts);
         self.events.push_back(Event::Ended(reason));
-    }
-
-    fn write_control(&mut self, now: Now) {
-        let Some(id) = self.control else { return };
-        let mut stream = self.connection.send_stream(id);
-        // Before all messages.
-        let _ = stream.set_priority(2);
-        while let Some(bytes) = self.control_out.front_mut() {
-            match stream.write_chunks(std::slice::from_mut(bytes)) {
-                Ok(_) if bytes.is_empty() => {
-                    self.control_out.pop_front();
-                }
-                Ok(_) | Err(WriteError::Blocked) => break,
-                Err(WriteError::Stopped(_) | WriteError::ClosedStream) => {
-                    self.session_takes(now, Input::Closed(None));
-                    return;
-                }
-            }
-        }
-        let waiting: usize = self.control_out.iter().map(Bytes::len).sum();
-        if waiting > CONTROL_WAITING_MAX {
-            self.session_takes(now, Input::Close(PeerFarewell::Stalled.code()));
-        }
     }
 }
 

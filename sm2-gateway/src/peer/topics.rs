@@ -1,9 +1,9 @@
 //! The messages for a peer, from the schedule to their streams.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Duration};
 
 use bytes::Bytes;
-use quinn_proto::{Connection, Dir};
+use quinn_proto::{Connection, Dir, SendDatagramError};
 use sm2_proto::{
     Instant,
     gateway::{
@@ -14,6 +14,7 @@ use sm2_proto::{
 
 use super::{
     Counts,
+    ahead::{Room, SHORT_BYTES},
     outgoing::{Outgoing, Written},
 };
 
@@ -21,8 +22,7 @@ use super::{
 #[derive(Debug, Default)]
 pub(super) struct Topics {
     schedule: Schedule,
-    /// How the messages of each offer go.
-    terms: BTreeMap<u64, Terms>,
+    offers: BTreeMap<u64, Offer>,
     /// Those that are not started, by their keys.
     waiting: BTreeMap<u64, (u64, Message)>,
     /// Those in the making, by their offers.
@@ -32,16 +32,26 @@ pub(super) struct Topics {
     started: i32,
 }
 
-/// Messages up to this length go before longer ones that QUIC has already.
-const SHORT_BYTES: usize = 16 << 10;
-/// The priority of their streams; of longer ones the earlier goes first, also with what was lost of it.
+/// The priority of the streams of short messages; of longer ones the earlier goes first, also with what was lost of it.
 const SHORT: i32 = 0;
+
+/// How the messages of an offer go.
+#[derive(Debug)]
+struct Offer {
+    terms: Terms,
+    is_reliable: bool,
+    /// When the last one was published.
+    last: Option<Instant>,
+}
 
 #[derive(Debug)]
 struct Making {
     key: u64,
     state: State,
 }
+
+/// What was lost is there, sent again, after so many round trips.
+const RESENT_ROUND_TRIPS: u32 = 2;
 
 #[derive(Debug)]
 enum State {
@@ -56,19 +66,26 @@ pub(super) struct Message {
     pub(super) sequence: u64,
     pub(super) published: Instant,
     pub(super) payload: Bytes,
+    /// Whether a newer one is there before this one, were it lost, could be sent again.
+    pub(super) is_frequent: bool,
 }
 
 impl Topics {
     /// How the messages of an offer will go.
-    pub(super) fn terms(&mut self, offer: u64, terms: Terms) {
-        self.terms.insert(offer, terms);
+    pub(super) fn terms(&mut self, offer: u64, terms: Terms, is_reliable: bool) {
+        let offered = Offer {
+            terms,
+            is_reliable,
+            last: None,
+        };
+        self.offers.insert(offer, offered);
     }
 
     pub(super) fn change(&mut self, now: Instant, offer: u64, terms: Terms) {
-        if let Some(it) = self.terms.get_mut(&offer) {
-            let depth = it.depth;
-            *it = Terms { depth, ..terms };
-            let terms = *it;
+        if let Some(it) = self.offers.get_mut(&offer) {
+            let depth = it.terms.depth;
+            it.terms = Terms { depth, ..terms };
+            let terms = it.terms;
             // An offer that nobody wants is not open.
             let _ = self.schedule.handle(now, Input::Change { offer, terms });
         }
@@ -76,9 +93,9 @@ impl Topics {
 
     /// The peer wants it.
     pub(super) fn wanted(&mut self, now: Instant, offer: u64, depth: u16) {
-        if let Some(terms) = self.terms.get_mut(&offer) {
-            terms.depth = depth;
-            let terms = *terms;
+        if let Some(it) = self.offers.get_mut(&offer) {
+            it.terms.depth = depth;
+            let terms = it.terms;
             let _ = self.schedule.handle(now, Input::Open { offer, terms });
         }
     }
@@ -89,7 +106,7 @@ impl Topics {
 
     pub(super) fn forget(&mut self, now: Instant, offer: u64) {
         self.unwanted(now, offer);
-        self.terms.remove(&offer);
+        self.offers.remove(&offer);
     }
 
     pub(super) fn tick(&mut self, now: Instant) {
@@ -100,8 +117,19 @@ impl Topics {
         self.schedule.deadline()
     }
 
-    /// Whether anybody wants it.
-    pub(super) fn offer(&mut self, now: Instant, offer: u64, message: Message) -> bool {
+    /// Whether anybody wants it. `rtt`: how long the way takes there and back.
+    pub(super) fn offer(
+        &mut self,
+        now: Instant,
+        offer: u64,
+        mut message: Message,
+        rtt: Duration,
+    ) -> bool {
+        if let Some(it) = self.offers.get_mut(&offer) {
+            let last = it.last.replace(message.published);
+            let is_soon = |last| message.published.since(last) < rtt * RESENT_ROUND_TRIPS;
+            message.is_frequent = !it.is_reliable && last.is_some_and(is_soon);
+        }
         let key = self.last_key + 1;
         let entry = schedule::Message {
             key,
@@ -120,12 +148,12 @@ impl Topics {
         is_wanted
     }
 
-    /// Writes what there is `room` for, in bytes: the message whose turn it is first.
+    /// Writes what there is `room` for: the message whose turn it is first.
     pub(super) fn write(
         &mut self,
         now: Instant,
         connection: &mut Connection,
-        room: &mut usize,
+        room: &mut Room,
         counts: &mut Counts,
     ) {
         loop {
@@ -142,7 +170,7 @@ impl Topics {
         &mut self,
         now: Instant,
         connection: &mut Connection,
-        room: &mut usize,
+        room: &mut Room,
         counts: &mut Counts,
     ) -> Option<u64> {
         let order: Vec<u64> = self.schedule.order().collect();
@@ -150,19 +178,12 @@ impl Topics {
             let Some(making) = self.making.get_mut(&offer) else {
                 continue;
             };
-            making.open(offer, now, connection, &mut self.started);
-            let State::Writing(outgoing) = &mut making.state else {
-                continue;
-            };
-            match outgoing.write(connection, room) {
+            match making.write(offer, now, connection, room, &mut self.started) {
                 // The peer takes no more of it, but perhaps of another.
-                Written::Part if *room > 0 => continue,
-                Written::Part => return None,
+                Written::Part => continue,
+                Written::NoRoom => return None,
                 Written::All => counts.sent += 1,
-                Written::Stopped => {
-                    counts.withdrawn += 1;
-                    outgoing.reset(connection, StreamEnd::Withdrawn);
-                }
+                Written::Stopped => counts.withdrawn += 1,
             }
             self.making.remove(&offer);
             return Some(offer);
@@ -213,6 +234,35 @@ impl Topics {
 }
 
 impl Making {
+    fn write(
+        &mut self,
+        offer: u64,
+        now: Instant,
+        connection: &mut Connection,
+        room: &mut Room,
+        started: &mut i32,
+    ) -> Written {
+        if let State::NoStream(message) = &self.state {
+            if room.left(message.payload.len()) == 0 {
+                return Written::NoRoom;
+            }
+            if message.is_frequent
+                && let Some(written) = message.send_datagram(offer, now, connection, room)
+            {
+                return written;
+            }
+        }
+        self.open(offer, now, connection, started);
+        let State::Writing(outgoing) = &mut self.state else {
+            return Written::Part;
+        };
+        let written = outgoing.write(connection, room);
+        if written == Written::Stopped {
+            outgoing.reset(connection, StreamEnd::Withdrawn);
+        }
+        written
+    }
+
     /// Opens the stream, as late as can be.
     fn open(&mut self, offer: u64, now: Instant, connection: &mut Connection, started: &mut i32) {
         let State::NoStream(message) = &self.state else {
@@ -230,16 +280,47 @@ impl Making {
         };
         // It was opened just now.
         let _ = connection.send_stream(stream).set_priority(priority);
-        let age = now.since(message.published).as_nanos();
-        let header = Header {
+        let header = message.header(offer, now);
+        let outgoing = Outgoing::new(stream, &header, message.payload.clone());
+        self.state = State::Writing(outgoing);
+    }
+}
+
+impl Message {
+    fn header(&self, offer: u64, now: Instant) -> Header {
+        let age = now.since(self.published).as_nanos();
+        Header {
             carried: Carried::Message {
-                sequence: message.sequence,
+                sequence: self.sequence,
                 age_ns: u64::try_from(age).unwrap_or(u64::MAX),
             },
             offer,
-            len: message.payload.len() as u64,
-        };
-        let outgoing = Outgoing::new(stream, &header, message.payload.clone());
-        self.state = State::Writing(outgoing);
+            len: self.payload.len() as u64,
+        }
+    }
+
+    /// Sends it without a stream, if it is short enough.
+    //= SM2-GWM-003
+    fn send_datagram(
+        &self,
+        offer: u64,
+        now: Instant,
+        connection: &mut Connection,
+        room: &mut Room,
+    ) -> Option<Written> {
+        let head = self.header(offer, now).to_bytes();
+        let len_bytes = head.len() + self.payload.len();
+        if connection.datagrams().max_size()? < len_bytes {
+            return None;
+        }
+        let bytes = [&head[..], &self.payload].concat();
+        match connection.datagrams().send(bytes.into(), false) {
+            Ok(()) => {
+                room.take(len_bytes);
+                Some(Written::All)
+            }
+            Err(SendDatagramError::Blocked(_)) => Some(Written::Part),
+            Err(_) => None,
+        }
     }
 }
