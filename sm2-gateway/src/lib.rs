@@ -6,10 +6,13 @@
 //! | make and read keys | [`keys`] |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
 //! | the same for all that is between domain and peers | [`hub`] |
+//! | try all that over a link that loses, delays and stands still | `bad_link`, with the feature `bad-link` |
 //!
 //! What is decided is decided by the machines of `sm2_proto::gateway`; [`peer`] and [`hub`] join them
 //! without I/O; `run` has the tasks, `local` the domain's nodes.
 
+#[cfg(feature = "bad-link")]
+pub mod bad_link;
 pub mod clock;
 pub mod config;
 pub mod hub;

@@ -51,7 +51,8 @@ pub(crate) struct Arguments {
     /// Share messages in memory that is used again, or seal each, so that nobody can change it any more
     #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
     pub(super) integrity: Integrity,
-    /// Two domains with a bad link between their gateways: one subscriber beside the publisher, one behind the link
+    /// Two domains with a bad link between their gateways: one subscriber beside the publisher, one behind the link.
+    /// As root the link is made of network namespaces, else it is a relay of this process
     #[arg(long, conflicts_with_all = ["subscribers", "integrity"])]
     pub(super) bad_link: bool,
     /// Print nothing but one JSON object at the end

@@ -208,7 +208,7 @@ fn the_demo_of_a_bad_link_ends_with_one_object() {
             ][..],
         ),
         ("remote", &["hz", "goodput_mbit", "age_ms", "damaged"]),
-        ("link", &["rate_mbit", "loss_percent"]),
+        ("link", &["rate_mbit", "loss_percent", "kind"]),
     ] {
         for key in keys {
             assert!(!report[part][key].is_null(), "{part}.{key}: {report}");

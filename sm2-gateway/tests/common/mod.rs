@@ -51,8 +51,18 @@ impl Domain {
 
     /// A configuration that knows these peers, and has these rules.
     pub(crate) fn config(&self, peers: &[(&Self, Option<SocketAddr>)], rules: &str) -> Config {
+        self.config_at("127.0.0.1:0", peers, rules)
+    }
+
+    /// The same, with its gateway somewhere else.
+    pub(crate) fn config_at(
+        &self,
+        listen: &str,
+        peers: &[(&Self, Option<SocketAddr>)],
+        rules: &str,
+    ) -> Config {
         let mut text = format!(
-            "name = \"{}\"\nlisten = \"127.0.0.1:0\"\nkey = \"key\"\nsocket = \"sock\"\n",
+            "name = \"{}\"\nlisten = \"{listen}\"\nkey = \"key\"\nsocket = \"sock\"\n",
             self.name
         );
         for (peer, address) in peers {

@@ -1,41 +1,36 @@
 //! `sm2 demo --bad-link`: what a bad link between two domains does to the one with the publisher.
 //!
 //! Two domains, each with a Manager and a gateway; between the gateways a link that carries an eighth of
-//! what is published, and loses some of it (the paper's Fig. 2). One subscriber is beside the publisher,
+//! what is published, loses some of it and stands still at times (the paper's Fig. 2). One subscriber is beside the publisher,
 //! the other joins behind the link after a third of the time.
 
-mod relay;
 mod report;
 mod traffic;
 
 use std::{
+    net::SocketAddr,
     path::Path,
     sync::{Arc, atomic::Ordering},
     time::Duration,
 };
 
-use sm2_gateway::{Config, Gateway, keys};
+use sm2_gateway::{
+    Config, Gateway,
+    bad_link::{BadLink, Profile, Side as End},
+    keys,
+};
 use sm2_io::clock;
 use sm2_manager::{Background, Options};
 use sm2_node::Node;
 use tokio::runtime::Runtime;
 
 use self::{
-    relay::{Link, Relay},
     report::{Age, LinkReport, Local, Remote, Report, Window},
     traffic::{Shared, lock},
 };
 use super::{Arguments, folder, statistics::hundredths};
-use crate::{Ended, connect, error::CliError, interrupt::Interrupt, output::Output, size::Size};
+use crate::{Ended, connect, error::CliError, interrupt::Interrupt, output::Output};
 
-/// The link of the paper: what it carries, loses, and how long that takes.
-const LINK: Link = Link {
-    rate_bit: 30.8e6,
-    loss_permille: 40,
-    delay: Duration::from_micros(7_500),
-    jitter: Duration::from_millis(1),
-    queue: Duration::from_millis(60),
-};
 /// How far the subscriber beside the publisher may be behind; the other one wants the newest alone.
 const LOCAL_DEPTH: u16 = 4;
 /// A second is left out after something has begun.
@@ -58,47 +53,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         keys::generate(&folder.path().join(format!("{name}.key")))
             .map_err(|error| CliError::Gateway(error.to_string()))?;
     }
-    let far = Side::start(&runtime, folder.path(), "far", "near", None)?;
-    let relay = Relay::start(LINK, far.gateway.address());
-    let relay = relay.map_err(CliError::system("make a link"))?;
-    let near = Side::start(
-        &runtime,
-        folder.path(),
-        "near",
-        "far",
-        Some(relay.address()),
-    )?;
-    let connected = async {
-        while near
-            .gateway
-            .report()
-            .await
-            .is_some_and(|it| it.peers.is_empty())
-        {
-            tokio::time::sleep(Duration::from_millis(10)).await;
-        }
-    };
-    let connected = runtime.block_on(async { tokio::time::timeout(PATIENCE, connected).await });
-    if connected.is_err() {
-        return Err(CliError::Gateway(
-            "the gateways did not find each other".to_owned(),
-        ));
-    }
-    let size = arguments.size();
-    let seconds = arguments.seconds();
+    let (mut link, no_namespaces) = BadLink::open(Profile::wifi());
+    let far = Side::start(&runtime, folder.path(), &link, End::Far, None)?;
+    let way = link.connect(far.gateway.address());
+    let way = way.map_err(CliError::system("make a link"))?;
+    let near = Side::start(&runtime, folder.path(), &link, End::Near, Some(way))?;
+    wait_for_peers(&runtime, &near)?;
     let mut out = Output::new();
     if !arguments.json {
-        out.line(format_args!(
-            "{size} at {} Hz in one domain, for {seconds} s; to another domain over a link of {} Mbit/s that loses {} %",
-            arguments.rate,
-            LINK.rate_bit / 1e6,
-            f64::from(LINK.loss_permille) / 10.0
-        ))?;
+        announce(&mut out, arguments, &link)?;
+        if let Some(reason) = no_namespaces {
+            out.line(format_args!(
+                "the link is a relay inside this process: {reason}"
+            ))?;
+        }
         out.line("  s   local Hz  p99 us   remote Hz   Mbit/s  age p50 ms")?;
         out.flush()?;
     }
-    let report = measure(arguments, seconds, size, &near, &far, &interrupt, &mut out)?;
-    drop(relay);
+    let report = measure(arguments, &link, &near, &far, &interrupt, &mut out)?;
+    drop(link);
     runtime.block_on(async { tokio::join!(near.gateway.stop(), far.gateway.stop()) });
     match arguments.json {
         true => out.json(&report)?,
@@ -113,14 +86,51 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
 }
 
+/// What comes, in a line.
+fn announce(out: &mut Output, arguments: &Arguments, link: &BadLink) -> Result<(), CliError> {
+    let profile = link.profile();
+    let pauses = profile.pauses.iter().map(|it| {
+        let (length, every) = (it.length.as_millis(), it.every.as_secs());
+        format!("{length} ms about every {every} s")
+    });
+    out.line(format_args!(
+        "{} at {} Hz in one domain, for {} s; to another domain over a link ({}) of {} Mbit/s that loses {} % and \
+         stands still for {}",
+        arguments.size(),
+        arguments.rate,
+        arguments.seconds(),
+        link.kind().as_str(),
+        profile.rate_bit / 1e6,
+        f64::from(profile.loss_permille) / 10.0,
+        pauses.collect::<Vec<_>>().join(" and ")
+    ))
+}
+
+/// Waits until the gateways know each other.
+fn wait_for_peers(runtime: &Runtime, side: &Side) -> Result<(), CliError> {
+    let connected = async {
+        let gateway = &side.gateway;
+        while gateway.report().await.is_some_and(|it| it.peers.is_empty()) {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    runtime
+        .block_on(async { tokio::time::timeout(PATIENCE, connected).await })
+        .map_err(|_| CliError::Gateway("the gateways did not find each other".to_owned()))
+}
+
 impl Side {
     fn start(
         runtime: &Runtime,
         folder: &Path,
-        name: &str,
-        peer: &str,
-        address: Option<std::net::SocketAddr>,
+        link: &BadLink,
+        end: End,
+        peer_address: Option<SocketAddr>,
     ) -> Result<Self, CliError> {
+        let (name, peer) = match end {
+            End::Near => ("near", "far"),
+            End::Far => ("far", "near"),
+        };
         let failed = |error: String| CliError::Gateway(error);
         let socket = folder.join(format!("{name}.sock"));
         let manager = Background::start(&socket, Options::default())?;
@@ -129,16 +139,19 @@ impl Side {
             .connect()?;
         let id = keys::load(&folder.join(format!("{peer}.key")));
         let id = id.map_err(|error| failed(error.to_string()))?.id();
-        let addresses = address.map_or_else(String::new, |it| format!("\"{it}\""));
+        let addresses = peer_address.map_or_else(String::new, |it| format!("\"{it}\""));
         let text = format!(
-            "name = \"{name}\"\nlisten = \"127.0.0.1:0\"\nkey = \"{name}.key\"\n\
+            "name = \"{name}\"\nlisten = \"{}\"\nkey = \"{name}.key\"\n\
              socket = \"{name}.sock\"\n\
              [[peer]]\nname = \"{peer}\"\nid = \"{id}\"\naddresses = [{addresses}]\n\
-             [[rule]]\naction = \"allow\"\nnames = \"**\"\n"
+             [[rule]]\naction = \"allow\"\nnames = \"**\"\n",
+            link.listen()
         );
         let config = Config::parse(&folder.join("gateway.toml"), &text);
         let config = config.map_err(|error| failed(error.to_string()))?;
-        let gateway = runtime.block_on(Gateway::start(&config));
+        // Its socket belongs to the host that it is made at.
+        let gateway = link.enter(end, || runtime.block_on(Gateway::start(&config)));
+        let gateway = gateway.map_err(CliError::system("enter a network namespace"))?;
         Ok(Self {
             _manager: manager,
             node,
@@ -150,13 +163,13 @@ impl Side {
 /// Publishes, receives, and shows it second by second.
 fn measure(
     arguments: &Arguments,
-    seconds: f64,
-    size: Size,
+    link: &BadLink,
     near: &Side,
     far: &Side,
     interrupt: &Interrupt,
     out: &mut Output,
 ) -> Result<Report, CliError> {
+    let (size, seconds) = (arguments.size(), arguments.seconds());
     let size_bytes = usize::try_from(size.0).unwrap_or(usize::MAX);
     let shared = Arc::new(Shared::default());
     let (local, listening) = traffic::subscribe(&near.node, Arc::clone(&shared), LOCAL_DEPTH)?;
@@ -235,8 +248,9 @@ fn measure(
             damaged: report::damaged(&away),
         },
         link: LinkReport {
-            rate_mbit: LINK.rate_bit / 1e6,
-            loss_percent: f64::from(LINK.loss_permille) / 10.0,
+            rate_mbit: link.profile().rate_bit / 1e6,
+            loss_percent: f64::from(link.profile().loss_permille) / 10.0,
+            kind: link.kind().as_str(),
         },
         interrupted: stopped,
     })

@@ -50,6 +50,8 @@ pub(super) struct Age {
 pub(super) struct LinkReport {
     pub(super) rate_mbit: f64,
     pub(super) loss_percent: f64,
+    /// `namespaces` or `relay`.
+    pub(super) kind: &'static str,
 }
 
 /// A part of the run.

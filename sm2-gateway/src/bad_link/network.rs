@@ -1,0 +1,207 @@
+//! Three namespaces in a row, wired by `ip`, limited by `tc`, and lossy by `nft`.
+//!
+//! ```text
+//! near                     link                       far
+//! link0  10.77.1.1  <->  near  10.77.1.2
+//!                        far   10.77.2.1  <->  10.77.2.2  link0
+//! ```
+//!
+//! And the same with `fd77:1::` and `fd77:2::`. What the hosts send leaves them at the link's rate (`tbf`); what
+//! arrives in `link` is lost there by chance, before any socket sees it. Nothing is routed: a relay takes
+//! datagrams from one end to the other.
+
+use std::{
+    fmt::Write as _,
+    io::{self, Write as _},
+    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr},
+    process::{Command, Stdio},
+};
+
+use super::{Profile, Side, namespace::Namespace};
+
+/// The interface of each host. The hosts' addresses are those of [`host_address`].
+pub const DEVICE: &str = "link0";
+
+/// Why there are no namespaces.
+#[derive(Debug, thiserror::Error)]
+pub enum Unavailable {
+    /// Only root may.
+    #[error("network namespaces need root")]
+    NotRoot,
+    /// A program is not there.
+    #[error("`{0}` is not installed (packages iproute2 and nftables)")]
+    Missing(&'static str),
+    /// A program said no: a container without rights, or a kernel without the module.
+    #[error("`{program}` failed: {reason}")]
+    Failed {
+        /// Which.
+        program: &'static str,
+        /// What it said first.
+        reason: String,
+    },
+    /// The system said no.
+    #[error("cannot make a network namespace: {0}")]
+    System(#[from] io::Error),
+}
+
+/// The three namespaces.
+#[derive(Debug)]
+pub(super) struct Network {
+    pub(super) near: Namespace,
+    pub(super) link: Namespace,
+    pub(super) far: Namespace,
+}
+
+impl Network {
+    pub(super) fn new(profile: &Profile) -> Result<Self, Unavailable> {
+        if !nix::unistd::geteuid().is_root() {
+            return Err(Unavailable::NotRoot);
+        }
+        let network = Self {
+            near: Namespace::new()?,
+            link: Namespace::new()?,
+            far: Namespace::new()?,
+        };
+        tell(&network.link, "ip", &["-batch", "-"], "link set lo up\n")?;
+        for side in [Side::Near, Side::Far] {
+            network.wire(side)?;
+            let limit = format!(
+                "qdisc add dev {DEVICE} root tbf rate {:.0}bit burst {BURST_BYTES} latency {}us\n",
+                profile.rate_bit,
+                profile.queue.as_micros()
+            );
+            tell(network.host(side), "tc", &["-batch", "-"], &limit)?;
+        }
+        network.lose(profile.loss_permille, false)?;
+        Ok(network)
+    }
+
+    pub(super) const fn host(&self, side: Side) -> &Namespace {
+        match side {
+            Side::Near => &self.near,
+            Side::Far => &self.far,
+        }
+    }
+
+    /// A cable from the host to the link.
+    fn wire(&self, side: Side) -> Result<(), Unavailable> {
+        let (host, name) = (self.host(side), name(side));
+        let link = self.link.path();
+        let add = format!(
+            "link set lo up\nlink add {DEVICE} type veth peer name {name} netns {}\n",
+            link.display()
+        );
+        tell(host, "ip", &["-batch", "-"], &add)?;
+        tell(host, "ip", &["-batch", "-"], &up(DEVICE, side, HOST))?;
+        tell(&self.link, "ip", &["-batch", "-"], &up(name, side, LINK))
+    }
+
+    /// How much is lost from now on; if it is cut, all of it.
+    pub(super) fn lose(&self, loss_permille: u32, is_cut: bool) -> Result<(), Unavailable> {
+        let rule = match (is_cut, loss_permille) {
+            (true, _) => "drop".to_owned(),
+            (false, 0) => String::new(),
+            (false, loss) => format!("meta l4proto udp numgen random mod 1000 < {loss} drop"),
+        };
+        // One transaction: there is no moment without a rule.
+        let rules = format!(
+            "table inet bad_link\ndelete table inet bad_link\ntable inet bad_link {{\n\
+             chain arriving {{\ntype filter hook input priority 0; policy accept;\n{rule}\n}}\n}}\n"
+        );
+        tell(&self.link, "nft", &["-f", "-"], &rules)
+    }
+}
+
+/// What leaves a host at a time: two Ethernet frames.
+const BURST_BYTES: u32 = 3_028;
+/// Who of a cable's two ends it is.
+const HOST: u8 = 1;
+const LINK: u8 = 2;
+
+/// Where a host is at first, in its own namespace.
+#[must_use]
+pub fn host_address(side: Side, is_ipv6: bool) -> IpAddr {
+    address(side, is_ipv6, HOST)
+}
+
+/// Where the link is, for a host that sends to the other.
+pub(super) fn link_address(side: Side, is_ipv6: bool) -> IpAddr {
+    address(side, is_ipv6, LINK)
+}
+
+/// What `address` means to somebody else, if it was "any address" to its host.
+pub(super) fn from_outside(address: SocketAddr, side: Side) -> SocketAddr {
+    match address.ip() {
+        ip if ip.is_unspecified() => {
+            SocketAddr::new(host_address(side, ip.is_ipv6()), address.port())
+        }
+        _ => address,
+    }
+}
+
+fn address(side: Side, is_ipv6: bool, end: u8) -> IpAddr {
+    let cable = match side {
+        Side::Near => 1,
+        Side::Far => 2,
+    };
+    match is_ipv6 {
+        true => Ipv6Addr::new(0xfd77, cable.into(), 0, 0, 0, 0, 0, end.into()).into(),
+        false => Ipv4Addr::new(10, 77, cable, end).into(),
+    }
+}
+
+const fn name(side: Side) -> &'static str {
+    match side {
+        Side::Near => "near",
+        Side::Far => "far",
+    }
+}
+
+/// Several datagrams in one would be lost as one: so each leaves by itself.
+fn up(device: &str, side: Side, end: u8) -> String {
+    let mut text = String::new();
+    for (is_ipv6, more) in [(false, "/24"), (true, "/64")] {
+        let nodad = if is_ipv6 { " nodad" } else { "" };
+        let address = address(side, is_ipv6, end);
+        let _ = writeln!(text, "addr add {address}{more} dev {device}{nodad}");
+    }
+    let _ = writeln!(text, "link set dev {device} gso_max_segs 1 up");
+    text
+}
+
+/// Runs a program there, with something to read.
+fn tell(
+    place: &Namespace,
+    program: &'static str,
+    arguments: &[&str],
+    text: &str,
+) -> Result<(), Unavailable> {
+    let run = || {
+        // Where these programs are, whatever the caller's path.
+        let path = std::env::var("PATH").unwrap_or_else(|_| "/usr/bin:/bin".to_owned());
+        let path = path + ":/usr/sbin:/sbin";
+        let mut child = Command::new(program)
+            .args(arguments)
+            .env("PATH", path)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()?;
+        if let Some(mut input) = child.stdin.take() {
+            // One that does not read says why.
+            let _ = input.write_all(text.as_bytes());
+        }
+        child.wait_with_output()
+    };
+    match place.enter(run)? {
+        Ok(output) if output.status.success() => Ok(()),
+        Ok(output) => {
+            let said = String::from_utf8_lossy(&output.stderr);
+            let reason = said.lines().next().unwrap_or("it did not say why");
+            let reason = reason.to_owned();
+            Err(Unavailable::Failed { program, reason })
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(Unavailable::Missing(program)),
+        Err(error) => Err(error.into()),
+    }
+}

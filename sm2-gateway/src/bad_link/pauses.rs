@@ -1,0 +1,129 @@
+//! When a link stands still.
+
+use std::time::{Duration, Instant};
+
+use super::random::Random;
+
+/// A link that stands still every so often: what it was given meanwhile comes afterwards, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pause {
+    /// How long it stands still.
+    pub length: Duration,
+    /// How long it moves between two pauses: half to one and a half of this, by chance.
+    pub every: Duration,
+}
+
+/// The pauses of one link, the same for the same seed. Both ways have the same ones.
+#[derive(Clone, Debug)]
+pub(super) struct Pauses(Vec<Series>);
+
+/// All pauses of one length.
+#[derive(Clone, Debug)]
+struct Series {
+    pause: Pause,
+    /// The one that is or comes next.
+    begin: Instant,
+    random: Random,
+}
+
+impl Pauses {
+    /// Counted from `epoch`.
+    pub(super) fn new(pauses: &[Pause], epoch: Instant, seed: u64) -> Self {
+        // One without a length would never be over.
+        let real = pauses.iter().filter(|it| !it.length.is_zero());
+        let series = (seed..).zip(real).map(|(seed, &pause)| {
+            let mut random = Random::new(seed);
+            let begin = epoch + pause.every.mul_f64(0.5 + random.part());
+            Series {
+                pause,
+                begin,
+                random,
+            }
+        });
+        Self(series.collect())
+    }
+
+    /// When something arrives that would without pauses arrive at `at`, which never goes back.
+    pub(super) fn hold(&mut self, mut at: Instant) -> Instant {
+        loop {
+            // The end of one may be amid another.
+            let held = self.0.iter_mut().fold(at, |at, series| series.hold(at));
+            if held == at {
+                return at;
+            }
+            at = held;
+        }
+    }
+}
+
+impl Series {
+    fn hold(&mut self, at: Instant) -> Instant {
+        loop {
+            let end = self.begin + self.pause.length;
+            if at < self.begin {
+                return at;
+            } else if at < end {
+                return end;
+            }
+            self.begin = end + self.pause.every.mul_f64(0.5 + self.random.part());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHORT: Pause = Pause {
+        length: Duration::from_millis(102),
+        every: Duration::from_secs(5),
+    };
+    const LONG: Pause = Pause {
+        length: Duration::from_millis(1_030),
+        every: Duration::from_secs(30),
+    };
+
+    #[test]
+    fn what_is_held_comes_in_order_and_no_later_than_all_pauses_together() {
+        let epoch = Instant::now();
+        let mut pauses = Pauses::new(&[SHORT, LONG], epoch, 1);
+        let (mut last, mut ends) = (epoch, Vec::new());
+        for millis in 0..600_000 {
+            let at = epoch + Duration::from_millis(millis);
+            let held = pauses.hold(at.max(last));
+            assert!(held >= at && held >= last);
+            assert!(held - at <= SHORT.length + LONG.length);
+            if held > at && held > last {
+                ends.push(held);
+            }
+            last = held;
+        }
+        // Ten minutes: some 118 short ones and 19 long ones, of which some are one.
+        assert!((90..180).contains(&ends.len()), "{}", ends.len());
+    }
+
+    #[test]
+    fn both_ways_stand_still_at_the_same_time() {
+        let epoch = Instant::now();
+        let [mut one, mut other] = [7, 7].map(|seed| Pauses::new(&[SHORT, LONG], epoch, seed));
+        for millis in (0..100_000).step_by(7) {
+            let at = epoch + Duration::from_millis(millis);
+            if millis % 3 == 0 {
+                other.hold(at);
+            }
+            assert_eq!(one.hold(at), other.clone().hold(at));
+        }
+    }
+
+    #[test]
+    fn without_pauses_nothing_is_held() {
+        let epoch = Instant::now();
+        let none = Pause {
+            length: Duration::ZERO,
+            every: Duration::ZERO,
+        };
+        for pauses in [&[][..], &[none]] {
+            assert_eq!(Pauses::new(pauses, epoch, 1).hold(epoch), epoch);
+        }
+    }
+}

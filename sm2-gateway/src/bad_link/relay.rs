@@ -1,0 +1,319 @@
+//! Datagrams from one end of a bad link to the other, in their time and order.
+
+use std::{
+    collections::VecDeque,
+    io,
+    net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket},
+    os::fd::AsFd,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU32, Ordering},
+        mpsc,
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use nix::{
+    poll::{PollFd, PollFlags, ppoll},
+    sys::{
+        socket::{setsockopt, sockopt},
+        time::TimeSpec,
+    },
+};
+
+use super::{Profile, namespace::Namespace, pauses::Pauses, random::Random};
+
+/// Bytes of IP and UDP headers.
+const HEADERS_BYTES: usize = 28;
+/// How many datagrams of a socket are read before others are sent.
+const BURST: usize = 64;
+/// How many near addresses there are at a time: a host that moves has one after another.
+const ADDRESSES_MAX: usize = 16;
+/// What the kernel keeps while the thread waits for a processor.
+const KERNEL_BUFFER_BYTES: usize = 8 << 20;
+/// How long the end may not be noticed.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What can be changed while it runs.
+#[derive(Debug, Default)]
+pub(super) struct Controls {
+    pub(super) loss_permille: AtomicU32,
+    pub(super) is_cut: AtomicBool,
+}
+
+/// What it is made of.
+pub(super) struct Options {
+    pub(super) profile: Profile,
+    /// Where its sockets are, if not where the caller is.
+    pub(super) place: Option<Namespace>,
+    /// Where near hosts find it; port 0 is any.
+    pub(super) near: SocketAddr,
+    /// Where it takes what they send.
+    pub(super) far: SocketAddr,
+    /// If nobody else limits rate and loses datagrams, the relay does.
+    pub(super) shaping: Option<Arc<Controls>>,
+    /// From when pauses are counted.
+    pub(super) epoch: Instant,
+}
+
+/// A relay, until it is dropped.
+///
+/// It is to the far host what a router with address translation is: each near address has a far
+/// port of its own, so a near host that moves is seen to move.
+#[derive(Debug)]
+pub(super) struct Relay {
+    address: SocketAddr,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Relay {
+    pub(super) fn start(options: Options) -> io::Result<Self> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let until = Arc::clone(&stop);
+        let (opened, answer) = mpsc::sync_channel(1);
+        let thread = thread::Builder::new().name("relay".to_owned());
+        let thread = thread.spawn(move || {
+            let wire = Wire::open(options);
+            let (wire, address) = match wire {
+                Ok((wire, address)) => (Some(wire), Ok(address)),
+                Err(error) => (None, Err(error)),
+            };
+            // The caller waits for it.
+            let _ = opened.send(address);
+            if let Some(mut wire) = wire {
+                while !until.load(Ordering::Relaxed) {
+                    wire.turn();
+                }
+            }
+        })?;
+        let gone = |_| io::Error::other("the relay's thread ended");
+        Ok(Self {
+            address: answer.recv().map_err(gone)??,
+            stop,
+            thread: Some(thread),
+        })
+    }
+
+    /// Its near end.
+    pub(super) const fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for Relay {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        // It holds nothing that could be lost.
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+/// One of the two ways.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    ToFar,
+    ToNear,
+}
+
+/// A datagram on its way: when it arrives, which near address sent it or gets it.
+struct Flying {
+    due: Instant,
+    near: SocketAddr,
+    bytes: Vec<u8>,
+}
+
+/// What there is of each way.
+struct Lane {
+    /// When it has carried all that it was given.
+    free: Instant,
+    /// When the last one arrives: none overtakes another.
+    arrived: Instant,
+    pauses: Pauses,
+    random: Random,
+    flying: VecDeque<Flying>,
+}
+
+impl Lane {
+    /// The next one, if it has arrived.
+    fn pop(&mut self, now: Instant) -> Option<Flying> {
+        match self.flying.front() {
+            Some(next) if next.due <= now => self.flying.pop_front(),
+            _ => None,
+        }
+    }
+}
+
+struct Wire {
+    profile: Profile,
+    shaping: Option<Arc<Controls>>,
+    far: SocketAddr,
+    near: UdpSocket,
+    /// The far port of each near address, the newest last.
+    away: Vec<(SocketAddr, UdpSocket)>,
+    to_far: Lane,
+    to_near: Lane,
+}
+
+impl Wire {
+    /// In the thread that has it: the thread's place is the sockets' place.
+    fn open(options: Options) -> io::Result<(Self, SocketAddr)> {
+        if let Some(place) = &options.place {
+            place.join()?;
+        }
+        let near = socket(options.near)?;
+        let address = near.local_addr()?;
+        let Options { profile, epoch, .. } = options;
+        let lane = |salt: u64| Lane {
+            free: epoch,
+            arrived: epoch,
+            pauses: Pauses::new(&profile.pauses, epoch, profile.seed),
+            random: Random::new(profile.seed.wrapping_add(salt << 32)),
+            flying: VecDeque::new(),
+        };
+        let wire = Self {
+            to_far: lane(1),
+            to_near: lane(2),
+            profile,
+            shaping: options.shaping,
+            far: options.far,
+            near,
+            away: Vec::new(),
+        };
+        Ok((wire, address))
+    }
+
+    fn turn(&mut self) {
+        let now = Instant::now();
+        for way in [Way::ToFar, Way::ToNear] {
+            while let Some(flying) = self.lane(way).pop(now) {
+                self.deliver(way, &flying);
+            }
+        }
+        let next = [&self.to_far, &self.to_near]
+            .into_iter()
+            .filter_map(|lane| lane.flying.front());
+        let next = next.map(|it| it.due.saturating_duration_since(now)).min();
+        self.wait(next.unwrap_or(LOOK).min(LOOK));
+        self.read();
+    }
+
+    fn wait(&self, timeout: Duration) {
+        let away = self.away.iter().map(|(_, socket)| socket);
+        let sockets = std::iter::once(&self.near).chain(away);
+        let mut entries: Vec<_> = sockets
+            .map(|it| PollFd::new(it.as_fd(), PollFlags::POLLIN))
+            .collect();
+        // What cannot be waited for is tried.
+        let _ = ppoll(&mut entries, Some(TimeSpec::from_duration(timeout)), None);
+    }
+
+    fn read(&mut self) {
+        let mut buffer = [0; 2_048];
+        for _ in 0..BURST {
+            let Ok((len, address)) = self.near.recv_from(&mut buffer) else {
+                break;
+            };
+            if self.ensure_away(address).is_ok() {
+                self.carry(Way::ToFar, address, &buffer[..len]);
+            }
+        }
+        for index in 0..self.away.len() {
+            for _ in 0..BURST {
+                let (address, socket) = &self.away[index];
+                let address = *address;
+                // An error is what an earlier datagram met, as it is with nobody at the far end.
+                let Ok(len) = socket.recv(&mut buffer) else {
+                    break;
+                };
+                self.carry(Way::ToNear, address, &buffer[..len]);
+            }
+        }
+    }
+
+    /// A far port for each near address.
+    fn ensure_away(&mut self, near: SocketAddr) -> io::Result<()> {
+        if self.away.iter().any(|(it, _)| *it == near) {
+            return Ok(());
+        }
+        let any = match self.far {
+            SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+            SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let socket = socket(SocketAddr::new(any, 0))?;
+        socket.connect(self.far)?;
+        if self.away.len() == ADDRESSES_MAX {
+            self.away.remove(0);
+        }
+        self.away.push((near, socket));
+        Ok(())
+    }
+
+    /// What became of one that was lost nobody knows.
+    fn deliver(&self, way: Way, flying: &Flying) {
+        let _ = match way {
+            Way::ToNear => self.near.send_to(&flying.bytes, flying.near),
+            Way::ToFar => match self.away.iter().find(|(near, _)| *near == flying.near) {
+                Some((_, socket)) => socket.send(&flying.bytes),
+                None => return,
+            },
+        };
+    }
+
+    fn carry(&mut self, way: Way, near: SocketAddr, bytes: &[u8]) {
+        let now = Instant::now();
+        let Some(sent) = self.shape(way, bytes.len(), now) else {
+            return;
+        };
+        let Profile { delay, jitter, .. } = self.profile;
+        let lane = self.lane(way);
+        let jitter = jitter.mul_f64(lane.random.part());
+        let due = lane.pauses.hold((sent + delay + jitter).max(lane.arrived));
+        lane.arrived = due;
+        lane.flying.push_back(Flying {
+            due,
+            near,
+            bytes: bytes.to_vec(),
+        });
+    }
+
+    /// When it has left its host, if it does.
+    fn shape(&mut self, way: Way, len_bytes: usize, now: Instant) -> Option<Instant> {
+        let Some(controls) = &self.shaping else {
+            return Some(now);
+        };
+        let loss = u64::from(controls.loss_permille.load(Ordering::Relaxed));
+        let is_cut = controls.is_cut.load(Ordering::Relaxed);
+        let Profile {
+            rate_bit, queue, ..
+        } = self.profile;
+        let lane = self.lane(way);
+        let begins = lane.free.max(now);
+        if begins - now > queue {
+            return None;
+        }
+        let bits = 8.0 * (len_bytes + HEADERS_BYTES) as f64;
+        lane.free = begins + Duration::from_secs_f64(bits / rate_bit);
+        let is_lost = lane.random.below(1_000) < loss;
+        (!is_cut && !is_lost).then_some(lane.free)
+    }
+
+    const fn lane(&mut self, way: Way) -> &mut Lane {
+        match way {
+            Way::ToFar => &mut self.to_far,
+            Way::ToNear => &mut self.to_near,
+        }
+    }
+}
+
+/// One with room for what comes while others are served.
+fn socket(address: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = UdpSocket::bind(address)?;
+    socket.set_nonblocking(true)?;
+    // Root may have more than the system's limit; a smaller buffer is slower, not wrong.
+    let _ = setsockopt(&socket, sockopt::RcvBufForce, &KERNEL_BUFFER_BYTES)
+        .or_else(|_| setsockopt(&socket, sockopt::RcvBuf, &KERNEL_BUFFER_BYTES));
+    let _ = setsockopt(&socket, sockopt::SndBuf, &KERNEL_BUFFER_BYTES);
+    Ok(socket)
+}

@@ -1,0 +1,105 @@
+//! A gateway that is killed, and another one in its place: local nodes feel nothing.
+
+use std::{
+    path::Path,
+    process::{Child, Command, Stdio},
+};
+
+use super::{
+    common::{ALL, Domain, runtime, until},
+    traffic::{Listener, Talker, assert_complete, assert_newer},
+};
+
+/// A gateway in a process of its own, which does not outlive the test.
+struct Process(Child);
+
+impl Process {
+    fn start(config: &Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-gateway"));
+        let command = command.arg("run").arg(config).stderr(Stdio::null());
+        Self(command.spawn().unwrap())
+    }
+
+    /// `kill -9`.
+    fn kill(mut self) {
+        self.0.kill().unwrap();
+        assert!(!self.0.wait().unwrap().success());
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It may be over already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {
+    let (near, far) = (Domain::new("near"), Domain::new("far"));
+    let runtime = runtime();
+    let left = near.gateway(&runtime, &[(&far, None)], ALL);
+    far.config(&[(&near, Some(left.address()))], ALL);
+    let file = far.path("gateway.toml");
+    let killed = Process::start(&file);
+    let names = [
+        (&near, "robot"),
+        (&near, "beside"),
+        (&far, "away"),
+        (&far, "there"),
+    ];
+    let nodes = names.map(|(domain, name)| domain.node(name));
+    let [robot, beside, away, there] = &nodes;
+    // One topic each way, each with a local and a remote subscriber.
+    let [pose, order] =
+        [(robot, "pose"), (away, "order")].map(|(node, topic)| Talker::start(node, topic, 200, 50));
+    let local = [
+        Listener::all(beside, "pose", &pose),
+        Listener::all(there, "order", &order),
+    ];
+    let remote = [
+        Listener::newest(there, "pose", &pose),
+        Listener::newest(beside, "order", &order),
+    ];
+    let heard = |all: &[Listener]| all.iter().map(Listener::count).collect::<Vec<_>>();
+    until("all are heard", || {
+        heard(&local)
+            .iter()
+            .chain(&heard(&remote))
+            .all(|it| *it > 0)
+    });
+    let ids = nodes.each_ref().map(|it| (it.id(), it.epoch()));
+    killed.kill();
+    until("what is remote leaves both domains", || {
+        remote.iter().all(|it| it.links() == 0)
+    });
+    let before = (heard(&local), heard(&remote));
+    until("local nodes hear each other", || {
+        heard(&local)
+            .iter()
+            .zip(&before.0)
+            .all(|(now, then)| now > then)
+    });
+    assert_eq!(heard(&remote), before.1);
+    let _another = Process::start(&file);
+    until("what is remote is back", || {
+        heard(&remote)
+            .iter()
+            .zip(&before.1)
+            .all(|(now, then)| now > then)
+    });
+    assert!(remote.iter().all(|it| it.links() == 1 && it.ended() == 1));
+    assert!(local.iter().all(|it| it.links() == 1 && it.ended() == 0));
+    assert_eq!(nodes.each_ref().map(|it| (it.id(), it.epoch())), ids);
+    let counts = [pose.stop(), order.stop()];
+    for ((listener, count), who) in local.into_iter().zip(counts).zip(["beside", "there"]) {
+        let seen = listener.stop();
+        let first = seen[0].number.expect("not damaged");
+        assert_complete(who, &seen, count - first);
+    }
+    for listener in remote {
+        assert_newer("remote", &listener.stop());
+    }
+    runtime.block_on(left.stop());
+}

@@ -1,0 +1,88 @@
+//! Two domains with a bad link between their gateways.
+
+use std::{
+    io::{self, Write},
+    net::SocketAddr,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use sm2_gateway::{
+    Gateway,
+    bad_link::{BadLink, Profile, Side},
+};
+use tokio::runtime::Runtime;
+
+use super::common::{ALL, Domain, report, runtime, until};
+
+/// Tests that move much: one at a time, or they are about each other.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// Waits until no other test moves much.
+pub(crate) fn alone() -> MutexGuard<'static, ()> {
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Says something, also where the output of tests that pass is not shown.
+pub(crate) fn say(text: &str) {
+    // Nobody may be there to read it.
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// A link of namespaces; without one, the reason is said and there is nothing to test.
+pub(crate) fn link(profile: Profile) -> Option<BadLink> {
+    BadLink::namespaces(profile)
+        .inspect_err(|reason| say(&format!("skipped, no bad link: {reason}")))
+        .ok()
+}
+
+pub(crate) struct World {
+    pub(crate) left: Gateway,
+    pub(crate) right: Gateway,
+    pub(crate) near: Domain,
+    pub(crate) far: Domain,
+    pub(crate) runtime: Runtime,
+    pub(crate) link: BadLink,
+}
+
+impl World {
+    /// Both gateways know each other.
+    pub(crate) fn new(mut link: BadLink) -> Self {
+        let (near, far) = (Domain::new("near"), Domain::new("far"));
+        let runtime = runtime();
+        let start = |link: &BadLink, side, peer: (&Domain, Option<SocketAddr>)| {
+            let domain = if side == Side::Near { &near } else { &far };
+            let config = domain.config_at(&link.listen().to_string(), &[peer], ALL);
+            let started = link.enter(side, || runtime.block_on(Gateway::start(&config)));
+            started.unwrap().unwrap()
+        };
+        let right = start(&link, Side::Far, (&near, None));
+        let way = link.connect(right.address()).unwrap();
+        let left = start(&link, Side::Near, (&far, Some(way)));
+        let world = Self {
+            left,
+            right,
+            near,
+            far,
+            runtime,
+            link,
+        };
+        until("connected", || world.peer_address().is_some());
+        world
+    }
+
+    /// Where the far gateway sees the near one, if it does.
+    pub(crate) fn peer_address(&self) -> Option<String> {
+        let peers = report(&self.runtime, &self.right).peers;
+        peers.first().map(|it| it.address.clone())
+    }
+
+    pub(crate) fn stop(self) {
+        let Self {
+            left,
+            right,
+            runtime,
+            ..
+        } = self;
+        runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
+    }
+}
