@@ -26,7 +26,8 @@ use std::{
 pub use self::{
     namespace::Namespace,
     network::{DEVICE, Unavailable, host_address},
-    pauses::Pause,
+    pauses::{Pause, Pauses},
+    random::Random,
 };
 use self::{
     network::Network,
@@ -179,6 +180,16 @@ impl BadLink {
     pub const fn host(&self, side: Side) -> Option<&Namespace> {
         match &self.medium {
             Medium::Namespaces(network) => Some(network.host(side)),
+            Medium::Relay(_) => None,
+        }
+    }
+
+    /// The network between the hosts, if there is one: an interface `near`, an interface `far`, and
+    /// nothing that goes from one to the other unless somebody adds it.
+    #[must_use]
+    pub const fn between(&self) -> Option<&Namespace> {
+        match &self.medium {
+            Medium::Namespaces(network) => Some(&network.link),
             Medium::Relay(_) => None,
         }
     }

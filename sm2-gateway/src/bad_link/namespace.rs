@@ -57,7 +57,8 @@ impl Namespace {
     }
 
     /// What other processes find it by, as long as this one lives.
-    pub(super) fn path(&self) -> PathBuf {
+    #[must_use]
+    pub fn path(&self) -> PathBuf {
         format!("/proc/{}/fd/{}", process::id(), self.handle.as_raw_fd()).into()
     }
 }

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! And the same with `fd77:1::` and `fd77:2::`. What the hosts send leaves them at the link's rate (`tbf`); what
-//! arrives in `link` is lost there by chance, before any socket sees it. Nothing is routed: a relay takes
-//! datagrams from one end to the other.
+//! arrives in `link` is lost there by chance, before any socket or route sees it. Nothing is routed: a relay takes
+//! datagrams from one end to the other, unless somebody routes packets there.
 
 use std::{
     fmt::Write as _,
@@ -100,13 +100,16 @@ impl Network {
     pub(super) fn lose(&self, loss_permille: u32, is_cut: bool) -> Result<(), Unavailable> {
         let rule = match (is_cut, loss_permille) {
             (true, _) => "drop".to_owned(),
-            (false, 0) => String::new(),
-            (false, loss) => format!("meta l4proto udp numgen random mod 1000 < {loss} drop"),
+            (false, 0) => "accept".to_owned(),
+            (false, loss) => format!(
+                "meta l4proto {{ tcp, udp, icmp }} numgen random mod 1000 < {loss} drop"
+            ),
         };
         // One transaction: there is no moment without a rule.
         let rules = format!(
             "table inet bad_link\ndelete table inet bad_link\ntable inet bad_link {{\n\
-             chain arriving {{\ntype filter hook input priority 0; policy accept;\n{rule}\n}}\n}}\n"
+             chain arriving {{\ntype filter hook prerouting priority 0; policy accept;\n\
+             iifname {{ \"near\", \"far\" }} {rule}\n}}\n}}\n"
         );
         tell(&self.link, "nft", &["-f", "-"], &rules)
     }
