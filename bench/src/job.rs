@@ -21,6 +21,30 @@ pub struct Domain {
     pub tag: String,
     /// A TCP port that was free, on the loopback interface.
     pub port: u16,
+    /// At which of two hosts, if the case has two: they have the folder in common, and no network
+    /// but the [link](crate::link) between them.
+    pub side: Option<Side>,
+}
+
+/// One of two hosts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Side {
+    /// Where the publisher is.
+    Near,
+    /// The other one.
+    Far,
+}
+
+impl Side {
+    /// One word for the names of files.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Near => "near",
+            Self::Far => "far",
+        }
+    }
 }
 
 /// A topic or service, and what the workload needs of it.
@@ -82,6 +106,8 @@ pub struct Job {
     pub role: Role,
     /// The one core that it runs on; any if it is not said.
     pub core: Option<usize>,
+    /// The file of the network namespace that it is in, if it is not the director's.
+    pub network: Option<PathBuf>,
 }
 
 /// What a process does.
@@ -98,6 +124,15 @@ pub enum Role {
         /// How.
         read: Read,
         /// Which one of the subscribers it is, from 0.
+        number: usize,
+    },
+    /// Receives a stream, and notes when each message came.
+    Watcher {
+        /// Of what.
+        topic: Topic,
+        /// How.
+        read: Read,
+        /// Which one it is, from 0.
         number: usize,
     },
     /// Sends, and waits for what comes back.
@@ -205,6 +240,8 @@ pub enum Outcome {
     },
     /// A subscriber's.
     Received(Reception),
+    /// A watcher's.
+    Watched(Watch),
     /// Ping's, and a client's.
     RoundTrips {
         /// There and back.
@@ -243,6 +280,30 @@ pub struct Reception {
     pub latency_ns: Spread,
     /// From handing over to having in hand.
     pub handover_ns: Spread,
+}
+
+/// What a watcher saw.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Watch {
+    /// The messages that are what was written, in their order.
+    pub arrivals: Vec<Arrival>,
+    /// How many are not.
+    pub torn: u64,
+}
+
+/// One message that came, with moments of the monotonic clock in nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Arrival {
+    /// Its number.
+    pub number: u64,
+    /// When its writing began.
+    pub start_ns: u64,
+    /// When it was published.
+    pub handed_ns: u64,
+    /// When it was in hand.
+    pub in_hand_ns: u64,
+    /// When it had been read.
+    pub read_ns: u64,
 }
 
 #[cfg(test)]

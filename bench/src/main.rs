@@ -6,6 +6,7 @@
 //! | `cli`, `run`, `report`, `plot` | the director's command line, loop and output |
 //! | `workloads/` | what is measured: one file for each |
 //! | `world` | the processes of one case: started, heard, measured, ended |
+//! | `link/` | a bad link between two hosts of this machine |
 //! | `roles/` | what these processes do: the same loop for every peer |
 //! | `peers/` | how each peer does it: one file for each |
 //! | `payload`, `stats`, `measure`, `clock` | what is sent, and what is made of it |
@@ -23,6 +24,7 @@ mod control;
 mod interrupt;
 mod job;
 mod leftovers;
+mod link;
 mod machine;
 mod measure;
 mod payload;

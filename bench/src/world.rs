@@ -21,8 +21,9 @@ use tempfile::TempDir;
 
 use crate::{
     interrupt,
-    job::{Cores, Domain, Job, Outcome, Role, Said},
+    job::{Cores, Domain, Job, Outcome, Role, Said, Side},
     leftovers::Leftovers,
+    link::Link,
     measure,
     peers::PeerInfo,
 };
@@ -40,6 +41,8 @@ const LOOK: Duration = Duration::from_millis(200);
 /// The processes of one case, and the place where they meet.
 pub struct World {
     domain: Domain,
+    /// Of the near and the far host, if there are two.
+    networks: Option<[PathBuf; 2]>,
     dir: TempDir,
     processes: Vec<Process>,
     events: Receiver<(usize, Option<Said>)>,
@@ -50,6 +53,7 @@ pub struct World {
 
 struct Process {
     is_daemon: bool,
+    side: Side,
     name: String,
     child: Child,
     stdin: Option<ChildStdin>,
@@ -89,6 +93,21 @@ impl World {
     ///
     /// See [`Failure`].
     pub fn new(peer: &PeerInfo) -> Result<Self, Failure> {
+        Self::of(peer, None)
+    }
+
+    /// A new one of two hosts, with the peer's daemon at each of them if it has one. The link is to
+    /// live longer.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn across(peer: &PeerInfo, link: &Link) -> Result<Self, Failure> {
+        let networks = [Side::Near, Side::Far].map(|side| link.network(side));
+        Self::of(peer, Some(networks))
+    }
+
+    fn of(peer: &PeerInfo, networks: Option<[PathBuf; 2]>) -> Result<Self, Failure> {
         let dir = tempfile::Builder::new()
             .prefix("sm2-bench-")
             .tempdir_in("/dev/shm")
@@ -103,39 +122,68 @@ impl World {
                 dir: dir.path().to_owned(),
                 tag: tag.clone(),
                 port,
+                side: None,
             },
+            networks,
             leftovers: Leftovers::before(tag),
             dir,
             processes: Vec::new(),
             events,
             sender,
         };
-        if peer.daemon {
-            let daemon = world.start("daemon", Role::Daemon)?;
+        let places: &[_] = match (peer.daemon, &world.networks) {
+            (false, _) => &[],
+            (true, None) => &[("daemon", Side::Near)],
+            // The near one connects to it.
+            (true, Some(_)) => &[("daemon-far", Side::Far), ("daemon-near", Side::Near)],
+        };
+        for &(name, side) in places {
+            let daemon = world.start_at(side, name, Role::Daemon)?;
             world.ready(daemon)?;
         }
         Ok(world)
     }
 
-    /// Starts a process.
+    /// Starts a process, at the near host if there are two.
     ///
     /// # Errors
     ///
     /// See [`Failure`].
     pub fn start(&mut self, name: &str, role: Role) -> Result<ProcessId, Failure> {
-        let failed = Failure::io("start a process of the run");
-        self.spawn(name, role).map_err(failed)
+        self.start_at(Side::Near, name, role)
     }
 
-    fn spawn(&mut self, name: &str, role: Role) -> io::Result<ProcessId> {
-        let domain = self.domain.clone();
+    /// Starts a process at a host.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn start_at(&mut self, side: Side, name: &str, role: Role) -> Result<ProcessId, Failure> {
+        let failed = Failure::io("start a process of the run");
+        self.spawn(side, name, role).map_err(failed)
+    }
+
+    fn spawn(&mut self, side: Side, name: &str, role: Role) -> io::Result<ProcessId> {
+        let network = self.networks.as_ref().map(|[near, far]| match side {
+            Side::Near => near.clone(),
+            Side::Far => far.clone(),
+        });
+        let domain = Domain {
+            side: network.is_some().then_some(side),
+            ..self.domain.clone()
+        };
         let others = self.processes.iter();
         let number = others.filter(|other| !other.is_daemon).count();
         let is_daemon = matches!(role, Role::Daemon);
         let cores = CORES.get().copied().filter(|_| !is_daemon);
         let available = thread::available_parallelism().map_or(1, usize::from);
         let core = core(cores.unwrap_or_default(), number, available);
-        let job = serde_json::to_string(&Job { domain, role, core })?;
+        let job = serde_json::to_string(&Job {
+            domain,
+            role,
+            core,
+            network,
+        })?;
         let stderr = self.dir.path().join(format!("{name}.stderr"));
         let mut child = Command::new(std::env::current_exe()?)
             .args([crate::ROLE, &job])
@@ -148,6 +196,7 @@ impl World {
         let stdout = child.stdout.take();
         self.processes.push(Process {
             is_daemon,
+            side,
             name: name.to_owned(),
             child,
             stdin,
@@ -222,6 +271,24 @@ impl World {
                         stderr: tail(&process.stderr),
                     });
                 }
+            }
+        }
+    }
+
+    /// Sleeps while the processes do what they do.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    pub fn let_run(&mut self, time: Duration) -> Result<(), Failure> {
+        let until = Instant::now() + time;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            match self.events.recv_timeout(left.min(LOOK)) {
+                Ok((id, said)) => self.note(id, said)?,
+                Err(_) if interrupt::came() => return Err(Failure::Interrupted),
+                Err(_) if left.is_zero() => return Ok(()),
+                Err(_) => {}
             }
         }
     }
@@ -310,7 +377,17 @@ impl World {
     ///
     /// One of them is gone.
     pub fn cpu_ns(&self) -> Result<u64, Failure> {
-        self.sum(measure::cpu_ns)
+        sum(&self.processes, measure::cpu_ns)
+    }
+
+    /// The CPU time of all processes of a host so far, in nanoseconds.
+    ///
+    /// # Errors
+    ///
+    /// One of them is gone.
+    pub fn cpu_ns_at(&self, side: Side) -> Result<u64, Failure> {
+        let there = self.processes.iter().filter(|it| it.side == side);
+        sum(there, measure::cpu_ns)
     }
 
     /// The memory of all processes, in bytes.
@@ -319,7 +396,7 @@ impl World {
     ///
     /// One of them is gone.
     pub fn pss_bytes(&self) -> Result<u64, Failure> {
-        self.sum(measure::pss_bytes)
+        sum(&self.processes, measure::pss_bytes)
     }
 
     /// How often threads of all processes have gone to sleep so far.
@@ -328,17 +405,19 @@ impl World {
     ///
     /// One of them is gone.
     pub fn sleeps(&self) -> Result<u64, Failure> {
-        self.sum(measure::sleeps)
+        sum(&self.processes, measure::sleeps)
     }
+}
 
-    fn sum(&self, of: impl Fn(Pid) -> io::Result<u64>) -> Result<u64, Failure> {
-        let mut sum = 0;
-        for process in &self.processes {
-            let pid = Pid::from_raw(process.child.id() as i32);
-            sum += of(pid).map_err(Failure::io("measure a process"))?;
-        }
-        Ok(sum)
-    }
+fn sum<'a>(
+    processes: impl IntoIterator<Item = &'a Process>,
+    of: impl Fn(Pid) -> io::Result<u64>,
+) -> Result<u64, Failure> {
+    let pids = processes
+        .into_iter()
+        .map(|process| Pid::from_raw(process.child.id() as i32));
+    let sum: io::Result<u64> = pids.map(of).sum();
+    sum.map_err(Failure::io("measure a process"))
 }
 
 impl Drop for World {

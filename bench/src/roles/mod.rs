@@ -1,9 +1,9 @@
 //! What the processes of a run do. Each role is one loop, the same for every peer.
 
-use std::{error::Error, process::ExitCode};
+use std::{error::Error, fs::File, process::ExitCode};
 
 use nix::{
-    sched::{CpuSet, sched_setaffinity},
+    sched::{CloneFlags, CpuSet, sched_setaffinity, setns},
     sys::{prctl, signal::Signal},
     unistd::Pid,
 };
@@ -20,6 +20,7 @@ mod round_trips;
 mod service;
 mod stream;
 mod tally;
+mod watch;
 
 /// Whatever ends a role.
 type Failure = Box<dyn Error>;
@@ -51,9 +52,17 @@ pub fn run(job: &str) -> ExitCode {
 }
 
 fn play(job: &str) -> Result<Outcome, Failure> {
-    let Job { domain, role, core } = serde_json::from_str(job)?;
+    let Job {
+        domain,
+        role,
+        core,
+        network,
+    } = serde_json::from_str(job)?;
+    // Before any other thread is there: they inherit both.
+    if let Some(network) = network {
+        setns(File::open(network)?, CloneFlags::CLONE_NEWNET)?;
+    }
     if let Some(core) = core {
-        // Before any other thread is there: they inherit it.
         let mut cores = CpuSet::new();
         cores.set(core)?;
         sched_setaffinity(Pid::from_raw(0), &cores)?;
@@ -66,6 +75,9 @@ fn play(job: &str) -> Result<Outcome, Failure> {
         Role::Publisher(stream) => stream::publish::<P>(&domain, &stream),
         Role::Subscriber { topic, read, number } => {
             stream::subscribe::<P>(&domain, &topic, read, number)
+        }
+        Role::Watcher { topic, read, number } => {
+            watch::watch::<P>(&domain, &topic, read, number)
         }
         Role::Ping(trips) => round_trips::ping::<P>(&domain, &trips),
         Role::Echo(trips) => round_trips::echo::<P>(&domain, &trips),

@@ -55,7 +55,8 @@ impl<P: Publish> Source<'_, P> {
     /// Publishes for so many seconds; how many messages that were.
     ///
     /// Each is due at its time, counted from the first one: being late once makes none of the
-    /// others late. A publisher that cannot keep up publishes fewer, but not longer.
+    /// others late. A publisher that cannot keep up publishes fewer, but not longer. Told to stop, one with a
+    /// rate does at once.
     fn run(&mut self, seconds: f64, flags: u64) -> Result<u64, PeerError> {
         let start_ns = now_ns();
         let end_ns = start_ns + (seconds * 1e9) as u64;
@@ -64,6 +65,9 @@ impl<P: Publish> Source<'_, P> {
             match self.stream.rate_hz {
                 Some(rate) => {
                     let due_ns = start_ns + (count as f64 * 1e9 / rate) as u64;
+                    if reached(Stage::Stop) {
+                        return Ok(count);
+                    }
                     if due_ns >= end_ns || now_ns() >= end_ns {
                         sleep_until(end_ns.min(due_ns));
                         return Ok(count);

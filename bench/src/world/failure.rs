@@ -2,7 +2,7 @@
 
 use std::{io, time::Duration};
 
-use crate::job::Said;
+use crate::{job::Said, link::LinkError};
 
 /// Why a case has no figures.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +50,9 @@ pub enum Failure {
     /// The person at the keyboard has had enough.
     #[error("interrupted")]
     Interrupted,
+    /// The hosts of the case have no way to each other.
+    #[error(transparent)]
+    Link(#[from] LinkError),
     /// The system refused what every case needs.
     #[error("cannot {action}: {source}")]
     Io {

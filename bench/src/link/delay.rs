@@ -1,0 +1,232 @@
+//! IP packets that take their time: read from a TUN device, held, and written back, in order.
+
+use std::{
+    collections::VecDeque,
+    io,
+    os::fd::AsFd,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use nix::{
+    poll::{PollFd, PollFlags, ppoll},
+    sys::time::TimeSpec,
+};
+use sm2_gateway::bad_link::{Pauses, Profile, Random};
+use tun_rs::{DeviceBuilder, SyncDevice};
+
+use super::address;
+use crate::job::Side;
+
+/// What one Ethernet frame carries.
+const MTU: u16 = 1_500;
+
+/// How many packets the kernel keeps while the thread waits for a processor.
+const KERNEL_PACKETS: u32 = 4_000;
+
+/// How many packets are read before others are written.
+const BURST: usize = 64;
+
+/// How long the end may not be noticed.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// The device, in the network where the calling thread is. It gives whole packets with checksums:
+/// what TCP or UDP would leave to a network card is done by then.
+pub(super) fn device(name: &str) -> io::Result<SyncDevice> {
+    let device = DeviceBuilder::new()
+        .name(name)
+        .mtu(MTU)
+        .with(|linux| {
+            linux.tx_queue_len(KERNEL_PACKETS);
+        })
+        .build_sync()?;
+    device.set_nonblocking(true)?;
+    Ok(device)
+}
+
+/// Holds packets, until it is dropped.
+#[derive(Debug)]
+pub(super) struct Delay {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Delay {
+    pub(super) fn start(device: SyncDevice, profile: &Profile) -> io::Result<Self> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let until = Arc::clone(&stop);
+        let mut wire = Wire::new(device, profile);
+        let thread = thread::Builder::new().name("link".to_owned());
+        let thread = thread.spawn(move || {
+            while !until.load(Ordering::Relaxed) {
+                wire.turn();
+            }
+        })?;
+        Ok(Self {
+            stop,
+            thread: Some(thread),
+        })
+    }
+}
+
+impl Drop for Delay {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        // It holds nothing that could be lost.
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+/// Both ways through one device.
+struct Wire {
+    device: SyncDevice,
+    to_near: Lane,
+    to_far: Lane,
+}
+
+/// One of the two ways.
+struct Lane {
+    delay: Duration,
+    jitter: Duration,
+    random: Random,
+    pauses: Pauses,
+    /// When the last packet leaves: none overtakes another.
+    last: Instant,
+    /// When each leaves.
+    held: VecDeque<(Instant, Vec<u8>)>,
+}
+
+impl Wire {
+    fn new(device: SyncDevice, profile: &Profile) -> Self {
+        let epoch = Instant::now();
+        let lane = |salt: u64| Lane {
+            delay: profile.delay,
+            jitter: profile.jitter,
+            random: Random::new(profile.seed.wrapping_add(salt << 32)),
+            // Both ways stand still at the same time.
+            pauses: Pauses::new(&profile.pauses, epoch, profile.seed),
+            last: epoch,
+            held: VecDeque::new(),
+        };
+        Self {
+            device,
+            to_near: lane(1),
+            to_far: lane(2),
+        }
+    }
+
+    /// Writes what is due, sleeps until something is to do, and reads.
+    fn turn(&mut self) {
+        let now = Instant::now();
+        for lane in [&mut self.to_near, &mut self.to_far] {
+            while let Some(packet) = lane.pop(now) {
+                // A packet that the kernel does not take is lost, as on any link.
+                let _ = self.device.send(&packet);
+            }
+        }
+        let next = [&self.to_near, &self.to_far]
+            .into_iter()
+            .filter_map(|lane| lane.held.front());
+        let next = next.map(|(due, _)| due.saturating_duration_since(now));
+        let timeout = next.min().unwrap_or(LOOK).min(LOOK);
+        let mut entries = [PollFd::new(self.device.as_fd(), PollFlags::POLLIN)];
+        // What cannot be waited for is tried.
+        let _ = ppoll(&mut entries, Some(TimeSpec::from_duration(timeout)), None);
+        self.read();
+    }
+
+    fn read(&mut self) {
+        let mut buffer = [0; MTU as usize];
+        for _ in 0..BURST {
+            let Ok(len) = self.device.recv(&mut buffer) else {
+                break;
+            };
+            let packet = &buffer[..len];
+            let lane = match destination(packet) {
+                Some(Side::Near) => &mut self.to_near,
+                Some(Side::Far) => &mut self.to_far,
+                None => continue,
+            };
+            lane.push(Instant::now(), packet);
+        }
+    }
+}
+
+impl Lane {
+    fn push(&mut self, now: Instant, packet: &[u8]) {
+        let jitter = self.jitter.mul_f64(self.random.part());
+        let due = (now + self.delay + jitter).max(self.last);
+        let due = self.pauses.hold(due);
+        self.last = due;
+        self.held.push_back((due, packet.to_vec()));
+    }
+
+    /// The next one, if it is due.
+    fn pop(&mut self, now: Instant) -> Option<Vec<u8>> {
+        match self.held.front() {
+            Some((due, _)) if *due <= now => self.held.pop_front().map(|it| it.1),
+            _ => None,
+        }
+    }
+}
+
+/// The host that an IPv4 packet goes to; no other packets are carried.
+fn destination(packet: &[u8]) -> Option<Side> {
+    let header = packet.first_chunk::<20>()?;
+    if header[0] >> 4 != 4 {
+        return None;
+    }
+    [Side::Near, Side::Far]
+        .into_iter()
+        .find(|&side| header[16..] == address(side).octets())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn packet(to: [u8; 4]) -> [u8; 28] {
+        let mut packet = [0; 28];
+        packet[0] = 0x45;
+        packet[16..20].copy_from_slice(&to);
+        packet
+    }
+
+    #[test]
+    fn packets_of_other_protocols_and_to_others_go_nowhere() {
+        assert_eq!(destination(&packet([10, 77, 1, 1])), Some(Side::Near));
+        assert_eq!(destination(&packet([10, 77, 2, 1])), Some(Side::Far));
+        assert_eq!(destination(&packet([10, 77, 2, 2])), None);
+        assert_eq!(destination(&[0x60; 40]), None);
+        assert_eq!(destination(&packet([10, 77, 1, 1])[..19]), None);
+    }
+
+    #[test]
+    fn packets_leave_in_order_after_delay_and_at_most_jitter() {
+        let epoch = Instant::now();
+        let profile = Profile::wifi();
+        let mut lane = Lane {
+            delay: profile.delay,
+            jitter: profile.jitter,
+            random: Random::new(1),
+            pauses: Pauses::new(&[], epoch, 1),
+            last: epoch,
+            held: VecDeque::new(),
+        };
+        for number in 0..200_u32 {
+            let now = epoch + Duration::from_micros(100) * number;
+            lane.push(now, &number.to_le_bytes());
+            assert!(lane.last >= now + profile.delay);
+            assert!(lane.last <= now + profile.delay + profile.jitter);
+        }
+        assert_eq!(lane.pop(epoch + profile.delay / 2), None);
+        let end = epoch + Duration::from_secs(1);
+        let left: Vec<_> = std::iter::from_fn(|| lane.pop(end)).collect();
+        let sent: Vec<_> = (0..200_u32).map(|it| it.to_le_bytes().to_vec()).collect();
+        assert_eq!(left, sent);
+    }
+}
