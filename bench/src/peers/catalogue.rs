@@ -15,6 +15,19 @@ pub enum Family {
     Zenoh,
     /// Cyclone DDS and Fast DDS.
     Dds,
+    /// QUIC without any middleware.
+    Quinn,
+}
+
+/// Where the processes of a peer can be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// All at one host.
+    Host,
+    /// At one host, or at two with a link between them.
+    Link,
+    /// Only at two hosts.
+    LinkAlone,
 }
 
 /// A peer in one way of using it.
@@ -34,6 +47,8 @@ pub struct PeerInfo {
     pub nodes: bool,
     /// It differs from another one only where many messages are sent at a time.
     pub batches: bool,
+    /// Where its processes can be.
+    pub reach: Reach,
     /// What it is, in a line.
     pub about: &'static str,
 }
@@ -48,6 +63,7 @@ const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerIn
         lossy: false,
         nodes: true,
         batches: false,
+        reach: Reach::Host,
         about,
     }
 }
@@ -100,13 +116,29 @@ const fn lossy(info: PeerInfo) -> PeerInfo {
     }
 }
 
+/// With processes at one host or two.
+const fn linked(info: PeerInfo) -> PeerInfo {
+    PeerInfo {
+        reach: Reach::Link,
+        ..info
+    }
+}
+
+/// From one host to another, and nothing else: no nodes, no services, the freshest message alone.
+const fn across(info: PeerInfo) -> PeerInfo {
+    PeerInfo {
+        reach: Reach::LinkAlone,
+        ..lossy(bare(info))
+    }
+}
+
 /// All of them. The first one is what others are compared with.
 pub const PEERS: &[PeerInfo] = &[
-    brokered(peer(
+    linked(brokered(peer(
         "sm2",
         Family::Sm2,
-        "SM2, pooled, reliable: nothing is dropped",
-    )),
+        "SM2, pooled, reliable: nothing is dropped; over a link keep-last, with gateways",
+    ))),
     lossy(brokered(peer(
         "sm2-drop",
         Family::Sm2,
@@ -172,11 +204,11 @@ pub const PEERS: &[PeerInfo] = &[
         Family::Zenoh,
         "Zenoh, peer to peer over TCP, its default",
     ),
-    brokered(peer(
+    linked(brokered(peer(
         "zenoh-router",
         Family::Zenoh,
-        "Zenoh, clients of a router that carries everything",
-    )),
+        "Zenoh, clients of a router that carries everything; over a link one at each host, its defaults",
+    ))),
     brokered(peer(
         "zenoh-rmw",
         Family::Zenoh,
@@ -207,6 +239,16 @@ pub const PEERS: &[PeerInfo] = &[
         Family::Dds,
         "Fast DDS, plain fixed-size type with loans (data sharing)",
     )),
+    across(peer(
+        "raw-quinn",
+        Family::Quinn,
+        "QUIC by quinn, its defaults (cubic): a stream for each message, one at a time, the freshest",
+    )),
+    across(peer(
+        "raw-quinn-bbr",
+        Family::Quinn,
+        "the same with the congestion controller BBR",
+    )),
 ];
 
 /// The peer of this name.
@@ -231,7 +273,7 @@ impl PeerInfo {
         let left_out =
             |feature| format!("left out of this build: build with `--features {feature}`");
         match self.family {
-            Family::Sm2 | Family::Raw => Ok(()),
+            Family::Sm2 | Family::Raw | Family::Quinn => Ok(()),
             Family::Iceoryx2 if cfg!(feature = "iceoryx2") => Ok(()),
             Family::Iceoryx2 => Err(left_out("iceoryx2")),
             Family::Zenoh if cfg!(feature = "zenoh") => Ok(()),

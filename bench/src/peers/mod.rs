@@ -15,12 +15,13 @@ pub mod catalogue;
 pub mod dds;
 #[cfg(feature = "iceoryx2")]
 pub mod iceoryx2;
+pub mod quinn;
 pub mod raw;
 pub mod sm2;
 #[cfg(feature = "zenoh")]
 pub mod zenoh;
 
-pub use catalogue::{Family, PEERS, PeerInfo};
+pub use catalogue::{Family, PEERS, PeerInfo, Reach};
 
 /// A process' place in a peer's world: a node, a session, a participant.
 pub trait Peer: Sized {
@@ -285,6 +286,10 @@ macro_rules! with_peer {
             }
             Some($crate::peers::Family::Dds) => {
                 type $peer = $crate::peers::dds::Dds;
+                $body
+            }
+            Some($crate::peers::Family::Quinn) => {
+                type $peer = $crate::peers::quinn::Quinn;
                 $body
             }
             _ => Err($crate::peers::PeerError::new(

@@ -1,4 +1,5 @@
 //! SM2: one Manager, a node in each process. Messages are written into loans, short ones copied.
+//! Over a link each host has a Manager and a [gateway], and topics are keep-last, the default.
 
 use std::{fmt::Display, path::PathBuf, time::Duration};
 
@@ -11,6 +12,8 @@ use crate::{
     control::{Stage, reached},
     job::{Domain, Topic},
 };
+
+mod gateway;
 
 /// How long a reliable message waits for a subscriber, and whatever else may be waited for.
 const PATIENCE: Duration = Duration::from_nanos(PATIENCE_NS);
@@ -41,9 +44,10 @@ struct Mode {
 }
 
 impl Mode {
-    fn of(peer: &str) -> Self {
+    fn of(domain: &Domain) -> Self {
+        let peer = domain.peer.as_str();
         Self {
-            reliable: peer != "sm2-drop",
+            reliable: peer != "sm2-drop" && domain.side.is_none(),
             sealed: peer == "sm2-sealed",
             wait: if peer == "sm2-spin" {
                 Wait::Spin
@@ -56,7 +60,10 @@ impl Mode {
 }
 
 fn socket(domain: &Domain) -> PathBuf {
-    domain.dir.join("sm2.sock")
+    match domain.side {
+        None => domain.dir.join("sm2.sock"),
+        Some(side) => domain.dir.join(format!("sm2-{}.sock", side.as_str())),
+    }
 }
 
 fn failed<E: Display>(action: &'static str) -> impl FnOnce(E) -> PeerError {
@@ -69,6 +76,9 @@ impl Peer for Sm2 {
 
     /// The same Manager as that of the program `sm2-manager`.
     fn serve(domain: &Domain, ready: impl FnOnce()) -> Result<(), PeerError> {
+        if let Some(side) = domain.side {
+            return gateway::serve(domain, side, ready);
+        }
         let manager =
             Manager::bind(&socket(domain), Options::default()).map_err(failed("be Manager"))?;
         ready();
@@ -79,7 +89,7 @@ impl Peer for Sm2 {
         let node = Node::builder(name).socket(socket(domain)).connect();
         Ok(Self {
             node: node.map_err(failed("connect a node"))?,
-            mode: Mode::of(&domain.peer),
+            mode: Mode::of(domain),
         })
     }
 

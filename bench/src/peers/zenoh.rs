@@ -1,11 +1,12 @@
 //! Zenoh: peer to peer over TCP, through a router, or through its shared memory provider.
 //!
 //! Handlers are called on Zenoh's own threads, as its documentation does for whatever has to be
-//! fast. Congestion control is `Block` everywhere: nothing is dropped, as in `rmw_zenoh` for
-//! reliable topics.
+//! fast. Congestion control is `Block` at one host: nothing is dropped, as in `rmw_zenoh` for
+//! reliable topics. Over a link there is a router at each host, and all is as Zenoh's defaults have it.
 
 use std::{
     error::Error,
+    net::Ipv4Addr,
     sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
@@ -28,7 +29,8 @@ use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscrib
 use crate::{
     clock::{now_ns, sleep_until},
     control::{Stage, wait_for},
-    job::{Domain, Read, Topic},
+    job::{Domain, Read, Side, Topic},
+    link,
     payload::HEADER_BYTES,
 };
 
@@ -49,13 +51,16 @@ fn failed(action: &'static str) -> impl FnOnce(Failed) -> PeerError {
 pub struct Zenoh {
     session: Session,
     shm: bool,
+    /// Publishers are as the defaults have them.
+    plain: bool,
 }
 
 /// What differs between the processes of a domain and its ways of using Zenoh.
 struct Setup {
     mode: &'static str,
-    listen: Option<u16>,
-    connect: Option<u16>,
+    /// Endpoints.
+    listen: Vec<String>,
+    connect: Vec<String>,
     shm: bool,
 }
 
@@ -69,35 +74,41 @@ impl Setup {
             (_, true) => ("peer", Some(port), None),
             (_, false) => ("peer", Some(0), Some(port)),
         };
+        let here = |port| endpoint(Ipv4Addr::LOCALHOST, port);
         Self {
             mode,
-            listen,
-            connect,
+            listen: listen.map(here).into_iter().collect(),
+            connect: connect.map(here).into_iter().collect(),
             shm: domain.peer == "zenoh-shm",
         }
     }
 
     fn router(domain: &Domain) -> Self {
+        let here = endpoint(Ipv4Addr::LOCALHOST, domain.port);
+        let far = endpoint(link::address(Side::Far), domain.port);
+        let (listen, connect) = match domain.side {
+            None => (vec![here], Vec::new()),
+            Some(Side::Near) => (vec![here], vec![far]),
+            Some(Side::Far) => (vec![here, far], Vec::new()),
+        };
         Self {
             mode: "router",
-            listen: Some(domain.port),
-            connect: None,
+            listen,
+            connect,
             shm: false,
         }
     }
 
     /// All defaults, but: no multicast, so that runs on one network do not meet, addresses of
-    /// the loopback interface, and a first peer that may be a little late.
+    /// the loopback interface or the link, and a first peer that may be a little late.
     fn open(&self) -> Result<Session, Failed> {
-        let endpoints = |port: Option<u16>| match port {
-            Some(port) => format!("[\"tcp/127.0.0.1:{port}\"]"),
-            None => "[]".to_owned(),
-        };
+        // As JSON.
+        let endpoints = |all: &[String]| format!("{all:?}");
         let mut config = Config::default();
         for (key, value) in [
             ("mode", format!("\"{}\"", self.mode)),
-            ("listen/endpoints", endpoints(self.listen)),
-            ("connect/endpoints", endpoints(self.connect)),
+            ("listen/endpoints", endpoints(&self.listen)),
+            ("connect/endpoints", endpoints(&self.connect)),
             ("connect/retry", "{ period_init_ms: 20 }".to_owned()),
             ("connect/timeout_ms", "10000".to_owned()),
             ("scouting/multicast/enabled", "false".to_owned()),
@@ -107,6 +118,10 @@ impl Setup {
         }
         zenoh::open(config).wait()
     }
+}
+
+fn endpoint(address: Ipv4Addr, port: u16) -> String {
+    format!("tcp/{address}:{port}")
 }
 
 impl Peer for Zenoh {
@@ -127,17 +142,17 @@ impl Peer for Zenoh {
         Ok(Self {
             session: setup.open().map_err(failed("open a session"))?,
             shm: setup.shm,
+            plain: domain.side.is_some(),
         })
     }
 
     fn publisher(&self, topic: &Topic) -> Result<Sender, PeerError> {
-        let publisher = self
-            .session
-            .declare_publisher(topic.name.clone())
-            .congestion_control(CongestionControl::Block)
-            .express(is_urgent(topic))
-            .wait()
-            .map_err(failed("declare a publisher"))?;
+        let mut builder = self.session.declare_publisher(topic.name.clone());
+        if !self.plain {
+            builder = builder.congestion_control(CongestionControl::Block);
+            builder = builder.express(is_urgent(topic));
+        }
+        let publisher = builder.wait().map_err(failed("declare a publisher"))?;
         Ok(Sender {
             session: self.session.clone(),
             publisher,
