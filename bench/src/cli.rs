@@ -64,6 +64,9 @@ pub struct RunArguments {
     /// How many nodes join in `nodes`; 50, then 100, if it is not said
     #[arg(long, value_parser = clap::value_parser!(u16).range(2..))]
     pub nodes: Option<u16>,
+    /// In `bad-link`: one more case, in which the link stands still for 102 ms and 1,030 ms at times
+    #[arg(long)]
+    pub pauses: bool,
     /// Print one JSON object per peer and figure on a line of its own, and no table
     #[arg(long)]
     pub json: bool,

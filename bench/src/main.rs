@@ -100,6 +100,9 @@ fn list() -> std::io::Result<()> {
     writeln!(out, "workloads:")?;
     for workload in workloads::WORKLOADS {
         writeln!(out, "  {:12} {}", workload.name, workload.about)?;
+        if let Err(reason) = (workload.available)() {
+            writeln!(out, "  {:12} cannot run here: {reason}", "")?;
+        }
     }
     writeln!(out, "peers:")?;
     for peer in peers::PEERS {

@@ -25,8 +25,18 @@ type Drawing<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// From so many cases on, their figures are lines.
 const LINE_CASES: usize = 3;
 
-/// Figures that say whether all went well have no plot.
-const PLAIN: [&str; 4] = ["dropped", "lost", "torn", "stale"];
+/// Figures that say whether all went well, or how it was before, or another one anew, have no plot.
+const PLAIN: [&str; 9] = [
+    "dropped",
+    "lost",
+    "torn",
+    "stale",
+    "remote_share",
+    "remote_hz",
+    "local_hz_before",
+    "local_latency_p99_before",
+    "local_dropped",
+];
 
 /// One plot: a figure's own name, and the cases.
 struct Plot<'a> {

@@ -24,6 +24,7 @@ pub fn run(arguments: &RunArguments) -> Results {
         seconds: arguments.seconds,
         size: arguments.size,
         nodes: arguments.nodes.map(usize::from),
+        pauses: arguments.pauses,
     };
     let began = SystemTime::now().duration_since(UNIX_EPOCH);
     let mut results = Results {
@@ -69,9 +70,11 @@ fn choose(arguments: &RunArguments, results: &mut Results) -> Vec<&'static PeerI
         chosen => chosen.to_vec(),
     };
     let mut peers = Vec::new();
+    let possible = (arguments.workload.available)();
     for peer in all {
         let supported = (arguments.workload.supports)(peer).map_err(str::to_owned);
-        match supported.and_then(|()| peer.available()) {
+        let available = || possible.clone().and_then(|()| peer.available());
+        match supported.and_then(|()| available()) {
             Ok(()) => peers.push(peer),
             Err(reason) => {
                 eprintln!("{} is skipped: {reason}", peer.name);

@@ -2,8 +2,14 @@
 //!
 //! To add one: a module, and a line in [`WORKLOADS`].
 
-use crate::{job::Read, peers::PeerInfo, world::Failure};
+use crate::{
+    job::Read,
+    link,
+    peers::{PeerInfo, Reach},
+    world::Failure,
+};
 
+mod bad_link;
 mod fig3;
 mod fig4;
 mod fig5;
@@ -27,6 +33,8 @@ pub struct Workload {
     pub shown: &'static [&'static str],
     /// Whether a peer can run it, or why not.
     pub supports: fn(&PeerInfo) -> Result<(), &'static str>,
+    /// Whether it can be run on this machine, or why not.
+    pub available: fn() -> Result<(), String>,
 }
 
 /// What the command line says about all cases.
@@ -40,6 +48,8 @@ pub struct Options {
     pub size: usize,
     /// How many nodes join, if it is not the workload's own choice.
     pub nodes: Option<usize>,
+    /// The link also stands still, in a case of its own.
+    pub pauses: bool,
 }
 
 /// Something that can be run on a peer.
@@ -80,6 +90,7 @@ pub const WORKLOADS: &[Workload] = &[
         cases: fig3::cases,
         shown: &["cpu", "pss", "latency_mean", "dropped", "torn"],
         supports: moves_messages,
+        available: anywhere,
     },
     Workload {
         name: "fig4",
@@ -87,6 +98,7 @@ pub const WORKLOADS: &[Workload] = &[
         cases: fig4::cases,
         shown: &["received_hz", "latency_mean", "latency_p99"],
         supports: moves_messages,
+        available: anywhere,
     },
     Workload {
         name: "fig4-max",
@@ -101,6 +113,7 @@ pub const WORKLOADS: &[Workload] = &[
             "cpu",
         ],
         supports: everybody,
+        available: anywhere,
     },
     Workload {
         name: "fig5",
@@ -108,6 +121,7 @@ pub const WORKLOADS: &[Workload] = &[
         cases: fig5::cases,
         shown: &["latency_mean", "latency_p99"],
         supports: moves_messages,
+        available: anywhere,
     },
     Workload {
         name: "pingpong",
@@ -115,6 +129,7 @@ pub const WORKLOADS: &[Workload] = &[
         cases: pingpong::cases,
         shown: &["half_round_trip_p50", "one_way_by_stamp_p50"],
         supports: everybody,
+        available: anywhere,
     },
     Workload {
         name: "throughput",
@@ -122,6 +137,7 @@ pub const WORKLOADS: &[Workload] = &[
         cases: throughput::cases,
         shown: &["received_hz", "lost", "torn", "cpu"],
         supports: loses_nothing,
+        available: anywhere,
     },
     Workload {
         name: "nodes",
@@ -135,6 +151,7 @@ pub const WORKLOADS: &[Workload] = &[
             "pss",
         ],
         supports: has_nodes,
+        available: anywhere,
     },
     Workload {
         name: "join",
@@ -142,6 +159,7 @@ pub const WORKLOADS: &[Workload] = &[
         cases: join::cases,
         shown: &["first_message_p50", "first_message_max"],
         supports: moves_messages,
+        available: anywhere,
     },
     Workload {
         name: "service",
@@ -149,6 +167,28 @@ pub const WORKLOADS: &[Workload] = &[
         cases: service::cases,
         shown: &["round_trip_p50", "round_trip_p99", "torn"],
         supports: has_services,
+        available: anywhere,
+    },
+    Workload {
+        name: "bad-link",
+        about: "1 MB at 30 Hz to a local subscriber, and to one behind 30.8 Mbit/s and 15 ms, with 0 and 4 % loss",
+        cases: bad_link::cases,
+        shown: &[
+            "remote_goodput",
+            "remote_share",
+            "remote_hz",
+            "remote_age_p50",
+            "remote_age_p99",
+            "local_hz_before",
+            "local_hz_after",
+            "local_latency_p99_before",
+            "local_latency_p99_after",
+            "local_dropped",
+            "torn",
+            "cpu_near",
+        ],
+        supports: crosses_a_link,
+        available: link::available,
     },
 ];
 
@@ -158,10 +198,24 @@ pub fn find(name: &str) -> Option<&'static Workload> {
     WORKLOADS.iter().find(|workload| workload.name == name)
 }
 
+const fn anywhere() -> Result<(), String> {
+    Ok(())
+}
+
 const fn everybody(peer: &PeerInfo) -> Result<(), &'static str> {
-    match peer.batches {
-        true => Err("one message at a time: the same as sm2"),
-        false => Ok(()),
+    match (peer.batches, peer.reach) {
+        (true, _) => Err("one message at a time: the same as sm2"),
+        (false, Reach::LinkAlone) => Err("it is about two hosts"),
+        (false, Reach::Host | Reach::Link) => Ok(()),
+    }
+}
+
+const fn crosses_a_link(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.reach {
+        Reach::Host => {
+            Err("all of it is at one host, or this program does not use its way to another")
+        }
+        Reach::Link | Reach::LinkAlone => Ok(()),
     }
 }
 

@@ -7,6 +7,7 @@ fn options() -> Options {
         seconds: None,
         size: 1_000,
         nodes: None,
+        pauses: true,
     }
 }
 

@@ -1,0 +1,315 @@
+//! The paper's figure 2: a camera, a subscriber beside it, and one that comes to it over a bad link.
+//!
+//! 1 MB at 30 Hz is eight times what the link carries: most messages cannot cross it. What is asked is how
+//! many do, how old they are then, and whether the local subscriber feels any of it.
+
+use std::{ops::Range, time::Duration};
+
+use sm2_gateway::bad_link::Profile;
+
+use super::{Case, Figure, Options, figure};
+use crate::{
+    clock::now_ns,
+    job::{Arrival, Outcome, Read, Role, Said, Side, Stream, Topic, Watch},
+    link::Link,
+    peers::{PeerInfo, Reach},
+    stats::Durations,
+    world::{Failure, PATIENCE, ProcessId, World},
+};
+
+/// The length of each message, in bytes.
+const LEN: usize = 1_000_000;
+
+/// Messages in each second.
+const RATE_HZ: f64 = 30.0;
+
+/// How long there is only the local subscriber.
+const ALONE: Duration = Duration::from_secs(3);
+
+/// How long the remote one may take until it counts.
+const SETTLE: Duration = Duration::from_secs(3);
+
+/// How long messages may be on their way when the publisher has stopped.
+const DRAIN: Duration = Duration::from_millis(300);
+
+pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {
+    let wifi = Profile {
+        pauses: Vec::new(),
+        ..Profile::wifi()
+    };
+    let lossless = Profile {
+        loss_permille: 0,
+        ..wifi.clone()
+    };
+    let mut cases = vec![
+        case(options, "lossless", lossless, 12.0),
+        case(options, "wifi", wifi, 12.0),
+    ];
+    if options.pauses {
+        // Long enough for a long one.
+        cases.push(case(options, "wifi-pauses", Profile::wifi(), 36.0));
+    }
+    cases
+}
+
+fn case(options: &Options, label: &'static str, profile: Profile, seconds: f64) -> Box<dyn Case> {
+    Box::new(BadLink {
+        label,
+        profile,
+        seconds: options.seconds.unwrap_or(seconds),
+        read: options.read,
+    })
+}
+
+struct BadLink {
+    label: &'static str,
+    profile: Profile,
+    seconds: f64,
+    read: Read,
+}
+
+impl Case for BadLink {
+    fn label(&self) -> String {
+        self.label.to_owned()
+    }
+
+    fn run(&self, peer: &'static PeerInfo) -> Result<Vec<Figure>, Failure> {
+        let link = Link::new(&self.profile)?;
+        let mut world = World::across(peer, &link)?;
+        let seen = self.play(peer, &mut world)?;
+        Ok([
+            seen.remote_figures(self.profile.rate_bit),
+            seen.local_figures(),
+            vec![
+                figure("torn", "messages", seen.torn() as f64),
+                figure("cpu_near", "%", seen.cpu_percent),
+            ],
+        ]
+        .concat())
+    }
+}
+
+impl BadLink {
+    fn play(&self, peer: &PeerInfo, world: &mut World) -> Result<Seen, Failure> {
+        let has_local = peer.reach != Reach::LinkAlone;
+        let topic = Topic {
+            name: "bench/camera".to_owned(),
+            max_len: LEN,
+            depth: 2,
+            lossless: false,
+            subscribers: usize::from(has_local),
+        };
+        let stream = Stream {
+            topic: topic.clone(),
+            len: LEN,
+            rate_hz: Some(RATE_HZ),
+            warm_up_s: 0.5,
+            // It is told when to stop.
+            seconds: 3_600.0,
+            stamped: true,
+        };
+        let watcher = |number| Role::Watcher {
+            topic: topic.clone(),
+            read: self.read,
+            number,
+        };
+        let publisher = world.start("publisher", Role::Publisher(stream))?;
+        world.ready(publisher)?;
+        let local = match has_local {
+            true => Some(world.start("local", watcher(0))?),
+            false => None,
+        };
+        if let Some(local) = local {
+            world.ready(local)?;
+        }
+        world.tell(publisher, "go");
+        world.expect(publisher, &Said::Measuring, "publish", PATIENCE)?;
+        let before = timed(|| world.let_run(ALONE))?;
+        let remote = world.start_at(Side::Far, "remote", watcher(1))?;
+        world.ready(remote)?;
+        world.let_run(SETTLE)?;
+        let cpu_before = world.cpu_ns_at(Side::Near)?;
+        let after = timed(|| world.let_run(Duration::from_secs_f64(self.seconds)))?;
+        let cpu_ns = world.cpu_ns_at(Side::Near)?.saturating_sub(cpu_before);
+        world.tell(publisher, "stop");
+        world.expect(publisher, &Said::Measured, "stop", PATIENCE)?;
+        world.outcome(publisher, PATIENCE)?;
+        world.let_run(DRAIN)?;
+        Ok(Seen {
+            cpu_percent: cpu_ns as f64 / (after.end - after.start) as f64 * 100.0,
+            local: local.map(|local| watched(world, local)).transpose()?,
+            remote: watched(world, remote)?,
+            before,
+            after,
+        })
+    }
+}
+
+/// From when to when, by the clock that is in the messages.
+fn timed(work: impl FnOnce() -> Result<(), Failure>) -> Result<Range<u64>, Failure> {
+    let start_ns = now_ns();
+    work()?;
+    Ok(start_ns..now_ns())
+}
+
+fn watched(world: &mut World, watcher: ProcessId) -> Result<Watch, Failure> {
+    world.end(watcher);
+    match world.outcome(watcher, PATIENCE)? {
+        Outcome::Watched(watch) => Ok(watch),
+        _ => Ok(Watch::default()),
+    }
+}
+
+/// What came of it.
+struct Seen {
+    local: Option<Watch>,
+    remote: Watch,
+    /// When there was only the local subscriber.
+    before: Range<u64>,
+    /// When there were both.
+    after: Range<u64>,
+    /// Of all near processes, in percent of one core.
+    cpu_percent: f64,
+}
+
+impl Seen {
+    fn torn(&self) -> u64 {
+        self.remote.torn + self.local.as_ref().map_or(0, |local| local.torn)
+    }
+
+    /// What came over the link.
+    fn remote_figures(&self, rate_bit: f64) -> Vec<Figure> {
+        let hz = self.remote.hz(&self.after);
+        let goodput_bit = hz * LEN as f64 * 8.0;
+        let mut figures = vec![
+            figure("remote_goodput", "Mbit/s", goodput_bit / 1e6),
+            figure(
+                "remote_share",
+                "% of the link",
+                goodput_bit / rate_bit * 100.0,
+            ),
+            figure("remote_hz", "Hz", hz),
+        ];
+        let ages = self
+            .remote
+            .durations(&self.after, |it| it.in_hand_ns - it.handed_ns);
+        let ages = ages.spread();
+        // What does not come has no age.
+        if ages.count > 0 {
+            figures.extend([
+                figure("remote_age_p50", "ms", ages.p50 / 1e6),
+                figure("remote_age_p99", "ms", ages.p99 / 1e6),
+            ]);
+        }
+        figures
+    }
+
+    /// What came to the subscriber beside the publisher, if there is one.
+    fn local_figures(&self) -> Vec<Figure> {
+        let Some(local) = &self.local else {
+            return Vec::new();
+        };
+        let p99_ms = |span| {
+            let latencies = local.durations(span, |it| it.read_ns - it.start_ns);
+            latencies.spread().p99 / 1e6
+        };
+        let dropped = local.missing(&(self.before.start..self.after.end));
+        vec![
+            figure("local_hz_before", "Hz", local.hz(&self.before)),
+            figure("local_hz_after", "Hz", local.hz(&self.after)),
+            figure("local_latency_p99_before", "ms", p99_ms(&self.before)),
+            figure("local_latency_p99_after", "ms", p99_ms(&self.after)),
+            figure("local_dropped", "messages", dropped as f64),
+        ]
+    }
+}
+
+impl Watch {
+    /// Those that came within a span.
+    fn within<'a>(&'a self, span: &'a Range<u64>) -> impl Iterator<Item = &'a Arrival> {
+        let came = |it: &&Arrival| span.contains(&it.in_hand_ns);
+        self.arrivals.iter().filter(came)
+    }
+
+    fn hz(&self, span: &Range<u64>) -> f64 {
+        self.within(span).count() as f64 * 1e9 / (span.end - span.start) as f64
+    }
+
+    fn durations(&self, span: &Range<u64>, of: impl Fn(&Arrival) -> u64) -> Durations {
+        let mut durations = Durations::default();
+        self.within(span).for_each(|it| durations.record(of(it)));
+        durations
+    }
+
+    /// How many between the first and the last of a span did not come.
+    fn missing(&self, span: &Range<u64>) -> u64 {
+        let mut numbers: Vec<_> = self.within(span).map(|it| it.number).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        match (numbers.first(), numbers.last()) {
+            (Some(first), Some(last)) => last - first + 1 - numbers.len() as u64,
+            _ => 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn watch(numbers: &[u64]) -> Watch {
+        let arrival = |&number: &u64| Arrival {
+            number,
+            start_ns: number * 1_000_000_000,
+            handed_ns: number * 1_000_000_000 + 1_000_000,
+            in_hand_ns: number * 1_000_000_000 + 301_000_000,
+            read_ns: number * 1_000_000_000 + 303_000_000,
+        };
+        Watch {
+            arrivals: numbers.iter().map(arrival).collect(),
+            torn: 1,
+        }
+    }
+
+    fn value(figures: &[Figure], name: &str) -> Option<f64> {
+        let found = figures.iter().find(|figure| figure.name == name);
+        found.map(|figure| figure.value)
+    }
+
+    #[test]
+    fn figures_are_of_their_own_part_of_the_stream() {
+        let seen = Seen {
+            local: Some(watch(&[0, 1, 2, 3, 5, 7, 8])),
+            remote: watch(&[4, 6]),
+            before: 0..2_000_000_000,
+            after: 4_000_000_000..9_000_000_000,
+            cpu_percent: 0.0,
+        };
+        let remote = seen.remote_figures(32e6);
+        assert_eq!(value(&remote, "remote_hz"), Some(0.4));
+        assert_eq!(value(&remote, "remote_goodput"), Some(3.2));
+        assert_eq!(value(&remote, "remote_share"), Some(10.0));
+        assert_eq!(value(&remote, "remote_age_p99"), Some(300.0));
+        let local = seen.local_figures();
+        assert_eq!(value(&local, "local_hz_before"), Some(1.0));
+        assert_eq!(value(&local, "local_hz_after"), Some(0.6));
+        assert_eq!(value(&local, "local_latency_p99_after"), Some(303.0));
+        assert_eq!(value(&local, "local_dropped"), Some(2.0));
+        assert_eq!(seen.torn(), 2);
+    }
+
+    #[test]
+    fn what_does_not_come_has_no_age_and_who_is_not_there_no_figures() {
+        let seen = Seen {
+            local: None,
+            remote: Watch::default(),
+            before: 0..1,
+            after: 1..2,
+            cpu_percent: 0.0,
+        };
+        let remote = seen.remote_figures(32e6);
+        assert_eq!(value(&remote, "remote_goodput"), Some(0.0));
+        assert_eq!(value(&remote, "remote_age_p50"), None);
+        assert_eq!(seen.local_figures(), []);
+    }
+}
