@@ -2,7 +2,13 @@
 
 mod common;
 
-use std::time::Duration;
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
 use common::{ALL, Domain, SOON, report, runtime, until};
 use sm2_node::CallError;
@@ -121,6 +127,42 @@ fn rules_that_change_take_effect_at_once() {
     runtime.block_on(left.reload(&config));
     until("gone", || report(&runtime, &left).peers.is_empty());
     runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
+}
+
+/// Published once, before anybody was there.
+//= SM2-GWM-008 test
+#[test]
+fn what_is_latched_reaches_subscribers_that_come_later() {
+    let [a, b, c] = ["a", "b", "c"].map(Domain::new);
+    let runtime = runtime();
+    let first = a.gateway(&runtime, &[(&b, None), (&c, None)], ALL);
+    let second = b.gateway(&runtime, &[(&a, Some(first.address()))], ALL);
+    let third = c.gateway(&runtime, &[(&a, Some(first.address()))], ALL);
+    let mapper = a.node("mapper");
+    let maps = (mapper.publisher_builder::<u64>("map").latched(1))
+        .declare()
+        .unwrap();
+    maps.publish(&7).unwrap();
+    // Nodes move on when they are called.
+    let is_over = Arc::new(AtomicBool::new(false));
+    let until_over = Arc::clone(&is_over);
+    let moving = std::thread::spawn(move || {
+        while !until_over.load(Ordering::Relaxed) {
+            // More than ever come.
+            let _ = maps.wait_for_subscribers(100, Some(Duration::from_millis(5)));
+        }
+    });
+    let mut kept = Vec::new();
+    for (domain, name) in [(&b, "early"), (&b, "late"), (&c, "elsewhere")] {
+        let node = domain.node(name);
+        let subscriber = node.subscriber::<u64>("map").unwrap();
+        let sample = subscriber.recv_timeout(SOON).unwrap().expect(name);
+        assert_eq!(*sample, 7, "{name}");
+        kept.push((node, subscriber));
+    }
+    is_over.store(true, Ordering::Relaxed);
+    moving.join().unwrap();
+    runtime.block_on(async { tokio::join!(first.stop(), second.stop(), third.stop()) });
 }
 
 #[test]

@@ -1,5 +1,8 @@
 //! The hub by itself: what comes out for what goes in.
 
+#[path = "hub/latched.rs"]
+mod latched;
+
 use std::{num::NonZeroU64, time::Duration};
 
 use bytes::Bytes;
@@ -40,6 +43,7 @@ fn topic(text: &str) -> Subject {
         name: name(text),
         data: bytes(),
         reliable: false,
+        latched: 0,
     }
 }
 

@@ -8,7 +8,10 @@ use sm2_proto::{
     gateway::{GatewayId, Hop, Subject, router::Source},
 };
 
-use super::{Hub, LocalCommand, Output};
+use super::{
+    Hub, LocalCommand, Output,
+    latched::{Kept, Latched},
+};
 use crate::peer::Command;
 
 /// Of so many subjects and origins it is remembered what came, at least.
@@ -21,6 +24,7 @@ pub(super) struct Messages {
     last: BTreeMap<Subject, u64>,
     /// The last number that was taken, of each origin.
     seen: BTreeMap<(Subject, GatewayId), (u64, u64)>,
+    pub(super) latched: Latched,
 }
 
 impl Messages {
@@ -38,6 +42,15 @@ impl Messages {
             *last = (origin.epoch, sequence);
         }
         is_new
+    }
+
+    /// What comes from there is not taken any more. What is latched may come again when it is.
+    //= SM2-GWM-007
+    pub(super) fn unused(&mut self, subject: &Subject, origin: GatewayId) {
+        if subject.latched() > 0 {
+            self.latched.forget(subject, Source::Remote(origin));
+            self.seen.remove(&(subject.clone(), origin));
+        }
     }
 }
 
@@ -100,6 +113,12 @@ impl Hub {
         published: Instant,
         payload: &Bytes,
     ) {
+        let message = Kept {
+            sequence,
+            published,
+            payload: payload.clone(),
+        };
+        self.messages.latched.keep(subject, source, message);
         let takers: Vec<(GatewayId, u64)> = self.router.takers(subject, source).collect();
         for (peer, offer) in takers {
             let payload = payload.clone();

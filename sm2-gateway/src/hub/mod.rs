@@ -5,6 +5,7 @@
 //! in with [`handle`](Hub::handle), what is to be done comes out of [`poll`](Hub::poll).
 
 mod calls;
+mod latched;
 mod messages;
 mod words;
 
@@ -20,8 +21,11 @@ use sm2_proto::{
     },
 };
 
-pub use self::words::{Input, LocalCommand, LocalEvent, Output, PeerStatus};
 use self::{calls::Calls, messages::Messages};
+pub use self::{
+    latched::LATCHED_MAX,
+    words::{Input, LocalCommand, LocalEvent, Output, PeerStatus},
+};
 use crate::peer::{Command, Event};
 
 /// The rules, and how what each of them allows is sent.
@@ -220,6 +224,7 @@ impl Hub {
             }
             Event::Wanted { offer, depth } => {
                 self.route(router::Input::Wanted { peer, offer, depth });
+                self.replay(peer, offer);
             }
             Event::Unwanted { offer } => self.route(router::Input::Unwanted { peer, offer }),
             Event::Asked { ask, kind, name } => {
@@ -374,7 +379,12 @@ impl Hub {
                 self.tell(peer, Command::Want { offer, depth });
             }
             router::Output::Unwant { peer, offer } => {
-                self.calls.routes.retain(|_, route| *route != (peer, offer));
+                let mut routes = self.calls.routes.iter();
+                let route = routes.find(|(_, route)| **route == (peer, offer));
+                if let Some((subject, origin)) = route.map(|(key, _)| key.clone()) {
+                    self.messages.unused(&subject, origin);
+                    self.calls.routes.remove(&(subject, origin));
+                }
                 self.tell(peer, Command::Unwant { offer });
             }
             router::Output::Show {
@@ -384,6 +394,7 @@ impl Hub {
             } => self.show(subject, origin, peer),
             router::Output::Hide { subject, origin } => {
                 self.calls.routes.remove(&(subject.clone(), origin));
+                self.messages.unused(&subject, origin);
                 let command = LocalCommand::Hide { subject, origin };
                 self.outputs.push_back(Output::Local(command));
             }
@@ -392,6 +403,7 @@ impl Hub {
                 self.outputs.push_back(Output::Local(command));
             }
             router::Output::Unsubscribe { subject } => {
+                self.messages.latched.forget(&subject, Source::Local);
                 let command = LocalCommand::Unsubscribe { subject };
                 self.outputs.push_back(Output::Local(command));
             }

@@ -240,7 +240,9 @@ impl Peer {
                 path,
                 terms,
             } => {
-                let is_reliable = matches!(subject, Subject::Topic { reliable: true, .. });
+                // Nobody says again what is latched.
+                let is_reliable = subject.latched() > 0
+                    || matches!(subject, Subject::Topic { reliable: true, .. });
                 let input = Input::Offer {
                     offer,
                     subject,
