@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | run one in a program | [`Config`], [`Gateway`] |
 //! | make and read keys | [`keys`] |
+//! | ask those of a domain how they are | [`report`] |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
 //! | the same for all that is between domain and peers | [`hub`] |
 //! | try all that over a link that loses, delays and stands still | `bad_link`, with the feature `bad-link` |
@@ -21,10 +22,14 @@ mod local;
 pub mod peer;
 #[cfg(feature = "program")]
 pub mod program;
+pub mod report;
 mod run;
+mod tally;
 
 pub use self::{
     config::{Config, ConfigError},
     local::{LocalError, Place, is_remote, status_service},
-    run::{BeaconsError, Gateway, PeerReport, Report, RunError},
+    report::{PeerReport, Report},
+    run::{BeaconsError, Gateway, RunError},
+    tally::Counts,
 };

@@ -20,9 +20,9 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
-use sm2_node::{CallError, ConnectError, DeclareError, QueryError};
+use sm2_node::{ConnectError, QueryError};
 
-use crate::{ConfigError, Place, RunError, keys::KeyFileError};
+use crate::{ConfigError, Place, RunError, keys::KeyFileError, report::ReportError};
 
 /// What the help ends with. `command` is what it is called: `sm2-gateway`, `sm2 gateway`.
 #[must_use]
@@ -151,21 +151,10 @@ pub enum ProgramError {
     Connect(#[from] ConnectError),
     /// The domain.
     #[error(transparent)]
-    Declare(#[from] DeclareError),
-    /// The domain.
-    #[error(transparent)]
     Query(#[from] QueryError),
-    /// A gateway does not answer.
+    /// A gateway does not say how it is.
     #[error(transparent)]
-    Call(#[from] CallError),
-    /// A gateway answers with something else.
-    #[error("{gateway} answers with what is no report: {source}")]
-    NoReport {
-        /// Which.
-        gateway: String,
-        /// What is wrong with it.
-        source: serde_json::Error,
-    },
+    Report(#[from] ReportError),
     /// No gateway is there.
     #[error("this domain has no gateway: start one with `sm2 gateway run FILE`")]
     NoGateway,

@@ -11,7 +11,7 @@ use super::{
     goodbye, local, status,
 };
 use crate::{
-    hub::{Hub, Input, Output},
+    hub::{Hub, Input, LocalCommand, NoRoom, Output},
     peer::{Command, Event},
 };
 
@@ -20,6 +20,8 @@ struct Task {
     hub: Hub,
     /// What the configuration calls peers.
     names: BTreeMap<GatewayId, Name>,
+    /// The line of each rule.
+    lines: Vec<usize>,
     shared: Arc<Shared>,
     local: local::Orders,
     connections: BTreeMap<u64, Connection>,
@@ -30,9 +32,18 @@ struct Connection {
     senders: Senders,
 }
 
+/// What the configuration says that the hub itself need not know.
+#[derive(Debug)]
+pub(crate) struct Known {
+    /// What it calls peers.
+    pub(super) names: BTreeMap<GatewayId, Name>,
+    /// The line of each rule.
+    pub(super) lines: Vec<usize>,
+}
+
 pub(super) async fn run(
     hub: Hub,
-    names: BTreeMap<GatewayId, Name>,
+    Known { names, lines }: Known,
     shared: Arc<Shared>,
     mut inbox: mpsc::Receiver<Message>,
     local: local::Orders,
@@ -40,6 +51,7 @@ pub(super) async fn run(
     let mut task = Task {
         hub,
         names,
+        lines,
         shared,
         local,
         connections: BTreeMap::new(),
@@ -65,21 +77,34 @@ impl Task {
             }
             Message::Peer { connection, event } => self.event(connection, event),
             Message::Local(event) => self.handle(Input::Local(event)),
-            Message::Reload { policy, names } => {
+            Message::Reload {
+                policy,
+                known: Known { names, lines },
+            } => {
                 let gone: Vec<GatewayId> = (self.names.keys())
                     .filter(|it| !names.contains_key(it))
                     .copied()
                     .collect();
-                self.names = names;
+                (self.names, self.lines) = (names, lines);
                 for peer in gone {
                     self.handle(Input::Distrust(peer));
                 }
                 self.handle(Input::Policy(policy));
             }
             Message::Report(answer) => {
-                let report = status::report(&self.hub, &self.shared);
-                // Whoever asked may have gone.
-                let _ = answer.send(report);
+                let asked = (self.hub.peers().into_iter()).map(|peer| {
+                    let connection = self.connections.get(&peer.connection);
+                    let answer = connection.map(|it| it.senders.ask());
+                    (peer, answer)
+                });
+                let draft = status::Draft {
+                    me: self.shared.me.clone(),
+                    names: self.names.clone(),
+                    lines: self.lines.clone(),
+                    peers: asked.collect(),
+                };
+                // The hub waits for no connection.
+                tokio::spawn(draft.complete(answer));
             }
             Message::Stop => {
                 for it in self.connections.values() {
@@ -124,12 +149,20 @@ impl Task {
                     connection,
                     command,
                 } => {
-                    if let Some(it) = self.connections.get(&connection) {
-                        it.senders.command(command);
+                    let it = self.connections.get(&connection);
+                    let back = it.and_then(|it| it.senders.command(command));
+                    if let Some(Command::Message { offer, .. }) = back {
+                        self.no_room(NoRoom::ForPeer { connection, offer });
                     }
                 }
                 Output::Local(command) => {
-                    self.local.send(command);
+                    let back = self.local.send(command);
+                    if let Some(LocalCommand::Publish {
+                        subject, origin, ..
+                    }) = back
+                    {
+                        self.no_room(NoRoom::ForDomain { subject, origin });
+                    }
                 }
                 Output::Connected { peer, epoch, name } => {
                     tracing::info!(%name, id = %peer, "connected");
@@ -142,6 +175,11 @@ impl Task {
                 }
             }
         }
+    }
+
+    fn no_room(&mut self, what: NoRoom) {
+        let now = sm2_io::clock::now();
+        self.hub.handle(now, Input::NoRoom(what));
     }
 
     /// Without a network there is nothing to be told.

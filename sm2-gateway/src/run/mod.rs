@@ -18,7 +18,6 @@ mod network;
 mod status;
 
 use std::{
-    collections::BTreeMap,
     io,
     net::SocketAddr,
     sync::{Arc, Mutex},
@@ -27,16 +26,16 @@ use std::{
 
 use sm2_io::quic::{Endpoint, Socket, Trusted};
 use sm2_proto::{
-    Instant, Name,
-    gateway::{GatewayId, Hop, PeerFarewell, Subject},
+    Instant,
+    gateway::{GatewayId, Hop, PeerFarewell},
 };
 use tokio::sync::{mpsc, oneshot, watch};
 
 pub use self::beacons::BeaconsError;
-pub use self::status::{PeerReport, Report};
 use self::{
     beacons::Beacons,
     connection::{Senders, Shared},
+    hub::Known,
 };
 use crate::{
     clock::Clock,
@@ -45,6 +44,7 @@ use crate::{
     keys::{self, KeyFileError},
     local::{Local, LocalError},
     peer::{Event, Me},
+    report::Report,
 };
 
 /// What waits for the hub.
@@ -66,10 +66,7 @@ pub(crate) enum Message {
     /// Something happened in the domain.
     Local(LocalEvent),
     /// There is another configuration.
-    Reload {
-        policy: Policy,
-        names: BTreeMap<GatewayId, Name>,
-    },
+    Reload { policy: Policy, known: Known },
     /// How is it?
     Report(oneshot::Sender<Report>),
     /// Say goodbye to all peers.
@@ -180,13 +177,12 @@ impl Gateway {
             hub: hub.clone(),
             network: network.clone(),
             epochs: Mutex::default(),
-            reports: Mutex::default(),
         });
         let (ending, ended) = watch::channel(None);
         tokio::spawn(local::run(domain, local_inbox));
         tokio::spawn(hub::run(
             Hub::new(hop, config.policy.clone()),
-            names(config),
+            known(config),
             Arc::clone(&shared),
             hub_inbox,
             local_orders,
@@ -229,8 +225,8 @@ impl Gateway {
             .network
             .send(NetworkMessage::Peers(config.peers.clone()));
         let policy = config.policy.clone();
-        let names = names(config);
-        let _ = self.hub.send(Message::Reload { policy, names }).await;
+        let known = known(config);
+        let _ = self.hub.send(Message::Reload { policy, known }).await;
     }
 
     /// Who is connected, and what goes to and fro.
@@ -260,9 +256,12 @@ impl Gateway {
     }
 }
 
-fn names(config: &Config) -> BTreeMap<GatewayId, Name> {
+fn known(config: &Config) -> Known {
     let names = config.peers.iter().map(|it| (it.id, it.name.clone()));
-    names.collect()
+    Known {
+        names: names.collect(),
+        lines: config.rule_lines.clone(),
+    }
 }
 
 /// Greater than that of any process before, as long as the clock is not set back.
@@ -270,14 +269,6 @@ fn names(config: &Config) -> BTreeMap<GatewayId, Name> {
 fn epoch() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0, |it| u64::try_from(it.as_nanos()).unwrap_or(u64::MAX))
-}
-
-/// What a subject is called in reports.
-fn label(subject: &Subject) -> String {
-    match subject {
-        Subject::Topic { name, .. } => format!("topic {name}"),
-        Subject::Service { name, .. } => format!("service {name}"),
-    }
 }
 
 /// Waits until then; without a moment, for ever.
