@@ -88,6 +88,7 @@ fn two_domains_as_the_readme_says() {
     let report: Value = serde_json::from_str(&peers(&near).stdout()).unwrap();
     assert_eq!(report["peers"][0]["offered"][0], "topic chatter");
     assert!(report["peers"][0]["messages"]["sent"].as_u64().unwrap() > 0);
+    snapshots_show_gateways(&near);
     let check = near.gateway("check", &[]).finish();
     assert!(
         check.stdout().contains("far may have topic chatter (line"),
@@ -102,6 +103,55 @@ fn two_domains_as_the_readme_says() {
     let none = peers(&far);
     assert_eq!(none.code(), 1);
     assert!(none.stderr().contains("has no gateway"), "{none:?}");
+}
+
+/// What goes to whom, while `chatter` goes to `far`, and that one of two gateways is stuck.
+fn snapshots_show_gateways(near: &Side) {
+    let snapshot = near.domain.json(&["snapshot"]);
+    let gateway = &snapshot["gateways"][0];
+    assert_eq!(gateway["service"], "gateway/near/status");
+    let peer = &gateway["report"]["peers"][0];
+    assert_eq!((&peer["name"], &peer["denied"]), (&"far".into(), &0.into()));
+    let chatter = &peer["subjects"][0];
+    assert_eq!(
+        (&chatter["kind"], &chatter["name"]),
+        (&"topic".into(), &"chatter".into())
+    );
+    let count = |of: &Value, what: &str| of[what].as_u64().unwrap();
+    for counts in [chatter, &peer["messages"]] {
+        let ends = ["sent", "superseded", "expired", "withdrawn"];
+        let ended: u64 = ends.iter().map(|it| count(counts, it)).sum();
+        let offered = count(counts, "offered");
+        assert!(
+            count(counts, "sent") > 0 && (ended..=ended + 2).contains(&offered),
+            "{counts}"
+        );
+        assert_eq!(count(counts, "lost"), 0);
+    }
+    let text = near.domain.run(&["snapshot"]).stdout();
+    assert!(
+        text.contains("SUPERSEDED") && text.contains("topic chatter"),
+        "{text}"
+    );
+    let second = fs::read_to_string(near.domain.path("gateway.toml")).unwrap();
+    let second = second.replace("\"near\"", "\"second\"");
+    let at = second.lines().nth(1).unwrap().to_owned();
+    let second = second.replace(&at, "listen = \"127.0.0.1:0\"");
+    let file = near.domain.path("second.toml");
+    fs::write(&file, second).unwrap();
+    let stuck = Running::start(sm2(&["gateway", "run"]).arg(&file));
+    stuck.await_stderr("the gateway is there");
+    stuck.signal(Signal::SIGSTOP);
+    let snapshot = near.domain.json(&["snapshot"]);
+    stuck.signal(Signal::SIGCONT);
+    let gateways = snapshot["gateways"].as_array().unwrap();
+    assert_eq!(gateways.len(), 2, "{snapshot}");
+    assert_eq!(gateways[0]["report"]["name"], "near");
+    assert_eq!(gateways[1]["service"], "gateway/second/status");
+    assert!(
+        gateways[1]["report"].is_null() && gateways[1]["error"].is_string(),
+        "{snapshot}"
+    );
 }
 
 #[test]
