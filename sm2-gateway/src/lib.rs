@@ -19,6 +19,8 @@ pub mod config;
 pub mod hub;
 pub mod keys;
 mod local;
+#[cfg(feature = "metrics")]
+pub mod metrics;
 pub mod peer;
 #[cfg(feature = "program")]
 pub mod program;

@@ -223,6 +223,13 @@ fn what_is_wrong_is_one_line_and_starts_nothing() {
     let taken = held.local_addr().unwrap().to_string();
     say("127.0.0.1:0", &taken, "cannot listen at");
     drop(held);
+    let held = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = held.local_addr().unwrap().to_string();
+    let run = side.gateway("run", &["--metrics", &taken]).finish();
+    let said = run.stderr();
+    assert_eq!((run.code(), said.lines().count()), (1, 1), "{said}");
+    let expected = format!("cannot answer for metrics at {taken}: ");
+    assert!(said.contains(&expected), "{said}");
     let key = side.domain.path("gateway.key");
     fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
     say("near", "near", "chmod 600");

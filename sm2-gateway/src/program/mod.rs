@@ -15,6 +15,7 @@ mod trust;
 
 use std::{
     io::{self, IsTerminal, Write},
+    net::SocketAddr,
     path::PathBuf,
     process::ExitCode,
 };
@@ -73,7 +74,8 @@ pub enum Command {
 
 const RUN: &str = "\
 Examples:
-  sm2 gateway run robot.toml";
+  sm2 gateway run robot.toml
+  sm2 gateway run robot.toml --metrics 127.0.0.1:9633";
 const KEYGEN: &str = "\
 Examples:
   sm2 gateway keygen robot.key";
@@ -155,6 +157,14 @@ pub enum ProgramError {
     /// A gateway does not say how it is.
     #[error(transparent)]
     Report(#[from] ReportError),
+    /// The address for metrics is taken, or not of this machine.
+    #[error("cannot answer for metrics at {address}: {source}; `--metrics` says where")]
+    Metrics {
+        /// Which.
+        address: SocketAddr,
+        /// What the system said.
+        source: io::Error,
+    },
     /// No gateway is there.
     #[error("this domain has no gateway: start one with `sm2 gateway run FILE`")]
     NoGateway,

@@ -1,8 +1,12 @@
 //! `sm2 gateway run`.
 
+#[cfg(feature = "metrics")]
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
+#[cfg(feature = "metrics")]
+use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::ProgramError;
@@ -14,6 +18,10 @@ pub struct Arguments {
     /// The configuration
     #[arg(value_name = "FILE")]
     config: PathBuf,
+    /// Answer Prometheus there, over HTTP at /metrics; best at a loopback address: whoever connects may read
+    #[cfg(feature = "metrics")]
+    #[arg(long, value_name = "ADDRESS")]
+    metrics: Option<SocketAddr>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
@@ -25,17 +33,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
         .enable_all()
         .build()
         .map_err(ProgramError::system("start threads"))?;
-    let result = runtime.block_on(serve(&config));
+    let result = runtime.block_on(serve(&config, arguments));
     runtime.shutdown_background();
     result
 }
 
-async fn serve(config: &Config) -> Result<(), ProgramError> {
+async fn serve(config: &Config, arguments: &Arguments) -> Result<(), ProgramError> {
     let catch = |kind| signal(kind).map_err(ProgramError::system("catch signals"));
     let mut hang_up = catch(SignalKind::hangup())?;
     let mut interrupt = catch(SignalKind::interrupt())?;
     let mut terminate = catch(SignalKind::terminate())?;
+    // What cannot be had is known before anything is started.
+    #[cfg(feature = "metrics")]
+    let metrics = metrics(arguments).await?;
     let mut gateway = Gateway::start(config).await?;
+    #[cfg(feature = "metrics")]
+    if let Some(listener) = metrics {
+        gateway.serve_metrics(listener);
+    }
     if config.policy.rules.0.is_empty() {
         tracing::warn!("there is no [[rule]]: nothing goes anywhere");
     }
@@ -55,4 +70,16 @@ async fn serve(config: &Config) -> Result<(), ProgramError> {
     }
     gateway.stop().await;
     Ok(())
+}
+
+#[cfg(feature = "metrics")]
+async fn metrics(arguments: &Arguments) -> Result<Option<TcpListener>, ProgramError> {
+    let Some(address) = arguments.metrics else {
+        return Ok(None);
+    };
+    let listener = TcpListener::bind(address).await;
+    let listener = listener.map_err(|source| ProgramError::Metrics { address, source })?;
+    let address = listener.local_addr().unwrap_or(address);
+    tracing::info!("metrics are at http://{address}/metrics");
+    Ok(Some(listener))
 }

@@ -231,9 +231,14 @@ impl Gateway {
 
     /// Who is connected, and what goes to and fro.
     pub async fn report(&self) -> Option<Report> {
-        let (answer, answered) = oneshot::channel();
-        self.hub.send(Message::Report(answer)).await.ok()?;
-        answered.await.ok()
+        ask(&self.hub).await
+    }
+
+    /// Answers those who ask by HTTP for `/metrics`, as long as the gateway runs: see
+    /// [`metrics`](crate::metrics).
+    #[cfg(feature = "metrics")]
+    pub fn serve_metrics(&self, listener: tokio::net::TcpListener) {
+        tokio::spawn(crate::metrics::serve(listener, self.hub.clone()));
     }
 
     /// Waits until it has ended by itself: the network is gone.
@@ -254,6 +259,13 @@ impl Gateway {
         // The datagrams that say so are sent by the connections' own tasks.
         tokio::time::sleep(GOODBYE).await;
     }
+}
+
+/// How is it?
+pub(crate) async fn ask(hub: &mpsc::Sender<Message>) -> Option<Report> {
+    let (answer, answered) = oneshot::channel();
+    hub.send(Message::Report(answer)).await.ok()?;
+    answered.await.ok()
 }
 
 fn known(config: &Config) -> Known {

@@ -15,7 +15,7 @@ use tokio::{
     time::timeout,
 };
 
-use super::{Message, connection::ConnectionReport};
+use super::{Message, ask, connection::ConnectionReport};
 use crate::{
     hub::{Denial, PeerStatus},
     local::{Local, LocalError, status_service},
@@ -128,11 +128,9 @@ pub(super) fn serve(
                     continue;
                 }
             };
-            let (answer, answered) = oneshot::channel();
-            if hub.send(Message::Report(answer)).await.is_err() {
+            let Some(report) = ask(&hub).await else {
                 return;
-            }
-            let Ok(report) = answered.await else { return };
+            };
             let done = match serde_json::to_vec(&report) {
                 Ok(report) => request.reply(&report),
                 Err(error) => request.fail(&error.to_string()),
