@@ -259,6 +259,23 @@ impl Config {
         self.peers.iter().find(is_it)
     }
 
+    /// The keys of the file that `new` has otherwise, and that only a gateway that is started anew takes.
+    #[must_use]
+    pub fn fixed_keys(&self, new: &Self) -> Vec<&'static str> {
+        let changed = [
+            ("name", self.name != new.name),
+            ("listen", self.listen != new.listen),
+            ("key", self.key != new.key),
+            ("domain", self.place.domain != new.place.domain),
+            ("socket", self.place.socket != new.place.socket),
+            ("discovery", self.discovery != new.discovery),
+            ("congestion", self.congestion != new.congestion),
+            ("limits", self.limits != new.limits),
+        ];
+        let changed = changed.into_iter().filter(|(_, is_other)| *is_other);
+        changed.map(|(key, _)| key).collect()
+    }
+
     /// The rule that decides about a name, as it stands in the file; none: the answer is no.
     #[must_use]
     pub fn explain(

@@ -5,6 +5,7 @@
 //! | run one in a program | [`Config`], [`Gateway`] |
 //! | make and read keys | [`keys`] |
 //! | ask those of a domain how they are | [`report`] |
+//! | compare rules with others | [`shadow`] |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
 //! | the same for all that is between domain and peers | [`hub`] |
 //! | try all that over a link that loses, delays and stands still | `bad_link`, with the feature `bad-link` |
@@ -26,6 +27,7 @@ pub mod peer;
 pub mod program;
 pub mod report;
 mod run;
+pub mod shadow;
 mod tally;
 
 pub use self::{

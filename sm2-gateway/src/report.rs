@@ -3,7 +3,8 @@
 //! Field names are part of the interface of `sm2 gateway peers --json` and `sm2 snapshot --json`.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
+    fmt,
     time::{Duration, Instant},
 };
 
@@ -12,10 +13,15 @@ use sm2_node::{CallError, Client, DeclareError, Node};
 use sm2_proto::{
     Contract, Name,
     domain::Domain,
-    gateway::{Subject, SubjectKind},
+    gateway::{Direction, GatewayId, Subject, SubjectKind},
 };
 
-use crate::{local::status_service, tally::Counts};
+use crate::{
+    Config,
+    local::status_service,
+    shadow::{Because, Change},
+    tally::Counts,
+};
 
 /// How long one is waited for before the next is looked at.
 const STEP: Duration = Duration::from_millis(10);
@@ -31,6 +37,65 @@ pub struct Report {
     pub peers: Vec<PeerReport>,
     /// Those that are trusted, and not connected.
     pub absent: Vec<String>,
+    /// What the rules in its shadow would change, if it has such.
+    pub shadow: Option<Vec<ShadowReport>>,
+}
+
+/// What other rules would change.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
+pub struct ShadowReport {
+    /// What the configuration calls the peer.
+    pub peer: String,
+    /// `topic` or `service`.
+    pub kind: String,
+    /// Its name.
+    pub name: String,
+    /// `be offered`, `no longer be offered`, `come in`, `no longer come in`.
+    pub would: String,
+    /// `line 12` of the other file, `no rule fits`, `no peer of the file`.
+    pub because: String,
+}
+
+impl ShadowReport {
+    /// `names`: of all peers; `config`: the other file.
+    pub(crate) fn new(change: &Change, names: &BTreeMap<GatewayId, Name>, config: &Config) -> Self {
+        let (kind, name) = &change.of;
+        let peer = names.get(&change.peer);
+        let would = match (change.direction, change.would_go) {
+            (Direction::Out, true) => "be offered",
+            (Direction::Out, false) => "no longer be offered",
+            (Direction::In, true) => "come in",
+            (Direction::In, false) => "no longer come in",
+        };
+        let because = match change.because {
+            Because::Rule(rule) => match config.rule_lines.get(rule) {
+                Some(line) => format!("line {line}"),
+                None => format!("rule {rule}"),
+            },
+            Because::NoRule => "no rule fits".to_owned(),
+            Because::NoPeer => "no peer of the file".to_owned(),
+        };
+        Self {
+            peer: peer.map_or_else(|| change.peer.to_string(), Name::to_string),
+            kind: word(*kind).to_owned(),
+            name: name.to_string(),
+            would: would.to_owned(),
+            because,
+        }
+    }
+}
+
+impl fmt::Display for ShadowReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            peer,
+            kind,
+            name,
+            would,
+            because,
+        } = self;
+        write!(f, "{peer}: {kind} {name} would {would} ({because})")
+    }
 }
 
 /// A peer that there is a connection with.

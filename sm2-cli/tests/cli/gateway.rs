@@ -2,7 +2,7 @@
 
 use std::{fs, os::unix::fs::PermissionsExt};
 
-use crate::common::{Domain, Finished, Running, sm2, until};
+use crate::common::{Domain, Finished, Running, sm2, talker, until};
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
@@ -274,4 +274,65 @@ fn the_demo_of_a_bad_link_ends_with_one_object() {
     assert_eq!(report["local"]["damaged"], 0);
     assert_eq!(report["remote"]["damaged"], 0);
     assert!(report["remote"]["hz"].as_f64().unwrap() > 0.0, "{report}");
+}
+
+#[test]
+fn a_shadow_says_what_other_rules_would_change_and_reloads() {
+    let (near, far) = (Side::new("near", port()), Side::new("far", 0));
+    near.gateway("trust", &["far", &far.id]).finish();
+    let file = near.domain.path("gateway.toml");
+    let rules = fs::read_to_string(&file).unwrap();
+    let shadow = near.domain.path("shadow.toml");
+    // Nothing goes any more: what it allows is denied before.
+    fs::write(
+        &shadow,
+        rules.replace("names = \"**\"", "names = \"secret/*\""),
+    )
+    .unwrap();
+    let line = |of: &str| {
+        let text = fs::read_to_string(&shadow).unwrap();
+        1 + text.lines().position(|it| it.contains(of)).unwrap() - 2
+    };
+    let (_first, _) = talker(&near.domain, "camera");
+    let shadow_name = shadow.to_str().unwrap();
+    let running = near.gateway("run", &["--shadow", shadow_name]);
+    let no_longer = "far: topic camera would no longer be offered (no rule fits)";
+    running.await_stderr(no_longer);
+    let check = near.gateway("check", &["--shadow", shadow_name]).finish();
+    assert!(check.stdout().contains(no_longer), "{check:?}");
+    let peers = || near.domain.run(&["gateway", "peers"]).stdout();
+    assert!(peers().contains(no_longer), "{}", peers());
+    // Something new comes, and the rules of the shadow change their minds.
+    let (_second, _) = talker(&near.domain, "secret/plan");
+    let text = rules
+        .replace("deny", "allow")
+        .replace("\"**\"", "\"camera\"");
+    fs::write(&shadow, text).unwrap();
+    running.signal(Signal::SIGHUP);
+    let at = line("secret/**");
+    running.await_stderr(&format!(
+        "far: topic secret/plan would be offered (line {at})"
+    ));
+    until("the first one is as it was", || {
+        !peers().contains("camera would")
+    });
+    // A bad one changes nothing, and what only a restart can take is named.
+    fs::write(&shadow, "nonsense").unwrap();
+    let other = rules.replace("127.0.0.1", "127.0.0.2") + "\n";
+    fs::write(&file, other.replace("key =", "discovery = [\"lo\"]\nkey =")).unwrap();
+    running.signal(Signal::SIGHUP);
+    running.await_stderr("the shadow stays as it was");
+    let stderr = running.stderr();
+    for key in ["`listen`", "`discovery`"] {
+        let warning = format!("{key} is another one now: restart to use it");
+        assert!(stderr.contains(&warning), "{stderr}");
+    }
+    assert_eq!(stderr.matches("restart to use it").count(), 2, "{stderr}");
+    assert!(
+        peers().contains("secret/plan would be offered"),
+        "{}",
+        peers()
+    );
+    running.signal(Signal::SIGTERM);
+    assert_eq!(running.finish().code(), 0);
 }

@@ -1,9 +1,9 @@
 //! How a hub is, for reports.
 
-use sm2_proto::gateway::{Action, Direction, GatewayId, Subject};
+use sm2_proto::gateway::{Action, Direction, GatewayId, Rules, Subject};
 
 use super::{Denial, Hub, NoRoom, Peer, PeerStatus};
-use crate::tally::Whose;
+use crate::{shadow::Seen, tally::Whose};
 
 impl Hub {
     /// Who is connected, and what goes to and fro.
@@ -29,6 +29,26 @@ impl Hub {
                 .collect(),
         };
         self.peers.iter().map(status).collect()
+    }
+
+    /// The rules that hold now.
+    #[must_use]
+    pub const fn rules(&self) -> &Rules {
+        &self.policy.rules
+    }
+
+    /// What is there, whatever the rules say of it.
+    #[must_use]
+    pub fn seen(&self) -> Seen {
+        let key = |it: &Subject| (it.kind(), it.name().clone());
+        let offers = self.peers.iter().map(|(id, it)| {
+            let offers = it.offers.values().map(|(subject, _)| key(subject));
+            (*id, offers.collect())
+        });
+        Seen {
+            local: self.router.local().map(key).collect(),
+            offers: offers.collect(),
+        }
     }
 
     /// What the rules keep from a peer of what the domain has, and what they do not take of what it

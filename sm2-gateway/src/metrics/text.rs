@@ -133,6 +133,7 @@ mod tests {
             id: "cd".to_owned(),
             peers: vec![peer],
             absent: vec!["away".to_owned()],
+            shadow: None,
         };
         let text = text(&report).unwrap();
         for (number, (word, _, count)) in (1..).zip(COUNTS) {

@@ -212,7 +212,7 @@ fn name_of(code: Code) -> String {
 }
 
 /// How much of a peer this side keeps.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// The longest payload that is taken.
     pub message_bytes: u64,

@@ -75,7 +75,8 @@ pub enum Command {
 const RUN: &str = "\
 Examples:
   sm2 gateway run robot.toml
-  sm2 gateway run robot.toml --metrics 127.0.0.1:9633";
+  sm2 gateway run robot.toml --metrics 127.0.0.1:9633
+  sm2 gateway run robot.toml --shadow stricter.toml";
 const KEYGEN: &str = "\
 Examples:
   sm2 gateway keygen robot.key";
@@ -94,7 +95,8 @@ Examples:
   sm2 gateway explain camera/front --config robot.toml --peer base --direction out";
 const CHECK: &str = "\
 Examples:
-  sm2 gateway check robot.toml";
+  sm2 gateway check robot.toml
+  sm2 gateway check robot.toml --shadow stricter.toml";
 
 /// Which domain to ask.
 #[derive(Args, Clone, Debug)]

@@ -51,6 +51,9 @@ fn table(report: &Report, out: &mut impl Write) -> Result<(), ProgramError> {
     for peer in &report.peers {
         one(peer, out)?;
     }
+    for it in report.shadow.iter().flatten() {
+        line(out, format!("  shadow: {it}"))?;
+    }
     for name in &report.absent {
         line(out, format!("  {name}: not connected"))?;
     }

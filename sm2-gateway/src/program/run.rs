@@ -18,6 +18,9 @@ pub struct Arguments {
     /// The configuration
     #[arg(value_name = "FILE")]
     config: PathBuf,
+    /// Log what this configuration's rules and peers would change, and change nothing
+    #[arg(long, value_name = "FILE")]
+    shadow: Option<PathBuf>,
     /// Answer Prometheus there, over HTTP at /metrics; best at a loopback address: whoever connects may read
     #[cfg(feature = "metrics")]
     #[arg(long, value_name = "ADDRESS")]
@@ -26,6 +29,8 @@ pub struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
     let config = Config::load(&arguments.config)?;
+    let shadow = arguments.shadow.as_deref();
+    let shadow = shadow.map(Config::load).transpose()?;
     let runtime = tokio::runtime::Builder::new_multi_thread();
     let runtime = { runtime }
         // One for what waits for the Manager, one for the rest: a gateway is no user of all cores.
@@ -33,12 +38,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
         .enable_all()
         .build()
         .map_err(ProgramError::system("start threads"))?;
-    let result = runtime.block_on(serve(&config, arguments));
+    let result = runtime.block_on(serve(&config, shadow, arguments));
     runtime.shutdown_background();
     result
 }
 
-async fn serve(config: &Config, arguments: &Arguments) -> Result<(), ProgramError> {
+async fn serve(
+    config: &Config,
+    shadow: Option<Config>,
+    arguments: &Arguments,
+) -> Result<(), ProgramError> {
     let catch = |kind| signal(kind).map_err(ProgramError::system("catch signals"));
     let mut hang_up = catch(SignalKind::hangup())?;
     let mut interrupt = catch(SignalKind::interrupt())?;
@@ -51,18 +60,15 @@ async fn serve(config: &Config, arguments: &Arguments) -> Result<(), ProgramErro
     if let Some(listener) = metrics {
         gateway.serve_metrics(listener);
     }
+    if let Some(shadow) = shadow {
+        gateway.set_shadow(shadow);
+    }
     if config.policy.rules.0.is_empty() {
         tracing::warn!("there is no [[rule]]: nothing goes anywhere");
     }
     loop {
         tokio::select! {
-            _ = hang_up.recv() => match Config::load(&config.path) {
-                Ok(new) => {
-                    gateway.reload(&new).await;
-                    tracing::info!(file = %config.path.display(), "rules and peers are those of the file again");
-                }
-                Err(error) => tracing::error!(%error, "the file was not taken: all goes on as before"),
-            },
+            _ = hang_up.recv() => reload(&gateway, config, arguments).await,
             _ = interrupt.recv() => break,
             _ = terminate.recv() => break,
             error = gateway.ended() => return Err(error.into()),
@@ -70,6 +76,26 @@ async fn serve(config: &Config, arguments: &Arguments) -> Result<(), ProgramErro
     }
     gateway.stop().await;
     Ok(())
+}
+
+/// Takes both files again, each by itself: a bad one changes nothing.
+async fn reload(gateway: &Gateway, started: &Config, arguments: &Arguments) {
+    match Config::load(&arguments.config) {
+        Ok(new) => {
+            gateway.reload(&new).await;
+            let file = new.path.display();
+            tracing::info!(%file, "rules and peers are those of the file again");
+            for key in started.fixed_keys(&new) {
+                tracing::warn!(%file, "`{key}` is another one now: restart to use it");
+            }
+        }
+        Err(error) => tracing::error!(%error, "the file was not taken: all goes on as before"),
+    }
+    match arguments.shadow.as_deref().map(Config::load) {
+        Some(Ok(new)) => gateway.set_shadow(new),
+        Some(Err(error)) => tracing::error!(%error, "the shadow stays as it was"),
+        None => {}
+    }
 }
 
 #[cfg(feature = "metrics")]

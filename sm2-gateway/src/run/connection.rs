@@ -19,6 +19,7 @@ use super::{Message, NetworkMessage, sleep_to};
 use crate::{
     clock::Clock,
     peer::{Command, Event, Limits, Me, Peer},
+    report::ShadowReport,
     tally::{Counts, Key},
 };
 
@@ -44,6 +45,8 @@ pub(super) struct Shared {
     pub(super) network: mpsc::UnboundedSender<NetworkMessage>,
     /// Of the peers with a connection: an older process is stale.
     pub(super) epochs: Mutex<BTreeMap<GatewayId, u64>>,
+    /// What the rules in the shadow would change, if there are such.
+    pub(super) shadow: Mutex<Option<Vec<ShadowReport>>>,
 }
 
 /// How a connection is.

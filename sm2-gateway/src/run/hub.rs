@@ -8,11 +8,12 @@ use tokio::sync::mpsc;
 use super::{
     Message, NetworkMessage,
     connection::{Senders, Shared, lock},
-    goodbye, local, status,
+    goodbye, local, shadow, status,
 };
 use crate::{
-    hub::{Hub, Input, LocalCommand, NoRoom, Output},
+    hub::{Hub, Input, LocalCommand, LocalEvent, NoRoom, Output},
     peer::{Command, Event},
+    shadow::RuleSet,
 };
 
 /// The hub, and the ways to all others.
@@ -22,6 +23,8 @@ struct Task {
     names: BTreeMap<GatewayId, Name>,
     /// The line of each rule.
     lines: Vec<usize>,
+    /// How often what is there has changed, or the rules.
+    revision: u64,
     shared: Arc<Shared>,
     local: local::Orders,
     connections: BTreeMap<u64, Connection>,
@@ -52,6 +55,7 @@ pub(super) async fn run(
         hub,
         names,
         lines,
+        revision: 1,
         shared,
         local,
         connections: BTreeMap::new(),
@@ -76,7 +80,10 @@ impl Task {
                 self.connections.insert(connection, it);
             }
             Message::Peer { connection, event } => self.event(connection, event),
-            Message::Local(event) => self.handle(Input::Local(event)),
+            Message::Local(event) => {
+                self.revision += u64::from(matches!(event, LocalEvent::Present { .. }));
+                self.handle(Input::Local(event));
+            }
             Message::Reload {
                 policy,
                 known: Known { names, lines },
@@ -86,6 +93,7 @@ impl Task {
                     .copied()
                     .collect();
                 (self.names, self.lines) = (names, lines);
+                self.revision += 1;
                 for peer in gone {
                     self.handle(Input::Distrust(peer));
                 }
@@ -101,10 +109,24 @@ impl Task {
                     me: self.shared.me.clone(),
                     names: self.names.clone(),
                     lines: self.lines.clone(),
+                    shadow: lock(&self.shared.shadow).clone(),
                     peers: asked.collect(),
                 };
                 // The hub waits for no connection.
                 tokio::spawn(draft.complete(answer));
+            }
+            Message::View { known, answer } => {
+                let view = (known != self.revision).then(|| shadow::View {
+                    revision: self.revision,
+                    rules: RuleSet {
+                        rules: self.hub.rules().clone(),
+                        peers: self.names.keys().copied().collect(),
+                    },
+                    names: self.names.clone(),
+                    seen: self.hub.seen(),
+                });
+                // Whoever asked may have gone.
+                let _ = answer.send(view);
             }
             Message::Stop => {
                 for it in self.connections.values() {
@@ -131,6 +153,8 @@ impl Task {
             }
         }
         let is_over = matches!(event, Event::Ended(_));
+        let is_offer = matches!(event, Event::Offered { .. } | Event::Gone { .. });
+        self.revision += u64::from(is_over || is_offer);
         self.handle(Input::Peer {
             connection,
             is_dialled,

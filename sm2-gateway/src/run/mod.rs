@@ -15,6 +15,7 @@ mod connection;
 mod hub;
 mod local;
 mod network;
+mod shadow;
 mod status;
 
 use std::{
@@ -69,6 +70,11 @@ pub(crate) enum Message {
     Reload { policy: Policy, known: Known },
     /// How is it?
     Report(oneshot::Sender<Report>),
+    /// What is there, if that is not known yet?
+    View {
+        known: u64,
+        answer: oneshot::Sender<Option<shadow::View>>,
+    },
     /// Say goodbye to all peers.
     Stop,
 }
@@ -132,6 +138,7 @@ pub struct Gateway {
     address: SocketAddr,
     id: GatewayId,
     ended: watch::Receiver<Option<Arc<io::Error>>>,
+    shadow: watch::Sender<Option<Arc<Config>>>,
 }
 
 impl Gateway {
@@ -177,6 +184,7 @@ impl Gateway {
             hub: hub.clone(),
             network: network.clone(),
             epochs: Mutex::default(),
+            shadow: Mutex::default(),
         });
         let (ending, ended) = watch::channel(None);
         tokio::spawn(local::run(domain, local_inbox));
@@ -187,6 +195,8 @@ impl Gateway {
             hub_inbox,
             local_orders,
         ));
+        let (shadow, shadows) = watch::channel(None);
+        tokio::spawn(shadow::run(shadows, hub.clone(), Arc::clone(&shared)));
         let peers = config.peers.clone();
         tokio::spawn(async move {
             let network = network::Network::new(endpoint, beacons, shared, address.port(), peers);
@@ -201,6 +211,7 @@ impl Gateway {
             address,
             id,
             ended,
+            shadow,
         })
     }
 
@@ -227,6 +238,12 @@ impl Gateway {
         let policy = config.policy.clone();
         let known = known(config);
         let _ = self.hub.send(Message::Reload { policy, known }).await;
+    }
+
+    /// From now on logs what these rules and peers would change, and has it in reports: now, and
+    /// when something comes that they would treat otherwise. It changes nothing.
+    pub fn set_shadow(&self, config: Config) {
+        self.shadow.send_replace(Some(Arc::new(config)));
     }
 
     /// Who is connected, and what goes to and fro.

@@ -20,7 +20,7 @@ use crate::{
     hub::{Denial, PeerStatus},
     local::{Local, LocalError, status_service},
     peer::Me,
-    report::{DenialReport, PeerReport, Report, SubjectReport, label, word},
+    report::{DenialReport, PeerReport, Report, ShadowReport, SubjectReport, label, word},
 };
 
 /// How long connections have to say how they are.
@@ -34,6 +34,7 @@ pub(super) struct Draft {
     pub(super) names: BTreeMap<GatewayId, Name>,
     /// The line of each rule.
     pub(super) lines: Vec<usize>,
+    pub(super) shadow: Option<Vec<ShadowReport>>,
     pub(super) peers: Vec<(PeerStatus, Option<oneshot::Receiver<ConnectionReport>>)>,
 }
 
@@ -47,6 +48,7 @@ impl Draft {
             id: self.me.hop.gateway.to_string(),
             peers: Vec::new(),
             absent: absent.map(|(_, name)| name.to_string()).collect(),
+            shadow: self.shadow,
         };
         let deadline = tokio::time::Instant::now() + PATIENCE;
         for (status, said) in self.peers {
