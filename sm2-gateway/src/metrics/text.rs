@@ -13,8 +13,10 @@ use crate::{Counts, Report};
 type Labels = Vec<(&'static str, String)>;
 type Counters = Family<Labels, Counter>;
 
-/// A count, what it is called, and what it is of.
-const COUNTS: [(&str, &str, fn(&Counts) -> u64); 9] = [
+/// What a count is called, what it is of, and which one it is.
+type Count = (&'static str, &'static str, fn(&Counts) -> u64);
+
+const COUNTS: [Count; 9] = [
     ("offered", "given to the schedule", |it| it.offered),
     ("sent", "wholly handed to QUIC", |it| it.sent),
     ("superseded", "dropped for newer ones", |it| it.superseded),
