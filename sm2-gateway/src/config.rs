@@ -22,6 +22,7 @@ use sm2_proto::{
 use toml::Spanned;
 
 use crate::{
+    address::Address,
     hub::{DEFAULT_TERMS, Policy},
     local::Place,
     peer::Limits,
@@ -65,7 +66,7 @@ pub struct PeerConfig {
     /// Who it is.
     pub id: GatewayId,
     /// Where it may be.
-    pub addresses: Vec<SocketAddr>,
+    pub addresses: Vec<Address>,
 }
 
 /// Why a configuration is of no use.
@@ -333,7 +334,11 @@ impl At<'_> {
             let what = format!("{error}; `sm2 gateway id` prints it at the peer");
             self.wrong(&table.id.span(), what)
         })?;
-        let addresses = table.addresses.iter().map(|it| self.address(it));
+        let addresses = table.addresses.iter().map(|text| {
+            let address = text.get_ref().parse();
+            address
+                .map_err(|error| self.wrong(&text.span(), format!("`{}` {error}", text.get_ref())))
+        });
         Ok(PeerConfig {
             name: self.name(&table.name)?,
             id,

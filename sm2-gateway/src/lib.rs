@@ -13,6 +13,7 @@
 //! What is decided is decided by the machines of `sm2_proto::gateway`; [`peer`] and [`hub`] join them
 //! without I/O; `run` has the tasks, `local` the domain's nodes.
 
+mod address;
 #[cfg(feature = "bad-link")]
 pub mod bad_link;
 pub mod clock;
@@ -31,6 +32,7 @@ pub mod shadow;
 mod tally;
 
 pub use self::{
+    address::{Address, AddressError},
     config::{Config, ConfigError},
     local::{LocalError, Place, is_remote, status_service},
     report::{PeerReport, Report},

@@ -5,6 +5,7 @@ mod common;
 use std::time::Duration;
 
 use common::{ALL, Domain, SOON, report, runtime, until};
+use sm2_gateway::{Config, Gateway};
 use sm2_node::CallError;
 
 #[test]
@@ -197,4 +198,26 @@ fn three_domains_in_a_row_pass_on_and_give_nothing_back() {
         );
     }
     runtime.block_on(async { tokio::join!(first.stop(), second.stop(), third.stop()) });
+}
+
+#[test]
+fn a_peer_is_found_by_the_name_of_its_host() {
+    let [near, four, six] = ["near", "four", "six"].map(Domain::new);
+    let runtime = runtime();
+    let left = near.gateway(&runtime, &[(&four, None), (&six, None)], ALL);
+    let port = left.address().port();
+    for (far, listen) in [(&four, "127.0.0.1:0"), (&six, "[::]:0")] {
+        far.config(&[(&near, Some(left.address()))], ALL);
+        let path = far.path("gateway.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        // A name that nobody knows is no reason to give up the others.
+        let hosts = format!("none.invalid:{port}\", \"localhost:{port}");
+        let text = text.replace(&left.address().to_string(), &hosts);
+        let text = text.replace("127.0.0.1:0", listen);
+        let config = Config::parse(&path, &text).unwrap();
+        let right = runtime.block_on(Gateway::start(&config)).unwrap();
+        until("connected", || !report(&runtime, &right).peers.is_empty());
+        runtime.block_on(right.stop());
+    }
+    runtime.block_on(left.stop());
 }

@@ -57,7 +57,15 @@ fn two_domains_as_the_readme_says() {
     let address = text.lines().nth(1).unwrap();
     let address = address.trim_start_matches("listen = ").trim_matches('"');
     assert_eq!(near.gateway("trust", &["far", &far.id]).finish().code(), 0);
-    let trusted = far.gateway("trust", &["near", &near.id, address]).finish();
+    let neither = far
+        .gateway("trust", &["near", &near.id, "localhost"])
+        .finish();
+    let said = neither.stderr();
+    assert_eq!(neither.code(), 2, "{said}");
+    assert!(said.contains("nor the name of a host with one"), "{said}");
+    let (_, port) = address.rsplit_once(':').unwrap();
+    let host = format!("localhost:{port}");
+    let trusted = far.gateway("trust", &["near", &near.id, &host]).finish();
     assert_eq!(trusted.code(), 0, "{trusted:?}");
     let twice = far.gateway("trust", &["near", &near.id]).finish();
     assert_eq!(twice.code(), 1);

@@ -258,11 +258,12 @@ impl Task {
 
     fn report(&self) -> ConnectionReport {
         let counts = self.peer.counts_by_name();
+        let address = self.peer.address();
         ConnectionReport {
             counts: self.peer.counts(),
             counts_by_name: counts.map(|(key, it)| (key.clone(), it)).collect(),
             rtt: self.peer.rtt(),
-            address: self.peer.address(),
+            address: SocketAddr::new(address.ip().to_canonical(), address.port()),
         }
     }
 }

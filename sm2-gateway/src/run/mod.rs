@@ -12,6 +12,7 @@
 
 mod beacons;
 mod connection;
+mod hosts;
 mod hub;
 mod local;
 mod network;
@@ -89,6 +90,12 @@ pub(crate) enum NetworkMessage {
     },
     /// An attempt to connect led to nothing.
     Failed { peer: GatewayId },
+    /// The name of one of a peer's hosts was looked up.
+    Resolved {
+        peer: GatewayId,
+        host: String,
+        addresses: io::Result<Vec<SocketAddr>>,
+    },
     /// By the hub.
     Connected { peer: GatewayId, epoch: u64 },
     /// By the hub.
@@ -199,7 +206,7 @@ impl Gateway {
         tokio::spawn(shadow::run(shadows, hub.clone(), Arc::clone(&shared)));
         let peers = config.peers.clone();
         tokio::spawn(async move {
-            let network = network::Network::new(endpoint, beacons, shared, address.port(), peers);
+            let network = network::Network::new(endpoint, beacons, shared, address, peers);
             let error = network.run(network_inbox).await;
             let _ = ending.send(error.err().map(Arc::new));
         });
