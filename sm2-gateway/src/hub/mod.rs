@@ -7,6 +7,7 @@
 mod calls;
 mod latched;
 mod messages;
+mod status;
 mod words;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -24,9 +25,12 @@ use sm2_proto::{
 use self::{calls::Calls, messages::Messages};
 pub use self::{
     latched::LATCHED_MAX,
-    words::{Input, LocalCommand, LocalEvent, Output, PeerStatus},
+    words::{Denial, Input, LocalCommand, LocalEvent, NoRoom, Output, PeerStatus},
 };
-use crate::peer::{Command, Event};
+use crate::{
+    peer::{Command, Event},
+    tally::{Tally, Whose},
+};
 
 /// The rules, and how what each of them allows is sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -83,6 +87,8 @@ struct Peer {
     offers: BTreeMap<u64, (Subject, Hop)>,
     /// What it was offered.
     offered: BTreeMap<u64, Subject>,
+    /// What the hub alone can count.
+    tally: Tally,
 }
 
 impl Hub {
@@ -111,6 +117,7 @@ impl Hub {
             } => self.peer(now, connection, is_dialled, event),
             Input::Local(event) => self.local(event),
             Input::Policy(policy) => self.change(policy),
+            Input::NoRoom(what) => self.no_room(&what),
             Input::Distrust(peer) => {
                 if let Some(it) = self.peers.get(&peer) {
                     let connection = it.connection;
@@ -123,24 +130,6 @@ impl Hub {
     /// The next thing to do.
     pub fn poll(&mut self) -> Option<Output> {
         self.outputs.pop_front()
-    }
-
-    /// Who is connected, and what goes to and fro.
-    #[must_use]
-    pub fn peers(&self) -> Vec<PeerStatus> {
-        let status = |(id, it): (&GatewayId, &Peer)| PeerStatus {
-            id: *id,
-            name: it.name.clone(),
-            connection: it.connection,
-            epoch: it.epoch,
-            offers: it
-                .offers
-                .values()
-                .map(|(subject, _)| subject.clone())
-                .collect(),
-            offered: it.offered.values().cloned().collect(),
-        };
-        self.peers.iter().map(status).collect()
     }
 
     /// How many calls have no reply yet, in both directions.
@@ -207,6 +196,7 @@ impl Hub {
             } => {
                 let Some(&origin) = path.first() else { return };
                 if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.open(Whose::Theirs(offer), &subject);
                     it.offers.insert(offer, (subject.clone(), origin));
                 }
                 self.route(router::Input::Offered {
@@ -219,6 +209,7 @@ impl Hub {
             Event::Gone { offer } => {
                 self.route(router::Input::Gone { peer, offer });
                 if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.close(Whose::Theirs(offer));
                     it.offers.remove(&offer);
                 }
             }
@@ -285,6 +276,7 @@ impl Hub {
                 name: name.clone(),
                 offers: BTreeMap::new(),
                 offered: BTreeMap::new(),
+                tally: Tally::default(),
             },
         );
         self.outputs
@@ -354,6 +346,7 @@ impl Hub {
             } => {
                 let terms = self.policy.terms(&subject, &peer);
                 if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.open(Whose::Ours(offer), &subject);
                     it.offered.insert(offer, subject.clone());
                 }
                 let command = Command::Offer {
@@ -366,6 +359,7 @@ impl Hub {
             }
             router::Output::Unoffer { peer, offer } => {
                 if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.close(Whose::Ours(offer));
                     it.offered.remove(&offer);
                 }
                 self.tell(peer, Command::Unoffer { offer });
@@ -373,6 +367,7 @@ impl Hub {
             router::Output::Want { peer, offer, depth } => {
                 let offers = self.peers.get(&peer).map(|it| &it.offers);
                 if let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)) {
+                    self.messages.wanted(subject, origin.gateway);
                     let key = (subject.clone(), origin.gateway);
                     self.calls.routes.insert(key, (peer, offer));
                 }
