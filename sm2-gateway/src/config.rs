@@ -22,6 +22,7 @@ use sm2_proto::{
 use toml::Spanned;
 
 use crate::{
+    address::Address,
     hub::{DEFAULT_TERMS, Policy},
     local::Place,
     peer::Limits,
@@ -65,7 +66,7 @@ pub struct PeerConfig {
     /// Who it is.
     pub id: GatewayId,
     /// Where it may be.
-    pub addresses: Vec<SocketAddr>,
+    pub addresses: Vec<Address>,
 }
 
 /// Why a configuration is of no use.
@@ -259,6 +260,23 @@ impl Config {
         self.peers.iter().find(is_it)
     }
 
+    /// The keys of the file that `new` has otherwise, and that only a gateway that is started anew takes.
+    #[must_use]
+    pub fn fixed_keys(&self, new: &Self) -> Vec<&'static str> {
+        let changed = [
+            ("name", self.name != new.name),
+            ("listen", self.listen != new.listen),
+            ("key", self.key != new.key),
+            ("domain", self.place.domain != new.place.domain),
+            ("socket", self.place.socket != new.place.socket),
+            ("discovery", self.discovery != new.discovery),
+            ("congestion", self.congestion != new.congestion),
+            ("limits", self.limits != new.limits),
+        ];
+        let changed = changed.into_iter().filter(|(_, is_other)| *is_other);
+        changed.map(|(key, _)| key).collect()
+    }
+
     /// The rule that decides about a name, as it stands in the file; none: the answer is no.
     #[must_use]
     pub fn explain(
@@ -316,7 +334,11 @@ impl At<'_> {
             let what = format!("{error}; `sm2 gateway id` prints it at the peer");
             self.wrong(&table.id.span(), what)
         })?;
-        let addresses = table.addresses.iter().map(|it| self.address(it));
+        let addresses = table.addresses.iter().map(|text| {
+            let address = text.get_ref().parse();
+            address
+                .map_err(|error| self.wrong(&text.span(), format!("`{}` {error}", text.get_ref())))
+        });
         Ok(PeerConfig {
             name: self.name(&table.name)?,
             id,

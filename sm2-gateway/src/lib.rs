@@ -4,6 +4,8 @@
 //! | --- | --- |
 //! | run one in a program | [`Config`], [`Gateway`] |
 //! | make and read keys | [`keys`] |
+//! | ask those of a domain how they are | [`report`] |
+//! | compare rules with others | [`shadow`] |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
 //! | the same for all that is between domain and peers | [`hub`] |
 //! | try all that over a link that loses, delays and stands still | `bad_link`, with the feature `bad-link` |
@@ -11,6 +13,7 @@
 //! What is decided is decided by the machines of `sm2_proto::gateway`; [`peer`] and [`hub`] join them
 //! without I/O; `run` has the tasks, `local` the domain's nodes.
 
+mod address;
 #[cfg(feature = "bad-link")]
 pub mod bad_link;
 pub mod clock;
@@ -18,13 +21,21 @@ pub mod config;
 pub mod hub;
 pub mod keys;
 mod local;
+#[cfg(feature = "metrics")]
+pub mod metrics;
 pub mod peer;
 #[cfg(feature = "program")]
 pub mod program;
+pub mod report;
 mod run;
+pub mod shadow;
+mod tally;
 
 pub use self::{
+    address::{Address, AddressError},
     config::{Config, ConfigError},
     local::{LocalError, Place, is_remote, status_service},
-    run::{BeaconsError, Gateway, PeerReport, Report, RunError},
+    report::{PeerReport, Report},
+    run::{BeaconsError, Gateway, RunError},
+    tally::Counts,
 };

@@ -93,6 +93,7 @@ fn offer(world: &mut World, topic: &Topic) {
             },
             name,
             reliable: false,
+            latched: 0,
         },
         path: vec![world.hop(0)],
         terms: DEFAULT_TERMS,

@@ -2,9 +2,16 @@
 
 mod common;
 
-use std::time::Duration;
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
 use common::{ALL, Domain, SOON, report, runtime, until};
+use sm2_gateway::{Config, Gateway};
 use sm2_node::CallError;
 
 #[test]
@@ -29,6 +36,13 @@ fn a_topic_of_one_domain_is_heard_in_another() {
     let peers = report(&runtime, &left).peers;
     assert_eq!(peers[0].messages.sent, 3);
     assert_eq!(peers[0].offered, ["topic chatter"]);
+    let chatter = &peers[0].subjects[0];
+    assert_eq!((&*chatter.kind, &*chatter.name), ("topic", "chatter"));
+    assert_eq!((chatter.counts.offered, chatter.counts.sent), (3, 3));
+    let peers = report(&runtime, &right).peers;
+    assert_eq!(peers[0].subjects[0].counts.received, 3);
+    assert_eq!((peers[0].messages.lost, peers[0].messages.skipped), (0, 0));
+    assert!(peers[0].rtt_ms.is_some_and(|it| it > 0.0));
     drop(subscriber);
     // Nobody wants it any more: the gateway does not take it either.
     until("unsubscribed", || {
@@ -65,6 +79,16 @@ fn a_service_of_one_domain_is_called_in_another() {
     assert_eq!(*client.call(&many, SOON).unwrap(), many.iter().sum::<u64>());
     let error = client.call(&[1], SOON).unwrap_err();
     assert!(matches!(error, CallError::Failed { reason, .. } if reason == "one is no sum"));
+    // Three calls: a request and a reply each, of which the last one failed.
+    for (gateway, offered, received) in [(&left, 3, 3), (&right, 3, 3)] {
+        until("counted", || {
+            let peer = report(&runtime, gateway).peers.remove(0);
+            let sum = peer.subjects.iter().find(|it| it.name == "sum");
+            let sum = sum.filter(|it| it.kind == "service").map(|it| it.counts);
+            let sum = sum.map(|it| (it.offered, it.sent, it.received));
+            sum == Some((offered, offered, received))
+        });
+    }
     // A lost link is an answer at once.
     runtime.block_on(left.stop());
     until("the server is gone", || {
@@ -102,6 +126,15 @@ fn rules_that_change_take_effect_at_once() {
     until("withdrawn", || {
         subscriber.links().iter().all(|it| it.end.is_some())
     });
+    let peer = report(&runtime, &left).peers.remove(0);
+    let denials = peer.denials.iter();
+    let denials: Vec<_> = denials
+        .map(|it| (&*it.name, &*it.direction, it.line))
+        .collect();
+    let line = std::fs::read_to_string(near.path("gateway.toml")).unwrap();
+    let line = 1 + line.lines().position(|it| it == "[[rule]]").unwrap();
+    assert_eq!(denials, [("secret/count", "out", Some(line))]);
+    assert_eq!(peer.denied, 1);
     publisher.publish(&1).unwrap();
     assert!(
         subscriber
@@ -120,7 +153,45 @@ fn rules_that_change_take_effect_at_once() {
     let config = near.config(&[], ALL);
     runtime.block_on(left.reload(&config));
     until("gone", || report(&runtime, &left).peers.is_empty());
+    assert!(report(&runtime, &left).absent.is_empty());
+    assert_eq!(report(&runtime, &right).absent, ["near"]);
     runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
+}
+
+/// Published once, before anybody was there.
+//= SM2-GWM-008 test
+#[test]
+fn what_is_latched_reaches_subscribers_that_come_later() {
+    let [a, b, c] = ["a", "b", "c"].map(Domain::new);
+    let runtime = runtime();
+    let first = a.gateway(&runtime, &[(&b, None), (&c, None)], ALL);
+    let second = b.gateway(&runtime, &[(&a, Some(first.address()))], ALL);
+    let third = c.gateway(&runtime, &[(&a, Some(first.address()))], ALL);
+    let mapper = a.node("mapper");
+    let maps = (mapper.publisher_builder::<u64>("map").latched(1))
+        .declare()
+        .unwrap();
+    maps.publish(&7).unwrap();
+    // Nodes move on when they are called.
+    let is_over = Arc::new(AtomicBool::new(false));
+    let until_over = Arc::clone(&is_over);
+    let moving = std::thread::spawn(move || {
+        while !until_over.load(Ordering::Relaxed) {
+            // More than ever come.
+            let _ = maps.wait_for_subscribers(100, Some(Duration::from_millis(5)));
+        }
+    });
+    let mut kept = Vec::new();
+    for (domain, name) in [(&b, "early"), (&b, "late"), (&c, "elsewhere")] {
+        let node = domain.node(name);
+        let subscriber = node.subscriber::<u64>("map").unwrap();
+        let sample = subscriber.recv_timeout(SOON).unwrap().expect(name);
+        assert_eq!(*sample, 7, "{name}");
+        kept.push((node, subscriber));
+    }
+    is_over.store(true, Ordering::Relaxed);
+    moving.join().unwrap();
+    runtime.block_on(async { tokio::join!(first.stop(), second.stop(), third.stop()) });
 }
 
 #[test]
@@ -169,4 +240,26 @@ fn three_domains_in_a_row_pass_on_and_give_nothing_back() {
         );
     }
     runtime.block_on(async { tokio::join!(first.stop(), second.stop(), third.stop()) });
+}
+
+#[test]
+fn a_peer_is_found_by_the_name_of_its_host() {
+    let [near, four, six] = ["near", "four", "six"].map(Domain::new);
+    let runtime = runtime();
+    let left = near.gateway(&runtime, &[(&four, None), (&six, None)], ALL);
+    let port = left.address().port();
+    for (far, listen) in [(&four, "127.0.0.1:0"), (&six, "[::]:0")] {
+        far.config(&[(&near, Some(left.address()))], ALL);
+        let path = far.path("gateway.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        // A name that nobody knows is no reason to give up the others.
+        let hosts = format!("none.invalid:{port}\", \"localhost:{port}");
+        let text = text.replace(&left.address().to_string(), &hosts);
+        let text = text.replace("127.0.0.1:0", listen);
+        let config = Config::parse(&path, &text).unwrap();
+        let right = runtime.block_on(Gateway::start(&config)).unwrap();
+        until("connected", || !report(&runtime, &right).peers.is_empty());
+        runtime.block_on(right.stop());
+    }
+    runtime.block_on(left.stop());
 }

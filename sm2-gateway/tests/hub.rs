@@ -1,10 +1,13 @@
 //! The hub by itself: what comes out for what goes in.
 
+#[path = "hub/latched.rs"]
+mod latched;
+
 use std::{num::NonZeroU64, time::Duration};
 
 use bytes::Bytes;
 use sm2_gateway::{
-    hub::{Hub, Input, LocalCommand, LocalEvent, Output, Policy},
+    hub::{Denial, Hub, Input, LocalCommand, LocalEvent, NoRoom, Output, Policy},
     peer::{Command, Event, Reason},
 };
 use sm2_proto::{
@@ -40,6 +43,7 @@ fn topic(text: &str) -> Subject {
         name: name(text),
         data: bytes(),
         reliable: false,
+        latched: 0,
     }
 }
 
@@ -439,4 +443,109 @@ fn other_rules_withdraw_before_anything_else_is_said() {
     assert!(unoffer.max(unwant) < change, "{said:?}");
     // What is under way of it reaches nobody.
     assert!(tell(&mut hub, 1, message(4, 1, 0)).is_empty());
+}
+
+#[test]
+fn what_rules_deny_is_told_with_the_rule() {
+    let mut hub = Hub::new(
+        hop(5),
+        policy(vec![
+            rule(Action::Deny, "secret/*"),
+            Rule {
+                direction: Some(Direction::Out),
+                ..rule(Action::Allow, "**")
+            },
+        ]),
+    );
+    for text in ["secret/a", "open"] {
+        let (subject, present) = (topic(text), true);
+        local(&mut hub, LocalEvent::Present { subject, present });
+    }
+    greet(&mut hub, 1, 1, 1);
+    offered(&mut hub, 1, 1, topic("theirs"), &[1]);
+    let denial = |text, direction, rule| Denial {
+        subject: topic(text),
+        direction,
+        rule,
+    };
+    let denied = [
+        denial("secret/a", Direction::Out, Some(0)),
+        denial("theirs", Direction::In, None),
+    ];
+    assert_eq!(hub.peers()[0].denied, denied);
+    hub.handle(NOW, Input::Policy(policy(vec![rule(Action::Allow, "**")])));
+    assert_eq!(hub.peers()[0].denied, []);
+}
+
+#[test]
+fn what_was_left_out_is_counted_only_while_it_was_wanted() {
+    let mut hub = hub();
+    greet(&mut hub, 1, 1, 1);
+    offered(&mut hub, 1, 1, topic("scan"), &[1]);
+    let taken = |taken| LocalEvent::Taken {
+        subject: topic("scan"),
+        origin: hop(1).gateway,
+        taken,
+    };
+    local(&mut hub, taken(Some(4)));
+    let skipped = |hub: &Hub| hub.peers()[0].counts.skipped;
+    // What went before the first one nobody here has missed.
+    tell(&mut hub, 1, message(1, 10, 0));
+    tell(&mut hub, 1, message(1, 11, 0));
+    assert_eq!(skipped(&hub), 0);
+    tell(&mut hub, 1, message(1, 14, 0));
+    assert_eq!(skipped(&hub), 2);
+    // It came too late to be passed on.
+    tell(&mut hub, 1, message(1, 13, 0));
+    assert_eq!(skipped(&hub), 2);
+    local(&mut hub, taken(None));
+    local(&mut hub, taken(Some(4)));
+    tell(&mut hub, 1, message(1, 100, 0));
+    assert_eq!(skipped(&hub), 2);
+    tell(&mut hub, 1, message(1, u64::MAX, 0));
+    assert_eq!(skipped(&hub), 2 + (u64::MAX - 101));
+    let by_name = &hub.peers()[0].counts_by_name;
+    assert_eq!(by_name[0].0, (SubjectKind::Topic, name("scan")));
+    assert_eq!(by_name[0].1, hub.peers()[0].counts);
+}
+
+#[test]
+fn messages_without_room_are_lost_messages_of_their_topic() {
+    let mut hub = hub();
+    greet(&mut hub, 1, 1, 1);
+    greet(&mut hub, 2, 2, 1);
+    offered(&mut hub, 1, 1, topic("scan"), &[1]);
+    let out = local(
+        &mut hub,
+        LocalEvent::Taken {
+            subject: topic("scan"),
+            origin: hop(1).gateway,
+            taken: Some(1),
+        },
+    );
+    assert!(!out.is_empty());
+    let no_room = |hub: &mut Hub, what| {
+        hub.handle(NOW, Input::NoRoom(what));
+        assert!(outputs(hub).is_empty());
+    };
+    no_room(
+        &mut hub,
+        NoRoom::ForDomain {
+            subject: topic("scan"),
+            origin: hop(1).gateway,
+        },
+    );
+    // Its offer to the other peer has the number 1 too.
+    for (connection, offer) in [(2, 1), (2, 1), (2, 9), (7, 1)] {
+        no_room(&mut hub, NoRoom::ForPeer { connection, offer });
+    }
+    let peers = hub.peers();
+    assert_eq!(
+        (peers[0].counts.lost, peers[0].counts_by_name[0].1.lost),
+        (1, 1)
+    );
+    assert_eq!(
+        (peers[1].counts.lost, peers[1].counts_by_name[0].1.lost),
+        (3, 2)
+    );
 }

@@ -43,6 +43,8 @@ struct Figures {
     /// Of what the link carries, after loss and headers.
     share: f64,
     rtt: Duration,
+    /// Of the datagrams, by chance and in the queue.
+    lost: f64,
 }
 
 /// A datagram on its way: when it arrives, its number, to which side.
@@ -177,7 +179,7 @@ fn run(link: Link, congestion: Congestion, length: Duration) -> Figures {
     let (mut now, mut received, mut stream) = (start, 0_u64, None::<StreamId>);
     let warm = start + Duration::from_secs(2);
     let data = vec![7; 1 << 16];
-    let mut rtt = Duration::ZERO;
+    let (mut rtt, mut lost) = (Duration::ZERO, 0.0);
     while now < start + length {
         for at in 0..2 {
             if let Some((_, connection)) = &mut world.sides[at].connection {
@@ -202,9 +204,11 @@ fn run(link: Link, congestion: Congestion, length: Duration) -> Figures {
                 }
                 if let (0, Some(id)) = (at, stream) {
                     let window = connection.congestion_state().window();
-                    connection.set_send_window(3 * window + 20_000);
+                    connection.set_send_window(8 * window + 20_000);
                     while connection.send_stream(id).write(&data).is_ok() {}
                     rtt = connection.rtt();
+                    let path = connection.stats().path;
+                    lost = path.lost_packets as f64 / path.sent_packets.max(1) as f64;
                 }
             }
             world.transmit(now, at);
@@ -218,6 +222,7 @@ fn run(link: Link, congestion: Congestion, length: Duration) -> Figures {
     Figures {
         share: received as f64 / seconds / (carried * payload),
         rtt,
+        lost,
     }
 }
 
@@ -232,6 +237,43 @@ fn loss_by_chance_does_not_slow_a_connection_down() {
     println!("Steady: {steady:?}");
     assert!(steady.share > 0.9, "{steady:?}");
     assert!(steady.rtt < Duration::from_millis(40), "{steady:?}");
+}
+
+/// Links of other kinds, each by how it differs from the paper's: what share of it is used at least.
+#[test]
+fn other_links_are_used_as_well() {
+    let ms = Duration::from_millis;
+    let clean = Link {
+        loss_permille: 0,
+        ..PAPER
+    };
+    let lossy = |loss_permille| Link {
+        loss_permille,
+        ..PAPER
+    };
+    let distant = |loss_permille| Link {
+        delay: ms(50),
+        ..lossy(loss_permille)
+    };
+    let queue = ms(3);
+    let rate = |rate_bit| Link { rate_bit, ..clean };
+    let links = [
+        ("nothing lost", 0.95, clean),
+        ("30 % lost", 0.9, lossy(300)),
+        ("100 ms there and back", 0.9, distant(40)),
+        ("100 ms, 20 % lost", 0.9, distant(200)),
+        ("a short queue", 0.9, Link { queue, ..clean }),
+        ("1 Mbit/s", 0.9, rate(1e6)),
+        ("200 Mbit/s", 0.9, rate(200e6)),
+    ];
+    for (name, least, link) in links {
+        let steady = run(link, Congestion::Steady, Duration::from_secs(12));
+        println!("{name}: {steady:?}");
+        assert!(steady.share > least, "{name}");
+        // Beside chance: what the queue has no room for.
+        let chance = link.loss_permille as f64 / 1e3;
+        assert!(steady.lost < chance + 0.3, "{name}");
+    }
 }
 
 /// Nothing is said on it for a minute; then the link is cut.

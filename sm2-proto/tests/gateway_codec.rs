@@ -67,7 +67,7 @@ proptest! {
     fn paths(hops in vec((0_u8..12, 0_u64..2), 0..10)) {
         let hop = |(gateway, epoch)| Hop { gateway: GatewayId([gateway; 32]), epoch };
         let path = hops.into_iter().map(hop).collect();
-        let subject = Subject::Topic { name: name("a"), data: data("A"), reliable: false };
+        let subject = Subject::Topic { name: name("a"), data: data("A"), reliable: false, latched: 0 };
         let frame = Frame::Offer { offer: 1, subject, path };
         agreement::body(&frame.to_bytes()[4..]);
     }

@@ -105,6 +105,36 @@ fn addresses_in_turn_with_longer_and_longer_waits() {
     }
 }
 
+#[test]
+fn hosts_have_their_turns_after_addresses() {
+    let mut bench = Bench::new();
+    let named = |hosts| Input::Named { peer: PEER, hosts };
+    assert_eq!(bench.input(named(1)), [], "not trusted");
+    assert_eq!(bench.discovery.deadline(), None);
+    bench.trust(PEER, &[]);
+    assert_eq!(bench.discovery.deadline(), None, "nowhere to look");
+    bench.input(named(2));
+    let host = |host| vec![Output::DialHost { peer: PEER, host }];
+    for turn in 0..4 {
+        assert_eq!(bench.next().1, host(turn % 2));
+        bench.input(Input::Failed { peer: PEER });
+    }
+    bench.trust(PEER, &[1]);
+    bench.beacon(PEER, 3, 1);
+    // What comes next in the order that they have now.
+    for outputs in [host(1), dial(PEER, 3), dial(PEER, 1), host(0), host(1)] {
+        let (_, found) = bench.next();
+        bench.input(Input::Failed { peer: PEER });
+        assert_eq!(found, outputs);
+    }
+    // It has only names, and then none.
+    let mut bench = Bench::new();
+    bench.trust(PEER, &[]);
+    bench.input(named(1));
+    bench.input(named(0));
+    assert_eq!(bench.discovery.deadline(), None);
+}
+
 //= SM2-GWD-004 test
 #[test]
 fn a_connection_ends_the_search_and_its_end_begins_it() {

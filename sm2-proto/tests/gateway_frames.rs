@@ -30,6 +30,7 @@ fn topic() -> Subject {
         name: name("scan"),
         data: data("Scan"),
         reliable: true,
+        latched: 300,
     }
 }
 
@@ -46,8 +47,8 @@ fn offer(path: Vec<Hop>) -> Frame {
 //= SM2-GWF-002, SM2-FRM-002 test
 #[test]
 fn the_bytes_of_each_frame() {
-    let mut offered = vec![50, 0, 0, 0, 1, 0xac, 2, 0, 4];
-    offered.extend(b"scan\x04Scan\x07\x01\x01");
+    let mut offered = vec![52, 0, 0, 0, 1, 0xac, 2, 0, 4];
+    offered.extend(b"scan\x04Scan\x07\x01\xac\x02\x01");
     offered.extend([9; 32]);
     offered.push(3);
     let service = Frame::Offer {

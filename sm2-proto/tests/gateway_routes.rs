@@ -39,6 +39,7 @@ fn topic(called: &str) -> Subject {
         name: name(called),
         data: data("Scan"),
         reliable: false,
+        latched: 0,
     }
 }
 

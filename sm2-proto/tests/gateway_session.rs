@@ -49,6 +49,7 @@ fn subject(kind: SubjectKind) -> Subject {
             name: name("scan"),
             data: data("Scan"),
             reliable: false,
+            latched: 0,
         },
         SubjectKind::Service => Subject::Service {
             name: name("add"),

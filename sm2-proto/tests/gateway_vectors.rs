@@ -116,6 +116,7 @@ impl Vector {
                         hash: 7,
                     },
                     reliable: true,
+                    latched: 0,
                 },
                 path: vec![PEER],
             };

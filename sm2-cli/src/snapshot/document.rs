@@ -3,7 +3,10 @@
 use serde::Serialize;
 use sm2_proto::{control::Item, domain::LinkView};
 
-use super::thing::{Limits, Link, Node, Thing, link_text};
+use super::{
+    gateways::{self, Gateway},
+    thing::{Limits, Link, Node, Thing, link_text},
+};
 use crate::{
     columns::Columns,
     connect::Session,
@@ -31,6 +34,7 @@ pub(super) struct Document {
     quotas: Vec<Quota>,
     /// Nodes that keep no counters.
     without_counters: Vec<String>,
+    gateways: Vec<Gateway>,
 }
 
 /// A link and what its ends count; none for an end whose node keeps no counters.
@@ -64,7 +68,12 @@ pub(crate) struct Quota {
 }
 
 impl Document {
-    pub(super) fn new(session: &Session, view: &View<'_>, sample: &Sample) -> Self {
+    pub(super) fn new(
+        session: &Session,
+        view: &View<'_>,
+        sample: &Sample,
+        gateways: Vec<Gateway>,
+    ) -> Self {
         let itself = session.node.name();
         let items = view.domain.items();
         let mut document = Self {
@@ -81,6 +90,7 @@ impl Document {
             open: Vec::new(),
             quotas: quotas(view),
             without_counters: Vec::new(),
+            gateways,
         };
         for item in items.filter(|item| !matches!(item, Item::Link { .. })) {
             match Thing::new(view, item) {
@@ -138,6 +148,9 @@ impl Document {
         }
         if !self.quotas.is_empty() {
             out.line(format_args!("\n{quotas}"))?;
+        }
+        if !self.gateways.is_empty() {
+            out.line(format_args!("\n{}", gateways::table(&self.gateways)))?;
         }
         for (at, thing) in self.open.iter().enumerate() {
             let line_break = if at == 0 { "\n" } else { "" };

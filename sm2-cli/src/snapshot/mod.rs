@@ -1,6 +1,7 @@
 //! `sm2 snapshot`: the whole domain at one revision, or its changes from there on.
 
 pub(crate) mod document;
+mod gateways;
 mod thing;
 
 use std::{collections::BTreeMap, os::fd::AsFd};
@@ -34,8 +35,9 @@ pub(crate) struct Arguments {
 
 const HELP: &str = "\
 Nodes, interfaces (those that were refused too), links with what their publishers and servers count,
-pairs that match and are not linked, and how much of the quotas is used. All is as of one revision of
-the domain; counters are read a moment later. With --watch `+` is what is new or has changed, `-` what
+pairs that match and are not linked, how much of the quotas is used, and what gateways say of their
+peers (one that does not answer within a second is shown as such). All is as of one revision of the
+domain; counters are read a moment later. With --watch `+` is what is new or has changed, `-` what
 is gone; when another Manager takes over, the difference is printed.
 
 Exit status: 0 done or --watch was ended by Ctrl-C, 1 failed, 2 wrong usage.
@@ -43,6 +45,7 @@ Exit status: 0 done or --watch was ended by Ctrl-C, 1 failed, 2 wrong usage.
 Examples:
   sm2 snapshot
   sm2 snapshot --json | jq '.links[] | select(.counters.overwritten > 0)'
+  sm2 snapshot --json | jq '.gateways[].report.peers[] | {name, messages, denied}'
   sm2 snapshot --watch";
 
 /// Prints it.
@@ -58,7 +61,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let domain = session.snapshot()?;
     let nodes = domain.nodes().map(|node| node.node).collect();
     let sample = Sampler::new().look(&session.node, &domain, &nodes)?;
-    let document = Document::new(&session, &View::new(&domain), &sample);
+    let gateways = gateways::ask(&session, &domain);
+    let document = Document::new(&session, &View::new(&domain), &sample, gateways);
     let mut out = Output::new();
     match arguments.json {
         true => out.json(&document)?,

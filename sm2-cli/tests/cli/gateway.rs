@@ -2,7 +2,7 @@
 
 use std::{fs, os::unix::fs::PermissionsExt};
 
-use crate::common::{Domain, Finished, Running, sm2, until};
+use crate::common::{Domain, Finished, Running, sm2, talker, until};
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
@@ -57,7 +57,15 @@ fn two_domains_as_the_readme_says() {
     let address = text.lines().nth(1).unwrap();
     let address = address.trim_start_matches("listen = ").trim_matches('"');
     assert_eq!(near.gateway("trust", &["far", &far.id]).finish().code(), 0);
-    let trusted = far.gateway("trust", &["near", &near.id, address]).finish();
+    let neither = far
+        .gateway("trust", &["near", &near.id, "localhost"])
+        .finish();
+    let said = neither.stderr();
+    assert_eq!(neither.code(), 2, "{said}");
+    assert!(said.contains("nor the name of a host with one"), "{said}");
+    let (_, port) = address.rsplit_once(':').unwrap();
+    let host = format!("localhost:{port}");
+    let trusted = far.gateway("trust", &["near", &near.id, &host]).finish();
     assert_eq!(trusted.code(), 0, "{trusted:?}");
     let twice = far.gateway("trust", &["near", &near.id]).finish();
     assert_eq!(twice.code(), 1);
@@ -88,6 +96,7 @@ fn two_domains_as_the_readme_says() {
     let report: Value = serde_json::from_str(&peers(&near).stdout()).unwrap();
     assert_eq!(report["peers"][0]["offered"][0], "topic chatter");
     assert!(report["peers"][0]["messages"]["sent"].as_u64().unwrap() > 0);
+    snapshots_show_gateways(&near);
     let check = near.gateway("check", &[]).finish();
     assert!(
         check.stdout().contains("far may have topic chatter (line"),
@@ -102,6 +111,55 @@ fn two_domains_as_the_readme_says() {
     let none = peers(&far);
     assert_eq!(none.code(), 1);
     assert!(none.stderr().contains("has no gateway"), "{none:?}");
+}
+
+/// What goes to whom, while `chatter` goes to `far`, and that one of two gateways is stuck.
+fn snapshots_show_gateways(near: &Side) {
+    let snapshot = near.domain.json(&["snapshot"]);
+    let gateway = &snapshot["gateways"][0];
+    assert_eq!(gateway["service"], "gateway/near/status");
+    let peer = &gateway["report"]["peers"][0];
+    assert_eq!((&peer["name"], &peer["denied"]), (&"far".into(), &0.into()));
+    let chatter = &peer["subjects"][0];
+    assert_eq!(
+        (&chatter["kind"], &chatter["name"]),
+        (&"topic".into(), &"chatter".into())
+    );
+    let count = |of: &Value, what: &str| of[what].as_u64().unwrap();
+    for counts in [chatter, &peer["messages"]] {
+        let ends = ["sent", "superseded", "expired", "withdrawn"];
+        let ended: u64 = ends.iter().map(|it| count(counts, it)).sum();
+        let offered = count(counts, "offered");
+        assert!(
+            count(counts, "sent") > 0 && (ended..=ended + 2).contains(&offered),
+            "{counts}"
+        );
+        assert_eq!(count(counts, "lost"), 0);
+    }
+    let text = near.domain.run(&["snapshot"]).stdout();
+    assert!(
+        text.contains("SUPERSEDED") && text.contains("topic chatter"),
+        "{text}"
+    );
+    let second = fs::read_to_string(near.domain.path("gateway.toml")).unwrap();
+    let second = second.replace("\"near\"", "\"second\"");
+    let at = second.lines().nth(1).unwrap().to_owned();
+    let second = second.replace(&at, "listen = \"127.0.0.1:0\"");
+    let file = near.domain.path("second.toml");
+    fs::write(&file, second).unwrap();
+    let stuck = Running::start(sm2(&["gateway", "run"]).arg(&file));
+    stuck.await_stderr("the gateway is there");
+    stuck.signal(Signal::SIGSTOP);
+    let snapshot = near.domain.json(&["snapshot"]);
+    stuck.signal(Signal::SIGCONT);
+    let gateways = snapshot["gateways"].as_array().unwrap();
+    assert_eq!(gateways.len(), 2, "{snapshot}");
+    assert_eq!(gateways[0]["report"]["name"], "near");
+    assert_eq!(gateways[1]["service"], "gateway/second/status");
+    assert!(
+        gateways[1]["report"].is_null() && gateways[1]["error"].is_string(),
+        "{snapshot}"
+    );
 }
 
 #[test]
@@ -173,6 +231,13 @@ fn what_is_wrong_is_one_line_and_starts_nothing() {
     let taken = held.local_addr().unwrap().to_string();
     say("127.0.0.1:0", &taken, "cannot listen at");
     drop(held);
+    let held = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = held.local_addr().unwrap().to_string();
+    let run = side.gateway("run", &["--metrics", &taken]).finish();
+    let said = run.stderr();
+    assert_eq!((run.code(), said.lines().count()), (1, 1), "{said}");
+    let expected = format!("cannot answer for metrics at {taken}: ");
+    assert!(said.contains(&expected), "{said}");
     let key = side.domain.path("gateway.key");
     fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
     say("near", "near", "chmod 600");
@@ -217,4 +282,65 @@ fn the_demo_of_a_bad_link_ends_with_one_object() {
     assert_eq!(report["local"]["damaged"], 0);
     assert_eq!(report["remote"]["damaged"], 0);
     assert!(report["remote"]["hz"].as_f64().unwrap() > 0.0, "{report}");
+}
+
+#[test]
+fn a_shadow_says_what_other_rules_would_change_and_reloads() {
+    let (near, far) = (Side::new("near", port()), Side::new("far", 0));
+    near.gateway("trust", &["far", &far.id]).finish();
+    let file = near.domain.path("gateway.toml");
+    let rules = fs::read_to_string(&file).unwrap();
+    let shadow = near.domain.path("shadow.toml");
+    // Nothing goes any more: what it allows is denied before.
+    fs::write(
+        &shadow,
+        rules.replace("names = \"**\"", "names = \"secret/*\""),
+    )
+    .unwrap();
+    let line = |of: &str| {
+        let text = fs::read_to_string(&shadow).unwrap();
+        1 + text.lines().position(|it| it.contains(of)).unwrap() - 2
+    };
+    let (_first, _) = talker(&near.domain, "camera");
+    let shadow_name = shadow.to_str().unwrap();
+    let running = near.gateway("run", &["--shadow", shadow_name]);
+    let no_longer = "far: topic camera would no longer be offered (no rule fits)";
+    running.await_stderr(no_longer);
+    let check = near.gateway("check", &["--shadow", shadow_name]).finish();
+    assert!(check.stdout().contains(no_longer), "{check:?}");
+    let peers = || near.domain.run(&["gateway", "peers"]).stdout();
+    assert!(peers().contains(no_longer), "{}", peers());
+    // Something new comes, and the rules of the shadow change their minds.
+    let (_second, _) = talker(&near.domain, "secret/plan");
+    let text = rules
+        .replace("deny", "allow")
+        .replace("\"**\"", "\"camera\"");
+    fs::write(&shadow, text).unwrap();
+    running.signal(Signal::SIGHUP);
+    let at = line("secret/**");
+    running.await_stderr(&format!(
+        "far: topic secret/plan would be offered (line {at})"
+    ));
+    until("the first one is as it was", || {
+        !peers().contains("camera would")
+    });
+    // A bad one changes nothing, and what only a restart can take is named.
+    fs::write(&shadow, "nonsense").unwrap();
+    let other = rules.replace("127.0.0.1", "127.0.0.2") + "\n";
+    fs::write(&file, other.replace("key =", "discovery = [\"lo\"]\nkey =")).unwrap();
+    running.signal(Signal::SIGHUP);
+    running.await_stderr("the shadow stays as it was");
+    let stderr = running.stderr();
+    for key in ["`listen`", "`discovery`"] {
+        let warning = format!("{key} is another one now: restart to use it");
+        assert!(stderr.contains(&warning), "{stderr}");
+    }
+    assert_eq!(stderr.matches("restart to use it").count(), 2, "{stderr}");
+    assert!(
+        peers().contains("secret/plan would be offered"),
+        "{}",
+        peers()
+    );
+    running.signal(Signal::SIGTERM);
+    assert_eq!(running.finish().code(), 0);
 }

@@ -8,8 +8,14 @@ use sm2_proto::{
     gateway::{GatewayId, Hop, Subject, router::Source},
 };
 
-use super::{Hub, LocalCommand, Output};
-use crate::peer::Command;
+use super::{
+    Hub, LocalCommand, Output,
+    latched::{Kept, Latched},
+};
+use crate::{
+    peer::Command,
+    tally::{Counts, Whose},
+};
 
 /// Of so many subjects and origins it is remembered what came, at least.
 const SEEN_LEAST: usize = 16_384;
@@ -19,8 +25,18 @@ const SEEN_LEAST: usize = 16_384;
 pub(super) struct Messages {
     /// The last number of each subject of this domain.
     last: BTreeMap<Subject, u64>,
-    /// The last number that was taken, of each origin.
-    seen: BTreeMap<(Subject, GatewayId), (u64, u64)>,
+    /// What was taken last, of each origin.
+    seen: BTreeMap<(Subject, GatewayId), Seen>,
+    pub(super) latched: Latched,
+}
+
+/// The last message that was taken.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    epoch: u64,
+    sequence: u64,
+    /// Whether it was wanted ever since: what was published meanwhile is not missing.
+    is_followed: bool,
 }
 
 impl Messages {
@@ -28,16 +44,41 @@ impl Messages {
         self.seen.len()
     }
 
-    /// Whether it is newer than all that were taken from there.
+    /// If it is newer than all that were taken from there: how many were left out in between.
     //= SM2-GWM-007
-    fn is_new(&mut self, subject: &Subject, origin: Hop, sequence: u64) -> bool {
+    fn take(&mut self, subject: &Subject, origin: Hop, sequence: u64) -> Option<u64> {
         let seen = self.seen.entry((subject.clone(), origin.gateway));
-        let last = seen.or_insert((0, 0));
-        let is_new = (origin.epoch, sequence) > *last;
-        if is_new {
-            *last = (origin.epoch, sequence);
+        let last = seen.or_default();
+        let epoch = origin.epoch;
+        if (epoch, sequence) <= (last.epoch, last.sequence) {
+            return None;
         }
-        is_new
+        let skipped = match last.is_followed && epoch == last.epoch {
+            true => sequence - last.sequence - 1,
+            false => 0,
+        };
+        *last = Seen {
+            epoch,
+            sequence,
+            is_followed: true,
+        };
+        Some(skipped)
+    }
+
+    /// It is wanted from now on: what its origin has published before is not missing.
+    pub(super) fn wanted(&mut self, subject: &Subject, origin: GatewayId) {
+        if let Some(it) = self.seen.get_mut(&(subject.clone(), origin)) {
+            it.is_followed = false;
+        }
+    }
+
+    /// What comes from there is not taken any more. What is latched may come again when it is.
+    //= SM2-GWM-007
+    pub(super) fn unused(&mut self, subject: &Subject, origin: GatewayId) {
+        if subject.latched() > 0 {
+            self.latched.forget(subject, Source::Remote(origin));
+            self.seen.remove(&(subject.clone(), origin));
+        }
     }
 }
 
@@ -78,8 +119,15 @@ impl Hub {
             self.messages.seen.retain(|it, _| routes.contains_key(it));
         }
         let (subject, _) = key;
-        if !self.messages.is_new(&subject, origin, sequence) {
+        let Some(skipped) = self.messages.take(&subject, origin, sequence) else {
             return;
+        };
+        if let Some(it) = self.peers.get_mut(&peer) {
+            let skip = Counts {
+                skipped,
+                ..Counts::default()
+            };
+            it.tally.count(Whose::Theirs(offer), |it| *it += skip);
         }
         let age = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);
         let published = Instant(now.0.saturating_sub(age));
@@ -100,6 +148,12 @@ impl Hub {
         published: Instant,
         payload: &Bytes,
     ) {
+        let message = Kept {
+            sequence,
+            published,
+            payload: payload.clone(),
+        };
+        self.messages.latched.keep(subject, source, message);
         let takers: Vec<(GatewayId, u64)> = self.router.takers(subject, source).collect();
         for (peer, offer) in takers {
             let payload = payload.clone();

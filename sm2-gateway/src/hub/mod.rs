@@ -5,7 +5,9 @@
 //! in with [`handle`](Hub::handle), what is to be done comes out of [`poll`](Hub::poll).
 
 mod calls;
+mod latched;
 mod messages;
+mod status;
 mod words;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -20,9 +22,15 @@ use sm2_proto::{
     },
 };
 
-pub use self::words::{Input, LocalCommand, LocalEvent, Output, PeerStatus};
 use self::{calls::Calls, messages::Messages};
-use crate::peer::{Command, Event};
+pub use self::{
+    latched::LATCHED_MAX,
+    words::{Denial, Input, LocalCommand, LocalEvent, NoRoom, Output, PeerStatus},
+};
+use crate::{
+    peer::{Command, Event},
+    tally::{Tally, Whose},
+};
 
 /// The rules, and how what each of them allows is sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -79,6 +87,8 @@ struct Peer {
     offers: BTreeMap<u64, (Subject, Hop)>,
     /// What it was offered.
     offered: BTreeMap<u64, Subject>,
+    /// What the hub alone can count.
+    tally: Tally,
 }
 
 impl Hub {
@@ -107,6 +117,7 @@ impl Hub {
             } => self.peer(now, connection, is_dialled, event),
             Input::Local(event) => self.local(event),
             Input::Policy(policy) => self.change(policy),
+            Input::NoRoom(what) => self.no_room(&what),
             Input::Distrust(peer) => {
                 if let Some(it) = self.peers.get(&peer) {
                     let connection = it.connection;
@@ -119,24 +130,6 @@ impl Hub {
     /// The next thing to do.
     pub fn poll(&mut self) -> Option<Output> {
         self.outputs.pop_front()
-    }
-
-    /// Who is connected, and what goes to and fro.
-    #[must_use]
-    pub fn peers(&self) -> Vec<PeerStatus> {
-        let status = |(id, it): (&GatewayId, &Peer)| PeerStatus {
-            id: *id,
-            name: it.name.clone(),
-            connection: it.connection,
-            epoch: it.epoch,
-            offers: it
-                .offers
-                .values()
-                .map(|(subject, _)| subject.clone())
-                .collect(),
-            offered: it.offered.values().cloned().collect(),
-        };
-        self.peers.iter().map(status).collect()
     }
 
     /// How many calls have no reply yet, in both directions.
@@ -203,6 +196,7 @@ impl Hub {
             } => {
                 let Some(&origin) = path.first() else { return };
                 if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.open(Whose::Theirs(offer), &subject);
                     it.offers.insert(offer, (subject.clone(), origin));
                 }
                 self.route(router::Input::Offered {
@@ -215,11 +209,13 @@ impl Hub {
             Event::Gone { offer } => {
                 self.route(router::Input::Gone { peer, offer });
                 if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.close(Whose::Theirs(offer));
                     it.offers.remove(&offer);
                 }
             }
             Event::Wanted { offer, depth } => {
                 self.route(router::Input::Wanted { peer, offer, depth });
+                self.replay(peer, offer);
             }
             Event::Unwanted { offer } => self.route(router::Input::Unwanted { peer, offer }),
             Event::Asked { ask, kind, name } => {
@@ -280,6 +276,7 @@ impl Hub {
                 name: name.clone(),
                 offers: BTreeMap::new(),
                 offered: BTreeMap::new(),
+                tally: Tally::default(),
             },
         );
         self.outputs
@@ -349,6 +346,7 @@ impl Hub {
             } => {
                 let terms = self.policy.terms(&subject, &peer);
                 if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.open(Whose::Ours(offer), &subject);
                     it.offered.insert(offer, subject.clone());
                 }
                 let command = Command::Offer {
@@ -361,6 +359,7 @@ impl Hub {
             }
             router::Output::Unoffer { peer, offer } => {
                 if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.close(Whose::Ours(offer));
                     it.offered.remove(&offer);
                 }
                 self.tell(peer, Command::Unoffer { offer });
@@ -368,13 +367,19 @@ impl Hub {
             router::Output::Want { peer, offer, depth } => {
                 let offers = self.peers.get(&peer).map(|it| &it.offers);
                 if let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)) {
+                    self.messages.wanted(subject, origin.gateway);
                     let key = (subject.clone(), origin.gateway);
                     self.calls.routes.insert(key, (peer, offer));
                 }
                 self.tell(peer, Command::Want { offer, depth });
             }
             router::Output::Unwant { peer, offer } => {
-                self.calls.routes.retain(|_, route| *route != (peer, offer));
+                let mut routes = self.calls.routes.iter();
+                let route = routes.find(|(_, route)| **route == (peer, offer));
+                if let Some((subject, origin)) = route.map(|(key, _)| key.clone()) {
+                    self.messages.unused(&subject, origin);
+                    self.calls.routes.remove(&(subject, origin));
+                }
                 self.tell(peer, Command::Unwant { offer });
             }
             router::Output::Show {
@@ -384,6 +389,7 @@ impl Hub {
             } => self.show(subject, origin, peer),
             router::Output::Hide { subject, origin } => {
                 self.calls.routes.remove(&(subject.clone(), origin));
+                self.messages.unused(&subject, origin);
                 let command = LocalCommand::Hide { subject, origin };
                 self.outputs.push_back(Output::Local(command));
             }
@@ -392,6 +398,7 @@ impl Hub {
                 self.outputs.push_back(Output::Local(command));
             }
             router::Output::Unsubscribe { subject } => {
+                self.messages.latched.forget(&subject, Source::Local);
                 let command = LocalCommand::Unsubscribe { subject };
                 self.outputs.push_back(Output::Local(command));
             }

@@ -3,11 +3,14 @@
 use bytes::Bytes;
 use sm2_proto::{
     Instant, Name,
-    gateway::{GatewayId, Outcome, Subject},
+    gateway::{Direction, GatewayId, Outcome, Subject},
 };
 
 use super::Policy;
-use crate::peer::{Command, Event};
+use crate::{
+    peer::{Command, Event},
+    tally::{Counts, Key},
+};
 
 /// What happened.
 #[derive(Clone, Debug)]
@@ -25,8 +28,29 @@ pub enum Input {
     Local(LocalEvent),
     /// There are other rules.
     Policy(Policy),
+    /// What the hub has put out found no room.
+    NoRoom(NoRoom),
     /// A peer is not trusted any more.
     Distrust(GatewayId),
+}
+
+/// A message that a queue behind the hub had no room for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum NoRoom {
+    /// A [`Command::Message`].
+    ForPeer {
+        /// On which connection.
+        connection: u64,
+        /// Of which offer.
+        offer: u64,
+    },
+    /// A [`LocalCommand::Publish`].
+    ForDomain {
+        /// Of what.
+        subject: Subject,
+        /// Of which gateway's domain.
+        origin: GatewayId,
+    },
 }
 
 /// What is to be done.
@@ -196,4 +220,21 @@ pub struct PeerStatus {
     pub offers: Vec<Subject>,
     /// What it was offered.
     pub offered: Vec<Subject>,
+    /// What the rules keep from it, and do not take from it.
+    pub denied: Vec<Denial>,
+    /// What the hub alone can count: [`lost`](Counts::lost) and [`skipped`](Counts::skipped).
+    pub counts: Counts,
+    /// Of that, what is of each topic and service.
+    pub counts_by_name: Vec<(Key, Counts)>,
+}
+
+/// What the rules deny a peer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Denial {
+    /// What is there: in the domain, or the peer offers it.
+    pub subject: Subject,
+    /// Which of both.
+    pub direction: Direction,
+    /// The index of the rule that says so; none fits: the answer is no.
+    pub rule: Option<usize>,
 }

@@ -254,9 +254,11 @@ impl Local {
                 name,
                 data,
                 reliable,
+                latched,
             } => {
                 self.shown_topics.insert(&subject, origin);
-                topics::publisher(&node, name, data, *reliable).map(|it| Show::Topic(Box::new(it)))
+                let publisher = topics::publisher(&node, name, data, *reliable, *latched);
+                publisher.map(|it| Show::Topic(Box::new(it)))
             }
             Subject::Service {
                 name,

@@ -11,7 +11,7 @@ use sm2_proto::{Name, TypeId, gateway::Subject};
 use tokio::task::AbortHandle;
 
 use super::{Events, is_remote};
-use crate::hub::LocalEvent;
+use crate::hub::{LATCHED_MAX, LocalEvent};
 
 /// Shorter messages are copied: their slots are free again at once.
 const COPIED_BYTES: usize = 16 << 10;
@@ -80,7 +80,9 @@ async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, events: Event
             continue;
         }
         let published = sample.source_time();
+        // What is latched is kept for long.
         let payload = match sample.len() {
+            _ if subject.latched() > 0 => Bytes::copy_from_slice(&sample),
             ..=COPIED_BYTES => Bytes::copy_from_slice(&sample),
             _ => Bytes::from_owner(Held(sample)),
         };
@@ -101,9 +103,13 @@ pub(super) fn publisher(
     name: &Name,
     data: &TypeId,
     reliable: bool,
+    latched: u16,
 ) -> Result<Publisher<[u8]>, String> {
     let builder = node.publisher_builder::<[u8]>(name.as_str());
-    let mut builder = builder.type_id(data.clone()).depth(DEPTH);
+    let mut builder = builder
+        .type_id(data.clone())
+        .depth(DEPTH)
+        .latched(latched.min(LATCHED_MAX));
     if reliable {
         // A subscriber that has no room goes without: the way here is not held up.
         builder = builder.reliable(Duration::ZERO);

@@ -10,9 +10,10 @@ use std::{
 
 use sm2_node::Node;
 use sm2_proto::{
-    Contract,
+    Contract, Name, TypeId,
     domain::{Domain, InterfaceView},
     gateway::{GatewayId, Subject},
+    limits::QOS_MAX,
 };
 use tokio::sync::mpsc;
 
@@ -104,7 +105,10 @@ impl View {
         for contract in &contracts {
             match contract {
                 Contract::Publisher { topic, data, offer } => {
-                    *topics.entry((topic, data)).or_insert(false) |= offer.reliable;
+                    let (reliable, latched) = topics.entry((topic, data)).or_insert((false, 0));
+                    *reliable |= offer.reliable;
+                    // Each of the publishers keeps so many.
+                    *latched = QOS_MAX.min(*latched + offer.latched);
                 }
                 Contract::Server {
                     service,
@@ -122,12 +126,13 @@ impl View {
             }
         }
         let topics = topics.into_iter();
-        view.present
-            .extend(topics.map(|((name, data), reliable)| Subject::Topic {
-                name: name.clone(),
-                data: data.clone(),
-                reliable,
-            }));
+        let topic = |((name, data), (reliable, latched)): ((&Name, &TypeId), _)| Subject::Topic {
+            name: name.clone(),
+            data: data.clone(),
+            reliable,
+            latched,
+        };
+        view.present.extend(topics.map(topic));
         for ((subject, origin), number) in shown {
             let takes = |contract: &&Contract| depth(contract, subject);
             if let Some(depth) = contracts.iter().filter_map(takes).max() {

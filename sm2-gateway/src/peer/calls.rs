@@ -16,7 +16,10 @@ use super::{
     outgoing::{Outgoing, Written},
     stream_id, unreachable_call,
 };
-use crate::clock::Now;
+use crate::{
+    clock::Now,
+    tally::{Tally, Whose},
+};
 
 /// The calls of a connection that are not over.
 #[derive(Debug, Default)]
@@ -25,8 +28,8 @@ pub(super) struct Calls {
     tickets: BTreeMap<StreamId, u64>,
     /// Those of the peer's that wait for a reply: the offers that they were for.
     came: BTreeMap<StreamId, u64>,
-    /// Requests and replies that are not written whole.
-    writing: Vec<Outgoing>,
+    /// Requests and replies that are not written whole, and the offers that they are of.
+    writing: Vec<(Whose, Outgoing)>,
 }
 
 impl Calls {
@@ -50,22 +53,39 @@ impl Calls {
     }
 
     /// Its stream is reset.
-    pub(super) fn stop_writing(&mut self, id: StreamId) {
-        self.writing.retain(|it| it.stream != id);
+    pub(super) fn stop_writing(&mut self, id: StreamId, tally: &mut Tally) {
+        self.writing.retain(|(offer, it)| {
+            let stays = it.stream != id;
+            if !stays {
+                tally.count(*offer, |it| it.withdrawn += 1);
+            }
+            stays
+        });
     }
 
     /// The connection is over: the calls without a reply.
-    pub(super) fn end(&mut self) -> impl Iterator<Item = u64> + use<> {
-        self.writing.clear();
+    pub(super) fn end(&mut self, tally: &mut Tally) -> impl Iterator<Item = u64> + use<> {
+        for (offer, _) in self.writing.drain(..) {
+            tally.count(offer, |it| it.withdrawn += 1);
+        }
         self.came.clear();
         std::mem::take(&mut self.tickets).into_values()
     }
 
     /// Writes what there is `room` for.
-    pub(super) fn write(&mut self, connection: &mut Connection, room: &mut Room) {
-        self.writing.retain_mut(|outgoing| {
-            let written = outgoing.write(connection, room);
-            matches!(written, Written::Part | Written::NoRoom)
+    pub(super) fn write(
+        &mut self,
+        connection: &mut Connection,
+        room: &mut Room,
+        tally: &mut Tally,
+    ) {
+        self.writing.retain_mut(|(offer, outgoing)| {
+            match outgoing.write(connection, room) {
+                Written::Part | Written::NoRoom => return true,
+                Written::All => tally.count(*offer, |it| it.sent += 1),
+                Written::Stopped => tally.count(*offer, |it| it.withdrawn += 1),
+            }
+            false
         });
     }
 }
@@ -100,7 +120,7 @@ impl Peer {
             len: payload.len() as u64,
         };
         self.calls.tickets.insert(id, ticket);
-        self.send_call(id, &header, payload);
+        self.send_call(id, Whose::Theirs(offer), &header, payload);
     }
 
     //= SM2-GWS-003
@@ -136,12 +156,14 @@ impl Peer {
             offer,
             len: payload.len() as u64,
         };
-        self.send_call(id, &header, payload);
+        self.send_call(id, Whose::Ours(offer), &header, payload);
     }
 
-    fn send_call(&mut self, id: StreamId, header: &Header, payload: Bytes) {
+    fn send_call(&mut self, id: StreamId, offer: Whose, header: &Header, payload: Bytes) {
         // Before messages, after what is said of offers.
         let _ = self.connection.send_stream(id).set_priority(1);
-        self.calls.writing.push(Outgoing::new(id, header, payload));
+        self.tally.count(offer, |it| it.offered += 1);
+        let outgoing = Outgoing::new(id, header, payload);
+        self.calls.writing.push((offer, outgoing));
     }
 }

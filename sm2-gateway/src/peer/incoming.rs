@@ -6,10 +6,11 @@ use bytes::Bytes;
 use quinn_proto::StreamId;
 use sm2_proto::{
     Instant,
-    gateway::{HEADER_LEN, Header, PeerViolation},
+    gateway::{Carried, HEADER_LEN, Header, PeerViolation},
 };
 
 use super::Limits;
+use crate::tally::Whose;
 
 /// Streams whose payload is not whole yet.
 #[derive(Debug, Default)]
@@ -102,6 +103,15 @@ impl Incoming {
         self.remove(id);
     }
 
+    /// The offer that a stream is of, as far as that is known.
+    pub(super) fn offer(&self, id: StreamId) -> Option<Whose> {
+        let header = self.streams.get(&id)?.header?;
+        Some(match header.carried {
+            Carried::Message { .. } | Carried::Reply { .. } => Whose::Theirs(header.offer),
+            Carried::Request { .. } => Whose::Ours(header.offer),
+        })
+    }
+
     pub(super) fn len(&self) -> usize {
         self.streams.len()
     }
@@ -121,10 +131,8 @@ impl Incoming {
 
 #[cfg(test)]
 mod tests {
-    use quinn_proto::{Dir, Side};
-    use sm2_proto::gateway::Carried;
-
     use super::*;
+    use quinn_proto::{Dir, Side};
 
     const LIMITS: Limits = Limits {
         message_bytes: 100,

@@ -28,44 +28,20 @@ use sm2_io::quic::peer_of;
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
-        GatewayId, Header, Hop, Outcome, PeerFarewell, PeerViolation, StreamEnd, Subject,
+        GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, Subject, SubjectKind,
         session::{End, Input, Output, Session},
     },
 };
 
-pub use self::words::{Command, Counts, Event, Held, Reason};
+pub use self::words::{Command, Event, Held, Limits, Me, Reason};
 use self::{ahead::Ahead, calls::Calls, incoming::Incoming, topics::Topics};
-use crate::clock::{Clock, Now};
+use crate::{
+    clock::{Clock, Now},
+    tally::{Counts, Tally, Whose},
+};
 
 /// A stream that carries nothing for so long is not read any more.
 const STUCK: Duration = Duration::from_secs(30);
-
-/// How much of a peer this side keeps.
-#[derive(Clone, Copy, Debug)]
-pub struct Limits {
-    /// The longest payload that is taken.
-    pub message_bytes: u64,
-    /// All payloads that are not whole yet.
-    pub memory_bytes: u64,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            message_bytes: 64 << 20,
-            memory_bytes: 128 << 20,
-        }
-    }
-}
-
-/// Who this side is, for its sessions.
-#[derive(Clone, Debug)]
-pub struct Me {
-    /// Its id and epoch.
-    pub hop: Hop,
-    /// What people call it.
-    pub name: Name,
-}
 
 /// A connection.
 #[derive(Debug)]
@@ -85,7 +61,7 @@ pub struct Peer {
     topics: Topics,
     calls: Calls,
     ahead: Ahead,
-    counts: Counts,
+    tally: Tally,
     events: VecDeque<Event>,
     is_over: bool,
 }
@@ -114,7 +90,7 @@ impl Peer {
             topics: Topics::default(),
             calls: Calls::default(),
             ahead: Ahead::default(),
-            counts: Counts::default(),
+            tally: Tally::default(),
             events: VecDeque::new(),
             is_over: false,
         }
@@ -129,7 +105,12 @@ impl Peer {
     /// What was sent, and what was not.
     #[must_use]
     pub const fn counts(&self) -> Counts {
-        self.counts
+        self.tally.total()
+    }
+
+    /// Of that, what is known to be of a topic or a service.
+    pub fn counts_by_name(&self) -> impl Iterator<Item = (&(SubjectKind, Name), Counts)> {
+        self.tally.names()
     }
 
     /// What is not over on it.
@@ -240,19 +221,25 @@ impl Peer {
                 path,
                 terms,
             } => {
-                let is_reliable = matches!(subject, Subject::Topic { reliable: true, .. });
+                // Nobody says again what is latched.
+                let is_reliable = subject.latched() > 0
+                    || matches!(subject, Subject::Topic { reliable: true, .. });
                 let input = Input::Offer {
                     offer,
-                    subject,
+                    subject: subject.clone(),
                     path,
                 };
                 if self.session_takes(now, input) {
+                    self.tally.open(Whose::Ours(offer), &subject);
                     self.topics.terms(offer, terms, is_reliable);
                 }
             }
             Command::Unoffer { offer } => {
                 self.session_takes(now, Input::Unoffer { offer });
                 self.topics.forget(now.at, offer);
+                // What waited of it counts as its own.
+                (self.topics).drain(&mut self.connection, &mut self.tally);
+                self.tally.close(Whose::Ours(offer));
             }
             Command::Change { offer, terms } => self.topics.change(now.at, offer, terms),
             Command::Want { offer, depth } => {
@@ -276,8 +263,9 @@ impl Peer {
                     payload,
                     is_frequent: false,
                 };
-                let is_wanted = (self.topics).offer(now.at, offer, message, self.connection.rtt());
-                self.counts.offered += u64::from(is_wanted);
+                if (self.topics).offer(now.at, offer, message, self.connection.rtt()) {
+                    self.tally.count(Whose::Ours(offer), |it| it.offered += 1);
+                }
             }
             Command::Call {
                 ticket,
@@ -389,12 +377,18 @@ impl Peer {
                     offer,
                     subject,
                     path,
-                } => self.events.push_back(Event::Offered {
-                    offer,
-                    subject,
-                    path,
-                }),
-                Output::Gone { offer } => self.events.push_back(Event::Gone { offer }),
+                } => {
+                    self.tally.open(Whose::Theirs(offer), &subject);
+                    self.events.push_back(Event::Offered {
+                        offer,
+                        subject,
+                        path,
+                    });
+                }
+                Output::Gone { offer } => {
+                    self.tally.close(Whose::Theirs(offer));
+                    self.events.push_back(Event::Gone { offer });
+                }
                 Output::Wanted { offer, depth } => {
                     self.topics.wanted(now.at, offer, depth);
                     self.events.push_back(Event::Wanted { offer, depth });
@@ -452,9 +446,9 @@ impl Peer {
             let text = Bytes::from(reason.to_string());
             self.connection.close(now.quic, code_of(code), text);
         }
-        let failed = self.calls.end();
+        let failed = self.calls.end(&mut self.tally);
         self.events.extend(failed.map(unreachable_call));
-        self.topics.end(&mut self.counts);
+        self.topics.end(&mut self.tally);
         self.events.push_back(Event::Ended(reason));
     }
 }

@@ -10,7 +10,10 @@ use sm2_proto::{
 };
 
 use super::{Event, Peer, code_of, incoming::Progress, unreachable_call};
-use crate::clock::Now;
+use crate::{
+    clock::Now,
+    tally::{Counts, Whose},
+};
 
 /// What a read takes at a time.
 const PIECE_BYTES: usize = 64 << 10;
@@ -93,9 +96,10 @@ impl Peer {
 
     pub(super) fn carried(&mut self, id: StreamId, header: &Header, payload: Bytes) {
         let offer = header.offer;
+        let received = |it: &mut Counts| it.received += 1;
         let event = match header.carried {
             Carried::Message { sequence, age_ns } => {
-                self.counts.received += 1;
+                self.tally.count(Whose::Theirs(offer), received);
                 Event::Message {
                     offer,
                     sequence,
@@ -103,16 +107,20 @@ impl Peer {
                     payload,
                 }
             }
-            Carried::Request { left_ns } => Event::Request {
-                call: id.into(),
-                offer,
-                left: (left_ns > 0).then(|| Duration::from_nanos(left_ns)),
-                payload,
-            },
+            Carried::Request { left_ns } => {
+                self.tally.count(Whose::Ours(offer), received);
+                Event::Request {
+                    call: id.into(),
+                    offer,
+                    left: (left_ns > 0).then(|| Duration::from_nanos(left_ns)),
+                    payload,
+                }
+            }
             Carried::Reply { status } => {
                 let Some(ticket) = self.calls.is_over(id) else {
                     return;
                 };
+                self.tally.count(Whose::Theirs(offer), received);
                 Event::Reply {
                     ticket,
                     outcome: status,
@@ -172,7 +180,9 @@ impl Peer {
 
     /// Stops a stream; the peer is told why.
     pub(super) fn refuse(&mut self, now: Now, id: StreamId, code: Code) {
-        self.counts.refused += 1;
+        // Before its header came nobody knows what it is of.
+        let offer = self.incoming.offer(id).unwrap_or(Whose::Theirs(0));
+        self.tally.count(offer, |it| it.refused += 1);
         self.stop(id, code);
         self.calls.settled(id);
         self.end_sending(id, code_of(code));
@@ -189,7 +199,7 @@ impl Peer {
     pub(super) fn end_sending(&mut self, id: StreamId, code: VarInt) {
         let is_ours = id.initiator() == self.connection.side();
         if id.dir() == Dir::Bi || is_ours {
-            self.calls.stop_writing(id);
+            self.calls.stop_writing(id, &mut self.tally);
             // One that is closed already needs none.
             let _ = self.connection.send_stream(id).reset(code);
         }

@@ -13,10 +13,10 @@ use sm2_proto::{
 };
 
 use super::{
-    Counts,
     ahead::{Room, SHORT_BYTES},
     outgoing::{Outgoing, Written},
 };
+use crate::tally::{Tally, Whose};
 
 /// The messages for one peer.
 #[derive(Debug, Default)]
@@ -154,11 +154,11 @@ impl Topics {
         now: Instant,
         connection: &mut Connection,
         room: &mut Room,
-        counts: &mut Counts,
+        tally: &mut Tally,
     ) {
         loop {
-            self.drain(connection, counts);
-            let Some(offer) = self.write_first(now, connection, room, counts) else {
+            self.drain(connection, tally);
+            let Some(offer) = self.write_first(now, connection, room, tally) else {
                 return;
             };
             let _ = self.schedule.handle(now, Input::Sent { offer });
@@ -171,7 +171,7 @@ impl Topics {
         now: Instant,
         connection: &mut Connection,
         room: &mut Room,
-        counts: &mut Counts,
+        tally: &mut Tally,
     ) -> Option<u64> {
         let order: Vec<u64> = self.schedule.order().collect();
         for offer in order {
@@ -182,8 +182,8 @@ impl Topics {
                 // The peer takes no more of it, but perhaps of another.
                 Written::Part => continue,
                 Written::NoRoom => return None,
-                Written::All => counts.sent += 1,
-                Written::Stopped => counts.withdrawn += 1,
+                Written::All => tally.count(Whose::Ours(offer), |it| it.sent += 1),
+                Written::Stopped => tally.count(Whose::Ours(offer), |it| it.withdrawn += 1),
             }
             self.making.remove(&offer);
             return Some(offer);
@@ -192,7 +192,7 @@ impl Topics {
     }
 
     /// Does what the schedule says.
-    fn drain(&mut self, connection: &mut Connection, counts: &mut Counts) {
+    pub(super) fn drain(&mut self, connection: &mut Connection, tally: &mut Tally) {
         while let Some(output) = self.schedule.poll() {
             match output {
                 Output::Start { offer, key } => {
@@ -202,17 +202,21 @@ impl Topics {
                     }
                 }
                 Output::Drop { key, cause } => {
-                    self.waiting.remove(&key);
-                    match cause {
-                        Cause::Superseded => counts.superseded += 1,
-                        Cause::Expired => counts.expired += 1,
-                        Cause::Withdrawn => counts.withdrawn += 1,
-                    }
+                    let Some((offer, _)) = self.waiting.remove(&key) else {
+                        continue;
+                    };
+                    tally.count(Whose::Ours(offer), |it| match cause {
+                        Cause::Superseded => it.superseded += 1,
+                        Cause::Expired => it.expired += 1,
+                        Cause::Withdrawn => it.withdrawn += 1,
+                    });
                 }
                 Output::Reset { key } => {
-                    counts.withdrawn += 1;
-                    self.making.retain(|_, making| {
+                    self.making.retain(|offer, making| {
                         let is_it = making.key == key;
+                        if is_it {
+                            tally.count(Whose::Ours(*offer), |it| it.withdrawn += 1);
+                        }
                         if let (true, State::Writing(outgoing)) = (is_it, &making.state) {
                             outgoing.reset(connection, StreamEnd::Withdrawn);
                         }
@@ -224,8 +228,11 @@ impl Topics {
     }
 
     /// The connection is over.
-    pub(super) fn end(&mut self, counts: &mut Counts) {
-        counts.withdrawn += (self.waiting.len() + self.making.len()) as u64;
+    pub(super) fn end(&mut self, tally: &mut Tally) {
+        let waiting = self.waiting.values().map(|(offer, _)| offer);
+        for offer in waiting.chain(self.making.keys()) {
+            tally.count(Whose::Ours(*offer), |it| it.withdrawn += 1);
+        }
         *self = Self {
             last_key: self.last_key,
             ..Self::default()

@@ -211,23 +211,31 @@ fn name_of(code: Code) -> String {
     name.map_or_else(|| format!("code {}", code.0), str::to_owned)
 }
 
-/// What was sent, and what was not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
-pub struct Counts {
-    /// Messages for this peer.
-    pub offered: u64,
-    /// Whose bytes all left.
-    pub sent: u64,
-    /// Newer ones took their place.
-    pub superseded: u64,
-    /// They were too old before their turn came.
-    pub expired: u64,
-    /// Nobody wanted them any more.
-    pub withdrawn: u64,
-    /// Messages that came, whole.
-    pub received: u64,
-    /// Messages of the peer's that were not taken: too long, too many at a time, or stuck.
-    pub refused: u64,
+/// How much of a peer this side keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// The longest payload that is taken.
+    pub message_bytes: u64,
+    /// All payloads that are not whole yet.
+    pub memory_bytes: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            message_bytes: 64 << 20,
+            memory_bytes: 128 << 20,
+        }
+    }
+}
+
+/// Who this side is, for its sessions.
+#[derive(Clone, Debug)]
+pub struct Me {
+    /// Its id and epoch.
+    pub hop: Hop,
+    /// What people call it.
+    pub name: Name,
 }
 
 /// What is not over on a connection.

@@ -17,8 +17,8 @@ impl Peer {
             return false;
         }
         let mut room = self.ahead.room(&self.connection);
-        self.calls.write(&mut self.connection, &mut room);
-        (self.topics).write(now.at, &mut self.connection, &mut room, &mut self.counts);
+        (self.calls).write(&mut self.connection, &mut room, &mut self.tally);
+        (self.topics).write(now.at, &mut self.connection, &mut room, &mut self.tally);
         self.ahead.wrote(&room)
     }
 

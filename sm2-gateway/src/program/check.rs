@@ -1,6 +1,10 @@
 //! `sm2 gateway check`.
 
-use std::{io::Write, path::PathBuf};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    io::Write,
+    path::PathBuf,
+};
 
 use clap::Args;
 use sm2_proto::{
@@ -9,7 +13,12 @@ use sm2_proto::{
 };
 
 use super::{ProgramError, line};
-use crate::{Config, is_remote, keys};
+use crate::{
+    Config, is_remote, keys,
+    report::{ShadowReport, word},
+    shadow::{RuleSet, Seen, changes},
+    tally::Key,
+};
 
 /// `sm2 gateway check`.
 #[derive(Args, Debug)]
@@ -17,10 +26,15 @@ pub struct Arguments {
     /// The configuration
     #[arg(value_name = "FILE")]
     config: PathBuf,
+    /// List what this configuration's rules and peers would change of that
+    #[arg(long, value_name = "FILE")]
+    shadow: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), ProgramError> {
     let config = Config::load(&arguments.config)?;
+    let shadow = arguments.shadow.as_deref();
+    let shadow = shadow.map(Config::load).transpose()?;
     let id = keys::load(&config.key)?.id();
     let (peers, rules) = (config.peers.len(), config.rule_lines.len());
     line(
@@ -53,14 +67,11 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
         Contract::Server { service, .. } => Some((SubjectKind::Service, service.clone())),
         Contract::Subscriber { .. } | Contract::Client { .. } => None,
     });
-    let subjects: std::collections::BTreeSet<_> = subjects.collect();
+    let subjects: BTreeSet<_> = subjects.collect();
     for peer in &config.peers {
         for (kind, name) in &subjects {
             let (action, rule) = config.explain(*kind, name, Direction::Out, &peer.id);
-            let word = match kind {
-                SubjectKind::Topic => "topic",
-                SubjectKind::Service => "service",
-            };
+            let word = word(*kind);
             if let (Action::Allow, Some(at)) = (action, rule) {
                 line(
                     out,
@@ -68,6 +79,30 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
                 )?;
             }
         }
+    }
+    match shadow {
+        Some(shadow) => compare(&config, &shadow, subjects, out),
+        None => Ok(()),
+    }
+}
+
+/// Of what the domain has: what peers offer only a gateway that runs knows.
+fn compare(
+    config: &Config,
+    shadow: &Config,
+    local: BTreeSet<Key>,
+    out: &mut impl Write,
+) -> Result<(), ProgramError> {
+    let seen = Seen {
+        local,
+        offers: BTreeMap::new(),
+    };
+    let [now, then] = [config, shadow].map(RuleSet::from);
+    let names = config.peers.iter().chain(&shadow.peers);
+    let names: BTreeMap<_, _> = names.map(|it| (it.id, it.name.clone())).collect();
+    for change in changes(&now, &then, &seen) {
+        let change = ShadowReport::new(&change, &names, shadow);
+        line(out, format!("shadow: {change}"))?;
     }
     Ok(())
 }

@@ -15,14 +15,15 @@ mod trust;
 
 use std::{
     io::{self, IsTerminal, Write},
+    net::SocketAddr,
     path::PathBuf,
     process::ExitCode,
 };
 
 use clap::{Args, Subcommand};
-use sm2_node::{CallError, ConnectError, DeclareError, QueryError};
+use sm2_node::{ConnectError, QueryError};
 
-use crate::{ConfigError, Place, RunError, keys::KeyFileError};
+use crate::{ConfigError, Place, RunError, keys::KeyFileError, report::ReportError};
 
 /// What the help ends with. `command` is what it is called: `sm2-gateway`, `sm2 gateway`.
 #[must_use]
@@ -73,7 +74,9 @@ pub enum Command {
 
 const RUN: &str = "\
 Examples:
-  sm2 gateway run robot.toml";
+  sm2 gateway run robot.toml
+  sm2 gateway run robot.toml --metrics 127.0.0.1:9633
+  sm2 gateway run robot.toml --shadow stricter.toml";
 const KEYGEN: &str = "\
 Examples:
   sm2 gateway keygen robot.key";
@@ -92,7 +95,8 @@ Examples:
   sm2 gateway explain camera/front --config robot.toml --peer base --direction out";
 const CHECK: &str = "\
 Examples:
-  sm2 gateway check robot.toml";
+  sm2 gateway check robot.toml
+  sm2 gateway check robot.toml --shadow stricter.toml";
 
 /// Which domain to ask.
 #[derive(Args, Clone, Debug)]
@@ -151,20 +155,17 @@ pub enum ProgramError {
     Connect(#[from] ConnectError),
     /// The domain.
     #[error(transparent)]
-    Declare(#[from] DeclareError),
-    /// The domain.
-    #[error(transparent)]
     Query(#[from] QueryError),
-    /// A gateway does not answer.
+    /// A gateway does not say how it is.
     #[error(transparent)]
-    Call(#[from] CallError),
-    /// A gateway answers with something else.
-    #[error("{gateway} answers with what is no report: {source}")]
-    NoReport {
+    Report(#[from] ReportError),
+    /// The address for metrics is taken, or not of this machine.
+    #[error("cannot answer for metrics at {address}: {source}; `--metrics` says where")]
+    Metrics {
         /// Which.
-        gateway: String,
-        /// What is wrong with it.
-        source: serde_json::Error,
+        address: SocketAddr,
+        /// What the system said.
+        source: io::Error,
     },
     /// No gateway is there.
     #[error("this domain has no gateway: start one with `sm2 gateway run FILE`")]

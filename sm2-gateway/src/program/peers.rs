@@ -1,15 +1,17 @@
 //! `sm2 gateway peers`.
 
-use std::{collections::BTreeSet, io::Write, time::Duration};
+use std::{io::Write, time::Duration};
 
 use clap::Args;
-use sm2_node::Client;
-use sm2_proto::{Contract, Name};
 
 use super::{Domain, ProgramError, line};
-use crate::Report;
+use crate::{
+    Report,
+    report::{self, PeerReport},
+    tally::Counts,
+};
 
-/// How long a gateway may take to answer.
+/// How long gateways may take to answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// `sm2 gateway peers`.
@@ -25,68 +27,100 @@ pub struct Arguments {
 pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), ProgramError> {
     let name = format!("sm2-gateway-peers-{}", std::process::id());
     let node = arguments.domain.place().node(&name)?;
-    let domain = node.snapshot()?;
-    let services = domain.interfaces().filter_map(|it| match it.contract {
-        Contract::Server { service, .. } if is_status(service) => Some(service.clone()),
-        _ => None,
-    });
-    let services: BTreeSet<Name> = services.collect();
+    let services = report::gateways(&node.snapshot()?);
     if services.is_empty() {
         return Err(ProgramError::NoGateway);
     }
-    for service in services {
-        let client: Client<[u8], [u8]> = node.client(service.as_str())?;
-        // Whether there is one the call says.
-        let _ = client.wait_for_servers(1, Some(PATIENCE));
-        let report = client.call(&[], PATIENCE)?;
-        let report: Report =
-            serde_json::from_slice(&report).map_err(|source| ProgramError::NoReport {
-                gateway: service.to_string(),
-                source,
-            })?;
-        match arguments.json {
-            true => line(out, serde_json::json!(report))?,
-            false => table(&report, out)?,
+    // Those that answer are shown, whatever becomes of the others.
+    let mut silent = None;
+    for (_, report) in report::ask(&node, services, PATIENCE) {
+        match report {
+            Ok(report) if arguments.json => line(out, serde_json::json!(report))?,
+            Ok(report) => table(&report, out)?,
+            Err(error) => silent = Some(error),
         }
     }
-    Ok(())
-}
-
-fn is_status(service: &Name) -> bool {
-    let name = service.as_str();
-    name.starts_with("gateway/") && name.ends_with("/status")
+    silent.map_or(Ok(()), |error| Err(error.into()))
 }
 
 fn table(report: &Report, out: &mut impl Write) -> Result<(), ProgramError> {
     line(out, format!("{} ({})", report.name, report.id))?;
     if report.peers.is_empty() {
-        return line(out, "  no peer is connected");
+        line(out, "  no peer is connected")?;
     }
     for peer in &report.peers {
-        let m = &peer.messages;
-        line(
-            out,
-            format!(
-                "  {} at {}, {:.1} ms there and back",
-                peer.name, peer.address, peer.rtt_ms
-            ),
-        )?;
-        line(
-            out,
-            format!(
-                "    out: {} offered, {} sent, {} superseded, {} expired, {} withdrawn",
-                m.offered, m.sent, m.superseded, m.expired, m.withdrawn
-            ),
-        )?;
-        line(
-            out,
-            format!("    in:  {} received, {} refused", m.received, m.refused),
-        )?;
-        for (word, subjects) in [("may have", &peer.offered), ("offers", &peer.offers)] {
-            for subject in subjects {
-                line(out, format!("    {word} {subject}"))?;
-            }
-        }
+        one(peer, out)?;
+    }
+    for it in report.shadow.iter().flatten() {
+        line(out, format!("  shadow: {it}"))?;
+    }
+    for name in &report.absent {
+        line(out, format!("  {name}: not connected"))?;
     }
     Ok(())
+}
+
+fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
+    let at = peer.address.as_deref().unwrap_or("an address not said");
+    let rtt = peer.rtt_ms.unwrap_or(f64::NAN);
+    let name = &peer.name;
+    line(out, format!("  {name} at {at}, {rtt:.1} ms there and back"))?;
+    let m = &peer.messages;
+    for text in [
+        format!(
+            "out: {} offered, {} sent, {} superseded, {} expired, {} withdrawn",
+            m.offered, m.sent, m.superseded, m.expired, m.withdrawn
+        ),
+        format!(
+            "in:  {} received, {} refused, {} skipped",
+            m.received, m.refused, m.skipped
+        ),
+        format!("{} lost here, {} names denied", m.lost, peer.denied),
+    ] {
+        line(out, format!("    {text}"))?;
+    }
+    for (word, subjects) in [("may have", &peer.offered), ("offers", &peer.offers)] {
+        for subject in subjects {
+            line(out, format!("    {word} {subject}"))?;
+        }
+    }
+    for it in &peer.subjects {
+        let counts = words(&it.counts);
+        line(out, format!("    {} {}: {counts}", it.kind, it.name))?;
+    }
+    for it in &peer.denials {
+        let why = match it.line {
+            Some(at) => format!("line {at}"),
+            None => "no rule fits".to_owned(),
+        };
+        let (kind, name, direction) = (&it.kind, &it.name, &it.direction);
+        line(
+            out,
+            format!("    denied {direction}: {kind} {name} ({why})"),
+        )?;
+    }
+    Ok(())
+}
+
+/// Those that are not zero.
+fn words(counts: &Counts) -> String {
+    let words = [
+        (counts.offered, "offered"),
+        (counts.sent, "sent"),
+        (counts.superseded, "superseded"),
+        (counts.expired, "expired"),
+        (counts.withdrawn, "withdrawn"),
+        (counts.received, "received"),
+        (counts.refused, "refused"),
+        (counts.lost, "lost here"),
+        (counts.skipped, "skipped"),
+    ];
+    let words = words.iter().filter(|(count, _)| *count > 0);
+    let words: Vec<_> = words
+        .map(|(count, word)| format!("{count} {word}"))
+        .collect();
+    match words.is_empty() {
+        true => "nothing yet".to_owned(),
+        false => words.join(", "),
+    }
 }

@@ -1,8 +1,12 @@
 //! `sm2 gateway run`.
 
+#[cfg(feature = "metrics")]
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
+#[cfg(feature = "metrics")]
+use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::ProgramError;
@@ -14,10 +18,19 @@ pub struct Arguments {
     /// The configuration
     #[arg(value_name = "FILE")]
     config: PathBuf,
+    /// Log what this configuration's rules and peers would change, and change nothing
+    #[arg(long, value_name = "FILE")]
+    shadow: Option<PathBuf>,
+    /// Answer Prometheus there, over HTTP at /metrics; best at a loopback address: whoever connects may read
+    #[cfg(feature = "metrics")]
+    #[arg(long, value_name = "ADDRESS")]
+    metrics: Option<SocketAddr>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
     let config = Config::load(&arguments.config)?;
+    let shadow = arguments.shadow.as_deref();
+    let shadow = shadow.map(Config::load).transpose()?;
     let runtime = tokio::runtime::Builder::new_multi_thread();
     let runtime = { runtime }
         // One for what waits for the Manager, one for the rest: a gateway is no user of all cores.
@@ -25,29 +38,37 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
         .enable_all()
         .build()
         .map_err(ProgramError::system("start threads"))?;
-    let result = runtime.block_on(serve(&config));
+    let result = runtime.block_on(serve(&config, shadow, arguments));
     runtime.shutdown_background();
     result
 }
 
-async fn serve(config: &Config) -> Result<(), ProgramError> {
+async fn serve(
+    config: &Config,
+    shadow: Option<Config>,
+    arguments: &Arguments,
+) -> Result<(), ProgramError> {
     let catch = |kind| signal(kind).map_err(ProgramError::system("catch signals"));
     let mut hang_up = catch(SignalKind::hangup())?;
     let mut interrupt = catch(SignalKind::interrupt())?;
     let mut terminate = catch(SignalKind::terminate())?;
+    // What cannot be had is known before anything is started.
+    #[cfg(feature = "metrics")]
+    let metrics = metrics(arguments).await?;
     let mut gateway = Gateway::start(config).await?;
+    #[cfg(feature = "metrics")]
+    if let Some(listener) = metrics {
+        gateway.serve_metrics(listener);
+    }
+    if let Some(shadow) = shadow {
+        gateway.set_shadow(shadow);
+    }
     if config.policy.rules.0.is_empty() {
         tracing::warn!("there is no [[rule]]: nothing goes anywhere");
     }
     loop {
         tokio::select! {
-            _ = hang_up.recv() => match Config::load(&config.path) {
-                Ok(new) => {
-                    gateway.reload(&new).await;
-                    tracing::info!(file = %config.path.display(), "rules and peers are those of the file again");
-                }
-                Err(error) => tracing::error!(%error, "the file was not taken: all goes on as before"),
-            },
+            _ = hang_up.recv() => reload(&gateway, config, arguments).await,
             _ = interrupt.recv() => break,
             _ = terminate.recv() => break,
             error = gateway.ended() => return Err(error.into()),
@@ -55,4 +76,36 @@ async fn serve(config: &Config) -> Result<(), ProgramError> {
     }
     gateway.stop().await;
     Ok(())
+}
+
+/// Takes both files again, each by itself: a bad one changes nothing.
+async fn reload(gateway: &Gateway, started: &Config, arguments: &Arguments) {
+    match Config::load(&arguments.config) {
+        Ok(new) => {
+            gateway.reload(&new).await;
+            let file = new.path.display();
+            tracing::info!(%file, "rules and peers are those of the file again");
+            for key in started.fixed_keys(&new) {
+                tracing::warn!(%file, "`{key}` is another one now: restart to use it");
+            }
+        }
+        Err(error) => tracing::error!(%error, "the file was not taken: all goes on as before"),
+    }
+    match arguments.shadow.as_deref().map(Config::load) {
+        Some(Ok(new)) => gateway.set_shadow(new),
+        Some(Err(error)) => tracing::error!(%error, "the shadow stays as it was"),
+        None => {}
+    }
+}
+
+#[cfg(feature = "metrics")]
+async fn metrics(arguments: &Arguments) -> Result<Option<TcpListener>, ProgramError> {
+    let Some(address) = arguments.metrics else {
+        return Ok(None);
+    };
+    let listener = TcpListener::bind(address).await;
+    let listener = listener.map_err(|source| ProgramError::Metrics { address, source })?;
+    let address = listener.local_addr().unwrap_or(address);
+    tracing::info!("metrics are at http://{address}/metrics");
+    Ok(Some(listener))
 }

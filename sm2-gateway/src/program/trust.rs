@@ -1,12 +1,12 @@
 //! `sm2 gateway trust`.
 
-use std::{fs, net::SocketAddr, path::PathBuf};
+use std::{fs, path::PathBuf};
 
 use clap::Args;
 use sm2_proto::{Name, gateway::GatewayId};
 
 use super::ProgramError;
-use crate::Config;
+use crate::{Address, Config};
 
 /// `sm2 gateway trust`.
 #[derive(Args, Debug)]
@@ -19,9 +19,9 @@ pub struct Arguments {
     name: Name,
     /// Its id, as `sm2 gateway id` prints it there
     id: GatewayId,
-    /// Where it is, such as 192.0.2.1:7633
+    /// Where it is, such as 192.0.2.1:7633 or robot.local:7633
     #[arg(value_name = "ADDRESS")]
-    addresses: Vec<SocketAddr>,
+    addresses: Vec<Address>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {

@@ -10,18 +10,25 @@ use std::{
 use quinn_proto::{Connection, ConnectionEvent, ConnectionHandle, EndpointEvent};
 use sm2_io::quic::Socket;
 use sm2_proto::{Instant, gateway::GatewayId};
-use tokio::sync::mpsc::{self, error::TrySendError};
+use tokio::sync::{
+    mpsc::{self, error::TrySendError},
+    oneshot,
+};
 
 use super::{Message, NetworkMessage, sleep_to};
 use crate::{
     clock::Clock,
-    peer::{Command, Counts, Event, Limits, Me, Peer},
+    peer::{Command, Event, Limits, Me, Peer},
+    report::ShadowReport,
+    tally::{Counts, Key},
 };
 
 /// How many datagrams wait for a connection that has a lot to do.
 const DATAGRAMS: usize = 2_048;
 /// How many messages do.
 const MESSAGES: usize = 64;
+/// How many questions do: whoever asks more has no answer.
+const QUESTIONS: usize = 16;
 /// What is done in one turn, so that all that waits gets its own.
 const BURST: usize = 64;
 /// How long a connection that is over goes on answering.
@@ -38,13 +45,15 @@ pub(super) struct Shared {
     pub(super) network: mpsc::UnboundedSender<NetworkMessage>,
     /// Of the peers with a connection: an older process is stale.
     pub(super) epochs: Mutex<BTreeMap<GatewayId, u64>>,
-    pub(super) reports: Mutex<BTreeMap<u64, ConnectionReport>>,
+    /// What the rules in the shadow would change, if there are such.
+    pub(super) shadow: Mutex<Option<Vec<ShadowReport>>>,
 }
 
 /// How a connection is.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ConnectionReport {
     pub(super) counts: Counts,
+    pub(super) counts_by_name: Vec<(Key, Counts)>,
     pub(super) rtt: Duration,
     pub(super) address: SocketAddr,
 }
@@ -56,7 +65,11 @@ pub(crate) struct Senders {
     pub(super) messages: mpsc::Sender<Command>,
     pub(super) endpoint: mpsc::UnboundedSender<ConnectionEvent>,
     pub(super) datagrams: mpsc::Sender<ConnectionEvent>,
+    questions: mpsc::Sender<Question>,
 }
+
+/// Who wants to know how the connection is.
+type Question = oneshot::Sender<ConnectionReport>;
 
 #[derive(Debug)]
 pub(super) struct Inbox {
@@ -64,6 +77,7 @@ pub(super) struct Inbox {
     messages: mpsc::Receiver<Command>,
     endpoint: mpsc::UnboundedReceiver<ConnectionEvent>,
     datagrams: mpsc::Receiver<ConnectionEvent>,
+    questions: mpsc::Receiver<Question>,
 }
 
 pub(super) fn channels() -> (Senders, Inbox) {
@@ -71,30 +85,46 @@ pub(super) fn channels() -> (Senders, Inbox) {
     let (messages, messages_out) = mpsc::channel(MESSAGES);
     let (endpoint, endpoint_out) = mpsc::unbounded_channel();
     let (datagrams, datagrams_out) = mpsc::channel(DATAGRAMS);
+    let (questions, questions_out) = mpsc::channel(QUESTIONS);
     let senders = Senders {
         commands,
         messages,
         endpoint,
         datagrams,
+        questions,
     };
     let inbox = Inbox {
         commands: commands_out,
         messages: messages_out,
         endpoint: endpoint_out,
         datagrams: datagrams_out,
+        questions: questions_out,
     };
     (senders, inbox)
 }
 
 impl Senders {
-    /// Whether it was taken. A message that finds no room is lost, as it would be on the way.
-    pub(super) fn command(&self, command: Command) -> bool {
+    /// Gives back a message that finds no room: it is lost, as it would be on the way.
+    pub(super) fn command(&self, command: Command) -> Option<Command> {
         match command {
-            Command::Message { .. } => {
-                !matches!(self.messages.try_send(command), Err(TrySendError::Full(_)))
+            Command::Message { .. } => match self.messages.try_send(command) {
+                Err(TrySendError::Full(message)) => Some(message),
+                Ok(()) | Err(TrySendError::Closed(_)) => None,
+            },
+            command => {
+                // A connection that has ended needs to be told nothing.
+                let _ = self.commands.send(command);
+                None
             }
-            command => self.commands.send(command).is_ok(),
         }
+    }
+
+    /// How is the connection? One that has ended, or has too much to do, does not say.
+    pub(super) fn ask(&self) -> oneshot::Receiver<ConnectionReport> {
+        let (question, answer) = oneshot::channel();
+        // What is not sent is dropped, and that is the answer.
+        let _ = self.questions.try_send(question);
+        answer
     }
 }
 
@@ -160,11 +190,14 @@ impl Task {
                     Some(command) => self.command(command),
                     None => break,
                 },
+                Some(question) = inbox.questions.recv() => {
+                    // Whoever asked may have gone.
+                    let _ = question.send(self.report());
+                }
                 Some(message) = inbox.messages.recv() => self.command(message),
                 () = wait => self.peer.handle_timeout(self.shared.clock.now()),
             }
         }
-        lock(&self.shared.reports).remove(&self.number);
         if !self.peer.is_drained() {
             self.tell_endpoint(EndpointEvent::drained());
         }
@@ -220,14 +253,18 @@ impl Task {
                 return false;
             }
         }
-        let rtt = self.peer.rtt();
-        let report = ConnectionReport {
-            counts: self.peer.counts(),
-            rtt,
-            address: self.peer.address(),
-        };
-        lock(&self.shared.reports).insert(self.number, report);
         has_more
+    }
+
+    fn report(&self) -> ConnectionReport {
+        let counts = self.peer.counts_by_name();
+        let address = self.peer.address();
+        ConnectionReport {
+            counts: self.peer.counts(),
+            counts_by_name: counts.map(|(key, it)| (key.clone(), it)).collect(),
+            rtt: self.peer.rtt(),
+            address: SocketAddr::new(address.ip().to_canonical(), address.port()),
+        }
     }
 }
 

@@ -8,11 +8,12 @@ use tokio::sync::mpsc;
 use super::{
     Message, NetworkMessage,
     connection::{Senders, Shared, lock},
-    goodbye, local, status,
+    goodbye, local, shadow, status,
 };
 use crate::{
-    hub::{Hub, Input, Output},
+    hub::{Hub, Input, LocalCommand, LocalEvent, NoRoom, Output},
     peer::{Command, Event},
+    shadow::RuleSet,
 };
 
 /// The hub, and the ways to all others.
@@ -20,6 +21,10 @@ struct Task {
     hub: Hub,
     /// What the configuration calls peers.
     names: BTreeMap<GatewayId, Name>,
+    /// The line of each rule.
+    lines: Vec<usize>,
+    /// How often what is there has changed, or the rules.
+    revision: u64,
     shared: Arc<Shared>,
     local: local::Orders,
     connections: BTreeMap<u64, Connection>,
@@ -30,9 +35,18 @@ struct Connection {
     senders: Senders,
 }
 
+/// What the configuration says that the hub itself need not know.
+#[derive(Debug)]
+pub(crate) struct Known {
+    /// What it calls peers.
+    pub(super) names: BTreeMap<GatewayId, Name>,
+    /// The line of each rule.
+    pub(super) lines: Vec<usize>,
+}
+
 pub(super) async fn run(
     hub: Hub,
-    names: BTreeMap<GatewayId, Name>,
+    Known { names, lines }: Known,
     shared: Arc<Shared>,
     mut inbox: mpsc::Receiver<Message>,
     local: local::Orders,
@@ -40,6 +54,8 @@ pub(super) async fn run(
     let mut task = Task {
         hub,
         names,
+        lines,
+        revision: 1,
         shared,
         local,
         connections: BTreeMap::new(),
@@ -64,22 +80,53 @@ impl Task {
                 self.connections.insert(connection, it);
             }
             Message::Peer { connection, event } => self.event(connection, event),
-            Message::Local(event) => self.handle(Input::Local(event)),
-            Message::Reload { policy, names } => {
+            Message::Local(event) => {
+                self.revision += u64::from(matches!(event, LocalEvent::Present { .. }));
+                self.handle(Input::Local(event));
+            }
+            Message::Reload {
+                policy,
+                known: Known { names, lines },
+            } => {
                 let gone: Vec<GatewayId> = (self.names.keys())
                     .filter(|it| !names.contains_key(it))
                     .copied()
                     .collect();
-                self.names = names;
+                (self.names, self.lines) = (names, lines);
+                self.revision += 1;
                 for peer in gone {
                     self.handle(Input::Distrust(peer));
                 }
                 self.handle(Input::Policy(policy));
             }
             Message::Report(answer) => {
-                let report = status::report(&self.hub, &self.shared);
+                let asked = (self.hub.peers().into_iter()).map(|peer| {
+                    let connection = self.connections.get(&peer.connection);
+                    let answer = connection.map(|it| it.senders.ask());
+                    (peer, answer)
+                });
+                let draft = status::Draft {
+                    me: self.shared.me.clone(),
+                    names: self.names.clone(),
+                    lines: self.lines.clone(),
+                    shadow: lock(&self.shared.shadow).clone(),
+                    peers: asked.collect(),
+                };
+                // The hub waits for no connection.
+                tokio::spawn(draft.complete(answer));
+            }
+            Message::View { known, answer } => {
+                let view = (known != self.revision).then(|| shadow::View {
+                    revision: self.revision,
+                    rules: RuleSet {
+                        rules: self.hub.rules().clone(),
+                        peers: self.names.keys().copied().collect(),
+                    },
+                    names: self.names.clone(),
+                    seen: self.hub.seen(),
+                });
                 // Whoever asked may have gone.
-                let _ = answer.send(report);
+                let _ = answer.send(view);
             }
             Message::Stop => {
                 for it in self.connections.values() {
@@ -106,6 +153,8 @@ impl Task {
             }
         }
         let is_over = matches!(event, Event::Ended(_));
+        let is_offer = matches!(event, Event::Offered { .. } | Event::Gone { .. });
+        self.revision += u64::from(is_over || is_offer);
         self.handle(Input::Peer {
             connection,
             is_dialled,
@@ -124,12 +173,20 @@ impl Task {
                     connection,
                     command,
                 } => {
-                    if let Some(it) = self.connections.get(&connection) {
-                        it.senders.command(command);
+                    let it = self.connections.get(&connection);
+                    let back = it.and_then(|it| it.senders.command(command));
+                    if let Some(Command::Message { offer, .. }) = back {
+                        self.no_room(NoRoom::ForPeer { connection, offer });
                     }
                 }
                 Output::Local(command) => {
-                    self.local.send(command);
+                    let back = self.local.send(command);
+                    if let Some(LocalCommand::Publish {
+                        subject, origin, ..
+                    }) = back
+                    {
+                        self.no_room(NoRoom::ForDomain { subject, origin });
+                    }
                 }
                 Output::Connected { peer, epoch, name } => {
                     tracing::info!(%name, id = %peer, "connected");
@@ -142,6 +199,11 @@ impl Task {
                 }
             }
         }
+    }
+
+    fn no_room(&mut self, what: NoRoom) {
+        let now = sm2_io::clock::now();
+        self.hub.handle(now, Input::NoRoom(what));
     }
 
     /// Without a network there is nothing to be told.

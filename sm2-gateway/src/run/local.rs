@@ -34,13 +34,18 @@ pub(super) fn channel() -> (Orders, Inbox) {
 }
 
 impl Orders {
-    /// Whether it was taken: a message that finds no room is lost.
-    pub(super) fn send(&self, command: LocalCommand) -> bool {
+    /// Gives back a message that finds no room.
+    pub(super) fn send(&self, command: LocalCommand) -> Option<LocalCommand> {
         match command {
-            LocalCommand::Publish { .. } => {
-                !matches!(self.messages.try_send(command), Err(TrySendError::Full(_)))
+            LocalCommand::Publish { .. } => match self.messages.try_send(command) {
+                Err(TrySendError::Full(message)) => Some(message),
+                Ok(()) | Err(TrySendError::Closed(_)) => None,
+            },
+            command => {
+                // It is only gone together with the gateway.
+                let _ = self.commands.send(command);
+                None
             }
-            command => self.commands.send(command).is_ok(),
         }
     }
 }

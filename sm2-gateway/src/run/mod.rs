@@ -12,13 +12,14 @@
 
 mod beacons;
 mod connection;
+mod hosts;
 mod hub;
 mod local;
 mod network;
+mod shadow;
 mod status;
 
 use std::{
-    collections::BTreeMap,
     io,
     net::SocketAddr,
     sync::{Arc, Mutex},
@@ -27,16 +28,16 @@ use std::{
 
 use sm2_io::quic::{Endpoint, Socket, Trusted};
 use sm2_proto::{
-    Instant, Name,
-    gateway::{GatewayId, Hop, PeerFarewell, Subject},
+    Instant,
+    gateway::{GatewayId, Hop, PeerFarewell},
 };
 use tokio::sync::{mpsc, oneshot, watch};
 
 pub use self::beacons::BeaconsError;
-pub use self::status::{PeerReport, Report};
 use self::{
     beacons::Beacons,
     connection::{Senders, Shared},
+    hub::Known,
 };
 use crate::{
     clock::Clock,
@@ -45,6 +46,7 @@ use crate::{
     keys::{self, KeyFileError},
     local::{Local, LocalError},
     peer::{Event, Me},
+    report::Report,
 };
 
 /// What waits for the hub.
@@ -66,12 +68,14 @@ pub(crate) enum Message {
     /// Something happened in the domain.
     Local(LocalEvent),
     /// There is another configuration.
-    Reload {
-        policy: Policy,
-        names: BTreeMap<GatewayId, Name>,
-    },
+    Reload { policy: Policy, known: Known },
     /// How is it?
     Report(oneshot::Sender<Report>),
+    /// What is there, if that is not known yet?
+    View {
+        known: u64,
+        answer: oneshot::Sender<Option<shadow::View>>,
+    },
     /// Say goodbye to all peers.
     Stop,
 }
@@ -86,6 +90,12 @@ pub(crate) enum NetworkMessage {
     },
     /// An attempt to connect led to nothing.
     Failed { peer: GatewayId },
+    /// The name of one of a peer's hosts was looked up.
+    Resolved {
+        peer: GatewayId,
+        host: String,
+        addresses: io::Result<Vec<SocketAddr>>,
+    },
     /// By the hub.
     Connected { peer: GatewayId, epoch: u64 },
     /// By the hub.
@@ -135,6 +145,7 @@ pub struct Gateway {
     address: SocketAddr,
     id: GatewayId,
     ended: watch::Receiver<Option<Arc<io::Error>>>,
+    shadow: watch::Sender<Option<Arc<Config>>>,
 }
 
 impl Gateway {
@@ -180,20 +191,22 @@ impl Gateway {
             hub: hub.clone(),
             network: network.clone(),
             epochs: Mutex::default(),
-            reports: Mutex::default(),
+            shadow: Mutex::default(),
         });
         let (ending, ended) = watch::channel(None);
         tokio::spawn(local::run(domain, local_inbox));
         tokio::spawn(hub::run(
             Hub::new(hop, config.policy.clone()),
-            names(config),
+            known(config),
             Arc::clone(&shared),
             hub_inbox,
             local_orders,
         ));
+        let (shadow, shadows) = watch::channel(None);
+        tokio::spawn(shadow::run(shadows, hub.clone(), Arc::clone(&shared)));
         let peers = config.peers.clone();
         tokio::spawn(async move {
-            let network = network::Network::new(endpoint, beacons, shared, address.port(), peers);
+            let network = network::Network::new(endpoint, beacons, shared, address, peers);
             let error = network.run(network_inbox).await;
             let _ = ending.send(error.err().map(Arc::new));
         });
@@ -205,6 +218,7 @@ impl Gateway {
             address,
             id,
             ended,
+            shadow,
         })
     }
 
@@ -229,15 +243,26 @@ impl Gateway {
             .network
             .send(NetworkMessage::Peers(config.peers.clone()));
         let policy = config.policy.clone();
-        let names = names(config);
-        let _ = self.hub.send(Message::Reload { policy, names }).await;
+        let known = known(config);
+        let _ = self.hub.send(Message::Reload { policy, known }).await;
+    }
+
+    /// From now on logs what these rules and peers would change, and has it in reports: now, and
+    /// when something comes that they would treat otherwise. It changes nothing.
+    pub fn set_shadow(&self, config: Config) {
+        self.shadow.send_replace(Some(Arc::new(config)));
     }
 
     /// Who is connected, and what goes to and fro.
     pub async fn report(&self) -> Option<Report> {
-        let (answer, answered) = oneshot::channel();
-        self.hub.send(Message::Report(answer)).await.ok()?;
-        answered.await.ok()
+        ask(&self.hub).await
+    }
+
+    /// Answers those who ask by HTTP for `/metrics`, as long as the gateway runs: see
+    /// [`metrics`](crate::metrics).
+    #[cfg(feature = "metrics")]
+    pub fn serve_metrics(&self, listener: tokio::net::TcpListener) {
+        tokio::spawn(crate::metrics::serve(listener, self.hub.clone()));
     }
 
     /// Waits until it has ended by itself: the network is gone.
@@ -260,9 +285,19 @@ impl Gateway {
     }
 }
 
-fn names(config: &Config) -> BTreeMap<GatewayId, Name> {
+/// How is it?
+pub(crate) async fn ask(hub: &mpsc::Sender<Message>) -> Option<Report> {
+    let (answer, answered) = oneshot::channel();
+    hub.send(Message::Report(answer)).await.ok()?;
+    answered.await.ok()
+}
+
+fn known(config: &Config) -> Known {
     let names = config.peers.iter().map(|it| (it.id, it.name.clone()));
-    names.collect()
+    Known {
+        names: names.collect(),
+        lines: config.rule_lines.clone(),
+    }
 }
 
 /// Greater than that of any process before, as long as the clock is not set back.
@@ -270,14 +305,6 @@ fn names(config: &Config) -> BTreeMap<GatewayId, Name> {
 fn epoch() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0, |it| u64::try_from(it.as_nanos()).unwrap_or(u64::MAX))
-}
-
-/// What a subject is called in reports.
-fn label(subject: &Subject) -> String {
-    match subject {
-        Subject::Topic { name, .. } => format!("topic {name}"),
-        Subject::Service { name, .. } => format!("service {name}"),
-    }
 }
 
 /// Waits until then; without a moment, for ever.

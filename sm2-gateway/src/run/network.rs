@@ -1,6 +1,6 @@
 //! The task of the UDP socket: datagrams to their connections, whom to dial, beacons.
 
-use std::{collections::BTreeMap, io, sync::Arc};
+use std::{collections::BTreeMap, io, net::SocketAddr, sync::Arc};
 
 use quinn_proto::{Connection, ConnectionHandle};
 use sm2_io::quic::{Arrival, Batch, Endpoint};
@@ -14,18 +14,22 @@ use super::{
     Message, NetworkMessage,
     beacons::Beacons,
     connection::{Senders, Shared, Task, channels},
+    hosts::Hosts,
     sleep_to,
 };
-use crate::config::PeerConfig;
+use crate::{Address, config::PeerConfig};
 
 /// What the task of the network has.
 pub(super) struct Network {
     endpoint: Endpoint,
     beacons: Option<Beacons>,
     shared: Arc<Shared>,
-    port: u16,
+    /// Where the socket listens.
+    local: SocketAddr,
     discovery: Discovery,
     peers: Vec<GatewayId>,
+    /// The names of hosts that they may be at.
+    hosts: Hosts,
     connections: BTreeMap<ConnectionHandle, Senders>,
     /// The number of the last connection.
     last: u64,
@@ -36,7 +40,7 @@ impl Network {
         endpoint: Endpoint,
         beacons: Option<Beacons>,
         shared: Arc<Shared>,
-        port: u16,
+        local: SocketAddr,
         peers: Vec<PeerConfig>,
     ) -> Self {
         let hop = shared.me.hop;
@@ -46,9 +50,10 @@ impl Network {
             endpoint,
             beacons,
             shared,
-            port,
+            local,
             discovery,
             peers: Vec::new(),
+            hosts: Hosts::default(),
             connections: BTreeMap::new(),
             last: 0,
         };
@@ -73,7 +78,7 @@ impl Network {
                     self.datagrams(&batch, &mut answer).await;
                 }
                 message = inbox.recv() => match message {
-                    Some(message) => self.message(message),
+                    Some(message) => self.message(message).await,
                     None => return Ok(()),
                 },
                 (from, len) = Beacons::recv(self.beacons.as_ref(), &mut beacon) => {
@@ -107,7 +112,7 @@ impl Network {
         }
     }
 
-    fn message(&mut self, message: NetworkMessage) {
+    async fn message(&mut self, message: NetworkMessage) {
         let now = sm2_io::clock::now();
         match message {
             NetworkMessage::Endpoint { handle, event } => {
@@ -120,6 +125,14 @@ impl Network {
                 }
             }
             NetworkMessage::Failed { peer } => self.discovery.handle(now, Input::Failed { peer }),
+            NetworkMessage::Resolved {
+                peer,
+                host,
+                addresses,
+            } => match self.hosts.choose(peer, &host, addresses, self.local.ip()) {
+                Some(address) => self.dial(peer, address).await,
+                None => self.discovery.handle(now, Input::Failed { peer }),
+            },
             NetworkMessage::Connected { peer, epoch } => {
                 self.discovery.handle(now, Input::Connected { peer, epoch });
             }
@@ -141,9 +154,19 @@ impl Network {
             }
         }
         self.peers = ids;
+        self.hosts.forget();
         for PeerConfig { id, addresses, .. } in peers {
-            let peer = id;
+            let (peer, mut known) = (id, Vec::new());
+            for address in addresses {
+                match address {
+                    Address::At(address) => known.push(address),
+                    Address::Host(host) => self.hosts.add(peer, host),
+                }
+            }
+            let addresses = known;
             self.discovery.handle(now, Input::Trust { peer, addresses });
+            let hosts = self.hosts.count(peer);
+            self.discovery.handle(now, Input::Named { peer, hosts });
         }
     }
 
@@ -151,20 +174,13 @@ impl Network {
     async fn discover(&mut self) {
         while let Some(output) = self.discovery.poll() {
             match output {
-                Output::Dial { peer, address } => {
-                    let now = self.shared.clock.now().quic;
-                    match self.endpoint.connect(now, peer, address) {
-                        Ok((handle, connection)) => self.open(handle, Some(peer), connection).await,
-                        Err(error) => {
-                            tracing::warn!(%peer, %address, error, "cannot connect");
-                            let now = sm2_io::clock::now();
-                            self.discovery.handle(now, Input::Failed { peer });
-                        }
-                    }
+                Output::Dial { peer, address } => self.dial(peer, address).await,
+                Output::DialHost { peer, host } => {
+                    self.hosts.look_up(peer, host, self.shared.network.clone());
                 }
                 Output::Announce => {
                     let beacon = Beacon {
-                        port: self.port,
+                        port: self.local.port(),
                         gateway: self.shared.me.hop.gateway,
                         epoch: self.shared.me.hop.epoch,
                     };
@@ -172,6 +188,19 @@ impl Network {
                         beacons.send(&beacon).await;
                     }
                 }
+            }
+        }
+    }
+
+    async fn dial(&mut self, peer: GatewayId, address: SocketAddr) {
+        let address = as_seen_from(self.local, address);
+        let now = self.shared.clock.now().quic;
+        match self.endpoint.connect(now, peer, address) {
+            Ok((handle, connection)) => self.open(handle, Some(peer), connection).await,
+            Err(error) => {
+                tracing::warn!(%peer, %address, error, "cannot connect");
+                let now = sm2_io::clock::now();
+                self.discovery.handle(now, Input::Failed { peer });
             }
         }
     }
@@ -194,5 +223,16 @@ impl Network {
         let shared = Arc::clone(&self.shared);
         let task = Task::new(shared, handle, self.last, dialled, connection);
         tokio::spawn(task.run(inbox));
+    }
+}
+
+/// Where datagrams of that address come from, at a socket of this one: to a socket of IPv6 all
+/// addresses are of IPv6, and QUIC takes no answer from another address than it sent to.
+fn as_seen_from(local: SocketAddr, address: SocketAddr) -> SocketAddr {
+    match (local, address) {
+        (SocketAddr::V6(_), SocketAddr::V4(it)) => {
+            SocketAddr::new(it.ip().to_ipv6_mapped().into(), it.port())
+        }
+        _ => address,
     }
 }

@@ -1,69 +1,114 @@
 //! How a gateway is: for whoever asks the service `gateway/NAME/status` of its domain.
 
-use serde::{Deserialize, Serialize};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Duration,
+};
+
 use sm2_node::{Server, asynchronous::IntoAsync};
-use sm2_proto::Name;
-use tokio::sync::{mpsc, oneshot};
-
-use super::{
-    Message,
-    connection::{Shared, lock},
-    label,
+use sm2_proto::{
+    Name,
+    gateway::{Direction, GatewayId},
 };
+use tokio::{
+    sync::{mpsc, oneshot},
+    time::timeout,
+};
+
+use super::{Message, ask, connection::ConnectionReport};
 use crate::{
-    hub::Hub,
+    hub::{Denial, PeerStatus},
     local::{Local, LocalError, status_service},
-    peer::Counts,
+    peer::Me,
+    report::{DenialReport, PeerReport, Report, ShadowReport, SubjectReport, label, word},
 };
 
-/// How a gateway is.
-#[derive(Clone, Debug, Deserialize, Serialize)]
-pub struct Report {
-    /// What people call it.
-    pub name: String,
-    /// Who it is.
-    pub id: String,
-    /// The peers that there is a connection with.
-    pub peers: Vec<PeerReport>,
+/// How long connections have to say how they are.
+const PATIENCE: Duration = Duration::from_millis(250);
+
+/// A report to which the connections have not said their part.
+#[derive(Debug)]
+pub(super) struct Draft {
+    pub(super) me: Me,
+    /// Of the peers that are trusted.
+    pub(super) names: BTreeMap<GatewayId, Name>,
+    /// The line of each rule.
+    pub(super) lines: Vec<usize>,
+    pub(super) shadow: Option<Vec<ShadowReport>>,
+    pub(super) peers: Vec<(PeerStatus, Option<oneshot::Receiver<ConnectionReport>>)>,
 }
 
-/// A peer that there is a connection with.
-#[derive(Clone, Debug, Deserialize, Serialize)]
-pub struct PeerReport {
-    /// What the configuration calls it.
-    pub name: String,
-    /// Who it is.
-    pub id: String,
-    /// Where it is.
-    pub address: String,
-    /// The time that it takes there and back, in milliseconds.
-    pub rtt_ms: f64,
-    /// What it offers.
-    pub offers: Vec<String>,
-    /// What it was offered.
-    pub offered: Vec<String>,
-    /// Messages: for it, and from it.
-    pub messages: Counts,
-}
-
-pub(super) fn report(hub: &Hub, shared: &Shared) -> Report {
-    let reports = lock(&shared.reports);
-    let peer = |it: crate::hub::PeerStatus| {
-        let report = reports.get(&it.connection);
-        PeerReport {
-            name: it.name.to_string(),
-            id: it.id.to_string(),
-            address: report.map_or_else(String::new, |it| it.address.to_string()),
-            rtt_ms: report.map_or(0.0, |it| it.rtt.as_secs_f64() * 1e3),
-            offers: it.offers.iter().map(label).collect(),
-            offered: it.offered.iter().map(label).collect(),
-            messages: report.map_or_else(Counts::default, |it| it.counts),
+impl Draft {
+    /// Waits for the connections, all at the same time, and answers.
+    pub(super) async fn complete(self, answer: oneshot::Sender<Report>) {
+        let connected: BTreeSet<GatewayId> = self.peers.iter().map(|(it, _)| it.id).collect();
+        let absent = self.names.iter().filter(|(id, _)| !connected.contains(id));
+        let mut report = Report {
+            name: self.me.name.to_string(),
+            id: self.me.hop.gateway.to_string(),
+            peers: Vec::new(),
+            absent: absent.map(|(_, name)| name.to_string()).collect(),
+            shadow: self.shadow,
+        };
+        let deadline = tokio::time::Instant::now() + PATIENCE;
+        for (status, said) in self.peers {
+            let said = match said {
+                Some(said) => {
+                    let left = deadline.saturating_duration_since(tokio::time::Instant::now());
+                    timeout(left, said).await.ok().and_then(Result::ok)
+                }
+                None => None,
+            };
+            report.peers.push(peer(status, said, &self.lines));
         }
-    };
-    Report {
-        name: shared.me.name.to_string(),
-        id: shared.me.hop.gateway.to_string(),
-        peers: hub.peers().into_iter().map(peer).collect(),
+        // Whoever asked may have gone.
+        let _ = answer.send(report);
+    }
+}
+
+fn peer(status: PeerStatus, said: Option<ConnectionReport>, lines: &[usize]) -> PeerReport {
+    let mut messages = status.counts;
+    let mut subjects = status.counts_by_name;
+    if let Some(said) = &said {
+        messages += said.counts;
+        subjects.extend(said.counts_by_name.iter().cloned());
+    }
+    let mut by_name = BTreeMap::new();
+    for (key, counts) in subjects {
+        *by_name.entry(key).or_insert_with(Default::default) += counts;
+    }
+    let subjects = by_name
+        .into_iter()
+        .map(|((kind, name), counts)| SubjectReport {
+            kind: word(kind).to_owned(),
+            name: name.to_string(),
+            counts,
+        });
+    let denials = status.denied.iter();
+    let denials: Vec<_> = denials.map(|it| denial(it, lines)).collect();
+    PeerReport {
+        name: status.name.to_string(),
+        id: status.id.to_string(),
+        address: said.as_ref().map(|it| it.address.to_string()),
+        rtt_ms: said.as_ref().map(|it| it.rtt.as_secs_f64() * 1e3),
+        offers: status.offers.iter().map(label).collect(),
+        offered: status.offered.iter().map(label).collect(),
+        messages,
+        subjects: subjects.collect(),
+        denied: denials.len() as u64,
+        denials,
+    }
+}
+
+fn denial(it: &Denial, lines: &[usize]) -> DenialReport {
+    DenialReport {
+        kind: word(it.subject.kind()).to_owned(),
+        name: it.subject.name().to_string(),
+        direction: match it.direction {
+            Direction::In => "in".to_owned(),
+            Direction::Out => "out".to_owned(),
+        },
+        line: it.rule.and_then(|rule| lines.get(rule).copied()),
     }
 }
 
@@ -85,11 +130,9 @@ pub(super) fn serve(
                     continue;
                 }
             };
-            let (answer, answered) = oneshot::channel();
-            if hub.send(Message::Report(answer)).await.is_err() {
+            let Some(report) = ask(&hub).await else {
                 return;
-            }
-            let Ok(report) = answered.await else { return };
+            };
             let done = match serde_json::to_vec(&report) {
                 Ok(report) => request.reply(&report),
                 Err(error) => request.fail(&error.to_string()),

@@ -97,8 +97,8 @@ fn assert_lossy(way: &str, numbers: &[u32]) {
         "{way}: {lost} of {COUNT} datagrams lost, at {gaps} places"
     ));
     assert!((200..=700).contains(&lost), "{way}: {lost} of {COUNT} lost");
-    // By chance 4 % of the gaps are longer than one; trains would leave gaps of ten.
-    assert!(lost < 2 * gaps, "{way}: {lost} lost at {gaps} places");
+    // By chance 4 % of the gaps are longer than one; half of them would be if trains were lost whole.
+    assert!(4 * lost < 5 * gaps, "{way}: {lost} lost at {gaps} places");
 }
 
 #[test]

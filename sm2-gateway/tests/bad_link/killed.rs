@@ -16,7 +16,8 @@ struct Process(Child);
 impl Process {
     fn start(config: &Path) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-gateway"));
-        let command = command.arg("run").arg(config).stderr(Stdio::null());
+        let command = command.arg("run").arg(config);
+        let command = command.stdout(Stdio::null()).stderr(Stdio::null());
         Self(command.spawn().unwrap())
     }
 

@@ -73,7 +73,7 @@ impl World {
     /// Where the far gateway sees the near one, if it does.
     pub(crate) fn peer_address(&self) -> Option<String> {
         let peers = report(&self.runtime, &self.right).peers;
-        peers.first().map(|it| it.address.clone())
+        peers.first().and_then(|it| it.address.clone())
     }
 
     pub(crate) fn stop(self) {

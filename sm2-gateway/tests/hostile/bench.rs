@@ -147,5 +147,6 @@ pub(crate) fn topic(name: &str, data: TypeId) -> Subject {
         name: Name::new(name).unwrap(),
         data,
         reliable: false,
+        latched: 0,
     }
 }

@@ -254,6 +254,7 @@ impl Node {
                     let (handle, it) = self.endpoint.connect(moment, peer, address).unwrap();
                     self.open(handle, Some(peer), it, world);
                 }
+                discovery::Output::DialHost { .. } => unreachable!("no host has a name here"),
                 discovery::Output::Announce => self.announce(now, world),
             }
         }

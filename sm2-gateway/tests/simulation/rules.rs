@@ -41,6 +41,7 @@ pub(crate) fn subjects() -> Vec<Subject> {
         name: name(it),
         data: type_id("Text"),
         reliable: false,
+        latched: 0,
     });
     let services = SERVICES.iter().map(|it| Subject::Service {
         name: name(it),

@@ -5,16 +5,16 @@
 //! second and how long the way takes when nobody waits on it, and keeps as much under way as those two
 //! say, and a short queue more. What is different from BBR: it never waits for a probe to end that the link
 //! does not answer, and the queue that it makes is bounded by time, so that what is newest can be sent
-//! soon.
+//! soon. What is lost while there is no queue is lost by chance: so much more is kept under way.
 //!
 //! | phase | window | until |
 //! | --- | --- | --- |
-//! | start | doubles with each round | three rounds were no faster, or a fifth was lost |
+//! | start | doubles with each round | it was no faster for three rounds, or half was lost |
 //! | cruise | rate x (shortest way + queue) | eight rounds |
 //! | probe | a quarter more | one round |
 //! | drain | rate x shortest way x 3/4 | one round |
 //!
-//! A round is a round trip, 10 ms at least.
+//! A round is a round trip, 10 ms at least. What was sent in one is acknowledged, or lost, in the next.
 
 use std::{
     any::Any,
@@ -40,8 +40,12 @@ const WAY: Duration = Duration::from_secs(10);
 const CRUISE: u32 = 8;
 /// Rounds of the start that were no faster: the link is full.
 const FULL: u32 = 3;
-/// More than this part of what was sent in a round was lost: it is not chance, but a queue.
-const LOSS_DIVISOR: u64 = 5;
+/// More than this part of what was sent in a round was lost, beside chance: it is a queue.
+const QUEUE_LOSS: f64 = 0.2;
+/// More is never chance.
+const CHANCE_MAX: f64 = 0.5;
+/// What a measured chance weighs beside those before.
+const CHANCE_WEIGHT: f64 = 0.25;
 /// Never less is under way, in datagrams.
 const LEAST: u64 = 8;
 
@@ -68,6 +72,8 @@ struct Steady {
     ways: VecDeque<(Instant, Duration)>,
     /// The last that was measured.
     rtt: Duration,
+    /// Which part of what is sent is lost by chance, as far as it was measured.
+    chance: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,6 +116,7 @@ impl Steady {
             rates: VecDeque::new(),
             ways: VecDeque::new(),
             rtt: ROUND,
+            chance: None,
         }
     }
 
@@ -135,11 +142,19 @@ impl Steady {
         }
     }
 
-    /// What is under way if the queue takes so long.
+    /// What is under way if the queue takes so long, with what will not arrive.
     fn under_way(&self, queue: Duration) -> u64 {
         let time = (self.way() + queue).as_secs_f64();
+        let arriving = 1.0 - self.chance.unwrap_or(0.0);
         // Not above what a rate and a time of this world make.
-        (self.rate() as f64 * time) as u64
+        (self.rate() as f64 * time / arriving) as u64
+    }
+
+    /// In a round that tells what became of what was sent without a queue.
+    fn note_chance(&mut self, lost: f64) {
+        let lost = lost.min(CHANCE_MAX);
+        let chance = self.chance.get_or_insert(lost);
+        *chance += (lost - *chance) * CHANCE_WEIGHT;
     }
 
     fn end_round(&mut self, now: Instant) {
@@ -151,7 +166,11 @@ impl Steady {
         } = self.round;
         let rate = (acked as f64 / (now - begin).as_secs_f64()) as u64;
         self.round = Round::new(now);
-        let is_congested = lost > (acked + lost) / LOSS_DIVISOR;
+        let lost = lost as f64 / (acked + lost).max(1) as f64;
+        if matches!(self.phase, Phase::Cruise { left: CRUISE }) {
+            self.note_chance(lost);
+        }
+        let is_congested = lost > self.chance.unwrap_or(0.0) + QUEUE_LOSS;
         // What was not asked of the link says nothing of it, unless it was more than before.
         if !idle || rate > self.rate() {
             self.rates.push_back(rate);
@@ -161,11 +180,11 @@ impl Steady {
             self.rates.pop_front();
         }
         self.phase = match self.phase {
-            Phase::Start { .. } if is_congested => Phase::Drain,
             Phase::Start { best, .. } if rate > best + best / 4 => Phase::Start {
                 best: rate,
                 slow: 0,
             },
+            Phase::Start { .. } if lost > CHANCE_MAX => Phase::Drain,
             start @ Phase::Start { .. } if idle => start,
             Phase::Start { best, slow } if slow + 1 < FULL => Phase::Start {
                 best,

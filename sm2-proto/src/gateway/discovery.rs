@@ -29,6 +29,13 @@ pub enum Input<'a> {
         /// Where it may be, besides where beacons say.
         addresses: Vec<SocketAddr>,
     },
+    /// The configuration also has names of hosts for a peer, which the driver looks up: so many.
+    Named {
+        /// Of whom.
+        peer: GatewayId,
+        /// How many.
+        hosts: usize,
+    },
     /// The configuration does not name it any more.
     Distrust {
         /// Whom.
@@ -72,6 +79,13 @@ pub enum Output {
         /// Where.
         address: SocketAddr,
     },
+    /// Look up the name of a host, and try to connect; answer likewise.
+    DialHost {
+        /// To whom.
+        peer: GatewayId,
+        /// Which of its hosts, from 0.
+        host: usize,
+    },
     /// Send a beacon.
     Announce,
 }
@@ -95,12 +109,21 @@ pub struct Discovery {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Peer {
     configured: Vec<SocketAddr>,
+    /// How many names of hosts there are besides.
+    hosts: usize,
     /// From beacons, the newest first.
     heard: [Option<SocketAddr>; 2],
     backoff: Backoff,
-    /// The next of the addresses.
+    /// The next of the places.
     turn: usize,
     state: State,
+}
+
+/// Where a peer may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Where {
+    At(SocketAddr),
+    Host(usize),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -146,6 +169,7 @@ impl Discovery {
     pub fn handle(&mut self, now: Instant, input: Input<'_>) {
         match input {
             Input::Trust { peer, addresses } => self.trust(now, peer, addresses),
+            Input::Named { peer, hosts } => self.named(now, peer, hosts),
             Input::Distrust { peer } => self.distrust(peer),
             Input::Beacon { from, bytes } => self.beacon(now, from, bytes),
             Input::Connected { peer, epoch } => {
@@ -177,14 +201,30 @@ impl Discovery {
         let seed = self.random.random();
         let it = self.peers.entry(peer).or_insert_with(|| Peer {
             configured: Vec::new(),
+            hosts: 0,
             heard: [None; 2],
             backoff: Backoff::new(seed, LONGEST),
             turn: 0,
             state: State::Unknown,
         });
         it.configured = addresses;
+        self.look_again(now, peer);
+    }
+
+    fn named(&mut self, now: Instant, peer: GatewayId, hosts: usize) {
+        if let Some(it) = self.peers.get_mut(&peer) {
+            it.hosts = hosts;
+            self.look_again(now, peer);
+        }
+    }
+
+    /// There are other places where a peer may be.
+    fn look_again(&mut self, now: Instant, peer: GatewayId) {
+        let Some(it) = self.peers.get(&peer) else {
+            return;
+        };
         match it.state {
-            State::Waiting { .. } if it.addresses().next().is_none() => {
+            State::Waiting { .. } if it.places().next().is_none() => {
                 self.enter(peer, State::Unknown);
             }
             State::Unknown => self.wait(now, peer),
@@ -265,7 +305,7 @@ impl Discovery {
         let Some(it) = self.peers.get_mut(&peer) else {
             return;
         };
-        let is_somewhere = it.addresses().next().is_some();
+        let is_somewhere = it.places().next().is_some();
         let state = if is_somewhere {
             let until = now.after(it.backoff.wait());
             State::Waiting { until }
@@ -295,17 +335,20 @@ impl Discovery {
             let Some(it) = self.peers.get_mut(&peer) else {
                 return;
             };
-            let address = it.next_address();
+            let place = it.next_place();
             let state = match it.state {
                 State::Connected { since, epoch, .. } => {
-                    let hint = address.map_or(Hint::None, |_| Hint::Dialing);
+                    let hint = place.map_or(Hint::None, |_| Hint::Dialing);
                     State::Connected { since, epoch, hint }
                 }
-                _ if address.is_some() => State::Dialing,
+                _ if place.is_some() => State::Dialing,
                 _ => State::Unknown,
             };
             self.enter(peer, state);
-            let dial = address.map(|address| Output::Dial { peer, address });
+            let dial = place.map(|place| match place {
+                Where::At(address) => Output::Dial { peer, address },
+                Where::Host(host) => Output::DialHost { peer, host },
+            });
             self.outputs.extend(dial);
         }
         //= SM2-GWD-005
@@ -331,20 +374,23 @@ impl Discovery {
 
 impl Peer {
     /// First those of the configuration.
-    fn addresses(&self) -> impl Iterator<Item = SocketAddr> {
-        let heard = self.heard.iter().flatten();
-        self.configured.iter().chain(heard).copied()
+    fn places(&self) -> impl Iterator<Item = Where> {
+        let heard = self.heard.iter().flatten().copied();
+        let configured = self.configured.iter().copied();
+        let hosts = (0..self.hosts).map(Where::Host);
+        let configured = configured.map(Where::At).chain(hosts);
+        configured.chain(heard.map(Where::At))
     }
 
     /// Each in turn.
-    fn next_address(&mut self) -> Option<SocketAddr> {
-        let address = self.addresses().nth(self.turn);
-        let address = address.or_else(|| {
+    fn next_place(&mut self) -> Option<Where> {
+        let place = self.places().nth(self.turn);
+        let place = place.or_else(|| {
             self.turn = 0;
-            self.addresses().next()
+            self.places().next()
         });
         self.turn += 1;
-        address
+        place
     }
 
     fn hear(&mut self, address: SocketAddr) {

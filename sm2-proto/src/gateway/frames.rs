@@ -90,6 +90,8 @@ pub enum Subject {
         data: TypeId,
         /// Whether its publishers are reliable.
         reliable: bool,
+        /// How many messages they keep for subscribers that come later, together.
+        latched: u16,
     },
     /// Calls.
     Service {
@@ -117,6 +119,15 @@ impl Subject {
     pub const fn name(&self) -> &Name {
         match self {
             Self::Topic { name, .. } | Self::Service { name, .. } => name,
+        }
+    }
+
+    /// How many messages are kept for subscribers that come later.
+    #[must_use]
+    pub const fn latched(&self) -> u16 {
+        match self {
+            Self::Topic { latched, .. } => *latched,
+            Self::Service { .. } => 0,
         }
     }
 }
@@ -171,6 +182,9 @@ impl Frame {
     pub(super) fn check(&self) -> Result<(), PeerViolation> {
         match self {
             Self::Want { depth, .. } if !(1..=QOS_MAX).contains(depth) => {
+                Err(PeerViolation::BadQos)
+            }
+            Self::Offer { subject, .. } if subject.latched() > QOS_MAX => {
                 Err(PeerViolation::BadQos)
             }
             Self::Offer { path, .. } if !is_path(path) => Err(PeerViolation::BadPath),

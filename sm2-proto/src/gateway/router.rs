@@ -116,6 +116,12 @@ impl Router {
         state.into_iter().flat_map(move |it| it.takers(source))
     }
 
+    /// What the domain itself has.
+    pub fn local(&self) -> impl Iterator<Item = &Subject> {
+        let local = self.subjects.iter().filter(|(_, it)| it.local);
+        local.map(|(subject, _)| subject)
+    }
+
     /// Of whom an offer of this gateway's is.
     #[must_use]
     pub fn source(&self, peer: GatewayId, offer: u64) -> Option<(&Subject, Source)> {

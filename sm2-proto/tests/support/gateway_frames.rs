@@ -18,12 +18,13 @@ fn any_type() -> impl Strategy<Value = TypeId> {
 }
 
 pub(crate) fn any_frame() -> impl Strategy<Value = Frame> {
-    let topic =
-        (any_name(), any_type(), any::<bool>()).prop_map(|(name, data, reliable)| Subject::Topic {
-            name,
-            data,
-            reliable,
-        });
+    let topic = (any_name(), any_type(), any::<bool>(), 0_u16..=1_024);
+    let topic = topic.prop_map(|(name, data, reliable, latched)| Subject::Topic {
+        name,
+        data,
+        reliable,
+        latched,
+    });
     let service =
         (any_name(), any_type(), any_type()).prop_map(|(name, request, reply)| Subject::Service {
             name,

@@ -184,6 +184,7 @@ impl World {
         while let Some(output) = self.discovery.poll() {
             match output {
                 Output::Dial { peer, address } => self.dialled(peer, address),
+                Output::DialHost { .. } => unreachable!("no host has a name here"),
                 Output::Announce => {
                     let last = self.announced.replace(self.now);
                     let least = Duration::from_millis(500);

@@ -403,6 +403,7 @@ fn subject(script: &mut Script<'_>) -> Option<Subject> {
             name,
             data,
             reliable: true,
+            latched: 0,
         },
         SubjectKind::Service => Subject::Service {
             name,

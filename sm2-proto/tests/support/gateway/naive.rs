@@ -65,6 +65,9 @@ pub(crate) fn body(bytes: &[u8]) -> Read<Value> {
             if count == 0 || count > 8 || path.iter().enumerate().any(is_twice) {
                 wrong = Some("bad-path");
             }
+            if subject["topic"]["latched"].as_u64() > Some(1_024) {
+                wrong = Some("bad-qos");
+            }
             json!({"OFFER": {"offer": offer, "subject": subject, "path": path}})
         }
         2 => json!({"UNOFFER": {"offer": reader.number(64)?}}),
@@ -176,6 +179,7 @@ impl<'a> Reader<'a> {
                 "name": self.name()?,
                 "data": self.data()?,
                 "reliable": self.boolean()?,
+                "latched": self.number(16)?,
             }}),
             1 => json!({"service": {
                 "name": self.name()?,

@@ -61,7 +61,13 @@ fn subject(subject: &Subject) -> Value {
             name,
             data: it,
             reliable,
-        } => json!({"topic": {"name": name.as_str(), "data": data(it), "reliable": reliable}}),
+            latched,
+        } => json!({"topic": {
+            "name": name.as_str(),
+            "data": data(it),
+            "reliable": reliable,
+            "latched": latched,
+        }}),
         Subject::Service {
             name,
             request,

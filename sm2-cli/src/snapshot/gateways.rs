@@ -1,0 +1,113 @@
+//! The gateways of a domain, as they say they are themselves.
+
+use std::time::Duration;
+
+use serde::Serialize;
+use sm2_gateway::{
+    Counts, Report,
+    report::{self, PeerReport},
+};
+use sm2_proto::domain::Domain as Mirror;
+
+use crate::{columns::Columns, connect::Session};
+
+/// How long gateways may take to answer, all together.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// A gateway, and what it says.
+#[derive(Serialize)]
+pub(super) struct Gateway {
+    /// The service that it was asked by.
+    service: String,
+    /// None if it did not answer in time.
+    report: Option<Report>,
+    /// Why it did not.
+    error: Option<String>,
+}
+
+/// Asks the gateways of a domain. One that does not answer is part of the picture.
+pub(super) fn ask(session: &Session, domain: &Mirror) -> Vec<Gateway> {
+    let services = report::gateways(domain);
+    let answers = report::ask(&session.node, services, PATIENCE).into_iter();
+    let gateways = answers.map(|(service, report)| {
+        let (report, error) = match report {
+            Ok(report) => (Some(report), None),
+            Err(error) => (None, Some(error.to_string())),
+        };
+        Gateway {
+            service: service.to_string(),
+            report,
+            error,
+        }
+    });
+    gateways.collect()
+}
+
+/// For people: a line for each peer, and for each name that goes to it or comes from it.
+pub(super) fn table(gateways: &[Gateway]) -> Columns<11> {
+    let mut table = Columns::new([
+        "GATEWAY",
+        "PEER",
+        "OF",
+        "OFFERED",
+        "SENT",
+        "SUPERSEDED",
+        "EXPIRED",
+        "RECEIVED",
+        "LOST",
+        "DENIED",
+        "RTT ms",
+    ]);
+    for gateway in gateways {
+        let Some(report) = &gateway.report else {
+            table.push(row(&gateway.service, "-", "does not answer", None, None));
+            continue;
+        };
+        if report.peers.is_empty() && report.absent.is_empty() {
+            table.push(row(&report.name, "-", "no peers", None, None));
+        }
+        for peer in &report.peers {
+            table.push(row(
+                &report.name,
+                &peer.name,
+                "all",
+                Some(&peer.messages),
+                Some(peer),
+            ));
+            for it in &peer.subjects {
+                let of = format!("{} {}", it.kind, it.name);
+                table.push(row(&report.name, &peer.name, &of, Some(&it.counts), None));
+            }
+        }
+        for peer in &report.absent {
+            table.push(row(&report.name, peer, "not connected", None, None));
+        }
+    }
+    table
+}
+
+fn row(
+    gateway: &str,
+    name: &str,
+    of: &str,
+    counts: Option<&Counts>,
+    peer: Option<&PeerReport>,
+) -> [String; 11] {
+    let number = |count: fn(&Counts) -> u64| {
+        counts.map_or_else(|| "-".to_owned(), |it| count(it).to_string())
+    };
+    let rtt = peer.and_then(|it| it.rtt_ms);
+    [
+        gateway.to_owned(),
+        name.to_owned(),
+        of.to_owned(),
+        number(|it| it.offered),
+        number(|it| it.sent),
+        number(|it| it.superseded),
+        number(|it| it.expired),
+        number(|it| it.received),
+        number(|it| it.lost),
+        peer.map_or_else(|| "-".to_owned(), |it| it.denied.to_string()),
+        rtt.map_or_else(|| "-".to_owned(), |it| format!("{it:.1}")),
+    ]
+}

@@ -1,0 +1,168 @@
+//! A report as metrics.
+
+use std::{fmt, sync::atomic::AtomicU64};
+
+use prometheus_client::{
+    encoding::text::encode,
+    metrics::{counter::Counter, family::Family, gauge::Gauge},
+    registry::{Registry, Unit},
+};
+
+use crate::{Counts, Report};
+
+type Labels = Vec<(&'static str, String)>;
+type Counters = Family<Labels, Counter>;
+
+/// What a count is called, what it is of, and which one it is.
+type Count = (&'static str, &'static str, fn(&Counts) -> u64);
+
+const COUNTS: [Count; 9] = [
+    ("offered", "given to the schedule", |it| it.offered),
+    ("sent", "wholly handed to QUIC", |it| it.sent),
+    ("superseded", "dropped for newer ones", |it| it.superseded),
+    ("expired", "dropped, too old", |it| it.expired),
+    ("withdrawn", "not wanted any more", |it| it.withdrawn),
+    ("received", "came whole", |it| it.received),
+    ("refused", "came and not taken", |it| it.refused),
+    ("lost", "without room in this gateway", |it| it.lost),
+    ("skipped", "left out on the way here", |it| it.skipped),
+];
+
+/// In the OpenMetrics text format.
+pub(super) fn text(report: &Report) -> Result<String, fmt::Error> {
+    let gateway = ("gateway".into(), report.name.clone().into());
+    let mut registry = Registry::with_labels([gateway].into_iter());
+    let registry_of_gateway = registry.sub_registry_with_prefix("sm2_gateway");
+    peers(report, registry_of_gateway);
+    counts(report, registry_of_gateway);
+    let mut text = String::new();
+    encode(&mut text, &registry)?;
+    Ok(text)
+}
+
+fn peers(report: &Report, registry: &mut Registry) {
+    let connected = Family::<Labels, Gauge>::default();
+    let denied = Family::<Labels, Gauge>::default();
+    let rtt = Family::<Labels, Gauge<f64, AtomicU64>>::default();
+    for name in &report.absent {
+        connected.get_or_create(&of(name)).set(0);
+    }
+    for peer in &report.peers {
+        let labels = of(&peer.name);
+        connected.get_or_create(&labels).set(1);
+        let names = i64::try_from(peer.denied).unwrap_or(i64::MAX);
+        denied.get_or_create(&labels).set(names);
+        if let Some(ms) = peer.rtt_ms {
+            rtt.get_or_create(&labels).set(ms / 1e3);
+        }
+    }
+    let help = "Whether there is a connection";
+    registry.register("peer_connected", help, connected);
+    let help = "Topics and services that the rules deny";
+    registry.register("peer_denied", help, denied);
+    let help = "The time that it takes there and back";
+    registry.register_with_unit("peer_rtt", help, Unit::Seconds, rtt);
+}
+
+fn counts(report: &Report, registry: &mut Registry) {
+    for (word, help, count) in COUNTS {
+        let (all, named) = (Counters::default(), Counters::default());
+        for peer in &report.peers {
+            let add = |family: &Counters, labels: &Labels, counts| {
+                family.get_or_create(labels).inc_by(count(counts));
+            };
+            let mut labels = of(&peer.name);
+            add(&all, &labels, &peer.messages);
+            for it in &peer.subjects {
+                if it.counts == Counts::default() {
+                    continue;
+                }
+                labels.truncate(1);
+                labels.push(("kind", it.kind.clone()));
+                labels.push(("name", it.name.clone()));
+                add(&named, &labels, &it.counts);
+            }
+        }
+        let of_all = format!("Messages, requests and replies {help}");
+        registry.register(format!("peer_{word}"), of_all, all);
+        let of_one = format!("Messages, or requests and replies, of one name: {help}");
+        registry.register(word, of_one, named);
+    }
+}
+
+fn of(peer: &str) -> Labels {
+    vec![("peer", peer.to_owned())]
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::report::{PeerReport, SubjectReport};
+
+    use super::*;
+
+    #[test]
+    fn each_count_of_a_peer_and_of_a_name_is_there_once() {
+        let counts = Counts {
+            offered: 1,
+            sent: 2,
+            superseded: 3,
+            expired: 4,
+            withdrawn: 5,
+            received: 6,
+            refused: 7,
+            lost: 8,
+            skipped: u64::MAX,
+        };
+        let subject = |name: &str, counts| SubjectReport {
+            kind: "topic".to_owned(),
+            name: name.to_owned(),
+            counts,
+        };
+        let peer = PeerReport {
+            name: "far".to_owned(),
+            id: "ab".to_owned(),
+            address: None,
+            rtt_ms: Some(1.5),
+            offers: Vec::new(),
+            offered: Vec::new(),
+            messages: counts,
+            subjects: vec![subject("a", counts), subject("quiet", Counts::default())],
+            denied: 9,
+            denials: Vec::new(),
+        };
+        let report = Report {
+            name: "near".to_owned(),
+            id: "cd".to_owned(),
+            peers: vec![peer],
+            absent: vec!["away".to_owned()],
+            shadow: None,
+        };
+        let text = text(&report).unwrap();
+        for (number, (word, _, count)) in (1..).zip(COUNTS) {
+            let value = if number == 9 { u64::MAX } else { number };
+            assert_eq!(count(&counts), value);
+            for line in [
+                format!("sm2_gateway_peer_{word}_total{{gateway=\"near\",peer=\"far\"}} {value}"),
+                format!(
+                    "sm2_gateway_{word}_total{{gateway=\"near\",peer=\"far\",kind=\"topic\",name=\"a\"}} {value}"
+                ),
+            ] {
+                assert_eq!(
+                    text.lines().filter(|it| *it == line).count(),
+                    1,
+                    "{line}\n{text}"
+                );
+            }
+        }
+        for line in [
+            "sm2_gateway_peer_connected{gateway=\"near\",peer=\"far\"} 1",
+            "sm2_gateway_peer_connected{gateway=\"near\",peer=\"away\"} 0",
+            "sm2_gateway_peer_denied{gateway=\"near\",peer=\"far\"} 9",
+            "sm2_gateway_peer_rtt_seconds{gateway=\"near\",peer=\"far\"} 0.0015",
+            "# EOF",
+        ] {
+            assert!(text.lines().any(|it| it == line), "{line}\n{text}");
+        }
+        assert!(!text.contains("quiet"), "{text}");
+    }
+}

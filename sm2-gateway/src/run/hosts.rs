@@ -1,0 +1,130 @@
+//! Names of hosts that peers may be at: looked up at each attempt, since a robot's address changes.
+
+use std::{
+    collections::BTreeMap,
+    io,
+    net::{IpAddr, SocketAddr},
+};
+
+use sm2_proto::gateway::GatewayId;
+use tokio::{net::lookup_host, sync::mpsc};
+
+use super::NetworkMessage;
+
+/// The names of each peer's hosts.
+#[derive(Debug, Default)]
+pub(super) struct Hosts {
+    names: BTreeMap<GatewayId, Vec<String>>,
+    /// How many addresses were chosen so far: of several ones each has its turn.
+    turn: usize,
+}
+
+impl Hosts {
+    pub(super) fn forget(&mut self) {
+        self.names.clear();
+    }
+
+    pub(super) fn add(&mut self, peer: GatewayId, host: String) {
+        self.names.entry(peer).or_default().push(host);
+    }
+
+    pub(super) fn count(&self, peer: GatewayId) -> usize {
+        self.names.get(&peer).map_or(0, Vec::len)
+    }
+
+    /// Asks the system, which may take its time: the answer is a message. There is one for each
+    /// question, so that no more than one is open of a peer.
+    pub(super) fn look_up(
+        &self,
+        peer: GatewayId,
+        host: usize,
+        network: mpsc::UnboundedSender<NetworkMessage>,
+    ) {
+        let host = self.names.get(&peer).and_then(|it| it.get(host));
+        let Some(host) = host.cloned() else {
+            // It has other names since.
+            let _ = network.send(NetworkMessage::Failed { peer });
+            return;
+        };
+        tokio::spawn(async move {
+            let addresses = lookup_host(&host).await.map(Iterator::collect);
+            // Without a network there is nothing to connect to.
+            let _ = network.send(NetworkMessage::Resolved {
+                peer,
+                host,
+                addresses,
+            });
+        });
+    }
+
+    /// Where to try: one of the addresses that a socket can reach that listens at `local`.
+    pub(super) fn choose(
+        &mut self,
+        peer: GatewayId,
+        host: &str,
+        found: io::Result<Vec<SocketAddr>>,
+        local: IpAddr,
+    ) -> Option<SocketAddr> {
+        if !(self.names.get(&peer)).is_some_and(|it| it.iter().any(|it| it == host)) {
+            return None;
+        }
+        let addresses: Vec<_> = match found {
+            Ok(found) => found
+                .into_iter()
+                .filter(|it| can_reach(local, *it))
+                .collect(),
+            Err(error) => {
+                tracing::warn!(%peer, host, %error, "the host of a peer was not found");
+                return None;
+            }
+        };
+        if addresses.is_empty() {
+            tracing::warn!(
+                %peer, host, listen = %local,
+                "the host of a peer has no address that can be reached from where `listen` is"
+            );
+            return None;
+        }
+        self.turn = self.turn.wrapping_add(1);
+        addresses.get(self.turn % addresses.len()).copied()
+    }
+}
+
+/// A socket of IPv6 can reach IPv4 if it listens everywhere.
+const fn can_reach(local: IpAddr, address: SocketAddr) -> bool {
+    match local {
+        IpAddr::V4(_) => address.is_ipv4(),
+        IpAddr::V6(local) => address.is_ipv6() || local.is_unspecified(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PEER: GatewayId = GatewayId([1; 32]);
+
+    #[test]
+    fn each_address_that_can_be_reached_has_its_turn() {
+        let mut hosts = Hosts::default();
+        hosts.add(PEER, "robot:1".to_owned());
+        let four: SocketAddr = "192.0.2.1:1".parse().unwrap();
+        let six: SocketAddr = "[2001:db8::1]:1".parse().unwrap();
+        let mut chosen = |local: &str| {
+            let local = local.parse().unwrap();
+            let found = || Ok(vec![six, four]);
+            let mut two = [(); 2].map(|()| hosts.choose(PEER, "robot:1", found(), local));
+            two.sort();
+            two
+        };
+        assert_eq!(chosen("0.0.0.0"), [Some(four); 2]);
+        assert_eq!(chosen("::"), [Some(four), Some(six)]);
+        assert_eq!(chosen("::1"), [Some(six); 2]);
+        let mut choose = |peer, host, found| hosts.choose(peer, host, found, four.ip());
+        assert_eq!(choose(PEER, "robot:1", Ok(vec![six])), None);
+        assert_eq!(choose(PEER, "robot:1", Err(io::Error::other("no"))), None);
+        // It is not trusted any more, or is elsewhere.
+        assert_eq!(choose(GatewayId([2; 32]), "robot:1", Ok(vec![four])), None);
+        assert_eq!(choose(PEER, "other:1", Ok(vec![four])), None);
+    }
+}

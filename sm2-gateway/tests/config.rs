@@ -1,0 +1,61 @@
+//! Configurations: what is refused, where, and what a reload cannot take.
+
+use std::path::Path;
+
+use sm2_gateway::{Address, Config, ConfigError};
+
+const GOOD: &str = "name = \"near\"\nkey = \"key\"\n";
+
+fn parse(text: &str) -> Result<Config, ConfigError> {
+    Config::parse(Path::new("dir/gateway.toml"), text)
+}
+
+fn with_addresses(addresses: &str) -> String {
+    let id = "01".repeat(32);
+    format!("{GOOD}[[peer]]\nname = \"far\"\nid = \"{id}\"\naddresses = [\n{addresses}]\n")
+}
+
+#[test]
+fn a_peer_has_addresses_and_names_of_hosts() {
+    let text = with_addresses("\"192.0.2.1:7633\", \"robot.local:7633\"");
+    let addresses = &parse(&text).unwrap().peers[0].addresses;
+    let host = Address::Host("robot.local:7633".to_owned());
+    let expected = [Address::At("192.0.2.1:7633".parse().unwrap()), host];
+    assert_eq!(addresses[..], expected);
+    for wrong in [
+        "robot.local",
+        "192.0.2.300:7633",
+        "robot..local:1",
+        "robot:0",
+        "",
+    ] {
+        let text = with_addresses(&format!("\"robot.local:7633\",\n\"{wrong}\""));
+        let error = parse(&text).unwrap_err().to_string();
+        let start = format!("dir/gateway.toml:8: `{wrong}` is neither an address with a port");
+        assert!(error.starts_with(&start), "{error}");
+    }
+}
+
+#[test]
+fn each_key_that_only_a_restart_can_take_is_named() {
+    let old = parse(GOOD).unwrap();
+    assert_eq!(old.fixed_keys(&old), Vec::<&str>::new());
+    let table = [
+        ("name", GOOD.replace("near", "far")),
+        ("listen", format!("listen = \"127.0.0.1:1\"\n{GOOD}")),
+        ("key", GOOD.replace("\"key\"", "\"other\"")),
+        ("domain", format!("domain = \"other\"\n{GOOD}")),
+        ("socket", format!("socket = \"other\"\n{GOOD}")),
+        ("discovery", format!("discovery = [\"lo\"]\n{GOOD}")),
+        ("congestion", format!("congestion = \"bbr\"\n{GOOD}")),
+        ("limits", format!("{GOOD}[limits]\nmessage_bytes = 1\n")),
+        ("limits", format!("{GOOD}[limits]\nmemory_bytes = 1\n")),
+    ];
+    for (key, text) in table {
+        assert_eq!(old.fixed_keys(&parse(&text).unwrap()), [key], "{text}");
+    }
+    // A reload takes these.
+    let rule = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
+    let other = with_addresses("\"robot:1\"") + rule;
+    assert_eq!(old.fixed_keys(&parse(&other).unwrap()), Vec::<&str>::new());
+}

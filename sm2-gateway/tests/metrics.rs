@@ -1,0 +1,117 @@
+//! Metrics over HTTP: for those who ask well, and beside those who do not.
+
+mod common;
+
+use std::{
+    io::{ErrorKind, Read, Write},
+    net::{SocketAddr, TcpStream},
+    time::{Duration, Instant},
+};
+
+use common::{ALL, Domain, SOON, runtime, until};
+use sm2_gateway::Gateway;
+use tokio::{net::TcpListener, runtime::Runtime};
+
+fn serve(runtime: &Runtime, gateway: &Gateway) -> SocketAddr {
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+    let address = listener.local_addr().unwrap();
+    let _inside = runtime.enter();
+    gateway.serve_metrics(listener);
+    address
+}
+
+fn connect(address: SocketAddr) -> TcpStream {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(SOON)).unwrap();
+    stream
+}
+
+fn ask(address: SocketAddr, request: &str) -> String {
+    let mut stream = connect(address);
+    let text = format!("{request} HTTP/1.1\r\nHost: here\r\n\r\n");
+    stream.write_all(text.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
+}
+
+fn scrape(address: SocketAddr) -> String {
+    ask(address, "GET /metrics")
+}
+
+#[test]
+fn what_goes_to_a_peer_is_counted_for_prometheus() {
+    let (near, far) = (Domain::new("near"), Domain::new("far"));
+    let runtime = runtime();
+    let left = near.gateway(&runtime, &[(&far, None)], ALL);
+    let address = serve(&runtime, &left);
+    let gauge = |text: &str, value| {
+        let line = format!("sm2_gateway_peer_connected{{gateway=\"near\",peer=\"far\"}} {value}");
+        text.lines().any(|it| it == line)
+    };
+    assert!(gauge(&scrape(address), 0));
+    let right = far.gateway(&runtime, &[(&near, Some(left.address()))], ALL);
+    let talker = near.node("talker");
+    let publisher = talker.publisher::<u64>("count").unwrap();
+    let listener = far.node("listener");
+    let subscriber = listener.subscriber::<u64>("count").unwrap();
+    subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
+    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    publisher.publish(&1).unwrap();
+    subscriber.recv_timeout(SOON).unwrap().expect("in time");
+    let sent =
+        "sm2_gateway_sent_total{gateway=\"near\",peer=\"far\",kind=\"topic\",name=\"count\"} 1";
+    until("counted", || scrape(address).lines().any(|it| it == sent));
+    let text = scrape(address);
+    assert!(gauge(&text, 1), "{text}");
+    assert!(text.starts_with("HTTP/1.1 200 "), "{text}");
+    let kind = "content-type: application/openmetrics-text; version=1.0.0; charset=utf-8";
+    assert!(text.lines().any(|it| it == kind), "{text}");
+    assert!(text.ends_with("# EOF\n"), "{text}");
+    assert!(ask(address, "GET /").starts_with("HTTP/1.1 404 "));
+    assert!(ask(address, "POST /metrics").starts_with("HTTP/1.1 405 "));
+    runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
+}
+
+/// Whether the other side has hung up, and what it said before.
+fn is_over(stream: &mut TcpStream) -> bool {
+    let mut bytes = [0; 4096];
+    loop {
+        match stream.read(&mut bytes) {
+            Ok(0) => return true,
+            Ok(_) => {}
+            Err(error) => return error.kind() == ErrorKind::ConnectionReset,
+        }
+    }
+}
+
+#[test]
+fn scrapers_that_are_slow_or_hostile_harm_nothing() {
+    let near = Domain::new("near");
+    let runtime = runtime();
+    let gateway = near.gateway(&runtime, &[], ALL);
+    let address = serve(&runtime, &gateway);
+    // More than there is room for: some say nothing, some never end, one is too long.
+    let began = Instant::now();
+    let mut silent: Vec<TcpStream> = (0..20).map(|_| connect(address)).collect();
+    for stream in silent.iter_mut().step_by(2) {
+        stream.write_all(b"GET /metrics HTTP/1.1\r\nX: ").unwrap();
+    }
+    // The gateway itself goes on meanwhile.
+    assert!(common::report(&runtime, &gateway).peers.is_empty());
+    assert!(began.elapsed() < Duration::from_secs(2));
+    // Each has its time, and then makes room.
+    let text = scrape(address);
+    assert!(text.starts_with("HTTP/1.1 200 "), "{text}");
+    for stream in &mut silent {
+        assert!(is_over(stream));
+    }
+    let mut long = connect(address);
+    let head = vec![b'x'; 1 << 20];
+    // It may hang up before all is written.
+    let _ = long.write_all(b"GET /metrics HTTP/1.1\r\nX: ");
+    let _ = long.write_all(&head);
+    assert!(is_over(&mut long));
+    assert!(scrape(address).ends_with("# EOF\n"));
+    runtime.block_on(gateway.stop());
+}
