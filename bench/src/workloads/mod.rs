@@ -171,7 +171,7 @@ pub const WORKLOADS: &[Workload] = &[
     },
     Workload {
         name: "bad-link",
-        about: "1 MB at 30 Hz to a local subscriber, and to one behind 30.8 Mbit/s and 15 ms, with 0 and 4 % loss",
+        about: "1 MB at 30 Hz to a local subscriber, and to one behind 30.8 Mbit/s and 15 ms, which loses 0 or 4 %",
         cases: bad_link::cases,
         shown: &[
             "remote_goodput",
