@@ -78,7 +78,7 @@ fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
         Frame::Ask { ask, kind, name }.to_bytes()
     });
     client.say(&questions.collect::<Vec<_>>().concat());
-    let payload = vec![b'x'; 1 << 20];
+    let payload = vec![b'x'; 2 << 20];
     let header = message(1, MESSAGE_BYTES as u64);
     for _ in 0..MESSAGES_IN_THE_MAKING_MAX {
         let stream = client.open(Dir::Uni);
