@@ -83,7 +83,7 @@ fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
     for _ in 0..MESSAGES_IN_THE_MAKING_MAX {
         let stream = client.open(Dir::Uni);
         client.write(stream, &header.to_bytes());
-        client.write(stream, &payload);
+        client.write_all(stream, &payload);
     }
     client.until("much is kept", |_| {
         gateway.memory("VmRSS") > before + MEMORY_BYTES / 2
