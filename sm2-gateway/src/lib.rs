@@ -6,6 +6,7 @@
 //! | make and read keys | [`keys`] |
 //! | ask those of a domain how they are | [`report`] |
 //! | compare rules with others | [`shadow`] |
+//! | count for Prometheus | `metrics`, with the feature of that name |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
 //! | the same for all that is between domain and peers | [`hub`] |
 //! | try all that over a link that loses, delays and stands still | `bad_link`, with the feature `bad-link` |

@@ -10,6 +10,8 @@ mod common;
 mod frames;
 #[path = "hostile/identity.rs"]
 mod identity;
+#[path = "hostile/memory.rs"]
+mod memory;
 #[path = "hostile/streams.rs"]
 mod streams;
 

@@ -8,6 +8,7 @@
 mod ahead;
 mod calls;
 mod incoming;
+mod offers;
 mod outgoing;
 mod reading;
 mod topics;
@@ -28,13 +29,19 @@ use sm2_io::quic::peer_of;
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
-        GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, Subject, SubjectKind,
+        GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
         session::{End, Input, Output, Session},
     },
 };
 
 pub use self::words::{Command, Event, Held, Limits, Me, Reason};
-use self::{ahead::Ahead, calls::Calls, incoming::Incoming, topics::Topics};
+use self::{
+    ahead::Ahead,
+    calls::Calls,
+    incoming::Incoming,
+    offers::{Offer, Waiting},
+    topics::Topics,
+};
 use crate::{
     clock::{Clock, Now},
     tally::{Counts, Tally, Whose},
@@ -58,6 +65,7 @@ pub struct Peer {
     control: Option<StreamId>,
     control_out: VecDeque<Bytes>,
     incoming: Incoming,
+    waiting: Waiting,
     topics: Topics,
     calls: Calls,
     ahead: Ahead,
@@ -87,6 +95,7 @@ impl Peer {
             control: None,
             control_out: VecDeque::new(),
             incoming: Incoming::default(),
+            waiting: Waiting::default(),
             topics: Topics::default(),
             calls: Calls::default(),
             ahead: Ahead::default(),
@@ -221,27 +230,15 @@ impl Peer {
                 path,
                 terms,
             } => {
-                // Nobody says again what is latched.
-                let is_reliable = subject.latched() > 0
-                    || matches!(subject, Subject::Topic { reliable: true, .. });
-                let input = Input::Offer {
-                    offer,
-                    subject: subject.clone(),
+                let it = Offer {
+                    subject,
                     path,
+                    terms,
                 };
-                if self.session_takes(now, input) {
-                    self.tally.open(Whose::Ours(offer), &subject);
-                    self.topics.terms(offer, terms, is_reliable);
-                }
+                self.offer(now, offer, it);
             }
-            Command::Unoffer { offer } => {
-                self.session_takes(now, Input::Unoffer { offer });
-                self.topics.forget(now.at, offer);
-                // What waited of it counts as its own.
-                (self.topics).drain(&mut self.connection, &mut self.tally);
-                self.tally.close(Whose::Ours(offer));
-            }
-            Command::Change { offer, terms } => self.topics.change(now.at, offer, terms),
+            Command::Unoffer { offer } => self.withdraw(now, offer),
+            Command::Change { offer, terms } => self.change(now, offer, terms),
             Command::Want { offer, depth } => {
                 self.session_takes(now, Input::Want { offer, depth });
             }
@@ -297,6 +294,7 @@ impl Peer {
         while let Some(event) = self.connection.poll() {
             self.on_quic(now, event);
         }
+        self.make_offers(now);
         self.drain_session(now);
         if self.is_over {
             return;

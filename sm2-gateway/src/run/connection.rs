@@ -271,3 +271,30 @@ impl Task {
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
+
+#[cfg(test)]
+mod tests {
+    use bytes::Bytes;
+
+    use super::*;
+
+    #[test]
+    fn a_message_that_finds_no_room_comes_back() {
+        let (senders, inbox) = channels();
+        let message = |offer| Command::Message {
+            offer,
+            sequence: 1,
+            published: Instant(0),
+            payload: Bytes::new(),
+        };
+        for _ in 0..MESSAGES {
+            assert!(senders.command(message(1)).is_none());
+        }
+        let back = senders.command(message(7));
+        assert!(matches!(back, Some(Command::Message { offer: 7, .. })));
+        // What has to be done has room, and with the connection all that is for it is gone.
+        assert!(senders.command(Command::Unoffer { offer: 1 }).is_none());
+        drop(inbox);
+        assert!(senders.command(message(1)).is_none());
+    }
+}

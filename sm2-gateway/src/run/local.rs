@@ -62,3 +62,39 @@ pub(super) async fn run(mut local: Local, mut inbox: Inbox) {
         block_in_place(|| local.handle(command));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bytes::Bytes;
+    use sm2_proto::{
+        Name, TypeId,
+        gateway::{GatewayId, Subject},
+    };
+
+    use super::*;
+
+    #[test]
+    fn a_message_that_finds_no_room_comes_back() {
+        let (orders, inbox) = channel();
+        let name = Name::new("scan").unwrap();
+        let subject = Subject::Topic {
+            name: name.clone(),
+            data: TypeId { name, hash: 0 },
+            reliable: false,
+            latched: 0,
+        };
+        let origin = GatewayId([1; 32]);
+        let publish = || LocalCommand::Publish {
+            subject: subject.clone(),
+            origin,
+            payload: Bytes::new(),
+        };
+        for _ in 0..MESSAGES {
+            assert_eq!(orders.send(publish()), None);
+        }
+        assert_eq!(orders.send(publish()), Some(publish()));
+        assert_eq!(orders.send(LocalCommand::Cancel { call: 1 }), None);
+        drop(inbox);
+        assert_eq!(orders.send(publish()), None);
+    }
+}

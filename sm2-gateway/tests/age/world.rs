@@ -1,4 +1,5 @@
 //! Two peers and the link between them, in virtual time.
+#![allow(dead_code, reason = "each test uses its own part")]
 
 use std::{
     cmp::Reverse,
@@ -9,11 +10,15 @@ use std::{
 
 use quinn_proto::ConnectionHandle;
 use sm2_gateway::{
+    Counts,
     clock::{Clock, Now},
     peer::{Command, Event, Limits, Me, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
-use sm2_proto::{Instant, Name, gateway::Hop};
+use sm2_proto::{
+    Instant, Name,
+    gateway::{Hop, SubjectKind},
+};
 
 /// A link, each way.
 #[derive(Clone, Copy)]
@@ -39,6 +44,9 @@ struct Side {
 
 /// A datagram on its way: when it arrives, its number, to which side.
 type Flying = Reverse<(Instant, u64, usize, Vec<u8>)>;
+
+/// What counts are of.
+pub(crate) type Named = (SubjectKind, Name);
 
 /// The near side is 0, and dials.
 pub(crate) struct World {
@@ -93,6 +101,14 @@ impl World {
 
     pub(crate) fn hop(&self, at: usize) -> Hop {
         self.sides[at].me.hop
+    }
+
+    /// What was counted at a side, in all and by name.
+    pub(crate) fn counts(&self, at: usize) -> (Counts, Vec<(Named, Counts)>) {
+        let (_, peer) = self.sides[at].peer.as_ref().unwrap();
+        let by_name = peer.counts_by_name();
+        let by_name = by_name.map(|(key, it)| (key.clone(), it)).collect();
+        (peer.counts(), by_name)
     }
 
     fn moment(&self) -> Now {

@@ -1,40 +1,9 @@
 //! A gateway that is killed, and another one in its place: local nodes feel nothing.
 
-use std::{
-    path::Path,
-    process::{Child, Command, Stdio},
-};
-
 use super::{
-    common::{ALL, Domain, runtime, until},
+    common::{ALL, Domain, Process, runtime, until},
     traffic::{Listener, Talker, assert_complete, assert_newer},
 };
-
-/// A gateway in a process of its own, which does not outlive the test.
-struct Process(Child);
-
-impl Process {
-    fn start(config: &Path) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-gateway"));
-        let command = command.arg("run").arg(config);
-        let command = command.stdout(Stdio::null()).stderr(Stdio::null());
-        Self(command.spawn().unwrap())
-    }
-
-    /// `kill -9`.
-    fn kill(mut self) {
-        self.0.kill().unwrap();
-        assert!(!self.0.wait().unwrap().success());
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        // It may be over already.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
 
 #[test]
 fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {

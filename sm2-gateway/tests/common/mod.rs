@@ -1,5 +1,7 @@
 //! Domains with a gateway each.
-#![allow(dead_code, reason = "each test uses its own part")]
+#![allow(dead_code, unused_imports, reason = "each test uses its own part")]
+
+mod process;
 
 use std::{
     fmt::Write,
@@ -14,6 +16,8 @@ use sm2_manager::{Background, Options};
 use sm2_node::Node;
 use sm2_proto::gateway::GatewayId;
 use tokio::runtime::Runtime;
+
+pub(crate) use self::process::Process;
 
 /// Long enough for a machine that is busy with other tests.
 pub(crate) const SOON: Duration = Duration::from_secs(20);

@@ -10,7 +10,7 @@ use std::{
 use bytes::{Bytes, BytesMut};
 use quinn_proto::{
     Connection, ConnectionError, ConnectionHandle, DatagramEvent, Dir, Endpoint, EndpointConfig,
-    Event, ReadError, StreamEvent, StreamId, TransportConfig, VarInt,
+    Event, ReadError, StreamEvent, StreamId, TransportConfig, VarInt, WriteError,
 };
 use sm2_proto::gateway::{Frame, FrameReader, Header};
 
@@ -120,6 +120,18 @@ impl Client {
         while !bytes.is_empty() && self.lost.is_none() {
             match self.connection.send_stream(id).write(bytes) {
                 Ok(len) => bytes = &bytes[len..],
+                Err(_) => return,
+            }
+            self.turn();
+        }
+    }
+
+    /// Writes all, unless the other side does not want it.
+    pub(crate) fn write_all(&mut self, id: StreamId, mut bytes: &[u8]) {
+        while !bytes.is_empty() && self.lost.is_none() {
+            match self.connection.send_stream(id).write(bytes) {
+                Ok(len) => bytes = &bytes[len..],
+                Err(WriteError::Blocked) => {}
                 Err(_) => return,
             }
             self.turn();

@@ -25,11 +25,11 @@ use sm2_node::Node;
 use tokio::runtime::Runtime;
 
 use self::{
-    report::{Age, LinkReport, Local, Remote, Report, Window},
-    traffic::{Shared, lock},
+    report::{Report, Window},
+    traffic::{Log, Seen, Shared, lock},
 };
-use super::{Arguments, folder, statistics::hundredths};
-use crate::{Ended, connect, error::CliError, interrupt::Interrupt, output::Output};
+use super::{Arguments, folder};
+use crate::{Ended, connect, error::CliError, interrupt::Interrupt, output::Output, size::Size};
 
 /// How far the subscriber beside the publisher may be behind; the other one wants the newest alone.
 const LOCAL_DEPTH: u16 = 4;
@@ -192,19 +192,8 @@ fn measure(
         stopped |= pause(near, interrupt, until)?;
         if !arguments.json {
             let window = Window { from, to: until };
-            let seen = lock(&local).clone();
-            let away = remote
-                .as_ref()
-                .map_or_else(Vec::new, |(log, _)| lock(log).clone());
-            out.line(format_args!(
-                "{second:3} {:10.1} {:7.0} {:11.2} {:8.1} {:11.1}",
-                window.hz(&seen),
-                window.age(&seen, 99) / 1e3,
-                window.hz(&away),
-                window.hz(&away) * 8e-6 * size.0 as f64,
-                window.age(&away, 50) / 1e6,
-            ))?;
-            out.flush()?;
+            let away = remote.as_ref().map(|(log, _)| log);
+            show(out, second, &window, size, [Some(&local), away])?;
         }
         if stopped || clock::now() >= begin.after(length) {
             break;
@@ -226,34 +215,36 @@ fn measure(
         from: join_at.after(SETTLING),
         to: end,
     };
-    let local = lock(&local).clone();
-    let away = log.map_or_else(Vec::new, |log| lock(&log).clone());
-    let hz = after.hz(&away);
+    let [local, away] = [Some(&local), log.as_ref()].map(seen);
     Ok(Report {
-        local: Local {
-            hz_before: before.hz(&local),
-            hz_after: after.hz(&local),
-            p99_us_before: hundredths(before.age(&local, 99) / 1e3),
-            p99_us_after: hundredths(after.age(&local, 99) / 1e3),
-            lost: report::lost(&local),
-            damaged: report::damaged(&local),
-        },
-        remote: Remote {
-            hz,
-            goodput_mbit: hundredths(hz * 8e-6 * size.0 as f64),
-            age_ms: Age {
-                p50: hundredths(after.age(&away, 50) / 1e6),
-                p99: hundredths(after.age(&away, 99) / 1e6),
-            },
-            damaged: report::damaged(&away),
-        },
-        link: LinkReport {
-            rate_mbit: link.profile().rate_bit / 1e6,
-            loss_percent: f64::from(link.profile().loss_permille) / 10.0,
-            kind: link.kind().as_str(),
-        },
         interrupted: stopped,
+        ..Report::new(size, link, [before, after], &local, &away)
     })
+}
+
+/// A line of the table.
+fn show(
+    out: &mut Output,
+    second: u64,
+    window: &Window,
+    size: Size,
+    logs: [Option<&Log>; 2],
+) -> Result<(), CliError> {
+    let [local, away] = logs.map(seen);
+    out.line(format_args!(
+        "{second:3} {:10.1} {:7.0} {:11.2} {:8.1} {:11.1}",
+        window.hz(&local),
+        window.age(&local, 99) / 1e3,
+        window.hz(&away),
+        window.hz(&away) * 8e-6 * size.0 as f64,
+        window.age(&away, 50) / 1e6,
+    ))?;
+    out.flush()
+}
+
+/// What a subscriber has seen so far, if it is there.
+fn seen(log: Option<&Log>) -> Vec<Seen> {
+    log.map_or_else(Vec::new, |log| lock(log).clone())
 }
 
 /// Whether a signal came.

@@ -1,10 +1,12 @@
 //! What came of it.
 
 use serde::Serialize;
+use sm2_gateway::bad_link::BadLink;
 use sm2_proto::Instant;
 
 use super::super::statistics::hundredths;
 use super::traffic::Seen;
+use crate::size::Size;
 
 /// The object that `--json` prints last.
 #[derive(Clone, Debug, Serialize)]
@@ -14,6 +16,44 @@ pub(super) struct Report {
     pub(super) link: LinkReport,
     /// Whether Ctrl-C came before the end.
     pub(super) interrupted: bool,
+}
+
+impl Report {
+    /// Of what both subscribers saw before the remote one joined, and after.
+    pub(super) fn new(
+        size: Size,
+        link: &BadLink,
+        [before, after]: [Window; 2],
+        local: &[Seen],
+        away: &[Seen],
+    ) -> Self {
+        let hz = after.hz(away);
+        Self {
+            local: Local {
+                hz_before: before.hz(local),
+                hz_after: after.hz(local),
+                p99_us_before: hundredths(before.age(local, 99) / 1e3),
+                p99_us_after: hundredths(after.age(local, 99) / 1e3),
+                lost: lost(local),
+                damaged: damaged(local),
+            },
+            remote: Remote {
+                hz,
+                goodput_mbit: hundredths(hz * 8e-6 * size.0 as f64),
+                age_ms: Age {
+                    p50: hundredths(after.age(away, 50) / 1e6),
+                    p99: hundredths(after.age(away, 99) / 1e6),
+                },
+                damaged: damaged(away),
+            },
+            link: LinkReport {
+                rate_mbit: link.profile().rate_bit / 1e6,
+                loss_percent: f64::from(link.profile().loss_permille) / 10.0,
+                kind: link.kind().as_str(),
+            },
+            interrupted: false,
+        }
+    }
 }
 
 /// The subscriber beside the publisher.
@@ -88,12 +128,12 @@ impl Window {
 }
 
 /// Messages with a wrong byte.
-pub(super) fn damaged(seen: &[Seen]) -> u64 {
+fn damaged(seen: &[Seen]) -> u64 {
     seen.iter().filter(|it| it.damaged).count() as u64
 }
 
 /// Numbers that are missing between the first and the last.
-pub(super) fn lost(seen: &[Seen]) -> u64 {
+fn lost(seen: &[Seen]) -> u64 {
     let whole = || seen.iter().filter(|it| !it.damaged);
     match (whole().next(), whole().next_back()) {
         (Some(first), Some(last)) => {

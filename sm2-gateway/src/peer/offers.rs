@@ -1,0 +1,72 @@
+//! Offers to the peer: as many at a time as a session has room for, the others later.
+
+use std::collections::BTreeMap;
+
+use sm2_proto::gateway::{
+    Hop, Subject,
+    schedule::Terms,
+    session::{Input, Misuse},
+};
+
+use super::Peer;
+use crate::{clock::Now, tally::Whose};
+
+/// Offers that a session had no room for yet, by their numbers.
+#[derive(Debug, Default)]
+pub(super) struct Waiting(BTreeMap<u64, Offer>);
+
+#[derive(Debug)]
+pub(super) struct Offer {
+    pub(super) subject: Subject,
+    pub(super) path: Vec<Hop>,
+    pub(super) terms: Terms,
+}
+
+impl Peer {
+    pub(super) fn offer(&mut self, now: Now, number: u64, offer: Offer) {
+        self.waiting.0.insert(number, offer);
+        self.make_offers(now);
+    }
+
+    /// Makes those that there is room for, in the order of their numbers, since numbers only grow.
+    pub(super) fn make_offers(&mut self, now: Now) {
+        while let Some(first) = self.waiting.0.first_entry() {
+            let (offer, it) = (*first.key(), first.get());
+            let input = Input::Offer {
+                offer,
+                subject: it.subject.clone(),
+                path: it.path.clone(),
+            };
+            let taken = self.session.as_mut().map(|it| it.handle(now.at, input));
+            if taken == Some(Err(Misuse::TooManyOffers)) {
+                return;
+            }
+            let Offer { subject, terms, .. } = first.remove();
+            if taken == Some(Ok(())) {
+                // Nobody says again what is latched.
+                let is_reliable = subject.latched() > 0
+                    || matches!(subject, Subject::Topic { reliable: true, .. });
+                self.tally.open(Whose::Ours(offer), &subject);
+                self.topics.terms(offer, terms, is_reliable);
+            }
+        }
+    }
+
+    pub(super) fn change(&mut self, now: Now, offer: u64, terms: Terms) {
+        if let Some(it) = self.waiting.0.get_mut(&offer) {
+            it.terms = terms;
+        }
+        self.topics.change(now.at, offer, terms);
+    }
+
+    pub(super) fn withdraw(&mut self, now: Now, offer: u64) {
+        if self.waiting.0.remove(&offer).is_some() {
+            return;
+        }
+        self.session_takes(now, Input::Unoffer { offer });
+        self.topics.forget(now.at, offer);
+        // What waited of it counts as its own.
+        (self.topics).drain(&mut self.connection, &mut self.tally);
+        self.tally.close(Whose::Ours(offer));
+    }
+}

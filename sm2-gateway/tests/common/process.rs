@@ -1,0 +1,41 @@
+//! Gateways in processes of their own.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Child, Command, Stdio},
+};
+
+/// A gateway in a process of its own, which does not outlive the test.
+pub(crate) struct Process(Child);
+
+impl Process {
+    pub(crate) fn start(config: &Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-gateway"));
+        let command = command.arg("run").arg(config);
+        let command = command.stdout(Stdio::null()).stderr(Stdio::null());
+        Self(command.spawn().unwrap())
+    }
+
+    /// `kill -9`.
+    pub(crate) fn kill(mut self) {
+        self.0.kill().unwrap();
+        assert!(!self.0.wait().unwrap().success());
+    }
+
+    /// A line of `/proc/PID/status` about memory, in bytes.
+    pub(crate) fn memory(&self, line: &str) -> usize {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
+        let found = status.lines().find_map(|it| it.strip_prefix(line));
+        let kib = found.and_then(|it| it.split_whitespace().nth(1)).unwrap();
+        kib.parse::<usize>().unwrap() << 10
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It may be over already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}

@@ -1,0 +1,101 @@
+//! What a peer can make a gateway keep.
+
+use std::{
+    fs,
+    net::{SocketAddr, UdpSocket},
+};
+
+use quinn_proto::{Dir, TransportConfig};
+use sm2_gateway::keys;
+use sm2_proto::{
+    Name,
+    gateway::{Frame, Subject, SubjectKind},
+    limits::{MESSAGES_IN_THE_MAKING_MAX, OFFERS_MAX, QUESTIONS_MAX},
+};
+
+use crate::{
+    bench::{EPOCH, hello, offer},
+    client::Client,
+    common::{ALL, Domain, Process},
+    identity::honest_tls,
+    message, text,
+};
+
+const MESSAGE_BYTES: usize = 8 << 20;
+const MEMORY_BYTES: usize = 32 << 20;
+/// What QUIC may hold for the peer before it is read, and what all else takes.
+const BESIDE_BYTES: usize = 64 << 20;
+
+/// A port that was free just now.
+fn free_port() -> u16 {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.local_addr().unwrap().port()
+}
+
+fn topic(number: usize) -> Subject {
+    // As long as a name can be.
+    let name = format!("{}{number:04}", "x".repeat(251));
+    Subject::Topic {
+        name: Name::new(&name).unwrap(),
+        data: text(),
+        reliable: false,
+        latched: 1_024,
+    }
+}
+
+/// As many offers as there may be, of the longest names; as many questions; and as many payloads, none
+/// of which ever ends.
+#[test]
+fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
+    let [near, mallory] = ["near", "mallory"].map(Domain::new);
+    let port = free_port();
+    let limits =
+        format!("[limits]\nmessage_bytes = {MESSAGE_BYTES}\nmemory_bytes = {MEMORY_BYTES}\n");
+    near.config(&[(&mallory, None)], &format!("{ALL}{limits}"));
+    let file = near.path("gateway.toml");
+    let config = fs::read_to_string(&file).unwrap();
+    let listening = format!("127.0.0.1:{port}");
+    fs::write(&file, config.replace("127.0.0.1:0", &listening)).unwrap();
+    let hearer = near.node("hearer");
+    let _subscriber = hearer.subscriber::<str>(topic(1).name().as_str()).unwrap();
+    let gateway = Process::start(&file);
+    let key = keys::load(&mallory.path("key")).unwrap();
+    let address = SocketAddr::from(([127, 0, 0, 1], port));
+    let transport = TransportConfig::default();
+    let mut client = Client::dial(address, honest_tls(&key), transport).connected();
+    client.frame(&hello(EPOCH));
+    client.until("HELLO", |it| !it.frames.is_empty());
+    let before = gateway.memory("VmRSS");
+    let offers = (1..=OFFERS_MAX).map(|number| {
+        let frame = offer(number as u64, &topic(number), key.id());
+        frame.to_bytes()
+    });
+    client.say(&offers.collect::<Vec<_>>().concat());
+    let wanted = |it: &Frame| matches!(it, Frame::Want { offer: 1, .. });
+    client.until("WANT", |it| it.frames.iter().any(wanted));
+    let questions = (1..=QUESTIONS_MAX as u64).map(|ask| {
+        let (kind, name) = (SubjectKind::Topic, topic(2).name().clone());
+        Frame::Ask { ask, kind, name }.to_bytes()
+    });
+    client.say(&questions.collect::<Vec<_>>().concat());
+    let payload = vec![b'x'; 2 << 20];
+    let header = message(1, MESSAGE_BYTES as u64);
+    for _ in 0..MESSAGES_IN_THE_MAKING_MAX {
+        let stream = client.open(Dir::Uni);
+        client.write(stream, &header.to_bytes());
+        client.write_all(stream, &payload);
+    }
+    client.until("much is kept", |_| {
+        gateway.memory("VmRSS") > before + MEMORY_BYTES / 2
+    });
+    client.wait();
+    let most = gateway.memory("VmHWM");
+    println!(
+        "a hostile peer: {:.1} MB before, {:.1} MB at most; {:.1} MB of payloads were allowed",
+        before as f64 / 1e6,
+        most as f64 / 1e6,
+        MEMORY_BYTES as f64 / 1e6
+    );
+    assert!(client.lost.is_none(), "{:?}", client.lost);
+    assert!(most < before + MEMORY_BYTES + BESIDE_BYTES);
+}

@@ -1,0 +1,130 @@
+//! More offers than a session has room for: the others are made when there is some.
+
+#[path = "age/world.rs"]
+mod world;
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use sm2_gateway::{
+    Counts,
+    hub::DEFAULT_TERMS,
+    peer::{Command, Event},
+};
+use sm2_io::quic::Congestion;
+use sm2_proto::{
+    Name, TypeId,
+    gateway::{Subject, SubjectKind},
+    limits::OFFERS_MAX,
+};
+use world::{Link, World};
+
+const LINK: Link = Link {
+    rate_bit: 1e9,
+    loss_permille: 0,
+    delay: Duration::from_millis(1),
+    queue: Duration::from_secs(1),
+};
+
+fn world() -> World {
+    let mut world = World::new(LINK, Congestion::Steady);
+    // Both have greeted.
+    events(&mut world);
+    world
+}
+
+/// What happens within some seconds, at the far side.
+fn events(world: &mut World) -> Vec<Event> {
+    let until = world.now.after(Duration::from_secs(3));
+    let mut events = Vec::new();
+    while world.now < until {
+        let step = world.step(until);
+        events.extend(
+            step.into_iter()
+                .filter(|(at, _)| *at == 1)
+                .map(|(_, it)| it),
+        );
+    }
+    events
+}
+
+fn offer(world: &mut World, offer: u64) {
+    let subject = Subject::Topic {
+        name: Name::new(&format!("topic{offer}")).unwrap(),
+        data: TypeId {
+            name: Name::new("bytes").unwrap(),
+            hash: 0,
+        },
+        reliable: false,
+        latched: 0,
+    };
+    let path = vec![world.hop(0)];
+    let command = Command::Offer {
+        offer,
+        subject,
+        path,
+        terms: DEFAULT_TERMS,
+    };
+    world.command(0, command);
+}
+
+/// The numbers of the offers that came, in their order.
+fn offered(world: &mut World) -> Vec<u64> {
+    let offers = events(world).into_iter().filter_map(|it| match it {
+        Event::Offered { offer, .. } => Some(offer),
+        Event::Ended(reason) => panic!("{reason}"),
+        _ => None,
+    });
+    offers.collect()
+}
+
+#[test]
+fn an_offer_that_there_was_no_room_for_is_made_later() {
+    let mut world = world();
+    let max = OFFERS_MAX as u64;
+    for number in 1..=max + 4 {
+        offer(&mut world, number);
+    }
+    assert_eq!(offered(&mut world), (1..=max).collect::<Vec<_>>());
+    // This one waits, and is not made at all.
+    world.command(0, Command::Unoffer { offer: max + 2 });
+    assert!(offered(&mut world).is_empty());
+    for gone in [7, 9] {
+        world.command(0, Command::Unoffer { offer: gone });
+    }
+    assert_eq!(offered(&mut world), [max + 1, max + 3]);
+    // New ones wait behind those that wait already.
+    offer(&mut world, max + 5);
+    for gone in [1, max + 1] {
+        world.command(0, Command::Unoffer { offer: gone });
+    }
+    assert_eq!(offered(&mut world), [max + 4, max + 5]);
+}
+
+#[test]
+fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
+    let mut world = world();
+    offer(&mut world, 1);
+    events(&mut world);
+    let want = Command::Want { offer: 1, depth: 1 };
+    world.command(1, want);
+    events(&mut world);
+    for sequence in 1..=4 {
+        let message = Command::Message {
+            offer: 1,
+            sequence,
+            published: world.now,
+            payload: Bytes::from(vec![0; 4 << 20]),
+        };
+        world.command(0, message);
+    }
+    world.command(0, Command::Unoffer { offer: 1 });
+    let expected = Counts {
+        offered: 4,
+        superseded: 2,
+        withdrawn: 2,
+        ..Counts::default()
+    };
+    let key = (SubjectKind::Topic, Name::new("topic1").unwrap());
+    assert_eq!(world.counts(0), (expected, vec![(key, expected)]));
+}
