@@ -60,7 +60,7 @@ impl Peer for Quinn {
 
     fn publisher(&self, _: &Topic) -> Result<Sender, PeerError> {
         let runtime = Runtime::new().map_err(failed("start threads"))?;
-        let _entered = runtime.enter();
+        let entered = runtime.enter();
         let any = (Ipv4Addr::UNSPECIFIED, 0).into();
         let endpoint = Endpoint::client(any).map_err(failed("open a socket"))?;
         let freshest = Arc::new(Freshest::default());
@@ -71,7 +71,7 @@ impl Peer for Quinn {
             self.bbr,
             Arc::clone(&freshest),
         ));
-        drop(_entered);
+        drop(entered);
         Ok(Sender {
             freshest,
             _runtime: runtime,
