@@ -2,37 +2,24 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use bytes::Bytes;
-use sm2_proto::{
-    Instant,
-    gateway::{GatewayId, Subject, router::Source},
-};
+use sm2_proto::gateway::{GatewayId, Subject, router::Source};
 
-use super::Hub;
-use crate::peer::Command;
+use super::{Hub, messages::Numbered};
 
 /// So many messages of a topic are kept at most, whatever its publishers keep.
 pub const LATCHED_MAX: u16 = 64;
 /// Of all topics together.
 const BYTES_MAX: usize = 64 << 20;
 
-/// A message that is kept.
-#[derive(Clone, Debug)]
-pub(super) struct Kept {
-    pub(super) sequence: u64,
-    pub(super) published: Instant,
-    pub(super) payload: Bytes,
-}
-
 /// The newest messages of each latched topic that is taken, the newest last.
 #[derive(Debug, Default)]
 pub(super) struct Latched {
-    kept: BTreeMap<(Subject, Source), VecDeque<Kept>>,
+    kept: BTreeMap<(Subject, Source), VecDeque<Numbered>>,
     bytes: usize,
 }
 
 impl Latched {
-    pub(super) fn keep(&mut self, subject: &Subject, source: Source, message: Kept) {
+    pub(super) fn keep(&mut self, subject: &Subject, source: Source, message: Numbered) {
         let most = usize::from(subject.latched().min(LATCHED_MAX));
         if most == 0 {
             return;
@@ -55,7 +42,7 @@ impl Latched {
         self.bytes -= bytes.sum::<usize>();
     }
 
-    fn of(&self, subject: &Subject, source: Source) -> impl Iterator<Item = &Kept> {
+    fn of(&self, subject: &Subject, source: Source) -> impl Iterator<Item = &Numbered> {
         self.kept
             .get(&(subject.clone(), source))
             .into_iter()
@@ -70,24 +57,9 @@ impl Hub {
         let Some((subject, source)) = self.source(peer, offer) else {
             return;
         };
-        let kept: Vec<Kept> = self
-            .messages
-            .latched
-            .of(&subject, source)
-            .cloned()
-            .collect();
-        for message in kept {
-            let Kept {
-                sequence,
-                published,
-                payload,
-            } = message;
-            let command = Command::Message {
-                offer,
-                sequence,
-                published,
-                payload,
-            };
+        let kept = self.messages.latched.of(&subject, source);
+        let commands: Vec<_> = kept.map(|it| it.command(offer)).collect();
+        for command in commands {
             self.tell(peer, command);
         }
     }

@@ -8,10 +8,7 @@ use sm2_proto::{
     gateway::{GatewayId, Hop, Subject, router::Source},
 };
 
-use super::{
-    Hub, LocalCommand, Output,
-    latched::{Kept, Latched},
-};
+use super::{Hub, LocalCommand, Output, latched::Latched};
 use crate::{
     peer::Command,
     tally::{Counts, Whose},
@@ -19,6 +16,26 @@ use crate::{
 
 /// Of so many subjects and origins it is remembered what came, at least.
 const SEEN_LEAST: usize = 16_384;
+
+/// A message with the number that its origin gave it.
+#[derive(Clone, Debug)]
+pub(super) struct Numbered {
+    sequence: u64,
+    published: Instant,
+    pub(super) payload: Bytes,
+}
+
+impl Numbered {
+    /// Sends it as one of this offer.
+    pub(super) fn command(&self, offer: u64) -> Command {
+        Command::Message {
+            offer,
+            sequence: self.sequence,
+            published: self.published,
+            payload: self.payload.clone(),
+        }
+    }
+}
 
 /// What was numbered, and what was seen.
 #[derive(Debug, Default)]
@@ -88,7 +105,12 @@ impl Hub {
         let last = self.messages.last.entry(subject.clone()).or_insert(0);
         *last += 1;
         let sequence = *last;
-        self.pass_on(subject, Source::Local, sequence, published, &payload);
+        let message = Numbered {
+            sequence,
+            published,
+            payload,
+        };
+        self.pass_on(subject, Source::Local, message);
     }
 
     /// A peer sent a message.
@@ -132,7 +154,12 @@ impl Hub {
         let age = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);
         let published = Instant(now.0.saturating_sub(age));
         let source = Source::Remote(origin.gateway);
-        self.pass_on(&subject, source, sequence, published, &payload);
+        let message = Numbered {
+            sequence,
+            published,
+            payload: payload.clone(),
+        };
+        self.pass_on(&subject, source, message);
         self.outputs.push_back(Output::Local(LocalCommand::Publish {
             subject,
             origin: origin.gateway,
@@ -140,30 +167,11 @@ impl Hub {
         }));
     }
 
-    fn pass_on(
-        &mut self,
-        subject: &Subject,
-        source: Source,
-        sequence: u64,
-        published: Instant,
-        payload: &Bytes,
-    ) {
-        let message = Kept {
-            sequence,
-            published,
-            payload: payload.clone(),
-        };
-        self.messages.latched.keep(subject, source, message);
+    fn pass_on(&mut self, subject: &Subject, source: Source, message: Numbered) {
         let takers: Vec<(GatewayId, u64)> = self.router.takers(subject, source).collect();
         for (peer, offer) in takers {
-            let payload = payload.clone();
-            let command = Command::Message {
-                offer,
-                sequence,
-                published,
-                payload,
-            };
-            self.tell(peer, command);
+            self.tell(peer, message.command(offer));
         }
+        self.messages.latched.keep(subject, source, message);
     }
 }

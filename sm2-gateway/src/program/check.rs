@@ -100,7 +100,14 @@ fn compare(
     let [now, then] = [config, shadow].map(RuleSet::from);
     let names = config.peers.iter().chain(&shadow.peers);
     let names: BTreeMap<_, _> = names.map(|it| (it.id, it.name.clone())).collect();
-    for change in changes(&now, &then, &seen) {
+    let changes = changes(&now, &then, &seen);
+    if changes.is_empty() {
+        return line(
+            out,
+            "shadow: nothing that the domain has now would change".to_owned(),
+        );
+    }
+    for change in changes {
         let change = ShadowReport::new(&change, &names, shadow);
         line(out, format!("shadow: {change}"))?;
     }

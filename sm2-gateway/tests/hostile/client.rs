@@ -104,7 +104,7 @@ impl Client {
 
     pub(crate) fn say(&mut self, bytes: &[u8]) {
         let control = self.control.unwrap();
-        self.write(control, bytes);
+        self.write_all(control, bytes);
     }
 
     pub(crate) fn frame(&mut self, frame: &Frame) {

@@ -81,8 +81,9 @@ fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
     let payload = vec![b'x'; 2 << 20];
     let header = message(1, MESSAGE_BYTES as u64);
     for _ in 0..MESSAGES_IN_THE_MAKING_MAX {
+        assert!(client.lost.is_none(), "{:?}", client.lost);
         let stream = client.open(Dir::Uni);
-        client.write(stream, &header.to_bytes());
+        client.write_all(stream, &header.to_bytes());
         client.write_all(stream, &payload);
     }
     client.until("much is kept", |_| {
