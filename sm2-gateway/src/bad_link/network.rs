@@ -101,9 +101,9 @@ impl Network {
         let rule = match (is_cut, loss_permille) {
             (true, _) => "drop".to_owned(),
             (false, 0) => "accept".to_owned(),
-            (false, loss) => format!(
-                "meta l4proto {{ tcp, udp, icmp }} numgen random mod 1000 < {loss} drop"
-            ),
+            (false, loss) => {
+                format!("meta l4proto {{ tcp, udp, icmp }} numgen random mod 1000 < {loss} drop")
+            }
         };
         // One transaction: there is no moment without a rule.
         let rules = format!(
