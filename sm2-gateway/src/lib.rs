@@ -5,6 +5,7 @@
 //! | run one in a program | [`Config`], [`Gateway`] |
 //! | make and read keys | [`keys`] |
 //! | ask those of a domain how they are | [`report`] |
+//! | ask whether a peer could give something | [`question`] |
 //! | compare rules with others | [`shadow`] |
 //! | count for Prometheus | `metrics`, with the feature of that name |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
@@ -27,6 +28,7 @@ pub mod metrics;
 pub mod peer;
 #[cfg(feature = "program")]
 pub mod program;
+pub mod question;
 pub mod report;
 mod run;
 pub mod shadow;

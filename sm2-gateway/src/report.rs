@@ -1,4 +1,5 @@
-//! How a gateway is, as it says itself: the answer of its service `gateway/NAME/status`, in JSON.
+//! How a gateway is, as it says itself: the answer of its service `gateway/NAME/status`, in JSON, to an
+//! empty request. Other requests are [questions](crate::question).
 //!
 //! Field names are part of the interface of `sm2 gateway peers --json` and `sm2 snapshot --json`.
 
@@ -8,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sm2_node::{CallError, Client, DeclareError, Node};
 use sm2_proto::{
     Contract, Name,
@@ -191,6 +192,16 @@ pub fn ask(
     services: BTreeSet<Name>,
     patience: Duration,
 ) -> Vec<(Name, Result<Report, ReportError>)> {
+    call(node, services, &[], patience)
+}
+
+/// The same with any question: an empty one is about the report.
+pub(crate) fn call<T: DeserializeOwned>(
+    node: &Node,
+    services: BTreeSet<Name>,
+    question: &[u8],
+    patience: Duration,
+) -> Vec<(Name, Result<T, ReportError>)> {
     let until = Instant::now() + patience;
     let clients = services.into_iter().map(|service| {
         let client = node.client::<[u8], [u8]>(service.as_str());
@@ -201,7 +212,7 @@ pub fn ask(
     let calls = clients.into_iter().map(|(service, client)| {
         let left = until.saturating_duration_since(Instant::now());
         let call = client.map_err(ReportError::from).and_then(|client| {
-            let call = client.send(&[], Some(left))?;
+            let call = client.send(question, Some(left))?;
             // The client stays as long as its call.
             Ok((client, call))
         });

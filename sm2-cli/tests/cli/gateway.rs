@@ -102,15 +102,34 @@ fn two_domains_as_the_readme_says() {
         check.stdout().contains("far may have topic chatter (line"),
         "{check:?}"
     );
+    asks(&far, "chatter", "near", (0, "offered"));
+    asks(
+        &far,
+        "secret/chatter",
+        "near",
+        (1, "denied by the peer's rules"),
+    );
+    asks(&far, "silence", &near.id, (1, "absent"));
+    asks(&far, "chatter", "nobody", (1, "no such peer"));
     drop(talking);
     left.signal(Signal::SIGTERM);
     assert_eq!(left.finish().code(), 0);
     until("lost", || !peers(&far).stdout().contains("near\",\"id"));
+    asks(&far, "chatter", "near", (1, "not connected"));
     right.signal(Signal::SIGINT);
     assert_eq!(right.finish().code(), 0);
     let none = peers(&far);
     assert_eq!(none.code(), 1);
     assert!(none.stderr().contains("has no gateway"), "{none:?}");
+}
+
+/// Asks a peer of `side` whether it has a topic for it.
+fn asks(side: &Side, name: &str, peer: &str, expected: (i32, &str)) {
+    let asked = (side.domain).run(&["gateway", "ask", name, "--peer", peer]);
+    let (code, answer) = expected;
+    assert_eq!(asked.code(), code, "{asked:?}");
+    let line = format!("{name} of {peer}: {answer}");
+    assert!(asked.stdout().starts_with(&line), "{asked:?}");
 }
 
 /// What goes to whom, while `chatter` goes to `far`, and that one of two gateways is stuck.

@@ -132,6 +132,12 @@ impl Hub {
         self.outputs.pop_front()
     }
 
+    /// The connection with this peer, if there is one.
+    #[must_use]
+    pub fn connection(&self, peer: &GatewayId) -> Option<u64> {
+        self.peers.get(peer).map(|it| it.connection)
+    }
+
     /// How many calls have no reply yet, in both directions.
     #[must_use]
     pub fn open_calls(&self) -> usize {
@@ -187,7 +193,8 @@ impl Hub {
             return;
         };
         match event {
-            Event::Greeted { .. } => {}
+            // The latter is for whoever asked.
+            Event::Greeted { .. } | Event::Answered { .. } => {}
             Event::Ended(_) => self.ended(connection, peer),
             Event::Offered {
                 offer,

@@ -245,6 +245,12 @@ impl Peer {
             Command::Unwant { offer } => {
                 self.session_takes(now, Input::Unwant { offer });
             }
+            Command::Ask { ask, kind, name } => {
+                if !self.session_takes(now, Input::Ask { ask, kind, name }) {
+                    let verdict = None;
+                    self.events.push_back(Event::Answered { ask, verdict });
+                }
+            }
             Command::Answer { ask, verdict } => {
                 self.session_takes(now, Input::Answer { ask, verdict });
             }
@@ -398,8 +404,10 @@ impl Peer {
                 Output::Asked { ask, kind, name } => {
                     self.events.push_back(Event::Asked { ask, kind, name });
                 }
-                // This side asks nothing.
-                Output::Answered { .. } => {}
+                Output::Answered { ask, verdict } => {
+                    let verdict = Some(verdict);
+                    self.events.push_back(Event::Answered { ask, verdict });
+                }
                 Output::Take { stream: u64::MAX } => {
                     if let Some((header, payload)) = datagram.take() {
                         self.carried(StreamId::new(Side::Client, Dir::Uni, 0), &header, payload);

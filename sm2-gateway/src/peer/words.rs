@@ -49,6 +49,15 @@ pub enum Command {
         /// Which.
         offer: u64,
     },
+    /// Ask whether this side could have that; the answer is [`Event::Answered`].
+    Ask {
+        /// The number of the question.
+        ask: u64,
+        /// A topic or a service.
+        kind: SubjectKind,
+        /// Its name.
+        name: Name,
+    },
     /// Answer the oldest question.
     Answer {
         /// Its number.
@@ -142,6 +151,13 @@ pub enum Event {
         kind: SubjectKind,
         /// Its name.
         name: Name,
+    },
+    /// The peer has answered a question of this side.
+    Answered {
+        /// Which.
+        ask: u64,
+        /// What it said; nothing: it could not be asked.
+        verdict: Option<Verdict>,
     },
     /// A message came, whole.
     Message {

@@ -38,9 +38,18 @@ enum Way {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum Kind {
+pub(super) enum Kind {
     Topic,
     Service,
+}
+
+impl From<Kind> for SubjectKind {
+    fn from(kind: Kind) -> Self {
+        match kind {
+            Kind::Topic => Self::Topic,
+            Kind::Service => Self::Service,
+        }
+    }
 }
 
 /// Whether it is allowed.
@@ -58,15 +67,12 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
             },
         }
     })?;
-    let kind = match arguments.kind {
-        Kind::Topic => SubjectKind::Topic,
-        Kind::Service => SubjectKind::Service,
-    };
     let direction = match arguments.direction {
         Way::In => Direction::In,
         Way::Out => Direction::Out,
     };
-    let (action, rule) = config.explain(kind, &arguments.name, direction, &peer.id);
+    let (action, rule) =
+        config.explain(arguments.kind.into(), &arguments.name, direction, &peer.id);
     let word = match action {
         Action::Allow => "allowed",
         Action::Deny => "denied",

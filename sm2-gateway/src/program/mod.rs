@@ -6,6 +6,7 @@
 //! | 1 | it did not start, or could not go on, or the answer is no: standard error says why |
 //! | 2 | wrong usage |
 
+mod ask;
 mod check;
 mod explain;
 mod keys;
@@ -42,6 +43,7 @@ Examples:
   {command} check robot.toml
   {command} explain camera/front --config robot.toml --peer base --direction out
   {command} run robot.toml
+  {command} ask camera/front --peer robot
   {command} peers --json"
     )
 }
@@ -64,6 +66,9 @@ pub enum Command {
     /// Show the peers of the gateways of a domain, and what goes to and fro
     #[command(after_help = PEERS)]
     Peers(peers::Arguments),
+    /// Ask a peer whether it has something for this domain
+    #[command(after_help = ASK)]
+    Ask(ask::Arguments),
     /// Say which rule decides about a name
     #[command(after_help = EXPLAIN)]
     Explain(explain::Arguments),
@@ -90,6 +95,10 @@ const PEERS: &str = "\
 Examples:
   sm2 gateway peers
   sm2 gateway peers --json | jq '.peers[].messages'";
+const ASK: &str = "\
+Examples:
+  sm2 gateway ask camera/front --peer robot
+  sm2 gateway ask map/save --kind service --peer robot";
 const EXPLAIN: &str = "\
 Examples:
   sm2 gateway explain camera/front --config robot.toml --peer base --direction out";
@@ -193,6 +202,7 @@ pub fn execute(command: &Command, out: &mut impl Write) -> Result<bool, ProgramE
         Command::Id(arguments) => keys::id(arguments, out).map(|()| true),
         Command::Trust(arguments) => trust::run(arguments).map(|()| true),
         Command::Peers(arguments) => peers::run(arguments, out).map(|()| true),
+        Command::Ask(arguments) => ask::run(arguments, out),
         Command::Explain(arguments) => explain::run(arguments, out),
         Command::Check(arguments) => check::run(arguments, out).map(|()| true),
     }

@@ -9,7 +9,10 @@ use std::{
 
 use quinn_proto::{Connection, ConnectionEvent, ConnectionHandle, EndpointEvent};
 use sm2_io::quic::Socket;
-use sm2_proto::{Instant, gateway::GatewayId};
+use sm2_proto::{
+    Instant, Name,
+    gateway::{GatewayId, SubjectKind, Verdict},
+};
 use tokio::sync::{
     mpsc::{self, error::TrySendError},
     oneshot,
@@ -68,8 +71,18 @@ pub(crate) struct Senders {
     questions: mpsc::Sender<Question>,
 }
 
-/// Who wants to know how the connection is.
-type Question = oneshot::Sender<ConnectionReport>;
+/// What somebody wants to know.
+#[derive(Debug)]
+enum Question {
+    /// How is the connection?
+    Report(oneshot::Sender<ConnectionReport>),
+    /// Could this gateway have that of the peer?
+    Verdict {
+        kind: SubjectKind,
+        name: Name,
+        answer: oneshot::Sender<Verdict>,
+    },
+}
 
 #[derive(Debug)]
 pub(super) struct Inbox {
@@ -121,10 +134,19 @@ impl Senders {
 
     /// How is the connection? One that has ended, or has too much to do, does not say.
     pub(super) fn ask(&self) -> oneshot::Receiver<ConnectionReport> {
-        let (question, answer) = oneshot::channel();
+        let (answer, answered) = oneshot::channel();
         // What is not sent is dropped, and that is the answer.
+        let _ = self.questions.try_send(Question::Report(answer));
+        answered
+    }
+
+    /// Could this gateway have that of the peer?
+    pub(super) fn ask_peer(&self, kind: SubjectKind, name: Name) -> oneshot::Receiver<Verdict> {
+        let (answer, answered) = oneshot::channel();
+        let question = Question::Verdict { kind, name, answer };
+        // As with the other question.
         let _ = self.questions.try_send(question);
-        answer
+        answered
     }
 }
 
@@ -136,6 +158,9 @@ pub(super) struct Task {
     number: u64,
     dialled: Option<GatewayId>,
     peer: Peer,
+    /// Who waits for an answer of the peer, by the number of the question.
+    asked: BTreeMap<u64, oneshot::Sender<Verdict>>,
+    last_question: u64,
     has_ended: Option<Instant>,
 }
 
@@ -161,6 +186,8 @@ impl Task {
             number,
             dialled,
             peer,
+            asked: BTreeMap::new(),
+            last_question: 0,
             has_ended: None,
         }
     }
@@ -190,10 +217,7 @@ impl Task {
                     Some(command) => self.command(command),
                     None => break,
                 },
-                Some(question) = inbox.questions.recv() => {
-                    // Whoever asked may have gone.
-                    let _ = question.send(self.report());
-                }
+                Some(question) = inbox.questions.recv() => self.question(question),
                 Some(message) = inbox.messages.recv() => self.command(message),
                 () = wait => self.peer.handle_timeout(self.shared.clock.now()),
             }
@@ -216,6 +240,28 @@ impl Task {
         self.peer.command(self.shared.clock.now(), command);
     }
 
+    fn question(&mut self, question: Question) {
+        match question {
+            Question::Report(answer) => {
+                // Whoever asked may have gone.
+                let _ = answer.send(self.report());
+            }
+            Question::Verdict { kind, name, answer } => {
+                self.last_question += 1;
+                let ask = self.last_question;
+                self.asked.insert(ask, answer);
+                self.command(Command::Ask { ask, kind, name });
+            }
+        }
+    }
+
+    fn answered(&mut self, ask: u64, verdict: Option<Verdict>) {
+        if let (Some(answer), Some(verdict)) = (self.asked.remove(&ask), verdict) {
+            // Whoever asked may have gone.
+            let _ = answer.send(verdict);
+        }
+    }
+
     /// Without a network nobody needs to know.
     fn tell_endpoint(&self, event: EndpointEvent) {
         let handle = self.handle;
@@ -225,7 +271,13 @@ impl Task {
     /// Does what follows from what happened; whether there may be more to be sent.
     async fn settle(&mut self, buffer: &mut Vec<u8>) -> bool {
         while let Some(event) = self.peer.poll() {
+            if let Event::Answered { ask, verdict } = event {
+                self.answered(ask, verdict);
+                continue;
+            }
             if let Event::Ended(reason) = &event {
+                // Nobody answers them any more.
+                self.asked.clear();
                 tracing::info!(address = %self.peer.address(), "{reason}");
                 self.has_ended = Some(sm2_io::clock::now());
                 if let Some(peer) = self.dialled {

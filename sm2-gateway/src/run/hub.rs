@@ -6,13 +6,14 @@ use sm2_proto::{Name, gateway::GatewayId};
 use tokio::sync::mpsc;
 
 use super::{
-    Message, NetworkMessage,
+    Asked, Message, NetworkMessage,
     connection::{Senders, Shared, lock},
     goodbye, local, shadow, status,
 };
 use crate::{
     hub::{Hub, Input, LocalCommand, LocalEvent, NoRoom, Output},
     peer::{Command, Event},
+    question::Question,
     shadow::RuleSet,
 };
 
@@ -115,6 +116,10 @@ impl Task {
                 // The hub waits for no connection.
                 tokio::spawn(draft.complete(answer));
             }
+            Message::Ask { question, answer } => {
+                // Whoever asked may have gone.
+                let _ = answer.send(self.ask_peer(question));
+            }
             Message::View { known, answer } => {
                 let view = (known != self.revision).then(|| shadow::View {
                     revision: self.revision,
@@ -198,6 +203,21 @@ impl Task {
                     self.network(NetworkMessage::Lost { peer });
                 }
             }
+        }
+    }
+
+    fn ask_peer(&self, question: Question) -> Asked {
+        let Question { peer, kind, name } = question;
+        let is_it = |(id, name): &(&GatewayId, &Name)| {
+            name.as_str() == peer.as_str() || id.to_string() == peer
+        };
+        let Some((id, _)) = self.names.iter().find(is_it) else {
+            return Asked::NoSuchPeer;
+        };
+        let connection = self.hub.connection(id);
+        match connection.and_then(|it| self.connections.get(&it)) {
+            Some(it) => Asked::Peer(it.senders.ask_peer(kind, name)),
+            None => Asked::NotConnected,
         }
     }
 

@@ -29,7 +29,7 @@ use std::{
 use sm2_io::quic::{Endpoint, Socket, Trusted};
 use sm2_proto::{
     Instant,
-    gateway::{GatewayId, Hop, PeerFarewell},
+    gateway::{GatewayId, Hop, PeerFarewell, Verdict},
 };
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -46,6 +46,7 @@ use crate::{
     keys::{self, KeyFileError},
     local::{Local, LocalError},
     peer::{Event, Me},
+    question::Question,
     report::Report,
 };
 
@@ -71,6 +72,11 @@ pub(crate) enum Message {
     Reload { policy: Policy, known: Known },
     /// How is it?
     Report(oneshot::Sender<Report>),
+    /// Could it have that of a peer?
+    Ask {
+        question: Question,
+        answer: oneshot::Sender<Asked>,
+    },
     /// What is there, if that is not known yet?
     View {
         known: u64,
@@ -78,6 +84,17 @@ pub(crate) enum Message {
     },
     /// Say goodbye to all peers.
     Stop,
+}
+
+/// Who was asked.
+#[derive(Debug)]
+pub(crate) enum Asked {
+    /// Nobody: no peer has this name or id.
+    NoSuchPeer,
+    /// Nobody: there is no connection.
+    NotConnected,
+    /// The peer. One that does not answer drops it.
+    Peer(oneshot::Receiver<Verdict>),
 }
 
 /// What the network's task is told.

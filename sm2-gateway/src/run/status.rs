@@ -15,16 +15,20 @@ use tokio::{
     time::timeout,
 };
 
-use super::{Message, ask, connection::ConnectionReport};
+use super::{Asked, Message, ask, connection::ConnectionReport};
 use crate::{
     hub::{Denial, PeerStatus},
     local::{Local, LocalError, status_service},
     peer::Me,
+    question::{Availability, Question},
     report::{DenialReport, PeerReport, Report, ShadowReport, SubjectReport, label, word},
 };
 
 /// How long connections have to say how they are.
 const PATIENCE: Duration = Duration::from_millis(250);
+
+/// How long a peer has to answer a question.
+const PEER_PATIENCE: Duration = Duration::from_secs(1);
 
 /// A report to which the connections have not said their part.
 #[derive(Debug)]
@@ -130,17 +134,47 @@ pub(super) fn serve(
                     continue;
                 }
             };
-            let Some(report) = ask(&hub).await else {
-                return;
-            };
-            let done = match serde_json::to_vec(&report) {
-                Ok(report) => request.reply(&report),
-                Err(error) => request.fail(&error.to_string()),
-            };
-            if let Err(error) = done {
-                tracing::debug!(%error, "nobody waits for the report any more");
-            }
+            let hub = hub.clone();
+            // A peer that is slow to answer keeps nobody else waiting.
+            tokio::spawn(async move {
+                let done = match answer(&hub, &request).await {
+                    Ok(answer) => request.reply(&answer),
+                    Err(reason) => request.fail(&reason),
+                };
+                if let Err(error) = done {
+                    tracing::debug!(%error, "nobody waits for the answer any more");
+                }
+            });
         }
     });
     Ok(())
+}
+
+/// In JSON, or why there is none.
+async fn answer(hub: &mpsc::Sender<Message>, request: &[u8]) -> Result<Vec<u8>, String> {
+    let ended = || "the gateway ends".to_owned();
+    let json = if request.is_empty() {
+        let report = ask(hub).await.ok_or_else(ended)?;
+        serde_json::to_vec(&report)
+    } else {
+        let question = serde_json::from_slice(request).map_err(|error| {
+            format!("this is no question: {error}; an empty request is about all")
+        })?;
+        let available = ask_peer(hub, question).await.ok_or_else(ended)?;
+        serde_json::to_vec(&available)
+    };
+    json.map_err(|error| error.to_string())
+}
+
+async fn ask_peer(hub: &mpsc::Sender<Message>, question: Question) -> Option<Availability> {
+    let (answer, asked) = oneshot::channel();
+    hub.send(Message::Ask { question, answer }).await.ok()?;
+    Some(match asked.await.ok()? {
+        Asked::NoSuchPeer => Availability::NoSuchPeer,
+        Asked::NotConnected => Availability::NotConnected,
+        Asked::Peer(verdict) => match timeout(PEER_PATIENCE, verdict).await {
+            Ok(Ok(verdict)) => verdict.into(),
+            Ok(Err(_)) | Err(_) => Availability::NoAnswer,
+        },
+    })
 }

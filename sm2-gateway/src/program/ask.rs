@@ -1,0 +1,69 @@
+//! `sm2 gateway ask`.
+
+use std::{io::Write, time::Duration};
+
+use clap::Args;
+use sm2_proto::Name;
+
+use super::{Domain, ProgramError, explain::Kind, line};
+use crate::{
+    question::{self, Availability, Question},
+    report,
+};
+
+/// How long gateways, and through them the peer, may take to answer.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// `sm2 gateway ask`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// The name of a topic or a service
+    #[arg(value_parser = Name::new)]
+    name: Name,
+    /// The peer, by its name or its id
+    #[arg(long, value_name = "PEER")]
+    peer: String,
+    /// What the name is of
+    #[arg(long, value_enum, default_value_t = Kind::Topic)]
+    kind: Kind,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+/// Whether a gateway of the domain is offered it.
+pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, ProgramError> {
+    let name = format!("sm2-gateway-ask-{}", std::process::id());
+    let node = arguments.domain.place().node(&name)?;
+    let services = report::gateways(&node.snapshot()?);
+    if services.is_empty() {
+        return Err(ProgramError::NoGateway);
+    }
+    let question = Question {
+        peer: arguments.peer.clone(),
+        kind: arguments.kind.into(),
+        name: arguments.name.clone(),
+    };
+    let mut is_offered = false;
+    let (mut answers, mut silent) = (Vec::new(), None);
+    for (_, answer) in question::ask(&node, services, &question, PATIENCE) {
+        match answer {
+            Ok(answer) => answers.push(answer),
+            Err(error) => silent = Some(error),
+        }
+    }
+    // Of several gateways those count that know the peer.
+    if answers.iter().any(|it| *it != Availability::NoSuchPeer) {
+        answers.retain(|it| *it != Availability::NoSuchPeer);
+    }
+    for answer in answers {
+        is_offered |= answer == Availability::Offered;
+        line(
+            out,
+            format!("{} of {}: {answer}", arguments.name, arguments.peer),
+        )?;
+    }
+    match silent {
+        Some(error) => Err(error.into()),
+        None => Ok(is_offered),
+    }
+}
