@@ -66,9 +66,15 @@ fn each_check_is_in_its_file() {
                 )
             }
             Check::Model { scope, .. } => ("model-counts.txt".to_owned(), format!("\n{scope} ")),
-            Check::Test { target, test, .. } => {
-                (format!("tests/{target}.rs"), format!("fn {test}("))
-            }
+            Check::Test { target, test, .. } => match test.rsplit_once("::") {
+                // The modules of a target are in a folder of its name.
+                Some((module, test)) => {
+                    let module = module.replace("::", "/");
+                    let file = format!("tests/{target}/{module}.rs");
+                    (file, format!("fn {test}("))
+                }
+                None => (format!("tests/{target}.rs"), format!("fn {test}(")),
+            },
         };
         let file = check.folder().join(file);
         let file = file.display();
