@@ -8,19 +8,23 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use sm2_gateway::{
+    bad_link::{HEADERS_BYTES, Profile},
     hub::DEFAULT_TERMS,
     peer::{Command, Event},
 };
 use sm2_io::quic::Congestion;
 use sm2_proto::{Instant, Name, TypeId, gateway::Subject};
-use world::{HEADERS_BYTES, Link, World};
+use world::World;
 
-const PAPER: Link = Link {
-    rate_bit: 30.8e6,
-    loss_permille: 40,
-    delay: Duration::from_micros(7_500),
-    queue: Duration::from_millis(60),
-};
+/// The paper's Wi-Fi as it is between its pauses, and without jitter.
+fn paper() -> Profile {
+    Profile {
+        jitter: Duration::ZERO,
+        pauses: Vec::new(),
+        ..Profile::wifi()
+    }
+}
+
 /// What is published, in bytes, and how often.
 const IMAGE: Topic = Topic {
     offer: 1,
@@ -102,7 +106,7 @@ fn offer(world: &mut World, topic: &Topic) {
 }
 
 /// All topics for so long, and how their messages came.
-fn run(link: Link, congestion: Congestion) -> [Log; 3] {
+fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
     let mut world = World::new(link, congestion);
     let begin = world.now;
     let payloads = TOPICS.map(|it| Bytes::from(vec![7; it.len_bytes]));
@@ -158,12 +162,13 @@ fn run(link: Link, congestion: Congestion) -> [Log; 3] {
 
 #[test]
 fn what_arrives_is_young() {
+    let paper = paper();
     let datagram = DATAGRAM_BYTES + HEADERS_BYTES as f64;
     let share = (DATAGRAM_BYTES - QUIC_HEADERS_BYTES) / datagram;
-    let carried = PAPER.rate_bit * share * (1.0 - PAPER.loss_permille as f64 / 1e3);
+    let carried = paper.rate_bit * share * (1.0 - f64::from(paper.loss_permille) / 1e3);
     let transmission = Duration::from_secs_f64(8.0 * IMAGE.len_bytes as f64 / carried);
     for congestion in [Congestion::Bbr, Congestion::Steady] {
-        let [image, pose, inertia] = run(PAPER, congestion);
+        let [image, pose, inertia] = run(&paper, congestion);
         let seconds = (LENGTH - SETTLING).as_secs_f64();
         let bits = image.ages.len() as f64 * 8.0 * IMAGE.len_bytes as f64;
         let goodput = bits / seconds / carried;

@@ -8,6 +8,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use sm2_gateway::{
     Counts,
+    bad_link::Profile,
     hub::DEFAULT_TERMS,
     peer::{Command, Event},
 };
@@ -17,17 +18,19 @@ use sm2_proto::{
     gateway::{Subject, SubjectKind},
     limits::OFFERS_MAX,
 };
-use world::{Link, World};
-
-const LINK: Link = Link {
-    rate_bit: 1e9,
-    loss_permille: 0,
-    delay: Duration::from_millis(1),
-    queue: Duration::from_secs(1),
-};
+use world::World;
 
 fn world() -> World {
-    let mut world = World::new(LINK, Congestion::Steady);
+    let link = Profile {
+        rate_bit: 1e9,
+        loss_permille: 0,
+        delay: Duration::from_millis(1),
+        jitter: Duration::ZERO,
+        queue: Duration::from_secs(1),
+        pauses: Vec::new(),
+        seed: 1,
+    };
+    let mut world = World::new(&link, Congestion::Steady);
     // Both have greeted.
     events(&mut world);
     world

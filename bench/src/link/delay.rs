@@ -1,7 +1,6 @@
 //! IP packets that take their time: read from a TUN device, held, and written back, in order.
 
 use std::{
-    collections::VecDeque,
     io,
     os::fd::AsFd,
     sync::{
@@ -16,7 +15,7 @@ use nix::{
     poll::{PollFd, PollFlags, ppoll},
     sys::time::TimeSpec,
 };
-use sm2_gateway::bad_link::{Pauses, Profile, Random};
+use sm2_gateway::bad_link::{Lane, Profile};
 use tun_rs::{DeviceBuilder, SyncDevice};
 
 use super::address;
@@ -84,34 +83,14 @@ impl Drop for Delay {
 /// Both ways through one device.
 struct Wire {
     device: SyncDevice,
-    to_near: Lane,
-    to_far: Lane,
-}
-
-/// One of the two ways.
-struct Lane {
-    delay: Duration,
-    jitter: Duration,
-    random: Random,
-    pauses: Pauses,
-    /// When the last packet leaves: none overtakes another.
-    last: Instant,
-    /// When each leaves.
-    held: VecDeque<(Instant, Vec<u8>)>,
+    to_near: Lane<Vec<u8>>,
+    to_far: Lane<Vec<u8>>,
 }
 
 impl Wire {
     fn new(device: SyncDevice, profile: &Profile) -> Self {
         let epoch = Instant::now();
-        let lane = |salt: u64| Lane {
-            delay: profile.delay,
-            jitter: profile.jitter,
-            random: Random::new(profile.seed.wrapping_add(salt << 32)),
-            // Both ways stand still at the same time.
-            pauses: Pauses::new(&profile.pauses, epoch, profile.seed),
-            last: epoch,
-            held: VecDeque::new(),
-        };
+        let lane = |salt| Lane::new(profile, epoch, salt);
         Self {
             device,
             to_near: lane(1),
@@ -128,10 +107,8 @@ impl Wire {
                 let _ = self.device.send(&packet);
             }
         }
-        let next = [&self.to_near, &self.to_far]
-            .into_iter()
-            .filter_map(|lane| lane.held.front());
-        let next = next.map(|(due, _)| due.saturating_duration_since(now));
+        let next = self.to_near.due().into_iter().chain(self.to_far.due());
+        let next = next.map(|due| due.saturating_duration_since(now));
         let timeout = next.min().unwrap_or(LOOK).min(LOOK);
         let mut entries = [PollFd::new(self.device.as_fd(), PollFlags::POLLIN)];
         // What cannot be waited for is tried.
@@ -151,25 +128,7 @@ impl Wire {
                 Some(Side::Far) => &mut self.to_far,
                 None => continue,
             };
-            lane.push(Instant::now(), packet);
-        }
-    }
-}
-
-impl Lane {
-    fn push(&mut self, now: Instant, packet: &[u8]) {
-        let jitter = self.jitter.mul_f64(self.random.part());
-        let due = (now + self.delay + jitter).max(self.last);
-        let due = self.pauses.hold(due);
-        self.last = due;
-        self.held.push_back((due, packet.to_vec()));
-    }
-
-    /// The next one, if it is due.
-    fn pop(&mut self, now: Instant) -> Option<Vec<u8>> {
-        match self.held.front() {
-            Some((due, _)) if *due <= now => self.held.pop_front().map(|it| it.1),
-            _ => None,
+            lane.push(Instant::now(), packet.to_vec());
         }
     }
 }
@@ -203,30 +162,5 @@ mod tests {
         assert_eq!(destination(&packet([10, 77, 2, 2])), None);
         assert_eq!(destination(&[0x60; 40]), None);
         assert_eq!(destination(&packet([10, 77, 1, 1])[..19]), None);
-    }
-
-    #[test]
-    fn packets_leave_in_order_after_delay_and_at_most_jitter() {
-        let epoch = Instant::now();
-        let profile = Profile::wifi();
-        let mut lane = Lane {
-            delay: profile.delay,
-            jitter: profile.jitter,
-            random: Random::new(1),
-            pauses: Pauses::new(&[], epoch, 1),
-            last: epoch,
-            held: VecDeque::new(),
-        };
-        for number in 0..200_u32 {
-            let now = epoch + Duration::from_micros(100) * number;
-            lane.push(now, &number.to_le_bytes());
-            assert!(lane.last >= now + profile.delay);
-            assert!(lane.last <= now + profile.delay + profile.jitter);
-        }
-        assert_eq!(lane.pop(epoch + profile.delay / 2), None);
-        let end = epoch + Duration::from_secs(1);
-        let left: Vec<_> = std::iter::from_fn(|| lane.pop(end)).collect();
-        let sent: Vec<_> = (0..200_u32).map(|it| it.to_le_bytes().to_vec()).collect();
-        assert_eq!(left, sent);
     }
 }

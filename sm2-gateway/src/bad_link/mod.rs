@@ -10,6 +10,7 @@
 //! within [`BadLink::enter`]; then [`BadLink::connect`] to its UDP address; then the near host's. Namespaces
 //! have no names: they are gone with the link, or with the process, however it ends.
 
+mod lane;
 mod namespace;
 mod network;
 mod pauses;
@@ -24,10 +25,10 @@ use std::{
 };
 
 pub use self::{
+    lane::{HEADERS_BYTES, Lane},
     namespace::Namespace,
     network::{DEVICE, Unavailable, host_address},
-    pauses::{Pause, Pauses},
-    random::Random,
+    pauses::Pause,
 };
 use self::{
     network::Network,

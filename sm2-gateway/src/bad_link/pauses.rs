@@ -15,7 +15,7 @@ pub struct Pause {
 
 /// The pauses of one link, the same for the same seed. Both ways have the same ones.
 #[derive(Clone, Debug)]
-pub struct Pauses(Vec<Series>);
+pub(super) struct Pauses(Vec<Series>);
 
 /// All pauses of one length.
 #[derive(Clone, Debug)]
@@ -28,8 +28,7 @@ struct Series {
 
 impl Pauses {
     /// Counted from `epoch`.
-    #[must_use]
-    pub fn new(pauses: &[Pause], epoch: Instant, seed: u64) -> Self {
+    pub(super) fn new(pauses: &[Pause], epoch: Instant, seed: u64) -> Self {
         // One without a length would never be over.
         let real = pauses.iter().filter(|it| !it.length.is_zero());
         let series = (seed..).zip(real).map(|(seed, &pause)| {
@@ -45,7 +44,7 @@ impl Pauses {
     }
 
     /// When something arrives that would without pauses arrive at `at`, which never goes back.
-    pub fn hold(&mut self, mut at: Instant) -> Instant {
+    pub(super) fn hold(&mut self, mut at: Instant) -> Instant {
         loop {
             // The end of one may be amid another.
             let held = self.0.iter_mut().fold(at, |at, series| series.hold(at));

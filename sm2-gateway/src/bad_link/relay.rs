@@ -1,7 +1,6 @@
 //! Datagrams from one end of a bad link to the other, in their time and order.
 
 use std::{
-    collections::VecDeque,
     io,
     net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket},
     os::fd::AsFd,
@@ -22,10 +21,8 @@ use nix::{
     },
 };
 
-use super::{Profile, namespace::Namespace, pauses::Pauses, random::Random};
+use super::{Profile, lane::Lane, namespace::Namespace};
 
-/// Bytes of IP and UDP headers.
-const HEADERS_BYTES: usize = 28;
 /// How many datagrams of a socket are read before others are sent.
 const BURST: usize = 64;
 /// How many near addresses there are at a time: a host that moves has one after another.
@@ -117,43 +114,20 @@ enum Way {
     ToNear,
 }
 
-/// A datagram on its way: when it arrives, which near address sent it or gets it.
+/// A datagram on its way: which near address sent it or gets it.
 struct Flying {
-    due: Instant,
     near: SocketAddr,
     bytes: Vec<u8>,
 }
 
-/// What there is of each way.
-struct Lane {
-    /// When it has carried all that it was given.
-    free: Instant,
-    /// When the last one arrives: none overtakes another.
-    arrived: Instant,
-    pauses: Pauses,
-    random: Random,
-    flying: VecDeque<Flying>,
-}
-
-impl Lane {
-    /// The next one, if it has arrived.
-    fn pop(&mut self, now: Instant) -> Option<Flying> {
-        match self.flying.front() {
-            Some(next) if next.due <= now => self.flying.pop_front(),
-            _ => None,
-        }
-    }
-}
-
 struct Wire {
-    profile: Profile,
     shaping: Option<Arc<Controls>>,
     far: SocketAddr,
     near: UdpSocket,
     /// The far port of each near address, the newest last.
     away: Vec<(SocketAddr, UdpSocket)>,
-    to_far: Lane,
-    to_near: Lane,
+    to_far: Lane<Flying>,
+    to_near: Lane<Flying>,
 }
 
 impl Wire {
@@ -165,17 +139,10 @@ impl Wire {
         let near = socket(options.near)?;
         let address = near.local_addr()?;
         let Options { profile, epoch, .. } = options;
-        let lane = |salt: u64| Lane {
-            free: epoch,
-            arrived: epoch,
-            pauses: Pauses::new(&profile.pauses, epoch, profile.seed),
-            random: Random::new(profile.seed.wrapping_add(salt << 32)),
-            flying: VecDeque::new(),
-        };
+        let lane = |salt| Lane::new(&profile, epoch, salt);
         let wire = Self {
             to_far: lane(1),
             to_near: lane(2),
-            profile,
             shaping: options.shaping,
             far: options.far,
             near,
@@ -191,10 +158,8 @@ impl Wire {
                 self.deliver(way, &flying);
             }
         }
-        let next = [&self.to_far, &self.to_near]
-            .into_iter()
-            .filter_map(|lane| lane.flying.front());
-        let next = next.map(|it| it.due.saturating_duration_since(now)).min();
+        let next = self.to_far.due().into_iter().chain(self.to_near.due());
+        let next = next.map(|it| it.saturating_duration_since(now)).min();
         self.wait(next.unwrap_or(LOOK).min(LOOK));
         self.read();
     }
@@ -266,16 +231,8 @@ impl Wire {
         let Some(sent) = self.shape(way, bytes.len(), now) else {
             return;
         };
-        let Profile { delay, jitter, .. } = self.profile;
-        let lane = self.lane(way);
-        let jitter = jitter.mul_f64(lane.random.part());
-        let due = lane.pauses.hold((sent + delay + jitter).max(lane.arrived));
-        lane.arrived = due;
-        lane.flying.push_back(Flying {
-            due,
-            near,
-            bytes: bytes.to_vec(),
-        });
+        let bytes = bytes.to_vec();
+        self.lane(way).push(sent, Flying { near, bytes });
     }
 
     /// When it has left its host, if it does.
@@ -283,23 +240,13 @@ impl Wire {
         let Some(controls) = &self.shaping else {
             return Some(now);
         };
-        let loss = u64::from(controls.loss_permille.load(Ordering::Relaxed));
+        let loss_permille = controls.loss_permille.load(Ordering::Relaxed);
         let is_cut = controls.is_cut.load(Ordering::Relaxed);
-        let Profile {
-            rate_bit, queue, ..
-        } = self.profile;
-        let lane = self.lane(way);
-        let begins = lane.free.max(now);
-        if begins - now > queue {
-            return None;
-        }
-        let bits = 8.0 * (len_bytes + HEADERS_BYTES) as f64;
-        lane.free = begins + Duration::from_secs_f64(bits / rate_bit);
-        let is_lost = lane.random.below(1_000) < loss;
-        (!is_cut && !is_lost).then_some(lane.free)
+        let sent = self.lane(way).shape(now, len_bytes, loss_permille);
+        sent.filter(|_| !is_cut)
     }
 
-    const fn lane(&mut self, way: Way) -> &mut Lane {
+    const fn lane(&mut self, way: Way) -> &mut Lane<Flying> {
         match way {
             Way::ToFar => &mut self.to_far,
             Way::ToNear => &mut self.to_near,

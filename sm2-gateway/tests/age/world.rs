@@ -1,16 +1,12 @@
 //! Two peers and the link between them, in virtual time.
 #![allow(dead_code, reason = "each test uses its own part")]
 
-use std::{
-    cmp::Reverse,
-    collections::{BTreeMap, BinaryHeap},
-    net::SocketAddr,
-    time::Duration,
-};
+use std::{collections::BTreeMap, net::SocketAddr};
 
 use quinn_proto::ConnectionHandle;
 use sm2_gateway::{
     Counts,
+    bad_link::{Lane, Profile},
     clock::{Clock, Now},
     peer::{Command, Event, Limits, Me, Peer},
 };
@@ -20,30 +16,14 @@ use sm2_proto::{
     gateway::{Hop, SubjectKind},
 };
 
-/// A link, each way.
-#[derive(Clone, Copy)]
-pub(crate) struct Link {
-    pub(crate) rate_bit: f64,
-    pub(crate) loss_permille: u64,
-    pub(crate) delay: Duration,
-    /// A datagram that would wait longer is lost.
-    pub(crate) queue: Duration,
-}
-
-/// Bytes of IP and UDP headers.
-pub(crate) const HEADERS_BYTES: usize = 28;
-
 struct Side {
     endpoint: Endpoint,
     me: Me,
     peer: Option<(ConnectionHandle, Peer)>,
     address: SocketAddr,
-    /// When its way has carried all that it was given.
-    free: Instant,
+    /// From it to the other one.
+    lane: Lane<Vec<u8>>,
 }
-
-/// A datagram on its way: when it arrives, its number, to which side.
-type Flying = Reverse<(Instant, u64, usize, Vec<u8>)>;
 
 /// What counts are of.
 pub(crate) type Named = (SubjectKind, Name);
@@ -52,15 +32,12 @@ pub(crate) type Named = (SubjectKind, Name);
 pub(crate) struct World {
     pub(crate) now: Instant,
     clock: Clock,
-    link: Link,
+    loss_permille: u32,
     sides: [Side; 2],
-    flying: BinaryHeap<Flying>,
-    count: u64,
-    random: u64,
 }
 
 impl World {
-    pub(crate) fn new(link: Link, congestion: Congestion) -> Self {
+    pub(crate) fn new(link: &Profile, congestion: Congestion) -> Self {
         let clock = Clock::of_the_machine();
         let now = sm2_io::clock::now();
         let keys = [(); 2].map(|()| SecretKey::generate().unwrap());
@@ -80,17 +57,14 @@ impl World {
                 },
                 peer: None,
                 address: SocketAddr::from(([10, 0, 0, number], 7_633)),
-                free: now,
+                lane: Lane::new(link, clock.at(now).quic, number.into()),
             }
         });
         let mut world = Self {
             now,
             clock,
-            link,
+            loss_permille: link.loss_permille,
             sides,
-            flying: BinaryHeap::new(),
-            count: 0,
-            random: 0x1234_5678_9abc_def1,
         };
         let (quic, address) = (world.moment().quic, world.sides[1].address);
         let connected = world.sides[0].endpoint.connect(quic, far, address);
@@ -121,13 +95,6 @@ impl World {
         self.sides[at].peer = Some((handle, peer));
     }
 
-    fn random(&mut self) -> u64 {
-        self.random ^= self.random << 13;
-        self.random ^= self.random >> 7;
-        self.random ^= self.random << 17;
-        self.random
-    }
-
     pub(crate) fn command(&mut self, at: usize, command: Command) {
         let moment = self.moment();
         if let Some((_, peer)) = &mut self.sides[at].peer {
@@ -136,18 +103,10 @@ impl World {
     }
 
     fn carry(&mut self, from: usize, bytes: &[u8]) {
-        let begins = self.sides[from].free.max(self.now);
-        if begins.since(self.now) > self.link.queue {
-            return;
-        }
-        let bits = 8.0 * (bytes.len() + HEADERS_BYTES) as f64;
-        let sent = begins.after(Duration::from_secs_f64(bits / self.link.rate_bit));
-        self.sides[from].free = sent;
-        if self.random() % 1_000 >= self.link.loss_permille {
-            self.count += 1;
-            let due = sent.after(self.link.delay);
-            let datagram = (due, self.count, 1 - from, bytes.to_vec());
-            self.flying.push(Reverse(datagram));
+        let (now, loss_permille) = (self.moment().quic, self.loss_permille);
+        let lane = &mut self.sides[from].lane;
+        if let Some(sent) = lane.shape(now, bytes.len(), loss_permille) {
+            lane.push(sent, bytes.to_vec());
         }
     }
 
@@ -194,16 +153,19 @@ impl World {
         let (near, far) = (0, 1);
         self.transmit(near);
         self.transmit(far);
-        let peers = self.sides.iter_mut().filter_map(|it| it.peer.as_mut());
-        let timers = peers.filter_map(|(_, peer)| peer.deadline());
-        let arrival = self.flying.peek().map(|Reverse((due, ..))| *due);
-        let next = timers.chain(arrival).min().unwrap_or(until);
+        let clock = self.clock;
+        let moments = self.sides.iter_mut().flat_map(|it| {
+            let timer = it.peer.as_mut().and_then(|(_, peer)| peer.deadline());
+            let arrival = it.lane.due().map(|due| clock.of(due));
+            [timer, arrival]
+        });
+        let next = moments.flatten().min().unwrap_or(until);
         self.now = next.min(until).max(self.now);
-        while let Some(Reverse((due, ..))) = self.flying.peek()
-            && *due <= self.now
-        {
-            let Reverse((_, _, to, bytes)) = self.flying.pop().unwrap();
-            self.deliver(to, &bytes);
+        for from in [near, far] {
+            let now = self.moment().quic;
+            while let Some(bytes) = self.sides[from].lane.pop(now) {
+                self.deliver(1 - from, &bytes);
+            }
         }
         let moment = self.moment();
         let mut events = Vec::new();

@@ -1,0 +1,107 @@
+//! One way of a link: what goes in comes out in its time and order, or not at all. Reads no clock.
+
+use std::{
+    collections::VecDeque,
+    time::{Duration, Instant},
+};
+
+use super::{Profile, pauses::Pauses, random::Random};
+
+/// Bytes of IP and UDP headers.
+pub const HEADERS_BYTES: usize = 28;
+
+/// One of the two ways; `T` is what goes there.
+#[derive(Debug)]
+pub struct Lane<T> {
+    rate_bit: f64,
+    delay: Duration,
+    jitter: Duration,
+    queue: Duration,
+    /// When it has carried all that it was given.
+    free: Instant,
+    /// When the last one arrives: none overtakes another.
+    arrived: Instant,
+    pauses: Pauses,
+    random: Random,
+    /// When each arrives.
+    flying: VecDeque<(Instant, T)>,
+}
+
+impl<T> Lane<T> {
+    /// An empty one. `salt` is another one for each way: both have the same pauses, counted from
+    /// `epoch`, and differ in jitter and loss.
+    #[must_use]
+    pub fn new(profile: &Profile, epoch: Instant, salt: u64) -> Self {
+        Self {
+            rate_bit: profile.rate_bit,
+            delay: profile.delay,
+            jitter: profile.jitter,
+            queue: profile.queue,
+            free: epoch,
+            arrived: epoch,
+            pauses: Pauses::new(&profile.pauses, epoch, profile.seed),
+            random: Random::new(profile.seed.wrapping_add(salt << 32)),
+            flying: VecDeque::new(),
+        }
+    }
+
+    /// When a datagram with so much payload has left its host at the link's rate; none: it is lost,
+    /// since the queue is full or by chance.
+    pub fn shape(&mut self, now: Instant, len_bytes: usize, loss_permille: u32) -> Option<Instant> {
+        let begins = self.free.max(now);
+        if begins - now > self.queue {
+            return None;
+        }
+        let bits = 8.0 * (len_bytes + HEADERS_BYTES) as f64;
+        self.free = begins + Duration::from_secs_f64(bits / self.rate_bit);
+        let is_lost = self.random.below(1_000) < loss_permille.into();
+        (!is_lost).then_some(self.free)
+    }
+
+    /// Takes what has left its host at `sent`.
+    pub fn push(&mut self, sent: Instant, what: T) {
+        let jitter = self.jitter.mul_f64(self.random.part());
+        let due = (sent + self.delay + jitter).max(self.arrived);
+        self.arrived = self.pauses.hold(due);
+        self.flying.push_back((self.arrived, what));
+    }
+
+    /// The next one, if it has arrived.
+    pub fn pop(&mut self, now: Instant) -> Option<T> {
+        match self.due() {
+            Some(due) if due <= now => self.flying.pop_front().map(|(_, what)| what),
+            _ => None,
+        }
+    }
+
+    /// When the next one arrives.
+    #[must_use]
+    pub fn due(&self) -> Option<Instant> {
+        self.flying.front().map(|(due, _)| *due)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_sent_arrives_in_order_after_delay_and_at_most_jitter() {
+        let epoch = Instant::now();
+        let profile = Profile {
+            pauses: Vec::new(),
+            ..Profile::wifi()
+        };
+        let mut lane = Lane::new(&profile, epoch, 1);
+        for number in 0..200_u32 {
+            let now = epoch + Duration::from_micros(100) * number;
+            lane.push(now, number);
+            assert!(lane.arrived >= now + profile.delay);
+            assert!(lane.arrived <= now + profile.delay + profile.jitter);
+        }
+        assert_eq!(lane.pop(epoch + profile.delay / 2), None);
+        let end = epoch + Duration::from_secs(1);
+        let left: Vec<_> = std::iter::from_fn(|| lane.pop(end)).collect();
+        assert_eq!(left, (0..200).collect::<Vec<u32>>());
+    }
+}
