@@ -144,12 +144,12 @@ impl Hub {
         let Some(skipped) = self.messages.take(&subject, origin, sequence) else {
             return;
         };
-        if let Some(it) = self.peers.get_mut(&peer) {
-            let skip = Counts {
-                skipped,
-                ..Counts::default()
-            };
-            it.tally.count(Whose::Theirs(offer), |it| *it += skip);
+        if skipped > 0
+            && let Some(it) = self.peers.get_mut(&peer)
+        {
+            // A peer can number its messages as it likes.
+            let skip = |it: &mut Counts| it.skipped = it.skipped.saturating_add(skipped);
+            it.tally.count(Whose::Theirs(offer), skip);
         }
         let age = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);
         let published = Instant(now.0.saturating_sub(age));

@@ -81,10 +81,9 @@ async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, events: Event
         }
         let published = sample.source_time();
         // What is latched is kept for long.
-        let payload = match sample.len() {
-            _ if subject.latched() > 0 => Bytes::copy_from_slice(&sample),
-            ..=COPIED_BYTES => Bytes::copy_from_slice(&sample),
-            _ => Bytes::from_owner(Held(sample)),
+        let payload = match sample.len() <= COPIED_BYTES || subject.latched() > 0 {
+            true => Bytes::copy_from_slice(&sample),
+            false => Bytes::from_owner(Held(sample)),
         };
         let event = LocalEvent::Message {
             subject: subject.clone(),

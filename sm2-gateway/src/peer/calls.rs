@@ -72,6 +72,11 @@ impl Calls {
         std::mem::take(&mut self.tickets).into_values()
     }
 
+    /// Whether nothing is to be written.
+    pub(super) const fn is_idle(&self) -> bool {
+        self.writing.is_empty()
+    }
+
     /// Writes what there is `room` for.
     pub(super) fn write(
         &mut self,

@@ -148,6 +148,11 @@ impl Topics {
         is_wanted
     }
 
+    /// Whether nothing is to be written.
+    pub(super) fn is_idle(&self) -> bool {
+        self.waiting.is_empty() && self.making.is_empty()
+    }
+
     /// Writes what there is `room` for: the message whose turn it is first.
     pub(super) fn write(
         &mut self,

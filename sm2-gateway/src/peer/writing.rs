@@ -13,7 +13,8 @@ const CONTROL_WAITING_MAX: usize = 1 << 20;
 impl Peer {
     /// Gives QUIC a little more than it can send at once; whether anything.
     pub(super) fn write(&mut self, now: Now) -> bool {
-        if self.is_over {
+        // How much room there is takes some looking: not for those who only receive.
+        if self.is_over || (self.calls.is_idle() && self.topics.is_idle()) {
             return false;
         }
         let mut room = self.ahead.room(&self.connection);
