@@ -1,0 +1,85 @@
+//! The contract that every machine of this crate keeps: [`Machine`].
+
+use core::{convert::Infallible, fmt};
+
+use crate::Instant;
+
+/// A protocol as a state machine without I/O, a clock or descriptors.
+///
+/// Its driver owns the sockets and the clock and repeats these steps:
+///
+/// 1. Feed one input with [`handle`](Self::handle).
+/// 2. Call [`poll`](Self::poll) and carry out each output until it returns `None`.
+/// 3. Ask [`deadline`](Self::deadline) and sleep until then, or until something happens.
+///
+/// All outputs of an input are drained before the next input is fed; a debug assertion in each
+/// machine checks this. Some inputs report that the output just polled could not be carried out,
+/// such as [`link::Input::Blocked`](crate::link::Input::Blocked): these may come while outputs
+/// wait. The documentation of each input enum names them.
+pub trait Machine {
+    /// Events from outside, and the commands of the machine's owner.
+    type Input<'a>;
+    /// Work for the driver, and events for the machine's owner. A closed enum: one place in each
+    /// driver matches it exhaustively.
+    type Output;
+    /// The reason for which the machine ended; [`Infallible`] if it never ends.
+    type End;
+    /// The ways in which the machine's owner can break the contract.
+    type Misuse;
+
+    /// Feeds one input.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`]: this input is not legal now, and nothing has changed.
+    /// [`Error::Ended`]: the machine has ended, perhaps because of this very input. It answers
+    /// every later input with the same reason.
+    fn handle(
+        &mut self,
+        now: Instant,
+        input: Self::Input<'_>,
+    ) -> Result<(), Error<Self::End, Self::Misuse>>;
+
+    /// Returns the next output; `None` once all are drained.
+    fn poll(&mut self) -> Option<Self::Output>;
+
+    /// The time at which the driver feeds a tick if nothing else happens earlier; `None` if the
+    /// machine has no timer running.
+    fn deadline(&self) -> Option<Instant>;
+}
+
+/// Why [`Machine::handle`] did not do what its input asked for.
+///
+/// A violation of the peer is neither of the two for a machine that serves many peers: such a
+/// machine ends one session and goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Error<E, M> {
+    /// The machine has ended for this reason, the first one that occurred.
+    Ended(E),
+    /// The machine's owner broke its contract; nothing has changed.
+    Misuse(M),
+}
+
+/// The error of a machine that never ends.
+pub type MisuseError<M> = Error<Infallible, M>;
+
+impl<E, M> From<M> for Error<E, M> {
+    fn from(misuse: M) -> Self {
+        Self::Misuse(misuse)
+    }
+}
+
+impl<E: fmt::Display, M: fmt::Display> fmt::Display for Error<E, M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ended(end) => end.fmt(f),
+            Self::Misuse(misuse) => misuse.fmt(f),
+        }
+    }
+}
+
+impl<E, M> core::error::Error for Error<E, M>
+where
+    E: fmt::Debug + fmt::Display,
+    M: fmt::Debug + fmt::Display,
+{
+}
