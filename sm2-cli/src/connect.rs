@@ -166,7 +166,7 @@ fn turn(
     let mut ready = wait(&fds, timeout).map_err(failed())?;
     let moved = ready.remove(0);
     if moved {
-        node.spin_once(None).map_err(failed())?;
+        node.spin_some().map_err(failed())?;
     }
     Ok((moved, ready))
 }
@@ -251,9 +251,9 @@ impl Domain {
         let connect = |name: &str| {
             let builder = Node::builder(name)
                 .socket(path)
-                .timeout(self.connect_timeout);
+                .manager_timeout(self.connect_timeout);
             match patience {
-                Some(patience) => builder.wait_for_manager(patience).connect(),
+                Some(patience) => builder.startup_timeout(patience).connect(),
                 None => builder.connect(),
             }
         };

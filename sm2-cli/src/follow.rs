@@ -32,7 +32,7 @@ impl<'a> Follow<'a> {
     pub(crate) fn new(session: &'a Session, patience: Duration) -> Result<Self, CliError> {
         let mut watch = session.node.watch();
         // There is always something: this node itself.
-        if watch.wait(Some(patience))?.is_empty() {
+        if watch.wait_timeout(patience)?.is_empty() {
             return Err(QueryError::TimedOut.into());
         }
         Ok(Self { session, watch })
@@ -53,7 +53,7 @@ impl<'a> Follow<'a> {
         others: &[(BorrowedFd<'_>, For)],
         until: Option<Instant>,
     ) -> Result<Woken, CliError> {
-        let changes = self.watch.wait(Some(Duration::ZERO))?;
+        let changes = self.watch.try_wait()?;
         if !changes.is_empty() {
             self.session.is_connected();
             let ready = vec![false; others.len()];
@@ -61,7 +61,7 @@ impl<'a> Follow<'a> {
         }
         let mut ready = self.session.step(others, until)?;
         ready.truncate(others.len());
-        let changes = self.watch.wait(Some(Duration::ZERO))?;
+        let changes = self.watch.try_wait()?;
         Ok(Woken { changes, ready })
     }
 }

@@ -212,7 +212,7 @@ pub(crate) fn call<T: DeserializeOwned>(
     let calls = clients.into_iter().map(|(service, client)| {
         let left = until.saturating_duration_since(Instant::now());
         let call = client.map_err(ReportError::from).and_then(|client| {
-            let call = client.send(question, Some(left))?;
+            let call = client.send_timeout(question, left)?;
             // The client stays as long as its call.
             Ok((client, call))
         });
@@ -243,7 +243,7 @@ fn link(clients: &[(Name, Result<Raw, DeclareError>)], until: Instant) {
         .collect();
     while !clients.is_empty() && Instant::now() < until {
         // One that is stuck does not use up the time of the others.
-        clients.retain(|it| it.wait_for_servers(1, Some(STEP)).is_err());
+        clients.retain(|it| it.wait_for_servers_timeout(1, STEP).is_err());
     }
 }
 

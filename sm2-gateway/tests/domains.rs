@@ -24,8 +24,8 @@ fn a_topic_of_one_domain_is_heard_in_another() {
     let publisher = talker.publisher::<str>("chatter").unwrap();
     let listener = far.node("listener");
     let subscriber = listener.subscriber::<str>("chatter").unwrap();
-    subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
-    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     let long = "x".repeat(1 << 20);
     for (number, text) in ["hello", "", &long].into_iter().enumerate() {
         publisher.publish(text).unwrap();
@@ -73,11 +73,14 @@ fn a_service_of_one_domain_is_called_in_another() {
     });
     let asker = far.node("asker");
     let client = asker.client::<[u64], u64>("sum").unwrap();
-    client.wait_for_servers(1, Some(SOON)).unwrap();
-    assert_eq!(*client.call(&[1, 2, 3], SOON).unwrap(), 6);
+    client.wait_for_servers_timeout(1, SOON).unwrap();
+    assert_eq!(*client.call_timeout(&[1, 2, 3], SOON).unwrap(), 6);
     let many: Vec<u64> = (0..100_000).collect();
-    assert_eq!(*client.call(&many, SOON).unwrap(), many.iter().sum::<u64>());
-    let error = client.call(&[1], SOON).unwrap_err();
+    assert_eq!(
+        *client.call_timeout(&many, SOON).unwrap(),
+        many.iter().sum::<u64>()
+    );
+    let error = client.call_timeout(&[1], SOON).unwrap_err();
     assert!(matches!(error, CallError::Failed { reason, .. } if reason == "one is no sum"));
     // Three calls: a request and a reply each, of which the last one failed.
     for (gateway, offered, received) in [(&left, 3, 3), (&right, 3, 3)] {
@@ -93,7 +96,7 @@ fn a_service_of_one_domain_is_called_in_another() {
     runtime.block_on(left.stop());
     until("the server is gone", || {
         matches!(
-            client.call(&[1, 2], SOON),
+            client.call_timeout(&[1, 2], SOON),
             Err(CallError::NoServer { .. }
                 | CallError::ServerGone { .. }
                 | CallError::Failed { .. })
@@ -102,7 +105,7 @@ fn a_service_of_one_domain_is_called_in_another() {
     drop(asker);
     let local = near.node("local");
     let client = local.client::<[u64], u64>("sum").unwrap();
-    let _ = client.call(&[], Duration::from_millis(10));
+    let _ = client.call_timeout(&[], Duration::from_millis(10));
     serving.join().unwrap();
     runtime.block_on(right.stop());
 }
@@ -118,8 +121,8 @@ fn rules_that_change_take_effect_at_once() {
     let publisher = talker.publisher::<u64>("secret/count").unwrap();
     let listener = far.node("listener");
     let subscriber = listener.subscriber::<u64>("secret/count").unwrap();
-    subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
-    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     let other = "[[rule]]\naction = \"deny\"\nnames = \"secret/*\"\n".to_owned() + ALL;
     let config = near.config(&[(&far, None)], &other);
     runtime.block_on(left.reload(&config));
@@ -145,8 +148,8 @@ fn rules_that_change_take_effect_at_once() {
     // And back.
     let config = near.config(&[(&far, None)], ALL);
     runtime.block_on(left.reload(&config));
-    subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
-    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     publisher.publish(&2).unwrap();
     assert_eq!(*subscriber.recv_timeout(SOON).unwrap().expect("in time"), 2);
     // A peer that is not trusted any more is gone.
@@ -178,7 +181,7 @@ fn what_is_latched_reaches_subscribers_that_come_later() {
     let moving = std::thread::spawn(move || {
         while !until_over.load(Ordering::Relaxed) {
             // More than ever come.
-            let _ = maps.wait_for_subscribers(100, Some(Duration::from_millis(5)));
+            let _ = maps.wait_for_subscribers_timeout(100, Duration::from_millis(5));
         }
     });
     let mut kept = Vec::new();
@@ -207,14 +210,15 @@ fn three_domains_in_a_row_pass_on_and_give_nothing_back() {
     let subscribers =
         [&here, &between, &there].map(|node| node.subscriber::<u64>("count").unwrap());
     // Nodes move on when they are called.
-    let moment = Some(Duration::from_millis(1));
+    let moment = Duration::from_millis(1);
     until("linked", || {
         publisher.links();
-        let linked = |it: &&sm2_node::Subscriber<u64>| it.wait_for_publishers(1, moment).is_ok();
+        let linked =
+            |it: &&sm2_node::Subscriber<u64>| it.wait_for_publishers_timeout(1, moment).is_ok();
         subscribers.iter().filter(linked).count() == subscribers.len()
     });
     // Its own domain's, and the gateway.
-    publisher.wait_for_subscribers(2, Some(SOON)).unwrap();
+    publisher.wait_for_subscribers_timeout(2, SOON).unwrap();
     let mut number = 0;
     until("all the way", || {
         number += 1;

@@ -55,8 +55,8 @@ fn what_goes_to_a_peer_is_counted_for_prometheus() {
     let publisher = talker.publisher::<u64>("count").unwrap();
     let listener = far.node("listener");
     let subscriber = listener.subscriber::<u64>("count").unwrap();
-    subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
-    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     publisher.publish(&1).unwrap();
     subscriber.recv_timeout(SOON).unwrap().expect("in time");
     let sent =

@@ -250,11 +250,11 @@ fn nodes_of_other_processes_talk_through_it() {
     let node = domain.node("talker");
     let publisher = node.publisher_builder::<u64>("topic").depth(1_024);
     let publisher = publisher.declare().unwrap();
-    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     for number in 1..=500 {
         publisher.publish(&number).unwrap();
     }
-    assert!(publisher.flush(SOON).unwrap());
+    assert!(publisher.flush_timeout(SOON).unwrap());
     for number in 1..=500 {
         let line = listener.line("talker says ");
         assert!(line.ends_with(&format!("talker says {number}")), "{line}");

@@ -60,7 +60,7 @@ impl Pair {
             .max_borrowed(depth)
             .declare()?;
         while publisher.links().iter().all(|it| !it.open) {
-            listener.spin_once(None)?;
+            listener.spin_some()?;
         }
         Ok(Self {
             publisher,

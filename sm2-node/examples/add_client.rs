@@ -19,8 +19,8 @@ fn ask() -> Outcome {
     let numbers = numbers.collect::<Outcome<Vec<f64>>>()?;
     let node = Node::new("add-client")?;
     let client = node.client::<[f64], f64>("add")?;
-    client.wait_for_servers(1, Some(Duration::from_secs(5)))?;
-    let sum = client.call(&numbers, Duration::from_secs(1))?;
+    client.wait_for_servers_timeout(1, Duration::from_secs(5))?;
+    let sum = client.call_timeout(&numbers, Duration::from_secs(1))?;
     writeln!(stdout(), "{} says {}", sum.server(), *sum)?;
     Ok(())
 }

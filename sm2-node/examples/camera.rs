@@ -43,8 +43,11 @@ fn film_and_view() -> Outcome {
 fn film(frames: u32, nobody_looks: impl Fn() -> bool) -> Outcome {
     let node = Node::new("camera")?;
     let topic = node.publisher_builder::<Image>("camera/image");
-    let publisher = topic.reliable(Duration::from_secs(1)).declare()?;
-    publisher.wait_for_subscribers(1, None)?;
+    let publisher = topic
+        .reliable(true)
+        .publish_timeout(Duration::from_secs(1))
+        .declare()?;
+    publisher.wait_for_subscribers(1)?;
     for frame in 0..frames {
         let mut image = publisher.loan_slice((WIDTH * HEIGHT) as usize)?;
         image.exposed_ns = now().0.into();
@@ -57,7 +60,7 @@ fn film(frames: u32, nobody_looks: impl Fn() -> bool) -> Outcome {
             break;
         }
     }
-    publisher.flush(Duration::from_secs(1))?;
+    publisher.flush_timeout(Duration::from_secs(1))?;
     Ok(())
 }
 

@@ -14,7 +14,7 @@
 //!   node: for new links, for room in a socket that was full, for the node's own timer. A
 //!   node that only publishes is watched by its own descriptor.
 //! - **What to call**: `try_recv`. It first moves the whole node on, so no other call is
-//!   needed. A node that only publishes: `spin_once(None)`.
+//!   needed. A node that only publishes: `spin_some()`.
 //! - **Nothing is missed**: a subscriber's descriptor stays readable until `try_recv` has
 //!   said that there is nothing, whichever call took the message from its socket. `publish`
 //!   below is such a call. So a turn may end early, with messages left for the next.

@@ -36,7 +36,7 @@ fn serve() -> Outcome {
     let late = thread::spawn(navigate);
     // Whoever comes late is served while the map server is called.
     while !late.is_finished() {
-        node.spin_once(Some(Duration::from_millis(100)))?;
+        node.spin_once_timeout(Duration::from_millis(100))?;
     }
     late.join().expect("the navigator does not panic")
 }

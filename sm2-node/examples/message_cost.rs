@@ -5,7 +5,7 @@
 //! Prints nanoseconds per message, the median of nine rounds, for both lanes. With `AT_A_TIME`, 1 or 32,
 //! it does only that, so that `valgrind --tool=callgrind` says in instructions where it goes.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use sm2_manager::{Background, Options};
 use sm2_node::{Node, Publisher, Subscriber};
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let subscriber = listener.subscriber_builder::<[u8]>("topic");
         let subscriber = subscriber.depth(64).max_borrowed(32).declare()?;
         while publisher.links().iter().all(|it| !it.open) {
-            listener.spin_once(None)?;
+            listener.spin_some()?;
         }
         print!("{lane:<8}");
         for at_a_time in at_a_time.map_or(vec![1, BATCH], |it| vec![it]) {
@@ -77,7 +77,7 @@ fn cost(
             while missing > 0 {
                 missing -= match at_a_time {
                     1 => usize::from(subscriber.try_recv()?.is_some()),
-                    _ => subscriber.recv_each(Some(Duration::ZERO), BATCH, |it| drop(it))?,
+                    _ => subscriber.try_recv_each(BATCH, |it| drop(it))?,
                 };
             }
             published += (middle - start).as_secs_f64();

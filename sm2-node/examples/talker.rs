@@ -16,7 +16,7 @@ fn talk() -> Outcome {
     let count = common::argument(1, u64::MAX)?;
     let node = Node::new("talker")?;
     let publisher = node.publisher::<str>("chatter")?;
-    publisher.wait_for_subscribers(1, None)?;
+    publisher.wait_for_subscribers(1)?;
     for number in 1..=count {
         publisher.publish(&format!("hello {number}"))?;
         node.spin_for(Duration::from_millis(100))?;

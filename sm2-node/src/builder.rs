@@ -22,8 +22,8 @@ pub struct NodeBuilder {
     name: String,
     domain: Option<String>,
     socket: Option<PathBuf>,
-    timeout: Duration,
-    wait_for_manager: Duration,
+    manager_timeout: Duration,
+    startup_timeout: Duration,
     ring_lane: bool,
     #[cfg(feature = "embedded-manager")]
     embedded: Option<sm2_manager::Options>,
@@ -35,8 +35,8 @@ impl NodeBuilder {
             name: name.to_owned(),
             domain: None,
             socket: None,
-            timeout: Duration::from_secs(5),
-            wait_for_manager: Duration::ZERO,
+            manager_timeout: Duration::from_secs(5),
+            startup_timeout: Duration::ZERO,
             ring_lane: std::env::var_os("SM2_RING_LANE").is_none_or(|it| it != "off"),
             #[cfg(feature = "embedded-manager")]
             embedded: None,
@@ -55,16 +55,18 @@ impl NodeBuilder {
         self
     }
 
-    /// How long the Manager may take to answer, here and to each declaration and question,
-    /// which includes the time until another Manager has taken over; 5 s by default.
-    pub const fn timeout(mut self, timeout: Duration) -> Self {
-        self.timeout = timeout;
+    /// How long the Manager may take to answer: to [`connect`](Self::connect), to each
+    /// declaration and to each query. Includes the time until another Manager has taken over; 5 s
+    /// by default.
+    pub const fn manager_timeout(mut self, timeout: Duration) -> Self {
+        self.manager_timeout = timeout;
         self
     }
 
-    /// How long to wait for a Manager to start, if there is none; not at all by default.
-    pub const fn wait_for_manager(mut self, timeout: Duration) -> Self {
-        self.wait_for_manager = timeout;
+    /// How long [`connect`](Self::connect) waits for a Manager to start if none is running;
+    /// `Duration::ZERO` by default, which does not wait.
+    pub const fn startup_timeout(mut self, timeout: Duration) -> Self {
+        self.startup_timeout = timeout;
         self
     }
 
@@ -104,7 +106,7 @@ impl NodeBuilder {
             Some(options) => Some(sm2_manager::Background::start_or_stand_by(&path, options)?),
             None => None,
         };
-        let socket = connect(&path, self.timeout, self.wait_for_manager)?;
+        let socket = connect(&path, self.manager_timeout, self.startup_timeout)?;
         let failed = |source| ConnectError::Io {
             path: path.clone(),
             source,
@@ -113,11 +115,11 @@ impl NodeBuilder {
             socket,
             path.clone(),
             name.clone(),
-            self.timeout,
+            self.manager_timeout,
             self.ring_lane,
         )
         .map_err(failed)?;
-        let until = sm2_io::clock::now().after(self.timeout);
+        let until = sm2_io::clock::now().after(self.manager_timeout);
         let answer = shared.wait(Topic::Session, Some(until), |inner| {
             if let Some(reason) = inner.greeting_refusal() {
                 return Some(Err(match reason {
@@ -150,9 +152,13 @@ impl NodeBuilder {
     }
 }
 
-/// Connects. A Manager that is there but busy is asked again until `timeout` is over, one
-/// that is not there is waited for as long as `absence` says.
-fn connect(path: &Path, timeout: Duration, absence: Duration) -> Result<SeqPacket, ConnectError> {
+/// Connects. Retries a Manager that is busy for `manager_timeout`, and an address without a
+/// Manager for `startup_timeout`.
+fn connect(
+    path: &Path,
+    manager_timeout: Duration,
+    startup_timeout: Duration,
+) -> Result<SeqPacket, ConnectError> {
     let now = sm2_io::clock::now();
     loop {
         let source = match SeqPacket::connect(path) {
@@ -161,12 +167,15 @@ fn connect(path: &Path, timeout: Duration, absence: Duration) -> Result<SeqPacke
         };
         let path = path.to_owned();
         let (until, late) = match source.kind() {
-            io::ErrorKind::WouldBlock => (now.after(timeout), ConnectError::TimedOut { path }),
-            io::ErrorKind::NotFound => {
-                (now.after(absence), ConnectError::NoManager { path, source })
+            io::ErrorKind::WouldBlock => {
+                (now.after(manager_timeout), ConnectError::TimedOut { path })
             }
+            io::ErrorKind::NotFound => (
+                now.after(startup_timeout),
+                ConnectError::NoManager { path, source },
+            ),
             io::ErrorKind::ConnectionRefused => {
-                let until = now.after(absence.max(SUCCESSION));
+                let until = now.after(startup_timeout.max(SUCCESSION));
                 (until, ConnectError::NoManager { path, source })
             }
             _ => return Err(ConnectError::Io { path, source }),

@@ -37,26 +37,49 @@ pub struct Client<Q: Message + ?Sized, R: Message + ?Sized> {
 }
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
-    /// Calls, and waits for the reply at most this long.
+    /// Sends a request and waits for the reply, without a time limit. A server that ends fails
+    /// the call at once (SM2-SRV-005).
     ///
     /// # Errors
     ///
     /// See [`CallError`].
-    pub fn call(&self, request: &Q, timeout: Duration) -> Result<Reply<R>, CallError> {
-        self.send(request, Some(timeout))?.wait()
+    pub fn call(&self, request: &Q) -> Result<Reply<R>, CallError> {
+        self.send(request)?.wait()
     }
 
-    /// Makes a call whose reply is waited for later. With a timeout, the server is told the
-    /// moment from which on nobody wants the reply.
-    ///
-    /// Waits only while the link to the first server is being opened, and no longer than
-    /// the timeout.
+    /// Sends a request and waits for the reply, for at most `timeout`.
     ///
     /// # Errors
     ///
     /// See [`CallError`].
-    pub fn send(&self, request: &Q, timeout: Option<Duration>) -> Result<Call<R>, CallError> {
-        let deadline = until(timeout);
+    pub fn call_timeout(&self, request: &Q, timeout: Duration) -> Result<Reply<R>, CallError> {
+        self.send_timeout(request, timeout)?.wait()
+    }
+
+    /// Sends a request; the [`Call`] waits for its reply. The call has no deadline.
+    ///
+    /// Waits only while the link to the first server is being opened.
+    ///
+    /// # Errors
+    ///
+    /// See [`CallError`].
+    pub fn send(&self, request: &Q) -> Result<Call<R>, CallError> {
+        self.send_until(request, None)
+    }
+
+    /// Sends a request whose reply is worthless after `timeout`: the server learns this deadline,
+    /// and [`Call::wait`] ends then.
+    ///
+    /// Waits only while the link to the first server is being opened, for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// See [`CallError`].
+    pub fn send_timeout(&self, request: &Q, timeout: Duration) -> Result<Call<R>, CallError> {
+        self.send_until(request, until(Some(timeout)))
+    }
+
+    fn send_until(&self, request: &Q, deadline: Option<Instant>) -> Result<Call<R>, CallError> {
         let bytes = request.bytes().map_err(StoreError::Encode)?;
         let needs = self.server(deadline)?;
         self.send_to(needs, bytes, deadline)
@@ -159,18 +182,26 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         self.handle.matched()
     }
 
-    /// Waits until at least this many servers' links are open; without a timeout, as long as it
-    /// takes.
+    /// Waits until at least `count` servers are linked, without a time limit.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::Io`].
+    pub fn wait_for_servers(&self, count: usize) -> Result<(), WaitError> {
+        self.handle.wait_open(count, None)
+    }
+
+    /// Waits until at least `count` servers are linked, for at most `timeout`.
     ///
     /// # Errors
     ///
     /// See [`WaitError`].
-    pub fn wait_for_servers(
+    pub fn wait_for_servers_timeout(
         &self,
         count: usize,
-        timeout: Option<Duration>,
+        timeout: Duration,
     ) -> Result<(), WaitError> {
-        self.handle.wait_open(count, timeout)
+        self.handle.wait_open(count, Some(timeout))
     }
 
     /// Whether the Manager has it: not while there is none, and not if another one took over

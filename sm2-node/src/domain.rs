@@ -15,7 +15,7 @@ use crate::handle::{Handle, until};
 use crate::{Node, QueryError, SchemaError};
 
 /// What a node can ask about its domain. Each call waits for the Manager at most as long as
-/// [`NodeBuilder::timeout`](crate::NodeBuilder::timeout) says, also if that Manager goes and another
+/// [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout) says, also if that Manager goes and another
 /// one comes meanwhile. Several threads may ask at a time: each gets its turn.
 impl Node {
     /// The whole domain as it is at one revision (SM2-WCH-003), which includes
@@ -158,16 +158,37 @@ impl Watch {
         self.reader.mirror.domain()
     }
 
-    /// Waits for something to change, applies it to [`domain`](Self::domain), and gives it:
-    /// each item at most once. The first call gives all that there is. Empty: the time is over;
-    /// without one, this waits as long as it takes, also for a Manager.
+    /// Waits for changes, without a time limit (also for a Manager), applies them to
+    /// [`domain`](Self::domain), and returns them: each item at most once. The first call returns
+    /// the whole domain.
     ///
     /// # Errors
     ///
     /// See [`QueryError`]; the next call starts afresh.
+    pub fn wait(&mut self) -> Result<Vec<Change>, QueryError> {
+        self.wait_until(None)
+    }
+
+    /// As [`wait`](Self::wait), for at most `timeout`; the result is empty if nothing changed.
+    ///
+    /// # Errors
+    ///
+    /// As [`wait`](Self::wait).
+    pub fn wait_timeout(&mut self, timeout: Duration) -> Result<Vec<Change>, QueryError> {
+        self.wait_until(until(Some(timeout)))
+    }
+
+    /// As [`wait`](Self::wait), but never waits; the result is empty if nothing changed.
+    ///
+    /// # Errors
+    ///
+    /// As [`wait`](Self::wait).
+    pub fn try_wait(&mut self) -> Result<Vec<Change>, QueryError> {
+        self.wait_until(Some(Instant(0)))
+    }
+
     //= SM2-WCH-001, SM2-WCH-003
-    pub fn wait(&mut self, timeout: Option<Duration>) -> Result<Vec<Change>, QueryError> {
-        let until = until(timeout);
+    fn wait_until(&mut self, until: Option<Instant>) -> Result<Vec<Change>, QueryError> {
         loop {
             let changes = match self.reader.step(until) {
                 Ok(changes) => changes,

@@ -11,7 +11,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let node = sm2_node::Node::new("talker")?;
 //! let publisher = node.publisher::<str>("chatter")?;
-//! publisher.wait_for_subscribers(1, Some(Duration::from_secs(5)))?;
+//! publisher.wait_for_subscribers_timeout(1, Duration::from_secs(5))?;
 //! publisher.publish("hello")?;
 //! # Ok(())
 //! # }
@@ -41,7 +41,7 @@
 //! request.reply(&sum)?;
 //!
 //! let client = node.client::<[f64], f64>("sum")?;
-//! let sum = client.call(&[1.0, 2.0], Duration::from_secs(1))?;
+//! let sum = client.call_timeout(&[1.0, 2.0], Duration::from_secs(1))?;
 //! # Ok(())
 //! # }
 //! ```
@@ -69,7 +69,7 @@
 //! | [`Subscriber`] | it | [`Subscriber::try_recv`] |
 //! | [`Server`] | it | [`Server::try_recv`] |
 //! | [`Client`] | it, as long as calls are under way | [`Call::try_wait`] of all of them |
-//! | none of these, at the time | the [`Node`] | [`Node::spin_once`]`(None)` |
+//! | none of these, at the time | the [`Node`] | [`Node::spin_some`] |
 //!
 //! - Each of these calls first moves the whole node on: no other is needed.
 //! - A descriptor stays readable until its call has said that there is nothing, whichever
@@ -79,8 +79,8 @@
 //!   io_uring), register the descriptor anew after each turn.
 //! - No timer is needed: the times that the node itself keeps are behind the same descriptors.
 //!   Only the deadline of a call that nobody answers is seen when it is asked for.
-//! - Nothing waits but what says so, and [`Publisher::publish`] as long as
-//!   [`PublisherBuilder::reliable`] said: none, in a loop that must not wait.
+//! - Only [`Publisher::publish`] can wait: for reliable subscribers, for at most the
+//!   [`PublisherBuilder::publish_timeout`]. A loop that must not wait sets `Duration::ZERO`.
 //!
 //! The examples `loop_epoll`, `loop_mio` and `loop_io_uring` are complete programs.
 //!
@@ -95,6 +95,35 @@
 //!
 //! [`Node::snapshot`] gives all of it, [`Node::watch`] what changes, [`Publisher::why`] and its
 //! likes why an interface has no links, [`Node::inspect`] what another node counts.
+//!
+//! # Conventions
+//!
+//! *Waiting.* Each operation that waits exists in up to three forms, named as in the standard
+//! library and in crossbeam:
+//!
+//! | form | waits |
+//! | --- | --- |
+//! | `recv()`, `wait_for_subscribers(n)`, `call(..)`, `spin_once()` | without a time limit |
+//! | `recv_timeout(d)`, `wait_for_subscribers_timeout(n, d)`, `call_timeout(.., d)`, `spin_once_timeout(d)` | for at most `d`, a `Duration` |
+//! | `try_recv()`, `try_wait()`, and [`Node::spin_some`] | never |
+//!
+//! A time limit is never an `Option`. A call that finds nothing before its time limit returns `None`,
+//! an empty collection, 0 or `false`; an error says that a condition which the program asked for
+//! (enough links, a reply, a Manager) did not come about. [`Publisher::publish`] has one form,
+//! because only reliable subscribers can make it wait: its time limit is a property of the publisher.
+//!
+//! *Builders.* `node.publisher("topic")` declares with the defaults; `node.publisher_builder("topic")`
+//! gives a builder, which [`declare`](PublisherBuilder::declare) spends. Each setter takes one
+//! value, booleans included (`reliable(true)`), so that a value from a configuration passes straight
+//! through, and has the same name and type wherever it occurs. A time limit is a `Duration`, and its
+//! setter ends in `_timeout`. A setter without a value selects an alternative (`any_type()`).
+//! Counts are counts of messages, lengths are in bytes.
+//!
+//! *Names.* Publisher and subscriber belong to a topic, server and client to a service. Where they
+//! do the same, they call it the same: `links`, `matched`, `is_registered`, `why`, `wait_for_…`.
+//!
+//! *Errors.* One enumeration for each operation, in [`mod@error`]; its `Io` variant is what the operating
+//! system refused. Nothing panics on what another process sends.
 //!
 //! # How a message travels
 //!
@@ -126,7 +155,7 @@ mod client;
 mod domain;
 mod driver;
 pub mod encoding;
-mod error;
+pub mod error;
 mod handle;
 mod loan;
 mod message;

@@ -31,7 +31,7 @@ use crate::{
 /// to flow (SM2-NOD-003). The node connects again by itself, as soon as there is another
 /// Manager, and brings along what it has (SM2-RES-001): interfaces, links, counters. Until
 /// then nothing new is linked, what is declared waits for the new Manager as long as
-/// [`NodeBuilder::timeout`] says, and waiting without a time-out goes on. Whatever moves the node
+/// [`NodeBuilder::manager_timeout`] says, and waiting without a time-out goes on. Whatever moves the node
 /// on does this as well; for others, the node's [descriptor](AsFd) wakes them.
 ///
 /// What `tracing` is told, is told while the node is locked: a `tracing` subscriber must not
@@ -68,13 +68,25 @@ impl Node {
         self.shared.driven().is_connected()
     }
 
-    /// Waits until there is a Manager that knows all of this node; without a timeout, as long
-    /// as it takes.
+    /// Waits until a Manager knows all of this node, without a time limit.
     ///
     /// # Errors
     ///
-    /// [`WaitError::NoManager`] if the time is over, [`WaitError::Io`].
-    pub fn wait_connected(&self, timeout: Option<Duration>) -> Result<(), WaitError> {
+    /// [`WaitError::Io`].
+    pub fn wait_connected(&self) -> Result<(), WaitError> {
+        self.wait_connected_until(None)
+    }
+
+    /// Waits until a Manager knows all of this node, for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::NoManager`] when the time is over, [`WaitError::Io`].
+    pub fn wait_connected_timeout(&self, timeout: Duration) -> Result<(), WaitError> {
+        self.wait_connected_until(Some(timeout))
+    }
+
+    fn wait_connected_until(&self, timeout: Option<Duration>) -> Result<(), WaitError> {
         let connected = self.shared.wait(Topic::Session, until(timeout), |inner| {
             inner.is_connected().then_some(())
         });
@@ -207,22 +219,42 @@ impl Node {
         self.spin_until(until(Some(duration)))
     }
 
-    /// Moves the node on once, as far as is possible without waiting. With a timeout it
-    /// first waits that long for something to do; the node's [descriptor](AsFd) is readable when
-    /// there is.
+    /// Moves the node on as far as possible, and never waits.
     ///
     /// # Errors
     ///
     /// As [`spin`](Self::spin).
-    pub fn spin_once(&self, timeout: Option<Duration>) -> io::Result<()> {
-        // What comes by a ring is something to do as well, and needs no doing here.
-        if let Some(timeout) = timeout
-            && !self.shared.lock().park_all()
-        {
-            sm2_io::wait_readable(&[self.shared.epoll.as_fd()], Some(timeout))?;
-        }
+    pub fn spin_some(&self) -> io::Result<()> {
         drop(self.shared.driven());
         Ok(())
+    }
+
+    /// Waits until the node has something to do, without a time limit, and then moves it on as
+    /// [`spin_some`](Self::spin_some) does. The node's [descriptor](AsFd) is readable at that
+    /// moment.
+    ///
+    /// # Errors
+    ///
+    /// As [`spin`](Self::spin).
+    pub fn spin_once(&self) -> io::Result<()> {
+        self.spin_once_until(None)
+    }
+
+    /// As [`spin_once`](Self::spin_once), but waits for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// As [`spin`](Self::spin).
+    pub fn spin_once_timeout(&self, timeout: Duration) -> io::Result<()> {
+        self.spin_once_until(Some(timeout))
+    }
+
+    fn spin_once_until(&self, timeout: Option<Duration>) -> io::Result<()> {
+        // A message in a ring is work too, but for its subscriber: it only ends the waiting.
+        if !self.shared.lock().park_all() {
+            sm2_io::wait_readable(&[self.shared.epoll.as_fd()], timeout)?;
+        }
+        self.spin_some()
     }
 
     fn spin_until(&self, until: Option<Instant>) -> io::Result<()> {

@@ -76,8 +76,8 @@ pub(crate) struct Core {
     /// Held while a message is published: on each link, publications come in their order.
     turn: Mutex<()>,
     pub(crate) inline_max: usize,
-    /// How long a reliable publication waits.
-    patience: Duration,
+    /// See [`PublisherBuilder::publish_timeout`].
+    publish_timeout: Duration,
     /// Memory for the next sealed message.
     stock: Mutex<Stock>,
 }
@@ -110,9 +110,9 @@ impl Published {
 impl<T: Message + ?Sized> Publisher<T> {
     /// Sends one message to all subscribers whose links are open.
     ///
-    /// Waits only if a subscriber demands reliability and has no room, and then at most
-    /// as long as the builder said. That it has no room even then is no error, since
-    /// all others have the message: see [`Published`].
+    /// Waits only if a reliable subscriber has no room, and then for at most the
+    /// [`publish_timeout`](PublisherBuilder::publish_timeout). A subscriber that misses the message
+    /// is not an error, because all others have it: see [`Published`].
     ///
     /// # Errors
     ///
@@ -128,38 +128,45 @@ impl<T: Message + ?Sized> Publisher<T> {
         self.core.handle.matched()
     }
 
-    /// Waits until at least this many subscribers' links are open; without a timeout,
-    /// as long as it takes.
-    ///
-    /// # Errors
-    ///
-    /// See [`WaitError`].
-    pub fn wait_for_subscribers(
-        &self,
-        count: usize,
-        timeout: Option<Duration>,
-    ) -> Result<(), WaitError> {
-        self.core.handle.wait_open(count, timeout)
-    }
-
-    /// Waits until all that was published is given back on reliable links, and sent as far
-    /// as the subscriber's window admits on the others. `false`: the time is over.
+    /// Waits until at least `count` subscribers are linked, without a time limit.
     ///
     /// # Errors
     ///
     /// [`WaitError::Io`].
-    pub fn flush(&self, timeout: Duration) -> Result<bool, WaitError> {
-        let handle = &self.core.handle;
-        let flushed =
-            handle
-                .shared
-                .wait(Topic::Interface(handle.id), until(Some(timeout)), |inner| {
-                    let flushed = inner.with(handle.id, &handle.shared.epoll, |interface, _| {
-                        interface.links().all(|link| link.is_flushed())
-                    });
-                    (flushed == Some(true)).then_some(())
-                });
-        Ok(flushed.map_err(WaitError::Io)?.is_some())
+    pub fn wait_for_subscribers(&self, count: usize) -> Result<(), WaitError> {
+        self.core.handle.wait_open(count, None)
+    }
+
+    /// Waits until at least `count` subscribers are linked, for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// See [`WaitError`].
+    pub fn wait_for_subscribers_timeout(
+        &self,
+        count: usize,
+        timeout: Duration,
+    ) -> Result<(), WaitError> {
+        self.core.handle.wait_open(count, Some(timeout))
+    }
+
+    /// Waits, without a time limit, until every reliable subscriber has given back all messages,
+    /// and every other subscriber was sent as many as its window admits.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::Io`].
+    pub fn flush(&self) -> Result<(), WaitError> {
+        self.core.flush(None).map(drop)
+    }
+
+    /// As [`flush`](Self::flush), for at most `timeout`. Returns whether everything was flushed.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::Io`].
+    pub fn flush_timeout(&self, timeout: Duration) -> Result<bool, WaitError> {
+        self.core.flush(Some(timeout))
     }
 
     /// Whether the Manager has it: not while there is none, and not if another one took over
@@ -222,6 +229,17 @@ impl<T: Plain + ?Sized + KnownLayout<PointerMetadata = usize>> Publisher<T> {
 }
 
 impl Core {
+    fn flush(&self, timeout: Option<Duration>) -> Result<bool, WaitError> {
+        let Handle { shared, id, .. } = &self.handle;
+        let flushed = shared.wait(Topic::Interface(*id), until(timeout), |inner| {
+            let flushed = inner.with(*id, &shared.epoll, |interface, _| {
+                interface.links().all(|link| link.is_flushed())
+            });
+            (flushed == Some(true)).then_some(())
+        });
+        Ok(flushed.map_err(WaitError::Io)?.is_some())
+    }
+
     fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
         let mut published = Published::default();
@@ -278,7 +296,7 @@ impl Core {
         });
         Publication {
             offered,
-            deadline: now.after(self.patience),
+            deadline: now.after(self.publish_timeout),
         }
     }
 
@@ -357,9 +375,9 @@ impl Publication {
         self.offered.waiting.is_empty()
     }
 
-    /// How long the others are waited for.
+    /// Time until the deadline.
     #[cfg(feature = "tokio")]
-    pub(crate) fn patience(&self) -> Duration {
+    pub(crate) fn remaining(&self) -> Duration {
         self.deadline.since(sm2_io::clock::now())
     }
 }

@@ -118,18 +118,26 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
         self.handle.matched()
     }
 
-    /// Waits until at least this many clients' links are open; without a timeout, as long as it
-    /// takes.
+    /// Waits until at least `count` clients are linked, without a time limit.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::Io`].
+    pub fn wait_for_clients(&self, count: usize) -> Result<(), WaitError> {
+        self.handle.wait_open(count, None)
+    }
+
+    /// Waits until at least `count` clients are linked, for at most `timeout`.
     ///
     /// # Errors
     ///
     /// See [`WaitError`].
-    pub fn wait_for_clients(
+    pub fn wait_for_clients_timeout(
         &self,
         count: usize,
-        timeout: Option<Duration>,
+        timeout: Duration,
     ) -> Result<(), WaitError> {
-        self.handle.wait_open(count, timeout)
+        self.handle.wait_open(count, Some(timeout))
     }
 
     /// Whether the Manager has it: not while there is none, and not if another one took over

@@ -92,24 +92,59 @@ impl<T: Message + ?Sized> Subscriber<T> {
         failed.map_or(Ok(samples.len() - before), Err)
     }
 
-    /// Shows messages to `each`, one after the other: all that are there, at most `most` and as many
-    /// as it may [hold](SubscriberBuilder::max_borrowed). Then gives them back together, and says how many they were. If none is there,
-    /// it waits for the first one: at most this long, or as long as it takes.
+    /// Calls `each` with every message that has arrived: at most `most`, and at most as many as the
+    /// program may [hold](SubscriberBuilder::max_borrowed). Then gives all of them back together,
+    /// and returns their number. Waits for the first message, without a time limit.
     ///
-    /// The quickest way to receive many short messages. `each` runs in this thread and may
-    /// call the node; while it runs, no message of this batch is given back. Of a message that cannot be
-    /// read it gets the error.
+    /// This is the quickest way to receive many short messages. `each` runs in this thread and may
+    /// call the node; while it runs, no message of this batch is given back. For a message that
+    /// cannot be read, `each` gets the error.
     ///
     /// # Errors
     ///
-    /// See [`RecvError`]: none was taken.
+    /// See [`RecvError`]: no message was taken.
     pub fn recv_each(
         &self,
-        timeout: Option<Duration>,
         most: usize,
+        each: impl FnMut(Result<&Sample<T>, RecvError>),
+    ) -> Result<usize, RecvError> {
+        self.take_each(most, Until::Forever, each)
+    }
+
+    /// As [`recv_each`](Self::recv_each), but waits for at most `timeout`; then 0.
+    ///
+    /// # Errors
+    ///
+    /// As [`recv_each`](Self::recv_each).
+    pub fn recv_each_timeout(
+        &self,
+        most: usize,
+        timeout: Duration,
+        each: impl FnMut(Result<&Sample<T>, RecvError>),
+    ) -> Result<usize, RecvError> {
+        self.take_each(most, Until::In(timeout), each)
+    }
+
+    /// As [`recv_each`](Self::recv_each), but never waits.
+    ///
+    /// # Errors
+    ///
+    /// As [`recv_each`](Self::recv_each).
+    pub fn try_recv_each(
+        &self,
+        most: usize,
+        each: impl FnMut(Result<&Sample<T>, RecvError>),
+    ) -> Result<usize, RecvError> {
+        self.take_each(most, Until::NOW, each)
+    }
+
+    fn take_each(
+        &self,
+        most: usize,
+        until: Until,
         mut each: impl FnMut(Result<&Sample<T>, RecvError>),
     ) -> Result<usize, RecvError> {
-        let taken = self.handle.take_many(self.wait, timeout.into(), most)?;
+        let taken = self.handle.take_many(self.wait, until, most)?;
         let count = taken.len();
         self.handle
             .lend(taken, |received| match received.and_then(Sample::new) {
@@ -130,18 +165,26 @@ impl<T: Message + ?Sized> Subscriber<T> {
         self.handle.matched()
     }
 
-    /// Waits until at least this many publishers' links are open; without a timeout, as long as
-    /// it takes.
+    /// Waits until at least `count` publishers are linked, without a time limit.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::Io`].
+    pub fn wait_for_publishers(&self, count: usize) -> Result<(), WaitError> {
+        self.handle.wait_open(count, None)
+    }
+
+    /// Waits until at least `count` publishers are linked, for at most `timeout`.
     ///
     /// # Errors
     ///
     /// See [`WaitError`].
-    pub fn wait_for_publishers(
+    pub fn wait_for_publishers_timeout(
         &self,
         count: usize,
-        timeout: Option<Duration>,
+        timeout: Duration,
     ) -> Result<(), WaitError> {
-        self.handle.wait_open(count, timeout)
+        self.handle.wait_open(count, Some(timeout))
     }
 
     /// Whether the Manager has it: not while there is none, and not if another one took over
@@ -210,8 +253,10 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
         self
     }
 
-    /// Nothing may be displaced: the publisher has to wait for this subscriber, as long as it
-    /// is willing to (SM2-QOS-002). Matches publishers that are reliable only.
+    /// Asks for reliable delivery; `false` by default. No message displaces another one: the
+    /// publisher waits until this subscriber has room, for at most its
+    /// [`publish_timeout`](crate::PublisherBuilder::publish_timeout) (SM2-QOS-002). A reliable
+    /// subscriber matches reliable publishers only.
     pub const fn reliable(mut self, reliable: bool) -> Self {
         self.demand.reliable = reliable;
         self

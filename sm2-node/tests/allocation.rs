@@ -55,7 +55,11 @@ const SLOTS: u32 = 32;
 
 fn reserved(node: &Node) -> Publisher<[u8]> {
     let builder = node.publisher_builder::<[u8]>("topic");
-    let builder = builder.max_len(LEN).slots(SLOTS).pool_limit(0).prefault();
+    let builder = builder
+        .max_len(LEN)
+        .slots(SLOTS)
+        .pool_limit(0)
+        .prefault(true);
     builder.declare().unwrap()
 }
 

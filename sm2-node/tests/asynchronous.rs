@@ -28,7 +28,11 @@ fn narrow<T: Message + ?Sized>(
         domain,
         |node| {
             let builder = node.publisher_builder("narrow").depth(1);
-            builder.reliable(patience).declare().expect("granted")
+            builder
+                .reliable(true)
+                .publish_timeout(patience)
+                .declare()
+                .expect("granted")
         },
         |node| {
             let builder = node.subscriber_builder("narrow").depth(1);
@@ -45,7 +49,10 @@ fn a_stream_has_every_message_in_order() {
         &domain,
         // A socket that is full displaces what is not reliable.
         |node| {
-            let builder = node.publisher_builder::<u64>("count").reliable(SOON);
+            let builder = node
+                .publisher_builder::<u64>("count")
+                .reliable(true)
+                .publish_timeout(SOON);
             builder.declare().expect("granted")
         },
         |node| {
@@ -62,7 +69,7 @@ fn a_stream_has_every_message_in_order() {
                     std::thread::sleep(Duration::from_millis(1));
                 }
             }
-            assert!(publisher.flush(SOON).expect("flushed"));
+            assert!(publisher.flush_timeout(SOON).expect("flushed"));
             publisher
         });
         let numbers: Vec<u64> = subscriber
@@ -84,7 +91,7 @@ fn a_receive_that_is_cancelled_takes_nothing() {
     let builder = node.subscriber_builder::<u64>("count");
     let subscriber = builder.depth(100).declare().expect("granted");
     publisher
-        .wait_for_subscribers(1, Some(SOON))
+        .wait_for_subscribers_timeout(1, SOON)
         .expect("linked");
     run(async {
         let subscriber = subscriber.into_async().expect("watched");
@@ -107,7 +114,7 @@ fn tasks_share_a_subscriber() {
     let builder = node.subscriber_builder::<u64>("count");
     let subscriber = builder.depth(100).declare().expect("granted");
     publisher
-        .wait_for_subscribers(1, Some(SOON))
+        .wait_for_subscribers_timeout(1, SOON)
         .expect("linked");
     let mut all = run(async {
         let subscriber = Arc::new(subscriber.into_async().expect("watched"));
@@ -195,7 +202,7 @@ fn services_are_async_functions() {
         });
         let calls = futures_util::future::join_all((0..50).map(|number| {
             let client = &client;
-            async move { (number, client.call(&number, SOON).await) }
+            async move { (number, client.call_timeout(&number, SOON).await) }
         }));
         let answers = tokio::select! {
             ended = serving => panic!("{ended:?}"),
@@ -222,7 +229,7 @@ fn a_call_that_is_dropped_is_cancelled() {
         let server = server.into_async().expect("watched");
         let client = client.into_async().expect("watched");
         let request = {
-            let call = client.call(&1, SOON);
+            let call = client.call_timeout(&1, SOON);
             tokio::select! {
                 reply = call => panic!("nobody answered: {reply:?}"),
                 request = server.recv() => request.expect("received"),
@@ -232,7 +239,7 @@ fn a_call_that_is_dropped_is_cancelled() {
             client.get_ref().links();
             tokio::task::yield_now().await;
         }
-        let late = client.call(&2, Duration::from_millis(20)).await;
+        let late = client.call_timeout(&2, Duration::from_millis(20)).await;
         assert!(matches!(late, Err(CallError::DeadlineExceeded { .. })));
     });
 }
@@ -251,7 +258,7 @@ fn a_task_is_woken_though_another_one_took_note_of_its_reply() {
         let client = asks.client::<u64, u64>("echo").expect("granted");
         run(async {
             let client = client.into_async().expect("watched");
-            let mut waiting = pin!(client.call(&1, SOON));
+            let mut waiting = pin!(client.call_timeout(&1, SOON));
             let request = loop {
                 assert!(poll!(&mut waiting).is_pending());
                 if let Some(request) = server.try_recv().expect("received") {
@@ -259,7 +266,7 @@ fn a_task_is_woken_though_another_one_took_note_of_its_reply() {
                 }
                 tokio::task::yield_now().await;
             };
-            let mut other = client.get_ref().send(&2, Some(SOON)).expect("sent");
+            let mut other = client.get_ref().send_timeout(&2, SOON).expect("sent");
             // Now it sleeps, and the runtime knows of no change.
             for _ in 0..10 {
                 tokio::task::yield_now().await;
@@ -281,7 +288,7 @@ fn a_driven_node_opens_its_links_by_itself() {
         let driver = tokio::spawn(drive(talker.clone()));
         let subscriber = listener.subscriber::<u64>("count").expect("granted");
         let linked = tokio::task::spawn_blocking(move || {
-            let linked = subscriber.wait_for_publishers(1, Some(SOON));
+            let linked = subscriber.wait_for_publishers_timeout(1, SOON);
             linked.map(|()| subscriber)
         });
         let _subscriber = linked.await.expect("no panic").expect("linked");

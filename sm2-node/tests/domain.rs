@@ -121,23 +121,23 @@ fn a_watch_sees_every_change_also_that_of_the_manager() {
     let mut watch = tool.watch();
     let mut told = Told::default();
     assert_eq!(watch.domain().items().count(), 0);
-    told.take(watch.wait(Some(SOON)).unwrap());
+    told.take(watch.wait_timeout(SOON).unwrap());
     assert!(told.is(watch.domain()) && told.is(&tool.snapshot().unwrap()));
     assert!(
         watch
-            .wait(Some(Duration::from_millis(2)))
+            .wait_timeout(Duration::from_millis(2))
             .unwrap()
             .is_empty()
     );
     for round in 0..50 {
         let publisher = node.publisher::<u8>(&format!("topic/{round}")).unwrap();
-        told.take(watch.wait(Some(SOON)).unwrap());
+        told.take(watch.wait_timeout(SOON).unwrap());
         assert!(
             told.is(watch.domain()) && told.is(&tool.snapshot().unwrap()),
             "round {round}"
         );
         drop(publisher);
-        told.take(watch.wait(Some(SOON)).unwrap());
+        told.take(watch.wait_timeout(SOON).unwrap());
         assert!(
             told.is(watch.domain()) && told.is(&tool.snapshot().unwrap()),
             "round {round}"
@@ -147,7 +147,7 @@ fn a_watch_sees_every_change_also_that_of_the_manager() {
     domain.stop();
     away(&[&tool, &node]);
     // What it knew when the Manager went, and no more.
-    while let changes = watch.wait(Some(Duration::from_millis(2))).unwrap()
+    while let changes = watch.wait_timeout(Duration::from_millis(2)).unwrap()
         && !changes.is_empty()
     {
         told.take(changes);
@@ -156,7 +156,7 @@ fn a_watch_sees_every_change_also_that_of_the_manager() {
     domain.start();
     back(&[&tool, &node]);
     until(|| {
-        told.take(watch.wait(Some(Duration::from_millis(2))).unwrap());
+        told.take(watch.wait_timeout(Duration::from_millis(2)).unwrap());
         assert!(told.is(watch.domain()));
         told.is(&tool.snapshot().unwrap())
     });
@@ -169,14 +169,14 @@ fn several_watches_and_questions_of_one_node_do_not_wait_for_each_other() {
     let tool = domain.node("tool");
     let node = domain.node("node");
     let mut early = tool.watch();
-    early.wait(Some(SOON)).unwrap();
+    early.wait_timeout(SOON).unwrap();
     let mut late = tool.watch();
-    late.wait(Some(SOON)).unwrap();
+    late.wait_timeout(SOON).unwrap();
     let publisher = node.publisher::<u8>("one").unwrap();
     // This one goes on, and then waits at the end; the other one is behind.
-    assert!(!late.wait(Some(SOON)).unwrap().is_empty());
+    assert!(!late.wait_timeout(SOON).unwrap().is_empty());
     thread::scope(|scope| {
-        let ahead = scope.spawn(|| late.wait(Some(SOON)).unwrap());
+        let ahead = scope.spawn(|| late.wait_timeout(SOON).unwrap());
         for _ in 0..20 {
             assert_eq!(topics(&tool.snapshot().unwrap()), ["one"]);
             assert!(
@@ -185,7 +185,7 @@ fn several_watches_and_questions_of_one_node_do_not_wait_for_each_other() {
                     .is_some()
             );
         }
-        assert!(!early.wait(Some(SOON)).unwrap().is_empty());
+        assert!(!early.wait_timeout(SOON).unwrap().is_empty());
         assert_eq!(topics(early.domain()), ["one"]);
         drop(publisher);
         assert!(!ahead.join().unwrap().is_empty());
@@ -207,15 +207,15 @@ fn a_watch_that_waits_at_the_end_does_not_hold_up_one_in_the_middle() {
     // Not more than one page for each look.
     let mut early = tool.watch();
     for _ in 0..2 {
-        assert!(early.wait(Some(Duration::ZERO)).unwrap().is_empty());
+        assert!(early.try_wait().unwrap().is_empty());
         thread::sleep(Duration::from_millis(2));
     }
     let one_more = tool.publisher::<u8>("one-more").unwrap();
     let mut late = tool.watch();
-    assert_eq!(late.wait(Some(SOON)).unwrap().len(), many.len() + 3);
+    assert_eq!(late.wait_timeout(SOON).unwrap().len(), many.len() + 3);
     // From here on it waits for what comes after that.
-    assert!(late.wait(Some(Duration::ZERO)).unwrap().is_empty());
-    assert_eq!(early.wait(Some(SOON)).unwrap().len(), many.len() + 3);
+    assert!(late.try_wait().unwrap().is_empty());
+    assert_eq!(early.wait_timeout(SOON).unwrap().len(), many.len() + 3);
     drop(one_more);
 }
 
@@ -234,22 +234,22 @@ fn a_watch_that_was_not_asked_during_the_change_is_exact_after_it() {
     }
     let mut early = tool.watch();
     let mut told = Told::default();
-    told.take(early.wait(Some(SOON)).unwrap());
-    assert!(early.wait(Some(Duration::ZERO)).unwrap().is_empty());
+    told.take(early.wait_timeout(SOON).unwrap());
+    assert!(early.try_wait().unwrap().is_empty());
     domain.stop();
     away(&[&tool, &node]);
     drop(gone);
     domain.start();
     back(&[&tool, &node]);
     let mut late = tool.watch();
-    late.wait(Some(SOON)).unwrap();
+    late.wait_timeout(SOON).unwrap();
     while late.domain().revision() <= early.domain().revision() + 5 {
         let _publisher = node.publisher::<u8>("topic").unwrap();
-        late.wait(Some(SOON)).unwrap();
+        late.wait_timeout(SOON).unwrap();
     }
     until(|| topics(&tool.snapshot().unwrap()).is_empty());
     // At once, and not by steps: there is no state in which both Managers have their word.
-    told.take(early.wait(Some(SOON)).unwrap());
+    told.take(early.wait_timeout(SOON).unwrap());
     assert!(told.is(early.domain()) && told.is(&tool.snapshot().unwrap()));
     assert_eq!(names(early.domain()).len(), 2);
 }
@@ -260,10 +260,10 @@ fn a_watch_that_is_only_polled_sees_changes() {
     let domain = Domain::new();
     let tool = domain.node("tool");
     let mut watch = tool.watch();
-    until(|| !watch.wait(Some(Duration::ZERO)).unwrap().is_empty());
+    until(|| !watch.try_wait().unwrap().is_empty());
     let _publisher = domain.node("node").publisher::<u8>("topic").unwrap();
     until(|| {
-        watch.wait(Some(Duration::ZERO)).unwrap();
+        watch.try_wait().unwrap();
         topics(watch.domain()) == ["topic"]
     });
 }
@@ -422,9 +422,9 @@ fn counters_of_a_service_count_calls() {
                 request.reply(&sum).unwrap();
             }
         });
-        client.wait_for_servers(1, Some(SOON)).unwrap();
+        client.wait_for_servers_timeout(1, SOON).unwrap();
         for number in 0..5 {
-            assert_eq!(*client.call(&number, SOON).unwrap(), number + 1);
+            assert_eq!(*client.call_timeout(&number, SOON).unwrap(), number + 1);
         }
     });
     for node in [&serving, &calling] {

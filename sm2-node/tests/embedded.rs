@@ -14,7 +14,7 @@ use sm2_node::Node;
 fn node(name: &str, socket: &Path) -> Node {
     let builder = Node::builder(name).socket(socket);
     let builder = builder.embed_manager(Options::default());
-    builder.wait_for_manager(SOON).connect().unwrap()
+    builder.startup_timeout(SOON).connect().unwrap()
 }
 
 #[test]

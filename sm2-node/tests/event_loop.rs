@@ -31,7 +31,7 @@ fn each_descriptor_is_enough() {
     publisher.publish("late").unwrap();
     let subscriber = domain.node("subscriber").subscriber::<str>("topic");
     let subscriber = subscriber.unwrap();
-    let call = |number: u64| (number, client.send(&number, None).unwrap());
+    let call = |number: u64| (number, client.send(&number).unwrap());
     let mut calls: Vec<_> = (0..20).map(call).collect();
     let mut heard = false;
 
@@ -66,7 +66,7 @@ fn each_descriptor_is_enough() {
                         epoll.remove(&client).unwrap();
                     }
                 }
-                PUBLISHER => node.spin_once(None).unwrap(),
+                PUBLISHER => node.spin_some().unwrap(),
                 _ => {
                     while let Some(sample) = subscriber.try_recv().unwrap() {
                         assert_eq!(&*sample, "late");

@@ -201,7 +201,7 @@ fn output_that_nobody_reads_ends_it_quietly() {
             .latched(1);
         let publisher = publisher.declare().unwrap();
         publisher.publish("is anybody there?").unwrap();
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         assert_eq!(listener.output(), "");
     }
 }
@@ -229,7 +229,7 @@ fn in_each_loop(arguments: &[&str], test: impl Fn(&mut Domain, &Node, &str, Exam
         let node = domain.node("talker");
         let example = Example::start(&domain, name, arguments);
         let publisher = node.publisher::<str>("chatter").unwrap();
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         drop(publisher);
         test(&mut domain, &node, name, example);
     }
@@ -248,7 +248,7 @@ fn a_loop_misses_nothing() {
         let heartbeat = node.subscriber::<u64>("heartbeat").unwrap();
         let publisher = node.publisher_builder::<str>("chatter").depth(1_024);
         let publisher = publisher.declare().unwrap();
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         let mut last = *common::next(&heartbeat);
         for burst in 0..10 {
             for number in 1..=100 {
@@ -261,7 +261,7 @@ fn a_loop_misses_nothing() {
                 last = *beat;
             }
         }
-        assert!(publisher.flush(SOON).unwrap());
+        assert!(publisher.flush_timeout(SOON).unwrap());
         let heard = example.output();
         assert_eq!(heard.lines().collect::<Vec<_>>(), hello(1..=1000), "{name}");
     });
@@ -273,14 +273,14 @@ fn a_loop_that_was_held_up_takes_all_that_waits() {
     in_each_loop(&["150", NEVER], |_, node, name, example| {
         let publisher = node.publisher_builder::<str>("chatter").depth(1_024);
         let publisher = publisher.declare().unwrap();
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         example.signal(Signal::SIGSTOP);
         for number in 1..=150 {
             publisher.publish(&format!("hello {number}")).unwrap();
         }
         example.signal(Signal::SIGCONT);
         // Returns at once where the socket took them all.
-        assert!(publisher.flush(SOON).unwrap());
+        assert!(publisher.flush_timeout(SOON).unwrap());
         let heard = example.output();
         assert_eq!(heard.lines().collect::<Vec<_>>(), hello(1..=150), "{name}");
     });
@@ -295,7 +295,7 @@ fn a_loop_meets_the_next_manager() {
         domain.start();
         let node = domain.node("newcomer");
         let publisher = node.publisher::<str>("chatter").unwrap();
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         publisher.publish("hello again").unwrap();
         assert_eq!(example.output(), "newcomer said: hello again\n", "{name}");
     });

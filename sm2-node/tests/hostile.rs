@@ -124,7 +124,7 @@ const WELCOME: [u8; 4] = [0, 1, 1, 1];
 fn connect(folder: &tempfile::TempDir) -> sm2_node::Node {
     let builder = sm2_node::Node::builder("node").socket(folder.path().join("test.sock"));
     builder
-        .timeout(Duration::from_millis(200))
+        .manager_timeout(Duration::from_millis(200))
         .connect()
         .unwrap()
 }
@@ -164,7 +164,7 @@ fn a_manager_that_does_not_answer_is_not_waited_for_for_ever() {
     // It was slow, not dead: what it grants too late is withdrawn.
     let session = manager.join().unwrap();
     session.send(&[IoSlice::new(&[2, 1, 0])], &[]).unwrap();
-    node.spin_once(Some(SOON)).unwrap();
+    node.spin_once_timeout(SOON).unwrap();
     let mut buffer = vec![0; 65_536];
     let received = session.recv(&mut buffer).unwrap();
     assert_eq!(&buffer[..received.len], [9], "COUNTERS");
@@ -181,7 +181,7 @@ fn honest(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]>) {
     let publisher = domain.node("talker").publisher::<[u8]>("topic").unwrap();
     let subscriber = domain.node("listener").subscriber::<[u8]>("topic").unwrap();
     while publisher
-        .wait_for_subscribers(1, Some(Duration::from_millis(1)))
+        .wait_for_subscribers_timeout(1, Duration::from_millis(1))
         .is_err()
     {
         let _ = subscriber.links();
@@ -206,7 +206,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     };
     let raw = Raw::declare(&domain, "raw", &contract);
     raw.open(RECEIVER, 3);
-    publisher.wait_for_subscribers(2, Some(SOON)).unwrap();
+    publisher.wait_for_subscribers_timeout(2, SOON).unwrap();
     publisher.publish(&pattern(5000, 0)).unwrap();
     // It gives back what it never got.
     let mut release = vec![7, 0, 1, 0, 0, 0, 0, 0];
@@ -227,7 +227,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     }
     assert!(
         publisher
-            .wait_for_subscribers(2, Some(Duration::from_millis(5)))
+            .wait_for_subscribers_timeout(2, Duration::from_millis(5))
             .is_err()
     );
 }

@@ -71,7 +71,7 @@ impl Manager {
 
     fn drive(&self) {
         if let Some(node) = &self.node {
-            node.spin_once(None).unwrap();
+            node.spin_some().unwrap();
         }
     }
 
@@ -159,7 +159,7 @@ impl Manager {
         ));
         assert_eq!(self.read(&session), ToManager::Claimed);
         let node = self.node.as_ref().unwrap();
-        node.wait_connected(Some(SOON)).unwrap();
+        node.wait_connected_timeout(SOON).unwrap();
         assert_eq!(node.epoch(), Some(epoch));
         session
     }
@@ -362,7 +362,7 @@ fn a_declaration_that_is_refused_is_renewed_in_the_next_session() {
         .node
         .as_ref()
         .unwrap()
-        .wait_connected(Some(SOON))
+        .wait_connected_timeout(SOON)
         .unwrap();
     assert!(!publisher.is_registered());
     carries(&publisher, &peer);
@@ -402,7 +402,7 @@ fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
     };
     let connect = || {
         let builder = Node::builder("node").socket(path.clone());
-        std::thread::spawn(move || builder.timeout(SOON).connect())
+        std::thread::spawn(move || builder.manager_timeout(SOON).connect())
     };
     let goodbye = |farewell: Farewell| ToNode::Goodbye {
         code: farewell.code(),

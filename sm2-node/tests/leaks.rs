@@ -70,9 +70,9 @@ fn cycle(domain: &Domain, round: u64) {
 }
 
 fn meet(publisher: &Publisher<[u8]>, subscriber: &Subscriber<[u8]>) {
-    let step = Some(Duration::from_millis(1));
-    while publisher.wait_for_subscribers(1, step).is_err() {
-        let _ = subscriber.wait_for_publishers(1, step);
+    let step = Duration::from_millis(1);
+    while publisher.wait_for_subscribers_timeout(1, step).is_err() {
+        let _ = subscriber.wait_for_publishers_timeout(1, step);
     }
 }
 

@@ -86,7 +86,8 @@ fn two_threads_of_one_node_both_get_their_messages() {
         .map(|topic| {
             talker
                 .publisher_builder::<[u8]>(topic)
-                .reliable(SOON)
+                .reliable(true)
+                .publish_timeout(SOON)
                 .declare()
                 .unwrap()
         })
@@ -99,7 +100,7 @@ fn two_threads_of_one_node_both_get_their_messages() {
             let subscriber = builder.declare().unwrap();
             let ready = ready.clone();
             thread::spawn(move || {
-                subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
+                subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
                 ready.send(()).unwrap();
                 for seed in 0..300 {
                     assert!(*next(&subscriber) == *pattern(16, seed));
@@ -108,7 +109,7 @@ fn two_threads_of_one_node_both_get_their_messages() {
         })
         .collect();
     for publisher in &publishers {
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     }
     for _ in topics {
         opened.recv_timeout(SOON).unwrap();
@@ -128,7 +129,7 @@ fn two_threads_of_one_node_both_get_their_messages() {
     }
     // What still waits for a window here is sent when this node is called.
     for publisher in &publishers {
-        assert!(publisher.flush(SOON).unwrap());
+        assert!(publisher.flush_timeout(SOON).unwrap());
     }
     for reader in readers {
         reader.join().unwrap();
@@ -158,7 +159,7 @@ fn a_thread_that_sleeps_is_woken_by_the_one_that_read_its_message() {
         let deadline = Instant::now() + SOON / 2;
         let sequence = loop {
             // As fast as possible: it is always this thread that is awake.
-            listener.spin_once(None).unwrap();
+            listener.spin_some().unwrap();
             if let Ok(sequence) = seen.try_recv() {
                 break sequence;
             }
@@ -186,7 +187,7 @@ fn a_descriptor_is_readable_while_there_may_be_a_message() {
     publisher.publish("one").unwrap();
     assert!(readable(SOON));
     // Another call reads it from the socket: it is still there for the subscriber.
-    listener.spin_once(None).unwrap();
+    listener.spin_some().unwrap();
     assert!(readable(SOON));
     assert_eq!(&*subscriber.try_recv().unwrap().unwrap(), "one");
     assert!(subscriber.try_recv().unwrap().is_none());

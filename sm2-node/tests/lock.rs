@@ -38,7 +38,7 @@ fn a_refusal_says_the_limit_and_what_to_do() {
     let builder = || {
         node.publisher_builder::<[u8]>("topic")
             .max_len(100_000)
-            .mlock()
+            .mlock(true)
     };
 
     let publisher = builder().slots(4).declare().unwrap();

@@ -22,7 +22,10 @@ struct Stream {
 impl Stream {
     fn new(domain: &Domain) -> Self {
         let (talker, listener) = (domain.node("talker"), domain.node("listener"));
-        let builder = talker.publisher_builder("numbers").reliable(SOON);
+        let builder = talker
+            .publisher_builder("numbers")
+            .reliable(true)
+            .publish_timeout(SOON);
         let publisher = builder.declare().unwrap();
         let builder = listener.subscriber_builder("numbers").reliable(true);
         let subscriber = builder.declare().unwrap();
@@ -155,18 +158,18 @@ fn a_call_in_flight_survives_the_change() {
         back(&[&server_node]);
         domain
     });
-    client.wait_for_servers(1, Some(SOON)).unwrap();
-    assert_eq!(*client.call(&21, SOON).unwrap(), 42);
-    assert_eq!(*client.call(&4, SOON).unwrap(), 8);
+    client.wait_for_servers_timeout(1, SOON).unwrap();
+    assert_eq!(*client.call_timeout(&21, SOON).unwrap(), 42);
+    assert_eq!(*client.call_timeout(&4, SOON).unwrap(), 8);
     let domain = answer.join().unwrap();
     // The server is gone by now, and the new Manager knows it.
     until(|| {
         matches!(
-            client.call(&1, SOON),
+            client.call_timeout(&1, SOON),
             Err(CallError::NoServer { .. } | CallError::ServerGone { .. })
         )
     });
-    client_node.wait_connected(Some(SOON)).unwrap();
+    client_node.wait_connected_timeout(SOON).unwrap();
     drop(domain);
 }
 
@@ -196,7 +199,7 @@ fn what_is_declared_in_vain_is_withdrawn() {
     let mut domain = Domain::new();
     let builder = Node::builder("node").socket(domain.socket());
     let node = builder
-        .timeout(Duration::from_millis(400))
+        .manager_timeout(Duration::from_millis(400))
         .connect()
         .unwrap();
     let publisher = node.publisher::<u8>("kept").unwrap();
@@ -207,13 +210,13 @@ fn what_is_declared_in_vain_is_withdrawn() {
     assert!(error.to_string().contains("sm2 manager"), "{error}");
     let error = node.snapshot().unwrap_err().to_string();
     assert!(error.contains("sm2 manager"), "{error}");
-    let wait = Some(Duration::from_millis(1));
-    let error = publisher.wait_for_subscribers(1, wait).unwrap_err();
+    let wait = Duration::from_millis(1);
+    let error = publisher.wait_for_subscribers_timeout(1, wait).unwrap_err();
     assert!(
         matches!(error, WaitError::ManagerGone { found: 0, .. }),
         "{error}"
     );
-    let error = node.wait_connected(wait).unwrap_err();
+    let error = node.wait_connected_timeout(wait).unwrap_err();
     assert!(
         matches!(error, WaitError::NoManager { end: Some(_) }),
         "{error}"
@@ -278,7 +281,7 @@ fn a_node_whose_name_was_taken_meanwhile_goes_on_trying() {
         stream.receive();
         stream
             .talker
-            .spin_once(Some(Duration::from_millis(5)))
+            .spin_once_timeout(Duration::from_millis(5))
             .unwrap();
     }
     drop(thief);
@@ -341,7 +344,7 @@ fn a_receiver_without_links_waits_for_the_next_manager() {
         start.recv_timeout(SOON).unwrap();
         domain.start();
         let publisher = domain.node("talker").publisher::<str>("topic").unwrap();
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         publisher.publish("at last").unwrap();
         assert_eq!(received.join().unwrap(), "at last");
     });
@@ -355,14 +358,14 @@ fn the_node_s_descriptor_wakes_who_only_waits_for_it() {
     domain.stop();
     until(|| {
         sm2_io::wait_readable(&[node.as_fd()], Some(SOON)).unwrap();
-        node.spin_once(None).unwrap();
+        node.spin_some().unwrap();
         !node.is_connected()
     });
     domain.start();
     // Each call follows a descriptor that was readable.
     loop {
         assert!(sm2_io::wait_readable(&[node.as_fd()], Some(SOON)).unwrap());
-        node.spin_once(None).unwrap();
+        node.spin_some().unwrap();
         if node.is_connected() {
             break;
         }
@@ -403,7 +406,7 @@ fn a_node_can_wait_for_a_manager_to_start() {
     let socket = domain.socket();
     let waiting = thread::spawn(move || {
         let builder = Node::builder("node").socket(socket);
-        builder.wait_for_manager(SOON).connect()
+        builder.startup_timeout(SOON).connect()
     });
     thread::sleep(Duration::from_millis(20));
     domain.start();

@@ -22,7 +22,12 @@ fn linked(
     held: u16,
 ) -> (Publisher<[u8]>, Subscriber<[u8]>) {
     let publisher = domain.node_on(ring, "talker").publisher_builder("topic");
-    let publisher = publisher.depth(depth).reliable(PATIENCE).declare().unwrap();
+    let publisher = publisher
+        .depth(depth)
+        .reliable(true)
+        .publish_timeout(PATIENCE)
+        .declare()
+        .unwrap();
     let subscriber = domain.node_on(ring, "listener").subscriber_builder("topic");
     let subscriber = subscriber.depth(depth).max_borrowed(held).reliable(true);
     let subscriber = subscriber.declare().unwrap();
@@ -47,14 +52,14 @@ fn all_messages_come_in_their_order() {
             let published = publisher.publish_all(all.iter().map(Vec::as_slice));
             let published = published.unwrap();
             assert_eq!((published.links, published.missed), (1, 0));
-            let flushed = publisher.flush(PATIENCE).unwrap();
+            let flushed = publisher.flush_timeout(PATIENCE).unwrap();
             assert!(flushed, "all of them were given back");
             assert_eq!(publisher.counters().delivered, MESSAGES as u64);
         });
         let mut number = 0;
         while number < MESSAGES {
             let before = number;
-            let seen = subscriber.recv_each(Some(PATIENCE), 9, |sample| {
+            let seen = subscriber.recv_each_timeout(9, PATIENCE, |sample| {
                 assert!(**sample.unwrap() == *message(number), "message {number}");
                 number += 1;
             });
@@ -77,7 +82,12 @@ fn whoever_has_no_room_misses_what_others_get() {
             .node_on(ring, "talker")
             .publisher_builder::<[u8]>("topic");
         let patience = Duration::from_millis(30);
-        let publisher = publisher.depth(4).reliable(patience).declare().unwrap();
+        let publisher = publisher
+            .depth(4)
+            .reliable(true)
+            .publish_timeout(patience)
+            .declare()
+            .unwrap();
         let [stopped, quick] = [("stopped", 4), ("quick", 64)].map(|(name, depth)| {
             let subscriber = domain
                 .node_on(ring, name)
@@ -111,11 +121,12 @@ fn nothing_to_send_and_nothing_to_see() {
     let (publisher, subscriber) = linked(&domain, true, 8, 4);
     let published = publisher.publish_all([]).unwrap();
     assert_eq!((published.links, published.missed), (0, 0));
-    let none =
-        |timeout, most| subscriber.recv_each(timeout, most, |_| panic!("there is no message"));
-    assert_eq!(none(Some(Duration::ZERO), 8).unwrap(), 0);
-    assert_eq!(none(Some(Duration::from_millis(5)), 8).unwrap(), 0);
-    assert_eq!(none(None, 0).unwrap(), 0, "no more than asked for");
+    let panics = |_: Result<&sm2_node::Sample<[u8]>, RecvError>| panic!("there is no message");
+    let none = |most, timeout| subscriber.recv_each_timeout(most, timeout, panics);
+    assert_eq!(subscriber.try_recv_each(8, panics).unwrap(), 0);
+    assert_eq!(none(8, Duration::from_millis(5)).unwrap(), 0);
+    let unlimited = subscriber.recv_each(0, panics);
+    assert_eq!(unlimited.unwrap(), 0, "no more than asked for");
     publisher.publish_all([&b"one"[..], b"two"]).unwrap();
     let held = subscriber.recv_timeout(PATIENCE).unwrap().unwrap();
     let rest: [_; 3] = std::array::from_fn(|_| {
@@ -123,7 +134,7 @@ fn nothing_to_send_and_nothing_to_see() {
         subscriber.recv_timeout(PATIENCE).unwrap().unwrap()
     });
     publisher.publish(b"last").unwrap();
-    let full = none(Some(PATIENCE), 8).unwrap_err();
+    let full = none(8, PATIENCE).unwrap_err();
     assert!(matches!(full, RecvError::TooManyBorrowed { held: 4, .. }));
     drop((held, rest));
 }
@@ -139,7 +150,7 @@ fn a_batch_is_given_back_whatever_happens() {
             publisher.publish_all([&b"a"[..], b"b", b"c"]).unwrap();
             let seen = Cell::new(0);
             let look = || {
-                subscriber.recv_each(Some(PATIENCE), 8, |sample| {
+                subscriber.recv_each_timeout(8, PATIENCE, |sample| {
                     seen.set(seen.get() + 1);
                     assert_ne!(&**sample.unwrap(), b"b", "as this program wants it");
                 })
@@ -160,7 +171,7 @@ fn the_node_is_free_while_a_message_is_looked_at() {
     publisher.publish_all([&[1; 64][..], &[2; 64]]).unwrap();
     let mut seen = Vec::new();
     subscriber
-        .recv_each(Some(PATIENCE), 8, |sample| {
+        .recv_each_timeout(8, PATIENCE, |sample| {
             let sample = sample.unwrap();
             publisher.publish(&[9; 64]).unwrap();
             assert_eq!(subscriber.lost(), 0);
@@ -223,7 +234,7 @@ fn a_message_that_is_none_costs_no_other() {
         "{error}"
     );
     let (mut numbers, mut errors) = (Vec::new(), Vec::new());
-    let seen = lent.recv_each(Some(PATIENCE), 64, |sample| match sample {
+    let seen = lent.recv_each_timeout(64, PATIENCE, |sample| match sample {
         Ok(sample) => numbers.push(sample.0.0),
         Err(error) => errors.push((numbers.len(), error)),
     });

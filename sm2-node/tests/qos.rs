@@ -39,7 +39,11 @@ fn a_reliable_subscriber_gets_all_that_is_latched_however_small_its_window() {
     let domain = Domain::new();
     let node = domain.node("map");
     let builder = node.publisher_builder::<[u8]>("map").latched(10).depth(1);
-    let publisher = builder.reliable(Duration::ZERO).declare().unwrap();
+    let publisher = builder
+        .reliable(true)
+        .publish_timeout(Duration::ZERO)
+        .declare()
+        .unwrap();
     for seed in 1..=10 {
         publisher.publish(&pattern(6000, seed)).unwrap();
     }
@@ -59,7 +63,7 @@ fn a_reliable_subscriber_gets_all_that_is_latched_however_small_its_window() {
             "{seed}"
         );
     }
-    node.spin_once(None).unwrap();
+    node.spin_some().unwrap();
     assert_eq!(publisher.publish(&pattern(6000, 12)).unwrap().missed, 0);
     let sample = next(&subscriber);
     assert_eq!((sample.sequence(), sample.lost()), (12, 1));
@@ -72,7 +76,7 @@ fn take_while_driving(subscriber: &Subscriber<[u8]>, node: &Node) -> Sample<[u8]
         if let Some(sample) = subscriber.recv_timeout(Duration::from_millis(1)).unwrap() {
             return sample;
         }
-        node.spin_once(None).unwrap();
+        node.spin_some().unwrap();
         assert!(Instant::now() < deadline, "no message");
     }
 }
@@ -98,7 +102,7 @@ fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
     assert!(start.elapsed() < SOON);
     // On the ring lane nothing waits on this side.
     assert_eq!(
-        publisher.flush(Duration::from_millis(20)).unwrap(),
+        publisher.flush_timeout(Duration::from_millis(20)).unwrap(),
         ring_lane()
     );
     let links = publisher.links();
@@ -147,7 +151,8 @@ fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
     let publisher = publisher
         .publisher_builder::<[u8]>("topic")
         .depth(1)
-        .reliable(patience);
+        .reliable(true)
+        .publish_timeout(patience);
     let publisher = publisher.declare().unwrap();
     let stalled = domain
         .node("stalled")
@@ -200,7 +205,8 @@ fn nothing_is_lost_on_a_reliable_link_with_a_slow_reader() {
         |node| {
             node.publisher_builder("topic")
                 .depth(2)
-                .reliable(SOON)
+                .reliable(true)
+                .publish_timeout(SOON)
                 .declare()
                 .unwrap()
         },
@@ -226,7 +232,7 @@ fn nothing_is_lost_on_a_reliable_link_with_a_slow_reader() {
             .complete()
             .unwrap();
     }
-    assert!(publisher.flush(SOON).unwrap());
+    assert!(publisher.flush_timeout(SOON).unwrap());
     reader.join().unwrap();
 }
 

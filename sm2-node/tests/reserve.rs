@@ -16,8 +16,8 @@ fn declared(domain: &Domain, change: Change) -> Result<Publisher<[u8]>, DeclareE
 fn what_cannot_be_reserved() {
     let domain = Domain::new();
     let without: [Change; 3] = [
-        PublisherBuilder::prefault,
-        PublisherBuilder::mlock,
+        |it| it.prefault(true),
+        |it| it.mlock(true),
         |builder| builder.slots(3),
     ];
     for change in without {
@@ -93,7 +93,7 @@ fn as_many_slots_as_were_reserved_and_no_more_than_allowed() {
 #[test]
 fn more_than_was_reserved_is_found_where_it_is_allowed() {
     let domain = Domain::new();
-    let publisher = declared(&domain, |it| it.max_len(10_000).slots(1).prefault()).unwrap();
+    let publisher = declared(&domain, |it| it.max_len(10_000).slots(1).prefault(true)).unwrap();
     let bytes = publisher.pool_bytes();
     assert_eq!(bytes, 12 << 10);
     let first = publisher.loan_slice(10_000).unwrap();
@@ -108,7 +108,7 @@ fn more_than_was_reserved_is_found_where_it_is_allowed() {
 fn slots_that_are_lost_are_made_up_for() {
     let domain = Domain::new();
     let publisher = declared(&domain, |it| {
-        it.max_len(100_000).slots(2).prefault().pool_limit(0)
+        it.max_len(100_000).slots(2).prefault(true).pool_limit(0)
     });
     let publisher = publisher.unwrap();
     for round in 0..5 {

@@ -97,7 +97,7 @@ fn each_lane_gets_every_byte_of_one_publisher() {
             assert_eq!((sample.sequence(), sample.lost()), (seed, 0));
         }
     }
-    assert!(publisher.flush(SOON).unwrap());
+    assert!(publisher.flush_timeout(SOON).unwrap());
     for link in publisher.links() {
         assert_eq!((link.counters.offered, link.counters.delivered), (24, 24));
     }

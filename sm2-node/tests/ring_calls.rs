@@ -31,10 +31,10 @@ type Ends = (Server<[u8], [u8]>, Client<[u8], [u8]>);
 /// Both, linked: each is called in turn until the link is open at both ends.
 fn linked(server: ServerBuilder<[u8], [u8]>, client: ClientBuilder<[u8], [u8]>) -> Ends {
     let (server, client) = (server.declare().unwrap(), client.declare().unwrap());
-    let moment = Some(Duration::from_millis(1));
+    let moment = Duration::from_millis(1);
     until(|| {
-        let open = client.wait_for_servers(1, moment).is_ok();
-        server.wait_for_clients(1, moment).is_ok() && open
+        let open = client.wait_for_servers_timeout(1, moment).is_ok();
+        server.wait_for_clients_timeout(1, moment).is_ok() && open
     });
     (server, client)
 }
@@ -82,14 +82,14 @@ fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
             assert_eq!(ring(&server.links()), expected);
             for (seed, len) in (1..).zip(sizes) {
                 let bytes = pattern(len, seed);
-                let call = client.send(&bytes, Some(SOON)).unwrap();
+                let call = client.send_timeout(&bytes, SOON).unwrap();
                 let request = server.recv().unwrap();
                 assert!(*request == *bytes, "{len} bytes");
                 let turned: Vec<u8> = request.iter().rev().copied().collect();
                 request.reply(&turned).unwrap();
                 assert!(*call.wait().unwrap() == *turned, "{len} bytes");
             }
-            let failing = client.send(b"x", Some(SOON)).unwrap();
+            let failing = client.send_timeout(b"x", SOON).unwrap();
             server.recv().unwrap().fail("not today").unwrap();
             let error = failing.wait().unwrap_err();
             assert!(matches!(error, CallError::Failed { reason, .. } if reason == "not today"));
@@ -116,11 +116,11 @@ fn each_way_of_waiting_gets_its_requests_and_its_replies() {
                 dawdle(round);
             });
             for number in 1..=ROUNDS {
-                let reply = client.call(&number.to_le_bytes(), SOON).unwrap();
+                let reply = client.call_timeout(&number.to_le_bytes(), SOON).unwrap();
                 assert_eq!(*reply, number.to_le_bytes());
                 dawdle(number / 2);
             }
-            client.call(&[], SOON).unwrap();
+            client.call_timeout(&[], SOON).unwrap();
             assert_eq!(server.join().unwrap(), ROUNDS);
         }
     }
@@ -150,7 +150,7 @@ fn polled_descriptors_are_readable_for_every_request_and_reply() {
             server
         });
         for number in 0..ROUNDS {
-            let mut call = client.send(&number.to_le_bytes(), None).unwrap();
+            let mut call = client.send(&number.to_le_bytes()).unwrap();
             dawdle(number / 3);
             let reply: Reply<[u8]> = loop {
                 if let Some(reply) = call.try_wait().unwrap() {
@@ -178,14 +178,16 @@ fn futures_are_woken_for_every_request_and_reply() {
             for number in 1..=ROUNDS {
                 let bytes = number.to_le_bytes();
                 // Two at a time, on one descriptor.
-                let (one, other) =
-                    tokio::join!(client.call(&bytes, SOON), client.call(b"other", SOON));
+                let (one, other) = tokio::join!(
+                    client.call_timeout(&bytes, SOON),
+                    client.call_timeout(b"other", SOON)
+                );
                 assert_eq!(
                     (&*one.unwrap(), &*other.unwrap()),
                     (&bytes[..], &b"other"[..])
                 );
             }
-            client.call(&[], SOON).await.unwrap();
+            client.call_timeout(&[], SOON).await.unwrap();
         });
         assert_eq!(server.join().unwrap(), 2 * ROUNDS);
     }
@@ -203,14 +205,14 @@ fn calls_that_wait_for_room_are_all_answered() {
             let (server, client) = linked(server, client);
             let server = echo(server, || {});
             let calls: Vec<_> = (1..=200_u64)
-                .map(|number| client.send(&number.to_le_bytes(), Some(LONG)).unwrap())
+                .map(|number| client.send_timeout(&number.to_le_bytes(), LONG).unwrap())
                 .collect();
             // The last first: the others wait for their turn.
             for (index, call) in calls.into_iter().enumerate().rev() {
                 let number = index as u64 + 1;
                 assert_eq!(*call.wait().unwrap(), number.to_le_bytes());
             }
-            client.call(&[], SOON).unwrap();
+            client.call_timeout(&[], SOON).unwrap();
             assert_eq!(server.join().unwrap(), 200);
         }
     }
@@ -234,13 +236,13 @@ fn replies_that_bring_their_segments() {
             });
             let size = |seed: u64| 4_000 << (seed % 6);
             let calls: Vec<_> = (1..=90)
-                .map(|seed| (client.send(&pattern(size(seed), seed), Some(LONG))).unwrap())
+                .map(|seed| (client.send_timeout(&pattern(size(seed), seed), LONG)).unwrap())
                 .collect();
             for (index, call) in calls.into_iter().enumerate().rev() {
                 let seed = index as u64 + 1;
                 assert!(*call.wait().unwrap() == *pattern(size(seed), seed));
             }
-            client.call(&[], SOON).unwrap();
+            client.call_timeout(&[], SOON).unwrap();
             assert_eq!(server.join().unwrap(), 90);
         }
     }
@@ -261,7 +263,7 @@ fn threads_that_share_a_client() {
                 thread::spawn(move || {
                     for number in 0..150 {
                         let bytes = pattern(20, 1_000 * which + number);
-                        assert!(*client.call(&bytes, SOON).unwrap() == *bytes);
+                        assert!(*client.call_timeout(&bytes, SOON).unwrap() == *bytes);
                         dawdle(number);
                     }
                 })
@@ -269,7 +271,7 @@ fn threads_that_share_a_client() {
             for thread in threads {
                 thread.join().unwrap();
             }
-            client.call(&[], SOON).unwrap();
+            client.call_timeout(&[], SOON).unwrap();
             assert_eq!(server.join().unwrap(), 450);
         }
     }
@@ -283,7 +285,7 @@ fn a_call_is_cancelled_wherever_it_is() {
         let domain = Domain::new();
         let server = serving(&domain, lane).depth(1).max_borrowed(1);
         let (server, client) = linked(server, calling(&domain, lane));
-        let call = || client.send(b"x", Some(SOON)).unwrap();
+        let call = || client.send_timeout(b"x", SOON).unwrap();
         let (working, underway, waiting, last) = (call(), call(), call(), call());
         let request = server.recv().unwrap();
         for call in [&working, &underway, &waiting] {
@@ -320,7 +322,7 @@ fn replies_outlive_their_server() {
     for lane in LANES {
         let domain = Domain::new();
         let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
-        let call = |byte| client.send(&[byte], Some(SOON)).unwrap();
+        let call = |byte| client.send_timeout(&[byte], SOON).unwrap();
         let (calls, left) = ([1, 2, 3].map(call), [4, 5].map(call));
         for _ in 0..3 {
             let request = server.recv().unwrap();
@@ -335,7 +337,7 @@ fn replies_outlive_their_server() {
             let error = call.wait().unwrap_err();
             assert!(matches!(error, CallError::ServerGone { .. }), "{error}");
         }
-        let error = client.call(b"?", SOON).unwrap_err();
+        let error = client.call_timeout(b"?", SOON).unwrap_err();
         assert!(matches!(error, CallError::NoServer { .. }), "{error}");
     }
 }
@@ -346,7 +348,7 @@ fn requests_do_not_outlive_their_client() {
     for lane in LANES {
         let domain = Domain::new();
         let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
-        let calls = [1, 2, 3].map(|byte| client.send(&[byte], Some(SOON)).unwrap());
+        let calls = [1, 2, 3].map(|byte| client.send_timeout(&[byte], SOON).unwrap());
         let request = server.recv().unwrap();
         drop(client);
         drop(calls);

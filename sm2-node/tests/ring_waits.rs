@@ -36,7 +36,7 @@ fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::
     let taken = Arc::new(AtomicU64::new(0));
     let acknowledged = Arc::clone(&taken);
     let thread = thread::spawn(move || {
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         let start = Instant::now();
         for number in 1..=rounds {
             while acknowledged.load(Ordering::Acquire) < number - 1 {
@@ -49,7 +49,7 @@ fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::
             dawdle(number);
             assert_eq!(publisher.publish(&number).unwrap().links, 1);
         }
-        assert!(publisher.flush(SOON).unwrap());
+        assert!(publisher.flush_timeout(SOON).unwrap());
     });
     (taken, thread)
 }
@@ -73,7 +73,7 @@ fn each_way_of_waiting_gets_what_comes() {
             let domain = Domain::new();
             let subscriber = subscriber(&domain, ring, way);
             let (taken, talker) = talker(&domain, ring, ROUNDS);
-            subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
+            subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
             take_all(ROUNDS, &taken, |number| match number % 2 {
                 0 => subscriber.recv().unwrap(),
                 _ => next(&subscriber),
@@ -184,19 +184,24 @@ fn patient(
     let builder = domain
         .node_on(ring, "talker")
         .publisher_builder::<u64>("topic");
-    let publisher = builder.depth(1).reliable(EVER).declare().unwrap();
+    let publisher = builder
+        .depth(1)
+        .reliable(true)
+        .publish_timeout(EVER)
+        .declare()
+        .unwrap();
     let builder = domain.node_on(ring, "listener").subscriber_builder("topic");
     let builder = builder.depth(1).max_borrowed(1).reliable(true);
     let subscriber = builder.declare().unwrap();
     let (sender, published) = channel();
     let thread = thread::spawn(move || {
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         for number in 1..=rounds {
             dawdle(number / 7);
             sender.send(publisher.publish(&number).unwrap()).unwrap();
         }
         // What still waits on this side would be lost with it.
-        assert!(publisher.flush(15 * SOON).unwrap());
+        assert!(publisher.flush_timeout(15 * SOON).unwrap());
     });
     (subscriber, published, thread)
 }

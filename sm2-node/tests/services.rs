@@ -31,7 +31,7 @@ fn echo(node: &Node, name: &'static str) -> JoinHandle<usize> {
 
 fn client(node: &Node, servers: usize) -> Client<[u8], [u8]> {
     let client = node.client("echo").unwrap();
-    client.wait_for_servers(servers, Some(SOON)).unwrap();
+    client.wait_for_servers_timeout(servers, SOON).unwrap();
     client
 }
 
@@ -40,12 +40,12 @@ fn pair<Q: Message + ?Sized, R: Message + ?Sized>(domain: &Domain) -> (Server<Q,
     let server = domain.node("server").server::<Q, R>("service").unwrap();
     let client = domain.node("client").client::<Q, R>("service").unwrap();
     while client
-        .wait_for_servers(1, Some(Duration::from_millis(1)))
+        .wait_for_servers_timeout(1, Duration::from_millis(1))
         .is_err()
     {
-        let _ = server.wait_for_clients(1, Some(Duration::from_millis(1)));
+        let _ = server.wait_for_clients_timeout(1, Duration::from_millis(1));
     }
-    server.wait_for_clients(1, Some(SOON)).unwrap();
+    server.wait_for_clients_timeout(1, SOON).unwrap();
     (server, client)
 }
 
@@ -58,11 +58,11 @@ fn requests_and_replies_of_every_size_and_form() {
         let client = builder.sealed(sealed).declare().unwrap();
         for (seed, size) in (1..).zip([0, 2, 4095, 4096, 4097, 1 << 20]) {
             let bytes = pattern(size, seed);
-            let reply = client.call(&bytes, SOON).unwrap();
+            let reply = client.call_timeout(&bytes, SOON).unwrap();
             assert!(*reply == *bytes, "{size} bytes, sealed {sealed}");
             assert_eq!(reply.server().as_str(), "server");
         }
-        drop(client.call(&[0], SOON).unwrap());
+        drop(client.call_timeout(&[0], SOON).unwrap());
         assert_eq!(server.join().unwrap(), 6);
     }
 }
@@ -73,9 +73,9 @@ fn many_calls_at_once_are_answered_each_by_its_own_reply() {
     let server = echo(&domain.node("server"), "echo");
     let client = client(&domain.node("client"), 1);
     let calls: Vec<_> = (0..64_u64)
-        .map(|seed| client.send(&pattern(5000, seed), Some(SOON)).unwrap())
+        .map(|seed| client.send_timeout(&pattern(5000, seed), SOON).unwrap())
         .collect();
-    let error = client.send(b"one more", Some(SOON)).unwrap_err();
+    let error = client.send_timeout(b"one more", SOON).unwrap_err();
     assert!(
         matches!(error, CallError::TooManyCalls { limit: 64, .. }),
         "{error}"
@@ -84,7 +84,7 @@ fn many_calls_at_once_are_answered_each_by_its_own_reply() {
     for (seed, call) in calls.into_iter().enumerate().rev() {
         assert!(*call.wait().unwrap() == *pattern(5000, seed as u64));
     }
-    drop(client.call(&[0], SOON).unwrap());
+    drop(client.call_timeout(&[0], SOON).unwrap());
     assert_eq!(server.join().unwrap(), 64);
 }
 
@@ -102,7 +102,7 @@ fn a_call_goes_to_the_server_with_the_fewest_calls_and_to_the_oldest_among_equal
         .unwrap();
     assert_eq!(client.matched(), 3);
     while client
-        .wait_for_servers(3, Some(Duration::from_millis(1)))
+        .wait_for_servers_timeout(3, Duration::from_millis(1))
         .is_err()
     {
         for server in &servers {
@@ -110,7 +110,7 @@ fn a_call_goes_to_the_server_with_the_fewest_calls_and_to_the_oldest_among_equal
         }
     }
     let calls: Vec<_> = (0..6)
-        .map(|id| client.send(&[id], Some(SOON)).unwrap())
+        .map(|id| client.send_timeout(&[id], SOON).unwrap())
         .collect();
     let mut requests: Vec<_> = servers
         .iter()
@@ -123,7 +123,7 @@ fn a_call_goes_to_the_server_with_the_fewest_calls_and_to_the_oldest_among_equal
     first.reply("done").unwrap();
     let mut calls = calls.into_iter();
     assert_eq!(&*calls.nth(2).unwrap().wait().unwrap(), "done");
-    let _call = client.send(&[6], Some(SOON)).unwrap();
+    let _call = client.send_timeout(&[6], SOON).unwrap();
     assert_eq!(servers[2].recv().unwrap()[0], 6);
 }
 
@@ -141,7 +141,7 @@ fn several_clients_and_servers() {
                 let client = client(&node, 2);
                 for seed in 0..100 {
                     let bytes = pattern(100 + seed as usize, seed + 1000 * number);
-                    assert!(*client.call(&bytes, SOON).unwrap() == *bytes);
+                    assert!(*client.call_timeout(&bytes, SOON).unwrap() == *bytes);
                 }
             })
         })
@@ -151,7 +151,7 @@ fn several_clients_and_servers() {
     }
     // Two calls at once go to both of them.
     let client = client(&domain.node("last"), 2);
-    let stop = [0, 0].map(|byte| client.send(&[byte], Some(SOON)).unwrap());
+    let stop = [0, 0].map(|byte| client.send_timeout(&[byte], SOON).unwrap());
     for call in stop {
         drop(call.wait().unwrap());
     }
@@ -181,7 +181,7 @@ fn a_call_without_a_server_fails_at_once() {
         .client::<[u8], [u8]>("nobody")
         .unwrap();
     let start = Instant::now();
-    let error = client.call(b"?", SOON).unwrap_err();
+    let error = client.call_timeout(b"?", SOON).unwrap_err();
     assert!(matches!(error, CallError::NoServer { .. }), "{error}");
     assert!(start.elapsed() < SOON / 2);
 }
@@ -192,7 +192,7 @@ fn a_deadline_ends_the_call_on_both_sides() {
     let (server, client) = pair::<[u8], [u8]>(&domain);
     let timeout = Duration::from_millis(30);
     let start = Instant::now();
-    let call = client.send(b"slow", Some(timeout)).unwrap();
+    let call = client.send_timeout(b"slow", timeout).unwrap();
     let request = server.recv().unwrap();
     assert!(!request.is_cancelled());
     assert!(request.deadline().unwrap() > sm2_node::now());
@@ -206,8 +206,8 @@ fn a_deadline_ends_the_call_on_both_sides() {
     // Too late; nobody is harmed.
     request.reply(b"late").unwrap();
     // A request that is not taken in time is answered by itself.
-    let call = client.send(b"untaken", Some(timeout)).unwrap();
-    let mut patient = client.send(b"patient", None).unwrap();
+    let call = client.send_timeout(b"untaken", timeout).unwrap();
+    let mut patient = client.send(b"patient").unwrap();
     thread::sleep(timeout);
     let request = server.recv().unwrap();
     assert_eq!(&*request, b"patient");
@@ -225,7 +225,7 @@ fn a_deadline_ends_the_call_on_both_sides() {
 fn a_cancelled_call_is_known_to_both_sides() {
     let domain = Domain::new();
     let (server, client) = pair::<[u8], [u8]>(&domain);
-    let call = client.send(b"a", Some(SOON)).unwrap();
+    let call = client.send_timeout(b"a", SOON).unwrap();
     let request = server.recv().unwrap();
     call.cancel();
     assert!(request.is_cancelled());
@@ -233,9 +233,9 @@ fn a_cancelled_call_is_known_to_both_sides() {
     let error = call.wait().unwrap_err();
     assert!(matches!(error, CallError::Cancelled { .. }), "{error}");
     // Cancelled before it was taken: the server never sees it.
-    let call = client.send(b"b", Some(SOON)).unwrap();
+    let call = client.send_timeout(b"b", SOON).unwrap();
     drop(call);
-    let call = client.send(b"c", Some(SOON)).unwrap();
+    let call = client.send_timeout(b"c", SOON).unwrap();
     let request = server.recv().unwrap();
     assert_eq!(&*request, b"c");
     // A reply that was quicker than the cancelling counts.
@@ -248,21 +248,21 @@ fn a_cancelled_call_is_known_to_both_sides() {
 fn a_request_that_is_refused_or_dropped_is_answered_all_the_same() {
     let domain = Domain::new();
     let (server, client) = pair::<[u8], [u8]>(&domain);
-    let call = client.send(b"x", Some(SOON)).unwrap();
+    let call = client.send_timeout(b"x", SOON).unwrap();
     server.recv().unwrap().fail("no can do").unwrap();
     let error = call.wait().unwrap_err();
     assert!(
         matches!(&error, CallError::Failed { reason, .. } if reason == "no can do"),
         "{error}"
     );
-    let call = client.send(b"x", Some(SOON)).unwrap();
+    let call = client.send_timeout(b"x", SOON).unwrap();
     drop(server.recv().unwrap());
     let error = call.wait().unwrap_err();
     assert!(
         matches!(&error, CallError::Failed { reason, .. } if reason.contains("dropped")),
         "{error}"
     );
-    let call = client.send(b"x", Some(SOON)).unwrap();
+    let call = client.send_timeout(b"x", SOON).unwrap();
     let long = "ü".repeat(50_000);
     server.recv().unwrap().fail(&long).unwrap();
     let error = call.wait().unwrap_err();
@@ -274,7 +274,7 @@ fn a_request_that_is_refused_or_dropped_is_answered_all_the_same() {
 fn a_server_that_ends_fails_its_calls_at_once() {
     let domain = Domain::new();
     let (server, client) = pair::<[u8], [u8]>(&domain);
-    let calls = [b"a", b"b"].map(|it| client.send(it, None).unwrap());
+    let calls = [b"a", b"b"].map(|it| client.send(it).unwrap());
     let request = server.recv().unwrap();
     drop(server);
     drop(request);
@@ -289,7 +289,7 @@ fn a_server_that_ends_fails_its_calls_at_once() {
         CallError::ServerGone { .. }
     ));
     assert!(matches!(
-        client.call(b"c", SOON).unwrap_err(),
+        client.call_timeout(b"c", SOON).unwrap_err(),
         CallError::NoServer { .. }
     ));
 }
@@ -298,7 +298,7 @@ fn a_server_that_ends_fails_its_calls_at_once() {
 fn a_client_that_ends_is_known_to_the_server() {
     let domain = Domain::new();
     let (server, client) = pair::<[u8], [u8]>(&domain);
-    let call = client.send(b"a", None).unwrap();
+    let call = client.send(b"a").unwrap();
     let request = server.recv().unwrap();
     drop(call);
     drop(client);
@@ -313,7 +313,7 @@ fn a_descriptor_is_readable_when_there_may_be_a_reply() {
     let domain = Domain::new();
     let (server, client) = pair::<[u8], [u8]>(&domain);
     let readable = |timeout| sm2_io::wait_readable(&[client.as_fd()], Some(timeout)).unwrap();
-    let mut call = client.send(b"a", Some(SOON)).unwrap();
+    let mut call = client.send_timeout(b"a", SOON).unwrap();
     assert!(readable(SOON));
     assert!(call.try_wait().unwrap().is_none());
     assert!(!readable(Duration::from_millis(5)));
@@ -332,16 +332,19 @@ fn a_descriptor_is_readable_when_there_may_be_a_reply() {
 fn who_waits_in_vain_is_told_what_to_look_at() {
     let domain = Domain::new();
     let node = domain.node("node");
-    let wait = Some(Duration::from_millis(1));
+    let wait = Duration::from_millis(1);
     let client = node.client::<u8, u8>("service").unwrap();
-    let error = client.wait_for_servers(1, wait).unwrap_err().to_string();
+    let error = client
+        .wait_for_servers_timeout(1, wait)
+        .unwrap_err()
+        .to_string();
     assert!(
         error.contains("0 of 1 servers") && !error.contains("QoS"),
         "{error}"
     );
     let publisher = node.publisher::<u8>("topic").unwrap();
     let error = publisher
-        .wait_for_subscribers(1, wait)
+        .wait_for_subscribers_timeout(1, wait)
         .unwrap_err()
         .to_string();
     assert!(

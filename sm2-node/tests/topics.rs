@@ -142,7 +142,7 @@ fn a_node_can_talk_to_itself() {
     let node = domain.node("alone");
     let subscriber = node.subscriber::<str>("topic").unwrap();
     let publisher = node.publisher::<str>("topic").unwrap();
-    publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     publisher.publish("me").unwrap();
     assert_eq!(&*next(&subscriber), "me");
 }

@@ -50,7 +50,9 @@ impl Victim {
             }
         });
         let friend = node(domain, "friend").client("s").expect("a client");
-        friend.wait_for_servers(1, Some(PATIENCE)).expect("a link");
+        friend
+            .wait_for_servers_timeout(1, PATIENCE)
+            .expect("a link");
         let victim = Self {
             friend,
             stop,
@@ -65,7 +67,7 @@ impl Victim {
     fn answers_its_friend(&self) {
         for len in [0, 100, 10_000] {
             let asked = pattern::message(len as u64, len);
-            let reply = self.friend.call(&asked, PATIENCE).expect("a reply");
+            let reply = self.friend.call_timeout(&asked, PATIENCE).expect("a reply");
             assert!(*reply == *asked, "{len} bytes");
         }
     }

@@ -97,7 +97,7 @@ impl Peer for Sm2 {
         let builder = self.node.publisher_builder::<[u8]>(&topic.name);
         let mut builder = builder.depth(depth(topic)).sealed(self.mode.sealed);
         if self.mode.reliable {
-            builder = builder.reliable(PATIENCE);
+            builder = builder.reliable(true).publish_timeout(PATIENCE);
         }
         let publisher = builder.declare().map_err(failed("declare a publisher"))?;
         Ok(Sender {
@@ -130,7 +130,7 @@ impl Peer for Sm2 {
             .declare()
             .map_err(failed("declare a client"))?;
         client
-            .wait_for_servers(1, Some(PATIENCE))
+            .wait_for_servers_timeout(1, PATIENCE)
             .map_err(failed("wait for the server"))?;
         Ok(Caller {
             client,
@@ -216,12 +216,12 @@ impl Publish for Sender {
 
     fn wait_matched(&mut self, count: usize) -> Result<(), PeerError> {
         self.publisher
-            .wait_for_subscribers(count, Some(PATIENCE))
+            .wait_for_subscribers_timeout(count, PATIENCE)
             .map_err(failed("wait for subscribers"))
     }
 
     fn flush(&mut self) -> Result<(), PeerError> {
-        match self.publisher.flush(PATIENCE) {
+        match self.publisher.flush_timeout(PATIENCE) {
             Ok(true) => Ok(()),
             Ok(false) => Err(PeerError::new("flush", "a subscriber does not take")),
             Err(error) => Err(failed("flush")(error)),
@@ -242,7 +242,7 @@ impl<H: Handler> Receiver<H> {
         let handler = &mut self.handler;
         let (mut flow, mut failure) = (Flow::Continue, None);
         while flow == Flow::Continue && failure.is_none() {
-            let seen = (self.subscriber).recv_each(Some(timeout), BATCH, |sample| match sample {
+            let seen = (self.subscriber).recv_each_timeout(BATCH, timeout, |sample| match sample {
                 Ok(sample) if handler.message(sample) == Flow::Return => flow = Flow::Return,
                 Ok(_) => {}
                 Err(error) => failure = Some(error),
@@ -295,7 +295,7 @@ impl Call for Caller {
     ) -> Result<(), PeerError> {
         let request = &mut self.request[..len];
         write(request);
-        let reply = self.client.call(request, PATIENCE);
+        let reply = self.client.call_timeout(request, PATIENCE);
         read(&reply.map_err(failed("call"))?);
         Ok(())
     }

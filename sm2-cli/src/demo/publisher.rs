@@ -44,7 +44,7 @@ pub(super) fn run(arguments: &PartArguments) -> Result<(), CliError> {
         .depth(DEPTH)
         .sealed(arguments.integrity == Integrity::Sealed)
         .declare()?;
-    publisher.wait_for_subscribers(arguments.subscribers as usize, Some(GATHERING))?;
+    publisher.wait_for_subscribers_timeout(arguments.subscribers as usize, GATHERING)?;
     say(&Said::Ready).map_err(CliError::Output)?;
     let mut stdin = io::stdin();
     let mut line = [0; START.len()];

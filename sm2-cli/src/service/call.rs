@@ -192,7 +192,7 @@ fn call(
     until: Instant,
 ) -> Result<Option<Reply<[u8]>>, CliError> {
     let left = until.since(clock::now());
-    let mut call = client.send(request, Some(left))?;
+    let mut call = client.send_timeout(request, left)?;
     loop {
         match call.try_wait() {
             Ok(None) => {}

@@ -96,12 +96,10 @@ fn declare(
         .publisher_builder::<[u8]>(topic)
         .type_id(message.data.clone())
         .depth(DEPTH)
+        .reliable(arguments.reliable)
+        // `wait_for_room` waits instead, because a signal can end it.
+        .publish_timeout(Duration::ZERO)
         .sealed(arguments.integrity == Integrity::Sealed);
-    let builder = match arguments.reliable {
-        // What waits is `wait_for_room`, which a signal can end.
-        true => builder.reliable(Duration::ZERO),
-        false => builder,
-    };
     Ok(builder.declare()?)
 }
 
@@ -137,7 +135,7 @@ impl Feed<'_> {
         let count = self.arguments.wait;
         let mut hint_at = Some(clock::now().after(hint::AFTER));
         while self.session.stopped().is_none() {
-            match self.publisher.wait_for_subscribers(count, Some(STEP)) {
+            match self.publisher.wait_for_subscribers_timeout(count, STEP) {
                 Ok(()) => return Ok(true),
                 Err(WaitError::TimedOut { .. }) => {}
                 Err(error) => return Err(error.into()),
@@ -238,7 +236,7 @@ impl Feed<'_> {
             FAREWELL
         });
         let mut stopping = false;
-        while !self.publisher.flush(STEP)? {
+        while !self.publisher.flush_timeout(STEP)? {
             let now = clock::now();
             let counters = self.publisher.counters();
             if self.session.stopped().is_some() && !stopping {

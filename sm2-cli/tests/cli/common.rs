@@ -105,7 +105,7 @@ impl Domain {
     /// A node of this process.
     pub(crate) fn node(&self, name: &str) -> sm2_node::Node {
         let builder = sm2_node::Node::builder(name).socket(self.path("sm2.sock"));
-        builder.timeout(PATIENCE).connect().unwrap()
+        builder.manager_timeout(PATIENCE).connect().unwrap()
     }
 
     pub(crate) fn stop_manager(&mut self) {

@@ -87,7 +87,7 @@ fn built_in_types_are_printed_too() {
         let echo = domain.start(&["topic", "echo", topic, "--count", "1"]);
         // Nobody else moves this node on.
         crate::common::until("the message is there", || {
-            node.spin_once(Some(std::time::Duration::from_millis(5)))
+            node.spin_once_timeout(std::time::Duration::from_millis(5))
                 .unwrap();
             !echo.stdout().is_empty()
         });

@@ -165,7 +165,7 @@ fn nobody_answers() {
     thread::scope(|scope| {
         scope.spawn(|| {
             while !over.load(Ordering::Relaxed) {
-                node.spin_once(Some(Duration::from_millis(20))).unwrap();
+                node.spin_once_timeout(Duration::from_millis(20)).unwrap();
             }
         });
         let late = domain.run(&["service", "call", "slow", "--timeout", "300ms"]);

@@ -56,7 +56,7 @@ async fn ask(
 ) -> (Outcome, Bytes) {
     let now = sm2_io::clock::now();
     let timeout = deadline.map_or(LONGEST, |it| it.since(now).min(LONGEST));
-    let outcome = match client.call(payload, timeout).await {
+    let outcome = match client.call_timeout(payload, timeout).await {
         Ok(reply) => return (Outcome::Ok, Bytes::copy_from_slice(&reply)),
         Err(CallError::Failed { reason, .. }) => return (Outcome::Failed, reason.into()),
         Err(CallError::DeadlineExceeded { .. }) => Outcome::DeadlinePassed,

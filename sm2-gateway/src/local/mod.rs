@@ -75,7 +75,7 @@ impl Place {
     /// # Errors
     /// See [`ConnectError`].
     pub fn node(&self, name: &str) -> Result<Node, ConnectError> {
-        let mut builder = Node::builder(name).timeout(PATIENCE);
+        let mut builder = Node::builder(name).manager_timeout(PATIENCE);
         if let Some(domain) = &self.domain {
             builder = builder.domain(domain);
         }

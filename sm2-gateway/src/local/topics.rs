@@ -105,13 +105,12 @@ pub(super) fn publisher(
     latched: u16,
 ) -> Result<Publisher<[u8]>, String> {
     let builder = node.publisher_builder::<[u8]>(name.as_str());
-    let mut builder = builder
+    let builder = builder
         .type_id(data.clone())
         .depth(DEPTH)
-        .latched(latched.min(LATCHED_MAX));
-    if reliable {
-        // A subscriber that has no room goes without: the way here is not held up.
-        builder = builder.reliable(Duration::ZERO);
-    }
+        .latched(latched.min(LATCHED_MAX))
+        .reliable(reliable)
+        // A subscriber without room misses the message: it must not delay what arrives here.
+        .publish_timeout(Duration::ZERO);
     builder.declare().map_err(|error| error.to_string())
 }

@@ -68,7 +68,7 @@ pub(super) fn start(node: &Node, shown: Shown, hub: mpsc::Sender<Message>) -> io
     let follow = move || {
         let mut view = View::default();
         while !hub.is_closed() {
-            match watch.wait(Some(LOOK)) {
+            match watch.wait_timeout(LOOK) {
                 Ok(changes) if changes.is_empty() => thread::sleep(PAUSE),
                 Ok(_) => {}
                 Err(error) => {

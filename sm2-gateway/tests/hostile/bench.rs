@@ -49,8 +49,8 @@ impl Bench {
         let right = far.gateway(&runtime, &[(&near, Some(left.address()))], ALL);
         let publisher = near.node("talker").publisher::<str>("chatter").unwrap();
         let subscriber = far.node("listener").subscriber::<str>("chatter").unwrap();
-        subscriber.wait_for_publishers(1, Some(SOON)).unwrap();
-        publisher.wait_for_subscribers(1, Some(SOON)).unwrap();
+        subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         let key = keys::load(&mallory.path("key")).unwrap();
         let mut bench = Self {
             near,

@@ -3,6 +3,8 @@
 use std::io;
 use std::time::Duration;
 
+use sm2_proto::Instant;
+
 use super::{IntoAsync, Watched};
 use crate::handle::until;
 use crate::{CallError, Client, Message, Reply, StoreError};
@@ -12,8 +14,18 @@ use crate::{CallError, Client, Message, Reply, StoreError};
 pub struct AsyncClient<Q: Message + ?Sized, R: Message + ?Sized>(Watched<Client<Q, R>>);
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncClient<Q, R> {
-    /// Calls, and waits for the reply at most this long. If it is dropped before it is ready,
-    /// the call is cancelled.
+    /// Sends a request and waits for the reply, without a time limit. Dropping the future cancels
+    /// the call.
+    ///
+    /// # Errors
+    ///
+    /// See [`CallError`].
+    pub async fn call(&self, request: &Q) -> Result<Reply<R>, CallError> {
+        self.call_until(request, None).await
+    }
+
+    /// Sends a request and waits for the reply, for at most `timeout`. Dropping the future cancels
+    /// the call.
     ///
     /// # Errors
     ///
@@ -22,27 +34,37 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncClient<Q, R> {
     /// # Panics
     ///
     /// If the runtime has no timer.
-    pub async fn call(&self, request: &Q, timeout: Duration) -> Result<Reply<R>, CallError> {
-        let deadline = until(Some(timeout));
-        let service = || self.0.get().service().clone();
-        let failed = |source| CallError::Io {
-            service: service(),
-            source,
-        };
-        let reply = async {
-            let bytes = request.bytes().map_err(StoreError::Encode)?;
-            let sent = self.0.wait(|client| {
-                let sent = client.try_send(&bytes, deadline);
-                sent.transpose()
-            });
-            let mut call = sent.await.map_err(failed)??;
-            let reply = self.0.wait(|_| call.try_wait().transpose());
-            reply.await.map_err(failed)?
-        };
+    pub async fn call_timeout(
+        &self,
+        request: &Q,
+        timeout: Duration,
+    ) -> Result<Reply<R>, CallError> {
+        let reply = self.call_until(request, until(Some(timeout)));
         match tokio::time::timeout(timeout, reply).await {
             Ok(reply) => reply,
-            Err(_) => Err(CallError::DeadlineExceeded { service: service() }),
+            Err(_) => Err(CallError::DeadlineExceeded {
+                service: self.0.get().service().clone(),
+            }),
         }
+    }
+
+    async fn call_until(
+        &self,
+        request: &Q,
+        deadline: Option<Instant>,
+    ) -> Result<Reply<R>, CallError> {
+        let failed = |source| CallError::Io {
+            service: self.0.get().service().clone(),
+            source,
+        };
+        let bytes = request.bytes().map_err(StoreError::Encode)?;
+        let sent = self.0.wait(|client| {
+            let sent = client.try_send(&bytes, deadline);
+            sent.transpose()
+        });
+        let mut call = sent.await.map_err(failed)??;
+        let reply = self.0.wait(|_| call.try_wait().transpose());
+        reply.await.map_err(failed)?
     }
 
     /// The client.

@@ -79,7 +79,7 @@ pub trait IntoAsync: Sized {
 /// Outside of a tokio runtime with I/O enabled.
 pub async fn drive(node: Node) -> io::Result<Infallible> {
     let node = Watched::new(node, Arc::default())?;
-    let error = node.wait(|node| node.spin_once(None).err()).await?;
+    let error = node.wait(|node| node.spin_some().err()).await?;
     Err(error)
 }
 

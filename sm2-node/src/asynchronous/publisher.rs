@@ -70,8 +70,8 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
         if publication.is_done() {
             self.published = Some(core.finish(publication));
         } else {
-            let patience = publication.patience();
-            self.under_way = Some((publication, Box::pin(tokio::time::sleep(patience))));
+            let remaining = publication.remaining();
+            self.under_way = Some((publication, Box::pin(tokio::time::sleep(remaining))));
         }
         Ok(())
     }

@@ -13,6 +13,9 @@ use crate::pool::IDLE_DEFAULT;
 use crate::stock::Stock;
 use crate::{DeclareError, Message};
 
+/// The default of [`PublisherBuilder::publish_timeout`], as in the reliability policy of DDS.
+const PUBLISH_TIMEOUT_DEFAULT: Duration = Duration::from_millis(100);
+
 /// A publisher's quality of service, and its memory.
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
@@ -21,7 +24,7 @@ pub struct PublisherBuilder<T: Message + ?Sized> {
     topic: String,
     data: Option<TypeId>,
     offer: Offer,
-    patience: Duration,
+    publish_timeout: Duration,
     inline_max: usize,
     memory: Memory,
     sends: PhantomData<fn(&T)>,
@@ -49,7 +52,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
                 latched: 0,
                 sealed: false,
             },
-            patience: Duration::ZERO,
+            publish_timeout: PUBLISH_TIMEOUT_DEFAULT,
             inline_max: INLINE_DEFAULT,
             memory: Memory {
                 limit_bytes: u64::MAX,
@@ -70,12 +73,21 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         self
     }
 
-    /// Nothing is displaced for subscribers that demand it: when one has no room, the
-    /// publisher waits up to `patience`, and then drops the message for this subscriber alone
-    /// (SM2-QOS-002). For other subscribers nothing changes.
-    pub const fn reliable(mut self, patience: Duration) -> Self {
-        self.offer.reliable = true;
-        self.patience = patience;
+    /// Offers reliable delivery, to subscribers that ask for it; `false` by default.
+    ///
+    /// No message displaces another one for a reliable subscriber. If such a subscriber has no
+    /// room, the publisher waits for at most the [`publish_timeout`](Self::publish_timeout), and
+    /// then drops the message for this subscriber alone (SM2-QOS-002). For other subscribers
+    /// nothing changes.
+    pub const fn reliable(mut self, reliable: bool) -> Self {
+        self.offer.reliable = reliable;
+        self
+    }
+
+    /// How long [`publish`](Publisher::publish) waits for reliable subscribers that have no room;
+    /// 100 ms by default. `Duration::ZERO` never waits.
+    pub const fn publish_timeout(mut self, timeout: Duration) -> Self {
+        self.publish_timeout = timeout;
         self
     }
 
@@ -144,15 +156,15 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// where there are some: from then on, publishing and loaning messages of up to `max_len`
     /// takes no memory from the system, and no page fault. Short messages go through it as
     /// well, whatever [`inline_max`](Self::inline_max) says.
-    pub const fn prefault(mut self) -> Self {
-        self.memory.how.prefault = true;
+    pub const fn prefault(mut self, prefault: bool) -> Self {
+        self.memory.how.prefault = prefault;
         self
     }
 
     /// The memory that is reserved is never swapped out. This needs a limit (`RLIMIT_MEMLOCK`) that
     /// allows it.
-    pub const fn mlock(mut self) -> Self {
-        self.memory.how.lock = true;
+    pub const fn mlock(mut self, lock: bool) -> Self {
+        self.memory.how.lock = lock;
         self
     }
 
@@ -183,7 +195,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
                 turn: Mutex::new(()),
                 // A datagram's memory is not reserved.
                 inline_max: if how.prefault { 0 } else { self.inline_max },
-                patience: self.patience,
+                publish_timeout: self.publish_timeout,
                 stock: Mutex::new(Stock::new(idle)),
             },
             sends: PhantomData,

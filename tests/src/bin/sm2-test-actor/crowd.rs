@@ -90,7 +90,7 @@ fn until(crowd: &[Member], done: impl Fn(&Member) -> bool) {
 
 fn drive(crowd: &[Member]) {
     for member in crowd {
-        member.node.spin_once(None).expect("the node's own wait");
+        member.node.spin_some().expect("the node's own wait");
     }
 }
 

@@ -93,7 +93,7 @@ fn member(options: &Options, index: usize, distances: &[usize]) -> Member {
     let node = Node::builder(&topic(index)).socket(socket);
     let node = node.connect().expect("a session");
     let publisher = node.publisher_builder::<[u8]>(&topic(index)).depth(64);
-    let publisher = publisher.reliable(PATIENCE).declare();
+    let publisher = publisher.reliable(true).publish_timeout(PATIENCE).declare();
     let hear = |distance: &usize| {
         let topic = topic((index + distance) % total);
         let subscriber = node.subscriber_builder::<[u8]>(&topic).depth(64);
@@ -131,7 +131,7 @@ impl Member {
     }
 
     fn take(&mut self) {
-        self.node.spin_once(None).expect("the node's own wait");
+        self.node.spin_some().expect("the node's own wait");
         let name = self.node.name();
         for heard in &mut self.heard {
             while let Some(sample) = heard.subscriber.try_recv().expect("received") {

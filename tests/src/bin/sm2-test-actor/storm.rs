@@ -93,15 +93,19 @@ impl Control {
             take();
             let both = [self.input.as_fd(), node.as_fd()];
             sm2_io::wait_readable(&both, None).expect("poll");
-            node.spin_once(None).expect("the node's own wait");
+            node.spin_some().expect("the node's own wait");
         }
     }
 }
 
 fn publish(node: &Node, control: &mut Control) {
     let builder = node.publisher_builder::<[u8]>("storm").depth(16);
-    let publisher = builder.reliable(PATIENCE).declare().expect("a publisher");
-    let linked = publisher.wait_for_subscribers(1, Some(PATIENCE));
+    let publisher = builder
+        .reliable(true)
+        .publish_timeout(PATIENCE)
+        .declare()
+        .expect("a publisher");
+    let linked = publisher.wait_for_subscribers_timeout(1, PATIENCE);
     linked.expect("a subscriber");
     println!("working");
     let mut published = 0;
@@ -183,14 +187,14 @@ fn serve(node: &Node, control: &mut Control) {
 fn call(node: &Node, control: &mut Control) {
     let client = node.client::<[u8], [u8]>("storm").expect("a client");
     client
-        .wait_for_servers(1, Some(PATIENCE))
+        .wait_for_servers_timeout(1, PATIENCE)
         .expect("a server");
     println!("working");
     let (mut replied, mut failed) = (0_u64, 0_u64);
     let mut calls = VecDeque::new();
     for number in 0.. {
         let request = control.message(number);
-        let call = client.send(&request, Some(PATIENCE));
+        let call = client.send_timeout(&request, PATIENCE);
         calls.push_back((request, call.expect("a server that lives")));
         let stopped = control.heard("stop").is_some();
         // Each goes to the server with the fewest, so all servers have one now and then.

@@ -138,15 +138,15 @@ impl Stage {
     }
 
     fn wait(&self, key: &str, count: usize) -> Answer {
-        let time = Some(PATIENCE);
+        let time = PATIENCE;
         let done = if let Some((publisher, _)) = self.publishers.get(key) {
-            publisher.wait_for_subscribers(count, time)
+            publisher.wait_for_subscribers_timeout(count, time)
         } else if let Some(subscriber) = self.subscribers.get(key) {
-            subscriber.wait_for_publishers(count, time)
+            subscriber.wait_for_publishers_timeout(count, time)
         } else if let Some(server) = self.servers.get(key) {
-            server.wait_for_clients(count, time)
+            server.wait_for_clients_timeout(count, time)
         } else if let Some((client, _)) = self.clients.get(key) {
-            client.wait_for_servers(count, time)
+            client.wait_for_servers_timeout(count, time)
         } else {
             return Err(format!("no interface {key}"));
         };
@@ -225,7 +225,7 @@ impl Stage {
         let (client, called) = self.clients.get_mut(key).ok_or("no client")?;
         *called += 1;
         let request = pattern::message(*called, size);
-        let call = client.send(&request, Some(PATIENCE)).map_err(text)?;
+        let call = client.send_timeout(&request, PATIENCE).map_err(text)?;
         let calls = self.calls.entry(key.to_owned()).or_default();
         calls.push_back((call, *called));
         Ok(String::new())

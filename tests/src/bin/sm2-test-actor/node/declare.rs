@@ -40,7 +40,9 @@ pub(super) fn publisher(
         .latched(words.small("latched", 0))
         .sealed(words.flag("sealed"));
     if let Some(patience) = words.number("reliable_ms") {
-        builder = builder.reliable(Duration::from_millis(patience));
+        builder = builder
+            .reliable(true)
+            .publish_timeout(Duration::from_millis(patience));
     }
     if let Some(bytes) = words.size("inline_max") {
         builder = builder.inline_max(bytes);

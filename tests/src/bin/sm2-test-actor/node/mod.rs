@@ -31,7 +31,7 @@ pub(crate) fn run(options: &Options) -> ExitCode {
     let mut input = Input::new();
     loop {
         sm2_io::wait_readable(&[input.as_fd(), node.as_fd()], None).expect("poll");
-        node.spin_once(None).expect("the node's own wait");
+        node.spin_some().expect("the node's own wait");
         match input.lines() {
             Ok(lines) => lines
                 .iter()
