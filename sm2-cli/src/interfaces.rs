@@ -3,7 +3,7 @@
 use std::fmt;
 
 use serde::Serialize;
-use sm2_proto::{Contract, Kind, Name, Place, Refusal, TypeId, domain::InterfaceView};
+use sm2_proto::{Contract, EntityId, Kind, Name, Refusal, TypeId, domain::InterfaceView};
 
 use crate::{columns::Columns, connect::Session, error::CliError, names, view::View};
 
@@ -115,24 +115,24 @@ pub(crate) fn on(
 
 impl Interface {
     pub(crate) fn new(view: &View<'_>, it: InterfaceView<'_>) -> Self {
-        Self::of(view, it.place, it.contract, it.refused)
+        Self::of(view, it.entity, it.contract, it.refused)
     }
 
     pub(crate) fn of(
         view: &View<'_>,
-        place: Place,
+        entity: EntityId,
         contract: &Contract,
         refused: Option<&Refusal>,
     ) -> Self {
         Self {
-            node: view.name_of(place.node).to_owned(),
-            node_id: place.node.0,
-            interface: place.interface.0,
+            node: view.name_of(entity.node).to_owned(),
+            node_id: entity.node.0,
+            interface: entity.interface.0,
             kind: contract.kind().as_str(),
             name: contract.name().to_string(),
             types: Types::of(contract),
             qos: Qos::of(contract),
-            links: view.links_of(place).len(),
+            links: view.links_of(entity).len(),
             refused: refused.map(Refusal::to_string),
         }
     }

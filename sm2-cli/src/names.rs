@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use sm2_proto::{Name, Place};
+use sm2_proto::{EntityId, Name};
 
 use crate::{error::CliError, view::View};
 
@@ -97,11 +97,11 @@ impl Selector {
     /// # Errors
     ///
     /// [`CliError::Unknown`] if there is none, [`CliError::NoInterfaces`] for a node without any.
-    pub(crate) fn places(&self, view: &View<'_>) -> Result<Vec<Place>, CliError> {
+    pub(crate) fn entities(&self, view: &View<'_>) -> Result<Vec<EntityId>, CliError> {
         let domain = view.domain;
-        let places = domain.find(&self.to_string());
-        if !places.is_empty() {
-            return Ok(places);
+        let entities = domain.find(&self.to_string());
+        if !entities.is_empty() {
+            return Ok(entities);
         }
         let interfaces = || domain.interfaces().map(|it| it.contract.name());
         let nodes = || domain.nodes().map(|node| node.name);
@@ -134,8 +134,8 @@ impl fmt::Display for Selector {
 }
 
 /// Several interfaces as one would name each of them.
-pub(crate) fn titles(view: &View<'_>, places: impl IntoIterator<Item = Place>) -> String {
-    let mut titles: Vec<_> = places.into_iter().map(|it| view.title(it)).collect();
+pub(crate) fn titles(view: &View<'_>, entities: impl IntoIterator<Item = EntityId>) -> String {
+    let mut titles: Vec<_> = entities.into_iter().map(|it| view.title(it)).collect();
     titles.sort_unstable();
     titles.dedup();
     let more = titles.len().saturating_sub(SHOWN);

@@ -10,7 +10,7 @@ use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use sm2_io::{CounterView, clock};
 use sm2_node::{Node, QueryError};
 use sm2_proto::{
-    Instant, InterfaceId, LinkId, Name, NodeId, Place,
+    EntityId, Instant, InterfaceId, LinkId, Name, NodeId,
     counters::{Entry, Rate, Summary},
     domain::{Domain, LinkView},
 };
@@ -171,8 +171,8 @@ impl Sample {
     }
 
     /// What a node counted of an interface as a whole.
-    pub(crate) fn interface(&self, domain: &Domain, place: Place) -> Option<&Entry> {
-        self.end(domain, place, None)
+    pub(crate) fn interface(&self, domain: &Domain, entity: EntityId) -> Option<&Entry> {
+        self.end(domain, entity, None)
     }
 
     /// What the offering side of a link counted of it.
@@ -185,10 +185,10 @@ impl Sample {
         self.end(domain, link.demanding, Some(link.link))
     }
 
-    fn end(&self, domain: &Domain, place: Place, link: Option<LinkId>) -> Option<&Entry> {
+    fn end(&self, domain: &Domain, entity: EntityId, link: Option<LinkId>) -> Option<&Entry> {
         let end = End {
-            node: domain.node(place.node)?.name.clone(),
-            interface: place.interface,
+            node: domain.node(entity.node)?.name.clone(),
+            interface: entity.interface,
             link,
         };
         self.entries.get(&end)
@@ -200,9 +200,9 @@ impl Sample {
     }
 
     /// How fast an interface's counters grew since an earlier sample.
-    pub(crate) fn rate(&self, earlier: &Self, domain: &Domain, place: Place) -> Option<Rate> {
-        let now = self.interface(domain, place)?;
-        let before = earlier.interface(domain, place)?;
+    pub(crate) fn rate(&self, earlier: &Self, domain: &Domain, entity: EntityId) -> Option<Rate> {
+        let now = self.interface(domain, entity)?;
+        let before = earlier.interface(domain, entity)?;
         now.rate_since(before, self.since(earlier))
     }
 }

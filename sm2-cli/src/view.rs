@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::{
-    Contract, Kind, Name, NodeId, Place, TypeId,
+    Contract, EntityId, Kind, Name, NodeId, TypeId,
     domain::{Domain, InterfaceView, LinkView},
 };
 
@@ -11,7 +11,7 @@ use sm2_proto::{
 #[derive(Clone, Debug)]
 pub(crate) struct View<'a> {
     pub(crate) domain: &'a Domain,
-    links: BTreeMap<Place, Vec<LinkView>>,
+    links: BTreeMap<EntityId, Vec<LinkView>>,
 }
 
 impl<'a> View<'a> {
@@ -27,8 +27,8 @@ impl<'a> View<'a> {
     }
 
     /// The links of an interface.
-    pub(crate) fn links_of(&self, place: Place) -> &[LinkView] {
-        self.links.get(&place).map_or(&[], Vec::as_slice)
+    pub(crate) fn links_of(&self, entity: EntityId) -> &[LinkView] {
+        self.links.get(&entity).map_or(&[], Vec::as_slice)
     }
 
     /// The name of a node; `?` for one that is gone.
@@ -39,9 +39,9 @@ impl<'a> View<'a> {
     }
 
     /// An interface as a person names it: `talker:chatter`; a node as itself.
-    pub(crate) fn title(&self, place: Place) -> String {
-        let node = self.name_of(place.node);
-        match self.domain.interface(place) {
+    pub(crate) fn title(&self, entity: EntityId) -> String {
+        let node = self.name_of(entity.node);
+        match self.domain.interface(entity) {
             Some(it) => format!("{node}:{}", it.contract.name()),
             None => node.to_owned(),
         }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use clap::Args;
 use serde::Serialize;
 use sm2_proto::{
-    Contract, Kind, Place, Refusal, TypeId,
+    Contract, EntityId, Kind, Refusal, TypeId,
     domain::{Domain as Mirror, Finding, Near, Verdict, nearest, why},
     schema::Schema,
 };
@@ -121,8 +121,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             pair.linked
         }
         None => {
-            let places = arguments.one.places(&view)?;
-            let interfaces = places.into_iter().map(|place| one(&view, place, &explain));
+            let entities = arguments.one.entities(&view)?;
+            let interfaces = entities
+                .into_iter()
+                .map(|entity| one(&view, entity, &explain));
             let interfaces: Vec<_> = interfaces.flatten().collect();
             let around = Around {
                 revision: domain.revision(),
@@ -143,10 +145,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 /// Where the types of a refused interface differ from those in use, one for each pair of types.
 /// (Of types that differ otherwise the verdict itself says so.)
 fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<String> {
-    let Finding::Refused { place, reason, .. } = &verdict.finding else {
+    let Finding::Refused { entity, reason, .. } = &verdict.finding else {
         return Vec::new();
     };
-    let Some(refused) = domain.interface(*place) else {
+    let Some(refused) = domain.interface(*entity) else {
         return Vec::new();
     };
     let pairs = match (refused.contract, reason) {
@@ -187,8 +189,12 @@ fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<Str
 /// # Errors
 ///
 /// [`CliError::Unknown`], [`CliError::NoInterfaces`], [`CliError::Ambiguous`].
-fn pair(view: &View<'_>, one: &Selector, other: &Selector) -> Result<(Place, Place), CliError> {
-    let (ours, theirs) = (one.places(view)?, other.places(view)?);
+fn pair(
+    view: &View<'_>,
+    one: &Selector,
+    other: &Selector,
+) -> Result<(EntityId, EntityId), CliError> {
+    let (ours, theirs) = (one.entities(view)?, other.entities(view)?);
     if let ([one], [other]) = (&*ours, &*theirs) {
         return Ok((*one, *other));
     }
@@ -196,21 +202,25 @@ fn pair(view: &View<'_>, one: &Selector, other: &Selector) -> Result<(Place, Pla
     match &*pairs {
         [pair] => Ok(*pair),
         _ => {
-            let (text, places) = match ours.len() > 1 {
+            let (text, entities) = match ours.len() > 1 {
                 true => (one, ours),
                 false => (other, theirs),
             };
             Err(CliError::Ambiguous {
                 text: text.to_string(),
-                candidates: titles(view, places),
+                candidates: titles(view, entities),
             })
         }
     }
 }
 
 /// All pairs of which one offers what the other demands, each once.
-fn counterparts(view: &View<'_>, ours: &[Place], theirs: &[Place]) -> Vec<(Place, Place)> {
-    let kind = |place| view.domain.interface(place).map(|it| it.contract.kind());
+fn counterparts(
+    view: &View<'_>,
+    ours: &[EntityId],
+    theirs: &[EntityId],
+) -> Vec<(EntityId, EntityId)> {
+    let kind = |entity| view.domain.interface(entity).map(|it| it.contract.kind());
     let all = ours
         .iter()
         .flat_map(|&one| theirs.iter().map(move |&other| (one, other)));
@@ -222,9 +232,9 @@ fn counterparts(view: &View<'_>, ours: &[Place], theirs: &[Place]) -> Vec<(Place
 }
 
 /// Those of the same name; if there are none, those whose names look alike; if there are none, all.
-fn likeliest(view: &View<'_>, pairs: Vec<(Place, Place)>) -> Vec<(Place, Place)> {
-    let name = |place| view.domain.interface(place).map(|it| it.contract.name());
-    let same = |&(one, other): &(Place, Place)| name(one) == name(other);
+fn likeliest(view: &View<'_>, pairs: Vec<(EntityId, EntityId)>) -> Vec<(EntityId, EntityId)> {
+    let name = |entity| view.domain.interface(entity).map(|it| it.contract.name());
+    let same = |&(one, other): &(EntityId, EntityId)| name(one) == name(other);
     let named: Vec<_> = pairs.iter().copied().filter(same).collect();
     if !named.is_empty() {
         return named;
@@ -233,7 +243,7 @@ fn likeliest(view: &View<'_>, pairs: Vec<(Place, Place)>) -> Vec<(Place, Place)>
     if pairs.len() > PAIRS_MAX {
         return pairs;
     }
-    let is_near = |&(one, other): &(Place, Place)| {
+    let is_near = |&(one, other): &(EntityId, EntityId)| {
         let finding = why(view.domain, one, other).finding;
         matches!(finding, Finding::Names { near: Some(_) })
     };
@@ -244,20 +254,20 @@ fn likeliest(view: &View<'_>, pairs: Vec<(Place, Place)>) -> Vec<(Place, Place)>
     }
 }
 
-fn one(view: &View<'_>, place: Place, explain: &impl Fn(Verdict) -> Verdict) -> Option<One> {
+fn one(view: &View<'_>, entity: EntityId, explain: &impl Fn(Verdict) -> Verdict) -> Option<One> {
     let peers = view
-        .links_of(place)
+        .links_of(entity)
         .iter()
-        .map(|link| match link.offering == place {
+        .map(|link| match link.offering == entity {
             true => link.demanding,
             false => link.offering,
         });
-    let near = nearest(view.domain, place).into_iter().map(|near| Near {
+    let near = nearest(view.domain, entity).into_iter().map(|near| Near {
         verdict: explain(near.verdict),
         ..near
     });
     Some(One {
-        interface: Interface::new(view, view.domain.interface(place)?),
+        interface: Interface::new(view, view.domain.interface(entity)?),
         linked_with: peers.map(|peer| view.title(peer)).collect(),
         near: near.collect(),
     })

@@ -8,7 +8,7 @@ use sm2_io::CounterView;
 use sm2_proto::control::Change;
 use sm2_proto::domain::{Ask, Domain, Mirror, Near, Verdict, nearest, why};
 use sm2_proto::schema::Schema;
-use sm2_proto::{Instant, NodeId, Place, TypeId};
+use sm2_proto::{EntityId, Instant, NodeId, TypeId};
 
 use crate::driver::{Answer, Followed, Lost, Question, Shared, Ticket};
 use crate::handle::{Handle, until};
@@ -43,7 +43,7 @@ impl Node {
     /// # Errors
     ///
     /// See [`QueryError`].
-    pub fn why(&self, one: Place, other: Place) -> Result<Verdict, QueryError> {
+    pub fn why(&self, one: EntityId, other: EntityId) -> Result<Verdict, QueryError> {
         Ok(why(&self.snapshot()?, one, other))
     }
 
@@ -132,11 +132,11 @@ impl Handle {
             }
             reader.restart();
         };
-        let place = Place {
+        let entity = EntityId {
             node,
             interface: self.id,
         };
-        Ok(nearest(reader.mirror.domain(), place))
+        Ok(nearest(reader.mirror.domain(), entity))
     }
 }
 

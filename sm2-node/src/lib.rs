@@ -195,7 +195,7 @@ pub use sm2_proto::control::{Apart, Change, Item, Key, Limits, Peer};
 pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
 pub use sm2_proto::link::{Counters, End};
 pub use sm2_proto::{
-    Contract, Demand, Instant, InterfaceId, Kind, LinkId, Name, NameError, NodeId, Offer, Place,
+    Contract, Demand, EntityId, Instant, InterfaceId, Kind, LinkId, Name, NameError, NodeId, Offer,
     ServiceQos, TypeId,
 };
 pub use subscriber::{Subscriber, SubscriberBuilder};

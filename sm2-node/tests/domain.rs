@@ -8,7 +8,7 @@ use std::thread;
 use std::time::Duration;
 
 use common::{Domain, SOON, away, back, meet, next, until};
-use sm2_node::{Change, Domain as Mirror, Finding, Item, Key, Message, Node, Place, TypeId};
+use sm2_node::{Change, Domain as Mirror, EntityId, Finding, Item, Key, Message, Node, TypeId};
 
 fn names(domain: &Mirror) -> Vec<String> {
     domain.nodes().map(|node| node.name.to_string()).collect()
@@ -268,9 +268,9 @@ fn a_watch_that_is_only_polled_sees_changes() {
     });
 }
 
-fn place(node: &Node, domain: &Mirror, kind: sm2_node::Kind) -> Place {
+fn entity(node: &Node, domain: &Mirror, kind: sm2_node::Kind) -> EntityId {
     let mut found = domain.interfaces_of(node.id().unwrap());
-    found.find(|it| it.contract.kind() == kind).unwrap().place
+    found.find(|it| it.contract.kind() == kind).unwrap().entity
 }
 
 //= SM2-MAT-001, SM2-WCH-004 test
@@ -283,15 +283,15 @@ fn why_says_what_is_linked_and_what_is_not() {
     let demanding = listener.subscriber_builder::<u8>("topic").reliable(true);
     let demanding = demanding.declare().unwrap();
     let snapshot = listener.snapshot().unwrap();
-    let offers = place(&talker, &snapshot, sm2_node::Kind::Publisher);
-    let takes = place(&listener, &snapshot, sm2_node::Kind::Subscriber);
+    let offers = entity(&talker, &snapshot, sm2_node::Kind::Publisher);
+    let takes = entity(&listener, &snapshot, sm2_node::Kind::Subscriber);
     let verdict = listener.why(takes, offers).unwrap();
     assert!(verdict.is_linked(), "{verdict:?}");
     let near = demanding.why().unwrap();
     assert_eq!(near.len(), 1, "{near:?}");
     let near = format!("{near:?}");
     assert!(near.contains("eliab"), "{near}");
-    let gone = Place {
+    let gone = EntityId {
         interface: sm2_node::InterfaceId(99),
         ..offers
     };

@@ -12,20 +12,20 @@ pub struct NodeId(pub u64);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct InterfaceId(pub u64);
 
-/// An interface anywhere in the domain, or, with interface 0, a node itself.
+/// Identifies an interface of a node in the domain or, with interface 0, the node itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub struct Place {
+pub struct EntityId {
     /// Its node.
     pub node: NodeId,
     /// The node's number for it.
     pub interface: InterfaceId,
 }
 
-impl Place {
-    /// Before every other one.
+impl EntityId {
+    /// Sorts before every other id.
     pub(crate) const FIRST: Self = Self::node(NodeId(0));
 
-    /// A node itself.
+    /// The id of a node itself.
     #[must_use]
     pub const fn node(node: NodeId) -> Self {
         Self {
@@ -65,7 +65,7 @@ impl fmt::Display for InterfaceId {
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for EntityId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} of {}", self.interface, self.node)
     }

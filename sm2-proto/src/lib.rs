@@ -67,7 +67,7 @@ pub use code::{Code, Farewell, Violation};
 pub use contract::{Contract, Demand, Kind, Offer, QosError, ServiceQos, TypeId};
 pub use datagram::Datagram;
 pub use fd::{FdFacts, Seals};
-pub use ids::{InterfaceId, LinkId, NodeId, Place};
+pub use ids::{EntityId, InterfaceId, LinkId, NodeId};
 pub use machine::{Error, Machine, MisuseError};
 pub use matching::{Mismatch, Terms, match_contracts};
 pub use name::{Name, NameError};

@@ -52,7 +52,7 @@ fn what_is_used_up() {
     };
     let claim = Item::Claim {
         link: LinkId { serial: 3, ..LINK },
-        place: at(PLANNER, 1),
+        entity: at(PLANNER, 1),
     };
     let refused = refusal(at(PLANNER, 2), &sub(), &Refusal::NameTaken);
     let more = [

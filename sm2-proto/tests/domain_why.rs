@@ -4,7 +4,7 @@ mod support;
 
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Code, Contract, NodeId, Place, Quota, Refusal, TypeId,
+    Code, Contract, EntityId, NodeId, Quota, Refusal, TypeId,
     control::{Apart, Item, Limits},
     domain::{Domain, Finding, NEAR_MAX, NearName, nearest, why},
     match_contracts,
@@ -15,7 +15,9 @@ use support::{
     contracts::{
         client, data, name, publisher, publisher_with, scan, server, subscriber, subscriber_with,
     },
-    items::{LIDAR, LINK, PLANNER, at, domain, interface, items, link, node, places, refusal, sub},
+    items::{
+        LIDAR, LINK, PLANNER, at, domain, entities, interface, items, link, node, refusal, sub,
+    },
 };
 
 /// The text about lidar's and planner's first interfaces.
@@ -96,12 +98,12 @@ fn who_is_not_there() {
     let nobody = said(at(9, 4), at(LIDAR, 1));
     assert!(nobody.starts_with("there is no interface 4 of node 9.\n"));
     assert_eq!(
-        said(at(LIDAR, 1), Place::node(NodeId(PLANNER))),
+        said(at(LIDAR, 1), EntityId::node(NodeId(PLANNER))),
         "node planner itself is no interface.\nName one of its interfaces."
     );
     assert_eq!(nearest(&domain, at(9, 4)), []);
-    let party = |place| why(&domain, at(LIDAR, 1), place).other.to_string();
-    assert_eq!(party(Place::node(NodeId(9))), "node 9");
+    let party = |entity| why(&domain, at(LIDAR, 1), entity).other.to_string();
+    assert_eq!(party(EntityId::node(NodeId(9))), "node 9");
     assert_eq!(party(at(9, 4)), "interface 4 of node 9");
 }
 
@@ -349,7 +351,7 @@ fn they_match_and_something_is_in_the_way() {
     assert!(said(&both_late).contains("waits for lidar and planner to tell"));
     let claim = Item::Claim {
         link: LINK,
-        place: at(LIDAR, 1),
+        entity: at(LIDAR, 1),
     };
     assert_eq!(
         said(&[late, claim.clone()]),
@@ -388,7 +390,7 @@ fn the_nearest_come_first() {
                 .all(|it| it.to_string() == it.verdict.to_string())
         );
         near.iter()
-            .map(|it| it.place.interface.0)
+            .map(|it| it.entity.interface.0)
             .collect::<Vec<_>>()
     };
     assert_eq!(near(&domain), [6, 5, 3, 2, 1]);
@@ -415,7 +417,7 @@ proptest! {
     /// there are words for it.
     //= SM2-MAT-001 test
     #[test]
-    fn why_agrees_with_the_rule(items in vec(items(), 0..40), one in places(), other in places()) {
+    fn why_agrees_with_the_rule(items in vec(items(), 0..40), one in entities(), other in entities()) {
         let mut domain = Domain::new();
         domain.page(items);
         let verdict = why(&domain, one, other);
@@ -434,7 +436,7 @@ proptest! {
         let near = nearest(&domain, one);
         prop_assert!(near.len() <= NEAR_MAX);
         for near in near {
-            let expected = why(&domain, one, near.place);
+            let expected = why(&domain, one, near.entity);
             prop_assert_eq!(near.verdict, expected);
         }
         // Whoever counts and lists meets nothing that it stumbles over.

@@ -8,8 +8,8 @@ mod support;
 use std::time::Duration;
 
 use claims::{
-    DEMANDING, KEY, LINK, OFFERING, back, back_as, both_back, claimed, link_item, links_made,
-    place, relations, wanted,
+    DEMANDING, KEY, LINK, OFFERING, back, back_as, both_back, claimed, entity, link_item,
+    links_made, relations, wanted,
 };
 use sm2_proto::{
     Code, Contract, InterfaceId, LinkId, NodeId,
@@ -34,12 +34,12 @@ fn a_link_that_both_ends_claim_is_adopted() {
             assert_eq!(bench.manager.links(), 0);
             let half = [Item::Claim {
                 link: LINK,
-                place: place(ends[0].0, ends[0].1),
+                entity: entity(ends[0].0, ends[0].1),
             }];
             assert_eq!(relations(&bench, a), half[..at]);
             assert_eq!(bench.send(node, &claim(interface, LINK, KEY)), []);
         }
-        let adopted = [link_item(LINK, place(a, OFFERING), place(b, DEMANDING))];
+        let adopted = [link_item(LINK, entity(a, OFFERING), entity(b, DEMANDING))];
         assert_eq!(relations(&bench, a), adopted);
         // Nothing is made, nobody is told.
         for node in [b, a] {
@@ -54,8 +54,8 @@ fn a_link_that_both_ends_claim_is_adopted() {
         assert_eq!(seen_by(&events, b), [unlink(DEMANDING, LINK, 5)]);
         assert_eq!(bench.unlinked(b, DEMANDING, LINK), []);
         let apart = Item::Apart {
-            offering: place(a, OFFERING),
-            demanding: place(b, DEMANDING),
+            offering: entity(a, OFFERING),
+            demanding: entity(b, DEMANDING),
             cause: Apart::Ended { code: Code(5) },
         };
         assert_eq!(relations(&bench, a), [apart]);
@@ -71,7 +71,7 @@ fn both_ends_of_one_node() {
     assert_eq!(bench.send(node, &claim(DEMANDING, LINK, KEY)), []);
     assert_eq!(bench.send(node, &claim(OFFERING, LINK, KEY)), []);
     assert_eq!(claimed(&mut bench, node), []);
-    let adopted = link_item(LINK, place(node, OFFERING), place(node, DEMANDING));
+    let adopted = link_item(LINK, entity(node, OFFERING), entity(node, DEMANDING));
     assert_eq!(relations(&bench, node), [adopted]);
     let events = bench.withdraw(node, OFFERING);
     assert_eq!(seen_by(&events, node)[0], unlink(DEMANDING, LINK, 0));
@@ -190,7 +190,7 @@ fn whoever_does_not_know_the_key_changes_nothing() {
     seen.extend(bench.input(Input::Tick));
     assert_eq!(seen_by(&seen, a), []);
     assert_eq!(seen_by(&seen, b), []);
-    let adopted = link_item(LINK, place(a, OFFERING), place(b, DEMANDING));
+    let adopted = link_item(LINK, entity(a, OFFERING), entity(b, DEMANDING));
     assert_eq!(relations(&bench, a), [adopted]);
 }
 
@@ -303,7 +303,7 @@ fn a_pair_has_one_link() {
         Event::Sent(a, unlink(OFFERING, second, 6)),
     ];
     assert_eq!(events, both);
-    let adopted = link_item(LINK, place(a, OFFERING), place(b, DEMANDING));
+    let adopted = link_item(LINK, entity(a, OFFERING), entity(b, DEMANDING));
     assert_eq!(relations(&bench, a), [adopted]);
     claimed(&mut bench, a);
     assert_eq!(claimed(&mut bench, b), []);
@@ -351,6 +351,6 @@ fn a_pair_that_was_apart_can_be_adopted() {
         [Item::Claim { .. }, Item::Apart { .. }]
     ));
     bench.send(b, &claim(DEMANDING, second, KEY));
-    let adopted = link_item(second, place(a, OFFERING), place(b, DEMANDING));
+    let adopted = link_item(second, entity(a, OFFERING), entity(b, DEMANDING));
     assert_eq!(relations(&bench, a), [adopted]);
 }

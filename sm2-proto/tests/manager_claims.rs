@@ -8,7 +8,7 @@ mod support;
 use std::time::Duration;
 
 use claims::{
-    DEMANDING, KEY, LINK, OFFERING, back, both_back, claimed, items, links_made, place, relations,
+    DEMANDING, KEY, LINK, OFFERING, back, both_back, claimed, entity, items, links_made, relations,
     violation, wanted,
 };
 use sm2_proto::{
@@ -175,8 +175,8 @@ fn quotas_of_links() {
         assert_eq!(claimed(&mut bench, node), [], "no room, and no refusal");
     }
     let apart = Item::Apart {
-        offering: place(a, 1),
-        demanding: place(others[2], 1),
+        offering: entity(a, 1),
+        demanding: entity(others[2], 1),
         cause: Apart::Quota { node: a, limit: 2 },
     };
     assert_eq!(relations(&bench, a).last(), Some(&apart));
@@ -193,8 +193,8 @@ fn quotas_of_links() {
     let node = back(&mut bench, "a", &both);
     assert_eq!(claimed(&mut bench, node), []);
     let apart = Item::Apart {
-        offering: place(node, 1),
-        demanding: place(node, 2),
+        offering: entity(node, 1),
+        demanding: entity(node, 2),
         cause: Apart::Quota { node, limit: 1 },
     };
     assert_eq!(relations(&bench, node), [apart]);

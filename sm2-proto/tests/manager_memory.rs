@@ -3,7 +3,7 @@
 mod support;
 
 use sm2_proto::{
-    Code, Contract, InterfaceId, NodeId, Place, Quota, Refusal,
+    Code, Contract, EntityId, InterfaceId, NodeId, Quota, Refusal,
     control::{Apart, Item, Key, ToManager, ToNode},
     manager::{Input, Policy},
 };
@@ -35,16 +35,16 @@ fn refused(bench: &Bench, node: NodeId) -> Vec<(u64, Contract, Refusal)> {
         .into_iter()
         .filter_map(|item| match item {
             Item::Refusal {
-                place,
+                entity,
                 contract,
                 reason,
-            } if place.node == node => Some((place.interface.0, contract, reason)),
+            } if entity.node == node => Some((entity.interface.0, contract, reason)),
             _ => None,
         });
     refused.collect()
 }
 
-fn apart(bench: &Bench, asks: NodeId) -> Vec<(Place, Place, Apart)> {
+fn apart(bench: &Bench, asks: NodeId) -> Vec<(EntityId, EntityId, Apart)> {
     let apart = items(bench, asks)
         .into_iter()
         .filter_map(|item| match item {
@@ -58,9 +58,9 @@ fn apart(bench: &Bench, asks: NodeId) -> Vec<(Place, Place, Apart)> {
     apart.collect()
 }
 
-fn place(node: NodeId, interface: u64) -> Place {
+fn entity(node: NodeId, interface: u64) -> EntityId {
     let interface = InterfaceId(interface);
-    Place { node, interface }
+    EntityId { node, interface }
 }
 
 fn wrong(topic: &str) -> Contract {
@@ -144,7 +144,7 @@ fn what_is_granted_supersedes_what_was_refused() {
     };
     for interface in [1, 3] {
         let key = Key::Member {
-            place: place(b, interface),
+            entity: entity(b, interface),
         };
         assert!(changes.contains(&sm2_proto::control::Change::Removed { key }));
     }
@@ -184,13 +184,13 @@ fn causes() {
     assert_eq!(apart(&bench, a), []);
     let link = bench.declared(b, 1, &wanted())[0];
     bench.input(Input::LinkFailed { link });
-    let failed = (place(a, 1), place(b, 1), Apart::Descriptors);
+    let failed = (entity(a, 1), entity(b, 1), Apart::Descriptors);
     assert_eq!(apart(&bench, a), [failed]);
     let link = bench.declared(b, 2, &wanted())[0];
     let full = bench.declared(c, 3, &wanted());
     assert_eq!(full, [], "the other side has no room");
     let quota = Apart::Quota { node: a, limit };
-    let quota = (place(a, 1), place(c, 3), quota);
+    let quota = (entity(a, 1), entity(c, 3), quota);
     assert_eq!(apart(&bench, a), [failed, quota]);
     // The other's farewell does not change why.
     bench.unlinked(b, 2, link);
@@ -202,7 +202,7 @@ fn causes() {
             code: Code(9),
         },
     );
-    let ended = (place(a, 1), place(b, 2), Apart::Ended { code: Code(5) });
+    let ended = (entity(a, 1), entity(b, 2), Apart::Ended { code: Code(5) });
     assert_eq!(apart(&bench, a), [failed, ended, quota]);
     bench.withdraw(b, 2);
     assert_eq!(apart(&bench, a), [failed, quota]);

@@ -3,7 +3,7 @@
 mod support;
 
 use sm2_proto::{
-    Code, Contract, InterfaceId, LinkId, NodeId, Place, Refusal,
+    Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Refusal,
     control::{Apart, Item, Key, Limits, ToManager, ToNode, encode_to_node},
     limits::{DATAGRAM_MAX, PAGE_BYTES},
     manager::Policy,
@@ -77,17 +77,17 @@ fn domain() -> (Bench, Vec<Item>) {
         for interface in 1..=INTERFACES {
             let contract = contract(interface);
             bench.declared(node, 2 * interface, &contract);
-            let place = at(node.0, 2 * interface);
-            items.push(Item::Interface { place, contract });
+            let entity = at(node.0, 2 * interface);
+            items.push(Item::Interface { entity, contract });
         }
     }
     others(&mut bench, &mut items);
     (bench, items)
 }
 
-fn at(node: u64, interface: u64) -> Place {
+fn at(node: u64, interface: u64) -> EntityId {
     let (node, interface) = (NodeId(node), InterfaceId(interface));
-    Place { node, interface }
+    EntityId { node, interface }
 }
 
 /// Two nodes with each other kind of item.
@@ -117,7 +117,7 @@ fn others(bench: &mut Bench, items: &mut Vec<Item>) {
         resuming,
     };
     let interface = |node: NodeId, interface, contract: &Contract| Item::Interface {
-        place: at(node.0, interface),
+        entity: at(node.0, interface),
         contract: contract.clone(),
     };
     items.extend([
@@ -126,7 +126,7 @@ fn others(bench: &mut Bench, items: &mut Vec<Item>) {
         interface(node, 2, &demands),
         interface(node, 4, &offers),
         Item::Refusal {
-            place: at(node.0, 5),
+            entity: at(node.0, 5),
             contract: wrong,
             reason: Refusal::TopicType {
                 theirs: data("Scan"),
@@ -144,7 +144,7 @@ fn others(bench: &mut Bench, items: &mut Vec<Item>) {
         },
         Item::Claim {
             link: claimed,
-            place: at(back.0, 1),
+            entity: at(back.0, 1),
         },
         Item::Apart {
             offering: at(node.0, 4),
@@ -182,18 +182,18 @@ fn pages_together_are_the_domain() {
 fn a_page_starts_after_any_position() {
     let (mut bench, expected) = domain();
     let around = |key: Key| {
-        let Key::Member { place } = key else {
+        let Key::Member { entity } = key else {
             return vec![key];
         };
-        let Place { node, interface } = place;
+        let EntityId { node, interface } = entity;
         let nearby = |it: u64| at(node.0, it);
         [
-            place,
+            entity,
             nearby(interface.0 + 1),
             nearby(u64::MAX),
             at(node.0 + 1, 0),
         ]
-        .map(|place| Key::Member { place })
+        .map(|entity| Key::Member { entity })
         .to_vec()
     };
     let nowhere = LinkId {
@@ -202,20 +202,20 @@ fn a_page_starts_after_any_position() {
     };
     let last = at(u64::MAX, u64::MAX);
     // Keys that nobody has, at the beginning and at the end of each kind.
-    let strange = [at(0, 0), last].into_iter().flat_map(|place| {
+    let strange = [at(0, 0), last].into_iter().flat_map(|entity| {
         [
-            Key::Member { place },
+            Key::Member { entity },
             Key::Link {
                 link: nowhere,
-                offering: place,
+                offering: entity,
             },
             Key::Claim {
                 link: nowhere,
-                place,
+                entity,
             },
             Key::Apart {
-                offering: place,
-                demanding: place,
+                offering: entity,
+                demanding: entity,
             },
         ]
     });

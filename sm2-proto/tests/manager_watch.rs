@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Code, Contract, InterfaceId, LinkId, NodeId, Place, Violation,
+    Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Violation,
     control::{Change, Item, Key, ToManager, ToNode, encode_to_node},
     limits::DATAGRAM_MAX,
     manager::{Cause, Input, Policy},
@@ -59,7 +59,7 @@ fn asked(bench: &mut Bench, node: NodeId, after: u64) -> Changes {
 fn member(node: NodeId, interface: u64) -> Key {
     let interface = InterfaceId(interface);
     Key::Member {
-        place: Place { node, interface },
+        entity: EntityId { node, interface },
     }
 }
 
@@ -142,7 +142,7 @@ fn changes_of_one_key_are_one_change() {
     bench.withdraw(a, 2);
     bench.declare(b, 2, &publisher("scan", &data("Image")));
     bench.declared(b, 3, &publisher("scan", &data("Scan")));
-    let place = |node, interface| Place {
+    let entity = |node, interface| EntityId {
         node,
         interface: InterfaceId(interface),
     };
@@ -153,15 +153,15 @@ fn changes_of_one_key_are_one_change() {
         (
             Key::Link {
                 link,
-                offering: place(a, 1),
+                offering: entity(a, 1),
             },
             false,
         ),
         (member(a, 2), false),
         (
             Key::Apart {
-                offering: place(a, 1),
-                demanding: place(b, 1),
+                offering: entity(a, 1),
+                demanding: entity(b, 1),
             },
             true,
         ),

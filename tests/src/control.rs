@@ -1,7 +1,7 @@
 //! Control frames written by hand, from SPEC section 3 alone: nothing here calls the
 //! encoder of `sm2-proto`, so that the two check each other.
 
-use sm2_proto::{LinkId, Place, control::Key};
+use sm2_proto::{EntityId, LinkId, control::Key};
 
 /// Bytes of a control frame, field by field.
 #[derive(Clone, Debug, Default)]
@@ -109,17 +109,17 @@ pub fn query() -> Vec<u8> {
 /// QUERY of what follows this item.
 #[must_use]
 pub fn query_after(key: Key) -> Vec<u8> {
-    let place = |fields: Fields, it: Place| fields.int(it.node.0).int(it.interface.0);
+    let entity = |fields: Fields, it: EntityId| fields.int(it.node.0).int(it.interface.0);
     let after = frame(4).flag(true);
     let after = match key {
         Key::Domain => after.int(0),
-        Key::Member { place: it } => place(after.int(1), it),
-        Key::Link { link, offering } => place(after.int(2).link(link), offering),
-        Key::Claim { link, place: it } => place(after.int(3).link(link), it),
+        Key::Member { entity: it } => entity(after.int(1), it),
+        Key::Link { link, offering } => entity(after.int(2).link(link), offering),
+        Key::Claim { link, entity: it } => entity(after.int(3).link(link), it),
         Key::Apart {
             offering,
             demanding,
-        } => place(place(after.int(4), offering), demanding),
+        } => entity(entity(after.int(4), offering), demanding),
     };
     after.bytes()
 }

@@ -286,7 +286,7 @@ fn all_links_of_a_node_end_with_it() {
     }
     let left = listener.query();
     let of_talker =
-        |item: &Item| matches!(item, Item::Interface { place, .. } if place.node != NodeId(1));
+        |item: &Item| matches!(item, Item::Interface { entity, .. } if entity.node != NodeId(1));
     assert!(!left.iter().any(of_talker), "{left:?}");
 }
 

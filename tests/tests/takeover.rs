@@ -117,9 +117,9 @@ impl State {
         let nodes = domain.nodes().map(|it| it.name.as_str().to_owned());
         state.nodes = nodes.filter(|name| counts(name)).collect();
         for it in domain.interfaces() {
-            let owner = name(it.place.node);
+            let owner = name(it.entity.node);
             if counts(owner) {
-                let number = it.place.interface.0;
+                let number = it.entity.interface.0;
                 let text = format!("{owner} {number} {:?}", it.contract);
                 state.interfaces.insert(text);
             }

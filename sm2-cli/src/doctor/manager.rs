@@ -139,8 +139,8 @@ fn refused(mirror: &Mirror, node: &Node) -> Check {
     const CHECK: &str = "refused interfaces";
     let view = View::new(mirror);
     let all = mirror.interfaces().filter(|it| it.refused.is_some());
-    let others = all.filter(|it| view.name_of(it.place.node) != node.name().as_str());
-    let titles: Vec<_> = others.map(|it| view.title(it.place)).collect();
+    let others = all.filter(|it| view.name_of(it.entity.node) != node.name().as_str());
+    let titles: Vec<_> = others.map(|it| view.title(it.entity)).collect();
     match &*titles {
         [] => Check::ok(CHECK, "none"),
         [first, ..] => Check::warn(CHECK, titles.join(", "), format!("see `sm2 why {first}`")),

@@ -91,7 +91,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 fn info(view: &View<'_>, node: NodeView<'_>) -> Info {
     let own = view.domain.interfaces_of(node.node);
     let mut linked_with: Vec<_> = own
-        .flat_map(|it| view.links_of(it.place))
+        .flat_map(|it| view.links_of(it.entity))
         .map(|link| match link.offering.node == node.node {
             true => link.demanding.node,
             false => link.offering.node,

@@ -86,13 +86,13 @@ fn nodes(domain: &Mirror, itself: &Name) -> Vec<Node> {
         })
         .collect();
     for it in domain.interfaces().filter(|it| it.refused.is_none()) {
-        if let Some(node) = nodes.get_mut(&it.place.node) {
+        if let Some(node) = nodes.get_mut(&it.entity.node) {
             *node.count_of(it.contract.kind()) += 1;
         }
     }
     for link in domain.links() {
-        for place in [link.offering, link.demanding] {
-            if let Some(node) = nodes.get_mut(&place.node) {
+        for entity in [link.offering, link.demanding] {
+            if let Some(node) = nodes.get_mut(&entity.node) {
                 node.links += 1;
             }
         }

@@ -79,7 +79,7 @@ fn service(view: &View<'_>, name: &Name) -> Service {
         reply: types.map(|[_, reply]| reply.into()),
         servers: servers().count(),
         clients: view.on(name, &[Kind::Client]).count(),
-        links: servers().map(|it| view.links_of(it.place).len()).sum(),
+        links: servers().map(|it| view.links_of(it.entity).len()).sum(),
     }
 }
 

@@ -85,14 +85,14 @@ impl Thing {
                 resuming,
             }),
             Item::Interface {
-                place,
+                entity,
                 ref contract,
-            } => Self::Interface(Interface::of(view, place, contract, None)),
+            } => Self::Interface(Interface::of(view, entity, contract, None)),
             Item::Refusal {
-                place,
+                entity,
                 ref contract,
                 ref reason,
-            } => Self::Interface(Interface::of(view, place, contract, Some(reason))),
+            } => Self::Interface(Interface::of(view, entity, contract, Some(reason))),
             Item::Link {
                 link,
                 offering,
@@ -108,9 +108,9 @@ impl Thing {
                 reliable,
                 sealed,
             }),
-            Item::Claim { link, place } => Self::Claim {
+            Item::Claim { link, entity } => Self::Claim {
                 link: link_text(link),
-                by: view.title(place),
+                by: view.title(entity),
             },
             Item::Apart {
                 offering,

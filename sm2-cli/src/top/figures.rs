@@ -102,7 +102,7 @@ impl Figures {
             if matches!(it.contract.kind(), Kind::Publisher | Kind::Subscriber) {
                 topics.entry(it.contract.name()).or_default().add(&sums);
             }
-            nodes.entry(it.place.node).or_default().add(&sums);
+            nodes.entry(it.entity.node).or_default().add(&sums);
         }
         let topics = topics.into_iter().map(|(name, sums)| {
             let data = view.topic_type(name);
@@ -142,8 +142,8 @@ impl Figures {
 /// What one interface has.
 fn sums(view: &View<'_>, before: &Sample, now: &Sample, it: InterfaceView<'_>) -> Sums {
     let domain = view.domain;
-    let links = view.links_of(it.place);
-    let rate = now.rate(before, domain, it.place);
+    let links = view.links_of(it.entity);
+    let rate = now.rate(before, domain, it.entity);
     let mut sums = Sums {
         interfaces: 1,
         links: links.len(),
@@ -159,7 +159,7 @@ fn sums(view: &View<'_>, before: &Sample, now: &Sample, it: InterfaceView<'_>) -
         sums.in_per_s = rate.map(|rate| rate.messages_per_s);
         sums.in_bytes_per_s = rate.map(|rate| rate.bytes_per_s);
         sums.lost = now
-            .interface(domain, it.place)
+            .interface(domain, it.entity)
             .map(|entry| entry.lost as f64);
     }
     match it.contract.kind() {

@@ -56,13 +56,13 @@ impl Measure<5> for Bw {
 
     fn rows(look: &Look<'_>) -> Vec<Row> {
         let domain = look.view.domain;
-        let row = |place| {
-            let entry = look.now.interface(domain, place)?;
-            let rate = look.now.rate(look.before, domain, place);
+        let row = |entity| {
+            let entry = look.now.interface(domain, entity)?;
+            let rate = look.now.rate(look.before, domain, entity);
             let moving = rate.filter(|rate| rate.messages_per_s > 0.0);
             Some(Row {
-                node: look.view.name_of(place.node).to_owned(),
-                interface: place.interface.0,
+                node: look.view.name_of(entity.node).to_owned(),
+                interface: entity.interface.0,
                 messages: entry.messages,
                 bytes: entry.bytes,
                 bytes_per_s: rate.map(|rate| hundredths(rate.bytes_per_s)),
@@ -70,7 +70,7 @@ impl Measure<5> for Bw {
             })
         };
         let publishers = look.counted(Kind::Publisher);
-        publishers.filter_map(|it| row(it.place)).collect()
+        publishers.filter_map(|it| row(it.entity)).collect()
     }
 
     fn cells(row: &Row) -> [String; 5] {

@@ -83,7 +83,7 @@ impl Measure<7> for Delay {
             }
         };
         let subscribers = look.counted(Kind::Subscriber);
-        let links = subscribers.flat_map(|it| look.view.links_of(it.place));
+        let links = subscribers.flat_map(|it| look.view.links_of(it.entity));
         links
             .filter_map(|link| {
                 let entry = look.now.demanding(look.view.domain, link)?;

@@ -42,7 +42,7 @@ fn why(session: &Session, topic: &Name, wanted: Kind) -> Option<String> {
     let mut interfaces = domain.interfaces_of(own.node);
     let ours = interfaces
         .find(|it| it.contract.name() == topic && it.contract.kind() == wanted.counterpart())?;
-    let near = nearest(&domain, ours.place);
+    let near = nearest(&domain, ours.entity);
     let text = near.first()?.to_string();
     Some(text.lines().collect::<Vec<_>>().join(" "))
 }

@@ -67,19 +67,19 @@ impl Measure<7> for Hz {
 
     fn rows(look: &Look<'_>) -> Vec<Row> {
         let domain = look.view.domain;
-        let row = |place| {
-            let entry: &Entry = look.now.interface(domain, place)?;
-            let rate = look.now.rate(look.before, domain, place);
+        let row = |entity| {
+            let entry: &Entry = look.now.interface(domain, entity)?;
+            let rate = look.now.rate(look.before, domain, entity);
             Some(Row {
-                node: look.view.name_of(place.node).to_owned(),
-                interface: place.interface.0,
+                node: look.view.name_of(entity.node).to_owned(),
+                interface: entity.interface.0,
                 messages: entry.messages,
                 hz: rate.map(|rate| hundredths(rate.messages_per_s)),
                 gap_ms: entry.gaps().map(Millis::from),
             })
         };
         let publishers = look.counted(Kind::Publisher);
-        publishers.filter_map(|it| row(it.place)).collect()
+        publishers.filter_map(|it| row(it.entity)).collect()
     }
 
     fn cells(row: &Row) -> [String; 7] {

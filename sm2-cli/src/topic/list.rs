@@ -85,7 +85,7 @@ fn topics(view: &View<'_>) -> Vec<Topic> {
         if publishes {
             topic.publishers += 1;
             // Each link has one publisher: counted there, it is counted once.
-            topic.links += view.links_of(it.place).len();
+            topic.links += view.links_of(it.entity).len();
         } else {
             topic.subscribers += 1;
         }

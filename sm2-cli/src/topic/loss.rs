@@ -101,7 +101,7 @@ impl Measure<10> for Loss {
 
     fn rows(look: &Look<'_>) -> Vec<Row> {
         let publishers = look.counted(Kind::Publisher);
-        let links = publishers.flat_map(|it| look.view.links_of(it.place));
+        let links = publishers.flat_map(|it| look.view.links_of(it.entity));
         links
             .filter_map(|link| {
                 let entry = look.now.offering(look.view.domain, link)?;

@@ -78,7 +78,7 @@ impl<'a> Look<'a> {
     pub(super) fn counted(&self, kind: Kind) -> impl Iterator<Item = InterfaceView<'a>> {
         let all = self.view.granted();
         all.filter(move |it| it.contract.kind() == kind && it.contract.name() == self.topic)
-            .filter(|it| self.now.interface(self.view.domain, it.place).is_some())
+            .filter(|it| self.now.interface(self.view.domain, it.entity).is_some())
     }
 }
 
@@ -140,7 +140,7 @@ fn is_there<const N: usize, M: Measure<N>>(follow: &Follow<'_>, topic: &Name) ->
 /// The nodes that have to do with a topic.
 fn nodes_on(follow: &Follow<'_>, topic: &Name) -> BTreeSet<NodeId> {
     let view = View::new(follow.domain());
-    view.on(topic, TOPIC).map(|it| it.place.node).collect()
+    view.on(topic, TOPIC).map(|it| it.entity.node).collect()
 }
 
 /// Waits until the topic has what is measured; false if the command is to end instead.

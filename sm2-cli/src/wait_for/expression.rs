@@ -157,9 +157,9 @@ impl Expression {
             clients: 0,
             links: 0,
         };
-        let own = |place| {
+        let own = |entity| {
             domain
-                .interface(place)
+                .interface(entity)
                 .is_some_and(|it| self.has(domain, &it))
         };
         for it in domain.interfaces().filter(|it| it.refused.is_none()) {
@@ -202,7 +202,7 @@ impl Expression {
                 matches!(kind, Kind::Server | Kind::Client) && *it.contract.name() == self.name
             }
             Subject::Node => {
-                let node = domain.node(it.place.node);
+                let node = domain.node(it.entity.node);
                 node.is_some_and(|node| *node.name == self.name)
             }
         }

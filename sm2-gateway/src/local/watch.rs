@@ -93,7 +93,7 @@ pub(super) fn start(node: &Node, shown: Shown, hub: mpsc::Sender<Message>) -> io
 impl View {
     fn of(domain: &Domain, shown: &BTreeMap<(Subject, GatewayId), u64>) -> Self {
         let is_own = |it: &InterfaceView<'_>| {
-            let node = domain.node(it.place.node);
+            let node = domain.node(it.entity.node);
             it.refused.is_none() && node.is_some_and(|node| !is_gateways(node.name))
         };
         let contracts: Vec<&Contract> = (domain.interfaces())

@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
     };
     let domain = node.snapshot()?;
     let own = domain.interfaces().filter(|it| {
-        let node = domain.node(it.place.node);
+        let node = domain.node(it.entity.node);
         it.refused.is_none() && node.is_some_and(|node| !is_remote(node.name))
     });
     let subjects = own.filter_map(|it| match it.contract {

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Code, Contract, InterfaceId, LinkId, Name, NodeId, Place, Refusal};
+use crate::{Code, Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal};
 
 /// One thing in the domain.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -29,14 +29,14 @@ pub enum Item {
     /// An interface.
     Interface {
         /// Where it is.
-        place: Place,
+        entity: EntityId,
         /// What it is.
         contract: Contract,
     },
     /// An interface that was not granted (SM2-WCH-004).
     Refusal {
         /// The number that was spent on it.
-        place: Place,
+        entity: EntityId,
         /// What it would have been.
         contract: Contract,
         /// Why not.
@@ -47,9 +47,9 @@ pub enum Item {
         /// Its number.
         link: LinkId,
         /// The publisher or server.
-        offering: Place,
+        offering: EntityId,
         /// The subscriber or client.
-        demanding: Place,
+        demanding: EntityId,
         /// The version spoken on it.
         version: u16,
         /// Whether nothing on it may be displaced.
@@ -62,14 +62,14 @@ pub enum Item {
         /// Its number.
         link: LinkId,
         /// The end that claimed it.
-        place: Place,
+        entity: EntityId,
     },
     /// Two interfaces that match and are not linked (SM2-WCH-004).
     Apart {
         /// The publisher or server.
-        offering: Place,
+        offering: EntityId,
         /// The subscriber or client.
-        demanding: Place,
+        demanding: EntityId,
         /// Why.
         cause: Apart,
     },
@@ -100,7 +100,7 @@ pub enum Key {
     /// A node (interface 0), an interface, or a refusal.
     Member {
         /// Where it is.
-        place: Place,
+        entity: EntityId,
     },
     /// A link. Its number alone would not do: whoever invents two claims may choose one
     /// that others have (SM2-RES-004).
@@ -108,21 +108,21 @@ pub enum Key {
         /// Its number.
         link: LinkId,
         /// The publisher or server.
-        offering: Place,
+        offering: EntityId,
     },
     /// A claim.
     Claim {
         /// The link's number.
         link: LinkId,
         /// The end that claimed it.
-        place: Place,
+        entity: EntityId,
     },
     /// Two interfaces that match and are not linked.
     Apart {
         /// The publisher or server.
-        offering: Place,
+        offering: EntityId,
         /// The subscriber or client.
-        demanding: Place,
+        demanding: EntityId,
     },
 }
 
@@ -167,21 +167,21 @@ impl Item {
         match self {
             Self::Domain { .. } => Key::Domain,
             Self::Node { node, .. } => Key::Member {
-                place: Place {
+                entity: EntityId {
                     node: *node,
                     interface: InterfaceId(0),
                 },
             },
-            Self::Interface { place, .. } | Self::Refusal { place, .. } => {
-                Key::Member { place: *place }
+            Self::Interface { entity, .. } | Self::Refusal { entity, .. } => {
+                Key::Member { entity: *entity }
             }
             Self::Link { link, offering, .. } => Key::Link {
                 link: *link,
                 offering: *offering,
             },
-            Self::Claim { link, place } => Key::Claim {
+            Self::Claim { link, entity } => Key::Claim {
                 link: *link,
-                place: *place,
+                entity: *entity,
             },
             Self::Apart {
                 offering,

@@ -5,7 +5,7 @@ use core::time::Duration;
 
 use super::{Ask, Domain, Mirror, NEAR_MAX, Nonsense, nearest, why};
 use crate::{
-    Place,
+    EntityId,
     control::{Change, Item, Key},
     counters::{ENTRY_FIELDS, Entry, Summary},
     fuzz::script::Script,
@@ -105,17 +105,17 @@ impl Fuzz<'_> {
         assert!(self.follower.values().eq(items), "the changes tell it all");
     }
 
-    /// Every question that tools ask, about every place that is named.
+    /// Asks each question of the tools about each entity that the items name.
     fn look(&self) {
         let domain = self.mirror.domain();
-        let places: Vec<Place> = domain.items().flat_map(places).take(12).collect();
-        for &one in &places {
+        let entities: Vec<EntityId> = domain.items().flat_map(entities).take(12).collect();
+        for &one in &entities {
             let near = nearest(domain, one);
             assert!(near.len() <= NEAR_MAX);
             for near in near {
                 assert!(!format!("{near:?}").is_empty());
             }
-            for &other in &places {
+            for &other in &entities {
                 let verdict = why(domain, one, other).with_schemas(|_| Some("plain:u8".into()));
                 assert!(!format!("{verdict}").is_empty());
             }
@@ -131,10 +131,10 @@ fn usage(domain: &Domain) {
     assert_eq!(domain.sessions().len(), sessions);
 }
 
-fn places(item: &Item) -> Vec<Place> {
+fn entities(item: &Item) -> Vec<EntityId> {
     match item.key() {
         Key::Domain => Vec::new(),
-        Key::Member { place } | Key::Claim { place, .. } => [place].into(),
+        Key::Member { entity } | Key::Claim { entity, .. } => [entity].into(),
         Key::Link { offering, .. } => [offering].into(),
         Key::Apart {
             offering,

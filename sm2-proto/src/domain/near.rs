@@ -6,7 +6,7 @@ use core::fmt;
 use serde::Serialize;
 
 use super::{Domain, Finding, NearName, Verdict, names, why};
-use crate::Place;
+use crate::EntityId;
 
 /// How many counterparts [`nearest`] names at most.
 pub const NEAR_MAX: usize = 8;
@@ -15,7 +15,7 @@ pub const NEAR_MAX: usize = 8;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Near {
     /// Where the counterpart is.
-    pub place: Place,
+    pub entity: EntityId,
     /// Why the two are not linked.
     pub verdict: Verdict,
 }
@@ -35,11 +35,11 @@ enum Rank {
     Name(NearName),
 }
 
-/// The counterparts that come nearest to being linked with the interface at `place` and are
+/// The counterparts that come nearest to being linked with the interface `entity` and are
 /// not: the best first, at most [`NEAR_MAX`]. None if the domain has no such interface.
 #[must_use]
-pub fn nearest(domain: &Domain, place: Place) -> Vec<Near> {
-    let Some(ours) = domain.interface(place) else {
+pub fn nearest(domain: &Domain, entity: EntityId) -> Vec<Near> {
+    let Some(ours) = domain.interface(entity) else {
         return Vec::new();
     };
     // First what costs little: a verdict looks at every link.
@@ -48,25 +48,25 @@ pub fn nearest(domain: &Domain, place: Place) -> Vec<Near> {
         let same_name = it.contract.name() == ours.contract.name();
         let near = names::near(ours.contract.name(), it.contract.name());
         let near = if same_name { None } else { Some(near?) };
-        counterpart.then_some((near, it.place))
+        counterpart.then_some((near, it.entity))
     });
     let mut candidates: Vec<_> = counterparts.collect();
     candidates.sort_unstable();
-    let linked: Vec<_> = domain.links_of(place).collect();
+    let linked: Vec<_> = domain.links_of(entity).collect();
     candidates.retain(|&(_, theirs)| !linked.iter().any(|link| link.touches(theirs)));
     let named_alike = candidates.iter().filter(|(near, _)| near.is_none()).count();
     candidates.truncate(NEAR_MAX.max(named_alike));
     let mut near: Vec<_> = candidates
         .into_iter()
         .map(|(_, theirs)| {
-            let verdict = why(domain, place, theirs);
+            let verdict = why(domain, entity, theirs);
             (rank(&verdict), theirs, verdict)
         })
         .collect();
-    near.sort_unstable_by_key(|&(rank, place, _)| (rank, place));
+    near.sort_unstable_by_key(|&(rank, entity, _)| (rank, entity));
     near.truncate(NEAR_MAX);
     near.into_iter()
-        .map(|(_, place, verdict)| Near { place, verdict })
+        .map(|(_, entity, verdict)| Near { entity, verdict })
         .collect()
 }
 

@@ -3,12 +3,12 @@
 use core::fmt;
 
 use super::{Finding, NearName, Part, Party, Reliability, Seal, TypePair, Verdict};
-use crate::{Farewell, Kind, NodeId, Place, Refusal};
+use crate::{EntityId, Farewell, Kind, NodeId, Refusal};
 
 impl fmt::Display for Party {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
-            place,
+            entity,
             node,
             kind,
             name,
@@ -16,11 +16,11 @@ impl fmt::Display for Party {
         } = self;
         match (node, kind, name) {
             (Some(node), Some(kind), Some(name)) => write!(f, "{node}'s {kind} of {name}"),
-            (None, Some(kind), Some(name)) => write!(f, "the {kind} of {name} of {}", place.node),
+            (None, Some(kind), Some(name)) => write!(f, "the {kind} of {name} of {}", entity.node),
             (Some(node), ..) if self.is_node() => write!(f, "node {node} itself"),
-            (Some(node), ..) => write!(f, "{} of {node}", place.interface),
-            (None, ..) if self.is_node() => write!(f, "{}", place.node),
-            (None, ..) => write!(f, "{place}"),
+            (Some(node), ..) => write!(f, "{} of {node}", entity.interface),
+            (None, ..) if self.is_node() => write!(f, "{}", entity.node),
+            (None, ..) => write!(f, "{entity}"),
         }
     }
 }
@@ -33,7 +33,7 @@ impl fmt::Display for Verdict {
             finding,
         } = self;
         match finding {
-            Finding::Unknown { place } => write_unknown(f, self.party(*place)),
+            Finding::Unknown { entity } => write_unknown(f, self.party(*entity)),
             Finding::Linked {
                 reliability,
                 sealed,
@@ -51,10 +51,10 @@ impl fmt::Display for Verdict {
                 }
             }
             Finding::Refused {
-                place,
+                entity,
                 reason,
                 against,
-            } => write_refused(f, self.party(*place), reason, against.as_ref()),
+            } => write_refused(f, self.party(*entity), reason, against.as_ref()),
             Finding::Types { differ } => {
                 write!(f, "{one} and {other}: their types differ.")?;
                 differ.iter().try_for_each(|it| write!(f, "\n{it}"))
@@ -113,8 +113,8 @@ impl fmt::Display for Verdict {
 }
 
 impl Verdict {
-    fn party(&self, place: Place) -> &Party {
-        if self.other.place == place {
+    fn party(&self, entity: EntityId) -> &Party {
+        if self.other.entity == entity {
             &self.other
         } else {
             &self.one
@@ -126,7 +126,7 @@ impl Verdict {
         let (Some(kind), Some(theirs)) = (one.kind, other.kind) else {
             return write!(f, "{one} and {other} are no counterparts.");
         };
-        if one.place == other.place {
+        if one.entity == other.entity {
             write!(f, "{one} is one interface; it takes two for a link.")?;
         } else if kind == theirs {
             write!(f, "{one} and {other} are both {kind}s.")?;
@@ -164,7 +164,7 @@ impl Verdict {
                 f.write_str(" and ")?;
             }
             let ours = [&self.one, &self.other];
-            let party = ours.into_iter().find(|it| it.place.node == *node);
+            let party = ours.into_iter().find(|it| it.entity.node == *node);
             match party.and_then(|it| it.node.as_ref()) {
                 Some(name) => write!(f, "{name}")?,
                 None => write!(f, "{node}")?,

@@ -50,14 +50,14 @@ impl Domain {
             }
         };
         for interface in self.interfaces().filter(|it| it.refused.is_none()) {
-            count(&interface.place.node, |it| &mut it.interfaces);
+            count(&interface.entity.node, |it| &mut it.interfaces);
         }
         for link in self.links() {
             count(&link.offering.node, |it| &mut it.links);
             count(&link.demanding.node, |it| &mut it.links);
         }
-        for (_, place) in self.claims() {
-            count(&place.node, |it| &mut it.links);
+        for (_, entity) in self.claims() {
+            count(&entity.node, |it| &mut it.links);
         }
         sessions
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::NearName;
 use crate::{
-    Code, InterfaceId, Kind, LinkId, Name, NodeId, Place, Refusal, TypeId, schema::Schema,
+    Code, EntityId, InterfaceId, Kind, LinkId, Name, NodeId, Refusal, TypeId, schema::Schema,
 };
 
 /// Why two interfaces are linked, or are not.
@@ -15,7 +15,7 @@ use crate::{
 /// do something about it, a second one that says what.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Verdict {
-    /// The publisher or server, if there is just one; else the one with the lower place.
+    /// The publisher or server, if there is just one; else the one with the lower id.
     pub one: Party,
     /// The other one.
     pub other: Party,
@@ -27,7 +27,7 @@ pub struct Verdict {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Party {
     /// Where it is.
-    pub place: Place,
+    pub entity: EntityId,
     /// The name of its node; none if the domain shows no such node.
     pub node: Option<Name>,
     /// Whose process that is.
@@ -45,7 +45,7 @@ pub enum Finding {
     /// The domain has no such interface.
     Unknown {
         /// Which.
-        place: Place,
+        entity: EntityId,
     },
     /// They are linked.
     Linked {
@@ -68,7 +68,7 @@ pub enum Finding {
     /// One was not granted.
     Refused {
         /// Which.
-        place: Place,
+        entity: EntityId,
         /// Why not.
         reason: Refusal,
         /// An interface whose type stands against it, if that is why.
@@ -86,7 +86,7 @@ pub enum Finding {
         /// The link's number.
         link: LinkId,
         /// Who has.
-        by: Place,
+        by: EntityId,
     },
     /// They match; a node is still claiming links of an earlier Manager.
     Resuming {
@@ -132,7 +132,7 @@ pub enum Seal {
     /// One of its ends asks for it.
     Asked {
         /// Which.
-        by: Place,
+        by: EntityId,
     },
     /// The domain's policy seals every link.
     Policy,
@@ -222,9 +222,9 @@ impl Verdict {
 }
 
 impl Party {
-    /// Whether the place is a node itself.
+    /// Whether the entity is a node itself.
     #[must_use]
     pub fn is_node(&self) -> bool {
-        self.place.interface == InterfaceId(0)
+        self.entity.interface == InterfaceId(0)
     }
 }

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::Domain;
 use crate::{
-    Contract, InterfaceId, LinkId, Name, NodeId, Place, Refusal,
+    Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal,
     control::{Apart, Item, Key, Limits},
 };
 
@@ -27,7 +27,7 @@ pub struct NodeView<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InterfaceView<'a> {
     /// Where it is.
-    pub place: Place,
+    pub entity: EntityId,
     /// What it is, or would have been.
     pub contract: &'a Contract,
     /// Why it was refused, if it was.
@@ -40,9 +40,9 @@ pub struct LinkView {
     /// Its number.
     pub link: LinkId,
     /// The publisher or server.
-    pub offering: Place,
+    pub offering: EntityId,
     /// The subscriber or client.
-    pub demanding: Place,
+    pub demanding: EntityId,
     /// The version spoken on it.
     pub version: u16,
     /// Whether nothing on it may be displaced.
@@ -54,8 +54,8 @@ pub struct LinkView {
 impl LinkView {
     /// Whether one of its ends is there.
     #[must_use]
-    pub fn touches(&self, place: Place) -> bool {
-        self.offering == place || self.demanding == place
+    pub fn touches(&self, entity: EntityId) -> bool {
+        self.offering == entity || self.demanding == entity
     }
 }
 
@@ -77,8 +77,8 @@ impl Domain {
     /// One node.
     #[must_use]
     pub fn node(&self, node: NodeId) -> Option<NodeView<'_>> {
-        let place = Place::node(node);
-        self.get(&Key::Member { place }).and_then(as_node)
+        let entity = EntityId::node(node);
+        self.get(&Key::Member { entity }).and_then(as_node)
     }
 
     /// The node of that name.
@@ -87,7 +87,7 @@ impl Domain {
         self.nodes().find(|node| node.name.as_str() == name)
     }
 
-    /// All interfaces, granted or refused, in the order of their places.
+    /// All interfaces, granted or refused, in the order of their ids.
     pub fn interfaces(&self) -> impl Iterator<Item = InterfaceView<'_>> {
         self.items().filter_map(as_interface)
     }
@@ -95,7 +95,7 @@ impl Domain {
     /// The interfaces of one node.
     pub fn interfaces_of(&self, node: NodeId) -> impl Iterator<Item = InterfaceView<'_>> {
         let key = |interface| Key::Member {
-            place: Place {
+            entity: EntityId {
                 node,
                 interface: InterfaceId(interface),
             },
@@ -106,8 +106,8 @@ impl Domain {
 
     /// One interface.
     #[must_use]
-    pub fn interface(&self, place: Place) -> Option<InterfaceView<'_>> {
-        self.get(&Key::Member { place }).and_then(as_interface)
+    pub fn interface(&self, entity: EntityId) -> Option<InterfaceView<'_>> {
+        self.get(&Key::Member { entity }).and_then(as_interface)
     }
 
     /// All links in the order of their numbers.
@@ -116,14 +116,14 @@ impl Domain {
     }
 
     /// The links of one interface; one with itself comes once.
-    pub fn links_of(&self, place: Place) -> impl Iterator<Item = LinkView> {
-        self.links().filter(move |link| link.touches(place))
+    pub fn links_of(&self, entity: EntityId) -> impl Iterator<Item = LinkView> {
+        self.links().filter(move |link| link.touches(entity))
     }
 
     /// The links of an earlier Manager that only one end has claimed, and that end.
-    pub fn claims(&self) -> impl Iterator<Item = (LinkId, Place)> {
+    pub fn claims(&self) -> impl Iterator<Item = (LinkId, EntityId)> {
         self.items().filter_map(|item| match *item {
-            Item::Claim { link, place } => Some((link, place)),
+            Item::Claim { link, entity } => Some((link, entity)),
             _ => None,
         })
     }
@@ -131,7 +131,7 @@ impl Domain {
     /// Why two interfaces that match are not linked, if the Manager says so: the
     /// publisher or server first.
     #[must_use]
-    pub fn apart(&self, offering: Place, demanding: Place) -> Option<Apart> {
+    pub fn apart(&self, offering: EntityId, demanding: EntityId) -> Option<Apart> {
         let key = Key::Apart {
             offering,
             demanding,
@@ -145,24 +145,24 @@ impl Domain {
     /// The interfaces that a person means: `node:topic`, or `topic` alone, or `node` alone
     /// if no topic or service has that name. One leading `/` of each name is dropped.
     #[must_use]
-    pub fn find(&self, text: &str) -> Vec<Place> {
+    pub fn find(&self, text: &str) -> Vec<EntityId> {
         if let Some((node, name)) = text.split_once(':') {
             let (node, name) = (plain(node), plain(name));
             return self.node_named(node).map_or_else(Vec::new, |node| {
                 let of_node = self.interfaces_of(node.node);
                 let named = of_node.filter(|it| it.contract.name().as_str() == name);
-                named.map(|it| it.place).collect()
+                named.map(|it| it.entity).collect()
             });
         }
         let text = plain(text);
         let named = self.interfaces();
         let named = named.filter(|it| it.contract.name().as_str() == text);
-        let places: Vec<_> = named.map(|it| it.place).collect();
+        let entities: Vec<_> = named.map(|it| it.entity).collect();
         match self.node_named(text) {
-            Some(node) if places.is_empty() => {
-                self.interfaces_of(node.node).map(|it| it.place).collect()
+            Some(node) if entities.is_empty() => {
+                self.interfaces_of(node.node).map(|it| it.entity).collect()
             }
-            _ => places,
+            _ => entities,
         }
     }
 }
@@ -188,17 +188,17 @@ const fn as_node(item: &Item) -> Option<NodeView<'_>> {
 
 const fn as_interface(item: &Item) -> Option<InterfaceView<'_>> {
     match item {
-        Item::Interface { place, contract } => Some(InterfaceView {
-            place: *place,
+        Item::Interface { entity, contract } => Some(InterfaceView {
+            entity: *entity,
             contract,
             refused: None,
         }),
         Item::Refusal {
-            place,
+            entity,
             contract,
             reason,
         } => Some(InterfaceView {
-            place: *place,
+            entity: *entity,
             contract,
             refused: Some(reason),
         }),

@@ -6,16 +6,16 @@ use super::{
     Domain, Finding, InterfaceView, LinkView, Part, Party, Reliability, Seal, TypePair, Verdict,
     names,
 };
-use crate::{Contract, Kind, Mismatch, Place, Refusal, TypeId, control::Apart, match_contracts};
+use crate::{Contract, EntityId, Kind, Mismatch, Refusal, TypeId, control::Apart, match_contracts};
 
 /// Why the two are linked, or are not. The order of the two does not matter.
 //= SM2-MAT-001, SM2-MAT-003, SM2-WCH-004
 #[must_use]
-pub fn why(domain: &Domain, one: Place, other: Place) -> Verdict {
+pub fn why(domain: &Domain, one: EntityId, other: EntityId) -> Verdict {
     let (one, other) = sorted(domain, one, other);
     let finding = match (domain.interface(one), domain.interface(other)) {
-        (None, _) => Finding::Unknown { place: one },
-        (_, None) => Finding::Unknown { place: other },
+        (None, _) => Finding::Unknown { entity: one },
+        (_, None) => Finding::Unknown { entity: other },
         (Some(one), Some(other)) => find(domain, &one, &other),
     };
     Verdict {
@@ -25,12 +25,12 @@ pub fn why(domain: &Domain, one: Place, other: Place) -> Verdict {
     }
 }
 
-/// The publisher or server first, if there is just one; else the lower place.
-fn sorted(domain: &Domain, one: Place, other: Place) -> (Place, Place) {
-    let rank = |place| {
-        let kind = domain.interface(place).map(|it| it.contract.kind());
+/// The publisher or server first, if there is just one; else the lower id.
+fn sorted(domain: &Domain, one: EntityId, other: EntityId) -> (EntityId, EntityId) {
+    let rank = |entity| {
+        let kind = domain.interface(entity).map(|it| it.contract.kind());
         let offers = matches!(kind, Some(Kind::Publisher | Kind::Server));
-        (!offers, place)
+        (!offers, entity)
     };
     if rank(one) <= rank(other) {
         (one, other)
@@ -40,8 +40,8 @@ fn sorted(domain: &Domain, one: Place, other: Place) -> (Place, Place) {
 }
 
 fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> Finding {
-    let mut links = domain.links_of(one.place);
-    if let Some(link) = links.find(|it| it.offering == one.place && it.demanding == other.place) {
+    let mut links = domain.links_of(one.entity);
+    if let Some(link) = links.find(|it| it.offering == one.entity && it.demanding == other.entity) {
         return linked(domain, link, one, other);
     }
     let mismatch = match_contracts(one.contract, other.contract).err();
@@ -57,7 +57,7 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
     let refused = [one, other].into_iter().find_map(|it| {
         let reason = it.refused?.clone();
         Some(Finding::Refused {
-            place: it.place,
+            entity: it.entity,
             against: against(domain, it.contract, &reason),
             reason,
         })
@@ -68,22 +68,22 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
             differ: types(one.contract, other.contract),
         },
         (None, Some(_)) => Finding::Reliability,
-        (None, None) => obstacle(domain, one.place, other.place),
+        (None, None) => obstacle(domain, one.entity, other.entity),
     }
 }
 
 /// What keeps two apart that match.
-fn obstacle(domain: &Domain, offering: Place, demanding: Place) -> Finding {
+fn obstacle(domain: &Domain, offering: EntityId, demanding: EntityId) -> Finding {
     match domain.apart(offering, demanding) {
         Some(Apart::Ended { code }) => return Finding::Ended { code },
         Some(Apart::Quota { node, limit }) => return Finding::Quota { node, limit },
         Some(Apart::Descriptors) => return Finding::Descriptors,
         None => {}
     }
-    let resuming = |place: Place| domain.node(place.node).is_some_and(|it| it.resuming);
+    let resuming = |entity: EntityId| domain.node(entity.node).is_some_and(|it| it.resuming);
     let claim = |by, absent| {
         // Whose counterpart is still to come may be the other one.
-        let (link, _) = domain.claims().find(|&(_, place)| place == by)?;
+        let (link, _) = domain.claims().find(|&(_, entity)| entity == by)?;
         resuming(absent).then_some(Finding::Claimed { link, by })
     };
     if let Some(claimed) = claim(offering, demanding).or_else(|| claim(demanding, offering)) {
@@ -91,8 +91,8 @@ fn obstacle(domain: &Domain, offering: Place, demanding: Place) -> Finding {
     }
     let mut nodes: Vec<_> = [offering, demanding]
         .into_iter()
-        .filter(|&place| resuming(place))
-        .map(|place| place.node)
+        .filter(|&entity| resuming(entity))
+        .map(|entity| entity.node)
         .collect();
     nodes.dedup();
     if nodes.is_empty() {
@@ -129,12 +129,12 @@ fn linked(
 //= SM2-MAT-003
 fn seals(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> Vec<Seal> {
     let asked = [one, other].into_iter().filter(|it| it.contract.sealed());
-    let mut seals: Vec<_> = asked.map(|it| Seal::Asked { by: it.place }).collect();
+    let mut seals: Vec<_> = asked.map(|it| Seal::Asked { by: it.entity }).collect();
     let limits = domain.limits().copied().unwrap_or_default();
     if limits.seal_all {
         seals.push(Seal::Policy);
     }
-    let uid = |it: &InterfaceView<'_>| domain.node(it.place.node).map(|it| it.uid);
+    let uid = |it: &InterfaceView<'_>| domain.node(it.entity.node).map(|it| it.uid);
     if !limits.waive_user_boundary && uid(one) != uid(other) {
         seals.push(Seal::Users);
     }
@@ -201,16 +201,16 @@ fn against(domain: &Domain, refused: &Contract, reason: &Refusal) -> Option<Part
     };
     let mut granted = domain.interfaces().filter(|it| it.refused.is_none());
     let found = granted.find(|it| it.contract.name() == refused.name() && states(it.contract))?;
-    Some(domain.party(found.place))
+    Some(domain.party(found.entity))
 }
 
 impl Domain {
     /// An interface with its names.
-    pub(super) fn party(&self, place: Place) -> Party {
-        let node = self.node(place.node);
-        let contract = self.interface(place).map(|it| it.contract);
+    pub(super) fn party(&self, entity: EntityId) -> Party {
+        let node = self.node(entity.node);
+        let contract = self.interface(entity).map(|it| it.contract);
         Party {
-            place,
+            entity,
             node: node.map(|it| it.name.clone()),
             uid: node.map(|it| it.uid),
             kind: contract.map(Contract::kind),

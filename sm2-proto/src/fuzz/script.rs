@@ -3,7 +3,7 @@
 use alloc::{string::String, vec::Vec};
 
 use crate::{
-    Code, Contract, Demand, InterfaceId, LinkId, Name, NodeId, Offer, Place, Quota, Refusal,
+    Code, Contract, Demand, EntityId, InterfaceId, LinkId, Name, NodeId, Offer, Quota, Refusal,
     ServiceQos, TypeId,
     control::{Apart, Change, Item, Key, Limits},
     schema::Schema,
@@ -92,8 +92,8 @@ impl<'a> Script<'a> {
         Some(Code(self.byte()?.into()))
     }
 
-    pub(crate) fn place(&mut self) -> Option<Place> {
-        Some(Place {
+    pub(crate) fn entity(&mut self) -> Option<EntityId> {
+        Some(EntityId {
             node: self.node()?,
             interface: self.interface()?,
         })
@@ -193,19 +193,19 @@ impl<'a> Script<'a> {
         Some(match self.byte()? % 5 {
             0 => Key::Domain,
             1 => Key::Member {
-                place: self.place()?,
+                entity: self.entity()?,
             },
             2 => Key::Link {
                 link: self.link()?,
-                offering: self.place()?,
+                offering: self.entity()?,
             },
             3 => Key::Claim {
                 link: self.link()?,
-                place: self.place()?,
+                entity: self.entity()?,
             },
             _ => Key::Apart {
-                offering: self.place()?,
-                demanding: self.place()?,
+                offering: self.entity()?,
+                demanding: self.entity()?,
             },
         })
     }
@@ -229,29 +229,29 @@ impl<'a> Script<'a> {
                 resuming: reliable,
             },
             2 => Item::Interface {
-                place: self.place()?,
+                entity: self.entity()?,
                 contract: self.contract()?,
             },
             3 => Item::Refusal {
-                place: self.place()?,
+                entity: self.entity()?,
                 contract: self.contract()?,
                 reason: self.refusal()?,
             },
             4 => Item::Link {
                 link: self.link()?,
-                offering: self.place()?,
-                demanding: self.place()?,
+                offering: self.entity()?,
+                demanding: self.entity()?,
                 version: 1,
                 reliable,
                 sealed,
             },
             5 => Item::Claim {
                 link: self.link()?,
-                place: self.place()?,
+                entity: self.entity()?,
             },
             _ => Item::Apart {
-                offering: self.place()?,
-                demanding: self.place()?,
+                offering: self.entity()?,
+                demanding: self.entity()?,
                 cause: match choice % 3 {
                     0 => Apart::Ended { code: self.code()? },
                     1 => Apart::Quota {

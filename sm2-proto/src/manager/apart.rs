@@ -11,7 +11,7 @@ use core::ops::Bound;
 
 use super::{Manager, links::Pair};
 use crate::{
-    NodeId, Place,
+    EntityId, NodeId,
     control::{Apart, Item, Key},
 };
 
@@ -20,7 +20,7 @@ use crate::{
 pub(super) struct Pairs {
     causes: BTreeMap<Pair, Apart>,
     /// The same pairs, the demanding side first.
-    by_demanding: BTreeSet<(Place, Place)>,
+    by_demanding: BTreeSet<(EntityId, EntityId)>,
     /// How many of them each node offers. A node that offers none has no entry.
     offered: BTreeMap<NodeId, usize>,
 }
@@ -46,8 +46,8 @@ impl Manager {
 
     /// An interface is gone, and what was remembered of it.
     //= SM2-WCH-004
-    pub(super) fn forget_apart(&mut self, place: Place) {
-        for pair in self.apart.of(place) {
+    pub(super) fn forget_apart(&mut self, entity: EntityId) {
+        for pair in self.apart.of(entity) {
             self.joined(pair);
         }
     }
@@ -92,14 +92,14 @@ impl Pairs {
     }
 
     /// All pairs of an interface.
-    fn of(&self, place: Place) -> Vec<Pair> {
-        let offering = self.causes.range(pair(place, Place::FIRST)..);
+    fn of(&self, entity: EntityId) -> Vec<Pair> {
+        let offering = self.causes.range(pair(entity, EntityId::FIRST)..);
         let offering = offering.map(|(&pair, _)| pair);
-        let demanding = self.by_demanding.range((place, Place::FIRST)..);
+        let demanding = self.by_demanding.range((entity, EntityId::FIRST)..);
         let demanding = demanding.map(|&(demanding, offering)| pair(offering, demanding));
         offering
-            .take_while(|pair| pair.offering == place)
-            .chain(demanding.take_while(|pair| pair.demanding == place))
+            .take_while(|pair| pair.offering == entity)
+            .chain(demanding.take_while(|pair| pair.demanding == entity))
             .collect()
     }
 
@@ -111,7 +111,7 @@ impl Pairs {
     /// In the order of their keys.
     pub(super) fn items(
         &self,
-        (offering, demanding): (Place, Place),
+        (offering, demanding): (EntityId, EntityId),
     ) -> impl Iterator<Item = Item> {
         let after = Bound::Excluded(pair(offering, demanding));
         let rest = self.causes.range((after, Bound::Unbounded));
@@ -136,7 +136,7 @@ impl Pairs {
     }
 }
 
-const fn pair(offering: Place, demanding: Place) -> Pair {
+const fn pair(offering: EntityId, demanding: EntityId) -> Pair {
     Pair {
         offering,
         demanding,

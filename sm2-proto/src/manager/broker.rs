@@ -10,8 +10,8 @@ use super::{
     session::{Farewells, Remains, Session},
 };
 use crate::{
-    Code, Contract, Farewell, InterfaceId, LinkId, NodeId, Place, Quota, Refusal, Terms, VERSION,
-    Violation,
+    Code, Contract, EntityId, Farewell, InterfaceId, LinkId, NodeId, Quota, Refusal, Terms,
+    VERSION, Violation,
     control::{Apart, Key, Peer, ToNode, encode_to_node},
     match_contracts,
 };
@@ -19,20 +19,24 @@ use crate::{
 /// The counterparts of an interface that is granted.
 #[derive(Default)]
 struct Matches {
-    linked: Vec<Place>,
+    linked: Vec<EntityId>,
     /// Those whose sessions may not have more links.
-    full: Vec<Place>,
+    full: Vec<EntityId>,
 }
 
 impl Manager {
-    pub(super) fn declare(&mut self, place: Place, contract: Contract) -> Result<(), Violation> {
-        let Some(session) = self.sessions.get_mut(&place.node) else {
+    pub(super) fn declare(
+        &mut self,
+        entity: EntityId,
+        contract: Contract,
+    ) -> Result<(), Violation> {
+        let Some(session) = self.sessions.get_mut(&entity.node) else {
             return Ok(());
         };
-        session.number(place.interface)?;
-        match self.admit(place.node, &contract) {
-            Ok(matches) => self.admitted(place, contract, &matches),
-            Err(reason) => self.refuse(place, contract, reason),
+        session.number(entity.interface)?;
+        match self.admit(entity.node, &contract) {
+            Ok(matches) => self.admitted(entity, contract, &matches),
+            Err(reason) => self.refuse(entity, contract, reason),
         }
         Ok(())
     }
@@ -70,7 +74,7 @@ impl Manager {
     fn admit_links(
         &self,
         id: NodeId,
-        matches: impl Iterator<Item = Place>,
+        matches: impl Iterator<Item = EntityId>,
     ) -> Result<Matches, Refusal> {
         let limit = self.policy.links_per_session();
         let mut ours = self.link_ends(id);
@@ -103,59 +107,65 @@ impl Manager {
     }
 
     //= SM2-IFC-002, SM2-LNK-007
-    fn admitted(&mut self, place: Place, contract: Contract, matches: &Matches) {
-        let Some(session) = self.sessions.get_mut(&place.node) else {
+    fn admitted(&mut self, entity: EntityId, contract: Contract, matches: &Matches) {
+        let Some(session) = self.sessions.get_mut(&entity.node) else {
             return;
         };
         let superseded = session.supersede(&contract);
         self.users.declare(session.credentials().uid);
         let contract = Arc::new(contract);
-        self.channels.insert(place, &contract);
-        session.declare(place.interface, Arc::clone(&contract));
+        self.channels.insert(entity, &contract);
+        session.declare(entity.interface, Arc::clone(&contract));
         for interface in superseded {
-            self.member_changed(Place { interface, ..place });
+            self.member_changed(EntityId {
+                interface,
+                ..entity
+            });
         }
-        self.member_changed(place);
+        self.member_changed(entity);
         for &other in &matches.full {
-            let pair = Pair::new(place, &contract, other);
+            let pair = Pair::new(entity, &contract, other);
             self.set_apart(pair, self.quota(other.node));
         }
         let answer_at = self.outputs.len();
         // What is announced comes: LINKs that wait may be overtaken by the link's end.
         let mut announced = 0;
         for &other in &matches.linked {
-            announced += usize::from(self.link(place, other));
+            announced += usize::from(self.link(entity, other));
         }
         let declared = ToNode::Declared {
-            interface: place.interface,
+            interface: entity.interface,
             matches: count(announced),
         };
         self.outputs.insert(
             answer_at,
             Output::Send {
-                session: place.node,
+                session: entity.node,
                 frame: encode_to_node(&declared),
             },
         );
     }
 
     //= SM2-WCH-004
-    fn refuse(&mut self, place: Place, contract: Contract, reason: Refusal) {
-        let Place { node, interface } = place;
+    fn refuse(&mut self, entity: EntityId, contract: Contract, reason: Refusal) {
+        let EntityId { node, interface } = entity;
         let limit = self.policy.refusals_per_session;
         let Some(session) = self.sessions.get_mut(&node) else {
             return;
         };
         let forgotten = session.refuse(interface, contract, reason.clone(), limit);
-        self.member_changed(place);
+        self.member_changed(entity);
         if let Some(interface) = forgotten {
-            self.member_changed(Place { interface, ..place });
+            self.member_changed(EntityId {
+                interface,
+                ..entity
+            });
         }
         self.send(node, &ToNode::DeclareRefused { interface, reason });
     }
 
-    fn member_changed(&mut self, place: Place) {
-        self.changed(Key::Member { place });
+    fn member_changed(&mut self, entity: EntityId) {
+        self.changed(Key::Member { entity });
     }
 
     fn quota(&self, node: NodeId) -> Apart {
@@ -165,13 +175,17 @@ impl Manager {
 
     /// Links an interface with each match that it has no link with, as far as the quotas
     /// of both go; but with none of the pairs that ended their link. Looks at no more than
-    /// `left` counterparts after a place; how many of these are spent.
+    /// `left` counterparts after an id; how many of these are spent.
     //= SM2-RES-007, SM2-LNK-004
-    pub(super) fn link_missing(&mut self, (place, after): (Place, Place), left: usize) -> usize {
-        let Some(session) = self.sessions.get(&place.node) else {
+    pub(super) fn link_missing(
+        &mut self,
+        (entity, after): (EntityId, EntityId),
+        left: usize,
+    ) -> usize {
+        let Some(session) = self.sessions.get(&entity.node) else {
             return left;
         };
-        let contract = session.contract(place.interface).map(Arc::clone);
+        let contract = session.contract(entity.interface).map(Arc::clone);
         let Some(contract) = contract else {
             return left;
         };
@@ -182,7 +196,7 @@ impl Manager {
             for (other, matches) in channel.counterparts(&contract, after).take(left) {
                 looked += 1;
                 last = Some(other);
-                let pair = Pair::new(place, &contract, other);
+                let pair = Pair::new(entity, &contract, other);
                 if matches
                     && self.may_link(other.node)
                     && !self.links.joins(pair)
@@ -192,16 +206,16 @@ impl Manager {
                 }
             }
         }
-        if let Some(session) = self.sessions.get_mut(&place.node) {
+        if let Some(session) = self.sessions.get_mut(&entity.node) {
             let more = last.filter(|_| looked == left);
-            session.settled(place.interface, more);
+            session.settled(entity.interface, more);
         }
         for other in missing {
-            let pair = Pair::new(place, &contract, other);
+            let pair = Pair::new(entity, &contract, other);
             match self.full(pair) {
                 Some(node) => self.set_apart(pair, self.quota(node)),
                 None => {
-                    self.link(place, other);
+                    self.link(entity, other);
                 }
             }
         }
@@ -212,14 +226,14 @@ impl Manager {
     /// A node that may not have one more link of this pair.
     fn full(&self, pair: Pair) -> Option<NodeId> {
         let limit = self.policy.links_per_session();
-        let mut nodes = pair.places().map(|it| it.node).into_iter();
-        let ends = |node| pair.places().iter().filter(|it| it.node == node).count();
+        let mut nodes = pair.entities().map(|it| it.node).into_iter();
+        let ends = |node| pair.entities().iter().filter(|it| it.node == node).count();
         nodes.find(|&node| self.link_ends(node) + ends(node) > limit)
     }
 
     /// Makes a link of a pair. Whether its LINKs go out at once.
     //= SM2-LNK-001, SM2-LNK-002, SM2-MAT-002, SM2-MAT-003, SM2-VER-002
-    fn link(&mut self, one: Place, other: Place) -> bool {
+    fn link(&mut self, one: EntityId, other: EntityId) -> bool {
         let (Some((us, ours)), Some((them, theirs))) = (self.end(one), self.end(other)) else {
             return false;
         };
@@ -251,7 +265,7 @@ impl Manager {
     pub(super) fn announce(
         &mut self,
         (link, key): (LinkId, u64),
-        [one, other]: [Place; 2],
+        [one, other]: [EntityId; 2],
         agreed: Agreed,
     ) {
         let (Some(ours), Some(theirs)) = (self.peer(one), self.peer(other)) else {
@@ -279,9 +293,9 @@ impl Manager {
     /// many LINKs for it at once.
     pub(super) fn record(&mut self, link: LinkId, pair: Pair, agreed: Agreed, frames: usize) {
         self.links.insert(link, pair, agreed);
-        for place in pair.places() {
-            if let Some(session) = self.sessions.get_mut(&place.node) {
-                session.link(place.interface, link, pair);
+        for entity in pair.entities() {
+            if let Some(session) = self.sessions.get_mut(&entity.node) {
+                session.link(entity.interface, link, pair);
                 session.ahead += frames;
             }
         }
@@ -301,19 +315,19 @@ impl Manager {
     }
 
     /// An interface's user and contract.
-    pub(super) fn whose(&self, place: Place) -> Option<(u32, &Contract)> {
-        let (session, contract) = self.end(place)?;
+    pub(super) fn whose(&self, entity: EntityId) -> Option<(u32, &Contract)> {
+        let (session, contract) = self.end(entity)?;
         Some((session.credentials().uid, contract))
     }
 
-    fn end(&self, place: Place) -> Option<(&Session, &Contract)> {
-        let session = self.sessions.get(&place.node)?;
-        let contract = session.contract(place.interface)?;
+    fn end(&self, entity: EntityId) -> Option<(&Session, &Contract)> {
+        let session = self.sessions.get(&entity.node)?;
+        let contract = session.contract(entity.interface)?;
         Some((session, contract))
     }
 
     /// An interface as the other side of a link gets to know it.
-    fn peer(&self, Place { node, interface }: Place) -> Option<Peer> {
+    fn peer(&self, EntityId { node, interface }: EntityId) -> Option<Peer> {
         let session = self.sessions.get(&node)?;
         Some(Peer {
             node,
@@ -334,30 +348,30 @@ impl Manager {
             return;
         }
         self.forget_link(link, pair);
-        for place in pair.places() {
-            self.unlink(place, link);
+        for entity in pair.entities() {
+            self.unlink(entity, link);
         }
         self.not_sent(pair);
         self.set_apart(pair, Apart::Descriptors);
     }
 
     /// An end of a link that its session was never told of is gone.
-    fn unlink(&mut self, place: Place, link: LinkId) {
-        if let Some(session) = self.sessions.get_mut(&place.node) {
-            session.unlink(place.interface, link);
+    fn unlink(&mut self, entity: EntityId, link: LinkId) {
+        if let Some(session) = self.sessions.get_mut(&entity.node) {
+            session.unlink(entity.interface, link);
         }
     }
 
     //= SM2-IFC-003
-    pub(super) fn withdraw(&mut self, place: Place) -> Result<(), Violation> {
-        let session = self.sessions.get_mut(&place.node);
+    pub(super) fn withdraw(&mut self, entity: EntityId) -> Result<(), Violation> {
+        let session = self.sessions.get_mut(&entity.node);
         let (uid, remains) = session
-            .and_then(|it| Some((it.credentials().uid, it.withdraw(place.interface)?)))
+            .and_then(|it| Some((it.credentials().uid, it.withdraw(entity.interface)?)))
             .ok_or(Violation::UnknownInterface)?;
         self.users.withdraw(uid, 1);
-        self.end_interface(place, remains, Farewell::Done);
-        let interface = place.interface;
-        self.send(place.node, &ToNode::Withdrawn { interface });
+        self.end_interface(entity, remains, Farewell::Done);
+        let interface = entity.interface;
+        self.send(entity.node, &ToNode::Withdrawn { interface });
         Ok(())
     }
 
@@ -365,27 +379,27 @@ impl Manager {
     //= SM2-IFC-003, SM2-SES-006
     pub(super) fn end_interface(
         &mut self,
-        place: Place,
+        entity: EntityId,
         (contract, links): Remains,
         cause: Farewell,
     ) {
-        self.channels.remove(place, &contract);
+        self.channels.remove(entity, &contract);
         for (link, pair) in links {
-            self.end_link(link, pair, place, cause.code());
+            self.end_link(link, pair, entity, cause.code());
         }
-        self.forget_apart(place);
-        self.member_changed(place);
+        self.forget_apart(entity);
+        self.member_changed(entity);
     }
 
     /// A node's farewell to its end of a link.
     //= SM2-LNK-003, SM2-LNK-004, SM2-RES-006
     pub(super) fn unlinked(
         &mut self,
-        place: Place,
+        entity: EntityId,
         link: LinkId,
         code: Code,
     ) -> Result<(), Violation> {
-        let Place { node, interface } = place;
+        let EntityId { node, interface } = entity;
         let session = self.sessions.get_mut(&node);
         let session = session.ok_or(Violation::UnknownInterface)?;
         if self.pace.owes(node, link) && session.has_link(interface, link)? {
@@ -403,7 +417,7 @@ impl Manager {
                         code,
                     },
                 );
-                self.end_link(link, pair, place, code);
+                self.end_link(link, pair, entity, code);
                 if let Some(pair) = pair {
                     self.ended(pair, code);
                 }
@@ -415,8 +429,8 @@ impl Manager {
     /// A pair ended its link: it gets no other one.
     //= SM2-LNK-004, SM2-WCH-004
     fn ended(&mut self, pair: Pair, code: Code) {
-        for place in pair.places() {
-            if let Some(session) = self.sessions.get_mut(&place.node) {
+        for entity in pair.entities() {
+            if let Some(session) = self.sessions.get_mut(&entity.node) {
                 session.ended(pair);
             }
         }
@@ -426,7 +440,7 @@ impl Manager {
     /// One end of a link is gone: the other one is told, if the link was live at both and it
     /// has heard of it.
     //= SM2-LNK-007
-    fn end_link(&mut self, link: LinkId, pair: Option<Pair>, gone: Place, code: Code) {
+    fn end_link(&mut self, link: LinkId, pair: Option<Pair>, gone: EntityId, code: Code) {
         match pair {
             None => self.give_up_claim(gone, link),
             Some(pair) => {

@@ -9,7 +9,7 @@ use alloc::{
 };
 use core::ops::Bound;
 
-use crate::{Contract, Kind, Name, Place, Refusal, TypeId, match_contracts, matching::Types};
+use crate::{Contract, EntityId, Kind, Name, Refusal, TypeId, match_contracts, matching::Types};
 
 /// Topics and services are two separate name spaces.
 //= SM2-NAM-002
@@ -27,9 +27,9 @@ type Key = (u64, Space, Name);
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Channel {
     /// Publishers or servers.
-    offering: BTreeMap<Place, Arc<Contract>>,
+    offering: BTreeMap<EntityId, Arc<Contract>>,
     /// Subscribers or clients.
-    demanding: BTreeMap<Place, Arc<Contract>>,
+    demanding: BTreeMap<EntityId, Arc<Contract>>,
     /// How many of them state a type.
     typed: usize,
     /// The type that all of those state.
@@ -56,7 +56,7 @@ impl Channels {
         self.0.get(&key(contract))
     }
 
-    pub(super) fn insert(&mut self, end: Place, contract: &Arc<Contract>) {
+    pub(super) fn insert(&mut self, end: EntityId, contract: &Arc<Contract>) {
         let channel = self.0.entry(key(contract)).or_default();
         if let Some(types) = contract.types() {
             channel.typed += 1;
@@ -67,7 +67,7 @@ impl Channels {
             .insert(end, Arc::clone(contract));
     }
 
-    pub(super) fn remove(&mut self, end: Place, contract: &Contract) {
+    pub(super) fn remove(&mut self, end: EntityId, contract: &Contract) {
         let Entry::Occupied(mut entry) = self.0.entry(key(contract)) else {
             return;
         };
@@ -133,32 +133,32 @@ impl Channel {
     }
 
     /// The interfaces that match, in ascending order.
-    pub(super) fn matches(&self, contract: &Contract) -> impl Iterator<Item = Place> {
-        let all = self.counterparts(contract, Place::FIRST);
+    pub(super) fn matches(&self, contract: &Contract) -> impl Iterator<Item = EntityId> {
+        let all = self.counterparts(contract, EntityId::FIRST);
         all.filter_map(|(end, matches)| matches.then_some(end))
     }
 
-    /// The interfaces on the other side after a place, in ascending order, and whether they
+    /// The interfaces on the other side after an id, in ascending order, and whether they
     /// match.
     //= SM2-MAT-001
     pub(super) fn counterparts(
         &self,
         contract: &Contract,
-        after: Place,
-    ) -> impl Iterator<Item = (Place, bool)> {
+        after: EntityId,
+    ) -> impl Iterator<Item = (EntityId, bool)> {
         let others = self.side(contract.kind().counterpart());
         let rest = others.range((Bound::Excluded(after), Bound::Unbounded));
         rest.map(|(&end, theirs)| (end, match_contracts(contract, theirs).is_ok()))
     }
 
-    const fn side(&self, kind: Kind) -> &BTreeMap<Place, Arc<Contract>> {
+    const fn side(&self, kind: Kind) -> &BTreeMap<EntityId, Arc<Contract>> {
         match kind {
             Kind::Publisher | Kind::Server => &self.offering,
             Kind::Subscriber | Kind::Client => &self.demanding,
         }
     }
 
-    const fn side_mut(&mut self, kind: Kind) -> &mut BTreeMap<Place, Arc<Contract>> {
+    const fn side_mut(&mut self, kind: Kind) -> &mut BTreeMap<EntityId, Arc<Contract>> {
         match kind {
             Kind::Publisher | Kind::Server => &mut self.offering,
             Kind::Subscriber | Kind::Client => &mut self.demanding,

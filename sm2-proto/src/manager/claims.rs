@@ -15,7 +15,7 @@ use super::{
     links::{Agreed, Pair},
 };
 use crate::{
-    Code, Farewell, Instant, LinkId, NodeId, Place, VERSION, Violation,
+    Code, EntityId, Farewell, Instant, LinkId, NodeId, VERSION, Violation,
     control::{Item, Key, ToNode},
     match_contracts,
 };
@@ -30,9 +30,9 @@ pub(super) struct Claim {
 /// The claims without a counterpart.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Claims {
-    half: BTreeMap<(LinkId, Place), Claim>,
+    half: BTreeMap<(LinkId, EntityId), Claim>,
     /// The same, by what a counterpart has to say.
-    waiting: BTreeMap<(LinkId, Claim), Place>,
+    waiting: BTreeMap<(LinkId, Claim), EntityId>,
     /// When those of a session that has claimed all it has are given up.
     expiring: BTreeSet<(Instant, NodeId)>,
 }
@@ -41,11 +41,11 @@ impl Manager {
     //= SM2-RES-003, SM2-RES-004, SM2-RES-008
     pub(super) fn claim(
         &mut self,
-        place: Place,
+        entity: EntityId,
         link: LinkId,
         claim: Claim,
     ) -> Result<(), Violation> {
-        let Place { node, interface } = place;
+        let EntityId { node, interface } = entity;
         let limit = self.policy.links_per_session();
         let Some(session) = self.sessions.get_mut(&node) else {
             return Ok(());
@@ -60,14 +60,17 @@ impl Manager {
         }
         session.claim(interface, link);
         if session.link_ends() > limit {
-            self.tell(place, link, Farewell::Resources.code());
+            self.tell(entity, link, Farewell::Resources.code());
             return Ok(());
         }
-        match self.claims.meet(link, place, claim) {
-            None => self.changed(Key::Claim { link, place }),
+        match self.claims.meet(link, entity, claim) {
+            None => self.changed(Key::Claim { link, entity }),
             Some(other) => {
-                self.changed(Key::Claim { link, place: other });
-                self.adopt(link, [place, other], claim.agreed);
+                self.changed(Key::Claim {
+                    link,
+                    entity: other,
+                });
+                self.adopt(link, [entity, other], claim.agreed);
             }
         }
         Ok(())
@@ -75,7 +78,7 @@ impl Manager {
 
     /// Both ends have claimed a link.
     //= SM2-RES-004, SM2-RES-005
-    fn adopt(&mut self, link: LinkId, ends: [Place; 2], agreed: Agreed) {
+    fn adopt(&mut self, link: LinkId, ends: [EntityId; 2], agreed: Agreed) {
         match self.adoptable(ends, agreed) {
             Some(pair) => self.record(link, pair, agreed, 0),
             None => {
@@ -88,7 +91,7 @@ impl Manager {
 
     /// Whether this Manager would have made such a link, now.
     //= SM2-RES-005, SM2-MAT-003
-    fn adoptable(&self, [one, other]: [Place; 2], agreed: Agreed) -> Option<Pair> {
+    fn adoptable(&self, [one, other]: [EntityId; 2], agreed: Agreed) -> Option<Pair> {
         let (uid, ours) = self.whose(one)?;
         let (their_uid, theirs) = self.whose(other)?;
         let terms = match_contracts(ours, theirs).ok()?;
@@ -127,22 +130,27 @@ impl Manager {
             };
             session.claims_until = None;
             for (interface, link) in session.half_claims().collect::<Vec<_>>() {
-                let place = Place { node, interface };
-                self.give_up_claim(place, link);
-                self.tell(place, link, Farewell::PeerGone.code());
+                let entity = EntityId { node, interface };
+                self.give_up_claim(entity, link);
+                self.tell(entity, link, Farewell::PeerGone.code());
             }
         }
     }
 
     /// A claim is over, without a word to anybody.
-    pub(super) fn give_up_claim(&mut self, place: Place, link: LinkId) {
-        if self.claims.remove(link, place) {
-            self.changed(Key::Claim { link, place });
+    pub(super) fn give_up_claim(&mut self, entity: EntityId, link: LinkId) {
+        if self.claims.remove(link, entity) {
+            self.changed(Key::Claim { link, entity });
         }
     }
 
     /// The Manager says its farewell to a live end of a link.
-    pub(super) fn tell(&mut self, Place { node, interface }: Place, link: LinkId, code: Code) {
+    pub(super) fn tell(
+        &mut self,
+        EntityId { node, interface }: EntityId,
+        link: LinkId,
+        code: Code,
+    ) {
         if let Some(session) = self.sessions.get_mut(&node) {
             session.tell(interface, link);
             self.send(
@@ -168,19 +176,19 @@ impl Claims {
 
     /// The end that claimed the same, which waits no more; none: this one waits now.
     //= SM2-RES-004
-    fn meet(&mut self, link: LinkId, place: Place, claim: Claim) -> Option<Place> {
+    fn meet(&mut self, link: LinkId, entity: EntityId, claim: Claim) -> Option<EntityId> {
         if let Some(other) = self.waiting.remove(&(link, claim)) {
             self.half.remove(&(link, other));
             return Some(other);
         }
-        self.waiting.insert((link, claim), place);
-        self.half.insert((link, place), claim);
+        self.waiting.insert((link, claim), entity);
+        self.half.insert((link, entity), claim);
         None
     }
 
     /// Whether it was there.
-    fn remove(&mut self, link: LinkId, place: Place) -> bool {
-        let Some(claim) = self.half.remove(&(link, place)) else {
+    fn remove(&mut self, link: LinkId, entity: EntityId) -> bool {
+        let Some(claim) = self.half.remove(&(link, entity)) else {
             return false;
         };
         self.waiting.remove(&(link, claim)).is_some()
@@ -196,19 +204,19 @@ impl Claims {
         Some(deadline)
     }
 
-    pub(super) fn item(&self, link: LinkId, place: Place) -> Option<Item> {
-        let there = self.half.contains_key(&(link, place));
-        there.then_some(Item::Claim { link, place })
+    pub(super) fn item(&self, link: LinkId, entity: EntityId) -> Option<Item> {
+        let there = self.half.contains_key(&(link, entity));
+        there.then_some(Item::Claim { link, entity })
     }
 
     /// In the order of their keys.
-    pub(super) fn items(&self, after: (LinkId, Place)) -> impl Iterator<Item = Item> {
+    pub(super) fn items(&self, after: (LinkId, EntityId)) -> impl Iterator<Item = Item> {
         let rest = (Bound::Excluded(after), Bound::Unbounded);
         let rest = self.half.range(rest);
-        rest.map(|(&(link, place), _)| Item::Claim { link, place })
+        rest.map(|(&(link, entity), _)| Item::Claim { link, entity })
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = (LinkId, Place)> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = (LinkId, EntityId)> {
         self.half.keys().copied()
     }
 
@@ -218,8 +226,8 @@ impl Claims {
 
     /// Whether the tables say the same.
     pub(super) fn agree(&self) -> bool {
-        let waits = |(&(link, place), &claim): (&(LinkId, Place), &Claim)| {
-            self.waiting.get(&(link, claim)) == Some(&place)
+        let waits = |(&(link, entity), &claim): (&(LinkId, EntityId), &Claim)| {
+            self.waiting.get(&(link, claim)) == Some(&entity)
         };
         self.waiting.len() == self.half.len() && self.half.iter().all(waits)
     }

@@ -9,7 +9,7 @@ use core::time::Duration;
 
 use super::{Credentials, Input, Manager, Output, Policy};
 use crate::{
-    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId, Place, Seals,
+    Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, NodeId, Seals,
     control::{Key, ToManager, decode_to_node, encode_to_manager},
     fuzz::script::Script,
 };
@@ -225,8 +225,8 @@ impl<'a> Fuzz<'a> {
         Some(InterfaceId(self.script.byte()?.into()))
     }
 
-    fn place(&mut self) -> Option<Place> {
-        Some(Place {
+    fn entity(&mut self) -> Option<EntityId> {
+        Some(EntityId {
             node: self.node()?,
             interface: self.interface()?,
         })
@@ -245,19 +245,19 @@ impl<'a> Fuzz<'a> {
         Some(match self.script.byte()? % 5 {
             0 => Key::Domain,
             1 => Key::Member {
-                place: self.place()?,
+                entity: self.entity()?,
             },
             2 => Key::Link {
                 link: self.link()?,
-                offering: self.place()?,
+                offering: self.entity()?,
             },
             3 => Key::Claim {
                 link: self.link()?,
-                place: self.place()?,
+                entity: self.entity()?,
             },
             _ => Key::Apart {
-                offering: self.place()?,
-                demanding: self.place()?,
+                offering: self.entity()?,
+                demanding: self.entity()?,
             },
         })
     }

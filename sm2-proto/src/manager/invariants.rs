@@ -92,15 +92,15 @@ impl Manager {
         let ends = || self.each().flat_map(Session::live_ends);
         let claims = ends().filter(|(_, _, pair)| pair.is_none()).count();
         let made = self.links.iter().all(|(link, pair)| {
-            let has = |place: crate::Place| {
-                let session = self.sessions.get(&place.node);
-                session.and_then(|it| it.live_link(place.interface, link)) == Some(Some(pair))
+            let has = |entity: crate::EntityId| {
+                let session = self.sessions.get(&entity.node);
+                session.and_then(|it| it.live_link(entity.interface, link)) == Some(Some(pair))
             };
-            pair.places().into_iter().all(has) && self.is_match(pair)
+            pair.entities().into_iter().all(has) && self.is_match(pair)
         });
-        let claimed = self.claims.iter().all(|(link, place)| {
-            let session = self.sessions.get(&place.node);
-            session.and_then(|it| it.live_link(place.interface, link)) == Some(None)
+        let claimed = self.claims.iter().all(|(link, entity)| {
+            let session = self.sessions.get(&entity.node);
+            session.and_then(|it| it.live_link(entity.interface, link)) == Some(None)
         });
         rules(&[
             (
@@ -119,7 +119,7 @@ impl Manager {
     }
 
     fn is_match(&self, pair: Pair) -> bool {
-        let [one, other] = pair.places().map(|it| self.whose(it));
+        let [one, other] = pair.entities().map(|it| self.whose(it));
         matches!((one, other), (Some((_, one)), Some((_, other)))
             if match_contracts(one, other).is_ok())
     }

@@ -8,18 +8,18 @@ use core::{fmt, hash::Hasher, ops::Bound};
 
 use siphasher::sip::SipHasher24;
 
-use crate::{Contract, Kind, LinkId, NodeId, Place, Terms, control::Item};
+use crate::{Contract, EntityId, Kind, LinkId, NodeId, Terms, control::Item};
 
 /// A publisher or server, and a subscriber or client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Pair {
-    pub(super) offering: Place,
-    pub(super) demanding: Place,
+    pub(super) offering: EntityId,
+    pub(super) demanding: EntityId,
 }
 
 impl Pair {
     /// An interface with this contract, and a counterpart of it.
-    pub(super) const fn new(one: Place, contract: &Contract, other: Place) -> Self {
+    pub(super) const fn new(one: EntityId, contract: &Contract, other: EntityId) -> Self {
         let (offering, demanding) = match contract.kind() {
             Kind::Publisher | Kind::Server => (one, other),
             Kind::Subscriber | Kind::Client => (other, one),
@@ -30,17 +30,17 @@ impl Pair {
         }
     }
 
-    pub(super) const fn places(self) -> [Place; 2] {
+    pub(super) const fn entities(self) -> [EntityId; 2] {
         [self.offering, self.demanding]
     }
 
     /// The sessions of both ends, each once.
     pub(super) fn nodes(self) -> impl Iterator<Item = NodeId> {
-        let [one, other] = self.places().map(|it| it.node);
+        let [one, other] = self.entities().map(|it| it.node);
         core::iter::once(one).chain((other != one).then_some(other))
     }
 
-    pub(super) fn other(self, one: Place) -> Place {
+    pub(super) fn other(self, one: EntityId) -> EntityId {
         if one == self.offering {
             self.demanding
         } else {
@@ -64,7 +64,7 @@ pub(super) struct Links {
     secret: Secret,
     last_serial: u64,
     /// By number and offering side, for adopted links may have one number (SM2-RES-004).
-    live: BTreeMap<(LinkId, Place), (Place, Agreed)>,
+    live: BTreeMap<(LinkId, EntityId), (EntityId, Agreed)>,
     /// The same, by whom they join.
     pairs: BTreeSet<Pair>,
 }
@@ -120,7 +120,7 @@ impl Links {
 
     /// The pair of a link that this Manager made and that is live.
     pub(super) fn made(&self, link: LinkId) -> Option<Pair> {
-        let mut rest = self.live.range((link, Place::FIRST)..);
+        let mut rest = self.live.range((link, EntityId::FIRST)..);
         let (&(found, offering), &(demanding, _)) = rest.next()?;
         (found == link && link.epoch == self.epoch).then_some(Pair {
             offering,
@@ -132,13 +132,13 @@ impl Links {
         self.pairs.contains(&pair)
     }
 
-    pub(super) fn item(&self, link: LinkId, offering: Place) -> Option<Item> {
+    pub(super) fn item(&self, link: LinkId, offering: EntityId) -> Option<Item> {
         let found = self.live.get(&(link, offering))?;
         Some(item(link, offering, *found))
     }
 
     /// In the order of their keys.
-    pub(super) fn items(&self, after: (LinkId, Place)) -> impl Iterator<Item = Item> {
+    pub(super) fn items(&self, after: (LinkId, EntityId)) -> impl Iterator<Item = Item> {
         let rest = (Bound::Excluded(after), Bound::Unbounded);
         let rest = self.live.range(rest);
         rest.map(|(&(link, offering), &rest)| item(link, offering, rest))
@@ -169,7 +169,7 @@ impl Links {
     }
 }
 
-fn item(link: LinkId, offering: Place, (demanding, agreed): (Place, Agreed)) -> Item {
+fn item(link: LinkId, offering: EntityId, (demanding, agreed): (EntityId, Agreed)) -> Item {
     Item::Link {
         link,
         offering,

@@ -63,7 +63,8 @@ pub use self::{
     policy::Policy,
 };
 use crate::{
-    Datagram, Farewell, FdFacts, Instant, Name, NodeId, Place, Refusal, Terms, VERSION, Violation,
+    Datagram, EntityId, Farewell, FdFacts, Instant, Name, NodeId, Refusal, Terms, VERSION,
+    Violation,
     control::{Key, ToManager, ToNode, decode_to_manager, encode_to_node},
 };
 
@@ -239,7 +240,7 @@ impl Manager {
         frame: ToManager,
         file: Option<&FdFacts>,
     ) -> Result<(), Violation> {
-        let at = |interface| Place { node, interface };
+        let at = |interface| EntityId { node, interface };
         match frame {
             ToManager::Hello {
                 min_version,
@@ -349,19 +350,19 @@ impl Manager {
             self.schemas.remove(data);
         }
         for interface in session.refused() {
-            let place = Place {
+            let entity = EntityId {
                 node: id,
                 interface,
             };
-            self.changed(Key::Member { place });
+            self.changed(Key::Member { entity });
         }
         for interface in session.interface_ids() {
-            let place = Place {
+            let entity = EntityId {
                 node: id,
                 interface,
             };
             if let Some(remains) = session.withdraw(interface) {
-                self.end_interface(place, remains, Farewell::PeerGone);
+                self.end_interface(entity, remains, Farewell::PeerGone);
             }
         }
         self.forget_pace(id);
@@ -400,8 +401,8 @@ impl Manager {
     }
 
     fn node_changed(&mut self, id: NodeId) {
-        let place = Place::node(id);
-        self.changed(Key::Member { place });
+        let entity = EntityId::node(id);
+        self.changed(Key::Member { entity });
     }
 
     fn send(&mut self, session: NodeId, frame: &ToNode) {

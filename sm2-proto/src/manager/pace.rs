@@ -5,7 +5,7 @@ use alloc::collections::BTreeSet;
 use core::ops::Bound;
 
 use super::{Manager, links::Pair, session::Session};
-use crate::{LinkId, NodeId, Place};
+use crate::{EntityId, LinkId, NodeId};
 
 /// Which links wait for their LINKs, and for whom.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -44,7 +44,7 @@ impl Manager {
 
     /// Both LINKs of a link were not sent after all.
     pub(super) fn not_sent(&mut self, pair: Pair) {
-        for Place { node, .. } in pair.places() {
+        for EntityId { node, .. } in pair.entities() {
             if let Some(session) = self.sessions.get_mut(&node) {
                 session.ahead = session.ahead.saturating_sub(1);
                 self.pace.invite(node);
@@ -91,13 +91,13 @@ impl Manager {
                 && !pair.nodes().any(|it| self.awaits_room(it))
             {
                 self.pace.cancel(pair, link);
-                for Place { node, .. } in pair.places() {
+                for EntityId { node, .. } in pair.entities() {
                     if let Some(session) = self.sessions.get_mut(&node) {
                         session.ahead += 1;
                     }
                 }
                 let key = self.links.key(link);
-                self.announce((link, key), pair.places(), agreed);
+                self.announce((link, key), pair.entities(), agreed);
             }
         }
     }
@@ -107,16 +107,16 @@ impl Manager {
     //= SM2-RES-007
     pub(super) fn settle(&mut self, node: NodeId) {
         let mut left = self.policy.pairs_per_turn.max(1);
-        while let Some(place) = self.unsettled(node) {
+        while let Some(entity) = self.unsettled(node) {
             if left == 0 {
                 self.settling.insert(node);
                 return;
             }
-            left -= self.link_missing(place, left);
+            left -= self.link_missing(entity, left);
         }
     }
 
-    fn unsettled(&mut self, node: NodeId) -> Option<(Place, Place)> {
+    fn unsettled(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
         self.sessions.get_mut(&node)?.unsettled(node)
     }
 

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::{Manager, links::Pair, phase::Phase, session::Session};
 use crate::{
-    LinkId, NodeId, Place,
+    EntityId, LinkId, NodeId,
     control::{Item, Key, ToNode},
     limits::PAGE_BYTES,
 };
@@ -38,16 +38,16 @@ impl Manager {
     pub(super) fn item(&self, key: Key) -> Option<Item> {
         match key {
             Key::Domain => Some(self.domain()),
-            Key::Member { place } => {
-                let session = self.sessions.get(&place.node)?;
-                if place == Place::node(place.node) {
-                    node(place.node, session)
+            Key::Member { entity } => {
+                let session = self.sessions.get(&entity.node)?;
+                if entity == EntityId::node(entity.node) {
+                    node(entity.node, session)
                 } else {
-                    session.member(place)
+                    session.member(entity)
                 }
             }
             Key::Link { link, offering } => self.links.item(link, offering),
-            Key::Claim { link, place } => self.claims.item(link, place),
+            Key::Claim { link, entity } => self.claims.item(link, entity),
             Key::Apart {
                 offering,
                 demanding,
@@ -64,26 +64,26 @@ impl Manager {
         // Each kind of item starts after a key that no item has, or after that of `after`.
         let after = after.unwrap_or(Key::Domain);
         let members = match after {
-            Key::Domain => Some(Place::FIRST),
-            Key::Member { place } => Some(place),
+            Key::Domain => Some(EntityId::FIRST),
+            Key::Member { entity } => Some(entity),
             _ => None,
         };
         let links = match after {
-            Key::Domain | Key::Member { .. } => Some((LinkId::FIRST, Place::FIRST)),
+            Key::Domain | Key::Member { .. } => Some((LinkId::FIRST, EntityId::FIRST)),
             Key::Link { link, offering } => Some((link, offering)),
             _ => None,
         };
         let claims = match after {
-            Key::Claim { link, place } => Some((link, place)),
+            Key::Claim { link, entity } => Some((link, entity)),
             Key::Apart { .. } => None,
-            _ => Some((LinkId::FIRST, Place::FIRST)),
+            _ => Some((LinkId::FIRST, EntityId::FIRST)),
         };
         let apart = match after {
             Key::Apart {
                 offering,
                 demanding,
             } => (offering, demanding),
-            _ => (Place::FIRST, Place::FIRST),
+            _ => (EntityId::FIRST, EntityId::FIRST),
         };
         let members = members.into_iter().flat_map(|it| self.members(it));
         let links = links.into_iter().flat_map(|it| self.links.items(it));
@@ -97,13 +97,13 @@ impl Manager {
             .chain(apart)
     }
 
-    /// Nodes, interfaces and refusals after a place.
-    fn members(&self, after: Place) -> impl Iterator<Item = Item> {
+    /// Nodes, interfaces and refusals after an id.
+    fn members(&self, after: EntityId) -> impl Iterator<Item = Item> {
         let rest = self.sessions.range(after.node..);
         rest.flat_map(move |(&id, session)| {
             let within = id == after.node;
             let itself = if within { None } else { node(id, session) };
-            let after = if within { after } else { Place::node(id) };
+            let after = if within { after } else { EntityId::node(id) };
             itself.into_iter().chain(session.members(after))
         })
     }

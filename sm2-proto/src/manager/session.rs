@@ -12,8 +12,8 @@ use core::ops::Bound;
 
 use super::{Credentials, Policy, STANDBY_PREFIX, links::Pair, phase::Phase, policy::within};
 use crate::{
-    Contract, Instant, InterfaceId, LinkId, Name, NodeId, Place, Quota, Refusal, TypeId, Violation,
-    control::Item, limits::LINKS_MAX,
+    Contract, EntityId, Instant, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId,
+    Violation, control::Item, limits::LINKS_MAX,
 };
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -56,7 +56,7 @@ struct Resumption {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Settling {
     /// Which interface comes next, and after which of its counterparts.
-    next: (InterfaceId, Place),
+    next: (InterfaceId, EntityId),
     /// The last interface that was there at CLAIMED.
     last: InterfaceId,
     /// Pairs that are not linked anew.
@@ -139,7 +139,7 @@ impl Session {
     /// All is claimed. What is there now is to be linked as far as it is not.
     pub(super) fn settle(&mut self) {
         self.settling = Some(Settling {
-            next: (InterfaceId(0), Place::FIRST),
+            next: (InterfaceId(0), EntityId::FIRST),
             last: InterfaceId(self.last_interface),
             ended: self.resumption.take().unwrap_or_default().ended,
         });
@@ -151,7 +151,7 @@ impl Session {
     }
 
     /// The next interface to be linked, and after which counterpart. None once all are.
-    pub(super) fn unsettled(&mut self, node: NodeId) -> Option<(Place, Place)> {
+    pub(super) fn unsettled(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
         let Settling { next, last, .. } = self.settling.as_ref()?;
         let following = self.interfaces.range(next.0..).next();
         let Some((&interface, _)) = following.filter(|(id, _)| *id <= last) else {
@@ -159,16 +159,16 @@ impl Session {
             return None;
         };
         let begun = next.0 == interface;
-        let after = if begun { next.1 } else { Place::FIRST };
-        Some((Place { node, interface }, after))
+        let after = if begun { next.1 } else { EntityId::FIRST };
+        Some((EntityId { node, interface }, after))
     }
 
     /// So far this has come: up to a counterpart of an interface, or to its last one.
-    pub(super) fn settled(&mut self, interface: InterfaceId, up_to: Option<Place>) {
+    pub(super) fn settled(&mut self, interface: InterfaceId, up_to: Option<EntityId>) {
         if let Some(settling) = &mut self.settling {
             settling.next = match up_to {
                 Some(counterpart) => (interface, counterpart),
-                None => (InterfaceId(interface.0.saturating_add(1)), Place::FIRST),
+                None => (InterfaceId(interface.0.saturating_add(1)), EntityId::FIRST),
             };
         }
     }
@@ -207,17 +207,17 @@ impl Session {
     }
 
     /// An interface or refusal as an item.
-    pub(super) fn member(&self, place: Place) -> Option<Item> {
-        if let Some(contract) = self.contract(place.interface) {
-            return Some(interface(place, contract));
+    pub(super) fn member(&self, entity: EntityId) -> Option<Item> {
+        if let Some(contract) = self.contract(entity.interface) {
+            return Some(interface(entity, contract));
         }
-        let refused = self.refused.get(&place.interface)?;
-        Some(refusal(place, refused))
+        let refused = self.refused.get(&entity.interface)?;
+        Some(refusal(entity, refused))
     }
 
-    /// The interfaces and refusals after a place, in ascending order.
-    pub(super) fn members(&self, after: Place) -> impl Iterator<Item = Item> {
-        let at = move |interface| Place { interface, ..after };
+    /// The interfaces and refusals after an id, in ascending order.
+    pub(super) fn members(&self, after: EntityId) -> impl Iterator<Item = Item> {
+        let at = move |interface| EntityId { interface, ..after };
         let rest = (Bound::Excluded(after.interface), Bound::Unbounded);
         let mut granted = self.interfaces.range(rest).peekable();
         let mut refused = self.refused.range(rest).peekable();
@@ -421,16 +421,16 @@ impl Session {
     }
 }
 
-fn interface(place: Place, contract: &Contract) -> Item {
+fn interface(entity: EntityId, contract: &Contract) -> Item {
     Item::Interface {
-        place,
+        entity,
         contract: contract.clone(),
     }
 }
 
-fn refusal(place: Place, (contract, reason): &(Contract, Refusal)) -> Item {
+fn refusal(entity: EntityId, (contract, reason): &(Contract, Refusal)) -> Item {
     Item::Refusal {
-        place,
+        entity,
         contract: contract.clone(),
         reason: reason.clone(),
     }

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test uses a part")]
 
 use sm2_proto::{
-    Contract, InterfaceId, LinkId, NodeId, Place, Violation,
+    Contract, EntityId, InterfaceId, LinkId, NodeId, Violation,
     control::{Item, ToManager, ToNode},
     manager::{Cause, Policy},
 };
@@ -21,9 +21,9 @@ pub(crate) const KEY: u64 = 0xBADC_0FFE;
 pub(crate) const OFFERING: u64 = 1;
 pub(crate) const DEMANDING: u64 = 2;
 
-pub(crate) fn place(node: NodeId, interface: u64) -> Place {
+pub(crate) fn entity(node: NodeId, interface: u64) -> EntityId {
     let interface = InterfaceId(interface);
-    Place { node, interface }
+    EntityId { node, interface }
 }
 
 pub(crate) fn wanted() -> Contract {
@@ -86,7 +86,7 @@ pub(crate) fn relations(bench: &Bench, asks: NodeId) -> Vec<Item> {
     items
 }
 
-pub(crate) fn link_item(link: LinkId, offering: Place, demanding: Place) -> Item {
+pub(crate) fn link_item(link: LinkId, offering: EntityId, demanding: EntityId) -> Item {
     Item::Link {
         link,
         offering,

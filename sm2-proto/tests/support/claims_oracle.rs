@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use sm2_proto::{Contract, LinkId, NodeId, Place, control::Item, manager::Policy, match_contracts};
+use sm2_proto::{
+    Contract, EntityId, LinkId, NodeId, control::Item, manager::Policy, match_contracts,
+};
 
 use crate::support::bench::EPOCH;
 
@@ -28,7 +30,7 @@ pub(crate) struct Session {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Link {
     pub(crate) id: LinkId,
-    pub(crate) ends: [Place; 2],
+    pub(crate) ends: [EntityId; 2],
     pub(crate) reliable: bool,
     pub(crate) sealed: bool,
 }
@@ -36,53 +38,58 @@ pub(crate) struct Link {
 #[derive(Clone, Debug)]
 pub(crate) struct Half {
     pub(crate) id: LinkId,
-    pub(crate) place: Place,
+    pub(crate) entity: EntityId,
     pub(crate) said: Said,
     pub(crate) until: Option<u64>,
 }
 
 /// What a session is told: to end a link, or of a new one.
-pub(crate) type Told = (Place, LinkId, Option<u16>);
+pub(crate) type Told = (EntityId, LinkId, Option<u16>);
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Oracle {
     pub(crate) sessions: BTreeMap<NodeId, Session>,
-    pub(crate) interfaces: BTreeMap<Place, Contract>,
+    pub(crate) interfaces: BTreeMap<EntityId, Contract>,
     pub(crate) links: Vec<Link>,
     pub(crate) halves: Vec<Half>,
     /// Ends that were told and have not answered.
-    pub(crate) told: BTreeSet<(Place, LinkId)>,
+    pub(crate) told: BTreeSet<(EntityId, LinkId)>,
     /// Pairs that ended a link.
-    ended: BTreeSet<[Place; 2]>,
+    ended: BTreeSet<[EntityId; 2]>,
     pub(crate) made: u64,
     pub(crate) events: Vec<Told>,
     pub(crate) now: u64,
 }
 
 impl Oracle {
-    pub(crate) fn tell(&mut self, place: Place, id: LinkId, code: u16) {
-        if self.interfaces.contains_key(&place) {
-            self.told.insert((place, id));
-            self.events.push((place, id, Some(code)));
+    pub(crate) fn tell(&mut self, entity: EntityId, id: LinkId, code: u16) {
+        if self.interfaces.contains_key(&entity) {
+            self.told.insert((entity, id));
+            self.events.push((entity, id, Some(code)));
         }
     }
 
     /// The terms that SPEC demands of a link; none if the two do not match.
-    pub(crate) fn terms(&self, policy: &Policy, one: Place, other: Place) -> Option<(bool, bool)> {
+    pub(crate) fn terms(
+        &self,
+        policy: &Policy,
+        one: EntityId,
+        other: EntityId,
+    ) -> Option<(bool, bool)> {
         let terms = match_contracts(&self.interfaces[&one], &self.interfaces[&other]).ok()?;
         let same = self.sessions[&one.node].uid == self.sessions[&other.node].uid;
         Some((terms.reliable, terms.sealed || policy.seal_all || !same))
     }
 
-    pub(crate) fn pair(&self, one: Place, other: Place) -> [Place; 2] {
+    pub(crate) fn pair(&self, one: EntityId, other: EntityId) -> [EntityId; 2] {
         let offers = matches!(self.interfaces[&one], Contract::Publisher { .. });
         if offers { [one, other] } else { [other, one] }
     }
 
     /// Links one with all that it can be linked with, for `session` is ready.
-    pub(crate) fn link_all(&mut self, policy: &Policy, one: Place) -> usize {
+    pub(crate) fn link_all(&mut self, policy: &Policy, one: EntityId) -> usize {
         let before = self.links.len();
-        let others: Vec<Place> = self.interfaces.keys().copied().collect();
+        let others: Vec<EntityId> = self.interfaces.keys().copied().collect();
         for other in others {
             let Some((reliable, sealed)) = self.terms(policy, one, other) else {
                 continue;
@@ -108,34 +115,34 @@ impl Oracle {
         self.links.len() - before
     }
 
-    pub(crate) fn has(&self, place: Place, id: LinkId) -> bool {
-        self.told.contains(&(place, id))
+    pub(crate) fn has(&self, entity: EntityId, id: LinkId) -> bool {
+        self.told.contains(&(entity, id))
             || self
                 .halves
                 .iter()
-                .any(|it| it.place == place && it.id == id)
+                .any(|it| it.entity == entity && it.id == id)
             || self
                 .links
                 .iter()
-                .any(|it| it.id == id && it.ends.contains(&place))
+                .any(|it| it.id == id && it.ends.contains(&entity))
     }
 
-    pub(crate) fn claim(&mut self, policy: &Policy, place: Place, id: LinkId, said: Said) {
+    pub(crate) fn claim(&mut self, policy: &Policy, entity: EntityId, id: LinkId, said: Said) {
         let meets = |it: &Half| it.id == id && it.said == said;
         let Some(at) = self.halves.iter().position(meets) else {
             let until = None;
             self.halves.push(Half {
                 id,
-                place,
+                entity,
                 said,
                 until,
             });
             return;
         };
-        let other = self.halves.remove(at).place;
-        let ends = self.pair(place, other);
+        let other = self.halves.remove(at).entity;
+        let ends = self.pair(entity, other);
         let free = !self.links.iter().any(|link| link.ends == ends);
-        match self.terms(policy, place, other) {
+        match self.terms(policy, entity, other) {
             Some((reliable, sealed))
                 if free && reliable == said.reliable && sealed <= said.sealed =>
             {
@@ -147,24 +154,24 @@ impl Oracle {
                 });
             }
             _ => {
-                self.tell(place, id, 6);
+                self.tell(entity, id, 6);
                 self.tell(other, id, 6);
             }
         }
     }
 
     /// An end of a link, or all of an interface, is gone.
-    pub(crate) fn drop_end(&mut self, place: Place, only: Option<LinkId>, code: u16) {
+    pub(crate) fn drop_end(&mut self, entity: EntityId, only: Option<LinkId>, code: u16) {
         let dropped = |id: LinkId| only.is_none_or(|only| only == id);
         self.halves
-            .retain(|it| it.place != place || !dropped(it.id));
-        self.told.retain(|&(it, id)| it != place || !dropped(id));
-        let gone = |link: &Link| link.ends.contains(&place) && dropped(link.id);
+            .retain(|it| it.entity != entity || !dropped(it.id));
+        self.told.retain(|&(it, id)| it != entity || !dropped(id));
+        let gone = |link: &Link| link.ends.contains(&entity) && dropped(link.id);
         let ended: Vec<Link> = self.links.iter().filter(|it| gone(it)).cloned().collect();
         self.links.retain(|link| !gone(link));
         for link in ended {
             for end in link.ends {
-                if end != place {
+                if end != entity {
                     self.tell(end, link.id, code);
                 }
             }
@@ -175,13 +182,13 @@ impl Oracle {
     }
 
     pub(crate) fn leave(&mut self, node: NodeId) {
-        let places: Vec<Place> = self.interfaces.keys().copied().collect();
-        let own: Vec<Place> = places.into_iter().filter(|it| it.node == node).collect();
-        for place in &own {
-            self.interfaces.remove(place);
+        let entities: Vec<EntityId> = self.interfaces.keys().copied().collect();
+        let own: Vec<EntityId> = entities.into_iter().filter(|it| it.node == node).collect();
+        for entity in &own {
+            self.interfaces.remove(entity);
         }
-        for place in own {
-            self.drop_end(place, None, 5);
+        for entity in own {
+            self.drop_end(entity, None, 5);
         }
         self.sessions.remove(&node);
     }
@@ -205,7 +212,7 @@ impl Oracle {
         self.halves = rest;
         let over: Vec<Half> = over;
         for half in over {
-            self.tell(half.place, half.id, 5);
+            self.tell(half.entity, half.id, 5);
         }
     }
 
@@ -224,7 +231,7 @@ impl Oracle {
             .collect();
         items.extend(self.halves.iter().map(|half| Item::Claim {
             link: half.id,
-            place: half.place,
+            entity: half.entity,
         }));
         items.sort_by_key(Item::key);
         items

@@ -3,7 +3,7 @@
 use std::{collections::BTreeSet, time::Duration};
 
 use sm2_proto::{
-    Contract, InterfaceId, LinkId, NodeId, Place,
+    Contract, EntityId, InterfaceId, LinkId, NodeId,
     control::{Item, Key, ToManager, ToNode},
     manager::{Input, Policy},
 };
@@ -81,10 +81,10 @@ fn told(events: &[Event]) -> Vec<Told> {
             interface,
             link,
             code,
-        } => Some((Place { node, interface }, link, Some(code.0))),
+        } => Some((EntityId { node, interface }, link, Some(code.0))),
         ToNode::Link {
             interface, link, ..
-        } => Some((Place { node, interface }, link, None)),
+        } => Some((EntityId { node, interface }, link, None)),
         _ => None,
     };
     let each = events.iter().flat_map(|event| match event {
@@ -100,7 +100,7 @@ fn told(events: &[Event]) -> Vec<Told> {
 fn relations(bench: &Bench, asks: NodeId) -> Vec<Item> {
     let mut aside = bench.clone();
     let before = Key::Member {
-        place: Place {
+        entity: EntityId {
             node: NodeId(u64::MAX),
             interface: InterfaceId(u64::MAX),
         },
@@ -134,7 +134,7 @@ fn step(
         let node = slots[at].filter(|node| oracle.sessions.contains_key(node));
         node.map(|node| oracle.sessions[&node].clone())
     };
-    let at_place = |node: NodeId, interface: u64| Place {
+    let entity_of = |node: NodeId, interface: u64| EntityId {
         node,
         interface: InterfaceId(interface),
     };
@@ -170,8 +170,8 @@ fn step(
                 last,
                 ..
             }) if last < INTERFACES => {
-                let place = at_place(node, last + 1);
-                oracle.interfaces.insert(place, contract.clone());
+                let entity = entity_of(node, last + 1);
+                oracle.interfaces.insert(entity, contract.clone());
                 if let Some(session) = oracle.sessions.get_mut(&node) {
                     session.last += 1;
                 }
@@ -179,10 +179,10 @@ fn step(
                 let matches = if resuming {
                     0
                 } else {
-                    oracle.link_all(policy, place)
+                    oracle.link_all(policy, entity)
                 };
                 let answer = ToNode::Declared {
-                    interface: place.interface,
+                    interface: entity.interface,
                     matches: u32::try_from(matches).expect("few"),
                 };
                 assert_eq!(events[0], Event::Sent(node, answer));
@@ -192,11 +192,11 @@ fn step(
         },
         Op::Withdraw(at, interface) => match session(oracle, at) {
             Some(Session { node, .. })
-                if oracle.interfaces.contains_key(&at_place(node, interface)) =>
+                if oracle.interfaces.contains_key(&entity_of(node, interface)) =>
             {
-                let place = at_place(node, interface);
-                oracle.interfaces.remove(&place);
-                oracle.drop_end(place, None, 0);
+                let entity = entity_of(node, interface);
+                oracle.interfaces.remove(&entity);
+                oracle.drop_end(entity, None, 0);
                 bench.send(node, &withdraw(interface))
             }
             _ => Vec::new(),
@@ -211,10 +211,10 @@ fn step(
                     node,
                     resuming: true,
                     ..
-                }) if oracle.interfaces.contains_key(&at_place(node, interface))
-                    && !oracle.has(at_place(node, interface), id) =>
+                }) if oracle.interfaces.contains_key(&entity_of(node, interface))
+                    && !oracle.has(entity_of(node, interface), id) =>
                 {
-                    oracle.claim(policy, at_place(node, interface), id, said);
+                    oracle.claim(policy, entity_of(node, interface), id, said);
                     let frame = ToManager::Claim {
                         interface: InterfaceId(interface),
                         link: id,
@@ -238,13 +238,13 @@ fn step(
                     session.resuming = false;
                 }
                 for half in &mut oracle.halves {
-                    if half.place.node == node {
+                    if half.entity.node == node {
                         half.until = Some(oracle.now + 5_000);
                     }
                 }
-                let places: Vec<Place> = oracle.interfaces.keys().copied().collect();
-                for place in places.into_iter().filter(|it| it.node == node) {
-                    oracle.link_all(policy, place);
+                let entities: Vec<EntityId> = oracle.interfaces.keys().copied().collect();
+                for entity in entities.into_iter().filter(|it| it.node == node) {
+                    oracle.link_all(policy, entity);
                 }
                 bench.send(node, &ToManager::Claimed)
             }
@@ -254,23 +254,23 @@ fn step(
             let Some(Session { node, .. }) = session(oracle, at) else {
                 return Vec::new();
             };
-            let mut own: BTreeSet<(Place, LinkId)> = oracle.told.clone();
-            own.extend(oracle.halves.iter().map(|it| (it.place, it.id)));
+            let mut own: BTreeSet<(EntityId, LinkId)> = oracle.told.clone();
+            own.extend(oracle.halves.iter().map(|it| (it.entity, it.id)));
             own.extend(
                 oracle
                     .links
                     .iter()
                     .flat_map(|it| it.ends.map(|end| (end, it.id))),
             );
-            own.retain(|(place, _)| place.node == node);
-            let Some(&(place, id)) = own.iter().nth(pick) else {
+            own.retain(|(entity, _)| entity.node == node);
+            let Some(&(entity, id)) = own.iter().nth(pick) else {
                 return Vec::new();
             };
-            if !oracle.told.contains(&(place, id)) {
-                oracle.events.push((place, id, Some(5)));
+            if !oracle.told.contains(&(entity, id)) {
+                oracle.events.push((entity, id, Some(5)));
             }
-            oracle.drop_end(place, Some(id), 5);
-            bench.send(node, &unlinked(place.interface.0, id))
+            oracle.drop_end(entity, Some(id), 5);
+            bench.send(node, &unlinked(entity.interface.0, id))
         }
         Op::Wait(ms) => {
             bench.now = bench.now.after(Duration::from_millis(ms));

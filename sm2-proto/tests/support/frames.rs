@@ -8,7 +8,7 @@ use proptest::{
     strategy::{BoxedStrategy, Union},
 };
 use sm2_proto::{
-    Code, Contract, Demand, InterfaceId, LinkId, Name, NodeId, Offer, Place, Quota, Refusal,
+    Code, Contract, Demand, EntityId, InterfaceId, LinkId, Name, NodeId, Offer, Quota, Refusal,
     ServiceQos, TypeId,
     control::{Apart, Change, Item, Key, Limits, Peer, ToManager, ToNode},
 };
@@ -42,17 +42,17 @@ fn links() -> impl Strategy<Value = LinkId> + Clone {
     (number(), number()).prop_map(|(epoch, serial)| LinkId { epoch, serial })
 }
 
-fn places() -> impl Strategy<Value = Place> + Clone {
-    (nodes(), interfaces()).prop_map(|(node, interface)| Place { node, interface })
+fn entities() -> impl Strategy<Value = EntityId> + Clone {
+    (nodes(), interfaces()).prop_map(|(node, interface)| EntityId { node, interface })
 }
 
 fn keys() -> impl Strategy<Value = Key> + Clone {
     prop_oneof![
         Just(Key::Domain),
-        places().prop_map(|place| Key::Member { place }),
-        (links(), places()).prop_map(|(link, offering)| Key::Link { link, offering }),
-        (links(), places()).prop_map(|(link, place)| Key::Claim { link, place }),
-        (places(), places()).prop_map(|(offering, demanding)| Key::Apart {
+        entities().prop_map(|entity| Key::Member { entity }),
+        (links(), entities()).prop_map(|(link, offering)| Key::Link { link, offering }),
+        (links(), entities()).prop_map(|(link, entity)| Key::Claim { link, entity }),
+        (entities(), entities()).prop_map(|(offering, demanding)| Key::Apart {
             offering,
             demanding
         }),
@@ -182,13 +182,16 @@ fn items() -> impl Strategy<Value = Item> {
             pid,
             resuming,
         }),
-        (places(), contracts()).prop_map(|(place, contract)| Item::Interface { place, contract }),
-        (places(), contracts(), refusals()).prop_map(|(place, contract, reason)| Item::Refusal {
-            place,
-            contract,
-            reason,
+        (entities(), contracts())
+            .prop_map(|(entity, contract)| Item::Interface { entity, contract }),
+        (entities(), contracts(), refusals()).prop_map(|(entity, contract, reason)| {
+            Item::Refusal {
+                entity,
+                contract,
+                reason,
+            }
         }),
-        (links(), places(), places(), terms).prop_map(
+        (links(), entities(), entities(), terms).prop_map(
             |(link, offering, demanding, (version, reliable, sealed))| Item::Link {
                 link,
                 offering,
@@ -198,8 +201,8 @@ fn items() -> impl Strategy<Value = Item> {
                 sealed,
             }
         ),
-        (links(), places()).prop_map(|(link, place)| Item::Claim { link, place }),
-        (places(), places(), causes()).prop_map(|(offering, demanding, cause)| Item::Apart {
+        (links(), entities()).prop_map(|(link, entity)| Item::Claim { link, entity }),
+        (entities(), entities(), causes()).prop_map(|(offering, demanding, cause)| Item::Apart {
             offering,
             demanding,
             cause,

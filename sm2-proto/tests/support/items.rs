@@ -3,7 +3,7 @@
 
 use proptest::prelude::*;
 use sm2_proto::{
-    Code, Contract, InterfaceId, LinkId, NodeId, Place, Refusal,
+    Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Refusal,
     control::{Apart, Item, Limits},
     domain::Domain,
 };
@@ -18,8 +18,8 @@ pub(crate) const LINK: LinkId = LinkId {
     serial: 1,
 };
 
-pub(crate) fn at(node: u64, interface: u64) -> Place {
-    Place {
+pub(crate) fn at(node: u64, interface: u64) -> EntityId {
+    EntityId {
         node: NodeId(node),
         interface: InterfaceId(interface),
     }
@@ -35,14 +35,14 @@ pub(crate) fn node(node: u64, text: &str, uid: u32, resuming: bool) -> Item {
     }
 }
 
-pub(crate) fn interface(place: Place, contract: &Contract) -> Item {
+pub(crate) fn interface(entity: EntityId, contract: &Contract) -> Item {
     let contract = contract.clone();
-    Item::Interface { place, contract }
+    Item::Interface { entity, contract }
 }
 
-pub(crate) fn refusal(place: Place, contract: &Contract, reason: &Refusal) -> Item {
+pub(crate) fn refusal(entity: EntityId, contract: &Contract, reason: &Refusal) -> Item {
     Item::Refusal {
-        place,
+        entity,
         contract: contract.clone(),
         reason: reason.clone(),
     }
@@ -96,7 +96,7 @@ fn contracts() -> impl Strategy<Value = Contract> {
     })
 }
 
-pub(crate) fn places() -> impl Strategy<Value = Place> + Clone {
+pub(crate) fn entities() -> impl Strategy<Value = EntityId> + Clone {
     (1..4_u64, 0..4_u64).prop_map(|(node, interface)| at(node, interface))
 }
 
@@ -114,16 +114,16 @@ pub(crate) fn items() -> impl Strategy<Value = Item> {
             limit: 3
         }),
     ];
-    let pairs = || (places(), places());
+    let pairs = || (entities(), entities());
     prop_oneof![
         1 => Just(Item::Domain {
             limits: Limits::default()
         }),
         2 => (1..4_u64, any::<bool>())
             .prop_map(|(number, resuming)| node(number, "lidar", 1_000, resuming)),
-        6 => (places(), contracts()).prop_map(|(place, contract)| interface(place, &contract)),
-        1 => (places(), contracts(), refusals)
-            .prop_map(|(place, contract, reason)| refusal(place, &contract, &reason)),
+        6 => (entities(), contracts()).prop_map(|(entity, contract)| interface(entity, &contract)),
+        1 => (entities(), contracts(), refusals)
+            .prop_map(|(entity, contract, reason)| refusal(entity, &contract, &reason)),
         1 => (pairs(), any::<[bool; 2]>()).prop_map(|((offering, demanding), [reliable, sealed])| {
             Item::Link {
                 link: LINK,
@@ -134,7 +134,7 @@ pub(crate) fn items() -> impl Strategy<Value = Item> {
                 sealed,
             }
         }),
-        1 => places().prop_map(|place| Item::Claim { link: LINK, place }),
+        1 => entities().prop_map(|entity| Item::Claim { link: LINK, entity }),
         1 => (pairs(), causes).prop_map(|((offering, demanding), cause)| Item::Apart {
             offering,
             demanding,

@@ -242,17 +242,17 @@ impl Reader<'_> {
         Ok(json!({"epoch": self.u64()?, "serial": self.u64()?}))
     }
 
-    fn place(&mut self) -> Read<Value> {
+    fn entity(&mut self) -> Read<Value> {
         Ok(json!({"node": self.u64()?, "interface": self.u64()?}))
     }
 
     fn key(&mut self) -> Read<Value> {
         Ok(match self.u32()? {
             0 => json!("Domain"),
-            1 => json!({"Member": {"place": self.place()?}}),
-            2 => json!({"Link": {"link": self.link_id()?, "offering": self.place()?}}),
-            3 => json!({"Claim": {"link": self.link_id()?, "place": self.place()?}}),
-            4 => json!({"Apart": {"offering": self.place()?, "demanding": self.place()?}}),
+            1 => json!({"Member": {"entity": self.entity()?}}),
+            2 => json!({"Link": {"link": self.link_id()?, "offering": self.entity()?}}),
+            3 => json!({"Claim": {"link": self.link_id()?, "entity": self.entity()?}}),
+            4 => json!({"Apart": {"offering": self.entity()?, "demanding": self.entity()?}}),
             _ => return Err("malformed"),
         })
     }
@@ -376,26 +376,26 @@ impl Reader<'_> {
                 "resuming": self.bool()?,
             }}),
             2 => json!({"Interface": {
-                "place": self.place()?,
+                "entity": self.entity()?,
                 "contract": self.contract()?,
             }}),
             3 => json!({"Refusal": {
-                "place": self.place()?,
+                "entity": self.entity()?,
                 "contract": self.contract()?,
                 "reason": self.refusal()?,
             }}),
             4 => json!({"Link": {
                 "link": self.link_id()?,
-                "offering": self.place()?,
-                "demanding": self.place()?,
+                "offering": self.entity()?,
+                "demanding": self.entity()?,
                 "version": self.u16()?,
                 "reliable": self.bool()?,
                 "sealed": self.bool()?,
             }}),
-            5 => json!({"Claim": {"link": self.link_id()?, "place": self.place()?}}),
+            5 => json!({"Claim": {"link": self.link_id()?, "entity": self.entity()?}}),
             6 => json!({"Apart": {
-                "offering": self.place()?,
-                "demanding": self.place()?,
+                "offering": self.entity()?,
+                "demanding": self.entity()?,
                 "cause": self.apart()?,
             }}),
             _ => return Err("malformed"),

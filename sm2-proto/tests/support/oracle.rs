@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::{
-    Code, Contract, InterfaceId, LinkId, Name, NodeId, Place, Refusal, TypeId,
+    Code, Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal, TypeId,
     control::{Apart, Item, Limits, ToManager, ToNode},
 };
 
@@ -213,15 +213,15 @@ impl Oracle {
             let oldest = refused.len().saturating_sub(16);
             for &(&end, (contract, reason)) in &refused[oldest..] {
                 items.push(Item::Refusal {
-                    place: place(end),
+                    entity: entity(end),
                     contract: contract.clone(),
                     reason: reason.clone(),
                 });
             }
         }
         for (&end, contract) in &self.interfaces {
-            let (place, contract) = (place(end), contract.clone());
-            items.push(Item::Interface { place, contract });
+            let (entity, contract) = (entity(end), contract.clone());
+            items.push(Item::Interface { entity, contract });
         }
         let pairs = self.pairs();
         for (&link, pair) in &self.links {
@@ -252,13 +252,13 @@ impl Oracle {
     }
 
     /// A pair, the publisher or server first.
-    fn sides(&self, &[one, other]: &[End; 2]) -> [Place; 2] {
+    fn sides(&self, &[one, other]: &[End; 2]) -> [EntityId; 2] {
         let offers = matches!(
             self.interfaces[&one],
             Contract::Publisher { .. } | Contract::Server { .. }
         );
         let ends = if offers { [one, other] } else { [other, one] };
-        ends.map(place)
+        ends.map(entity)
     }
 
     pub(crate) fn sessions(&self) -> usize {
@@ -272,8 +272,8 @@ impl Oracle {
     }
 }
 
-fn place((node, interface): End) -> Place {
-    Place { node, interface }
+fn entity((node, interface): End) -> EntityId {
+    EntityId { node, interface }
 }
 
 pub(crate) fn pair(one: End, other: End) -> [End; 2] {

@@ -1,4 +1,4 @@
-use sm2_proto::{Contract, Demand, InterfaceId, NodeId, Offer, Place, TypeId, control::Item};
+use sm2_proto::{Contract, Demand, EntityId, InterfaceId, NodeId, Offer, TypeId, control::Item};
 
 use super::*;
 
@@ -6,8 +6,8 @@ fn name(text: &str) -> Name {
     Name::new(text).unwrap()
 }
 
-fn place(node: u64, interface: u64) -> Place {
-    Place {
+fn entity(node: u64, interface: u64) -> EntityId {
+    EntityId {
         node: NodeId(node),
         interface: InterfaceId(interface),
     }
@@ -50,11 +50,11 @@ fn domain() -> Domain {
         node(1, "talker"),
         node(2, "listener"),
         Item::Interface {
-            place: place(1, 1),
+            entity: entity(1, 1),
             contract: publisher,
         },
         Item::Interface {
-            place: place(2, 1),
+            entity: entity(2, 1),
             contract: subscriber,
         },
         Item::Link {
@@ -62,8 +62,8 @@ fn domain() -> Domain {
                 epoch: 1,
                 serial: 1,
             },
-            offering: place(1, 1),
-            demanding: place(2, 1),
+            offering: entity(1, 1),
+            demanding: entity(2, 1),
             version: 1,
             reliable: false,
             sealed: false,

@@ -1,13 +1,13 @@
 //! Harnesses for the pairs apart: one step from any state of four pairs.
 
-use super::{Apart, NodeId, Pair, Pairs, Place, pair};
+use super::{Apart, EntityId, NodeId, Pair, Pairs, pair};
 use crate::{
     Code, InterfaceId,
     proofs::{below, one_of},
 };
 
-const fn place(node: u64) -> Place {
-    Place {
+const fn entity(node: u64) -> EntityId {
+    EntityId {
         node: NodeId(node),
         interface: InterfaceId(1),
     }
@@ -15,10 +15,10 @@ const fn place(node: u64) -> Place {
 
 /// Two nodes that offer; two that demand, of which one offers too.
 const PAIRS: [Pair; 4] = [
-    pair(place(1), place(2)),
-    pair(place(1), place(3)),
-    pair(place(2), place(2)),
-    pair(place(2), place(3)),
+    pair(entity(1), entity(2)),
+    pair(entity(1), entity(3)),
+    pair(entity(2), entity(2)),
+    pair(entity(2), entity(3)),
 ];
 
 const CAUSE: Apart = Apart::Descriptors;
@@ -47,11 +47,11 @@ fn books(there: [bool; 4]) -> Pairs {
 fn pairs_apart_keep_their_quota() {
     let limit = below(4);
     let mut there: [bool; 4] = kani::any();
-    let offered = |of: Place| {
+    let offered = |of: EntityId| {
         let pairs = PAIRS.into_iter().zip(there);
         pairs.filter(|(it, is)| *is && it.offering == of).count()
     };
-    kani::assume(offered(place(1)) <= limit && offered(place(2)) <= limit);
+    kani::assume(offered(entity(1)) <= limit && offered(entity(2)) <= limit);
     let mut books = books(there);
     assert!(books.agree(limit));
     let at = below(4);
@@ -76,14 +76,14 @@ fn pairs_apart_keep_their_quota() {
             there[at] = false;
         }
         _ => {
-            let of = one_of(&[place(1), place(2), place(3)]);
+            let of = one_of(&[entity(1), entity(2), entity(3)]);
             let found = books.of(of);
             for (it, is) in PAIRS.into_iter().zip(there) {
                 let is = is && (it.offering == of || it.demanding == of);
                 assert_eq!(found.contains(&it), is);
             }
             kani::cover!(
-                found.len() == 2 && of == place(3),
+                found.len() == 2 && of == entity(3),
                 "from the demanding side"
             );
         }

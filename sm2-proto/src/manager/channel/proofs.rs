@@ -2,7 +2,7 @@
 
 use alloc::sync::Arc;
 
-use super::{Channels, Contract, Kind, Name, Place, TypeId};
+use super::{Channels, Contract, EntityId, Kind, Name, TypeId};
 use crate::{
     Demand, InterfaceId, NodeId, Offer, Refusal, ServiceQos,
     proofs::{below, one_of},
@@ -73,9 +73,9 @@ fn any_contract(on: &str, hashes: &[u64]) -> Contract {
     contract(kind, on, if states { Some(one_of(hashes)) } else { None })
 }
 
-const fn place(node: u64) -> Place {
+const fn entity(node: u64) -> EntityId {
     let (node, interface) = (NodeId(node), InterfaceId(1));
-    Place { node, interface }
+    EntityId { node, interface }
 }
 
 /// A topic or service has one type as long as anybody states one; topics and services of one
@@ -90,8 +90,8 @@ fn a_channel_has_one_type() {
     for node in 0..below(3) as u64 {
         // Those who state a type state the same.
         let contract = Arc::new(any_contract("a", &[1]));
-        channels.insert(place(node), &contract);
-        there.push((place(node), contract));
+        channels.insert(entity(node), &contract);
+        there.push((entity(node), contract));
     }
     assert!(channels.are_tight());
     let on = one_of(&["a", "b"]);
@@ -128,16 +128,16 @@ fn a_channel_has_one_type() {
             .get(&new)
             .into_iter()
             .flat_map(|it| it.matches(&new));
-        assert!(matches.map(|(place, _)| *place).eq(found));
-        channels.insert(place(9), &new);
-        there.push((place(9), new));
+        assert!(matches.map(|(entity, _)| *entity).eq(found));
+        channels.insert(entity(9), &new);
+        there.push((entity(9), new));
     }
     assert_eq!(channels.ends(), there.len());
     assert!(channels.are_tight());
     if !there.is_empty() {
-        let (place, gone) = there.remove(below(there.len()));
-        channels.remove(place, &gone);
-        channels.remove(place, &gone);
+        let (entity, gone) = there.remove(below(there.len()));
+        channels.remove(entity, &gone);
+        channels.remove(entity, &gone);
     }
     assert_eq!(channels.ends(), there.len());
     assert!(

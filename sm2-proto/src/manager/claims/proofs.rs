@@ -1,6 +1,6 @@
 //! Harnesses for claims: one step from any two that wait.
 
-use super::{Agreed, Claim, Claims, LinkId, NodeId, Place};
+use super::{Agreed, Claim, Claims, EntityId, LinkId, NodeId};
 use crate::{
     Instant, Terms, VERSION,
     proofs::{below, one_of},
@@ -21,8 +21,8 @@ const LINKS: [LinkId; 3] = [
     },
 ];
 
-const fn place(node: u64) -> Place {
-    Place::node(NodeId(node))
+const fn entity(node: u64) -> EntityId {
+    EntityId::node(NodeId(node))
 }
 
 fn any_claim() -> (LinkId, Claim) {
@@ -50,24 +50,24 @@ fn only_the_same_claims_meet() {
     kani::assume(waiting[0] != waiting[1]);
     let there = below(3);
     for (at, (link, claim)) in waiting.into_iter().enumerate().take(there) {
-        claims.half.insert((link, place(at as u64)), claim);
-        claims.waiting.insert((link, claim), place(at as u64));
+        claims.half.insert((link, entity(at as u64)), claim);
+        claims.waiting.insert((link, claim), entity(at as u64));
     }
     assert!(claims.agree());
     let (link, claim) = any_claim();
     let same = waiting[..there].iter().position(|it| *it == (link, claim));
-    let met = claims.meet(link, place(7), claim);
-    assert_eq!(met, same.map(|at| place(at as u64)));
+    let met = claims.meet(link, entity(7), claim);
+    assert_eq!(met, same.map(|at| entity(at as u64)));
     assert!(claims.agree());
     let left = if same.is_some() { there - 1 } else { there + 1 };
     assert_eq!(claims.iter().count(), left);
-    assert_eq!(claims.item(link, place(7)).is_some(), same.is_none());
+    assert_eq!(claims.item(link, entity(7)).is_some(), same.is_none());
     let other_key = |it: &(LinkId, Claim)| it.0 == link && it.1.key != claim.key;
     kani::cover!(
         waiting[..there].iter().any(other_key) && met.is_none(),
         "another key"
     );
-    kani::cover!(met == Some(place(1)), "the second one");
+    kani::cover!(met == Some(entity(1)), "the second one");
 }
 
 /// A claim is given up once, and takes no other one with it; a session that is over has no
@@ -80,12 +80,12 @@ fn a_claim_is_given_up_once() {
     let waiting = [any_claim(), any_claim()];
     kani::assume(waiting[0] != waiting[1]);
     for (at, (link, claim)) in waiting.into_iter().enumerate() {
-        assert!(claims.meet(link, place(at as u64), claim).is_none());
+        assert!(claims.meet(link, entity(at as u64), claim).is_none());
     }
     let (at, link) = (below(3), one_of(&LINKS));
     let there = at < 2 && waiting[at].0 == link;
-    assert_eq!(claims.remove(link, place(at as u64)), there);
-    assert!(!claims.remove(link, place(at as u64)), "once");
+    assert_eq!(claims.remove(link, entity(at as u64)), there);
+    assert!(!claims.remove(link, entity(at as u64)), "once");
     assert_eq!(claims.iter().count(), 2 - usize::from(there));
     assert!(claims.agree());
     let [first, later] = [Instant(5), Instant(6)];

@@ -1,6 +1,6 @@
 //! Harnesses for the numbers of links, from any count, and for the tables, from any three links.
 
-use super::{Agreed, LinkId, Links, Pair, Place, Terms};
+use super::{Agreed, EntityId, LinkId, Links, Pair, Terms};
 use crate::{
     NodeId, VERSION,
     proofs::{below, one_of},
@@ -19,8 +19,8 @@ const ADOPTED: LinkId = LinkId {
 
 const fn pair(offering: u64, demanding: u64) -> Pair {
     Pair {
-        offering: Place::node(NodeId(offering)),
-        demanding: Place::node(NodeId(demanding)),
+        offering: EntityId::node(NodeId(offering)),
+        demanding: EntityId::node(NodeId(demanding)),
     }
 }
 

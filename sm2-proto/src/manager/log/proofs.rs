@@ -2,13 +2,13 @@
 
 use super::{Key, Log};
 use crate::{
-    NodeId, Place,
+    EntityId, NodeId,
     proofs::{below, one_of},
 };
 
 fn key(revision: u64) -> Key {
-    let place = Place::node(NodeId(revision));
-    Key::Member { place }
+    let entity = EntityId::node(NodeId(revision));
+    Key::Member { entity }
 }
 
 /// All changes after a revision are told, each with its own, or none if one of them is forgotten

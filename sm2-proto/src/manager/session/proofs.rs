@@ -7,7 +7,7 @@ use alloc::{
 
 use super::{Farewells, Interface, Resumption, Session};
 use crate::{
-    InterfaceId, LinkId, Name, NodeId, Place, Refusal, TypeId, Violation,
+    EntityId, InterfaceId, LinkId, Name, NodeId, Refusal, TypeId, Violation,
     limits::LINKS_MAX,
     manager::{Credentials, links::Pair},
     proofs::{below, one_of, subscriber},
@@ -75,8 +75,8 @@ const LINKS: [LinkId; 2] = [
 ];
 
 const PAIR: Pair = Pair {
-    offering: Place::node(NodeId(8)),
-    demanding: Place::node(NodeId(9)),
+    offering: EntityId::node(NodeId(8)),
+    demanding: EntityId::node(NodeId(9)),
 };
 
 fn books(stages: [Stage; 2]) -> Session {

@@ -1,7 +1,7 @@
 //! What has to be so when all is quiet.
 
 use sm2_proto::{
-    Contract, InterfaceId, LinkId, Place,
+    Contract, EntityId, InterfaceId, LinkId,
     control::Apart,
     domain::{Ask, Domain, Finding, nearest, why},
     match_contracts, node,
@@ -13,20 +13,20 @@ impl World {
     /// What has to be so when all is quiet.
     pub(crate) fn check(&mut self) {
         let domain = self.look();
-        let places: Vec<_> = self.places();
+        let entities: Vec<_> = self.entities();
         assert_eq!(
             domain
                 .interfaces()
                 .filter(|it| it.refused.is_none())
                 .count(),
-            places.len()
+            entities.len()
         );
         assert_eq!(domain.claims().count(), 0, "all claims met or gave up");
         let mut shown = 0;
         for (link, pair) in self.held() {
             assert_eq!(pair.sockets, [Socket::Held; 2], "{link}");
             // A link of two that were refused goes on, and is not claimed (SM2-RES-009).
-            let granted = |end| places.iter().any(|it| it.end == end);
+            let granted = |end| entities.iter().any(|it| it.end == end);
             let [one, other] = pair.ends.map(granted);
             assert_eq!(one, other, "{link} has no claim of one end");
             shown += usize::from(one);
@@ -36,10 +36,10 @@ impl World {
             let gone = pair.sockets == [Socket::Closed; 2];
             assert!(!gone || pair.doomed, "{link} was lost for nothing");
         }
-        for one in &places {
-            let near = nearest(&domain, one.place);
+        for one in &entities {
+            let near = nearest(&domain, one.entity);
             assert!(near.iter().all(|it| !it.verdict.is_linked()));
-            for other in &places {
+            for other in &entities {
                 self.check_pair(&domain, one, other);
             }
         }
@@ -49,14 +49,14 @@ impl World {
         let ends = [one.end, other.end];
         let same = |pair: &Pair| pair.ends == ends || pair.ends == [ends[1], ends[0]];
         let links: Vec<_> = self.held().filter(|(_, pair)| same(pair)).collect();
-        let verdict = why(domain, one.place, other.place);
-        assert_eq!(verdict, why(domain, other.place, one.place));
+        let verdict = why(domain, one.entity, other.entity);
+        assert_eq!(verdict, why(domain, other.entity, one.entity));
         let matches = match_contracts(&one.contract, &other.contract).is_ok();
         assert_eq!(verdict.matches(), matches, "{verdict}");
         match (&links[..], &verdict.finding) {
             ([(id, _)], Finding::Linked { link, .. }) => assert_eq!(*id, link),
             ([], Finding::Ended { .. }) => {
-                let (offering, demanding) = (verdict.one.place, verdict.other.place);
+                let (offering, demanding) = (verdict.one.entity, verdict.other.entity);
                 let apart = domain.apart(offering, demanding);
                 assert!(matches!(apart, Some(Apart::Ended { .. })));
                 let mut ends = ends;
@@ -74,22 +74,22 @@ impl World {
     }
 
     /// What the present Manager has granted.
-    fn places(&self) -> Vec<Granted> {
-        let mut places = Vec::new();
+    fn entities(&self) -> Vec<Granted> {
+        let mut entities = Vec::new();
         for (at, program) in self.programs.iter().enumerate() {
             let node = program.node.id().expect("all is quiet");
             for (&interface, ours) in &program.interfaces {
                 assert!(ours.answered, "all is quiet");
                 if !ours.refused {
-                    places.push(Granted {
+                    entities.push(Granted {
                         end: (at, interface),
-                        place: Place { node, interface },
+                        entity: EntityId { node, interface },
                         contract: ours.contract.clone(),
                     });
                 }
             }
         }
-        places
+        entities
     }
 
     /// The domain, as the first node reads it.
@@ -110,6 +110,6 @@ impl World {
 
 struct Granted {
     end: (usize, InterfaceId),
-    place: Place,
+    entity: EntityId,
     contract: Contract,
 }

@@ -409,7 +409,7 @@ impl World {
     }
 
     fn link(&mut self, link: LinkId, ends: [(NodeId, Vec<u8>); 2]) {
-        let places = ends.each_ref().map(|(session, frame)| {
+        let entities = ends.each_ref().map(|(session, frame)| {
             let facts = [FdFacts::default()];
             let datagram = Datagram {
                 fds: &facts,
@@ -428,7 +428,7 @@ impl World {
             };
             programs.iter().position(of).expect("a session of ours")
         };
-        let ours = places.map(|(session, interface)| (owner(session), interface));
+        let ours = entities.map(|(session, interface)| (owner(session), interface));
         // Its WITHDRAW is on the way.
         let is_withdrawn = |&(at, interface): &(usize, InterfaceId)| {
             !programs[at].interfaces.contains_key(&interface)

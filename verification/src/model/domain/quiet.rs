@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use sm2_proto::{
-    Contract, Datagram, LinkId, Place,
+    Contract, Datagram, EntityId, LinkId,
     control::{Apart, Item},
     domain::{Ask, Domain, Mirror},
     manager::{self, Manager},
@@ -79,9 +79,9 @@ impl World {
                 return fail(Property::Converges, what.into());
             }
         }
-        let places: Vec<_> = ends.iter().collect();
-        for (index, (one, (_, ours))) in places.iter().enumerate() {
-            for (other, (_, theirs)) in &places[index + 1..] {
+        let entities: Vec<_> = ends.iter().collect();
+        for (index, (one, (_, ours))) in entities.iter().enumerate() {
+            for (other, (_, theirs)) in &entities[index + 1..] {
                 let pair = [**one, **other];
                 let same = |it: [End; 2]| it == pair || it == [pair[1], pair[0]];
                 let links = self.pairs.values().filter(|it| same(it.ends)).count();
@@ -96,7 +96,10 @@ impl World {
     }
 
     /// What is declared, and where the Manager has it.
-    fn ends<'a>(&self, scope: &'a Scope) -> Result<BTreeMap<End, (Place, &'a Contract)>, Failure> {
+    fn ends<'a>(
+        &self,
+        scope: &'a Scope,
+    ) -> Result<BTreeMap<End, (EntityId, &'a Contract)>, Failure> {
         let mut ends = BTreeMap::new();
         for (at, program) in (0_u8..).zip(&self.programs) {
             let (true, Some(node)) = (program.node.is_ready(), program.node.id()) else {
@@ -107,8 +110,8 @@ impl World {
             }
             for (&interface, &contract) in &program.interfaces {
                 let contract = &scope.programs[usize::from(at)][usize::from(contract)];
-                let place = Place { node, interface };
-                ends.insert((at, program.life, interface), (place, contract));
+                let entity = EntityId { node, interface };
+                ends.insert((at, program.life, interface), (entity, contract));
             }
         }
         Ok(ends)
@@ -118,25 +121,25 @@ impl World {
     fn check_mirror(
         &self,
         scope: &Scope,
-        ends: &BTreeMap<End, (Place, &Contract)>,
+        ends: &BTreeMap<End, (EntityId, &Contract)>,
     ) -> Result<(), Failure> {
-        let place_of = |end: &End| ends.get(end).map(|(place, _)| *place);
-        let mut links: Vec<(LinkId, [Place; 2])> = Vec::new();
+        let entity_of = |end: &End| ends.get(end).map(|(entity, _)| *entity);
+        let mut links: Vec<(LinkId, [EntityId; 2])> = Vec::new();
         for (link, pair) in &self.pairs {
-            if let [Some(one), Some(other)] = pair.ends.each_ref().map(place_of) {
-                let mut places = [one, other];
-                places.sort_unstable();
-                links.push((*link, places));
+            if let [Some(one), Some(other)] = pair.ends.each_ref().map(entity_of) {
+                let mut entities = [one, other];
+                entities.sort_unstable();
+                links.push((*link, entities));
             }
         }
         let mut interfaces: Vec<_> = ends.values().map(|it| (it.0, it.1.clone())).collect();
-        interfaces.sort_unstable_by_key(|(place, _)| *place);
+        interfaces.sort_unstable_by_key(|(entity, _)| *entity);
         let mut shown = (Vec::new(), Vec::new(), 0);
         for item in self.look(scope)?.items() {
             match item {
                 Item::Domain { .. } => {}
                 Item::Node { resuming, .. } if !resuming => shown.2 += 1,
-                Item::Interface { place, contract } => shown.0.push((*place, contract.clone())),
+                Item::Interface { entity, contract } => shown.0.push((*entity, contract.clone())),
                 Item::Link {
                     link,
                     offering,
@@ -145,8 +148,8 @@ impl World {
                     sealed,
                     ..
                 } => {
-                    let contract = |place: &Place| {
-                        let mut all = ends.values().filter(|(it, _)| it == place);
+                    let contract = |entity: &EntityId| {
+                        let mut all = ends.values().filter(|(it, _)| it == entity);
                         all.next().map(|(_, contract)| *contract)
                     };
                     let both = contract(offering).zip(contract(demanding));
@@ -155,15 +158,15 @@ impl World {
                     if wanted != Some(Terms { reliable, sealed }) {
                         return fail(Property::MirrorIsExact, format!("{item:?} is shown"));
                     }
-                    let mut places = [*offering, *demanding];
-                    places.sort_unstable();
-                    shown.1.push((*link, places));
+                    let mut entities = [*offering, *demanding];
+                    entities.sort_unstable();
+                    shown.1.push((*link, entities));
                 }
                 Item::Apart {
                     offering,
                     demanding,
                     cause: Apart::Ended { .. },
-                } if self.is_broken(*offering, *demanding, place_of) => {}
+                } if self.is_broken(*offering, *demanding, entity_of) => {}
                 other => return fail(Property::MirrorIsExact, format!("{other:?} is shown")),
             }
         }
@@ -176,16 +179,16 @@ impl World {
 
     fn is_broken(
         &self,
-        offering: Place,
-        demanding: Place,
-        place_of: impl Fn(&End) -> Option<Place>,
+        offering: EntityId,
+        demanding: EntityId,
+        entity_of: impl Fn(&End) -> Option<EntityId>,
     ) -> bool {
         let wanted = [Some(offering), Some(demanding)];
         self.broken.iter().any(|ends| {
-            let mut places = ends.each_ref().map(&place_of);
-            let straight = places == wanted;
-            places.reverse();
-            straight || places == wanted
+            let mut entities = ends.each_ref().map(&entity_of);
+            let straight = entities == wanted;
+            entities.reverse();
+            straight || entities == wanted
         })
     }
 
