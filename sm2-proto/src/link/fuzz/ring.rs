@@ -5,18 +5,19 @@
 //! past the first of them.
 
 mod hostile;
+mod peer;
 
 use alloc::{collections::BTreeSet, vec::Vec};
 
 use self::hostile::Hostile;
-use super::{super::wire::LANE_RING, LANE_SOCKET, LINK, NOW, World};
+use super::{super::wire::LANE_RING, LANE_SOCKET, LINK, World};
 use crate::{
-    Code, Datagram, FdFacts, Instant, Seals,
+    Code, FdFacts, Instant, Seals,
     fuzz::Script,
     limits::SLOT_HEAD,
     link::{
-        At, Config, Delivery, EMPTY, Error, Fate, Input, Misuse, NoDelivery, Payload, RingLayout,
-        RingMessage, Role, SegmentInfo, SlotHead, Status, Word,
+        At, Config, Delivery, Error, Fate, Input, Misuse, NoDelivery, Payload, RingLayout,
+        RingMessage, Role, SegmentInfo, SlotHead, Status,
         wire::{Frame, Open},
     },
 };
@@ -143,15 +144,6 @@ impl<'a> Ring<'a> {
             self.attached(1);
         }
         assert!(self.world.link.is_open());
-    }
-
-    fn attached(&mut self, id: u32) {
-        let facts = FdFacts {
-            regular: true,
-            size_bytes: 4_096 * u64::from(SLOTS),
-            seals: Seals::POOLED,
-        };
-        self.world.frame(&Frame::Attach(segment(id)), &[facts]);
     }
 
     /// Whether the next operation is about what this end sends.
@@ -325,26 +317,6 @@ impl<'a> Ring<'a> {
         self.drain();
     }
 
-    /// The peer takes what is at some index, or gives back what it took.
-    fn peer_takes(&mut self, script: &mut Script<'_>) -> Option<()> {
-        let index = u32::from(script.byte()?) % self.outgoing.depth() as u32;
-        let bits = self.outgoing.set(At::Forward(index), EMPTY);
-        if script.rarely()? {
-            // It will say that it had it, and leaves it where it is.
-            self.outgoing.set(At::Forward(index), bits);
-        }
-        if bits != EMPTY {
-            self.taken.push(bits);
-        }
-        if script.byte()? % 2 == 0 && !self.taken.is_empty() {
-            let pick = script.below(8)? % self.taken.len();
-            let back = (self.given_back % self.outgoing.window()) as u32;
-            (self.outgoing).set(At::Back(back), self.taken.swap_remove(pick));
-            self.given_back += 1;
-        }
-        Some(())
-    }
-
     fn segments(&mut self, script: &mut Script<'_>) -> Option<()> {
         let id = script.below(3)? as u32;
         match script.byte()? % 4 {
@@ -451,36 +423,6 @@ impl<'a> Ring<'a> {
         if let Some(at) = at {
             self.held.remove(at);
         }
-        Some(())
-    }
-
-    /// The peer puts the next word; often right.
-    fn peer_puts(&mut self, script: &mut Script<'_>) -> Option<()> {
-        let sequence = script.near(self.put + 1)?;
-        let (segment, slot) = (
-            script.below(3)? as u32,
-            script.below(SLOTS as u8 + 1)? as u32,
-        );
-        let index = (sequence % self.incoming.depth()) as u32;
-        let word = Word::new(segment, slot, sequence)?;
-        self.incoming.set(At::Forward(index), word.to_bits());
-        self.put += 1;
-        Some(())
-    }
-
-    fn peer_segments(&mut self, script: &mut Script<'_>) -> Option<()> {
-        let id = script.below(3)? as u32;
-        if script.byte()? % 2 == 0 {
-            self.attached(id);
-        } else if self.world.link.end().is_none() {
-            let is_held = |it: &Delivery| matches!(it.payload, Payload::Pooled { segment, .. } if segment == id);
-            let busy = self.held.iter().any(is_held);
-            let bytes = Frame::Detach { segment: id }.to_vec();
-            let datagram = Datagram::new(&bytes);
-            let result = self.world.link.handle(NOW, Input::Datagram(datagram));
-            assert!(!busy || result.is_err(), "it is held");
-        }
-        self.world.drain();
         Some(())
     }
 

@@ -1,0 +1,65 @@
+//! Inputs that a driver may not give: misuse, which changes nothing.
+
+use sm2_proto::{
+    gateway::{
+        Hop,
+        session::{Input, Misuse},
+    },
+    limits::OFFERS_MAX,
+};
+
+use super::{Bench, hop, session, topic};
+
+#[test]
+fn what_a_driver_may_not_do() {
+    let offer = |offer, path| Input::Offer {
+        offer,
+        subject: topic(),
+        path,
+    };
+    let mut early = Bench(session(1, 2));
+    early.0.poll();
+    let first = offer(1, vec![hop(1)]);
+    assert_eq!(early.misuse(first), Misuse::NotOpen);
+    let mut bench = Bench::open();
+    bench.offer(2, topic());
+    bench.offered(1, topic());
+    let old = Hop { epoch: 1, ..hop(1) };
+    let long = (3..11).map(hop).chain([hop(1)]).collect();
+    let table = [
+        (offer(2, vec![hop(1)]), Misuse::OfferNumber),
+        (offer(3, vec![]), Misuse::WrongPath),
+        (offer(3, vec![old]), Misuse::WrongPath),
+        (offer(3, vec![hop(2), hop(1)]), Misuse::WrongPath),
+        (offer(3, vec![hop(3), hop(3), hop(1)]), Misuse::WrongPath),
+        (offer(3, long), Misuse::WrongPath),
+        (Input::Unoffer { offer: 1 }, Misuse::WrongOffer),
+        (Input::Want { offer: 2, depth: 1 }, Misuse::WrongOffer),
+        (Input::Want { offer: 1, depth: 0 }, Misuse::WrongDepth),
+        (
+            Input::Want {
+                offer: 1,
+                depth: 1_025,
+            },
+            Misuse::WrongDepth,
+        ),
+        (Input::Unwant { offer: 1 }, Misuse::WrongOffer),
+    ];
+    for (input, expected) in table {
+        assert_eq!(bench.misuse(input.clone()), expected, "{input:?}");
+    }
+    bench.input(Input::Unoffer { offer: 2 });
+    assert_eq!(
+        bench.misuse(Input::Unoffer { offer: 2 }),
+        Misuse::WrongOffer
+    );
+    bench.input(Input::Want { offer: 1, depth: 1 });
+    let again = Input::Want { offer: 1, depth: 1 };
+    assert_eq!(bench.misuse(again), Misuse::WrongOffer);
+    for offer in 3..=OFFERS_MAX as u64 + 1 {
+        bench.offer(offer, topic());
+    }
+    // The one that is being withdrawn counts as long as the peer may name it.
+    let one_more = offer(OFFERS_MAX as u64 + 2, vec![hop(1)]);
+    assert_eq!(bench.misuse(one_more), Misuse::TooManyOffers);
+}
