@@ -17,7 +17,7 @@ use std::{
 
 use gungraun::{library_benchmark, library_benchmark_group};
 use sm2_proto::{
-    Contract, Datagram, Mismatch, Name, NameError, Terms, Violation,
+    Contract, Datagram, LinkQos, Mismatch, Name, NameError, Violation,
     control::{ToManager, ToNode, decode_to_manager, decode_to_node},
     link::{Delivery, wire::Frame},
     match_contracts,
@@ -90,7 +90,7 @@ fn parse_name(text: &str) -> Result<Name, NameError> {
 
 #[library_benchmark]
 #[bench::same((scan(), subscriber("scan", Some(&data("Scan")))))]
-fn contracts(pair: (Contract, Contract)) -> (Result<Terms, Mismatch>, (Contract, Contract)) {
+fn contracts(pair: (Contract, Contract)) -> (Result<LinkQos, Mismatch>, (Contract, Contract)) {
     (match_contracts(&pair.0, &pair.1), pair)
 }
 

@@ -69,7 +69,7 @@ pub use datagram::Datagram;
 pub use fd::{FdFacts, Seals};
 pub use ids::{EntityId, InterfaceId, LinkId, NodeId};
 pub use machine::{Error, Machine, MisuseError};
-pub use matching::{Mismatch, Terms, match_contracts};
+pub use matching::{LinkQos, Mismatch, match_contracts};
 pub use name::{Name, NameError};
 pub use refusal::{Quota, Refusal};
 pub use time::Instant;

@@ -1,10 +1,10 @@
-//! Whether two interfaces match, and on what terms (SPEC section 4.4).
+//! Whether two interfaces match, and with what QoS (SPEC section 4.4).
 
 use crate::{Contract, TypeId};
 
 /// What a link between two matching interfaces is like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Terms {
+pub struct LinkQos {
     /// Whether nothing on it may be displaced.
     pub reliable: bool,
     /// Whether every message on it is inline or sealed.
@@ -24,9 +24,9 @@ pub enum Mismatch {
     Reliability,
 }
 
-/// Whether the two match, and the terms that the two sides alone ask for.
+/// Whether the two match, and the QoS that the two sides alone ask for.
 //= SM2-MAT-001, SM2-MAT-003
-pub fn match_contracts(one: &Contract, other: &Contract) -> Result<Terms, Mismatch> {
+pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mismatch> {
     if one.kind().counterpart() != other.kind() {
         return Err(Mismatch::Kind);
     }
@@ -45,7 +45,7 @@ pub fn match_contracts(one: &Contract, other: &Contract) -> Result<Terms, Mismat
         }
         _ => true,
     };
-    Ok(Terms {
+    Ok(LinkQos {
         reliable,
         sealed: one.sealed() || other.sealed(),
     })

@@ -41,9 +41,9 @@ fn point(text: &str) -> TypeId {
 fn linked_and_on_what_terms() {
     let said = |one: &Contract, other: &Contract, more: &[Item]| {
         let text = text(one, other, more);
-        let (what, terms) = text.split_once('\n').expect("two lines");
+        let (what, qos) = text.split_once('\n').expect("two lines");
         assert!(what.ends_with(" are linked."), "{what}");
-        terms.to_owned()
+        qos.to_owned()
     };
     assert_eq!(
         text(&scan(), &sub(), &[link(false, false)]),
@@ -52,8 +52,8 @@ fn linked_and_on_what_terms() {
          and no policy does, so the sender could still change what it sent."
     );
     let plain = publisher_with("scan", &data("Scan"), false, false);
-    let terms = said(&plain, &sub(), &[link(false, false)]);
-    assert!(terms.starts_with("not reliable, since the publisher does not offer it; "));
+    let qos = said(&plain, &sub(), &[link(false, false)]);
+    assert!(qos.starts_with("not reliable, since the publisher does not offer it; "));
     let strict = subscriber_with("scan", None, true, true);
     assert_eq!(
         said(&scan(), &strict, &[link(true, true)]),

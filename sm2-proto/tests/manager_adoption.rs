@@ -115,7 +115,7 @@ fn nothing_is_linked_before_claimed() {
 //= SM2-RES-004, SM2-RES-006 test
 #[test]
 fn claims_that_differ() {
-    let terms = |link, key, reliable, sealed| ToManager::Claim {
+    let qos = |link, key, reliable, sealed| ToManager::Claim {
         interface: InterfaceId(OFFERING),
         link,
         key,
@@ -126,11 +126,11 @@ fn claims_that_differ() {
     let serial = LinkId { serial: 4, ..LINK };
     let epoch = LinkId { epoch: 0, ..LINK };
     for other in [
-        terms(LINK, KEY + 1, false, false),
-        terms(LINK, KEY, true, false),
-        terms(LINK, KEY, false, true),
-        terms(serial, KEY, false, false),
-        terms(epoch, KEY, false, false),
+        qos(LINK, KEY + 1, false, false),
+        qos(LINK, KEY, true, false),
+        qos(LINK, KEY, false, true),
+        qos(serial, KEY, false, false),
+        qos(epoch, KEY, false, false),
     ] {
         let (mut bench, a, b) = both_back(UNLIMITED);
         let stranger = back(&mut bench, "c", &[(OFFERING, scan())]);
@@ -194,9 +194,9 @@ fn whoever_does_not_know_the_key_changes_nothing() {
     assert_eq!(relations(&bench, a), [adopted]);
 }
 
-/// Adopted by its terms, or told `not-adopted` and, where they match, linked anew.
-fn adoption(policy: Policy, one: (u32, &Contract), other: (u32, &Contract), terms: [bool; 2]) {
-    let [reliable, sealed] = terms;
+/// Adopted by its QoS, or told `not-adopted` and, where they match, linked anew.
+fn adoption(policy: Policy, one: (u32, &Contract), other: (u32, &Contract), qos: [bool; 2]) {
+    let [reliable, sealed] = qos;
     let mut bench = Bench::new(policy);
     let a = back_as(&mut bench, one.0, "a", &[(1, one.1.clone())]);
     let b = back_as(&mut bench, other.0, "b", &[(2, other.1.clone())]);
@@ -277,9 +277,9 @@ fn terms_of_adoption() {
                     };
                     for reliable in booleans {
                         for sealed in booleans {
-                            let terms = [reliable, sealed];
-                            adoption(policy, (1, one), (uid, other), terms);
-                            adoption(policy, (1, other), (uid, one), terms);
+                            let qos = [reliable, sealed];
+                            adoption(policy, (1, one), (uid, other), qos);
+                            adoption(policy, (1, other), (uid, one), qos);
                         }
                     }
                 }

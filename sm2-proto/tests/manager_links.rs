@@ -1,4 +1,4 @@
-//! Who the Manager links with whom, on what terms, and how links end.
+//! Who the Manager links with whom, with what QoS, and how links end.
 
 mod support;
 
@@ -15,8 +15,8 @@ use support::{
     },
 };
 
-/// The terms on which a link between users `a` and `b` comes to be.
-fn terms(policy: Policy, one: (u32, &Contract), other: (u32, &Contract)) -> Option<(bool, bool)> {
+/// The QoS on which a link between users `a` and `b` comes to be.
+fn qos(policy: Policy, one: (u32, &Contract), other: (u32, &Contract)) -> Option<(bool, bool)> {
     let mut bench = Bench::new(policy);
     let a = bench.node(one.0, "a");
     let b = bench.node(other.0, "b");
@@ -26,14 +26,14 @@ fn terms(policy: Policy, one: (u32, &Contract), other: (u32, &Contract)) -> Opti
         Event::Linked(_, ends) => Some(ends),
         _ => None,
     })?;
-    let terms = [&ends[0], &ends[1]].map(|(_, frame)| match frame {
+    let qos = [&ends[0], &ends[1]].map(|(_, frame)| match frame {
         ToNode::Link {
             reliable, sealed, ..
         } => (*reliable, *sealed),
         other => panic!("{other:?} is no LINK"),
     });
-    assert_eq!(terms[0], terms[1], "both sides are told the same");
-    Some(terms[0])
+    assert_eq!(qos[0], qos[1], "both sides are told the same");
+    Some(qos[0])
 }
 
 //= SM2-MAT-001, SM2-MAT-003, SM2-LNK-001 test
@@ -67,9 +67,9 @@ fn terms_of_topics() {
                             || seal_all
                             || (other_user && !waive);
                         let expected = reliable.map(|reliable| (reliable, sealed));
-                        assert_eq!(terms(policy, one, other), expected);
+                        assert_eq!(qos(policy, one, other), expected);
                         // It does not matter who comes first.
-                        assert_eq!(terms(policy, other, one), expected);
+                        assert_eq!(qos(policy, other, one), expected);
                     }
                 }
             }
@@ -87,10 +87,10 @@ fn terms_of_services() {
         }
         let other = client("s", None);
         let expected = Some((true, sealed));
-        assert_eq!(terms(UNLIMITED, (1, &one), (1, &other)), expected);
-        assert_eq!(terms(UNLIMITED, (1, &other), (1, &one)), expected);
+        assert_eq!(qos(UNLIMITED, (1, &one), (1, &other)), expected);
+        assert_eq!(qos(UNLIMITED, (1, &other), (1, &one)), expected);
         let expected = Some((true, true));
-        assert_eq!(terms(UNLIMITED, (1, &one), (2, &other)), expected);
+        assert_eq!(qos(UNLIMITED, (1, &one), (2, &other)), expected);
     }
 }
 
@@ -108,7 +108,7 @@ fn what_does_not_match() {
         (publisher("t", &a), subscriber("T", None)),
         (publisher("t/u", &a), subscriber("t", None)),
     ] {
-        assert_eq!(terms(UNLIMITED, (1, &one), (1, &other)), None);
+        assert_eq!(qos(UNLIMITED, (1, &one), (1, &other)), None);
     }
 }
 

@@ -10,7 +10,7 @@ use super::{
     session::{Farewells, Remains, Session},
 };
 use crate::{
-    Code, Contract, EntityId, Farewell, InterfaceId, LinkId, NodeId, Quota, Refusal, Terms,
+    Code, Contract, EntityId, Farewell, InterfaceId, LinkId, LinkQos, NodeId, Quota, Refusal,
     VERSION, Violation,
     control::{Apart, Key, Peer, ToNode, encode_to_node},
     match_contracts,
@@ -237,16 +237,16 @@ impl Manager {
         let (Some((us, ours)), Some((them, theirs))) = (self.end(one), self.end(other)) else {
             return false;
         };
-        let Ok(terms) = match_contracts(ours, theirs) else {
+        let Ok(qos) = match_contracts(ours, theirs) else {
             return false;
         };
         let pair = Pair::new(one, ours, other);
         let agreed = Agreed {
             version: VERSION,
-            terms: Terms {
-                sealed: terms.sealed
+            qos: LinkQos {
+                sealed: qos.sealed
                     || (self.policy).seals(us.credentials().uid == them.credentials().uid),
-                ..terms
+                ..qos
             },
         };
         let waits = self.must_wait(one.node, us) || self.must_wait(other.node, them);
@@ -277,8 +277,8 @@ impl Manager {
                 link,
                 key,
                 version: agreed.version,
-                reliable: agreed.terms.reliable,
-                sealed: agreed.terms.sealed,
+                reliable: agreed.qos.reliable,
+                sealed: agreed.qos.sealed,
                 peer,
             })
         };

@@ -94,10 +94,10 @@ impl Manager {
     fn adoptable(&self, [one, other]: [EntityId; 2], agreed: Agreed) -> Option<Pair> {
         let (uid, ours) = self.whose(one)?;
         let (their_uid, theirs) = self.whose(other)?;
-        let terms = match_contracts(ours, theirs).ok()?;
+        let qos = match_contracts(ours, theirs).ok()?;
         let pair = Pair::new(one, ours, other);
-        let sealed = terms.sealed || self.policy.seals(uid == their_uid);
-        let fits = agreed.terms.reliable == terms.reliable && (agreed.terms.sealed || !sealed);
+        let sealed = qos.sealed || self.policy.seals(uid == their_uid);
+        let fits = agreed.qos.reliable == qos.reliable && (agreed.qos.sealed || !sealed);
         (fits && !self.links.joins(pair)).then_some(pair)
     }
 

@@ -1,4 +1,4 @@
-//! The links that are live at both ends: whose they are, and on what terms.
+//! The links that are live at both ends: whose they are, and with what QoS.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -8,7 +8,7 @@ use core::{fmt, hash::Hasher, ops::Bound};
 
 use siphasher::sip::SipHasher24;
 
-use crate::{Contract, EntityId, Kind, LinkId, NodeId, Terms, control::Item};
+use crate::{Contract, EntityId, Kind, LinkId, LinkQos, NodeId, control::Item};
 
 /// A publisher or server, and a subscriber or client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -53,7 +53,7 @@ impl Pair {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Agreed {
     pub(super) version: u16,
-    pub(super) terms: Terms,
+    pub(super) qos: LinkQos,
 }
 
 /// What a farewell still has to reach is each session's to know
@@ -175,8 +175,8 @@ fn item(link: LinkId, offering: EntityId, (demanding, agreed): (EntityId, Agreed
         offering,
         demanding,
         version: agreed.version,
-        reliable: agreed.terms.reliable,
-        sealed: agreed.terms.sealed,
+        reliable: agreed.qos.reliable,
+        sealed: agreed.qos.sealed,
     }
 }
 

@@ -63,7 +63,7 @@ pub use self::{
     policy::Policy,
 };
 use crate::{
-    Datagram, EntityId, Farewell, FdFacts, Instant, Name, NodeId, Refusal, Terms, VERSION,
+    Datagram, EntityId, Farewell, FdFacts, Instant, LinkQos, Name, NodeId, Refusal, VERSION,
     Violation,
     control::{Key, ToManager, ToNode, decode_to_manager, encode_to_node},
 };
@@ -268,8 +268,8 @@ impl Manager {
                 reliable,
                 sealed,
             } => {
-                let terms = Terms { reliable, sealed };
-                let agreed = Agreed { version, terms };
+                let qos = LinkQos { reliable, sealed };
+                let agreed = Agreed { version, qos };
                 self.claim(at(interface), link, Claim { key, agreed })?;
             }
             ToManager::Claimed => self.claimed(now, node),

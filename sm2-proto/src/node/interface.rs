@@ -7,7 +7,8 @@ use alloc::collections::BTreeMap;
 
 use super::Misuse;
 use crate::{
-    Contract, LinkId, Terms, VERSION, Violation, control::Peer, limits::LINKS_MAX, match_contracts,
+    Contract, LinkId, LinkQos, VERSION, Violation, control::Peer, limits::LINKS_MAX,
+    match_contracts,
 };
 
 /// Where an interface stands.
@@ -45,7 +46,7 @@ enum Standing {
 pub(super) struct Link {
     pub(super) key: u64,
     pub(super) version: u16,
-    pub(super) terms: Terms,
+    pub(super) qos: LinkQos,
 }
 
 /// What an answer to DECLARE leads to.
@@ -217,8 +218,8 @@ impl Interface {
         let asked =
             match_contracts(&self.contract, &peer.contract).map_err(|_| Violation::BadLink)?;
         // The Manager seals for reasons of its own too; no other term is its choice.
-        let terms = link.terms;
-        let fits = asked.reliable == terms.reliable && asked.sealed <= terms.sealed;
+        let qos = link.qos;
+        let fits = asked.reliable == qos.reliable && asked.sealed <= qos.sealed;
         if !fits || link.version != VERSION || self.links.len() == LINKS_MAX {
             return Err(Violation::BadLink);
         }

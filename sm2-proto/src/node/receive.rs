@@ -8,7 +8,7 @@ use super::{
     interface::{Answer, Answered, Link},
 };
 use crate::{
-    Code, Datagram, InterfaceId, LinkId, Refusal, Terms, Violation,
+    Code, Datagram, InterfaceId, LinkId, LinkQos, Refusal, Violation,
     control::{Peer, ToManager, ToNode, decode_to_node},
 };
 
@@ -74,12 +74,8 @@ impl Node {
                 sealed,
                 peer,
             } => {
-                let terms = Terms { reliable, sealed };
-                let ours = Link {
-                    key,
-                    version,
-                    terms,
-                };
+                let qos = LinkQos { reliable, sealed };
+                let ours = Link { key, version, qos };
                 self.link(interface, link, ours, peer)?;
             }
             ToNode::Unlink {
@@ -171,8 +167,8 @@ impl Node {
             return Err(Violation::UnknownInterface);
         }
         if self.interface(interface)?.link(link, ours, &peer)? {
-            let Link { version, terms, .. } = ours;
-            let Terms { reliable, sealed } = terms;
+            let Link { version, qos, .. } = ours;
+            let LinkQos { reliable, sealed } = qos;
             self.tell(Output::Linked {
                 interface,
                 link,

@@ -84,8 +84,8 @@ impl Node {
                 link: id,
                 key: link.key,
                 version: link.version,
-                reliable: link.terms.reliable,
-                sealed: link.terms.sealed,
+                reliable: link.qos.reliable,
+                sealed: link.qos.sealed,
             }));
         }
         for claim in claims {

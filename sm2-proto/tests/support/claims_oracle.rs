@@ -69,16 +69,16 @@ impl Oracle {
         }
     }
 
-    /// The terms that SPEC demands of a link; none if the two do not match.
-    pub(crate) fn terms(
+    /// The QoS that SPEC demands of a link; none if the two do not match.
+    pub(crate) fn qos(
         &self,
         policy: &Policy,
         one: EntityId,
         other: EntityId,
     ) -> Option<(bool, bool)> {
-        let terms = match_contracts(&self.interfaces[&one], &self.interfaces[&other]).ok()?;
+        let qos = match_contracts(&self.interfaces[&one], &self.interfaces[&other]).ok()?;
         let same = self.sessions[&one.node].uid == self.sessions[&other.node].uid;
-        Some((terms.reliable, terms.sealed || policy.seal_all || !same))
+        Some((qos.reliable, qos.sealed || policy.seal_all || !same))
     }
 
     pub(crate) fn pair(&self, one: EntityId, other: EntityId) -> [EntityId; 2] {
@@ -91,7 +91,7 @@ impl Oracle {
         let before = self.links.len();
         let others: Vec<EntityId> = self.interfaces.keys().copied().collect();
         for other in others {
-            let Some((reliable, sealed)) = self.terms(policy, one, other) else {
+            let Some((reliable, sealed)) = self.qos(policy, one, other) else {
                 continue;
             };
             let ends = self.pair(one, other);
@@ -142,7 +142,7 @@ impl Oracle {
         let other = self.halves.remove(at).entity;
         let ends = self.pair(entity, other);
         let free = !self.links.iter().any(|link| link.ends == ends);
-        match self.terms(policy, entity, other) {
+        match self.qos(policy, entity, other) {
             Some((reliable, sealed))
                 if free && reliable == said.reliable && sealed <= said.sealed =>
             {

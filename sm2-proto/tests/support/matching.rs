@@ -5,13 +5,13 @@ use sm2_proto::Contract;
 
 /// What both sides of a link have to know of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Terms {
+pub(crate) struct LinkQos {
     pub(crate) reliable: bool,
     pub(crate) sealed: bool,
 }
 
 /// SM2-MAT-001 and, for the two sides alone, SM2-MAT-003.
-pub(crate) fn terms(one: &Contract, other: &Contract) -> Option<Terms> {
+pub(crate) fn qos(one: &Contract, other: &Contract) -> Option<LinkQos> {
     match (one, other) {
         (
             Contract::Publisher { topic, data, offer },
@@ -22,11 +22,11 @@ pub(crate) fn terms(one: &Contract, other: &Contract) -> Option<Terms> {
             },
         ) => {
             let same = topic == theirs && (wanted.is_none() || wanted.as_ref() == Some(data));
-            let terms = Terms {
+            let qos = LinkQos {
                 reliable: demand.reliable,
                 sealed: offer.sealed || demand.sealed,
             };
-            (same && (offer.reliable || !demand.reliable)).then_some(terms)
+            (same && (offer.reliable || !demand.reliable)).then_some(qos)
         }
         (
             Contract::Server {
@@ -45,14 +45,14 @@ pub(crate) fn terms(one: &Contract, other: &Contract) -> Option<Terms> {
                 None => true,
                 Some((a, b)) => a == request && b == reply,
             };
-            let terms = Terms {
+            let qos = LinkQos {
                 reliable: true,
                 sealed: qos.sealed || wanted.sealed,
             };
-            (service == theirs && same_types).then_some(terms)
+            (service == theirs && same_types).then_some(qos)
         }
         (Contract::Subscriber { .. }, Contract::Publisher { .. })
-        | (Contract::Client { .. }, Contract::Server { .. }) => terms(other, one),
+        | (Contract::Client { .. }, Contract::Server { .. }) => qos(other, one),
         _ => None,
     }
 }

@@ -7,10 +7,10 @@ use sm2_proto::{
     control::{Apart, Item, Limits, ToManager, ToNode},
 };
 
-pub(crate) use super::matching::Terms;
+pub(crate) use super::matching::LinkQos;
 use super::{
     bench::{EPOCH, Event},
-    matching::terms,
+    matching::qos,
 };
 
 /// An interface anywhere in the domain.
@@ -156,7 +156,7 @@ impl Oracle {
         self.refused
             .retain(|&(node, _), (it, _)| node != end.0 || other(it));
         let matching = self.interfaces.iter();
-        let matching = matching.filter(|(_, it)| terms(it, &contract).is_some());
+        let matching = matching.filter(|(_, it)| qos(it, &contract).is_some());
         let matching: BTreeSet<End> = matching.map(|(&end, _)| end).collect();
         let (answer, links) = events.split_first().expect("DECLARE is answered");
         let declared = ToNode::Declared {
@@ -180,16 +180,16 @@ impl Oracle {
     }
 
     /// The pairs that are to be linked, and how.
-    pub(crate) fn pairs(&self) -> BTreeMap<[End; 2], Terms> {
+    pub(crate) fn pairs(&self) -> BTreeMap<[End; 2], LinkQos> {
         let mut pairs = BTreeMap::new();
         for (&one, ours) in &self.interfaces {
             for (&other, theirs) in self.interfaces.range(one..).skip(1) {
-                let Some(mut terms) = terms(ours, theirs) else {
+                let Some(mut qos) = qos(ours, theirs) else {
                     continue;
                 };
-                terms.sealed |= self.sessions[&one.0].uid != self.sessions[&other.0].uid;
+                qos.sealed |= self.sessions[&one.0].uid != self.sessions[&other.0].uid;
                 if !self.apart.contains_key(&[one, other]) {
-                    pairs.insert([one, other], terms);
+                    pairs.insert([one, other], qos);
                 }
             }
         }
@@ -225,15 +225,15 @@ impl Oracle {
         }
         let pairs = self.pairs();
         for (&link, pair) in &self.links {
-            if let Some(terms) = pairs.get(pair) {
+            if let Some(qos) = pairs.get(pair) {
                 let [offering, demanding] = self.sides(pair);
                 items.push(Item::Link {
                     link,
                     offering,
                     demanding,
                     version: 1,
-                    reliable: terms.reliable,
-                    sealed: terms.sealed,
+                    reliable: qos.reliable,
+                    sealed: qos.sealed,
                 });
             }
         }

@@ -15,7 +15,7 @@ use sm2_proto::{
 use super::{
     bench::{EPOCH, Event, read},
     onlooker::Onlooker,
-    oracle::{End, Oracle, Terms},
+    oracle::{End, LinkQos, Oracle},
 };
 
 const NOW: Instant = Instant(1);
@@ -55,7 +55,7 @@ struct Process {
     session: NodeId,
     node: Node,
     live: Vec<InterfaceId>,
-    links: BTreeMap<(InterfaceId, LinkId), (End, Terms)>,
+    links: BTreeMap<(InterfaceId, LinkId), (End, LinkQos)>,
 }
 
 #[derive(Clone, Debug)]
@@ -286,9 +286,9 @@ impl World {
                     peer,
                     ..
                 } => {
-                    let terms = Terms { reliable, sealed };
+                    let qos = LinkQos { reliable, sealed };
                     let link = (interface, link);
-                    let other = ((peer.node, peer.interface), terms);
+                    let other = ((peer.node, peer.interface), qos);
                     assert_eq!(process.links.insert(link, other), None);
                 }
                 node::Output::Unlink {

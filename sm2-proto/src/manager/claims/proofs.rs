@@ -2,7 +2,7 @@
 
 use super::{Agreed, Claim, Claims, EntityId, LinkId, NodeId};
 use crate::{
-    Instant, Terms, VERSION,
+    Instant, LinkQos, VERSION,
     proofs::{below, one_of},
 };
 
@@ -27,17 +27,17 @@ const fn entity(node: u64) -> EntityId {
 
 fn any_claim() -> (LinkId, Claim) {
     let (reliable, other_version): (bool, bool) = kani::any();
-    let terms = Terms {
+    let qos = LinkQos {
         reliable,
         sealed: false,
     };
     let version = VERSION + u16::from(other_version);
-    let agreed = Agreed { version, terms };
+    let agreed = Agreed { version, qos };
     let key = u64::from(kani::any::<bool>());
     (one_of(&LINKS), Claim { key, agreed })
 }
 
-/// MGR-CLAIM: a claim joins the one that names the same link, key, version and terms, and no
+/// MGR-CLAIM: a claim joins the one that names the same link, key, version and QoS, and no
 /// other one; who does not know the key joins nobody.
 //= SM2-RES-004 kani
 #[cfg_attr(kani, kani::proof)]

@@ -1,6 +1,6 @@
 //! Harnesses for the numbers of links, from any count, and for the tables, from any three links.
 
-use super::{Agreed, EntityId, LinkId, Links, Pair, Terms};
+use super::{Agreed, EntityId, LinkId, LinkQos, Links, Pair};
 use crate::{
     NodeId, VERSION,
     proofs::{below, one_of},
@@ -32,7 +32,7 @@ const LINKS: [(LinkId, Pair); 3] = [
 
 const AGREED: Agreed = Agreed {
     version: VERSION,
-    terms: Terms {
+    qos: LinkQos {
         reliable: true,
         sealed: false,
     },

@@ -4,7 +4,8 @@ use alloc::collections::BTreeMap;
 
 use super::{Answer, Answered, Interface, Link, Misuse, Standing, State, Withdrawal};
 use crate::{
-    Contract, Demand, InterfaceId, LinkId, Name, NodeId, Offer, Terms, TypeId, VERSION, Violation,
+    Contract, Demand, InterfaceId, LinkId, LinkQos, Name, NodeId, Offer, TypeId, VERSION,
+    Violation,
     control::Peer,
     proofs::{below, one_of},
 };
@@ -52,7 +53,7 @@ const LINKS: [LinkId; 2] = [
 const TERMS: Link = Link {
     key: 5,
     version: VERSION,
-    terms: Terms {
+    qos: LinkQos {
         reliable: false,
         sealed: false,
     },
@@ -328,7 +329,7 @@ fn interfaces_outlive_sessions() {
     }
 }
 
-/// LINK is taken exactly with a peer that matches, and with the terms that both ask for; only
+/// LINK is taken exactly with a peer that matches, and with the QoS that both ask for; only
 /// `sealed` may be more.
 //= SM2-LNK-005, SM2-MAT-003, SM2-VER-002 kani
 #[cfg_attr(kani, kani::proof)]
@@ -336,7 +337,7 @@ fn interfaces_outlive_sessions() {
 fn links_have_the_terms_that_were_asked_for() {
     let [offers, seals, demands, demands_seals]: [bool; 4] = kani::any();
     let (other_topic, next_version): (bool, bool) = kani::any();
-    let terms = Terms {
+    let qos = LinkQos {
         reliable: kani::any(),
         sealed: kani::any(),
     };
@@ -349,10 +350,10 @@ fn links_have_the_terms_that_were_asked_for() {
     let link = Link {
         key: 1,
         version: VERSION + u16::from(next_version),
-        terms,
+        qos,
     };
     let matches = !other_topic && (offers || !demands);
-    let fits = terms.reliable == demands && (terms.sealed || !(seals || demands_seals));
+    let fits = qos.reliable == demands && (qos.sealed || !(seals || demands_seals));
     let expected = if matches && fits && !next_version {
         Ok(true)
     } else {
@@ -363,7 +364,7 @@ fn links_have_the_terms_that_were_asked_for() {
     assert_eq!(it.links.len(), usize::from(expected.is_ok()));
     let asked = seals || demands_seals;
     kani::cover!(
-        expected.is_ok() && !asked && terms.sealed,
+        expected.is_ok() && !asked && qos.sealed,
         "sealed by the Manager"
     );
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use sm2_proto::{LinkId, NodeId, manager::Manager};
 
 use super::{LIMITS, World};
-use crate::support::oracle::{End, Terms, pair};
+use crate::support::oracle::{End, LinkQos, pair};
 
 impl World {
     /// Pages and changes show exactly what the oracle says.
@@ -20,11 +20,11 @@ impl World {
     /// When nothing is under way, both sides of each link know of it, alike,
     /// and there is a link for each pair that is to have one.
     pub(super) fn check_links(&self) {
-        let mut known: BTreeMap<[End; 2], Vec<(LinkId, Terms)>> = BTreeMap::new();
+        let mut known: BTreeMap<[End; 2], Vec<(LinkId, LinkQos)>> = BTreeMap::new();
         for process in self.processes.iter().flatten() {
-            for (&(interface, link), &(other, terms)) in &process.links {
+            for (&(interface, link), &(other, qos)) in &process.links {
                 let ends = pair((process.session, interface), other);
-                known.entry(ends).or_default().push((link, terms));
+                known.entry(ends).or_default().push((link, qos));
             }
         }
         for (ends, sides) in &known {

@@ -14,7 +14,7 @@ use super::{
     super::{Failure, Property},
     Action, Budget, Fault, Scope,
     books::Books,
-    matching::{Terms, terms},
+    matching::{LinkQos, qos},
     world::{End, Socket, World},
 };
 
@@ -85,7 +85,7 @@ impl World {
                 let pair = [**one, **other];
                 let same = |it: [End; 2]| it == pair || it == [pair[1], pair[0]];
                 let links = self.pairs.values().filter(|it| same(it.ends)).count();
-                let wanted = usize::from(terms(ours, theirs).is_some());
+                let wanted = usize::from(qos(ours, theirs).is_some());
                 if links != wanted && !(links == 0 && self.broken.contains(&pair)) {
                     let what = format!("{pair:?} has {links} links, not {wanted}");
                     return fail(Property::Converges, what);
@@ -153,9 +153,9 @@ impl World {
                         all.next().map(|(_, contract)| *contract)
                     };
                     let both = contract(offering).zip(contract(demanding));
-                    let wanted = both.and_then(|(one, other)| terms(one, other));
+                    let wanted = both.and_then(|(one, other)| qos(one, other));
                     let (reliable, sealed) = (*reliable, *sealed);
-                    if wanted != Some(Terms { reliable, sealed }) {
+                    if wanted != Some(LinkQos { reliable, sealed }) {
                         return fail(Property::MirrorIsExact, format!("{item:?} is shown"));
                     }
                     let mut entities = [*offering, *demanding];
