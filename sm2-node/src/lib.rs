@@ -191,7 +191,7 @@ pub use server::{Request, Server, ServerBuilder};
 pub use sm2_io::CounterView;
 pub use sm2_io::clock::now;
 pub use sm2_node_derive::{Message, Schema};
-pub use sm2_proto::control::{Apart, Change, Item, Key, Limits, Peer};
+pub use sm2_proto::control::{Change, Item, Key, Limits, Peer, UnlinkedReason};
 pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
 pub use sm2_proto::link::{Counters, End};
 pub use sm2_proto::{

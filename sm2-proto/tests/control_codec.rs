@@ -262,7 +262,7 @@ fn unknown_numbers() {
         (TO_MANAGER, &[4, 1, 5]),                // a key
         (TO_NODE, &[9, 0, 1, 1, 2]),             // a change
         (TO_NODE, &[9, 0, 2]),                   // an optional value
-        (TO_NODE, &[7, 0, 1, 6, 0, 0, 0, 0, 3]), // why a pair is apart
+        (TO_NODE, &[7, 0, 1, 6, 0, 0, 0, 0, 3]), // why a pair is not linked
         (TO_NODE, &[7, 0, 0x80, 0x80, 4, 0]),    // a list longer than the datagram
     ] {
         assert_eq!(

@@ -369,7 +369,7 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         "refusal",
         "link",
         "claim",
-        "apart",
+        "unlinked",
         "ended",
         "descriptors",
         "set",

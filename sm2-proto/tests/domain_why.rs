@@ -5,7 +5,7 @@ mod support;
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Contract, EntityId, NodeId, Quota, Refusal, TypeId,
-    control::{Apart, Item, Limits},
+    control::{Item, Limits, UnlinkedReason},
     domain::{Domain, Finding, NEAR_MAX, NearName, nearest, why},
     match_contracts,
     schema::Schema,
@@ -290,15 +290,15 @@ fn refused_and_by_whom() {
 //= SM2-WCH-004, SM2-LNK-004, SM2-RES-007 test
 #[test]
 fn they_match_and_something_is_in_the_way() {
-    let apart = |cause| Item::Apart {
+    let unlinked = |reason| Item::Unlinked {
         offering: at(LIDAR, 1),
         demanding: at(PLANNER, 1),
-        cause,
+        reason,
     };
     let said = |more: &[Item]| text(&scan(), &sub(), more);
     let both = "lidar's publisher of scan and planner's subscriber of scan match";
     assert_eq!(
-        said(&[apart(Apart::Ended { code: Code(2) })]),
+        said(&[unlinked(UnlinkedReason::Ended { code: Code(2) })]),
         format!(
             "{both}, but one of them ended their link: the other one did not read what was sent \
              to it.\nThey are not linked again until one of them is declared anew."
@@ -317,14 +317,14 @@ fn they_match_and_something_is_in_the_way() {
         (5, "the other end was gone without a word"),
         (6, "the new Manager could not take the link over"),
     ] {
-        let said = said(&[apart(Apart::Ended { code: Code(code) })]);
+        let said = said(&[unlinked(UnlinkedReason::Ended { code: Code(code) })]);
         assert!(
             said.contains(&format!("ended their link: {meaning}.\n")),
             "{said}"
         );
     }
     let quota = |node| {
-        apart(Apart::Quota {
+        unlinked(UnlinkedReason::Quota {
             node: NodeId(node),
             limit: 3,
         })
@@ -337,7 +337,7 @@ fn they_match_and_something_is_in_the_way() {
         )
     );
     assert!(said(&[quota(9)]).contains("but node 9 may not have"));
-    let none = said(&[apart(Apart::Descriptors)]);
+    let none = said(&[unlinked(UnlinkedReason::Descriptors)]);
     assert!(none.starts_with(&format!("{both}, but the Manager had no descriptors")));
     let late = node(PLANNER, "planner", 1_000, true);
     assert_eq!(

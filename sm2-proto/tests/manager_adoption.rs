@@ -13,7 +13,7 @@ use claims::{
 };
 use sm2_proto::{
     Code, Contract, InterfaceId, LinkId, NodeId,
-    control::{Apart, Item, ToManager, ToNode},
+    control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Input, Policy},
 };
 use support::{
@@ -53,12 +53,12 @@ fn a_link_that_both_ends_claim_is_adopted() {
         assert_eq!(seen_by(&events, a), [unlink(OFFERING, LINK, 5)]);
         assert_eq!(seen_by(&events, b), [unlink(DEMANDING, LINK, 5)]);
         assert_eq!(bench.unlinked(b, DEMANDING, LINK), []);
-        let apart = Item::Apart {
+        let unlinked = Item::Unlinked {
             offering: entity(a, OFFERING),
             demanding: entity(b, DEMANDING),
-            cause: Apart::Ended { code: Code(5) },
+            reason: UnlinkedReason::Ended { code: Code(5) },
         };
-        assert_eq!(relations(&bench, a), [apart]);
+        assert_eq!(relations(&bench, a), [unlinked]);
     }
 }
 
@@ -312,11 +312,11 @@ fn a_pair_has_one_link() {
 /// A link that was adopted and ended is not made anew, whoever of its ends still resumes.
 //= SM2-RES-007, SM2-LNK-004 test
 #[test]
-fn a_pair_that_ended_its_link_stays_apart() {
+fn a_pair_that_ended_its_link_stays_unlinked() {
     for a_is_ready in [false, true] {
         let (mut bench, a, b) = both_back(Policy {
             // Also where nobody can see it.
-            apart_per_session: 0,
+            unlinked_per_session: 0,
             ..UNLIMITED
         });
         bench.send(a, &claim(OFFERING, LINK, KEY));
@@ -338,7 +338,7 @@ fn a_pair_that_ended_its_link_stays_apart() {
 /// The same two interfaces may still claim another link of theirs.
 //= SM2-RES-004, SM2-WCH-004 test
 #[test]
-fn a_pair_that_was_apart_can_be_adopted() {
+fn a_pair_that_was_unlinked_can_be_adopted() {
     let (mut bench, a, b) = both_back(UNLIMITED);
     let second = LinkId { serial: 9, ..LINK };
     for link in [LINK, second] {
@@ -348,7 +348,7 @@ fn a_pair_that_was_apart_can_be_adopted() {
     bench.unlinked(b, DEMANDING, LINK);
     assert!(matches!(
         relations(&bench, a)[..],
-        [Item::Claim { .. }, Item::Apart { .. }]
+        [Item::Claim { .. }, Item::Unlinked { .. }]
     ));
     bench.send(b, &claim(DEMANDING, second, KEY));
     let adopted = link_item(second, entity(a, OFFERING), entity(b, DEMANDING));

@@ -13,7 +13,7 @@ use claims::{
 };
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, Quota, Refusal, Violation,
-    control::{Apart, Item, ToManager, ToNode},
+    control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Cause, Input, Policy},
 };
 use support::{
@@ -174,12 +174,12 @@ fn quotas_of_links() {
     for node in others {
         assert_eq!(claimed(&mut bench, node), [], "no room, and no refusal");
     }
-    let apart = Item::Apart {
+    let unlinked = Item::Unlinked {
         offering: entity(a, 1),
         demanding: entity(others[2], 1),
-        cause: Apart::Quota { node: a, limit: 2 },
+        reason: UnlinkedReason::Quota { node: a, limit: 2 },
     };
-    assert_eq!(relations(&bench, a).last(), Some(&apart));
+    assert_eq!(relations(&bench, a).last(), Some(&unlinked));
     // A session's own pair takes two ends.
     let both = [
         (1, publisher("map", &data("Map"))),
@@ -192,12 +192,12 @@ fn quotas_of_links() {
     let mut bench = Bench::new(policy);
     let node = back(&mut bench, "a", &both);
     assert_eq!(claimed(&mut bench, node), []);
-    let apart = Item::Apart {
+    let unlinked = Item::Unlinked {
         offering: entity(node, 1),
         demanding: entity(node, 2),
-        cause: Apart::Quota { node, limit: 1 },
+        reason: UnlinkedReason::Quota { node, limit: 1 },
     };
-    assert_eq!(relations(&bench, node), [apart]);
+    assert_eq!(relations(&bench, node), [unlinked]);
 }
 
 //= SM2-RES-008 test

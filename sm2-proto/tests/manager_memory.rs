@@ -4,7 +4,7 @@ mod support;
 
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, NodeId, Quota, Refusal,
-    control::{Apart, Item, Key, ToManager, ToNode},
+    control::{Item, Key, ToManager, ToNode, UnlinkedReason},
     manager::{Input, Policy},
 };
 use support::{
@@ -44,18 +44,18 @@ fn refused(bench: &Bench, node: NodeId) -> Vec<(u64, Contract, Refusal)> {
     refused.collect()
 }
 
-fn apart(bench: &Bench, asks: NodeId) -> Vec<(EntityId, EntityId, Apart)> {
-    let apart = items(bench, asks)
+fn unlinked(bench: &Bench, asks: NodeId) -> Vec<(EntityId, EntityId, UnlinkedReason)> {
+    let unlinked = items(bench, asks)
         .into_iter()
         .filter_map(|item| match item {
-            Item::Apart {
+            Item::Unlinked {
                 offering,
                 demanding,
-                cause,
-            } => Some((offering, demanding, cause)),
+                reason,
+            } => Some((offering, demanding, reason)),
             _ => None,
         });
-    apart.collect()
+    unlinked.collect()
 }
 
 fn entity(node: NodeId, interface: u64) -> EntityId {
@@ -166,7 +166,7 @@ fn a_refusal_shows_its_quota() {
     assert_eq!(refused(&bench, node), [(7, scan(), reason)]);
 }
 
-/// Why a pair is apart, from its first moment to the end of one of its interfaces.
+/// Why a pair is not linked, from its first moment to the end of one of its interfaces.
 //= SM2-WCH-004, SM2-LNK-004, SM2-IFC-002, SM2-MAT-002 test
 #[test]
 fn causes() {
@@ -181,17 +181,17 @@ fn causes() {
     let unreliable = support::contracts::publisher_with("lost", &data("T"), false, false);
     bench.declared(c, 1, &unreliable);
     bench.declared(c, 2, &subscriber_with("lost", None, true, false));
-    assert_eq!(apart(&bench, a), []);
+    assert_eq!(unlinked(&bench, a), []);
     let link = bench.declared(b, 1, &wanted())[0];
     bench.input(Input::LinkFailed { link });
-    let failed = (entity(a, 1), entity(b, 1), Apart::Descriptors);
-    assert_eq!(apart(&bench, a), [failed]);
+    let failed = (entity(a, 1), entity(b, 1), UnlinkedReason::Descriptors);
+    assert_eq!(unlinked(&bench, a), [failed]);
     let link = bench.declared(b, 2, &wanted())[0];
     let full = bench.declared(c, 3, &wanted());
     assert_eq!(full, [], "the other side has no room");
-    let quota = Apart::Quota { node: a, limit };
+    let quota = UnlinkedReason::Quota { node: a, limit };
     let quota = (entity(a, 1), entity(c, 3), quota);
-    assert_eq!(apart(&bench, a), [failed, quota]);
+    assert_eq!(unlinked(&bench, a), [failed, quota]);
     // The other's farewell does not change why.
     bench.unlinked(b, 2, link);
     bench.send(
@@ -202,19 +202,23 @@ fn causes() {
             code: Code(9),
         },
     );
-    let ended = (entity(a, 1), entity(b, 2), Apart::Ended { code: Code(5) });
-    assert_eq!(apart(&bench, a), [failed, ended, quota]);
+    let ended = (
+        entity(a, 1),
+        entity(b, 2),
+        UnlinkedReason::Ended { code: Code(5) },
+    );
+    assert_eq!(unlinked(&bench, a), [failed, ended, quota]);
     bench.withdraw(b, 2);
-    assert_eq!(apart(&bench, a), [failed, quota]);
+    assert_eq!(unlinked(&bench, a), [failed, quota]);
     bench.close(c);
-    assert_eq!(apart(&bench, a), [failed]);
+    assert_eq!(unlinked(&bench, a), [failed]);
     bench.withdraw(a, 1);
-    assert_eq!(apart(&bench, b), []);
+    assert_eq!(unlinked(&bench, b), []);
 }
 
 //= SM2-WCH-004 test
 #[test]
-fn so_many_pairs_apart_for_each_session() {
+fn so_many_unlinked_pairs_for_each_session() {
     let mut bench = Bench::new(Policy {
         links_per_session: 1,
         ..Policy::default()
@@ -229,7 +233,7 @@ fn so_many_pairs_apart_for_each_session() {
     }
     bench.declared(b, 1, &publisher("map", &data("Map")));
     bench.declared(b, 2, &scan());
-    let shown = |bench: &Bench| apart(bench, a).len();
+    let shown = |bench: &Bench| unlinked(bench, a).len();
     assert_eq!(shown(&bench), 256, "of 299 + 1");
     // The quota is of the offering side's session; a has its own.
     bench.declared(a, 2, &publisher("map", &data("Map")));

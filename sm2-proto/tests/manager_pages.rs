@@ -4,7 +4,7 @@ mod support;
 
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Refusal,
-    control::{Apart, Item, Key, Limits, ToManager, ToNode, encode_to_node},
+    control::{Item, Key, Limits, ToManager, ToNode, UnlinkedReason, encode_to_node},
     limits::{DATAGRAM_MAX, PAGE_BYTES},
     manager::Policy,
 };
@@ -146,10 +146,10 @@ fn others(bench: &mut Bench, items: &mut Vec<Item>) {
             link: claimed,
             entity: at(back.0, 1),
         },
-        Item::Apart {
+        Item::Unlinked {
             offering: at(node.0, 4),
             demanding: at(node.0, 2),
-            cause: Apart::Ended { code: Code(5) },
+            reason: UnlinkedReason::Ended { code: Code(5) },
         },
     ]);
 }
@@ -213,7 +213,7 @@ fn a_page_starts_after_any_position() {
                 link: nowhere,
                 entity,
             },
-            Key::Apart {
+            Key::Unlinked {
                 offering: entity,
                 demanding: entity,
             },

@@ -159,7 +159,7 @@ fn changes_of_one_key_are_one_change() {
         ),
         (member(a, 2), false),
         (
-            Key::Apart {
+            Key::Unlinked {
                 offering: entity(a, 1),
                 demanding: entity(b, 1),
             },

@@ -116,7 +116,7 @@ pub fn query_after(key: Key) -> Vec<u8> {
         Key::Member { entity: it } => entity(after.int(1), it),
         Key::Link { link, offering } => entity(after.int(2).link(link), offering),
         Key::Claim { link, entity: it } => entity(after.int(3).link(link), it),
-        Key::Apart {
+        Key::Unlinked {
             offering,
             demanding,
         } => entity(entity(after.int(4), offering), demanding),

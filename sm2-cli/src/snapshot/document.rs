@@ -29,7 +29,7 @@ pub(super) struct Document {
     /// Those that were refused too.
     interfaces: Vec<Interface>,
     links: Vec<CountedLink>,
-    /// Claims, and pairs that are apart.
+    /// Claims, and pairs that are not linked.
     open: Vec<Thing>,
     quotas: Vec<Quota>,
     /// Nodes that keep no counters.
@@ -97,7 +97,7 @@ impl Document {
                 thing if thing.belongs_to(itself) => {}
                 Thing::Node(node) => document.nodes.push(node),
                 Thing::Interface(interface) => document.interfaces.push(interface),
-                thing @ (Thing::Claim { .. } | Thing::Apart { .. }) => document.open.push(thing),
+                thing @ (Thing::Claim { .. } | Thing::Unlinked { .. }) => document.open.push(thing),
                 Thing::Domain(_) | Thing::Link(_) => {}
             }
         }

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 use sm2_proto::{
     Farewell, LinkId, Name,
-    control::{Apart, Item},
+    control::{Item, UnlinkedReason},
 };
 
 use crate::{interfaces::Interface, view::View};
@@ -26,10 +26,10 @@ pub(super) enum Thing {
         by: String,
     },
     /// Two interfaces that match and are not linked.
-    Apart {
+    Unlinked {
         offering: String,
         demanding: String,
-        cause: String,
+        reason: String,
     },
 }
 
@@ -112,14 +112,14 @@ impl Thing {
                 link: link_text(link),
                 by: view.title(entity),
             },
-            Item::Apart {
+            Item::Unlinked {
                 offering,
                 demanding,
-                cause,
-            } => Self::Apart {
+                reason,
+            } => Self::Unlinked {
                 offering: view.title(offering),
                 demanding: view.title(demanding),
-                cause: apart_text(view, cause),
+                reason: reason_text(view, reason),
             },
         }
     }
@@ -152,19 +152,19 @@ pub(super) fn link_text(link: LinkId) -> String {
     format!("{:x}.{}", link.epoch, link.serial)
 }
 
-fn apart_text(view: &View<'_>, cause: Apart) -> String {
-    match cause {
-        Apart::Ended { code } => match Farewell::from_code(code) {
+fn reason_text(view: &View<'_>, reason: UnlinkedReason) -> String {
+    match reason {
+        UnlinkedReason::Ended { code } => match Farewell::from_code(code) {
             Some(Farewell::Done) => "one of them ended their link".into(),
             _ => format!("one of them ended their link ({code})"),
         },
-        Apart::Quota { node, limit } => {
+        UnlinkedReason::Quota { node, limit } => {
             format!(
                 "{} may not have more than {limit} links",
                 view.name_of(node)
             )
         }
-        Apart::Descriptors => "the Manager had no descriptors".into(),
+        UnlinkedReason::Descriptors => "the Manager had no descriptors".into(),
     }
 }
 
@@ -205,11 +205,11 @@ impl fmt::Display for Thing {
             }
             Self::Link(link) => write!(f, "link {link}"),
             Self::Claim { link, by } => write!(f, "claim of link {link} by {by}"),
-            Self::Apart {
+            Self::Unlinked {
                 offering,
                 demanding,
-                cause,
-            } => write!(f, "apart {offering} -> {demanding}: {cause}"),
+                reason,
+            } => write!(f, "unlinked {offering} -> {demanding}: {reason}"),
         }
     }
 }

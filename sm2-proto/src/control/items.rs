@@ -65,13 +65,13 @@ pub enum Item {
         entity: EntityId,
     },
     /// Two interfaces that match and are not linked (SM2-WCH-004).
-    Apart {
+    Unlinked {
         /// The publisher or server.
         offering: EntityId,
         /// The subscriber or client.
         demanding: EntityId,
         /// Why.
-        cause: Apart,
+        reason: UnlinkedReason,
     },
 }
 
@@ -118,7 +118,7 @@ pub enum Key {
         entity: EntityId,
     },
     /// Two interfaces that match and are not linked.
-    Apart {
+    Unlinked {
         /// The publisher or server.
         offering: EntityId,
         /// The subscriber or client.
@@ -128,7 +128,7 @@ pub enum Key {
 
 /// Why two interfaces that match are not linked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Apart {
+pub enum UnlinkedReason {
     /// One of them ended their link.
     Ended {
         /// Why.
@@ -183,11 +183,11 @@ impl Item {
                 link: *link,
                 entity: *entity,
             },
-            Self::Apart {
+            Self::Unlinked {
                 offering,
                 demanding,
                 ..
-            } => Key::Apart {
+            } => Key::Unlinked {
                 offering: *offering,
                 demanding: *demanding,
             },

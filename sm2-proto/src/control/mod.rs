@@ -9,4 +9,4 @@ mod proofs;
 pub(crate) use codec::{decode, encode};
 pub use codec::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_node};
 pub use frames::{Peer, ToManager, ToNode};
-pub use items::{Apart, Change, Item, Key, Limits};
+pub use items::{Change, Item, Key, Limits, UnlinkedReason};

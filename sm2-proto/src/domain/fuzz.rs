@@ -136,7 +136,7 @@ fn entities(item: &Item) -> Vec<EntityId> {
         Key::Domain => Vec::new(),
         Key::Member { entity } | Key::Claim { entity, .. } => [entity].into(),
         Key::Link { offering, .. } => [offering].into(),
-        Key::Apart {
+        Key::Unlinked {
             offering,
             demanding,
         } => [offering, demanding].into(),

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use super::Domain;
 use crate::{
     Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal,
-    control::{Apart, Item, Key, Limits},
+    control::{Item, Key, Limits, UnlinkedReason},
 };
 
 /// A node.
@@ -131,13 +131,17 @@ impl Domain {
     /// Why two interfaces that match are not linked, if the Manager says so: the
     /// publisher or server first.
     #[must_use]
-    pub fn apart(&self, offering: EntityId, demanding: EntityId) -> Option<Apart> {
-        let key = Key::Apart {
+    pub fn unlinked_reason(
+        &self,
+        offering: EntityId,
+        demanding: EntityId,
+    ) -> Option<UnlinkedReason> {
+        let key = Key::Unlinked {
             offering,
             demanding,
         };
         match self.get(&key)? {
-            Item::Apart { cause, .. } => Some(*cause),
+            Item::Unlinked { reason, .. } => Some(*reason),
             _ => None,
         }
     }

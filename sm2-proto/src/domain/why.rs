@@ -6,7 +6,9 @@ use super::{
     Domain, Finding, InterfaceView, LinkView, Part, Party, Reliability, Seal, TypePair, Verdict,
     names,
 };
-use crate::{Contract, EntityId, Kind, Mismatch, Refusal, TypeId, control::Apart, match_contracts};
+use crate::{
+    Contract, EntityId, Kind, Mismatch, Refusal, TypeId, control::UnlinkedReason, match_contracts,
+};
 
 /// Why the two are linked, or are not. The order of the two does not matter.
 //= SM2-MAT-001, SM2-MAT-003, SM2-WCH-004
@@ -72,12 +74,12 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
     }
 }
 
-/// What keeps two apart that match.
+/// Why two interfaces that match are not linked.
 fn obstacle(domain: &Domain, offering: EntityId, demanding: EntityId) -> Finding {
-    match domain.apart(offering, demanding) {
-        Some(Apart::Ended { code }) => return Finding::Ended { code },
-        Some(Apart::Quota { node, limit }) => return Finding::Quota { node, limit },
-        Some(Apart::Descriptors) => return Finding::Descriptors,
+    match domain.unlinked_reason(offering, demanding) {
+        Some(UnlinkedReason::Ended { code }) => return Finding::Ended { code },
+        Some(UnlinkedReason::Quota { node, limit }) => return Finding::Quota { node, limit },
+        Some(UnlinkedReason::Descriptors) => return Finding::Descriptors,
         None => {}
     }
     let resuming = |entity: EntityId| domain.node(entity.node).is_some_and(|it| it.resuming);

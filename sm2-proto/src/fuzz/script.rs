@@ -5,7 +5,7 @@ use alloc::{string::String, vec::Vec};
 use crate::{
     Code, Contract, Demand, EntityId, InterfaceId, LinkId, Name, NodeId, Offer, Quota, Refusal,
     ServiceQos, TypeId,
-    control::{Apart, Change, Item, Key, Limits},
+    control::{Change, Item, Key, Limits, UnlinkedReason},
     schema::Schema,
 };
 
@@ -203,7 +203,7 @@ impl<'a> Script<'a> {
                 link: self.link()?,
                 entity: self.entity()?,
             },
-            _ => Key::Apart {
+            _ => Key::Unlinked {
                 offering: self.entity()?,
                 demanding: self.entity()?,
             },
@@ -249,16 +249,16 @@ impl<'a> Script<'a> {
                 link: self.link()?,
                 entity: self.entity()?,
             },
-            _ => Item::Apart {
+            _ => Item::Unlinked {
                 offering: self.entity()?,
                 demanding: self.entity()?,
-                cause: match choice % 3 {
-                    0 => Apart::Ended { code: self.code()? },
-                    1 => Apart::Quota {
+                reason: match choice % 3 {
+                    0 => UnlinkedReason::Ended { code: self.code()? },
+                    1 => UnlinkedReason::Quota {
                         node: self.node()?,
                         limit: 1,
                     },
-                    _ => Apart::Descriptors,
+                    _ => UnlinkedReason::Descriptors,
                 },
             },
         })

@@ -12,7 +12,7 @@ use super::{
 use crate::{
     Code, Contract, EntityId, Farewell, InterfaceId, LinkId, LinkQos, NodeId, Quota, Refusal,
     VERSION, Violation,
-    control::{Apart, Key, Peer, ToNode, encode_to_node},
+    control::{Key, Peer, ToNode, UnlinkedReason, encode_to_node},
     match_contracts,
 };
 
@@ -125,7 +125,7 @@ impl Manager {
         self.member_changed(entity);
         for &other in &matches.full {
             let pair = Pair::new(entity, &contract, other);
-            self.set_apart(pair, self.quota(other.node));
+            self.mark_unlinked(pair, self.quota(other.node));
         }
         let answer_at = self.outputs.len();
         // What is announced comes: LINKs that wait may be overtaken by the link's end.
@@ -168,9 +168,9 @@ impl Manager {
         self.changed(Key::Member { entity });
     }
 
-    fn quota(&self, node: NodeId) -> Apart {
+    fn quota(&self, node: NodeId) -> UnlinkedReason {
         let limit = count(self.policy.links_per_session());
-        Apart::Quota { node, limit }
+        UnlinkedReason::Quota { node, limit }
     }
 
     /// Links an interface with each match that it has no link with, as far as the quotas
@@ -213,7 +213,7 @@ impl Manager {
         for other in missing {
             let pair = Pair::new(entity, &contract, other);
             match self.full(pair) {
-                Some(node) => self.set_apart(pair, self.quota(node)),
+                Some(node) => self.mark_unlinked(pair, self.quota(node)),
                 None => {
                     self.link(entity, other);
                 }
@@ -299,7 +299,7 @@ impl Manager {
                 session.ahead += frames;
             }
         }
-        self.joined(pair);
+        self.mark_linked(pair);
         let offering = pair.offering;
         self.changed(Key::Link { link, offering });
     }
@@ -352,7 +352,7 @@ impl Manager {
             self.unlink(entity, link);
         }
         self.not_sent(pair);
-        self.set_apart(pair, Apart::Descriptors);
+        self.mark_unlinked(pair, UnlinkedReason::Descriptors);
     }
 
     /// An end of a link that its session was never told of is gone.
@@ -387,7 +387,7 @@ impl Manager {
         for (link, pair) in links {
             self.end_link(link, pair, entity, cause.code());
         }
-        self.forget_apart(entity);
+        self.forget_unlinked(entity);
         self.member_changed(entity);
     }
 
@@ -434,7 +434,7 @@ impl Manager {
                 session.ended(pair);
             }
         }
-        self.set_apart(pair, Apart::Ended { code });
+        self.mark_unlinked(pair, UnlinkedReason::Ended { code });
     }
 
     /// One end of a link is gone: the other one is told, if the link was live at both and it

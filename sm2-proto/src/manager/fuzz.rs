@@ -25,7 +25,7 @@ const POLICY: Policy = Policy {
     links_per_session: 8,
     schema_bytes_per_session: 50,
     refusals_per_session: 2,
-    apart_per_session: 3,
+    unlinked_per_session: 3,
     changes_remembered: 20,
     links_ahead: 256,
     pairs_per_turn: 256,
@@ -255,7 +255,7 @@ impl<'a> Fuzz<'a> {
                 link: self.link()?,
                 entity: self.entity()?,
             },
-            _ => Key::Apart {
+            _ => Key::Unlinked {
                 offering: self.entity()?,
                 demanding: self.entity()?,
             },

@@ -23,12 +23,12 @@ impl Manager {
                 "each channel has interfaces, and a type as long as one states it",
             ),
             (
-                self.apart.agree(self.policy.apart_per_session)
+                self.unlinked_pairs.agree(self.policy.unlinked_per_session)
                     && self
-                        .apart
+                        .unlinked_pairs
                         .iter()
                         .all(|it| self.is_match(it) && !self.links.joins(it)),
-                "pairs apart match, are not linked, and are within their quota",
+                "unlinked pairs match, are not linked, and are within their quota",
             ),
             (
                 self.schemas.are(self.each().flat_map(Session::schemas)),

@@ -20,7 +20,6 @@
 //! A complete driver in a loop of its own, with what it owes the machine, is the example
 //! `own_loop` of `sm2-manager`.
 
-mod apart;
 mod broker;
 mod channel;
 mod claims;
@@ -39,6 +38,7 @@ mod policy;
 mod proofs;
 mod schemas;
 mod session;
+mod unlinked;
 mod watch;
 
 use alloc::{
@@ -47,7 +47,6 @@ use alloc::{
 };
 
 use self::{
-    apart::Pairs,
     channel::Channels,
     claims::{Claim, Claims},
     links::{Agreed, Links},
@@ -56,6 +55,7 @@ use self::{
     policy::Users,
     schemas::Schemas,
     session::Session,
+    unlinked::UnlinkedPairs,
 };
 pub use self::{
     event::{Cause, Credentials, Input, Misuse, Output},
@@ -83,7 +83,7 @@ pub struct Manager {
     channels: Channels,
     links: Links,
     claims: Claims,
-    apart: Pairs,
+    unlinked_pairs: UnlinkedPairs,
     schemas: Schemas,
     /// Who waits for the domain to change.
     watchers: BTreeSet<NodeId>,
@@ -116,7 +116,7 @@ impl Manager {
             channels: Channels::new(),
             links: Links::new(epoch, secret),
             claims: Claims::new(),
-            apart: Pairs::new(),
+            unlinked_pairs: UnlinkedPairs::new(),
             schemas: Schemas::new(),
             watchers: BTreeSet::new(),
             greeting: BTreeMap::new(),

@@ -48,10 +48,10 @@ impl Manager {
             }
             Key::Link { link, offering } => self.links.item(link, offering),
             Key::Claim { link, entity } => self.claims.item(link, entity),
-            Key::Apart {
+            Key::Unlinked {
                 offering,
                 demanding,
-            } => self.apart.item(Pair {
+            } => self.unlinked_pairs.item(Pair {
                 offering,
                 demanding,
             }),
@@ -75,11 +75,11 @@ impl Manager {
         };
         let claims = match after {
             Key::Claim { link, entity } => Some((link, entity)),
-            Key::Apart { .. } => None,
+            Key::Unlinked { .. } => None,
             _ => Some((LinkId::FIRST, EntityId::FIRST)),
         };
-        let apart = match after {
-            Key::Apart {
+        let unlinked = match after {
+            Key::Unlinked {
                 offering,
                 demanding,
             } => (offering, demanding),
@@ -88,13 +88,13 @@ impl Manager {
         let members = members.into_iter().flat_map(|it| self.members(it));
         let links = links.into_iter().flat_map(|it| self.links.items(it));
         let claims = claims.into_iter().flat_map(|it| self.claims.items(it));
-        let apart = self.apart.items(apart);
+        let unlinked = self.unlinked_pairs.items(unlinked);
         let domain = domain.into_iter();
         domain
             .chain(members)
             .chain(links)
             .chain(claims)
-            .chain(apart)
+            .chain(unlinked)
     }
 
     /// Nodes, interfaces and refusals after an id.

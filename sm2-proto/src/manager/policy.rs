@@ -31,8 +31,8 @@ pub struct Policy {
     pub schema_bytes_per_session: usize,
     /// Refusals of one session that are remembered.
     pub refusals_per_session: usize,
-    /// Pairs apart that are remembered, per session of the offering side.
-    pub apart_per_session: usize,
+    /// Unlinked pairs that are remembered, per session of the offering side.
+    pub unlinked_per_session: usize,
     /// Changes of the domain that are remembered.
     pub changes_remembered: usize,
     /// LINKs that a session is sent before its socket has taken all of them; none counts as one.
@@ -57,7 +57,7 @@ impl Default for Policy {
             links_per_session: 8_192,
             schema_bytes_per_session: 262_144,
             refusals_per_session: 16,
-            apart_per_session: 256,
+            unlinked_per_session: 256,
             changes_remembered: 4_096,
             links_ahead: 256,
             pairs_per_turn: 256,

@@ -48,7 +48,7 @@ pub(super) struct Session {
 struct Resumption {
     /// How many claims came.
     claims: usize,
-    /// Pairs whose adopted links ended again: they are not linked anew.
+    /// UnlinkedPairs whose adopted links ended again: they are not linked anew.
     ended: BTreeSet<Pair>,
 }
 
@@ -59,7 +59,7 @@ struct Settling {
     next: (InterfaceId, EntityId),
     /// The last interface that was there at CLAIMED.
     last: InterfaceId,
-    /// Pairs that are not linked anew.
+    /// UnlinkedPairs that are not linked anew.
     ended: BTreeSet<Pair>,
 }
 

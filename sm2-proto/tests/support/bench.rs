@@ -26,7 +26,7 @@ pub(crate) const UNLIMITED: Policy = Policy {
     links_per_session: usize::MAX,
     schema_bytes_per_session: usize::MAX,
     refusals_per_session: usize::MAX,
-    apart_per_session: usize::MAX,
+    unlinked_per_session: usize::MAX,
     changes_remembered: usize::MAX,
     links_ahead: usize::MAX,
     pairs_per_turn: usize::MAX,

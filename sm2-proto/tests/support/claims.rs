@@ -74,13 +74,13 @@ pub(crate) fn items(bench: &Bench, asks: NodeId) -> Vec<Item> {
     }
 }
 
-/// The links, claims and pairs apart that somebody sees.
+/// The links, claims and unlinked pairs that somebody sees.
 pub(crate) fn relations(bench: &Bench, asks: NodeId) -> Vec<Item> {
     let mut items = items(bench, asks);
     items.retain(|item| {
         matches!(
             item,
-            Item::Link { .. } | Item::Claim { .. } | Item::Apart { .. }
+            Item::Link { .. } | Item::Claim { .. } | Item::Unlinked { .. }
         )
     });
     items

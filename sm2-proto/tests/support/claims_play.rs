@@ -118,7 +118,7 @@ fn relations(bench: &Bench, asks: NodeId) -> Vec<Item> {
     else {
         panic!("{events:?}");
     };
-    let related = |item: &&Item| !matches!(item, Item::Apart { .. });
+    let related = |item: &&Item| !matches!(item, Item::Unlinked { .. });
     items.iter().filter(related).cloned().collect()
 }
 

@@ -10,7 +10,7 @@ use proptest::{
 use sm2_proto::{
     Code, Contract, Demand, EntityId, InterfaceId, LinkId, Name, NodeId, Offer, Quota, Refusal,
     ServiceQos, TypeId,
-    control::{Apart, Change, Item, Key, Limits, Peer, ToManager, ToNode},
+    control::{Change, Item, Key, Limits, Peer, ToManager, ToNode, UnlinkedReason},
 };
 
 /// Numbers of every length on the wire.
@@ -52,7 +52,7 @@ fn keys() -> impl Strategy<Value = Key> + Clone {
         entities().prop_map(|entity| Key::Member { entity }),
         (links(), entities()).prop_map(|(link, offering)| Key::Link { link, offering }),
         (links(), entities()).prop_map(|(link, entity)| Key::Claim { link, entity }),
-        (entities(), entities()).prop_map(|(offering, demanding)| Key::Apart {
+        (entities(), entities()).prop_map(|(offering, demanding)| Key::Unlinked {
             offering,
             demanding
         }),
@@ -162,11 +162,11 @@ fn limits() -> impl Strategy<Value = Limits> {
     })
 }
 
-fn causes() -> impl Strategy<Value = Apart> {
+fn reasons() -> impl Strategy<Value = UnlinkedReason> {
     prop_oneof![
-        codes().prop_map(|code| Apart::Ended { code }),
-        (nodes(), any::<u32>()).prop_map(|(node, limit)| Apart::Quota { node, limit }),
-        Just(Apart::Descriptors),
+        codes().prop_map(|code| UnlinkedReason::Ended { code }),
+        (nodes(), any::<u32>()).prop_map(|(node, limit)| UnlinkedReason::Quota { node, limit }),
+        Just(UnlinkedReason::Descriptors),
     ]
 }
 
@@ -202,10 +202,12 @@ fn items() -> impl Strategy<Value = Item> {
             }
         ),
         (links(), entities()).prop_map(|(link, entity)| Item::Claim { link, entity }),
-        (entities(), entities(), causes()).prop_map(|(offering, demanding, cause)| Item::Apart {
-            offering,
-            demanding,
-            cause,
+        (entities(), entities(), reasons()).prop_map(|(offering, demanding, reason)| {
+            Item::Unlinked {
+                offering,
+                demanding,
+                reason,
+            }
         }),
     ]
 }

@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Refusal,
-    control::{Apart, Item, Limits},
+    control::{Item, Limits, UnlinkedReason},
     domain::Domain,
 };
 
@@ -106,10 +106,10 @@ pub(crate) fn items() -> impl Strategy<Value = Item> {
         Just(Refusal::NameTaken),
         Just(Refusal::TopicType { theirs: data("A") }),
     ];
-    let causes = prop_oneof![
-        Just(Apart::Descriptors),
-        any::<u16>().prop_map(|code| Apart::Ended { code: Code(code) }),
-        (1..5_u64).prop_map(|number| Apart::Quota {
+    let reasons = prop_oneof![
+        Just(UnlinkedReason::Descriptors),
+        any::<u16>().prop_map(|code| UnlinkedReason::Ended { code: Code(code) }),
+        (1..5_u64).prop_map(|number| UnlinkedReason::Quota {
             node: NodeId(number),
             limit: 3
         }),
@@ -135,10 +135,10 @@ pub(crate) fn items() -> impl Strategy<Value = Item> {
             }
         }),
         1 => entities().prop_map(|entity| Item::Claim { link: LINK, entity }),
-        1 => (pairs(), causes).prop_map(|((offering, demanding), cause)| Item::Apart {
+        1 => (pairs(), reasons).prop_map(|((offering, demanding), reason)| Item::Unlinked {
             offering,
             demanding,
-            cause
+            reason
         }),
     ]
 }

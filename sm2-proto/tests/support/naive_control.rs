@@ -252,7 +252,7 @@ impl Reader<'_> {
             1 => json!({"Member": {"entity": self.entity()?}}),
             2 => json!({"Link": {"link": self.link_id()?, "offering": self.entity()?}}),
             3 => json!({"Claim": {"link": self.link_id()?, "entity": self.entity()?}}),
-            4 => json!({"Apart": {"offering": self.entity()?, "demanding": self.entity()?}}),
+            4 => json!({"Unlinked": {"offering": self.entity()?, "demanding": self.entity()?}}),
             _ => return Err("malformed"),
         })
     }
@@ -393,16 +393,16 @@ impl Reader<'_> {
                 "sealed": self.bool()?,
             }}),
             5 => json!({"Claim": {"link": self.link_id()?, "entity": self.entity()?}}),
-            6 => json!({"Apart": {
+            6 => json!({"Unlinked": {
                 "offering": self.entity()?,
                 "demanding": self.entity()?,
-                "cause": self.apart()?,
+                "reason": self.unlinked_reason()?,
             }}),
             _ => return Err("malformed"),
         })
     }
 
-    fn apart(&mut self) -> Read<Value> {
+    fn unlinked_reason(&mut self) -> Read<Value> {
         Ok(match self.u32()? {
             0 => json!({"Ended": {"code": self.u16()?}}),
             1 => json!({"Quota": {"node": self.u64()?, "limit": self.u32()?}}),

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal, TypeId,
-    control::{Apart, Item, Limits, ToManager, ToNode},
+    control::{Item, Limits, ToManager, ToNode, UnlinkedReason},
 };
 
 pub(crate) use super::matching::LinkQos;
@@ -29,7 +29,7 @@ pub(crate) struct Oracle {
     links: BTreeMap<LinkId, [End; 2]>,
     /// Pairs that are not linked although they match: a node ended their link,
     /// or there were no descriptors for it.
-    apart: BTreeMap<[End; 2], Apart>,
+    unlinked: BTreeMap<[End; 2], UnlinkedReason>,
     /// All that was refused and not granted later.
     refused: BTreeMap<End, (Contract, Refusal)>,
     /// How many links were made.
@@ -46,7 +46,7 @@ impl Oracle {
             sessions: BTreeMap::new(),
             interfaces: BTreeMap::new(),
             links: BTreeMap::new(),
-            apart: BTreeMap::new(),
+            unlinked: BTreeMap::new(),
             refused: BTreeMap::new(),
             made: 0,
             unheard: BTreeSet::new(),
@@ -65,7 +65,8 @@ impl Oracle {
     }
 
     pub(crate) fn link_failed(&mut self, link: LinkId) {
-        self.apart.insert(self.links[&link], Apart::Descriptors);
+        self.unlinked
+            .insert(self.links[&link], UnlinkedReason::Descriptors);
     }
 
     /// A node's legal frame, and what the Manager made of it.
@@ -123,10 +124,10 @@ impl Oracle {
     /// The first of the two farewells says why.
     fn unlinked(&mut self, end: End, link: LinkId, code: Code) {
         let pair = self.links[&link];
-        let ended = self.apart.contains_key(&pair);
+        let ended = self.unlinked.contains_key(&pair);
         let there = pair.iter().all(|end| self.interfaces.contains_key(end));
         if !ended && there && pair.contains(&end) {
-            self.apart.insert(pair, Apart::Ended { code });
+            self.unlinked.insert(pair, UnlinkedReason::Ended { code });
         }
     }
 
@@ -188,7 +189,7 @@ impl Oracle {
                     continue;
                 };
                 qos.sealed |= self.sessions[&one.0].uid != self.sessions[&other.0].uid;
-                if !self.apart.contains_key(&[one, other]) {
+                if !self.unlinked.contains_key(&[one, other]) {
                     pairs.insert([one, other], qos);
                 }
             }
@@ -237,13 +238,13 @@ impl Oracle {
                 });
             }
         }
-        for (pair, &cause) in &self.apart {
+        for (pair, &reason) in &self.unlinked {
             if pair.iter().all(|end| self.interfaces.contains_key(end)) {
                 let [offering, demanding] = self.sides(pair);
-                items.push(Item::Apart {
+                items.push(Item::Unlinked {
                     offering,
                     demanding,
-                    cause,
+                    reason,
                 });
             }
         }

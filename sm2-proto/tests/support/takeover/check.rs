@@ -2,7 +2,7 @@
 
 use sm2_proto::{
     Contract, EntityId, InterfaceId, LinkId,
-    control::Apart,
+    control::UnlinkedReason,
     domain::{Ask, Domain, Finding, nearest, why},
     match_contracts, node,
 };
@@ -57,8 +57,8 @@ impl World {
             ([(id, _)], Finding::Linked { link, .. }) => assert_eq!(*id, link),
             ([], Finding::Ended { .. }) => {
                 let (offering, demanding) = (verdict.one.entity, verdict.other.entity);
-                let apart = domain.apart(offering, demanding);
-                assert!(matches!(apart, Some(Apart::Ended { .. })));
+                let unlinked = domain.unlinked_reason(offering, demanding);
+                assert!(matches!(unlinked, Some(UnlinkedReason::Ended { .. })));
                 let mut ends = ends;
                 ends.sort_unstable();
                 assert!(self.broken.contains(&ends), "{verdict}");

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::{
     Contract, Datagram, EntityId, LinkId,
-    control::{Apart, Item},
+    control::{Item, UnlinkedReason},
     domain::{Ask, Domain, Mirror},
     manager::{self, Manager},
     node::{self, Node},
@@ -162,10 +162,10 @@ impl World {
                     entities.sort_unstable();
                     shown.1.push((*link, entities));
                 }
-                Item::Apart {
+                Item::Unlinked {
                     offering,
                     demanding,
-                    cause: Apart::Ended { .. },
+                    reason: UnlinkedReason::Ended { .. },
                 } if self.is_broken(*offering, *demanding, entity_of) => {}
                 other => return fail(Property::MirrorIsExact, format!("{other:?} is shown")),
             }

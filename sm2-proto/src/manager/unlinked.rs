@@ -12,13 +12,13 @@ use core::ops::Bound;
 use super::{Manager, links::Pair};
 use crate::{
     EntityId, NodeId,
-    control::{Apart, Item, Key},
+    control::{Item, Key, UnlinkedReason},
 };
 
 /// For each pair: why.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Pairs {
-    causes: BTreeMap<Pair, Apart>,
+pub(super) struct UnlinkedPairs {
+    reasons: BTreeMap<Pair, UnlinkedReason>,
     /// The same pairs, the demanding side first.
     by_demanding: BTreeSet<(EntityId, EntityId)>,
     /// How many of them each node offers. A node that offers none has no entry.
@@ -28,43 +28,43 @@ pub(super) struct Pairs {
 impl Manager {
     /// A matching pair is not linked. Beyond its quota that is not remembered.
     //= SM2-WCH-004
-    pub(super) fn set_apart(&mut self, pair: Pair, cause: Apart) {
+    pub(super) fn mark_unlinked(&mut self, pair: Pair, reason: UnlinkedReason) {
         if self
-            .apart
-            .insert(pair, cause, self.policy.apart_per_session)
+            .unlinked_pairs
+            .insert(pair, reason, self.policy.unlinked_per_session)
         {
             self.changed(key(pair));
         }
     }
 
     /// A pair is linked after all.
-    pub(super) fn joined(&mut self, pair: Pair) {
-        if self.apart.remove(pair) {
+    pub(super) fn mark_linked(&mut self, pair: Pair) {
+        if self.unlinked_pairs.remove(pair) {
             self.changed(key(pair));
         }
     }
 
     /// An interface is gone, and what was remembered of it.
     //= SM2-WCH-004
-    pub(super) fn forget_apart(&mut self, entity: EntityId) {
-        for pair in self.apart.of(entity) {
-            self.joined(pair);
+    pub(super) fn forget_unlinked(&mut self, entity: EntityId) {
+        for pair in self.unlinked_pairs.of(entity) {
+            self.mark_linked(pair);
         }
     }
 }
 
-impl Pairs {
+impl UnlinkedPairs {
     pub(super) const fn new() -> Self {
         Self {
-            causes: BTreeMap::new(),
+            reasons: BTreeMap::new(),
             by_demanding: BTreeSet::new(),
             offered: BTreeMap::new(),
         }
     }
 
     /// Whether there is room for it.
-    fn insert(&mut self, pair: Pair, cause: Apart, limit: usize) -> bool {
-        if !self.causes.contains_key(&pair) {
+    fn insert(&mut self, pair: Pair, reason: UnlinkedReason, limit: usize) -> bool {
+        if !self.reasons.contains_key(&pair) {
             let offered = self.offered.get(&pair.offering.node).copied();
             let offered = offered.unwrap_or(0) + 1;
             if offered > limit {
@@ -73,13 +73,13 @@ impl Pairs {
             self.offered.insert(pair.offering.node, offered);
             self.by_demanding.insert((pair.demanding, pair.offering));
         }
-        self.causes.insert(pair, cause);
+        self.reasons.insert(pair, reason);
         true
     }
 
     /// Whether it was there.
     fn remove(&mut self, pair: Pair) -> bool {
-        if self.causes.remove(&pair).is_none() {
+        if self.reasons.remove(&pair).is_none() {
             return false;
         }
         self.by_demanding.remove(&(pair.demanding, pair.offering));
@@ -93,7 +93,7 @@ impl Pairs {
 
     /// All pairs of an interface.
     fn of(&self, entity: EntityId) -> Vec<Pair> {
-        let offering = self.causes.range(pair(entity, EntityId::FIRST)..);
+        let offering = self.reasons.range(pair(entity, EntityId::FIRST)..);
         let offering = offering.map(|(&pair, _)| pair);
         let demanding = self.by_demanding.range((entity, EntityId::FIRST)..);
         let demanding = demanding.map(|&(demanding, offering)| pair(offering, demanding));
@@ -104,8 +104,8 @@ impl Pairs {
     }
 
     pub(super) fn item(&self, pair: Pair) -> Option<Item> {
-        let &cause = self.causes.get(&pair)?;
-        Some(item(pair, cause))
+        let &reason = self.reasons.get(&pair)?;
+        Some(item(pair, reason))
     }
 
     /// In the order of their keys.
@@ -114,12 +114,12 @@ impl Pairs {
         (offering, demanding): (EntityId, EntityId),
     ) -> impl Iterator<Item = Item> {
         let after = Bound::Excluded(pair(offering, demanding));
-        let rest = self.causes.range((after, Bound::Unbounded));
-        rest.map(|(&pair, &cause)| item(pair, cause))
+        let rest = self.reasons.range((after, Bound::Unbounded));
+        rest.map(|(&pair, &reason)| item(pair, reason))
     }
 
     pub(super) fn iter(&self) -> impl Iterator<Item = Pair> {
-        self.causes.keys().copied()
+        self.reasons.keys().copied()
     }
 
     /// Whether the tables say the same, and no node offers more than its quota.
@@ -131,7 +131,7 @@ impl Pairs {
         let listed = |pair: Pair| self.by_demanding.contains(&(pair.demanding, pair.offering));
         recount == self.offered
             && recount.values().all(|&offered| offered <= limit)
-            && self.by_demanding.len() == self.causes.len()
+            && self.by_demanding.len() == self.reasons.len()
             && self.iter().all(listed)
     }
 }
@@ -144,16 +144,16 @@ const fn pair(offering: EntityId, demanding: EntityId) -> Pair {
 }
 
 const fn key(pair: Pair) -> Key {
-    Key::Apart {
+    Key::Unlinked {
         offering: pair.offering,
         demanding: pair.demanding,
     }
 }
 
-const fn item(pair: Pair, cause: Apart) -> Item {
-    Item::Apart {
+const fn item(pair: Pair, reason: UnlinkedReason) -> Item {
+    Item::Unlinked {
         offering: pair.offering,
         demanding: pair.demanding,
-        cause,
+        reason,
     }
 }

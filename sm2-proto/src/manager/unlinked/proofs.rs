@@ -1,6 +1,6 @@
-//! Harnesses for the pairs apart: one step from any state of four pairs.
+//! Harnesses for the unlinked pairs: one step from any state of four pairs.
 
-use super::{Apart, EntityId, NodeId, Pair, Pairs, pair};
+use super::{EntityId, NodeId, Pair, UnlinkedPairs, UnlinkedReason, pair};
 use crate::{
     Code, InterfaceId,
     proofs::{below, one_of},
@@ -21,30 +21,30 @@ const PAIRS: [Pair; 4] = [
     pair(entity(2), entity(3)),
 ];
 
-const CAUSE: Apart = Apart::Descriptors;
+const REASON: UnlinkedReason = UnlinkedReason::Descriptors;
 
-fn books(there: [bool; 4]) -> Pairs {
-    let mut books = Pairs::new();
+fn books(there: [bool; 4]) -> UnlinkedPairs {
+    let mut books = UnlinkedPairs::new();
     for it in PAIRS
         .into_iter()
         .zip(there)
         .filter(|(_, is)| *is)
         .map(|(it, _)| it)
     {
-        books.causes.insert(it, CAUSE);
+        books.reasons.insert(it, REASON);
         books.by_demanding.insert((it.demanding, it.offering));
         *books.offered.entry(it.offering.node).or_insert(0) += 1;
     }
     books
 }
 
-/// No node offers more pairs apart than its quota; what is remembered is found from both sides,
+/// No node offers more unlinked pairs than its quota; what is remembered is found from both sides,
 /// and forgotten from both.
 //= SM2-WCH-004 kani
 #[cfg_attr(kani, kani::proof)]
 // Four pairs.
 #[cfg_attr(kani, kani::unwind(7))]
-fn pairs_apart_keep_their_quota() {
+fn unlinked_pairs_keep_their_quota() {
     let limit = below(4);
     let mut there: [bool; 4] = kani::any();
     let offered = |of: EntityId| {
@@ -59,12 +59,12 @@ fn pairs_apart_keep_their_quota() {
     match below(3) {
         0 => {
             let room = is_there || offered(PAIRS[at].offering) < limit;
-            let cause = one_of(&[CAUSE, Apart::Ended { code: Code(3) }]);
-            assert_eq!(books.insert(PAIRS[at], cause, limit), room);
+            let reason = one_of(&[REASON, UnlinkedReason::Ended { code: Code(3) }]);
+            assert_eq!(books.insert(PAIRS[at], reason, limit), room);
             assert_eq!(books.item(PAIRS[at]).is_some(), room);
             if room {
-                // Only the last cause is remembered.
-                assert_eq!(books.causes.insert(PAIRS[at], CAUSE), Some(cause));
+                // Only the last reason is remembered.
+                assert_eq!(books.reasons.insert(PAIRS[at], REASON), Some(reason));
                 there[at] = true;
             }
             kani::cover!(!room && limit > 0, "the quota is used up");
@@ -94,5 +94,5 @@ fn pairs_apart_keep_their_quota() {
 
 #[cfg(test)]
 kani::explored! {
-    pairs_apart_keep_their_quota: 3,
+    unlinked_pairs_keep_their_quota: 3,
 }
