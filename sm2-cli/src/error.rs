@@ -8,9 +8,10 @@ use std::{
 use nix::libc;
 use sm2_io::EndpointError;
 use sm2_manager::StartError;
+use sm2_node::domain::QueryError;
+use sm2_node::schema::SchemaError;
 use sm2_node::{
-    CallError, ConnectError, DeclareError, PublishError, QueryError, RecvError, SchemaError,
-    StoreError, WaitError,
+    CallError, ConnectError, DeclareError, PublishError, RecvError, StoreError, WaitError,
 };
 
 use crate::{interrupt::Stopped, size::Size, usage};

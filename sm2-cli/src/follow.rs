@@ -2,7 +2,7 @@
 
 use std::{os::fd::BorrowedFd, time::Duration};
 
-use sm2_node::{QueryError, Watch};
+use sm2_node::domain::{QueryError, Watch};
 use sm2_proto::{Instant, control::Change, domain::Domain};
 
 use crate::{connect::Session, error::CliError, wait::For};

@@ -8,7 +8,8 @@ use std::{
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use sm2_io::{CounterView, clock};
-use sm2_node::{Node, QueryError};
+use sm2_node::Node;
+use sm2_node::domain::QueryError;
 use sm2_proto::{
     EntityId, Instant, InterfaceId, LinkId, Name, NodeId,
     counters::{Entry, Rate, Summary},

@@ -12,12 +12,13 @@ use sm2_proto::control::Peer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
+use crate::driver::LinkStatus;
 use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Topic};
+use crate::error::QueryError;
 use crate::handle::{Handle, Receipt, Received, until};
 use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
-use crate::{
-    CallError, DeclareError, LinkStatus, Message, Near, QueryError, StoreError, Wait, WaitError,
-};
+use crate::{CallError, DeclareError, Message, StoreError, Wait, WaitError};
+use sm2_proto::domain::Near;
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
 ///

@@ -1,18 +1,26 @@
-//! Looking at the domain: all of it at one moment, what changes, and why something is not linked.
+//! The domain as a node sees it: nodes, interfaces and links, as a snapshot or as a stream of
+//! changes, and why two interfaces are not linked.
+//!
+//! [`Node::snapshot`] returns a [`Domain`], [`Node::watch`] a [`Watch`], [`Node::why`] a [`Verdict`].
 
 use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_io::CounterView;
-use sm2_proto::control::Change;
-use sm2_proto::domain::{Ask, Domain, Mirror, Near, Verdict, nearest, why};
-use sm2_proto::schema::Schema;
-use sm2_proto::{EntityId, Instant, NodeId, TypeId};
+pub use sm2_proto::control::{Change, Item, Key, Limits, Peer, UnlinkedReason};
+use sm2_proto::domain::{Ask, Mirror, nearest, why};
+pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
+pub use sm2_proto::{
+    Contract, Demand, EntityId, InterfaceId, Kind, LinkId, NodeId, Offer, ServiceQos,
+};
+use sm2_proto::{Instant, TypeId};
 
 use crate::driver::{Answer, Followed, Lost, Question, Shared, Ticket};
+pub use crate::error::QueryError;
 use crate::handle::{Handle, until};
-use crate::{Node, QueryError, SchemaError};
+use crate::node::Node;
+use crate::schema::{SchemaError, check_schema};
 
 /// What a node can ask about its domain. Each call waits for the Manager at most as long as
 /// [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout) says, also if that Manager goes and another
@@ -94,27 +102,6 @@ impl Node {
         shared.driven().register_schema(data, text, &shared.epoll);
         Ok(())
     }
-}
-
-/// Whether the Manager will take this text for this type.
-//= SM2-SCH-001, SM2-TYP-001
-pub(crate) fn check_schema(data: &TypeId, text: &str) -> Result<(), SchemaError> {
-    let found = match Schema::parse(text) {
-        Ok(schema) => schema.hash(),
-        Err(reason) => {
-            return Err(SchemaError::Text {
-                data: data.clone(),
-                reason,
-            });
-        }
-    };
-    if found != data.hash {
-        return Err(SchemaError::Hash {
-            data: data.clone(),
-            found,
-        });
-    }
-    Ok(())
 }
 
 impl Handle {

@@ -16,12 +16,12 @@ use sm2_proto::link::Delivery;
 use sm2_proto::node;
 use sm2_proto::{Contract, Instant, InterfaceId, Name, Refusal, TypeId};
 
-use crate::domain::check_schema;
 use crate::driver::{
     Bell, Forms, Full, Inner, Interface, LinkStatus, Needs, NoSlot, Reserved, Shared, State, Taken,
     Tools, Topic, Until,
 };
 use crate::pool::Lease;
+use crate::schema::check_schema;
 use crate::stock;
 use crate::{DeclareError, Payload, RecvError, StoreError, Wait, WaitError};
 

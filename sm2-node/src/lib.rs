@@ -122,7 +122,7 @@
 //! *Names.* Publisher and subscriber belong to a topic, server and client to a service. Where they
 //! do the same, they call it the same: `links`, `matched`, `is_registered`, `why`, `wait_for_…`.
 //!
-//! *Errors.* One enumeration for each operation, in [`mod@error`]; its `Io` variant is what the operating
+//! *Errors.* One enumeration for each operation, such as [`PublishError`]; its `Io` variant is what the operating
 //! system refused. Nothing panics on what another process sends.
 //!
 //! # How a message travels
@@ -141,7 +141,7 @@
 //! # Where to read on
 //!
 //! [`Node`], [`Publisher`], [`Subscriber`], [`Server`], [`Client`] and their builders;
-//! the examples; `SPEC.md` for the protocol, whose clauses are named here as `SM2-QOS-002`.
+//! [`mod@domain`] and [`diagnostics`] for tools; the examples; `SPEC.md` for the protocol, whose clauses are named here as `SM2-QOS-002`.
 #![forbid(unsafe_code)]
 
 // For the derive macros, which speak of `::sm2_node`.
@@ -152,10 +152,11 @@ pub mod asynchronous;
 mod buffer;
 mod builder;
 mod client;
-mod domain;
+pub mod diagnostics;
+pub mod domain;
 mod driver;
 pub mod encoding;
-pub mod error;
+mod error;
 mod handle;
 mod loan;
 mod message;
@@ -173,11 +174,9 @@ mod wait;
 
 pub use builder::NodeBuilder;
 pub use client::{Call, Client, ClientBuilder, Reply};
-pub use domain::Watch;
-pub use driver::{LinkStatus, Received};
 pub use error::{
-    CallError, ConnectError, DeclareError, PublishError, QueryError, RecvError, ReplyError,
-    SchemaError, StoreError, WaitError,
+    CallError, ConnectError, DeclareError, PublishError, RecvError, ReplyError, StoreError,
+    WaitError,
 };
 pub use loan::Loan;
 pub use message::{EncodeError, Message, PayloadError};
@@ -188,16 +187,9 @@ pub use publisher::{Published, Publisher, PublisherBuilder};
 pub use sample::Sample;
 pub use schema::Schema;
 pub use server::{Request, Server, ServerBuilder};
-pub use sm2_io::CounterView;
 pub use sm2_io::clock::now;
 pub use sm2_node_derive::{Message, Schema};
-pub use sm2_proto::control::{Change, Item, Key, Limits, Peer, UnlinkedReason};
-pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
-pub use sm2_proto::link::{Counters, End};
-pub use sm2_proto::{
-    Contract, Demand, EntityId, Instant, InterfaceId, Kind, LinkId, Name, NameError, NodeId, Offer,
-    ServiceQos, TypeId,
-};
+pub use sm2_proto::{Instant, Name, NameError, TypeId};
 pub use subscriber::{Subscriber, SubscriberBuilder};
 pub use wait::Wait;
 pub use {serde, zerocopy};

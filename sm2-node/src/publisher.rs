@@ -13,14 +13,15 @@ use sm2_proto::link::Counters;
 use sm2_proto::{Instant, Kind, Name, TypeId};
 use zerocopy::KnownLayout;
 
+use crate::driver::LinkStatus;
 use crate::driver::{Forms, Label, Offered, Topic};
+use crate::error::QueryError;
 use crate::handle::{Handle, until};
 use crate::loan::Loan;
 use crate::plain::size_for;
 use crate::stock::{self, Stock};
-use crate::{
-    DeclareError, LinkStatus, Message, Near, Plain, PublishError, QueryError, StoreError, WaitError,
-};
+use crate::{DeclareError, Message, Plain, PublishError, StoreError, WaitError};
+use sm2_proto::domain::Near;
 
 mod builder;
 mod many;

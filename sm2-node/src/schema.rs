@@ -33,10 +33,13 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::fmt::Write as _;
 
+use sm2_proto::TypeId;
 use sm2_proto::limits::SCHEMA_TEXT_MAX;
 pub use sm2_proto::schema::hash::{
     array, enumeration, list, map, message, option, set, structure, text,
 };
+
+pub use crate::error::SchemaError;
 
 /// A type whose structure has a hash. Derive it for what messages are made of.
 ///
@@ -126,6 +129,27 @@ pub fn message_text<T: crate::Message + Schema + ?Sized>(encoding: &str) -> Opti
     }
     let schema = sm2_proto::schema::Schema::parse(&text).ok()?;
     (schema.hash() == <T as crate::Message>::HASH).then_some(text)
+}
+
+/// Whether the Manager will take this text for this type.
+//= SM2-SCH-001, SM2-TYP-001
+pub(crate) fn check_schema(data: &TypeId, text: &str) -> Result<(), SchemaError> {
+    let found = match sm2_proto::schema::Schema::parse(text) {
+        Ok(schema) => schema.hash(),
+        Err(reason) => {
+            return Err(SchemaError::Text {
+                data: data.clone(),
+                reason,
+            });
+        }
+    };
+    if found != data.hash {
+        return Err(SchemaError::Hash {
+            data: data.clone(),
+            found,
+        });
+    }
+    Ok(())
 }
 
 macro_rules! named {

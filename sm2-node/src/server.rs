@@ -12,13 +12,13 @@ use sm2_proto::control::Peer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
+use crate::driver::LinkStatus;
 use crate::driver::{CallId, Interface, Shared, Until};
+use crate::error::QueryError;
 use crate::handle::{Handle, Receipt, Received};
 use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
-use crate::{
-    DeclareError, LinkStatus, Message, Near, QueryError, RecvError, ReplyError, StoreError, Wait,
-    WaitError,
-};
+use crate::{DeclareError, Message, RecvError, ReplyError, StoreError, Wait, WaitError};
+use sm2_proto::domain::Near;
 
 /// What a client is told whose request was dropped.
 const DROPPED: &str = "the server dropped the request without an answer";

@@ -7,12 +7,13 @@ use std::time::Duration;
 
 use sm2_proto::{Contract, Demand, Kind, TypeId};
 
+use crate::driver::LinkStatus;
 use crate::driver::{Interface, Shared, Until};
+use crate::error::QueryError;
 use crate::handle::Handle;
 use crate::publisher::{checked_name, schema_of};
-use crate::{
-    DeclareError, LinkStatus, Message, Near, QueryError, RecvError, Sample, Wait, WaitError,
-};
+use crate::{DeclareError, Message, RecvError, Sample, Wait, WaitError};
+use sm2_proto::domain::Near;
 
 /// Receives messages of type `T` from all publishers of a topic, from each in turn.
 ///

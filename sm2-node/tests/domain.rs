@@ -8,7 +8,8 @@ use std::thread;
 use std::time::Duration;
 
 use common::{Domain, SOON, away, back, meet, next, until};
-use sm2_node::{Change, Domain as Mirror, EntityId, Finding, Item, Key, Message, Node, TypeId};
+use sm2_node::domain::{Change, Domain as Mirror, EntityId, Finding, Item, Key};
+use sm2_node::{Message, Node, TypeId};
 
 fn names(domain: &Mirror) -> Vec<String> {
     domain.nodes().map(|node| node.name.to_string()).collect()
@@ -268,7 +269,7 @@ fn a_watch_that_is_only_polled_sees_changes() {
     });
 }
 
-fn entity(node: &Node, domain: &Mirror, kind: sm2_node::Kind) -> EntityId {
+fn entity(node: &Node, domain: &Mirror, kind: sm2_node::domain::Kind) -> EntityId {
     let mut found = domain.interfaces_of(node.id().unwrap());
     found.find(|it| it.contract.kind() == kind).unwrap().entity
 }
@@ -283,8 +284,8 @@ fn why_says_what_is_linked_and_what_is_not() {
     let demanding = listener.subscriber_builder::<u8>("topic").reliable(true);
     let demanding = demanding.declare().unwrap();
     let snapshot = listener.snapshot().unwrap();
-    let offers = entity(&talker, &snapshot, sm2_node::Kind::Publisher);
-    let takes = entity(&listener, &snapshot, sm2_node::Kind::Subscriber);
+    let offers = entity(&talker, &snapshot, sm2_node::domain::Kind::Publisher);
+    let takes = entity(&listener, &snapshot, sm2_node::domain::Kind::Subscriber);
     let verdict = listener.why(takes, offers).unwrap();
     assert!(verdict.is_linked(), "{verdict:?}");
     let near = demanding.why().unwrap();
@@ -292,7 +293,7 @@ fn why_says_what_is_linked_and_what_is_not() {
     let near = format!("{near:?}");
     assert!(near.contains("eliab"), "{near}");
     let gone = EntityId {
-        interface: sm2_node::InterfaceId(99),
+        interface: sm2_node::domain::InterfaceId(99),
         ..offers
     };
     let verdict = talker.why(takes, gone).unwrap();
@@ -369,7 +370,7 @@ fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
             view.unwrap()
         };
         let (sent, taken) = (look(&talker), look(&listener));
-        let read = |view: &sm2_node::CounterView| -> Vec<_> {
+        let read = |view: &sm2_node::diagnostics::CounterView| -> Vec<_> {
             view.entries().map(|(_, entry)| entry.unwrap()).collect()
         };
         let (sent, taken) = (read(&sent), read(&taken));
@@ -405,7 +406,11 @@ fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
     assert_eq!(view.entries().count(), 1, "that of the link is free again");
     drop(publisher);
     assert_eq!(view.entries().count(), 0);
-    assert!(tool.inspect(sm2_node::NodeId(999)).unwrap().is_none());
+    assert!(
+        tool.inspect(sm2_node::domain::NodeId(999))
+            .unwrap()
+            .is_none()
+    );
 }
 
 #[test]

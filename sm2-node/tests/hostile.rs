@@ -9,7 +9,9 @@ use std::time::{Duration, Instant};
 
 use common::{Domain, SOON, pattern};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
-use sm2_node::{DeclareError, Demand, End, LinkId, Message, Name, Offer, Publisher, Subscriber};
+use sm2_node::diagnostics::End;
+use sm2_node::domain::{Demand, LinkId, Offer};
+use sm2_node::{DeclareError, Message, Name, Publisher, Subscriber};
 use sm2_proto::node::{Input, Node, Output};
 use sm2_proto::{Contract, Datagram, Violation};
 

@@ -9,9 +9,8 @@ use std::time::{Duration, Instant};
 
 use common::{SOON, until};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
-use sm2_node::{
-    ConnectError, Contract, Demand, InterfaceId, LinkId, Name, Node, NodeId, Peer, Publisher,
-};
+use sm2_node::domain::{Contract, Demand, InterfaceId, LinkId, NodeId, Peer};
+use sm2_node::{ConnectError, Name, Node, Publisher};
 use sm2_proto::control::{ToManager, ToNode, decode_to_manager, encode_to_node};
 use sm2_proto::{Datagram, Farewell, FdFacts, Refusal, Seals, Violation};
 

@@ -11,9 +11,8 @@ use std::time::Duration;
 use common::{Domain, LANES, SOON, WAYS, pattern, until};
 use sm2_io::wait_readable;
 use sm2_node::asynchronous::IntoAsync;
-use sm2_node::{
-    CallError, Client, ClientBuilder, LinkStatus, Reply, Request, Server, ServerBuilder,
-};
+use sm2_node::diagnostics::LinkStatus;
+use sm2_node::{CallError, Client, ClientBuilder, Reply, Request, Server, ServerBuilder};
 
 /// As long as all calls of a test take, with a lot else to do.
 const LONG: Duration = Duration::from_secs(30);

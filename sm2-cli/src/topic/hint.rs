@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use sm2_node::LinkStatus;
+use sm2_node::diagnostics::LinkStatus;
 use sm2_proto::{Kind, Name, domain::nearest};
 
 use crate::connect::Session;

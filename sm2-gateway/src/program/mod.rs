@@ -22,7 +22,8 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
-use sm2_node::{ConnectError, QueryError};
+use sm2_node::ConnectError;
+use sm2_node::domain::QueryError;
 
 use crate::{ConfigError, Place, RunError, keys::KeyFileError, report::ReportError};
 

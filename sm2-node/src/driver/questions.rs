@@ -18,7 +18,7 @@ use sm2_proto::{Instant, NodeId, TypeId};
 
 use super::datagram::Incoming;
 use super::{Inner, Shared, Topic};
-use crate::QueryError;
+use crate::error::QueryError;
 
 /// A question that is answered exactly once.
 #[derive(Clone, Debug)]

@@ -5,7 +5,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use sm2_manager::{Background, Options, Policy};
-use sm2_node::{LinkStatus, Message, Node, Publisher, Sample, Subscriber, Wait};
+use sm2_node::diagnostics::LinkStatus;
+use sm2_node::{Message, Node, Publisher, Sample, Subscriber, Wait};
 
 /// Long enough for a machine that is busy with other tests.
 pub(crate) const SOON: Duration = Duration::from_secs(2);

@@ -114,7 +114,9 @@ fn member(options: &Options, index: usize, distances: &[usize]) -> Member {
 
 impl Member {
     fn is_linked(&self, plan: &Plan) -> bool {
-        let open = |links: Vec<sm2_node::LinkStatus>| links.iter().filter(|it| it.open).count();
+        let open = |links: Vec<sm2_node::diagnostics::LinkStatus>| {
+            links.iter().filter(|it| it.open).count()
+        };
         let heard = self.heard.iter();
         open(self.publisher.links()) == plan.hearers
             && heard.map(|it| open(it.subscriber.links())).all(|n| n == 1)

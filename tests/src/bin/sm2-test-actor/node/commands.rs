@@ -25,9 +25,9 @@ use std::{
     fs::File,
 };
 
-use sm2_node::{
-    Call, Client, LinkStatus, Node, Publisher, Request, Sample, Server, Subscriber, TypeId,
-};
+use sm2_node::diagnostics::LinkStatus;
+
+use sm2_node::{Call, Client, Node, Publisher, Request, Sample, Server, Subscriber, TypeId};
 use sm2_tests::{PATIENCE, pattern};
 
 use super::declare::{self, Words};
