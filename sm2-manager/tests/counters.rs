@@ -19,8 +19,9 @@ use common::{PATIENCE, Place, Program};
 use nix::unistd::{Uid, chown, geteuid};
 use sm2_io::{CounterPage, CounterView, RecvError, SeqPacket, memfd, wait_readable};
 use sm2_proto::{
-    Code, Datagram, InterfaceId, NodeId, Violation,
+    Code, Datagram, InterfaceId, NodeId, ViolationKind,
     control::{ToManager, ToNode, decode_to_node, encode_to_manager},
+    violation,
 };
 
 /// A node that speaks frames.
@@ -200,12 +201,20 @@ fn every_other_descriptor_is_closed() {
     let counters = ToManager::Counters;
     let query = ToManager::Query { after: None };
     for (frame, fds, violation) in [
-        (&counters, &[null.as_fd()][..], Violation::NotAMemfd),
-        (&counters, &[one.as_fd()], Violation::NotAMemfd),
-        (&counters, &[], Violation::FdCount),
-        (&counters, &one_too_many, Violation::FdCount),
-        (&counters, &many, Violation::FdCount),
-        (&query, &[page.as_fd()], Violation::FdCount),
+        (
+            &counters,
+            &[null.as_fd()][..],
+            violation!(NotAMemfd, "SM2-CNT-001"),
+        ),
+        (
+            &counters,
+            &[one.as_fd()],
+            violation!(NotAMemfd, "SM2-CNT-001"),
+        ),
+        (&counters, &[], violation!(FdCount, "SM2-TRN-005")),
+        (&counters, &one_too_many, violation!(FdCount, "SM2-TRN-005")),
+        (&counters, &many, violation!(FdCount, "SM2-TRN-005")),
+        (&query, &[page.as_fd()], violation!(FdCount, "SM2-TRN-005")),
     ] {
         let node = Raw::welcomed(&place, "node");
         node.send(frame, fds);
@@ -216,7 +225,7 @@ fn every_other_descriptor_is_closed() {
     let node = Raw::welcomed(&place, "node");
     node.send(&counters, &[page.as_fd()]);
     node.send(&counters, &[page.as_fd()]);
-    assert_eq!(node.goodbye(), Violation::CountersTwice.code());
+    assert_eq!(node.goodbye(), ViolationKind::CountersTwice.code());
     common::eventually("both to be closed", || open(&manager) == idle);
     witness.inspect(witness.id);
     let (ToNode::NotInspected { .. }, None) = witness.next() else {

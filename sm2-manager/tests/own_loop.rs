@@ -14,7 +14,7 @@ use nix::unistd::Pid;
 use sm2_io::{CounterPage, CounterView, RecvError, SendError, SeqPacket, wait_readable};
 use sm2_node::{Node, Publisher, Subscriber};
 use sm2_proto::control::{ToManager, ToNode, decode_to_node, encode_to_manager};
-use sm2_proto::{Code, Datagram, Farewell, FdFacts, InterfaceId, Name, NodeId, Violation};
+use sm2_proto::{Code, Datagram, Farewell, FdFacts, InterfaceId, Name, NodeId, ViolationKind};
 
 /// Long enough for a machine that is busy with other tests.
 const SOON: Duration = Duration::from_secs(20);
@@ -287,7 +287,7 @@ fn a_violation_ends_its_session_alone() {
 
     let garbage = domain.raw();
     garbage.send_bytes(b"\xff\xff\xff\xff\x7f");
-    garbage.hung_up(Violation::UnknownFrame.code());
+    garbage.hung_up(ViolationKind::UnknownFrame.code());
     domain
         .process
         .line("broke the protocol: unknown-frame (SM2-");
@@ -297,15 +297,15 @@ fn a_violation_ends_its_session_alone() {
     let hello = encode_to_manager(&Raw::hello("stranger"));
     let parts = [IoSlice::new(&hello)];
     stranger.0.send(&parts, &[file.as_fd()]).unwrap();
-    stranger.hung_up(Violation::FdCount.code());
+    stranger.hung_up(ViolationKind::FdCount.code());
 
     let long = domain.raw();
     long.send_bytes(&[0; 65_537]);
-    long.hung_up(Violation::FrameTooLong.code());
+    long.hung_up(ViolationKind::FrameTooLong.code());
 
     let twice = domain.raw().welcomed("twice");
     twice.send(&Raw::hello("twice"));
-    twice.hung_up(Violation::UnexpectedHello.code());
+    twice.hung_up(ViolationKind::UnexpectedHello.code());
 
     domain.has_files(files);
     deliver(&publisher, &subscriber, 1);

@@ -13,7 +13,7 @@ use sm2_node::diagnostics::End;
 use sm2_node::domain::{Demand, LinkId, Offer};
 use sm2_node::{DeclareError, Message, Name, Publisher, Subscriber};
 use sm2_proto::node::{Input, Node, Output};
-use sm2_proto::{Contract, Datagram, Violation};
+use sm2_proto::{Contract, Datagram, ViolationKind, violation};
 
 const SENDER: u8 = 0;
 const RECEIVER: u8 = 1;
@@ -215,10 +215,13 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     release.extend(99_u64.to_le_bytes());
     raw.send(&release, &[]);
     let code = raw.closed(|| drop(publisher.links()));
-    assert_eq!(code, Violation::BadRelease.code().0);
+    assert_eq!(code, ViolationKind::BadRelease.code().0);
     let links = publisher.links();
     let ended = &links[0];
-    assert_eq!(ended.end, Some(End::Violation(Violation::BadRelease)));
+    assert_eq!(
+        ended.end,
+        Some(End::Violation(violation!(BadRelease, "SM2-MSG-004")))
+    );
     assert_eq!(ended.peer.name.as_str(), "raw");
     assert_eq!((ended.counters.offered, ended.counters.closed), (1, 1));
     assert_eq!(publisher.counters().offered, 2);
@@ -279,11 +282,9 @@ fn what_is_no_sealed_memory_is_never_mapped() {
     let file = File::open("/dev/zero").unwrap();
     raw.send(&attach(1, 4096, 1), &[file.as_fd()]);
     let code = raw.closed(|| drop(subscriber.try_recv().unwrap()));
-    assert_eq!(code, Violation::NotAMemfd.code().0);
-    assert!(matches!(
-        subscriber.links()[0].end,
-        Some(End::Violation(Violation::NotAMemfd))
-    ));
+    assert_eq!(code, ViolationKind::NotAMemfd.code().0);
+    let end = End::Violation(violation!(NotAMemfd, "SM2-SEG-001"));
+    assert_eq!(subscriber.links()[0].end, Some(end));
 }
 
 /// A segment whose slot begins with a frame header of its own: what is received is what the
@@ -308,7 +309,7 @@ fn lengths_and_places_come_from_the_datagram() {
     drop(sample);
     raw.send(&pooled(1, 1, 2, 4097), &[]);
     let code = raw.closed(|| drop(subscriber.try_recv().unwrap()));
-    assert_eq!(code, Violation::BadLength.code().0);
+    assert_eq!(code, ViolationKind::BadLength.code().0);
 }
 
 //= SM2-PAY-007 test

@@ -12,7 +12,7 @@ use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::domain::{Contract, Demand, InterfaceId, LinkId, NodeId, Peer};
 use sm2_node::{ConnectError, Name, Node, Publisher};
 use sm2_proto::control::{ToManager, ToNode, decode_to_manager, encode_to_node};
-use sm2_proto::{Datagram, Farewell, FdFacts, Refusal, Seals, Violation};
+use sm2_proto::{Datagram, Farewell, FdFacts, Refusal, Seals, violation};
 
 /// A Manager in a test's own hands: on the thread of the node, which is called while the other
 /// side waits.
@@ -250,7 +250,11 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
     carries(&publisher, &peer);
     let wrong = [
         // Before WELCOME.
-        (None, declared(0), Violation::ExpectedWelcome),
+        (
+            None,
+            declared(0),
+            violation!(ExpectedWelcome, "SM2-NOD-001"),
+        ),
         // DECLARED out of its order.
         (
             Some(2),
@@ -258,7 +262,7 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
                 interface: InterfaceId(9),
                 matches: 0,
             },
-            Violation::UnknownInterface,
+            violation!(UnknownInterface, "SM2-LNK-003"),
         ),
         // UNLINK of a link that it never had.
         (
@@ -271,7 +275,7 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
                 },
                 code: Farewell::PeerGone.code(),
             },
-            Violation::UnknownInterface,
+            violation!(UnknownInterface, "SM2-LNK-003"),
         ),
         // An answer that nobody asked for.
         (
@@ -281,7 +285,7 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
                 changes: None,
                 more: false,
             },
-            Violation::UnexpectedChanges,
+            violation!(UnexpectedChanges, "SM2-WCH-001"),
         ),
     ];
     for (epoch, frame, violation) in wrong {

@@ -32,10 +32,10 @@ impl<'a> Datagram<'a> {
     //= SM2-TRN-004, SM2-TRN-005
     pub(crate) fn check(&self) -> Result<(), Violation> {
         if self.data_truncated || self.bytes.len() > DATAGRAM_MAX {
-            return Err(Violation::FrameTooLong);
+            return Err(violation!(FrameTooLong, "SM2-TRN-004"));
         }
         if self.control_truncated {
-            return Err(Violation::ControlTruncated);
+            return Err(violation!(ControlTruncated, "SM2-TRN-005"));
         }
         Ok(())
     }
@@ -46,7 +46,7 @@ impl<'a> Datagram<'a> {
         if self.fds.len() == expected {
             Ok(())
         } else {
-            Err(Violation::FdCount)
+            Err(violation!(FdCount, "SM2-TRN-005"))
         }
     }
 }

@@ -37,7 +37,11 @@
 
 extern crate alloc;
 
+#[macro_use]
+mod violation;
+
 mod backoff;
+mod clause;
 mod code;
 mod contract;
 pub mod control;
@@ -63,7 +67,8 @@ pub mod schema;
 mod time;
 
 pub use backoff::Backoff;
-pub use code::{Code, Farewell, Violation};
+pub use clause::Clause;
+pub use code::{Code, Farewell, ViolationKind};
 pub use contract::{Contract, Demand, Kind, Offer, QosError, ServiceQos, TypeId};
 pub use datagram::Datagram;
 pub use fd::{FdFacts, Seals};
@@ -73,6 +78,7 @@ pub use matching::{LinkQos, Mismatch, match_contracts};
 pub use name::{Name, NameError};
 pub use refusal::{Quota, Refusal};
 pub use time::Instant;
+pub use violation::Violation;
 
 /// The newest protocol version that this crate speaks (SM2-VER-001).
 //= SM2-VER-001

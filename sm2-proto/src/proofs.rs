@@ -7,7 +7,7 @@ use core::time::Duration;
 
 use crate::{
     Code, Contract, Datagram, Demand, Farewell, FdFacts, Instant, Name, Offer, Seals, ServiceQos,
-    TypeId, Violation,
+    TypeId, ViolationKind,
     counters::{
         ENTRY_BYTES, ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, RECENT, Summary, entries_in,
         field, recent_index,
@@ -184,7 +184,7 @@ fn counter_entries_are_canonical() {
 #[cfg_attr(kani, kani::proof)]
 fn codes_have_one_meaning() {
     let code = Code(kani::any());
-    let (farewell, violation) = (Farewell::from_code(code), Violation::from_code(code));
+    let (farewell, violation) = (Farewell::from_code(code), ViolationKind::from_code(code));
     assert!(farewell.is_none() || violation.is_none());
     assert!(farewell.is_none_or(|it| it.code() == code));
     assert!(violation.is_none_or(|it| it.code() == code));
@@ -223,7 +223,7 @@ fn descriptors_are_counted() {
     let expected = if came == wanted {
         Ok(())
     } else {
-        Err(Violation::FdCount)
+        Err(violation!(FdCount, "SM2-TRN-005"))
     };
     assert_eq!(datagram.check_fds(wanted), expected);
     kani::cover!(came > wanted && wanted > 0, "more than wanted");

@@ -12,11 +12,12 @@ mod support;
 use direction::{TO_MANAGER, TO_NODE, datagram, json};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Contract, Datagram, Name, Violation,
+    Contract, Datagram, Name,
     control::{
         ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
     },
     limits::{DATAGRAM_MAX, NAME_MAX, SCHEMA_TEXT_MAX},
+    violation,
 };
 use support::{bench::hello, cases};
 
@@ -31,7 +32,7 @@ proptest! {
         let own = usize::from(frame == ToManager::Counters);
         for fds in 0..=3 {
             let decoded = decode_to_manager(&datagram(&bytes, fds));
-            let expected = if fds == own { Ok(frame.clone()) } else { Err(Violation::FdCount) };
+            let expected = if fds == own { Ok(frame.clone()) } else { Err(violation!(FdCount, "SM2-TRN-005")) };
             prop_assert_eq!(decoded, expected);
         }
         prop_assert_eq!(naive::to_manager(&bytes, own), Ok(json(&frame)));
@@ -44,7 +45,7 @@ proptest! {
         let own = usize::from(matches!(frame, ToNode::Link { .. } | ToNode::Inspected { .. }));
         for fds in 0..=3 {
             let decoded = decode_to_node(&datagram(&bytes, fds));
-            let expected = if fds == own { Ok(frame.clone()) } else { Err(Violation::FdCount) };
+            let expected = if fds == own { Ok(frame.clone()) } else { Err(violation!(FdCount, "SM2-TRN-005")) };
             prop_assert_eq!(decoded, expected);
         }
         prop_assert_eq!(naive::to_node(&bytes, own), Ok(json(&frame)));
@@ -87,11 +88,11 @@ proptest! {
             (TO_NODE, encode_to_node(&other)),
         ] {
             for len in 1..bytes.len() {
-                prop_assert_eq!(direction.violation(&bytes[..len]), Some(Violation::Malformed));
+                prop_assert_eq!(direction.violation(&bytes[..len]), Some(violation!(Malformed, "SM2-FRM-001")));
             }
-            prop_assert_eq!(direction.violation(&[]), Some(Violation::UnknownFrame));
+            prop_assert_eq!(direction.violation(&[]), Some(violation!(UnknownFrame, "SM2-FRM-001")));
             let longer = [&bytes[..], &[0]].concat();
-            prop_assert_eq!(direction.violation(&longer), Some(Violation::TrailingBytes));
+            prop_assert_eq!(direction.violation(&longer), Some(violation!(TrailingBytes, "SM2-FRM-001")));
         }
     }
 }
@@ -169,11 +170,11 @@ fn names() {
     ];
     for text in bad {
         let frame = hello_named(text);
-        assert_eq!(
-            TO_MANAGER.violation(&frame),
-            Some(Violation::BadName),
-            "{text:?}"
-        );
+        let expected = match str::from_utf8(text) {
+            Ok(_) => violation!(BadName, "SM2-NAM-001"),
+            Err(_) => violation!(BadName, "SM2-FRM-001"),
+        };
+        assert_eq!(TO_MANAGER.violation(&frame), Some(expected), "{text:?}");
         if let Ok(text) = std::str::from_utf8(text) {
             assert!(Name::new(text).is_err(), "{text:?}");
         }
@@ -204,7 +205,7 @@ fn only_the_shortest_varint() {
         };
         assert_eq!(
             withdraw(&longer),
-            Some(Violation::NotCanonical),
+            Some(violation!(NotCanonical, "SM2-FRM-002")),
             "{longer:?}"
         );
     }
@@ -212,20 +213,36 @@ fn only_the_shortest_varint() {
     let too_long = [[0x80; 10].as_slice(), &[0]].concat();
     let too_large = [[0xff; 9].as_slice(), &[2]].concat();
     for number in [too_long, too_large] {
-        assert_eq!(withdraw(&number), Some(Violation::Malformed), "{number:?}");
+        assert_eq!(
+            withdraw(&number),
+            Some(violation!(Malformed, "SM2-FRM-001")),
+            "{number:?}"
+        );
     }
     let goodbye = |number: &[u8]| TO_MANAGER.violation(&[&[5], number].concat());
     assert_eq!(goodbye(&[0xff, 0xff, 3]), None);
-    assert_eq!(goodbye(&[0x80, 0x80, 0]), Some(Violation::NotCanonical));
-    assert_eq!(goodbye(&[0xff, 0xff, 4]), Some(Violation::Malformed));
-    assert_eq!(goodbye(&[0x80, 0x80, 0x80, 0]), Some(Violation::Malformed));
+    assert_eq!(
+        goodbye(&[0x80, 0x80, 0]),
+        Some(violation!(NotCanonical, "SM2-FRM-002"))
+    );
+    assert_eq!(
+        goodbye(&[0xff, 0xff, 4]),
+        Some(violation!(Malformed, "SM2-FRM-001"))
+    );
+    assert_eq!(
+        goodbye(&[0x80, 0x80, 0x80, 0]),
+        Some(violation!(Malformed, "SM2-FRM-001"))
+    );
     // The number of the frame, the length of a name and of a list as well.
     for frame in [&[0x82, 0, 7][..], &[0, 1, 1, 0x81, 0, b'a', 0]] {
-        assert_eq!(TO_MANAGER.violation(frame), Some(Violation::NotCanonical));
+        assert_eq!(
+            TO_MANAGER.violation(frame),
+            Some(violation!(NotCanonical, "SM2-FRM-002"))
+        );
     }
     assert_eq!(
         TO_NODE.violation(&[7, 1, 0x80, 0, 0]),
-        Some(Violation::NotCanonical)
+        Some(violation!(NotCanonical, "SM2-FRM-002"))
     );
 }
 
@@ -237,11 +254,11 @@ fn unknown_numbers() {
             // From 0x80 on the number is cut short; with one more byte it is large.
             assert_eq!(
                 direction.violation(&[number]),
-                Some(Violation::UnknownFrame)
+                Some(violation!(UnknownFrame, "SM2-FRM-001"))
             );
             assert_eq!(
                 direction.violation(&[number, 1]),
-                Some(Violation::UnknownFrame)
+                Some(violation!(UnknownFrame, "SM2-FRM-001"))
             );
         }
         let numbers = [
@@ -249,7 +266,10 @@ fn unknown_numbers() {
             &[0xff, 0xff, 0xff, 0xff, 0x1f],
         ];
         for number in numbers {
-            assert_eq!(direction.violation(number), Some(Violation::UnknownFrame));
+            assert_eq!(
+                direction.violation(number),
+                Some(violation!(UnknownFrame, "SM2-FRM-001"))
+            );
         }
     }
     for (direction, frame) in [
@@ -267,7 +287,7 @@ fn unknown_numbers() {
     ] {
         assert_eq!(
             direction.violation(frame),
-            Some(Violation::Malformed),
+            Some(violation!(Malformed, "SM2-FRM-001")),
             "{frame:?}"
         );
     }
@@ -319,7 +339,7 @@ fn quality_of_service() {
                 let bytes = declare(|it| *it = contract(kind, depth, second));
                 let least = u16::from(kind != 0);
                 let good = (1..=1_024).contains(&depth) && (least..=1_024).contains(&second);
-                let expected = (!good).then_some(Violation::BadQos);
+                let expected = (!good).then_some(violation!(BadQos, "SM2-FRM-003"));
                 assert_eq!(
                     TO_MANAGER.violation(&bytes),
                     expected,
@@ -351,8 +371,11 @@ fn texts() {
     no_text[77] = 0xff;
     for (text, violation) in [
         (long.as_bytes(), None),
-        (longer.as_bytes(), Some(Violation::BadSchema)),
-        (&no_text, Some(Violation::BadName)),
+        (
+            longer.as_bytes(),
+            Some(violation!(BadSchema, "SM2-SCH-001")),
+        ),
+        (&no_text, Some(violation!(BadName, "SM2-FRM-001"))),
     ] {
         for (direction, bytes) in frames(text) {
             assert_eq!(direction.violation(&bytes), violation);
@@ -361,7 +384,10 @@ fn texts() {
     // The end of the datagram comes before the limit of texts.
     let [(to_manager, mut bytes), _] = frames(longer.as_bytes());
     bytes.push(0);
-    assert_eq!(to_manager.violation(&bytes), Some(Violation::TrailingBytes));
+    assert_eq!(
+        to_manager.violation(&bytes),
+        Some(violation!(TrailingBytes, "SM2-FRM-001"))
+    );
 }
 
 /// When several rules are broken, the first of SPEC section 10's order is named.
@@ -387,23 +413,23 @@ fn precedence() {
     let mut unknown = bad_name.clone();
     unknown[0] = 13;
     for (bytes, violation) in [
-        (too_deep, Violation::BadQos),
-        (not_canonical, Violation::NotCanonical),
-        (trailing, Violation::TrailingBytes),
-        (malformed, Violation::Malformed),
-        (bad_name, Violation::BadName),
-        (unknown.clone(), Violation::UnknownFrame),
+        (too_deep, violation!(BadQos, "SM2-FRM-003")),
+        (not_canonical, violation!(NotCanonical, "SM2-FRM-002")),
+        (trailing, violation!(TrailingBytes, "SM2-FRM-001")),
+        (malformed, violation!(Malformed, "SM2-FRM-001")),
+        (bad_name, violation!(BadName, "SM2-NAM-001")),
+        (unknown.clone(), violation!(UnknownFrame, "SM2-FRM-001")),
     ] {
         let decoded = decode_to_manager(&datagram(&bytes, 1));
         assert_eq!(decoded, Err(violation));
-        assert_eq!(naive::to_manager(&bytes, 1), Err(violation.name()));
+        assert_eq!(naive::to_manager(&bytes, 1), Err(violation.kind().name()));
     }
     let hello = encode_to_manager(&hello("a"));
     let decoded = decode_to_manager(&datagram(&hello, 1));
-    assert_eq!(decoded, Err(Violation::FdCount));
+    assert_eq!(decoded, Err(violation!(FdCount, "SM2-TRN-005")));
     for (data_truncated, violation) in [
-        (true, Violation::FrameTooLong),
-        (false, Violation::ControlTruncated),
+        (true, violation!(FrameTooLong, "SM2-TRN-004")),
+        (false, violation!(ControlTruncated, "SM2-TRN-005")),
     ] {
         let datagram = Datagram {
             data_truncated,
@@ -419,8 +445,8 @@ fn precedence() {
 #[test]
 fn the_longest_datagram() {
     for (len, violation) in [
-        (DATAGRAM_MAX, Violation::TrailingBytes),
-        (DATAGRAM_MAX + 1, Violation::FrameTooLong),
+        (DATAGRAM_MAX, violation!(TrailingBytes, "SM2-FRM-001")),
+        (DATAGRAM_MAX + 1, violation!(FrameTooLong, "SM2-TRN-004")),
     ] {
         let mut bytes = encode_to_manager(&hello("a"));
         bytes.resize(len, 0);

@@ -305,7 +305,7 @@ fn they_match_and_something_is_in_the_way() {
         )
     );
     for (code, meaning) in [
-        (71, "bad-sequence (SM2-MSG-001)"),
+        (71, "bad-sequence"),
         (40_000, "code 40000"),
         (0, "it wanted no more"),
         (1, "it did not greet in time"),

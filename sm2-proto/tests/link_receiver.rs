@@ -4,13 +4,14 @@ mod link_support;
 
 use link_support::*;
 use sm2_proto::{
-    FdFacts, Violation,
+    FdFacts,
     limits::INLINE_MAX,
     link::{
         Config, Delivery, Error, Input, Link, Misuse, Output, Payload, Role, SegmentInfo,
         TooManyBorrowed,
         wire::{Carrier, Form, Frame, MessageFrame},
     },
+    violation,
 };
 
 fn take(link: &mut Link) -> Delivery {
@@ -87,7 +88,10 @@ fn reliable_displaces_nothing_and_ends_at_the_window() {
         assert_eq!(accept(&mut link, &data(id, id)), []);
     }
     assert_eq!(link.ready(), 3);
-    assert_eq!(reject(&mut link, &data(4, 4)), Violation::WindowExceeded);
+    assert_eq!(
+        reject(&mut link, &data(4, 4)),
+        violation!(WindowExceeded, "SM2-MSG-003")
+    );
 }
 
 /// Lost is what came after the message taken before, and will never be seen.
@@ -199,7 +203,7 @@ fn the_longest_inline_payload() {
         } else {
             assert_eq!(
                 reject(&mut link, &Frame::Message(message)),
-                Violation::BadLength
+                violation!(BadLength, "SM2-PAY-001")
             );
         }
     }
@@ -233,11 +237,11 @@ fn a_slot_is_busy_until_its_release_has_left() {
     drain(&mut link);
     assert_eq!(
         reject(&mut link.clone(), &data_pooled(2, 2, 1)),
-        Violation::SlotBusy
+        violation!(SlotBusy, "SM2-PAY-005")
     );
     assert_eq!(
         reject(&mut link.clone(), &Frame::Detach { segment: 5 }),
-        Violation::SegmentBusy
+        violation!(SegmentBusy, "SM2-SEG-005")
     );
     link.handle(NOW, Input::Writable).unwrap();
     drain(&mut link);
@@ -269,7 +273,7 @@ fn a_displaced_message_keeps_its_slot_until_its_release_has_left() {
     );
     assert_eq!(
         reject(&mut link.clone(), &data_pooled(3, 3, 0)),
-        Violation::WindowExceeded
+        violation!(WindowExceeded, "SM2-MSG-003")
     );
     link.handle(NOW, Input::Writable).unwrap();
     drain(&mut link);

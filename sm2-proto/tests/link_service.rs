@@ -4,12 +4,12 @@ mod link_support;
 
 use link_support::*;
 use sm2_proto::{
-    Violation,
     limits::CALLS_MAX,
     link::{
         Config, End, Error, Fate, Input, Link, Message, Misuse, Output, Role, Status,
         wire::{Carrier, Frame, Given, MessageFrame},
     },
+    violation,
 };
 
 fn caller() -> Link {
@@ -53,7 +53,10 @@ fn a_call_is_open_until_its_one_reply() {
     assert_eq!(link.calls(), 2);
     assert_eq!(accept(&mut link, &reply(1, 7)), []);
     assert_eq!((link.calls(), link.take().unwrap().unwrap().id), (1, 7));
-    assert_eq!(reject(&mut link, &reply(2, 7)), Violation::UnknownCall);
+    assert_eq!(
+        reject(&mut link, &reply(2, 7)),
+        violation!(UnknownCall, "SM2-SRV-003")
+    );
 }
 
 //= SM2-SRV-003 test
@@ -172,7 +175,7 @@ fn a_call_counts_until_its_reply_has_left() {
     accept(&mut link, &request(1025, 1025));
     assert_eq!(
         reject(&mut link, &request(1026, 1026)),
-        Violation::CallLimit
+        violation!(CallLimit, "SM2-SRV-002")
     );
 }
 
@@ -249,12 +252,12 @@ fn a_cancel_that_crossed_the_reply_is_ignored_once() {
     assert_eq!(accept(&mut link, &Frame::Cancel { call: 1 }), []);
     assert_eq!(
         reject(&mut link, &Frame::Cancel { call: 1 }),
-        Violation::BadCancel
+        violation!(BadCancel, "SM2-SRV-004")
     );
     release_all(&mut released, Given::Consumed, &[1]);
     assert_eq!(
         reject(&mut released, &Frame::Cancel { call: 1 }),
-        Violation::UnknownCall
+        violation!(UnknownCall, "SM2-SRV-004")
     );
 }
 

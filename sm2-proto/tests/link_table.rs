@@ -6,11 +6,12 @@ use link_support::{
     RING, config, drain, fds_for, feed, from_peer, open_to, opened_with, sent, with_ring,
 };
 use sm2_proto::{
-    Code, FdFacts, Violation,
+    Code, FdFacts, ViolationKind,
     link::{
         Config, End, Error, FrameKind, Link, Role, SegmentInfo,
         wire::{Carrier, Frame, Given},
     },
+    violation,
 };
 
 /// `.` is a frame that the state allows; what it says may still be wrong. Both ends offer the
@@ -141,12 +142,17 @@ fn cell(state: State, ring: bool, role: Role, kind: FrameKind) -> String {
     }
     let (bytes, fds) = some_frame(role, kind);
     match feed(&mut link, &bytes, &fds) {
-        Err(Error::Ended(End::Violation(
-            it @ (Violation::ExpectedOpen
-            | Violation::UnexpectedOpen
-            | Violation::WrongRole
-            | Violation::WrongLane),
-        ))) => it.name().to_owned(),
+        Err(Error::Ended(End::Violation(it)))
+            if matches!(
+                it.kind(),
+                ViolationKind::ExpectedOpen
+                    | ViolationKind::UnexpectedOpen
+                    | ViolationKind::WrongRole
+                    | ViolationKind::WrongLane
+            ) =>
+        {
+            it.kind().name().to_owned()
+        }
         Err(Error::Ended(End::Peer(Code(0)))) => "ended".to_owned(),
         _ => ".".to_owned(),
     }
@@ -162,7 +168,7 @@ fn a_lane_is_used_only_if_both_offer_it() {
             let has_ring = ours && theirs;
             assert_eq!(link.has_ring(), has_ring, "{role:?}");
             let doorbell = feed(&mut link, &Frame::Doorbell.to_vec(), &[]);
-            let end = Error::Ended(End::Violation(Violation::WrongLane));
+            let end = Error::Ended(End::Violation(violation!(WrongLane, "SM2-RNG-001")));
             assert_eq!(doorbell, if has_ring { Ok(()) } else { Err(end) });
         }
     }

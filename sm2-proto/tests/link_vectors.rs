@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 use link_support::{NOW, drain, message, sent};
 use serde_json::{Map, Value, json};
 use sm2_proto::{
-    Code, Datagram, FdFacts, LinkId, Seals, Violation,
+    Code, Datagram, FdFacts, LinkId, Seals, ViolationKind,
     link::{
         Config, End, Error, FrameKind, Input, Link, Role, SegmentInfo, Status,
         wire::{Form, Frame, Given, MessageFrame},
@@ -43,9 +43,11 @@ fn every_vector() {
         };
         let result = link.handle(NOW, Input::Datagram(datagram));
         if let Some(expected) = vector.get("violation") {
-            let violation = named(expected);
-            let end = End::Violation(violation);
-            assert_eq!(result, Err(Error::Ended(end)), "{name}");
+            let Err(Error::Ended(End::Violation(violation))) = result else {
+                panic!("{name}: {result:?}");
+            };
+            assert_eq!(violation.kind(), named(expected), "{name}");
+            assert_eq!(violation.clause().to_string(), vector["clause"], "{name}");
             let close = Frame::Close(violation.code()).to_vec();
             assert_eq!(sent(&drain(&mut link))[0].to_vec(), close, "{name}");
         } else {
@@ -73,11 +75,11 @@ fn every_kind_form_and_violation_has_a_vector() {
             .filter(|it| !had.contains(it))
             .collect::<Vec<_>>()
     };
-    let links = Violation::ALL
+    let links = ViolationKind::ALL
         .iter()
         .filter(|it| (16..=20).contains(&it.code().0) || it.code().0 >= 64)
         // A word is in no frame.
-        .filter(|it| **it != Violation::BadWord);
+        .filter(|it| **it != ViolationKind::BadWord);
     let violations = links.map(|it| it.name().to_owned()).collect();
     let text = |value: &Value| value.as_str().unwrap().to_owned();
     assert!(missing(violations, &|it| it.get("violation").map(text)).is_empty());
@@ -253,9 +255,12 @@ fn name_of(role: Role) -> String {
     format!("{role:?}").to_lowercase()
 }
 
-fn named(violation: &Value) -> Violation {
+fn named(violation: &Value) -> ViolationKind {
     let name = violation.as_str().unwrap();
-    *Violation::ALL.iter().find(|it| it.name() == name).unwrap()
+    *ViolationKind::ALL
+        .iter()
+        .find(|it| it.name() == name)
+        .unwrap()
 }
 
 fn fds(list: &Value) -> Vec<FdFacts> {

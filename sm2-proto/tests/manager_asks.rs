@@ -8,6 +8,7 @@ use sm2_proto::{
     limits::SCHEMA_TEXT_MAX,
     manager::{Cause, Input, Policy},
     schema::Schema,
+    violation,
 };
 use support::{
     bench::{Bench, Event, UNLIMITED},
@@ -69,22 +70,25 @@ fn files_that_are_no_counters() {
     let sealed = |seals| FdFacts { seals, ..COUNTERS };
     let pooled = Seals::POOLED.0;
     let mut bad = vec![(
-        Violation::NotAMemfd,
+        violation!(NotAMemfd, "SM2-CNT-001"),
         FdFacts {
             regular: false,
             ..COUNTERS
         },
     )];
     for bit in [1, 2, 4, 16] {
-        bad.push((Violation::SealsMissing, sealed(Seals(pooled & !bit))));
+        bad.push((
+            violation!(SealsMissing, "SM2-CNT-001"),
+            sealed(Seals(pooled & !bit)),
+        ));
     }
     for size in [0, 512, 1_023, 1_025, 1_536 + 8, 4_194_304 + 512, u64::MAX] {
-        bad.push((Violation::BadSize, with(size)));
+        bad.push((violation!(BadSize, "SM2-CNT-001"), with(size)));
     }
     // The first that applies.
-    bad.push((Violation::NotAMemfd, FdFacts::default()));
+    bad.push((violation!(NotAMemfd, "SM2-CNT-001"), FdFacts::default()));
     bad.push((
-        Violation::SealsMissing,
+        violation!(SealsMissing, "SM2-CNT-001"),
         FdFacts {
             seals: Seals(0),
             ..with(0)
@@ -104,7 +108,10 @@ fn files_that_are_no_counters() {
     hand_over(&mut bench, node, COUNTERS);
     for file in [COUNTERS, FdFacts::default()] {
         let events = hand_over(&mut bench.clone(), node, file);
-        assert_eq!(events, [hung_up(node, Violation::CountersTwice)]);
+        assert_eq!(
+            events,
+            [hung_up(node, violation!(CountersTwice, "SM2-CNT-001"))]
+        );
     }
     // It comes along, and alone.
     for fds in [0, 2] {
@@ -114,7 +121,7 @@ fn files_that_are_no_counters() {
             ..Datagram::new(&bytes)
         };
         let events = bench.clone().datagram(node, datagram);
-        assert_eq!(events, [hung_up(node, Violation::FdCount)]);
+        assert_eq!(events, [hung_up(node, violation!(FdCount, "SM2-TRN-005"))]);
     }
 }
 
@@ -190,7 +197,11 @@ fn texts_that_are_not_the_types() {
         (&pose, &long),
     ] {
         let events = register(&mut bench.clone(), node, data, text);
-        assert_eq!(events, [hung_up(node, Violation::BadSchema)], "{text}");
+        assert_eq!(
+            events,
+            [hung_up(node, violation!(BadSchema, "SM2-SCH-001"))],
+            "{text}"
+        );
     }
 }
 

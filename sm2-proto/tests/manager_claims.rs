@@ -12,9 +12,10 @@ use claims::{
     violation, wanted,
 };
 use sm2_proto::{
-    Code, Farewell, InterfaceId, LinkId, Quota, Refusal, Violation,
+    Code, Farewell, InterfaceId, LinkId, Quota, Refusal,
     control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Cause, Input, Policy},
+    violation,
 };
 use support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, claim, resuming, unlink, unlinked},
@@ -38,12 +39,24 @@ fn claims_that_break_spec() {
         sealed: false,
     });
     for (rule, frame) in [
-        (Violation::UnknownInterface, claim(0, LINK, KEY)),
-        (Violation::UnknownInterface, claim(DEMANDING, LINK, KEY)),
-        (Violation::UnknownInterface, claim(DEMANDING, own, KEY)),
-        (Violation::BadClaim, claim(OFFERING, own, KEY)),
-        (Violation::BadClaim, versions[0].clone()),
-        (Violation::BadClaim, versions[1].clone()),
+        (
+            violation!(UnknownInterface, "SM2-RES-003"),
+            claim(0, LINK, KEY),
+        ),
+        (
+            violation!(UnknownInterface, "SM2-RES-003"),
+            claim(DEMANDING, LINK, KEY),
+        ),
+        (
+            violation!(UnknownInterface, "SM2-RES-003"),
+            claim(DEMANDING, own, KEY),
+        ),
+        (
+            violation!(BadClaim, "SM2-RES-003"),
+            claim(OFFERING, own, KEY),
+        ),
+        (violation!(BadClaim, "SM2-RES-003"), versions[0].clone()),
+        (violation!(BadClaim, "SM2-RES-003"), versions[1].clone()),
     ] {
         let mut bench = bench.clone();
         assert_eq!(violation(&mut bench, a, &frame), rule, "{frame:?}");
@@ -58,12 +71,21 @@ fn the_same_link_twice() {
     let (mut bench, a, b) = both_back(UNLIMITED);
     bench.send(a, &claim(OFFERING, LINK, KEY));
     let mut half = bench.clone();
-    assert_eq!(violation(&mut half, a, &again), Violation::BadClaim);
+    assert_eq!(
+        violation(&mut half, a, &again),
+        violation!(BadClaim, "SM2-RES-003")
+    );
     bench.send(b, &claim(DEMANDING, LINK, KEY));
     let mut adopted = bench.clone();
-    assert_eq!(violation(&mut adopted, a, &again), Violation::BadClaim);
+    assert_eq!(
+        violation(&mut adopted, a, &again),
+        violation!(BadClaim, "SM2-RES-003")
+    );
     bench.unlinked(b, DEMANDING, LINK);
-    assert_eq!(violation(&mut bench, a, &again), Violation::BadClaim);
+    assert_eq!(
+        violation(&mut bench, a, &again),
+        violation!(BadClaim, "SM2-RES-003")
+    );
 }
 
 //= SM2-RES-003, SM2-SES-001 test
@@ -74,14 +96,14 @@ fn claims_of_a_session_that_is_not_resuming() {
         let fresh = bench.node(1, "a");
         bench.declared(fresh, OFFERING, &scan());
         let rule = violation(&mut bench, fresh, &frame);
-        assert_eq!(rule, Violation::UnexpectedClaim);
+        assert_eq!(rule, violation!(UnexpectedClaim, "SM2-RES-003"));
         let (mut bench, a, _) = both_back(UNLIMITED);
         claimed(&mut bench, a);
         let rule = violation(&mut bench, a, &frame);
-        assert_eq!(rule, Violation::UnexpectedClaim);
+        assert_eq!(rule, violation!(UnexpectedClaim, "SM2-RES-003"));
         let greeting = bench.connect(1);
         let rule = violation(&mut bench, greeting, &frame);
-        assert_eq!(rule, Violation::ExpectedHello);
+        assert_eq!(rule, violation!(ExpectedHello, "SM2-SES-001"));
     }
 }
 
@@ -127,7 +149,7 @@ fn a_claim_ends_like_any_link() {
     let told = Event::Sent(a, unlink(OFFERING, LINK, 5));
     assert_eq!(bench.unlinked(a, OFFERING, LINK), [told]);
     let rule = violation(&mut bench.clone(), a, &unlinked(OFFERING, LINK));
-    assert_eq!(rule, Violation::UnknownLink);
+    assert_eq!(rule, violation!(UnknownLink, "SM2-LNK-003"));
     assert_eq!(claims(&bench, b), 0);
     // The counterpart comes too late, and is left alone with its claim.
     bench.send(b, &claim(DEMANDING, LINK, KEY));
@@ -307,7 +329,7 @@ fn an_interface_that_is_refused_now() {
     ));
     let mut claims = bench.clone();
     let rule = violation(&mut claims, a, &claim(1, LINK, KEY));
-    assert_eq!(rule, Violation::UnknownInterface);
+    assert_eq!(rule, violation!(UnknownInterface, "SM2-RES-003"));
     assert_eq!(claimed(&mut bench, a), []);
 }
 

@@ -3,9 +3,10 @@
 mod support;
 
 use sm2_proto::{
-    Code, Contract, InterfaceId, Violation,
+    Code, Contract, InterfaceId,
     control::{Peer, ToNode},
     manager::{Cause, Input, Policy},
+    violation,
 };
 use support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, seen_by, unlink},
@@ -173,7 +174,7 @@ fn farewells() {
     for node in [a, b] {
         let mut bench = bench.clone();
         let events = bench.unlinked(node, 1, link);
-        let cause = Cause::Violation(Violation::UnknownLink);
+        let cause = Cause::Violation(violation!(UnknownLink, "SM2-LNK-003"));
         let hung_up = Event::HungUp(node, Some(Code(37)), cause);
         assert_eq!(events.last(), Some(&hung_up), "a second farewell");
     }

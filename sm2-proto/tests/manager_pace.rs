@@ -6,9 +6,10 @@ mod support;
 use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::{
-    Datagram, InterfaceId, LinkId, NodeId, Violation,
+    Datagram, InterfaceId, LinkId, NodeId,
     control::{ToManager, ToNode, encode_to_manager},
     manager::{Cause, Input, Output, Policy},
+    violation,
 };
 use support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, resuming, seen_by, unlinked, withdraw},
@@ -206,7 +207,7 @@ fn nobody_knows_a_link_that_it_was_not_told_of() {
         serial: 6,
     };
     let events = bench.send(b, &unlinked(1, link));
-    let cause = Cause::Violation(Violation::UnknownLink);
+    let cause = Cause::Violation(violation!(UnknownLink, "SM2-LNK-003"));
     assert!(
         matches!(events.last(), Some(Event::HungUp(node, _, it)) if *node == b && *it == cause),
         "{events:?}"

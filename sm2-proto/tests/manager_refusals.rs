@@ -3,9 +3,10 @@
 mod support;
 
 use sm2_proto::{
-    Code, Farewell, InterfaceId, NodeId, Quota, Refusal, Violation,
+    Code, Farewell, InterfaceId, NodeId, Quota, Refusal,
     control::{ToManager, ToNode},
     manager::{Cause, Policy},
+    violation,
 };
 use support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, seen_by, unlink},
@@ -90,7 +91,7 @@ fn versions() {
         );
     }
     for (min, max) in [(0, 0), (0, 1), (2, 1), (u16::MAX, 1)] {
-        let violation = Violation::BadVersionRange;
+        let violation = violation!(BadVersionRange, "SM2-SES-002");
         let goodbye = Some(violation.code());
         let cause = Cause::Violation(violation);
         let hung_up = Event::HungUp(NodeId(1), goodbye, cause);
@@ -133,7 +134,7 @@ fn interfaces_per_session() {
     // The number of a refused interface is spent all the same.
     let mut spent = bench.clone();
     let events = spent.declare(node, 3, &scan());
-    let cause = Cause::Violation(Violation::InterfaceNumber);
+    let cause = Cause::Violation(violation!(InterfaceNumber, "SM2-IFC-001"));
     assert_eq!(events, [Event::HungUp(node, Some(Code(35)), cause)]);
     bench.declared(node, 4, &scan());
     assert_eq!(refusal(&bench.declare(node, 5, &scan())), Some(&reason));

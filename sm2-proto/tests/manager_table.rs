@@ -8,6 +8,7 @@ use sm2_proto::{
     control::{ToManager, ToNode, encode_to_manager},
     manager::{Cause, PHASES, Phase, Policy, REQUESTS, Request, legal},
     schema::Schema,
+    violation,
 };
 use support::{
     bench::{Bench, EPOCH, Event, claim, hello, resuming, seen_by, unlink, unlinked, withdraw},
@@ -53,7 +54,7 @@ fn cells(tables: &str) -> Vec<Vec<String>> {
 }
 
 fn cell(outcome: Result<(), Violation>) -> String {
-    outcome.err().map_or("ok", Violation::name).to_owned()
+    outcome.err().map_or("ok", |it| it.kind().name()).to_owned()
 }
 
 //= SM2-SES-001 test
@@ -222,17 +223,26 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
         contract: contract(),
     };
     let frames = [
-        (Violation::UnexpectedHello, hello("x")),
-        (Violation::InterfaceNumber, declare(0)),
-        (Violation::InterfaceNumber, declare(6)),
-        (Violation::InterfaceNumber, declare(7)),
-        (Violation::UnknownInterface, withdraw(0)),
-        (Violation::UnknownInterface, withdraw(8)),
-        (Violation::UnknownInterface, unlinked(8, link)),
-        (Violation::UnknownLink, unlinked(7, other_epoch)),
-        (Violation::UnknownLink, unlinked(7, other_serial)),
+        (violation!(UnexpectedHello, "SM2-SES-001"), hello("x")),
+        (violation!(InterfaceNumber, "SM2-IFC-001"), declare(0)),
+        (violation!(InterfaceNumber, "SM2-IFC-001"), declare(6)),
+        (violation!(InterfaceNumber, "SM2-IFC-001"), declare(7)),
+        (violation!(UnknownInterface, "SM2-IFC-003"), withdraw(0)),
+        (violation!(UnknownInterface, "SM2-IFC-003"), withdraw(8)),
         (
-            Violation::BadSchema,
+            violation!(UnknownInterface, "SM2-LNK-003"),
+            unlinked(8, link),
+        ),
+        (
+            violation!(UnknownLink, "SM2-LNK-003"),
+            unlinked(7, other_epoch),
+        ),
+        (
+            violation!(UnknownLink, "SM2-LNK-003"),
+            unlinked(7, other_serial),
+        ),
+        (
+            violation!(BadSchema, "SM2-SCH-001"),
             ToManager::Schema {
                 data: data("Scan"),
                 text: BYTE.to_owned(),
@@ -244,15 +254,19 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
         .map(|(violation, frame)| (*violation, encode_to_manager(frame), 0))
         .collect();
     breaches.extend([
-        (Violation::FrameTooLong, vec![0; 65_537], 0),
-        (Violation::UnknownFrame, vec![13], 0),
-        (Violation::Malformed, vec![2], 0),
-        (Violation::TrailingBytes, vec![2, 7, 0], 0),
-        (Violation::NotCanonical, vec![2, 0x87, 0], 0),
-        (Violation::BadName, vec![0, 1, 1, 1, b' '], 0),
-        (Violation::FdCount, vec![2, 7], 1),
-        (Violation::FdCount, vec![9], 0),
-        (Violation::NotAMemfd, vec![9], 1),
+        (violation!(FrameTooLong, "SM2-TRN-004"), vec![0; 65_537], 0),
+        (violation!(UnknownFrame, "SM2-FRM-001"), vec![13], 0),
+        (violation!(Malformed, "SM2-FRM-001"), vec![2], 0),
+        (violation!(TrailingBytes, "SM2-FRM-001"), vec![2, 7, 0], 0),
+        (violation!(NotCanonical, "SM2-FRM-002"), vec![2, 0x87, 0], 0),
+        (
+            violation!(BadName, "SM2-NAM-001"),
+            vec![0, 1, 1, 1, b' '],
+            0,
+        ),
+        (violation!(FdCount, "SM2-TRN-005"), vec![2, 7], 1),
+        (violation!(FdCount, "SM2-TRN-005"), vec![9], 0),
+        (violation!(NotAMemfd, "SM2-CNT-001"), vec![9], 1),
     ]);
     breaches
 }
@@ -273,9 +287,12 @@ fn breaches_while_resuming() -> Vec<(Violation, Vec<u8>, usize)> {
         ..OLD_LINK
     };
     let claims = [
-        (Violation::BadClaim, claim(7, OLD_LINK, 1)),
-        (Violation::BadClaim, claim(7, own, 1)),
-        (Violation::UnknownInterface, claim(8, OLD_LINK, 1)),
+        (violation!(BadClaim, "SM2-RES-003"), claim(7, OLD_LINK, 1)),
+        (violation!(BadClaim, "SM2-RES-003"), claim(7, own, 1)),
+        (
+            violation!(UnknownInterface, "SM2-RES-003"),
+            claim(8, OLD_LINK, 1),
+        ),
     ];
     let claims = claims.map(|(rule, frame)| (rule, encode_to_manager(&frame), 0));
     let mut breaches = breaches(OLD_LINK);
@@ -309,25 +326,25 @@ fn a_violation_by_the_second_frame() {
     for (phase, rule, first, second) in [
         (
             Phase::Ready,
-            Violation::CountersTwice,
+            violation!(CountersTwice, "SM2-CNT-001"),
             Request::Counters,
             Request::Counters,
         ),
         (
             Phase::Resuming,
-            Violation::CountersTwice,
+            violation!(CountersTwice, "SM2-CNT-001"),
             Request::Counters,
             Request::Counters,
         ),
         (
             Phase::Resuming,
-            Violation::BadClaim,
+            violation!(BadClaim, "SM2-RES-003"),
             Request::Claim,
             Request::Claim,
         ),
         (
             Phase::Resuming,
-            Violation::UnexpectedClaim,
+            violation!(UnexpectedClaim, "SM2-RES-003"),
             Request::Claimed,
             Request::Claim,
         ),
@@ -446,14 +463,14 @@ fn what_the_kernel_truncated_is_a_violation() {
                 control_truncated: true,
                 ..Datagram::new(&[13])
             },
-            Violation::FrameTooLong,
+            violation!(FrameTooLong, "SM2-TRN-004"),
         ),
         (
             Datagram {
                 control_truncated: true,
                 ..Datagram::new(&[13])
             },
-            Violation::ControlTruncated,
+            violation!(ControlTruncated, "SM2-TRN-005"),
         ),
     ] {
         let mut scene = scene(Phase::Greeting);

@@ -6,10 +6,11 @@ use std::collections::BTreeMap;
 
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Violation,
+    Code, Contract, EntityId, InterfaceId, LinkId, NodeId,
     control::{Change, Item, Key, ToManager, ToNode, encode_to_node},
     limits::DATAGRAM_MAX,
     manager::{Cause, Input, Policy},
+    violation,
 };
 use support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, claim, resuming, seen_by, unlinked, withdraw},
@@ -118,7 +119,7 @@ fn a_second_watch() {
     for after in [now, 0, now + 1] {
         let mut bench = bench.clone();
         let events = bench.send(node, &watch(after));
-        let cause = Cause::Violation(Violation::WatchTwice);
+        let cause = Cause::Violation(violation!(WatchTwice, "SM2-WCH-001"));
         let hung_up = Event::HungUp(node, Some(Code(40)), cause);
         assert_eq!(events, [hung_up]);
     }

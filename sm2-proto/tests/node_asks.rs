@@ -3,9 +3,10 @@
 mod support;
 
 use sm2_proto::{
-    NodeId, TypeId, Violation,
+    NodeId, TypeId,
     control::{ToManager, ToNode},
     node::{Input, Misuse, Output},
+    violation,
 };
 use support::{
     contracts::data,
@@ -25,7 +26,10 @@ fn one_page_for_each_query() {
             Ok([Output::Page { .. }])
         ));
     }
-    assert_eq!(violation(&mut node, &page()), Violation::UnexpectedPage);
+    assert_eq!(
+        violation(&mut node, &page()),
+        violation!(UnexpectedPage, "SM2-IFC-007")
+    );
 }
 
 //= SM2-WCH-001 test
@@ -39,7 +43,7 @@ fn one_answer_for_each_watch() {
         Ok([Output::Changes { revision: 2, .. }])
     ));
     let unasked = violation(&mut node.clone(), &changes());
-    assert_eq!(unasked, Violation::UnexpectedChanges);
+    assert_eq!(unasked, violation!(UnexpectedChanges, "SM2-WCH-001"));
     node.handle(NOW, Input::Watch { after: 9 }).expect("ready");
     assert_eq!(sent(&drain(&mut node)), [ToManager::Watch { after: 9 }]);
 }
@@ -69,7 +73,7 @@ fn inspects_are_answered_in_their_order() {
     let none = |node| ToNode::NotInspected { node: NodeId(node) };
     for early in [found(5), none(5)] {
         let early = violation(&mut node.clone(), &early);
-        assert_eq!(early, Violation::UnexpectedCounters);
+        assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-002"));
     }
     let answer = receive(&mut node, &found(4));
     assert_eq!(answer, Ok(vec![Output::Inspected { node: NodeId(4) }]));
@@ -77,7 +81,7 @@ fn inspects_are_answered_in_their_order() {
     assert_eq!(answer, Ok(vec![Output::NotInspected { node: NodeId(5) }]));
     for unasked in [found(4), none(5)] {
         let unasked = violation(&mut node.clone(), &unasked);
-        assert_eq!(unasked, Violation::UnexpectedCounters);
+        assert_eq!(unasked, violation!(UnexpectedCounters, "SM2-CNT-002"));
     }
 }
 
@@ -97,11 +101,17 @@ fn a_schema_has_the_hash_of_its_type() {
     node.handle(NOW, describe).expect("ready");
     let broken = |bad: ToNode| violation(&mut node.clone(), &bad);
     // Out of order, malformed, of another type.
-    assert_eq!(broken(frame(&other, None)), Violation::UnexpectedSchema);
-    assert_eq!(broken(frame(&point, Some("x"))), Violation::BadSchema);
+    assert_eq!(
+        broken(frame(&other, None)),
+        violation!(UnexpectedSchema, "SM2-SCH-002")
+    );
+    assert_eq!(
+        broken(frame(&point, Some("x"))),
+        violation!(BadSchema, "SM2-SCH-002")
+    );
     assert_eq!(
         broken(frame(&point, Some("plain:u8"))),
-        Violation::BadSchema
+        violation!(BadSchema, "SM2-SCH-002")
     );
     let described = |data: &TypeId, text: Option<&str>| Output::Described {
         data: data.clone(),
@@ -113,7 +123,7 @@ fn a_schema_has_the_hash_of_its_type() {
         assert_eq!(answer, Ok(vec![described(data, text)]));
     }
     let unasked = violation(&mut node.clone(), &frame(&point, None));
-    assert_eq!(unasked, Violation::UnexpectedSchema);
+    assert_eq!(unasked, violation!(UnexpectedSchema, "SM2-SCH-002"));
     // What we register is checked too.
     let schema = |data: &TypeId, text: &str| Input::Schema {
         data: data.clone(),

@@ -3,9 +3,10 @@
 mod support;
 
 use sm2_proto::{
-    Code, InterfaceId, LinkId, NodeId, Refusal, Violation,
+    Code, InterfaceId, LinkId, NodeId, Refusal,
     control::{ToManager, ToNode},
     node::{End, Input, Misuse, Node, Output},
+    violation,
 };
 use support::{
     contracts::{name, subscriber},
@@ -85,7 +86,12 @@ fn every_end_but_our_own_leads_away_and_back() {
             node.handle(NOW, Input::Counters).expect("ready");
             receive(node, &goodbye).expect("legal");
         },
-        |node| assert_eq!(violation(node, &declared(9)), Violation::UnknownInterface),
+        |node| {
+            assert_eq!(
+                violation(node, &declared(9)),
+                violation!(UnknownInterface, "SM2-IFC-002")
+            )
+        },
     ];
     for end in ends {
         let mut node = live(1);
@@ -193,7 +199,7 @@ fn what_was_on_its_way_when_the_manager_ended() {
     assert_eq!(drain(&mut later), []);
     assert_eq!(give_up(&mut later, 3), [is_gone(3)]);
     let unknown = violation(&mut later, &withdrawn(3));
-    assert_eq!(unknown, Violation::UnknownInterface);
+    assert_eq!(unknown, violation!(UnknownInterface, "SM2-IFC-003"));
 }
 
 //= SM2-RES-002, SM2-NOD-003 test
@@ -269,7 +275,10 @@ fn a_claimed_link_is_a_link_like_any_other() {
     assert_eq!(receive(&mut node, &unlink(1, 1)), Ok(Vec::new()));
     // and there is one of each number.
     let mut node = interface_in("claimed");
-    assert_eq!(violation(&mut node, &link(1, 1)), Violation::LinkNumber);
+    assert_eq!(
+        violation(&mut node, &link(1, 1)),
+        violation!(LinkNumber, "SM2-LNK-005")
+    );
 }
 
 //= SM2-RES-002, SM2-SES-006 test
@@ -352,11 +361,11 @@ fn no_question_outlives_its_session() {
     receive(&mut node, &declared(1)).expect("legal");
     let inspected = ToNode::Inspected { node: NodeId(4) };
     for (frame, expected) in [
-        (page(), Violation::UnexpectedPage),
-        (changes(), Violation::UnexpectedChanges),
-        (inspected, Violation::UnexpectedCounters),
-        (described(), Violation::UnexpectedSchema),
-        (declared(1), Violation::UnknownInterface),
+        (page(), violation!(UnexpectedPage, "SM2-IFC-007")),
+        (changes(), violation!(UnexpectedChanges, "SM2-WCH-001")),
+        (inspected, violation!(UnexpectedCounters, "SM2-CNT-002")),
+        (described(), violation!(UnexpectedSchema, "SM2-SCH-002")),
+        (declared(1), violation!(UnknownInterface, "SM2-IFC-002")),
     ] {
         assert_eq!(violation(&mut node.clone(), &frame), expected);
     }

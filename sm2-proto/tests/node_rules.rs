@@ -6,10 +6,11 @@ mod support;
 
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Code, Contract, Datagram, InterfaceId, NodeId, Refusal, Violation,
+    Code, Contract, Datagram, InterfaceId, NodeId, Refusal,
     control::{Peer, ToManager, ToNode},
     limits::LINKS_MAX,
     node::{End, Error, Input, Misuse, Node, Output},
+    violation,
 };
 use support::{
     cases,
@@ -24,7 +25,7 @@ use support::{
 #[test]
 fn a_violation_is_said_once_and_answers_for_ever() {
     let mut node = ready();
-    let end = End::Violation(Violation::UnknownInterface);
+    let end = End::Violation(violation!(UnknownInterface, "SM2-IFC-002"));
     assert_eq!(receive(&mut node, &declared(9)), Err(Error::Ended(end)));
     let outputs = drain(&mut node);
     assert_eq!(sent(&outputs), [ToManager::Goodbye { code: Code(36) }]);
@@ -86,7 +87,10 @@ fn welcome_carries_a_version_of_the_range() {
             epoch: 1,
             node: NodeId(1),
         };
-        assert_eq!(violation(&mut node, &welcome), Violation::BadVersion);
+        assert_eq!(
+            violation(&mut node, &welcome),
+            violation!(BadVersion, "SM2-NOD-002")
+        );
     }
 }
 
@@ -133,7 +137,7 @@ fn declares_are_answered_in_their_order() {
     let unanswered = node.clone();
     assert_eq!(
         violation(&mut node, &declared(3)),
-        Violation::UnknownInterface
+        violation!(UnknownInterface, "SM2-IFC-002")
     );
     let mut node = unanswered;
     receive(&mut node, &refused(2)).expect("the older one first");
@@ -165,15 +169,24 @@ fn a_link_that_cannot_be() {
         altered(&|_, _, peer| peer.contract = subscriber("scan", Some(&data("Image")))),
     ];
     for frame in &frames {
-        assert_eq!(violation(&mut ready(), frame), Violation::BadLink);
+        assert_eq!(
+            violation(&mut ready(), frame),
+            violation!(BadLink, "SM2-LNK-005")
+        );
     }
-    assert_eq!(violation(&mut ready(), &link(1, 1)), Violation::LinkNumber);
+    assert_eq!(
+        violation(&mut ready(), &link(1, 1)),
+        violation!(LinkNumber, "SM2-LNK-005")
+    );
     // The id is judged before what the link is.
     let mut both = frames[0].clone();
     if let ToNode::Link { link, .. } = &mut both {
         *link = link_id(1);
     }
-    assert_eq!(violation(&mut ready(), &both), Violation::LinkNumber);
+    assert_eq!(
+        violation(&mut ready(), &both),
+        violation!(LinkNumber, "SM2-LNK-005")
+    );
 }
 
 //= SM2-MAT-003 test
@@ -193,7 +206,10 @@ fn the_manager_may_seal_what_nobody_asked_to_but_not_unseal() {
     let contract = publisher_with("scan", &data("Scan"), true, true);
     node.declare(contract).expect("ready");
     receive(&mut node, &declared(1)).expect("legal");
-    assert_eq!(violation(&mut node, &sealed(1, false)), Violation::BadLink);
+    assert_eq!(
+        violation(&mut node, &sealed(1, false)),
+        violation!(BadLink, "SM2-LNK-005")
+    );
 }
 
 /// Crossing farewells: each end has exactly one in each direction.
@@ -223,12 +239,18 @@ fn one_farewell_each() {
     assert_eq!(over(&mut node), [], "once");
     assert_eq!(receive(&mut node, &unlink(1, 1)), Ok(Vec::new()));
     assert_eq!(over(&mut node), [], "nobody names it again");
-    assert_eq!(violation(&mut node, &unlink(1, 1)), Violation::UnknownLink);
+    assert_eq!(
+        violation(&mut node, &unlink(1, 1)),
+        violation!(UnknownLink, "SM2-LNK-003")
+    );
     // The Manager is first; the machine of the link ends later.
     let mut node = ready();
     receive(&mut node, &unlink(1, 1)).expect("legal");
     assert_eq!(over(&mut node), []);
-    assert_eq!(violation(&mut node, &unlink(1, 1)), Violation::UnknownLink);
+    assert_eq!(
+        violation(&mut node, &unlink(1, 1)),
+        violation!(UnknownLink, "SM2-LNK-003")
+    );
 }
 
 //= SM2-IFC-004 test
@@ -264,7 +286,10 @@ fn links_of_an_interface_are_bounded() {
         receive(&mut node, &link(1, serial)).expect("legal");
     }
     let mut full = node.clone();
-    assert_eq!(violation(&mut full, &link(1, 0)), Violation::BadLink);
+    assert_eq!(
+        violation(&mut full, &link(1, 0)),
+        violation!(BadLink, "SM2-LNK-005")
+    );
     receive(&mut node, &unlink(1, 1)).expect("legal");
     receive(&mut node, &link(1, 0)).expect("there is room again");
 }

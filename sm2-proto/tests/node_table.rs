@@ -124,7 +124,7 @@ fn every_state_of_the_session_and_frame() {
         let over = || if node.is_away() { "away" } else { "ended" };
         let actual = match (&result, node.end()) {
             // In a session that is over, a violation is what it ended with before.
-            (Err(Error::Ended(End::Violation(violation))), _) => violation.name(),
+            (Err(Error::Ended(End::Violation(violation))), _) => violation.kind().name(),
             (_, Some(_)) => over(),
             (Ok(outputs), None) => match outputs[..] {
                 [Output::HelloRefused(_)] => "refused",
@@ -153,7 +153,7 @@ fn every_state_of_an_interface_and_frame() {
             other => panic!("{other} is no frame"),
         };
         let actual = match receive(&mut node, &frame_sent) {
-            Err(Error::Ended(End::Violation(violation))) => violation.name(),
+            Err(Error::Ended(End::Violation(violation))) => violation.kind().name(),
             Err(error) => panic!("{state} {frame}: {error}"),
             Ok(outputs) => match &outputs[..] {
                 [] => "silent",

@@ -18,6 +18,7 @@ use sm2_proto::{
         At, End, Error, Fate, Input, Link, NoDelivery, Output, RingMessage, Role, Words,
         wire::Frame,
     },
+    violation,
 };
 
 /// The server: two wait, two are held. The caller: three calls and their replies.
@@ -42,18 +43,27 @@ fn cancels_that_no_caller_sends() {
     // Two requests can be on their way.
     let mut twice = pair();
     assert_eq!(cancel(&mut twice, 9), Ok(()));
-    assert_eq!(cancel(&mut twice, 9), Err(violation(Violation::BadCancel)));
+    assert_eq!(
+        cancel(&mut twice, 9),
+        Err(violation(violation!(BadCancel, "SM2-RNG-012")))
+    );
     let mut many = pair();
     assert_eq!(cancel(&mut many, 9), Ok(()));
     assert_eq!(cancel(&mut many, 2), Ok(()));
-    assert_eq!(cancel(&mut many, 5), Err(violation(Violation::UnknownCall)));
+    assert_eq!(
+        cancel(&mut many, 5),
+        Err(violation(violation!(UnknownCall, "SM2-RNG-012")))
+    );
     // One that is owed its reply.
     let mut owed = pair();
     owed.call();
     owed.take(SERVER);
     assert_eq!(cancel(&mut owed, 1), Ok(()));
     assert!(owed.server.cancelled.contains(&1));
-    assert_eq!(cancel(&mut owed, 1), Err(violation(Violation::BadCancel)));
+    assert_eq!(
+        cancel(&mut owed, 1),
+        Err(violation(violation!(BadCancel, "SM2-RNG-012")))
+    );
     // One that turns out not to have been made.
     let mut never = pair();
     never.call();
@@ -65,7 +75,7 @@ fn cancels_that_no_caller_sends() {
     let words = &never.world.rings[SERVER];
     let head = |_, _, _| Some(head(3, 0, 0));
     let taken = never.server.link.ring_take(words, head);
-    let end = End::Violation(Violation::UnknownCall);
+    let end = End::Violation(violation!(UnknownCall, "SM2-RNG-012"));
     assert_eq!(taken, Err(NoDelivery::Ended(end)));
 }
 
@@ -87,14 +97,18 @@ fn requests_that_a_server_refuses() {
     reserved[26] = 1;
     let next = word(0, 3, 2);
     let rows = [
-        (next, head(1, 0, 0), Violation::BadId),
-        (next, head(0, 0, 0), Violation::BadId),
-        (next, head(2, 4033, 0), Violation::BadLength),
-        (next, head(2, 0, 2), Violation::ReservedNotZero),
-        (next, reserved, Violation::ReservedNotZero),
-        (word(0, 3, 3), good, Violation::BadWord),
-        (word(0, 3, 4), good, Violation::BadWord),
-        (word(0, 8, 2), good, Violation::BadSlot),
+        (next, head(1, 0, 0), violation!(BadId, "SM2-RNG-004")),
+        (next, head(0, 0, 0), violation!(BadId, "SM2-RNG-004")),
+        (next, head(2, 4033, 0), violation!(BadLength, "SM2-RNG-004")),
+        (
+            next,
+            head(2, 0, 2),
+            violation!(ReservedNotZero, "SM2-RNG-004"),
+        ),
+        (next, reserved, violation!(ReservedNotZero, "SM2-RNG-004")),
+        (word(0, 3, 3), good, violation!(BadWord, "SM2-RNG-007")),
+        (word(0, 3, 4), good, violation!(BadWord, "SM2-RNG-007")),
+        (word(0, 8, 2), good, violation!(BadSlot, "SM2-RNG-007")),
     ];
     for (bits, head, expected) in rows {
         let mut pair = pair();
@@ -153,7 +167,7 @@ fn a_server_that_writes_where_the_caller_does() {
     };
     let link = &mut pair.caller.link;
     let sent = link.ring_send(&words, &message, |_, _| panic!("nothing is settled yet"));
-    assert_eq!(sent, Err(violation(Violation::BadWord)));
+    assert_eq!(sent, Err(violation(violation!(BadWord, "SM2-RNG-005"))));
     let outputs = drain(link);
     let settled = |it: &&Output| {
         matches!(
@@ -190,13 +204,13 @@ fn calls_that_waited_are_closed_by_the_end() {
 #[test]
 fn replies_that_a_caller_refuses() {
     let rows = [
-        (head(2, 0, 0), Violation::UnknownCall),
-        (head(4, 0, 0), Violation::UnknownCall),
-        (head(1, 0, 4), Violation::Malformed),
-        (head(1, 0, 256), Violation::Malformed),
-        (head(1, 1, 2), Violation::BadLength),
-        (head(1, 1, 3), Violation::BadLength),
-        (head(1, 4033, 0), Violation::BadLength),
+        (head(2, 0, 0), violation!(UnknownCall, "SM2-RNG-004")),
+        (head(4, 0, 0), violation!(UnknownCall, "SM2-RNG-004")),
+        (head(1, 0, 4), violation!(Malformed, "SM2-RNG-004")),
+        (head(1, 0, 256), violation!(Malformed, "SM2-RNG-004")),
+        (head(1, 1, 2), violation!(BadLength, "SM2-RNG-004")),
+        (head(1, 1, 3), violation!(BadLength, "SM2-RNG-004")),
+        (head(1, 4033, 0), violation!(BadLength, "SM2-RNG-004")),
     ];
     let legal = [head(3, 4, 0), head(1, 4, 1), head(3, 0, 2), head(1, 0, 3)];
     let rows = rows.map(|(head, violation)| (head, Some(violation)));
@@ -244,7 +258,7 @@ fn a_caller_without_measure() {
             .link
             .ring_take(words, |_, _, _| Some(head(id, 0, 0)));
         if id > CALLS_MAX as u64 {
-            let end = End::Violation(Violation::CallLimit);
+            let end = End::Violation(violation!(CallLimit, "SM2-SRV-002"));
             assert_eq!(taken, Err(NoDelivery::Ended(end)));
             break;
         }
@@ -286,6 +300,9 @@ fn a_second_ring_is_wrong_at_both_ends() {
         drain(&mut link);
         accept(&mut link, &open_to(&config));
         accept(&mut link, &RING);
-        assert_eq!(link_support::reject(&mut link, &RING), Violation::BadRing);
+        assert_eq!(
+            link_support::reject(&mut link, &RING),
+            violation!(BadRing, "SM2-RNG-002")
+        );
     }
 }

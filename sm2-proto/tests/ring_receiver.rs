@@ -8,11 +8,12 @@ use std::cell::Cell;
 use link_support::{NOW, pooled};
 use ring_support::{Memory, RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{
-    Farewell, Instant, Violation,
+    Farewell, Instant, ViolationKind,
     link::{
         At, Delivery, EMPTY, End, Error, FrameKind, Input, Misuse, NoDelivery, Output, Payload,
         SegmentInfo, Status, TooManyBorrowed, Words, wire::Frame,
     },
+    violation,
 };
 
 //= SM2-RNG-004, SM2-RNG-007, SM2-PAY-002, SM2-PAY-006 test
@@ -232,9 +233,9 @@ fn a_segment_that_is_unknown_once_the_socket_is_read() {
     assert_eq!(rig.take(), Err(NoDelivery::UnknownSegment));
     rig.ends[RECEIVER].ring_unknown_segment();
     rig.drain(RECEIVER);
-    let end = End::Violation(Violation::UnknownSegment);
+    let end = End::Violation(violation!(UnknownSegment, "SM2-RNG-007"));
     assert_eq!(rig.outputs[RECEIVER].last(), Some(&Output::Ended(end)));
-    let close = Frame::Close(Violation::UnknownSegment.code()).to_vec();
+    let close = Frame::Close(ViolationKind::UnknownSegment.code()).to_vec();
     assert_eq!(rig.wires[RECEIVER].back().unwrap().0, close);
     assert_eq!(rig.take(), Ok(None), "nothing is taken after a violation");
 }
@@ -246,7 +247,7 @@ fn a_segment_of_a_message_that_is_held_is_busy() {
     rig.send(1, 1).unwrap();
     rig.taken();
     let bytes = Frame::Detach { segment: 0 }.to_vec();
-    let end = End::Violation(Violation::SegmentBusy);
+    let end = End::Violation(violation!(SegmentBusy, "SM2-SEG-005"));
     let datagram = sm2_proto::Datagram::new(&bytes);
     let result = rig.input(RECEIVER, Input::Datagram(datagram));
     assert_eq!(result, Err(Error::Ended(end)));
@@ -277,9 +278,9 @@ fn segments_that_are_leaving_count() {
         rig
     };
     let violation = |violation| Err(Error::Ended(End::Violation(violation)));
-    let limit = violation(Violation::SegmentLimit);
+    let limit = violation(violation!(SegmentLimit, "SM2-SEG-004"));
     assert_eq!(attach(&mut full(), 256), limit);
-    let number = violation(Violation::SegmentNumber);
+    let number = violation(violation!(SegmentNumber, "SM2-SEG-003"));
     assert_eq!(attach(&mut full(), 7), number);
     let mut rig = full();
     rig.input(RECEIVER, Input::Writable).unwrap();

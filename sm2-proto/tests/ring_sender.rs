@@ -6,12 +6,13 @@ mod ring_support;
 use link_support::{NOW, ring_file};
 use ring_support::{RECEIVER, Rig, SENDER, segment, word};
 use sm2_proto::{
-    Farewell, Violation,
+    Farewell,
     limits::MESSAGE_MAX,
     link::{
         At, EMPTY, End, Error, Fate, FrameKind, Input, Misuse, Output, RingMessage, SegmentInfo,
         wire::Frame,
     },
+    violation,
 };
 
 const D: Fate = Fate::Discarded;
@@ -98,7 +99,7 @@ fn a_receiver_that_holds_the_window_is_found() {
         rig.send(id, id as u32).unwrap();
         rig.words.write(At::Forward((id % 2) as u32), EMPTY);
     }
-    let end = End::Violation(Violation::WindowExceeded);
+    let end = End::Violation(violation!(WindowExceeded, "SM2-RNG-006"));
     assert_eq!(rig.send(4, 4), Err(Error::Ended(end)));
     assert_eq!(rig.outputs[SENDER].last(), Some(&Output::Ended(end)));
     assert_eq!(rig.underway(SENDER), [FrameKind::Close]);
@@ -378,6 +379,6 @@ fn a_ring_begins_with_zeros() {
     rig.attach(segment(0));
     rig.pump();
     assert_eq!(rig.outputs[SENDER].len(), 2, "{:?}", ring_file(0));
-    let end = End::Violation(Violation::BadWord);
+    let end = End::Violation(violation!(BadWord, "SM2-RNG-005"));
     assert_eq!(rig.send(1, 0), Err(Error::Ended(end)));
 }

@@ -6,13 +6,13 @@ mod ring_support;
 use link_support::{NOW, RING, accept, drain, message, opened, reliable, sent, with_ring};
 use ring_support::{RECEIVER, Rig, SENDER, segment, terms, word};
 use sm2_proto::{
-    Violation,
     limits::{RING_SEGMENTS_MAX, SLOT_HEAD},
     link::{
-        At, Attachment, Config, Error, FrameKind, Input, Link, Misuse, NoDelivery, Output,
-        RingLayout, RingMessage, Role, SegmentInfo, SlotHead, Status, Word, doorbell,
+        At, Attachment, Config, Error, FrameKind, Input, Link, Misuse, NoDelivery, NotAWord,
+        Output, RingLayout, RingMessage, Role, SegmentInfo, SlotHead, Status, Word, doorbell,
         wire::{Carrier, Frame},
     },
+    violation,
 };
 
 //= SM2-RNG-002, SM2-RNG-009 test
@@ -114,7 +114,7 @@ fn the_bits_of_a_word() {
     assert_eq!(Word::new(0, 65_536, 1), None);
     assert_eq!(Word::from_bits(0), Ok(None));
     for bits in [1, 1 << 30, 1 << 32, u64::MAX ^ (1 << 31)] {
-        assert_eq!(Word::from_bits(bits), Err(Violation::BadWord), "{bits:x}");
+        assert_eq!(Word::from_bits(bits), Err(NotAWord), "{bits:x}");
     }
 }
 
@@ -133,7 +133,7 @@ fn the_bytes_of_a_head() {
     assert_eq!(bytes[24], 1);
     assert_eq!(bytes[25..], [0; 39]);
     assert_eq!(SlotHead::from_bytes(&bytes, Carrier::Reply), Ok(head));
-    let reserved = Err(Violation::ReservedNotZero);
+    let reserved = Err(violation!(ReservedNotZero, "SM2-RNG-004"));
     for carrier in [Carrier::Data, Carrier::Request] {
         assert_eq!(SlotHead::from_bytes(&bytes, carrier), reserved, "a status");
     }
@@ -143,7 +143,7 @@ fn the_bytes_of_a_head() {
         let verdict = SlotHead::from_bytes(&changed, Carrier::Reply).map(drop);
         let expected = match at {
             0..24 => Ok(()),
-            24 | 25 => Err(Violation::Malformed),
+            24 | 25 => Err(violation!(Malformed, "SM2-RNG-004")),
             _ => reserved.map(drop),
         };
         assert_eq!(verdict, expected, "byte {at}");

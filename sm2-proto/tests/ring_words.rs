@@ -5,9 +5,10 @@ mod ring_support;
 
 use ring_support::{RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{
-    Code, Violation,
+    Code, Violation, ViolationKind,
     limits::{MESSAGE_MAX, SLOT_HEAD},
     link::{At, EMPTY, End, Error, Fate, FrameKind, NoDelivery, Output, SegmentInfo, wire::Frame},
+    violation,
 };
 
 /// Depth 4, two borrowed: the sequence numbers 1 to 4 are at the indices 1, 2, 3, 0.
@@ -59,20 +60,20 @@ fn assert_settled_once(rig: &Rig) {
 //= SM2-RNG-003, SM2-RNG-007, SM2-PAY-005 test
 #[test]
 fn words_that_a_receiver_refuses() {
-    let bad = Violation::BadWord;
+    let bad = violation!(BadWord, "SM2-RNG-007");
     // Each on both kinds of links.
     let rows = [
-        (1, bad),                                 // names nothing
-        (1 << 30, bad),                           // bit 31 is missing
-        (word(0, 3, 3) ^ (1 << 31), bad),         // the same
-        (word(0, 3, 4), bad),                     // the next message, at a wrong index
-        (word(0, 3, 2), bad),                     // of the past
-        (word(0, 3, 0), bad),                     // of before the first
-        (word(0, 3, (1 << 32) + 3 - 4), bad),     // a round before: this index, but long ago
-        (word(0, 3, 3 + (1 << 31) + 4), bad),     // further than a sender goes
-        (word(0, 16, 3), Violation::BadSlot),     // outside the segment
-        (word(0, 65_535, 3), Violation::BadSlot), // the last slot there is
-        (word(0, 1, 3), Violation::SlotBusy),     // message 1 is held, in this slot
+        (1, bad),                                                 // names nothing
+        (1 << 30, bad),                                           // bit 31 is missing
+        (word(0, 3, 3) ^ (1 << 31), bad),                         // the same
+        (word(0, 3, 4), bad), // the next message, at a wrong index
+        (word(0, 3, 2), bad), // of the past
+        (word(0, 3, 0), bad), // of before the first
+        (word(0, 3, (1 << 32) + 3 - 4), bad), // a round before: this index, but long ago
+        (word(0, 3, 3 + (1 << 31) + 4), bad), // further than a sender goes
+        (word(0, 16, 3), violation!(BadSlot, "SM2-RNG-007")), // outside the segment
+        (word(0, 65_535, 3), violation!(BadSlot, "SM2-RNG-007")), // the last slot there is
+        (word(0, 1, 3), violation!(SlotBusy, "SM2-RNG-007")), // message 1 is held, in this slot
     ];
     for reliable in [false, true] {
         for (bits, violation) in rows {
@@ -105,16 +106,28 @@ fn heads_that_a_receiver_refuses() {
     };
     let longest = 4096 - SLOT_HEAD as u64;
     let rows = [
-        (with(0, 2), Some(Violation::BadId)), // that of message 2
-        (with(0, 1), Some(Violation::BadId)),
+        (with(0, 2), Some(violation!(BadId, "SM2-RNG-004"))), // that of message 2
+        (with(0, 1), Some(violation!(BadId, "SM2-RNG-004"))),
         (with(0, 3), None),
         (with(0, u64::MAX), None),
         (with(16, longest), None),
-        (with(16, longest + 1), Some(Violation::BadLength)),
-        (with(16, 4096), Some(Violation::BadLength)),
-        (with(16, u64::MAX), Some(Violation::BadLength)),
-        (with(24, 1), Some(Violation::ReservedNotZero)),
-        (with(56, 1 << 63), Some(Violation::ReservedNotZero)),
+        (
+            with(16, longest + 1),
+            Some(violation!(BadLength, "SM2-RNG-004")),
+        ),
+        (with(16, 4096), Some(violation!(BadLength, "SM2-RNG-004"))),
+        (
+            with(16, u64::MAX),
+            Some(violation!(BadLength, "SM2-RNG-004")),
+        ),
+        (
+            with(24, 1),
+            Some(violation!(ReservedNotZero, "SM2-RNG-004")),
+        ),
+        (
+            with(56, 1 << 63),
+            Some(violation!(ReservedNotZero, "SM2-RNG-004")),
+        ),
     ];
     for (bytes, violation) in rows {
         let mut rig = busy(false);
@@ -146,7 +159,7 @@ fn a_message_has_its_limit_in_any_slot() {
         let mut bytes = head(1).to_bytes();
         bytes[16..24].copy_from_slice(&len.to_le_bytes());
         rig.heads.insert((1, 0), bytes);
-        let ended = NoDelivery::Ended(end(Violation::BadLength));
+        let ended = NoDelivery::Ended(end(violation!(BadLength, "SM2-RNG-004")));
         let taken = rig.take().map(|it| it.unwrap().len);
         assert_eq!(taken, if expected { Ok(len) } else { Err(ended) });
     }
@@ -158,9 +171,9 @@ fn a_back_word_that_was_not_taken_yet() {
     let mut rig = busy(false);
     // Message 2 went to the first one; the next is the second.
     rig.words.write(At::Back(1), 1);
-    let ended = Error::Ended(end(Violation::BadWord));
+    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(rig.release(1), Err(ended));
-    assert_over(&mut rig, RECEIVER, Violation::BadWord);
+    assert_over(&mut rig, RECEIVER, violation!(BadWord, "SM2-RNG-008"));
 }
 
 /// What the sender gets for a word of its own, or where it has put none.
@@ -192,14 +205,14 @@ fn words_that_a_sender_refuses_in_its_place() {
         let expected = match bits == word(0, 1, 1) {
             // As if it had not been taken: displaced. That it is given back too is wrong later.
             true => Ok(false),
-            false => Err(Error::Ended(end(Violation::BadWord))),
+            false => Err(Error::Ended(end(violation!(BadWord, "SM2-RNG-005")))),
         };
         assert_eq!(rig.send(id, id as u32), expected, "{bits:x}");
         if expected.is_err() {
-            assert_over(&mut rig, SENDER, Violation::BadWord);
+            assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-005"));
         } else {
             rig.release(1).unwrap();
-            let ended = Error::Ended(end(Violation::BadWord));
+            let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
             assert_eq!(rig.harvest(), Err(ended));
         }
         assert_settled_once(&rig);
@@ -235,9 +248,12 @@ fn a_reliable_sender_gets_nothing() {
         slot: 5,
     };
     let sent = rig.ends[SENDER].ring_send(&Changing(&rig.words), &message, |_, _| {});
-    assert_eq!(sent, Err(Error::Ended(end(Violation::BadWord))));
+    assert_eq!(
+        sent,
+        Err(Error::Ended(end(violation!(BadWord, "SM2-RNG-005"))))
+    );
     rig.drain(SENDER);
-    assert_over(&mut rig, SENDER, Violation::BadWord);
+    assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-005"));
 }
 
 //= SM2-RNG-008, SM2-MSG-004 test
@@ -257,9 +273,9 @@ fn words_that_a_sender_refuses_to_take_back() {
     for bits in rows {
         let mut rig = busy(false);
         rig.words.write(At::Back(0), bits);
-        let ended = Error::Ended(end(Violation::BadWord));
+        let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
         assert_eq!(rig.harvest(), Err(ended), "{bits:x}");
-        assert_over(&mut rig, SENDER, Violation::BadWord);
+        assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-008"));
         assert_settled_once(&rig);
         assert_eq!(rig.settled.len(), 3);
     }
@@ -271,7 +287,7 @@ fn words_that_a_sender_refuses_to_take_back() {
 fn given_back_twice() {
     let mut rig = busy(false);
     rig.words.write(At::Back(1), word(0, 2, 2));
-    let ended = Error::Ended(end(Violation::BadWord));
+    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(rig.harvest(), Err(ended));
     assert_eq!(rig.settled()[0], (20, Fate::Delivered));
     let mut rig = busy(false);
@@ -292,9 +308,9 @@ fn given_back_without_being_taken() {
             verdict = rig.send(id, 4 + id as u32);
         }
     }
-    let ended = Error::Ended(end(Violation::BadWord));
+    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-005")));
     assert_eq!(verdict, Err(ended));
-    assert_over(&mut rig, SENDER, Violation::BadWord);
+    assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-005"));
     assert_settled_once(&rig);
 }
 
@@ -309,7 +325,7 @@ fn given_back_before_it_was_put() {
     }
     // The window is full, so that the sender looks at what came back.
     rig.words.write(At::Back(0), word(0, 7, 7));
-    let ended = Error::Ended(end(Violation::BadWord));
+    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(rig.send(7, 7), Err(ended));
     let last = rig.settled.iter().filter(|it| it.0 == 70);
     assert_eq!(last.collect::<Vec<_>>(), [&(70, Fate::Closed)]);
@@ -325,8 +341,8 @@ fn the_other_end_hears_of_it() {
     assert!(rig.harvest().is_err());
     assert_eq!(rig.underway(SENDER), [FrameKind::Close]);
     rig.pump();
-    let code = Code(Violation::BadWord as u16);
-    assert_eq!(code, Violation::BadWord.code());
+    let code = Code(ViolationKind::BadWord as u16);
+    assert_eq!(code, ViolationKind::BadWord.code());
     assert_eq!(rig.ends[RECEIVER].end(), Some(End::Peer(code)));
     assert_eq!(rig.taken().id, 3, "what was sent before counts");
 }

@@ -8,7 +8,7 @@ use std::{
 
 use sm2_io::{Listener, RecvError, SendError, SeqPacket, wait_readable};
 use sm2_proto::{
-    Code, Datagram, FdFacts, LinkId, Violation,
+    Code, Datagram, FdFacts, LinkId, Violation, ViolationKind,
     control::{Item, Peer, ToNode, decode_to_node},
     limits::DATAGRAM_MAX,
 };
@@ -385,7 +385,7 @@ impl RawLink {
             let bytes = frame.expect("CLOSE before the end").bytes;
             if bytes[0] == link::kind::CLOSE {
                 let code = u16::from_le_bytes([bytes[2], bytes[3]]);
-                let violation = Violation::from_code(Code(code));
+                let violation = ViolationKind::from_code(Code(code));
                 return Some(violation.expect("a violation").name());
             }
         }

@@ -14,7 +14,7 @@ use std::{
 use nix::unistd::{Uid, geteuid};
 use sm2_io::{SendError, SeqPacket};
 use sm2_proto::{
-    Farewell, Violation,
+    Farewell, ViolationKind,
     control::{Item, ToNode},
     manager::Policy,
 };
@@ -92,7 +92,7 @@ fn a_flood_of_descriptors_leaves_none_behind() {
                 Err(error) => panic!("round {round}: {error}"),
             }
         }
-        assert_eq!(node.ended(), Some(Violation::FdCount.code()));
+        assert_eq!(node.ended(), Some(ViolationKind::FdCount.code()));
     }
     assert_eq!(honest.nodes(), ["honest"]);
     baseline.restored(manager.pid());
@@ -333,7 +333,7 @@ fn sockets_that_carry_sockets_leave_nothing_behind() {
         }
         let own = node.peer().socket().as_fd();
         node.send_fds(control::hello("nested"), &[outer.as_fd(), own]);
-        assert_eq!(node.ended(), Some(Violation::FdCount.code()));
+        assert_eq!(node.ended(), Some(ViolationKind::FdCount.code()));
     }
     assert_eq!(honest.nodes(), ["honest"]);
     baseline.restored(manager.pid());

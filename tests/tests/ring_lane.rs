@@ -10,7 +10,7 @@ use std::{
 use nix::fcntl::{FallocateFlags, fallocate};
 use sm2_io::SendError;
 use sm2_proto::{
-    Seals, Violation,
+    Seals, ViolationKind,
     link::{At, Words},
 };
 use sm2_tests::{
@@ -400,7 +400,7 @@ fn a_subscriber_that_writes_anything_anywhere_loses_its_link_alone() {
             assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
         }
         let code = talk.link.closed().expect("CLOSE");
-        let violation = Violation::from_code(sm2_proto::Code(code)).expect("a violation");
+        let violation = ViolationKind::from_code(sm2_proto::Code(code)).expect("a violation");
         *verdicts.entry(violation.name()).or_insert(0) += 1;
         talk.publish(20, 5_000);
     }

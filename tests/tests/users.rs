@@ -10,7 +10,7 @@ use std::{
 };
 
 use nix::unistd::geteuid;
-use sm2_proto::Violation;
+use sm2_proto::ViolationKind;
 use sm2_tests::{
     actor::Actor,
     control::{self, Qos},
@@ -114,7 +114,7 @@ fn a_pooled_message_to_another_user_ends_the_link() {
     let segment = memory::segment(4096);
     link.end.send_fds(attach(1, 4096, 1), &[segment.as_fd()]);
     link.end.send(pooled(kind::DATA, 1, 1, 0, 1));
-    assert_eq!(link.closed(), Some(Violation::NotSealed.code().0));
+    assert_eq!(link.closed(), Some(ViolationKind::NotSealed.code().0));
 }
 
 //= SM2-MAT-003 sys

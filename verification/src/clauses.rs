@@ -10,7 +10,8 @@
 //! its text. An id that was withdrawn stays as a struck-out id with the level
 //! `RETIRED`. Code cites by a comment line of its own, `=` right after the
 //! comment marker, then ids separated by commas, then for a check its kind
-//! ([`CheckKind`]). Golden vectors cite by their field `clause`.
+//! ([`CheckKind`]). Golden vectors cite by their field `clause`. An id that is a literal argument of
+//! the macros `clause!` and `violation!` must name a clause in force, and is no citation.
 
 mod citation;
 mod id;
@@ -46,8 +47,12 @@ pub fn check(root: &Path) -> Result<Report, CheckError> {
     let mut report = Report::of(spec);
     for source in walk::sources(root)? {
         let shown = source.path.strip_prefix(root).unwrap_or(&source.path);
-        let (citations, unreadable) = citation::scan(&read(&source.path)?, source.syntax, shown);
+        let text = read(&source.path)?;
+        let (mut citations, unreadable) = citation::scan(&text, source.syntax, shown);
         gaps.extend(unreadable);
+        if source.names_clauses() {
+            citations.extend(citation::scan_macros(&text, shown));
+        }
         gaps.extend(citations.into_iter().filter_map(|it| report.add(it)));
     }
     gaps.extend(report.uncited());
@@ -101,6 +106,7 @@ impl Report {
             (Level::Must | Level::Should | Level::May, Role::Check(kind)) => {
                 traced.checks.push((kind, place));
             }
+            (Level::Must | Level::Should | Level::May, Role::Name) => {}
         }
         None
     }

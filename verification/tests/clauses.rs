@@ -137,6 +137,22 @@ fn a_retired_id_is_neither_cited_nor_used_again() {
 }
 
 #[test]
+fn a_clause_that_the_program_names_is_in_force() {
+    let spec = "**SM2-TOP-001** [MAY] A.\n~~SM2-TOP-002~~ [RETIRED]\n";
+    let code = "let a = clause!(\"SM2-TOP-001\");\n\
+                let b = violation!(\n    BadWord,\n    \"SM2-TOP-002\"\n);\n\
+                let c = violation!(BadWord, \"SM2-TOP-003\");\n\
+                macro_rules! d { ($id:literal) => { clause!($id) } }\n";
+    assert_eq!(
+        gaps(&[("SPEC.md", spec), ("a.rs", code)]),
+        [
+            "a.rs:2: SM2-TOP-002 is RETIRED: nothing may cite it",
+            "a.rs:6: unknown clause SM2-TOP-003"
+        ]
+    );
+}
+
+#[test]
 fn an_id_names_one_clause() {
     let spec = "**SM2-MGR-001** [MAY] A.\n\n**SM2-MGR-001** [MAY] B.\n";
     let found = gaps(&[("SPEC.md", spec)]);

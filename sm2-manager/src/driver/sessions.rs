@@ -170,11 +170,11 @@ impl Manager {
     /// Where every session ends.
     pub(super) fn hang_up(&mut self, session: NodeId, goodbye: Option<Vec<u8>>, cause: Cause) {
         match cause {
-            Cause::Violation(rule) => {
-                warn!(%session, rule = rule.name(), clause = rule.clause(), "hung up: the node broke the protocol");
+            Cause::Violation(violation) => {
+                warn!(%session, violation = %violation.kind(), clause = %violation.clause(), "hung up: the node broke the protocol");
             }
             Cause::Farewell(Farewell::ShuttingDown) => debug!(%session, "said goodbye"),
-            Cause::Farewell(why) => warn!(%session, %why, clause = why.clause(), "hung up"),
+            Cause::Farewell(why) => warn!(%session, %why, clause = %why.clause(), "hung up"),
             Cause::Goodbye(code) => debug!(%session, %code, "the node said goodbye"),
             Cause::Gone => debug!(%session, "the node is gone"),
         }

@@ -164,9 +164,9 @@ impl Session {
     /// The session is over: says why, and closes the connection.
     pub(super) fn hang_up(&mut self, end: End, epoll: &Epoll) {
         match end {
-            End::Violation(rule) => tracing::warn!(
-                rule = rule.name(),
-                clause = rule.clause(),
+            End::Violation(violation) => tracing::warn!(
+                violation = %violation.kind(),
+                clause = %violation.clause(),
                 "the Manager broke the protocol; the session is over, links go on"
             ),
             // Each attempt that is refused ends like this, and was reported.

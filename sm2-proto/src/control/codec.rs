@@ -59,7 +59,9 @@ pub fn decode_to_node(datagram: &Datagram<'_>) -> Result<ToNode, Violation> {
 
 //= SM2-FRM-003
 fn check_contract(contract: &Contract) -> Result<(), Violation> {
-    contract.check_qos().map_err(|_| Violation::BadQos)
+    contract
+        .check_qos()
+        .map_err(|_| violation!(BadQos, "SM2-FRM-003"))
 }
 
 fn check_item(item: &Item) -> Result<(), Violation> {
@@ -71,7 +73,7 @@ const fn check_schema(text: &str) -> Result<(), Violation> {
     if text.len() <= SCHEMA_TEXT_MAX {
         Ok(())
     } else {
-        Err(Violation::BadSchema)
+        Err(violation!(BadSchema, "SM2-SCH-001"))
     }
 }
 
@@ -88,10 +90,10 @@ pub(crate) fn decode<T: Serialize + DeserializeOwned>(
     bytes: &[u8],
     frames: u32,
 ) -> Result<T, Violation> {
-    let (number, _) =
-        postcard::take_from_bytes::<u32>(bytes).map_err(|_| Violation::UnknownFrame)?;
+    let (number, _) = postcard::take_from_bytes::<u32>(bytes)
+        .map_err(|_| violation!(UnknownFrame, "SM2-FRM-001"))?;
     if number >= frames {
-        return Err(Violation::UnknownFrame);
+        return Err(violation!(UnknownFrame, "SM2-FRM-001"));
     }
     let text = Rc::new(Cell::new(false));
     let mut deserializer = Deserializer::from_flavor(Cut {
@@ -99,18 +101,20 @@ pub(crate) fn decode<T: Serialize + DeserializeOwned>(
         text: Rc::clone(&text),
     });
     let frame = T::deserialize(&mut deserializer).map_err(|error| match error {
-        Error::DeserializeBadUtf8 => Violation::BadName,
+        Error::DeserializeBadUtf8 => violation!(BadName, "SM2-FRM-001"),
         // A type refused the value just read. Of the texts in frames only
         // names are refused; all else that is refused is an enumeration's number.
-        Error::SerdeDeCustom if text.get() => Violation::BadName,
-        _ => Violation::Malformed,
+        Error::SerdeDeCustom if text.get() => violation!(BadName, "SM2-NAM-001"),
+        _ => violation!(Malformed, "SM2-FRM-001"),
     })?;
-    let rest = deserializer.finalize().map_err(|_| Violation::Malformed)?;
+    let rest = deserializer
+        .finalize()
+        .map_err(|_| violation!(Malformed, "SM2-FRM-001"))?;
     if !rest.is_empty() {
-        return Err(Violation::TrailingBytes);
+        return Err(violation!(TrailingBytes, "SM2-FRM-001"));
     }
     if encode(&frame) != bytes {
-        return Err(Violation::NotCanonical);
+        return Err(violation!(NotCanonical, "SM2-FRM-002"));
     }
     Ok(frame)
 }

@@ -10,7 +10,7 @@ use super::{
     ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
 };
 use crate::{
-    Code, Datagram, FdFacts, InterfaceId, LinkId, Name, NodeId, TypeId, Violation,
+    Code, Datagram, FdFacts, InterfaceId, LinkId, Name, NodeId, TypeId,
     limits::SCHEMA_TEXT_MAX,
     proofs::{below, one_of},
 };
@@ -37,7 +37,7 @@ fn short_frames_to_a_manager_are_canonical() {
     if bytes[0] >= 13 {
         // Also a number that goes on behind the first byte: all numbers are small.
         let long = bytes[0] >= 0x80 && bytes[1] == 0;
-        assert!(decoded == Err(Violation::UnknownFrame) || long);
+        assert!(decoded == Err(violation!(UnknownFrame, "SM2-FRM-001")) || long);
     }
     if let Ok(frame) = &decoded {
         assert!(encode_to_manager(frame) == bytes[..len]);
@@ -46,7 +46,7 @@ fn short_frames_to_a_manager_are_canonical() {
     kani::cover!(decoded == Ok(ToManager::Counters), "COUNTERS");
     kani::cover!(matches!(decoded, Ok(ToManager::Goodbye { .. })), "GOODBYE");
     kani::cover!(
-        decoded == Err(Violation::Malformed),
+        decoded == Err(violation!(Malformed, "SM2-FRM-001")),
         "a frame that is cut off"
     );
 }
@@ -62,7 +62,7 @@ fn short_frames_to_a_node_are_canonical() {
     let decoded = decode_to_node(&datagram(&bytes, &files, fds));
     if bytes[0] >= 13 {
         let long = bytes[0] >= 0x80 && bytes[1] == 0;
-        assert!(decoded == Err(Violation::UnknownFrame) || long);
+        assert!(decoded == Err(violation!(UnknownFrame, "SM2-FRM-001")) || long);
     }
     if let Ok(frame) = &decoded {
         assert!(encode_to_node(frame) == bytes);
@@ -74,7 +74,7 @@ fn short_frames_to_a_node_are_canonical() {
         "HELLO_REFUSED"
     );
     kani::cover!(
-        decoded == Err(Violation::Malformed),
+        decoded == Err(violation!(Malformed, "SM2-FRM-001")),
         "a frame that is cut off"
     );
 }
@@ -149,27 +149,27 @@ fn frames_are_read_exactly() {
         0 => Ok(frame),
         1 => {
             bytes.push(one_of(&[0, 1, 0x80, 0xff]));
-            Err(Violation::TrailingBytes)
+            Err(violation!(TrailingBytes, "SM2-FRM-001"))
         }
         2 => {
             bytes.pop();
             let nothing = bytes.is_empty();
             Err(if nothing {
-                Violation::UnknownFrame
+                violation!(UnknownFrame, "SM2-FRM-001")
             } else {
-                Violation::Malformed
+                violation!(Malformed, "SM2-FRM-001")
             })
         }
         3 => {
             // The frame's own number in two bytes.
             bytes[0] |= 0x80;
             bytes.insert(1, 0);
-            Err(Violation::NotCanonical)
+            Err(violation!(NotCanonical, "SM2-FRM-002"))
         }
         _ => {
             let fds = kani::any_where(|fds: &u8| *fds < 3 && usize::from(*fds) != wanted);
             let decoded = decode_to_manager(&datagram(&bytes, &files, usize::from(fds)));
-            assert_eq!(decoded, Err(Violation::FdCount));
+            assert_eq!(decoded, Err(violation!(FdCount, "SM2-TRN-005")));
             kani::cover!(fds == 2 && wanted == 1, "two instead of one");
             return;
         }
@@ -177,7 +177,7 @@ fn frames_are_read_exactly() {
     let decoded = decode_to_manager(&datagram(&bytes, &files, wanted));
     kani::cover!(bytes.len() > 24 && decoded.is_ok(), "a long frame");
     kani::cover!(
-        decoded == Err(Violation::NotCanonical),
+        decoded == Err(violation!(NotCanonical, "SM2-FRM-002")),
         "a number that is too long"
     );
     assert_eq!(decoded, expected);
@@ -204,7 +204,7 @@ fn schema_texts_have_their_length() {
     let expected = if is_legal {
         Ok(())
     } else {
-        Err(Violation::BadSchema)
+        Err(violation!(BadSchema, "SM2-SCH-001"))
     };
     assert_eq!(verdict, expected);
     kani::cover!(is_legal && len == SCHEMA_TEXT_MAX, "the longest text");

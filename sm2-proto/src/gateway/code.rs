@@ -1,6 +1,6 @@
 //! Why a connection of gateways ended, and a stream: SPEC section 14.8.
 
-use crate::{Code, Violation, code::codes};
+use crate::{Violation, ViolationKind, code::codes};
 
 codes! {
     /// A breach of SPEC by a peer: it ends the connection.
@@ -54,19 +54,13 @@ codes! {
 impl From<Violation> for PeerViolation {
     /// Of the body of a frame.
     fn from(violation: Violation) -> Self {
-        match violation {
-            Violation::UnknownFrame => Self::UnknownFrame,
-            Violation::TrailingBytes => Self::TrailingBytes,
-            Violation::NotCanonical => Self::NotCanonical,
-            Violation::BadName => Self::BadName,
+        match violation.kind() {
+            ViolationKind::UnknownFrame => Self::UnknownFrame,
+            ViolationKind::TrailingBytes => Self::TrailingBytes,
+            ViolationKind::NotCanonical => Self::NotCanonical,
+            ViolationKind::BadName => Self::BadName,
             _ => Self::Malformed,
         }
-    }
-}
-
-impl core::fmt::Display for PeerViolation {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "{} ({})", self.name(), self.clause())
     }
 }
 

@@ -73,10 +73,10 @@ impl Placed {
     //= SM2-SRV-003
     pub(super) fn check_reply(&self, call: u64, status: Status, len: u64) -> Result<(), Violation> {
         if !self.calls.get(&call).is_some_and(|state| state.sent) {
-            return Err(Violation::UnknownCall);
+            return Err(violation!(UnknownCall, "SM2-SRV-003"));
         }
         if !status.has_payload() && len != 0 {
-            return Err(Violation::BadLength);
+            return Err(violation!(BadLength, "SM2-SRV-003"));
         }
         Ok(())
     }
@@ -145,15 +145,26 @@ enum Reply {
     Sent,
 }
 
+impl Got {
+    /// Notes a CANCEL; whether the application has to know. None: this is the second one.
+    const fn cancel(&mut self) -> Option<bool> {
+        if self.cancelled {
+            return None;
+        }
+        self.cancelled = true;
+        Some(matches!(self.reply, Reply::Owed))
+    }
+}
+
 impl Served {
     /// Whether this REQUEST may come.
     //= SM2-SRV-002
     pub(super) fn check_request(&self, call: u64) -> Result<(), Violation> {
         if self.last.is_some_and(|last| call <= last) {
-            return Err(Violation::BadId);
+            return Err(violation!(BadId, "SM2-SRV-002"));
         }
         if self.open >= CALLS_MAX {
-            return Err(Violation::CallLimit);
+            return Err(violation!(CallLimit, "SM2-SRV-002"));
         }
         Ok(())
     }
@@ -174,29 +185,31 @@ impl Served {
     /// CANCEL came. Whether the application has to know.
     //= SM2-SRV-004
     pub(super) fn cancel(&mut self, call: u64) -> Result<bool, Violation> {
-        let got = self.calls.get_mut(&call).ok_or(Violation::UnknownCall)?;
-        if got.cancelled {
-            return Err(Violation::BadCancel);
-        }
-        got.cancelled = true;
-        Ok(got.reply == Reply::Owed)
+        let got = self
+            .calls
+            .get_mut(&call)
+            .ok_or(violation!(UnknownCall, "SM2-SRV-004"))?;
+        got.cancel().ok_or(violation!(BadCancel, "SM2-SRV-004"))
     }
 
     /// CANCEL came on the ring lane, where it overtakes requests and is overtaken by replies.
     /// No more than `most` requests are on their way. Whether the application has to know.
     //= SM2-RNG-012
     pub(super) fn cancel_of_ring(&mut self, call: u64, most: usize) -> Result<bool, Violation> {
-        if self.calls.contains_key(&call) {
-            return self.cancel(call);
+        if let Some(got) = self.calls.get_mut(&call) {
+            return match got.cancel() {
+                Some(is_new) => Ok(is_new),
+                None => Err(violation!(BadCancel, "SM2-RNG-012")),
+            };
         }
         if self.last.is_some_and(|last| call <= last) {
             return Ok(false);
         }
         if self.early.contains(&call) {
-            return Err(Violation::BadCancel);
+            return Err(violation!(BadCancel, "SM2-RNG-012"));
         }
         if self.early.len() >= most {
-            return Err(Violation::UnknownCall);
+            return Err(violation!(UnknownCall, "SM2-RNG-012"));
         }
         self.early.insert(call);
         Ok(false)
@@ -207,7 +220,7 @@ impl Served {
     pub(super) fn taken_from_ring(&mut self, call: u64) -> Result<bool, Violation> {
         self.check_request(call)?;
         if self.early.first().is_some_and(|early| *early < call) {
-            return Err(Violation::UnknownCall);
+            return Err(violation!(UnknownCall, "SM2-RNG-012"));
         }
         self.requested(call);
         if self.early.remove(&call) {

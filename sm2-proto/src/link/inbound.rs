@@ -107,14 +107,15 @@ impl Inbound {
         fds: &[FdFacts],
         leaving: &VecDeque<u32>,
     ) -> Result<(), Violation> {
-        let verified = Verified::pooled(fds.first().ok_or(Violation::FdCount)?)?;
+        let verified = Verified::pooled(fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?)?;
         if self.segments.contains_key(&info.id) || leaving.contains(&info.id) {
-            return Err(Violation::SegmentNumber);
+            return Err(violation!(SegmentNumber, "SM2-SEG-003"));
         }
-        let geometry = Geometry::new(info.stride, info.slots).ok_or(Violation::BadSegment)?;
+        let geometry =
+            Geometry::new(info.stride, info.slots).ok_or(violation!(BadSegment, "SM2-SEG-003"))?;
         verified.check_segment(geometry)?;
         if self.segments.len() + leaving.len() >= SEGMENTS_MAX {
-            return Err(Violation::SegmentLimit);
+            return Err(violation!(SegmentLimit, "SM2-SEG-004"));
         }
         self.segments.insert(
             info.id,
@@ -132,9 +133,9 @@ impl Inbound {
         let attached = self
             .segments
             .get(&segment)
-            .ok_or(Violation::UnknownSegment)?;
+            .ok_or(violation!(UnknownSegment, "SM2-SEG-005"))?;
         if !attached.busy.is_empty() {
-            return Err(Violation::SegmentBusy);
+            return Err(violation!(SegmentBusy, "SM2-SEG-005"));
         }
         self.segments.remove(&segment);
         Ok(())
@@ -155,10 +156,11 @@ impl Inbound {
         self.check_flow(message)?;
         let (payload, slot) = self.check_form(message)?;
         if !is_legal_len(message.len) {
-            return Err(Violation::BadLength);
+            return Err(violation!(BadLength, "SM2-PAY-008"));
         }
         if message.form == Form::Sealed {
-            let verified = Verified::sealed(fds.first().ok_or(Violation::FdCount)?)?;
+            let verified =
+                Verified::sealed(fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?)?;
             verified.check_message(message.len)?;
         }
         let MessageFrame {
@@ -188,14 +190,14 @@ impl Inbound {
     //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003
     fn check_flow(&self, message: &MessageFrame<'_>) -> Result<(), Violation> {
         if self.sequence.checked_add(1) != Some(message.sequence) {
-            return Err(Violation::BadSequence);
+            return Err(violation!(BadSequence, "SM2-MSG-001"));
         }
         // Only DATA sets it: the ids of calls are checked with the calls.
         if self.last_id.is_some_and(|last| message.id <= last) {
-            return Err(Violation::BadId);
+            return Err(violation!(BadId, "SM2-MSG-002"));
         }
         if self.unreleased() >= self.window {
-            return Err(Violation::WindowExceeded);
+            return Err(violation!(WindowExceeded, "SM2-MSG-003"));
         }
         Ok(())
     }
@@ -203,7 +205,9 @@ impl Inbound {
     fn check_form(&self, message: &MessageFrame<'_>) -> Result<(Payload, Option<Slot>), Violation> {
         match message.form {
             //= SM2-PAY-001
-            Form::Inline if message.len > INLINE_MAX as u64 => Err(Violation::BadLength),
+            Form::Inline if message.len > INLINE_MAX as u64 => {
+                Err(violation!(BadLength, "SM2-PAY-001"))
+            }
             Form::Inline => Ok((Payload::Inline(Bytes::copy_from_slice(message.rest)), None)),
             Form::Pooled { segment, slot } => {
                 let offset = self.check_slot(segment, slot, message.len)?;
@@ -223,16 +227,19 @@ impl Inbound {
         let segment = self
             .segments
             .get(&segment)
-            .ok_or(Violation::UnknownSegment)?;
-        let offset = segment.geometry.offset(slot).ok_or(Violation::BadSlot)?;
+            .ok_or(violation!(UnknownSegment, "SM2-PAY-002"))?;
+        let offset = segment
+            .geometry
+            .offset(slot)
+            .ok_or(violation!(BadSlot, "SM2-PAY-002"))?;
         if len > segment.geometry.stride() {
-            return Err(Violation::BadLength);
+            return Err(violation!(BadLength, "SM2-PAY-002"));
         }
         if self.sealed {
-            return Err(Violation::NotSealed);
+            return Err(violation!(NotSealed, "SM2-PAY-004"));
         }
         if segment.busy.contains(&slot) {
-            return Err(Violation::SlotBusy);
+            return Err(violation!(SlotBusy, "SM2-PAY-005"));
         }
         Ok(offset)
     }

@@ -63,7 +63,9 @@ pub use self::{
     config::{Config, Role},
     packet::{Attachment, Head, Packet},
     phase::FrameKind,
-    ring::{At, EMPTY, NoDelivery, RingLayout, RingMessage, SlotHead, Word, Words, doorbell},
+    ring::{
+        At, EMPTY, NoDelivery, NotAWord, RingLayout, RingMessage, SlotHead, Word, Words, doorbell,
+    },
     types::{
         Body, Counters, Delivery, End, Error, Fate, Input, Message, Misuse, Output, Payload,
         SegmentInfo, Status, TooManyBorrowed,

@@ -194,12 +194,12 @@ impl Outbound {
         for sequence in frame.sequences() {
             count += 1;
             if sequence <= last || count > RELEASE_MAX || !self.unreleased.contains_key(&sequence) {
-                return Err(Violation::BadRelease);
+                return Err(violation!(BadRelease, "SM2-MSG-004"));
             }
             last = sequence;
         }
         if count == 0 {
-            return Err(Violation::BadRelease);
+            return Err(violation!(BadRelease, "SM2-MSG-004"));
         }
         for sequence in frame.sequences() {
             if let Some(released) = self.take_unreleased(sequence, given) {

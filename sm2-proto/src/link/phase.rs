@@ -107,10 +107,12 @@ pub(super) const fn admit(
 ) -> Result<(), Violation> {
     match (phase, kind) {
         (Phase::Opening, FrameKind::Open) | (_, FrameKind::Close) => Ok(()),
-        (Phase::Opening, _) => Err(Violation::ExpectedOpen),
-        (Phase::Open, FrameKind::Open) => Err(Violation::UnexpectedOpen),
-        (Phase::Open, kind) if !kind.is_received_by(role) => Err(Violation::WrongRole),
-        (Phase::Open, kind) if !kind.is_on(ring) => Err(Violation::WrongLane),
+        (Phase::Opening, _) => Err(violation!(ExpectedOpen, "SM2-OPN-001")),
+        (Phase::Open, FrameKind::Open) => Err(violation!(UnexpectedOpen, "SM2-OPN-001")),
+        (Phase::Open, kind) if !kind.is_received_by(role) => {
+            Err(violation!(WrongRole, "SM2-WIR-002"))
+        }
+        (Phase::Open, kind) if !kind.is_on(ring) => Err(violation!(WrongLane, "SM2-RNG-001")),
         (Phase::Open, _) => Ok(()),
     }
 }

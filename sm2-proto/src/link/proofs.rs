@@ -9,7 +9,7 @@ use super::{
     wire::{Carrier, Form, MessageFrame, Open},
 };
 use crate::{
-    Code, Datagram, FdFacts, Instant, LinkId, Seals, VERSION, Violation,
+    Code, Datagram, FdFacts, Instant, LinkId, Seals, VERSION,
     limits::{MESSAGE_HEAD, SEGMENT_BYTES_MAX, SLOTS_MAX, WINDOW_MAX},
     proofs::{below, one_of},
 };
@@ -79,18 +79,21 @@ fn link_phase_table() {
     let expected = match kind {
         FrameKind::Close => Ok(()),
         FrameKind::Open if opening => Ok(()),
-        FrameKind::Open => Err(Violation::UnexpectedOpen),
-        _ if opening => Err(Violation::ExpectedOpen),
-        _ if !received => Err(Violation::WrongRole),
-        _ if other_lane => Err(Violation::WrongLane),
+        FrameKind::Open => Err(violation!(UnexpectedOpen, "SM2-OPN-001")),
+        _ if opening => Err(violation!(ExpectedOpen, "SM2-OPN-001")),
+        _ if !received => Err(violation!(WrongRole, "SM2-WIR-002")),
+        _ if other_lane => Err(violation!(WrongLane, "SM2-RNG-001")),
         _ => Ok(()),
     };
     assert_eq!(verdict, expected);
     kani::cover!(
-        verdict == Err(Violation::WrongLane) && ring,
+        verdict == Err(violation!(WrongLane, "SM2-RNG-001")) && ring,
         "not on a ring"
     );
-    kani::cover!(verdict == Err(Violation::WrongRole), "not for this role");
+    kani::cover!(
+        verdict == Err(violation!(WrongRole, "SM2-WIR-002")),
+        "not for this role"
+    );
     kani::cover!(verdict.is_ok() && kind == FrameKind::Reply, "a reply");
 }
 
@@ -172,11 +175,11 @@ fn each_reserved_byte_is_checked() {
     let takes_file = [FrameKind::Attach as u8, FrameKind::Ring as u8].contains(&number);
     let unknown_fate = number == FrameKind::Release as u8 && at == 1 && value > 1;
     let expected = if reserved.contains(&at) && value != 0 {
-        Err(Violation::ReservedNotZero)
+        Err(violation!(ReservedNotZero, "SM2-WIR-001"))
     } else if unknown_fate {
-        Err(Violation::Malformed)
+        Err(violation!(Malformed, "SM2-MSG-004"))
     } else if (fds == 1) != takes_file {
-        Err(Violation::FdCount)
+        Err(violation!(FdCount, "SM2-TRN-005"))
     } else {
         Ok(())
     };
@@ -307,7 +310,7 @@ fn receiver_keeps_to_its_window() {
                         (came, unreleased) = (came + 1, unreleased + 1);
                     }
                     Err(violation) => {
-                        assert!(full && violation == Violation::WindowExceeded);
+                        assert!(full && violation == violation!(WindowExceeded, "SM2-MSG-003"));
                     }
                 }
             }
@@ -363,11 +366,11 @@ fn open_is_checked() {
         (1..=2_048).contains(&open.window)
     };
     let expected = if !named {
-        Err(Violation::BadOpen)
+        Err(violation!(BadOpen, "SM2-OPN-002"))
     } else if !window {
-        Err(Violation::BadWindow)
+        Err(violation!(BadWindow, "SM2-OPN-003"))
     } else if open.lanes & 1 == 0 {
-        Err(Violation::BadOpen)
+        Err(violation!(BadOpen, "SM2-OPN-004"))
     } else {
         Ok(())
     };
@@ -382,7 +385,7 @@ fn open_is_checked() {
         "with a lane that is unknown"
     );
     kani::cover!(
-        expected == Err(Violation::BadWindow),
+        expected == Err(violation!(BadWindow, "SM2-OPN-003")),
         "a window that is too large"
     );
 }
@@ -413,7 +416,7 @@ fn an_ended_link_is_silent() {
     if has_message {
         assert_eq!(link.handle(NOW, Input::Send(message.clone())), Ok(()));
     }
-    let violation = End::Violation(Violation::UnknownFrame);
+    let violation = End::Violation(violation!(UnknownFrame, "SM2-WIR-001"));
     let (end, input) = match below(5) {
         0 => (End::Eof, Input::Eof),
         1 => (End::Eof, Input::Datagram(Datagram::new(&[]))),

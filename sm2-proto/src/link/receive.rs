@@ -42,17 +42,17 @@ impl Link {
         let config = &self.config;
         let expected = (config.role.counterpart() as u8, config.version, config.id);
         if (open.role, open.version, open.link) != expected {
-            return Err(Violation::BadOpen);
+            return Err(violation!(BadOpen, "SM2-OPN-002"));
         }
         let is_legal = match config.role {
             Role::Receiver => open.window == 0,
             Role::Sender | Role::Caller | Role::Server => (1..=WINDOW_MAX).contains(&open.window),
         };
         if !is_legal {
-            return Err(Violation::BadWindow);
+            return Err(violation!(BadWindow, "SM2-OPN-003"));
         }
         if open.lanes & LANE_SOCKET == 0 {
-            return Err(Violation::BadOpen);
+            return Err(violation!(BadOpen, "SM2-OPN-004"));
         }
         self.state = Ok(Phase::Open);
         self.outbound.open(open.window);
@@ -77,7 +77,7 @@ impl Link {
     //= SM2-RNG-010
     fn on_detach(&mut self, segment: u32) -> Result<(), Violation> {
         if self.ring_holds(segment) {
-            return Err(Violation::SegmentBusy);
+            return Err(violation!(SegmentBusy, "SM2-SEG-005"));
         }
         self.inbound.detach(segment)?;
         if self.ring.is_some() {

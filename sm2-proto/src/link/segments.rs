@@ -5,7 +5,7 @@
 
 use super::RingLayout;
 use crate::{
-    FdFacts, Seals, Violation,
+    Clause, FdFacts, Seals, Violation, ViolationKind, clause,
     limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SLOTS_MAX, STRIDE_UNIT},
 };
 
@@ -18,18 +18,18 @@ pub(super) struct Verified {
 impl Verified {
     /// For one sealed message.
     pub(super) const fn sealed(facts: &FdFacts) -> Result<Self, Violation> {
-        Self::with(facts, Seals::SEALED)
+        Self::with(facts, Seals::SEALED, clause!("SM2-SEG-001"))
     }
 
     /// For a segment of pooled messages.
     pub(super) const fn pooled(facts: &FdFacts) -> Result<Self, Violation> {
-        Self::with(facts, Seals::POOLED)
+        Self::with(facts, Seals::POOLED, clause!("SM2-SEG-001"))
     }
 
     /// For the file of a ring.
     //= SM2-RNG-002
     pub(super) const fn ring(facts: &FdFacts, layout: Option<RingLayout>) -> Result<(), Violation> {
-        let verified = match Self::with(facts, Seals::RING) {
+        let verified = match Self::with(facts, Seals::RING, clause!("SM2-RNG-002")) {
             Ok(verified) => verified,
             Err(violation) => return Err(violation),
         };
@@ -41,17 +41,18 @@ impl Verified {
             {
                 Ok(())
             }
-            _ => Err(Violation::BadRing),
+            _ => Err(violation!(BadRing, "SM2-RNG-002")),
         }
     }
 
-    //= SM2-SEG-001
-    const fn with(facts: &FdFacts, needed: Seals) -> Result<Self, Violation> {
+    /// Checks what `clause` demands of the descriptor.
+    //= SM2-SEG-001, SM2-RNG-002
+    const fn with(facts: &FdFacts, needed: Seals, clause: Clause) -> Result<Self, Violation> {
         if !facts.regular {
-            return Err(Violation::NotAMemfd);
+            return Err(Violation::new(ViolationKind::NotAMemfd, clause));
         }
         if !facts.seals.contains(needed) {
-            return Err(Violation::SealsMissing);
+            return Err(Violation::new(ViolationKind::SealsMissing, clause));
         }
         Ok(Self {
             size_bytes: facts.size_bytes,
@@ -62,7 +63,7 @@ impl Verified {
     //= SM2-SEG-002
     pub(super) const fn check_message(self, len: u64) -> Result<(), Violation> {
         if self.size_bytes < len || self.size_bytes > SEGMENT_BYTES_MAX {
-            return Err(Violation::BadSize);
+            return Err(violation!(BadSize, "SM2-SEG-002"));
         }
         Ok(())
     }
@@ -71,7 +72,7 @@ impl Verified {
     //= SM2-SEG-003
     pub(super) const fn check_segment(self, geometry: Geometry) -> Result<(), Violation> {
         if self.size_bytes != geometry.size_bytes() {
-            return Err(Violation::BadSize);
+            return Err(violation!(BadSize, "SM2-SEG-003"));
         }
         Ok(())
     }

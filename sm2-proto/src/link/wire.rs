@@ -176,21 +176,24 @@ impl<'a> Frame<'a> {
     pub fn decode(datagram: &Datagram<'a>) -> Result<Self, Violation> {
         datagram.check()?;
         let bytes = datagram.bytes;
-        let number = bytes.first().ok_or(Violation::UnknownFrame)?;
-        let frame = match FrameKind::from_number(*number).ok_or(Violation::UnknownFrame)? {
-            FrameKind::Open => Self::open(Layout::exactly(bytes)?)?,
-            FrameKind::Attach => Self::attach(Layout::exactly(bytes)?)?,
-            FrameKind::Detach => Self::detach(Layout::exactly(bytes)?)?,
-            FrameKind::Data => Self::message(Carrier::Data, bytes)?,
-            FrameKind::Request => Self::message(Carrier::Request, bytes)?,
-            FrameKind::Reply => Self::message(Carrier::Reply, bytes)?,
-            FrameKind::Release => Self::release(bytes)?,
-            FrameKind::Cancel => Self::cancel(Layout::exactly(bytes)?)?,
-            FrameKind::Close => Self::close(Layout::exactly(bytes)?)?,
-            FrameKind::Ring => Self::ring(Layout::exactly(bytes)?)?,
-            FrameKind::Doorbell => Self::doorbell(Layout::exactly(bytes)?)?,
-            FrameKind::Detached => Self::detached(Layout::exactly(bytes)?)?,
-        };
+        let number = bytes
+            .first()
+            .ok_or(violation!(UnknownFrame, "SM2-WIR-001"))?;
+        let frame =
+            match FrameKind::from_number(*number).ok_or(violation!(UnknownFrame, "SM2-WIR-001"))? {
+                FrameKind::Open => Self::open(Layout::exactly(bytes)?)?,
+                FrameKind::Attach => Self::attach(Layout::exactly(bytes)?)?,
+                FrameKind::Detach => Self::detach(Layout::exactly(bytes)?)?,
+                FrameKind::Data => Self::message(Carrier::Data, bytes)?,
+                FrameKind::Request => Self::message(Carrier::Request, bytes)?,
+                FrameKind::Reply => Self::message(Carrier::Reply, bytes)?,
+                FrameKind::Release => Self::release(bytes)?,
+                FrameKind::Cancel => Self::cancel(Layout::exactly(bytes)?)?,
+                FrameKind::Close => Self::close(Layout::exactly(bytes)?)?,
+                FrameKind::Ring => Self::ring(Layout::exactly(bytes)?)?,
+                FrameKind::Doorbell => Self::doorbell(Layout::exactly(bytes)?)?,
+                FrameKind::Detached => Self::detached(Layout::exactly(bytes)?)?,
+            };
         //= SM2-TRN-005
         datagram.check_fds(frame.fds())?;
         Ok(frame)
@@ -245,12 +248,13 @@ impl<'a> Frame<'a> {
             },
             Form::SEALED => Form::Sealed,
             //= SM2-PAY-004
-            _ => return Err(Violation::Malformed),
+            _ => return Err(violation!(Malformed, "SM2-PAY-004")),
         };
         Ok(Self::Message(MessageFrame {
             carrier,
             form,
-            status: Status::from_number(layout.u16::<2>()).ok_or(Violation::Malformed)?,
+            status: Status::from_number(layout.u16::<2>())
+                .ok_or(violation!(Malformed, "SM2-SRV-003"))?,
             sequence: layout.u64::<16>(),
             id: layout.u64::<24>(),
             time: Instant(layout.u64::<32>()),
@@ -262,7 +266,8 @@ impl<'a> Frame<'a> {
     fn release(bytes: &'a [u8]) -> Result<Self, Violation> {
         let (layout, rest) = Layout::<RELEASE>::split(bytes)?;
         layout.check_zero::<4, 4>()?;
-        let given = Given::from_number(layout.u8::<1>()).ok_or(Violation::Malformed)?;
+        let given =
+            Given::from_number(layout.u8::<1>()).ok_or(violation!(Malformed, "SM2-MSG-004"))?;
         Ok(Self::Release {
             given,
             count: layout.u16::<2>(),
@@ -321,7 +326,7 @@ impl<'a> Frame<'a> {
         if rest.len() as u64 == expected {
             Ok(())
         } else {
-            Err(Violation::BadLength)
+            Err(violation!(BadLength, "SM2-WIR-001"))
         }
     }
 

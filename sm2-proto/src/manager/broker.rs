@@ -367,7 +367,7 @@ impl Manager {
         let session = self.sessions.get_mut(&entity.node);
         let (uid, remains) = session
             .and_then(|it| Some((it.credentials().uid, it.withdraw(entity.interface)?)))
-            .ok_or(Violation::UnknownInterface)?;
+            .ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
         self.users.withdraw(uid, 1);
         self.end_interface(entity, remains, Farewell::Done);
         let interface = entity.interface;
@@ -401,10 +401,10 @@ impl Manager {
     ) -> Result<(), Violation> {
         let EntityId { node, interface } = entity;
         let session = self.sessions.get_mut(&node);
-        let session = session.ok_or(Violation::UnknownInterface)?;
-        if self.pace.owes(node, link) && session.has_link(interface, link)? {
+        let session = session.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
+        if self.pace.owes(node, link) && session.has_link(interface, link) == Some(true) {
             // It was not told of it, so it can but guess.
-            return Err(Violation::UnknownLink);
+            return Err(violation!(UnknownLink, "SM2-LNK-003"));
         }
         match session.farewell(interface, link)? {
             Farewells::Both => {}

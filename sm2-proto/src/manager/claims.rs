@@ -50,9 +50,10 @@ impl Manager {
         let Some(session) = self.sessions.get_mut(&node) else {
             return Ok(());
         };
-        let known = session.has_link(interface, link)?;
+        let known = session.has_link(interface, link);
+        let known = known.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
         if known || link.epoch == self.links.epoch() || claim.agreed.version != VERSION {
-            return Err(Violation::BadClaim);
+            return Err(violation!(BadClaim, "SM2-RES-003"));
         }
         if !session.may_claim() {
             self.end_session(node, Cause::Farewell(Farewell::Resources));

@@ -132,7 +132,7 @@ pub enum Misuse {
 
 impl Cause {
     /// The code to say goodbye with; none if nobody is there to hear it.
-    pub(super) const fn code(self) -> Option<Code> {
+    pub(super) fn code(self) -> Option<Code> {
         match self {
             Self::Violation(violation) => Some(violation.code()),
             Self::Farewell(farewell) => Some(farewell.code()),

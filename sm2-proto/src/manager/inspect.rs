@@ -19,13 +19,15 @@ impl Manager {
             return Ok(());
         };
         if session.has_counters {
-            return Err(Violation::CountersTwice);
+            return Err(violation!(CountersTwice, "SM2-CNT-001"));
         }
-        let file = file.filter(|it| it.regular).ok_or(Violation::NotAMemfd)?;
+        let file = file
+            .filter(|it| it.regular)
+            .ok_or(violation!(NotAMemfd, "SM2-CNT-001"))?;
         if !file.seals.contains(Seals::POOLED) {
-            return Err(Violation::SealsMissing);
+            return Err(violation!(SealsMissing, "SM2-CNT-001"));
         }
-        entries_in(file.size_bytes).ok_or(Violation::BadSize)?;
+        entries_in(file.size_bytes).ok_or(violation!(BadSize, "SM2-CNT-001"))?;
         session.has_counters = true;
         self.outputs
             .push_back(Output::KeepCounters { session: node });

@@ -291,7 +291,7 @@ impl Manager {
         resuming: bool,
     ) -> Result<(), Violation> {
         if min == 0 || min > max {
-            return Err(Violation::BadVersionRange);
+            return Err(violation!(BadVersionRange, "SM2-SES-002"));
         }
         let Some(session) = self.sessions.get_mut(&id) else {
             return Ok(());

@@ -89,9 +89,13 @@ impl Request {
 pub const fn legal(phase: Phase, request: Request) -> Result<(), Violation> {
     match (phase, request) {
         (_, Request::Goodbye) | (Phase::Greeting, Request::Hello) => Ok(()),
-        (Phase::Greeting, _) => Err(Violation::ExpectedHello),
-        (Phase::Resuming | Phase::Ready, Request::Hello) => Err(Violation::UnexpectedHello),
-        (Phase::Ready, Request::Claim | Request::Claimed) => Err(Violation::UnexpectedClaim),
+        (Phase::Greeting, _) => Err(violation!(ExpectedHello, "SM2-SES-001")),
+        (Phase::Resuming | Phase::Ready, Request::Hello) => {
+            Err(violation!(UnexpectedHello, "SM2-SES-001"))
+        }
+        (Phase::Ready, Request::Claim | Request::Claimed) => {
+            Err(violation!(UnexpectedClaim, "SM2-RES-003"))
+        }
         (
             Phase::Resuming | Phase::Ready,
             Request::Declare

@@ -7,7 +7,6 @@ use super::{
 };
 use crate::{
     Code, Datagram, Farewell, FdFacts, Instant, Name, NodeId, Quota, Refusal, Seals, VERSION,
-    Violation,
     control::{ToNode, encode_to_node},
     limits::LINKS_MAX,
     proofs::{below, one_of},
@@ -28,9 +27,9 @@ fn session_phase_table() {
         kani::cover!(refused, "a claim that is too late");
         kani::cover!(!refused, "a legal request");
     } else if phase == Phase::Greeting {
-        assert_eq!(verdict, Err(Violation::ExpectedHello));
+        assert_eq!(verdict, Err(violation!(ExpectedHello, "SM2-SES-001")));
     } else {
-        assert_eq!(verdict, Err(Violation::UnexpectedHello));
+        assert_eq!(verdict, Err(violation!(UnexpectedHello, "SM2-SES-001")));
     }
 }
 
@@ -223,7 +222,7 @@ fn hello_is_refused_in_order() {
     );
     let phase = manager.sessions[&OURS].phase();
     if min == 0 || min > max {
-        assert_eq!(verdict, Err(Violation::BadVersionRange));
+        assert_eq!(verdict, Err(violation!(BadVersionRange, "SM2-SES-002")));
         assert!(manager.outputs.is_empty() && phase == Phase::Greeting);
         return;
     }
@@ -293,15 +292,18 @@ fn an_ended_session_is_silent() {
     };
     // CLAIMED; 13 is no frame.
     let early = match phase {
-        Phase::Greeting => Cause::Violation(Violation::ExpectedHello),
-        _ => Cause::Violation(Violation::UnexpectedClaim),
+        Phase::Greeting => Cause::Violation(violation!(ExpectedHello, "SM2-SES-001")),
+        _ => Cause::Violation(violation!(UnexpectedClaim, "SM2-RES-003")),
     };
     let (input, cause) = match below(5) {
         0 => {
             kani::assume(phase != Phase::Resuming);
             (datagram(&[7]), early)
         }
-        1 => (datagram(&[13]), Cause::Violation(Violation::UnknownFrame)),
+        1 => (
+            datagram(&[13]),
+            Cause::Violation(violation!(UnknownFrame, "SM2-FRM-001")),
+        ),
         2 => (datagram(&[5, 9]), Cause::Goodbye(Code(9))),
         3 => (Input::Closed { session }, Cause::Gone),
         _ => (
@@ -361,11 +363,11 @@ fn counters_are_kept_once() {
     let bits = file.seals.0 & 0x17 == 0x17;
     let size = file.size_bytes;
     let expected = if !file.regular {
-        Err(Violation::NotAMemfd)
+        Err(violation!(NotAMemfd, "SM2-CNT-001"))
     } else if !bits {
-        Err(Violation::SealsMissing)
+        Err(violation!(SealsMissing, "SM2-CNT-001"))
     } else if !size.is_multiple_of(512) || !(1_024..=4_194_304).contains(&size) {
-        Err(Violation::BadSize)
+        Err(violation!(BadSize, "SM2-CNT-001"))
     } else {
         Ok(())
     };
@@ -377,12 +379,12 @@ fn counters_are_kept_once() {
     );
     if expected.is_ok() {
         let again = manager.keep_counters(OURS, Some(&file));
-        assert_eq!(again, Err(Violation::CountersTwice));
+        assert_eq!(again, Err(violation!(CountersTwice, "SM2-CNT-001")));
     }
     assert!(manager.outputs.is_empty());
     kani::cover!(expected.is_ok(), "kept");
     kani::cover!(
-        expected == Err(Violation::BadSize),
+        expected == Err(violation!(BadSize, "SM2-CNT-001")),
         "a size that is not legal"
     );
 }

@@ -24,9 +24,9 @@ impl Manager {
         data: TypeId,
         text: String,
     ) -> Result<(), Violation> {
-        let schema = Schema::parse(&text).map_err(|_| Violation::BadSchema)?;
+        let schema = Schema::parse(&text).map_err(|_| violation!(BadSchema, "SM2-SCH-001"))?;
         if schema.hash() != data.hash {
-            return Err(Violation::BadSchema);
+            return Err(violation!(BadSchema, "SM2-SCH-001"));
         }
         let quota = self.policy.schema_bytes_per_session;
         if let Some(session) = self.sessions.get_mut(&node)

@@ -183,7 +183,7 @@ impl Session {
     //= SM2-IFC-001
     pub(super) fn number(&mut self, interface: InterfaceId) -> Result<(), Violation> {
         if interface.0 <= self.last_interface {
-            return Err(Violation::InterfaceNumber);
+            return Err(violation!(InterfaceNumber, "SM2-IFC-001"));
         }
         self.last_interface = interface.0;
         Ok(())
@@ -319,12 +319,10 @@ impl Session {
         self.link_ends == self.live_ends().count() + told
     }
 
-    /// Whether the interface has this link, at whatever stage.
-    //= SM2-RES-003
-    pub(super) fn has_link(&self, interface: InterfaceId, link: LinkId) -> Result<bool, Violation> {
-        let interface = self.interfaces.get(&interface);
-        let interface = interface.ok_or(Violation::UnknownInterface)?;
-        Ok(interface.live.contains_key(&link) || interface.told.contains(&link))
+    /// Whether the interface has this link, at whatever stage; none if there is no such interface.
+    pub(super) fn has_link(&self, interface: InterfaceId, link: LinkId) -> Option<bool> {
+        let interface = self.interfaces.get(&interface)?;
+        Some(interface.live.contains_key(&link) || interface.told.contains(&link))
     }
 
     /// Spends a claim: nobody can have more open links than there can be.
@@ -391,13 +389,13 @@ impl Session {
         link: LinkId,
     ) -> Result<Farewells, Violation> {
         let interface = self.interfaces.get_mut(&interface);
-        let interface = interface.ok_or(Violation::UnknownInterface)?;
+        let interface = interface.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
         let farewells = if let Some(pair) = interface.live.remove(&link) {
             Farewells::First(pair)
         } else if interface.told.remove(&link) {
             Farewells::Both
         } else {
-            return Err(Violation::UnknownLink);
+            return Err(violation!(UnknownLink, "SM2-LNK-003"));
         };
         self.link_ends -= 1;
         Ok(farewells)

@@ -23,7 +23,7 @@ impl Manager {
     //= SM2-WCH-001
     pub(super) fn watch(&mut self, session: NodeId, after: u64) -> Result<(), Violation> {
         if self.watchers.contains(&session) {
-            return Err(Violation::WatchTwice);
+            return Err(violation!(WatchTwice, "SM2-WCH-001"));
         }
         if after == self.log.revision() {
             self.watchers.insert(session);

@@ -121,7 +121,7 @@ impl Interface {
             State::Declaring => (State::Live, Answered::First),
             State::Renewing => (State::Live, Answered::Renewed),
             State::Doomed => (State::Dropping, Answered::Doomed),
-            _ => return Err(Violation::UnknownInterface),
+            _ => return Err(violation!(UnknownInterface, "SM2-IFC-002")),
         };
         self.state = state;
         Ok(answered)
@@ -137,7 +137,7 @@ impl Interface {
                 self.state = State::Dormant;
                 Ok(Answered::Renewed)
             }
-            _ => Err(Violation::UnknownInterface),
+            _ => Err(violation!(UnknownInterface, "SM2-IFC-002")),
         }
     }
 
@@ -162,7 +162,7 @@ impl Interface {
     pub(super) fn withdrawn(&self) -> Result<(), Violation> {
         match self.state {
             State::Dropping => Ok(()),
-            _ => Err(Violation::UnknownInterface),
+            _ => Err(violation!(UnknownInterface, "SM2-IFC-003")),
         }
     }
 
@@ -211,17 +211,19 @@ impl Interface {
     /// WITHDRAW is legal, and over.
     //= SM2-LNK-005, SM2-IFC-004
     pub(super) fn link(&mut self, id: LinkId, link: Link, peer: &Peer) -> Result<bool, Violation> {
-        self.check_declared()?;
-        if self.links.contains_key(&id) {
-            return Err(Violation::LinkNumber);
+        if !self.is_declared() {
+            return Err(violation!(UnknownInterface, "SM2-LNK-005"));
         }
-        let asked =
-            match_contracts(&self.contract, &peer.contract).map_err(|_| Violation::BadLink)?;
+        if self.links.contains_key(&id) {
+            return Err(violation!(LinkNumber, "SM2-LNK-005"));
+        }
+        let asked = match_contracts(&self.contract, &peer.contract)
+            .map_err(|_| violation!(BadLink, "SM2-LNK-005"))?;
         // The Manager seals for reasons of its own too; no other term is its choice.
         let qos = link.qos;
         let fits = asked.reliable == qos.reliable && asked.sealed <= qos.sealed;
         if !fits || link.version != VERSION || self.links.len() == LINKS_MAX {
-            return Err(Violation::BadLink);
+            return Err(violation!(BadLink, "SM2-LNK-005"));
         }
         self.links.insert(id, (Standing::Known, link));
         Ok(self.state == State::Live)
@@ -230,10 +232,14 @@ impl Interface {
     /// UNLINK came in.
     //= SM2-LNK-003, SM2-IFC-004
     pub(super) fn unlink(&mut self, link: LinkId) -> Result<Answer, Violation> {
-        self.check_declared()?;
+        if !self.is_declared() {
+            return Err(violation!(UnknownInterface, "SM2-LNK-003"));
+        }
         let standing = self.links.get(&link).map(|(standing, _)| *standing);
         let answer = match (standing, self.state) {
-            (None | Some(Standing::Unclaimed), _) => return Err(Violation::UnknownLink),
+            (None | Some(Standing::Unclaimed), _) => {
+                return Err(violation!(UnknownLink, "SM2-LNK-003"));
+            }
             (Some(Standing::Known), State::Live) => Answer::Unlinked,
             (Some(_), _) => Answer::Nothing,
         };
@@ -259,10 +265,7 @@ impl Interface {
     }
 
     /// Whether the Manager may speak of the interface's links.
-    const fn check_declared(&self) -> Result<(), Violation> {
-        match self.state {
-            State::Live | State::Dropping => Ok(()),
-            _ => Err(Violation::UnknownInterface),
-        }
+    const fn is_declared(&self) -> bool {
+        matches!(self.state, State::Live | State::Dropping)
     }
 }

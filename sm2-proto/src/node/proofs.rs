@@ -2,7 +2,7 @@
 
 use super::{End, Error, Input, Misuse, Node, Output, Phase};
 use crate::{
-    Code, Datagram, Farewell, Instant, InterfaceId, LinkId, Name, NodeId, Violation,
+    Code, Datagram, Farewell, Instant, InterfaceId, LinkId, Name, NodeId,
     proofs::{below, one_of, subscriber},
 };
 
@@ -67,7 +67,7 @@ fn an_ended_node_is_silent() {
     ]));
     let was_away = node.is_away();
     let code = Farewell::Done.code();
-    let violation = Violation::UnknownFrame;
+    let violation = violation!(UnknownFrame, "SM2-FRM-001");
     let (end, input) = match below(3) {
         0 => (End::Local(code), Input::Close(code)),
         1 => (End::Eof, Input::Eof),

@@ -50,9 +50,9 @@ impl Node {
                 self.tell(Output::HelloRefused(reason));
             }
             (_, ToNode::Welcome { .. } | ToNode::HelloRefused { .. }) => {
-                return Err(Violation::UnexpectedWelcome);
+                return Err(violation!(UnexpectedWelcome, "SM2-NOD-001"));
             }
-            _ => return Err(Violation::ExpectedWelcome),
+            _ => return Err(violation!(ExpectedWelcome, "SM2-NOD-001")),
         }
         Ok(())
     }
@@ -60,7 +60,7 @@ impl Node {
     fn welcomed(&mut self, frame: ToNode) -> Result<(), Violation> {
         match frame {
             ToNode::Welcome { .. } | ToNode::HelloRefused { .. } => {
-                return Err(Violation::UnexpectedWelcome);
+                return Err(violation!(UnexpectedWelcome, "SM2-NOD-001"));
             }
             ToNode::Goodbye { code } => self.go_away(End::Peer(code)),
             ToNode::Declared { interface, matches } => self.declared(interface, matches)?,
@@ -84,7 +84,9 @@ impl Node {
                 code,
             } => self.unlink(interface, link, code)?,
             ToNode::Withdrawn { interface } => {
-                self.interface(interface)?.withdrawn()?;
+                let ours = self.interfaces.get(&interface);
+                ours.ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?
+                    .withdrawn()?;
                 self.interfaces.remove(&interface);
                 self.tell(Output::Withdrawn { interface });
             }
@@ -154,7 +156,7 @@ impl Node {
         Ok(())
     }
 
-    //= SM2-RES-002
+    //= SM2-RES-002, SM2-FRM-004
     fn link(
         &mut self,
         interface: InterfaceId,
@@ -164,9 +166,13 @@ impl Node {
     ) -> Result<(), Violation> {
         if let Phase::Resuming(..) = self.phase {
             // Nothing of ours is linked before CLAIMED.
-            return Err(Violation::UnknownInterface);
+            return Err(violation!(UnknownInterface, "SM2-LNK-005"));
         }
-        if self.interface(interface)?.link(link, ours, &peer)? {
+        let interfaces = &mut self.interfaces;
+        let asked = interfaces
+            .get_mut(&interface)
+            .ok_or(violation!(UnknownInterface, "SM2-LNK-005"))?;
+        if asked.link(link, ours, &peer)? {
             let Link { version, qos, .. } = ours;
             let LinkQos { reliable, sealed } = qos;
             self.tell(Output::Linked {
@@ -188,7 +194,9 @@ impl Node {
         link: LinkId,
         code: Code,
     ) -> Result<(), Violation> {
-        if self.interface(interface)?.unlink(link)? == Answer::Unlinked {
+        let ours = self.interfaces.get_mut(&interface);
+        let ours = ours.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
+        if ours.unlink(link)? == Answer::Unlinked {
             self.send(&ToManager::Unlinked {
                 interface,
                 link,
@@ -203,20 +211,15 @@ impl Node {
         Ok(())
     }
 
-    //= SM2-FRM-004
-    fn interface(&mut self, interface: InterfaceId) -> Result<&mut Interface, Violation> {
-        let ours = self.interfaces.get_mut(&interface);
-        ours.ok_or(Violation::UnknownInterface)
-    }
-
     /// The interface that the Manager has to answer next.
-    //= SM2-IFC-002
+    //= SM2-IFC-002, SM2-FRM-004
     fn answered(&mut self, interface: InterfaceId) -> Result<&mut Interface, Violation> {
         if self.declaring.front() != Some(&interface) {
-            return Err(Violation::UnknownInterface);
+            return Err(violation!(UnknownInterface, "SM2-IFC-002"));
         }
         self.declaring.pop_front();
-        self.interface(interface)
+        let ours = self.interfaces.get_mut(&interface);
+        ours.ok_or(violation!(UnknownInterface, "SM2-IFC-002"))
     }
 
     fn tell(&mut self, output: Output) {

@@ -30,7 +30,7 @@ impl Requests {
     //= SM2-IFC-007
     pub(super) fn page(&mut self) -> Result<(), Violation> {
         let queries = self.queries.checked_sub(1);
-        self.queries = queries.ok_or(Violation::UnexpectedPage)?;
+        self.queries = queries.ok_or(violation!(UnexpectedPage, "SM2-IFC-007"))?;
         Ok(())
     }
 
@@ -46,7 +46,7 @@ impl Requests {
     //= SM2-WCH-001
     pub(super) const fn changes(&mut self) -> Result<(), Violation> {
         if !self.watching {
-            return Err(Violation::UnexpectedChanges);
+            return Err(violation!(UnexpectedChanges, "SM2-WCH-001"));
         }
         self.watching = false;
         Ok(())
@@ -68,7 +68,7 @@ impl Requests {
     //= SM2-CNT-002
     pub(super) fn inspected(&mut self, node: NodeId) -> Result<(), Violation> {
         if self.inspecting.front() != Some(&node) {
-            return Err(Violation::UnexpectedCounters);
+            return Err(violation!(UnexpectedCounters, "SM2-CNT-002"));
         }
         self.inspecting.pop_front();
         Ok(())
@@ -81,10 +81,10 @@ impl Requests {
     //= SM2-SCH-002
     pub(super) fn described(&mut self, data: &TypeId, text: Option<&str>) -> Result<(), Violation> {
         if self.describing.front() != Some(data) {
-            return Err(Violation::UnexpectedSchema);
+            return Err(violation!(UnexpectedSchema, "SM2-SCH-002"));
         }
         if !text.is_none_or(|text| is_text_of(text, data)) {
-            return Err(Violation::BadSchema);
+            return Err(violation!(BadSchema, "SM2-SCH-002"));
         }
         self.describing.pop_front();
         Ok(())

@@ -39,7 +39,7 @@ impl Node {
         node: NodeId,
     ) -> Result<(), Violation> {
         if version != VERSION {
-            return Err(Violation::BadVersion);
+            return Err(violation!(BadVersion, "SM2-NOD-002"));
         }
         self.outputs.push_back(Output::Welcomed { node, epoch });
         if !self.welcomed {

@@ -4,7 +4,7 @@ use std::os::fd::{AsFd, OwnedFd};
 
 use sm2_proto::{
     LinkId,
-    Violation::{
+    ViolationKind::{
         BadName, BadVersionRange, ControlTruncated, ExpectedHello, FdCount, FrameTooLong,
         InterfaceNumber, NotCanonical, TrailingBytes, UnexpectedHello, UnknownInterface,
         UnknownLink,

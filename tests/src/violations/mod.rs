@@ -15,12 +15,12 @@ mod takeover;
 
 use std::fmt;
 
-use sm2_proto::Violation;
+use sm2_proto::ViolationKind;
 
 /// One way to break SPEC, told to a `Stage` that has all that it takes.
 pub struct Row<Stage: ?Sized> {
     /// What has to come back.
-    pub violation: Violation,
+    pub violation: ViolationKind,
     /// The clause that is broken (`SM2-TRN-004`), or the section.
     pub clause: &'static str,
     /// How.
@@ -31,13 +31,13 @@ pub struct Row<Stage: ?Sized> {
 
 /// The rows of one rule, put down one after the other.
 struct Rule<Stage: ?Sized> {
-    violation: Violation,
+    violation: ViolationKind,
     clause: &'static str,
     rows: Vec<Row<Stage>>,
 }
 
 impl<Stage: ?Sized> Rule<Stage> {
-    const fn new(violation: Violation, clause: &'static str) -> Self {
+    const fn new(violation: ViolationKind, clause: &'static str) -> Self {
         Self {
             violation,
             clause,

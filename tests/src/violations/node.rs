@@ -8,7 +8,7 @@ use std::{
 use sm2_io::SeqPacket;
 use sm2_proto::{
     LinkId,
-    Violation::{
+    ViolationKind::{
         BadLink, BadName, BadQos, BadSchema, BadVersion, ControlTruncated, ExpectedWelcome,
         FdCount, FrameTooLong, LinkNumber, Malformed, NotCanonical, TrailingBytes,
         UnexpectedChanges, UnexpectedCounters, UnexpectedPage, UnexpectedSchema, UnexpectedWelcome,
@@ -247,7 +247,7 @@ fn encoding() -> Rows {
 }
 
 fn greeting() -> Rows {
-    let expected = Rule::new(ExpectedWelcome, "section 4.2")
+    let expected = Rule::new(ExpectedWelcome, "SM2-NOD-001")
         .greeting("DECLARED before WELCOME", declared(1, 0))
         .greeting(
             "DECLARE_REFUSED before WELCOME",
@@ -260,7 +260,7 @@ fn greeting() -> Rows {
         .greeting("NOT_INSPECTED before WELCOME", not_inspected(1))
         .greeting("DESCRIBED before WELCOME", described(&bytes_type(), None))
         .row("LINK before WELCOME", |stage| stage.send_link(&link()));
-    let unexpected = Rule::new(UnexpectedWelcome, "section 4.2")
+    let unexpected = Rule::new(UnexpectedWelcome, "SM2-NOD-001")
         .linked("WELCOME after WELCOME", welcome(1, 9, 1))
         .linked("HELLO_REFUSED after WELCOME", hello_refused());
     let version = Rule::new(BadVersion, "SM2-NOD-002")
@@ -271,26 +271,28 @@ fn greeting() -> Rows {
 
 fn interfaces() -> Rows {
     let refused = |interface| declare_refused(interface, &bytes_type());
-    let unknown = Rule::new(UnknownInterface, "section 4.3")
+    let answers = Rule::new(UnknownInterface, "SM2-IFC-002")
         .linked("DECLARED for none", declared(7, 0))
         .linked("DECLARE_REFUSED for none", refused(7))
-        .linked("WITHDRAWN for none", withdrawn(7))
-        .linked("UNLINK for none", unlink(7, LINK, 0))
         .linked("DECLARED for a live one", declared(SUBSCRIBER, 0))
         .linked("DECLARE_REFUSED for a live one", refused(SUBSCRIBER))
-        .linked("WITHDRAWN for a live one", withdrawn(SUBSCRIBER))
         .declaring(
-            "UNLINK for one that is being declared",
-            unlink(SUBSCRIBER, LINK, 0),
-        )
+            "DECLARED for another than was declared",
+            declared(SUBSCRIBER + 1, 0),
+        );
+    let withdrawals = Rule::new(UnknownInterface, "SM2-IFC-003")
+        .linked("WITHDRAWN for none", withdrawn(7))
+        .linked("WITHDRAWN for a live one", withdrawn(SUBSCRIBER))
         .declaring(
             "WITHDRAWN for one that is being declared",
             withdrawn(SUBSCRIBER),
         );
-    let order = Rule::new(UnknownInterface, "SM2-IFC-002").declaring(
-        "DECLARED for another than was declared",
-        declared(SUBSCRIBER + 1, 0),
-    );
+    let unlinks = Rule::new(UnknownInterface, "SM2-LNK-003")
+        .linked("UNLINK for none", unlink(7, LINK, 0))
+        .declaring(
+            "UNLINK for one that is being declared",
+            unlink(SUBSCRIBER, LINK, 0),
+        );
     let pages = Rule::new(UnexpectedPage, "SM2-IFC-007").linked("PAGE without a QUERY", page(&[]));
     let watched =
         Rule::new(UnexpectedChanges, "SM2-WCH-001").linked("CHANGES without a WATCH", changes(2));
@@ -317,7 +319,9 @@ fn interfaces() -> Rows {
             stage.waiting.set(true);
         },
     );
-    all([unknown, order, pages, watched, counters, schemas, texts])
+    let interfaces = all([answers, withdrawals, unlinks]);
+    let asked = all([pages, watched, counters, schemas, texts]);
+    [interfaces, asked].into_iter().flatten().collect()
 }
 
 fn links() -> Rows {

@@ -4,7 +4,7 @@ use std::os::fd::{AsFd, OwnedFd};
 
 use sm2_proto::{
     Seals,
-    Violation::{BadSchema, BadSize, CountersTwice, NotAMemfd, SealsMissing, WatchTwice},
+    ViolationKind::{BadSchema, BadSize, CountersTwice, NotAMemfd, SealsMissing, WatchTwice},
 };
 
 use super::manager::{Rows, Rule, all};

@@ -1,8 +1,8 @@
 //! Reads what SPEC.md forbids, to hold the tables against it.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, fs, path::PathBuf};
 
-use sm2_proto::{Code, Violation};
+use sm2_proto::{Code, ViolationKind};
 
 const SPEC: &str = include_str!("../../../SPEC.md");
 
@@ -57,7 +57,7 @@ pub fn text_of(reference: &str) -> Option<&'static str> {
 
 /// Whether the clause speaks of this violation, or the table of codes of the clause.
 #[must_use]
-pub fn names(reference: &str, violation: Violation) -> bool {
+pub fn names(reference: &str, violation: ViolationKind) -> bool {
     let name = format!("`{}`", violation.name());
     let text = text_of(reference).unwrap_or_default();
     let listed =
@@ -65,8 +65,40 @@ pub fn names(reference: &str, violation: Violation) -> bool {
     text.contains(&name) || entries().iter().any(listed)
 }
 
+/// The kinds of violations with the clauses that the sources of `sm2-proto` name for them.
+///
+/// # Panics
+/// A file cannot be read.
+#[must_use]
+pub fn named_in_sources() -> Vec<(String, String)> {
+    let mut named = Vec::new();
+    let mut folders = vec![concat!(env!("CARGO_MANIFEST_DIR"), "/../sm2-proto/src").into()];
+    while let Some(folder) = folders.pop() {
+        let entries = fs::read_dir::<PathBuf>(folder).expect("a folder");
+        for path in entries.map(|entry| entry.expect("an entry").path()) {
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|it| it == "rs") {
+                named.extend(named_in(&fs::read_to_string(&path).expect("a file")));
+            }
+        }
+    }
+    named
+}
+
+/// The arguments of each `violation!` whose kind is one of [`ViolationKind`].
+fn named_in(text: &str) -> impl Iterator<Item = (String, String)> + use<'_> {
+    let calls = text.split("violation!(").skip(1);
+    calls.filter_map(|call| {
+        let (kind, clause) = call.split(')').next()?.split_once(',')?;
+        let clause = clause.trim().strip_prefix('"')?.split('"').next()?;
+        let is_ours = !kind.contains(['$', ':']);
+        is_ours.then(|| (kind.trim().to_owned(), clause.to_owned()))
+    })
+}
+
 /// The violation of an entry.
 #[must_use]
-pub fn violation(entry: &Entry) -> Option<Violation> {
-    Violation::from_code(Code(entry.code)).filter(|violation| violation.name() == entry.name)
+pub fn violation(entry: &Entry) -> Option<ViolationKind> {
+    ViolationKind::from_code(Code(entry.code)).filter(|violation| violation.name() == entry.name)
 }

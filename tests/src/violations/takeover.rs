@@ -2,7 +2,7 @@
 
 use sm2_proto::{
     LinkId,
-    Violation::{BadClaim, UnexpectedClaim, UnexpectedHello, UnknownInterface},
+    ViolationKind::{BadClaim, UnexpectedClaim, UnexpectedHello, UnknownInterface},
 };
 
 use super::manager::{Rows, Rule, all};

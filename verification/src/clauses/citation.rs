@@ -13,6 +13,8 @@ pub enum Role {
     Code,
     /// The code below notices when the clause is broken.
     Check(CheckKind),
+    /// The program names the clause, in a log for example.
+    Name,
 }
 
 /// How a check watches a clause.
@@ -75,6 +77,28 @@ pub(super) struct Citation {
     pub(super) id: ClauseId,
     pub(super) role: Role,
     pub(super) place: Place,
+}
+
+/// The macros that take an id as a literal.
+const MACROS: [&str; 2] = ["clause!(", "violation!("];
+
+/// Finds the ids in the arguments of [`MACROS`]. The compiler rejects a literal that is no id.
+pub(super) fn scan_macros(text: &str, file: &Path) -> Vec<Citation> {
+    let calls = MACROS.iter().flat_map(|name| text.match_indices(name));
+    let named = calls.filter_map(|(at, name)| {
+        let arguments = text[at + name.len()..].split(')').next()?;
+        let (before, literal) = arguments.split_once('"')?;
+        // A call in a text, as in a test of this check, has its quotes escaped.
+        let is_text = before.ends_with('\\');
+        let (id, _) = ClauseId::parse_prefix(literal).filter(|_| !is_text)?;
+        let place = Place {
+            file: file.to_owned(),
+            line: 1 + text[..at].matches('\n').count(),
+        };
+        let role = Role::Name;
+        Some(Citation { id, role, place })
+    });
+    named.collect()
 }
 
 /// Finds the citations in `text`, and the lines that tried to be one.

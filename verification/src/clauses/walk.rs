@@ -20,6 +20,13 @@ pub(super) struct Source {
     pub(super) syntax: Syntax,
 }
 
+impl Source {
+    /// Whether the program in this file can name clauses.
+    pub(super) fn names_clauses(&self) -> bool {
+        self.path.extension().is_some_and(|it| it == "rs")
+    }
+}
+
 /// Hidden folders that belong to the project.
 const CI_FOLDERS: [&str; 2] = [".ci", ".github"];
 

@@ -145,10 +145,10 @@ impl LinkDriver {
     fn hang_up(&mut self, end: End, epoll: &Epoll) {
         let (link, peer) = (self.id, &self.peer.name);
         match end {
-            End::Violation(rule) => tracing::warn!(
+            End::Violation(violation) => tracing::warn!(
                 %link, %peer,
-                rule = rule.name(),
-                clause = rule.clause(),
+                violation = %violation.kind(),
+                clause = %violation.clause(),
                 "the other side broke the protocol; the link is over"
             ),
             End::Peer(code) if code != Farewell::Done.code() => {

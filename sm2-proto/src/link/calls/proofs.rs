@@ -4,7 +4,6 @@ use alloc::collections::{BTreeMap, BTreeSet};
 
 use super::{Call, Got, Misuse, Placed, Reply, Served, Status};
 use crate::{
-    Violation,
     limits::CALLS_MAX,
     proofs::{below, one_of},
 };
@@ -51,22 +50,26 @@ fn a_call_is_answered_once() {
             let sent = call.is_some_and(|(call, _)| call.sent);
             let empty = matches!(status, Status::Cancelled | Status::DeadlinePassed);
             let expected = if !sent {
-                Err(Violation::UnknownCall)
+                Err(violation!(UnknownCall, "SM2-SRV-003"))
             } else if empty && len > 0 {
-                Err(Violation::BadLength)
+                Err(violation!(BadLength, "SM2-SRV-003"))
             } else {
                 Ok(())
             };
             assert_eq!(books.check_reply(id, status, len), expected);
             kani::cover!(
-                expected == Err(Violation::BadLength),
+                expected == Err(violation!(BadLength, "SM2-SRV-003")),
                 "a reply that must be empty"
             );
             if expected.is_ok() {
                 books.replied(id);
                 calls[at] = None;
                 let again = books.check_reply(id, status, len);
-                assert_eq!(again, Err(Violation::UnknownCall), "answered once");
+                assert_eq!(
+                    again,
+                    Err(violation!(UnknownCall, "SM2-SRV-003")),
+                    "answered once"
+                );
                 kani::cover!(true, "answered");
             }
         }
@@ -150,7 +153,7 @@ fn a_call_is_replied_to_once() {
     match below(5) {
         0 => {
             let expected = if at < 3 {
-                Err(Violation::BadId)
+                Err(violation!(BadId, "SM2-SRV-002"))
             } else {
                 Ok(())
             };
@@ -161,15 +164,15 @@ fn a_call_is_replied_to_once() {
                 calls[at] = Some(Got { reply, cancelled });
                 assert_eq!(
                     books.check_request(id),
-                    Err(Violation::BadId),
+                    Err(violation!(BadId, "SM2-SRV-002")),
                     "numbers grow"
                 );
             }
         }
         1 => {
             let expected = match got {
-                None => Err(Violation::UnknownCall),
-                Some(got) if got.cancelled => Err(Violation::BadCancel),
+                None => Err(violation!(UnknownCall, "SM2-SRV-004")),
+                Some(got) if got.cancelled => Err(violation!(BadCancel, "SM2-SRV-004")),
                 Some(_) => Ok(owed),
             };
             assert_eq!(books.cancel(id), expected);
@@ -243,9 +246,9 @@ fn a_cancel_of_any_time() {
     if kani::any() {
         let verdict = books.cancel_of_ring(call, 2);
         let expected = match remembered {
-            Some(true) => Err(Violation::BadCancel),
-            Some(false) if before.early.len() == 2 => Err(Violation::UnknownCall),
-            None if call == 2 && owed == Some(true) => Err(Violation::BadCancel),
+            Some(true) => Err(violation!(BadCancel, "SM2-RNG-012")),
+            Some(false) if before.early.len() == 2 => Err(violation!(UnknownCall, "SM2-RNG-012")),
+            None if call == 2 && owed == Some(true) => Err(violation!(BadCancel, "SM2-RNG-012")),
             None if call == 2 && owed == Some(false) => Ok(true),
             _ => Ok(false),
         };
@@ -259,8 +262,10 @@ fn a_cancel_of_any_time() {
     } else {
         let verdict = books.taken_from_ring(call);
         let expected = match remembered {
-            None => Err(Violation::BadId),
-            Some(_) if ids(early).any(|it| it < call) => Err(Violation::UnknownCall),
+            None => Err(violation!(BadId, "SM2-SRV-002")),
+            Some(_) if ids(early).any(|it| it < call) => {
+                Err(violation!(UnknownCall, "SM2-RNG-012"))
+            }
             Some(cancelled) => Ok(cancelled),
         };
         assert_eq!(verdict, expected);
@@ -272,7 +277,10 @@ fn a_cancel_of_any_time() {
             Err(_) => assert!(books == before),
         }
         kani::cover!(verdict == Ok(true), "cancelled before it came");
-        kani::cover!(verdict == Err(Violation::UnknownCall), "it never came");
+        kani::cover!(
+            verdict == Err(violation!(UnknownCall, "SM2-RNG-012")),
+            "it never came"
+        );
     }
     books.invariants();
 }
@@ -307,7 +315,7 @@ fn no_more_calls_than_the_limit() {
     books.invariants();
     let next = open as u64 + 1;
     let expected = if full {
-        Err(Violation::CallLimit)
+        Err(violation!(CallLimit, "SM2-SRV-002"))
     } else {
         Ok(())
     };

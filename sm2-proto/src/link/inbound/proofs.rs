@@ -4,7 +4,7 @@ use alloc::collections::VecDeque;
 
 use super::{Delivery, Geometry, Inbound, Ready, Segment, Slot};
 use crate::{
-    FdFacts, Instant, LinkId, Seals, VERSION, Violation,
+    FdFacts, Instant, LinkId, Seals, VERSION,
     limits::{INLINE_MAX, MESSAGE_MAX, SEGMENTS_MAX},
     link::{
         Config, FrameKind, Payload, Role, SegmentInfo, Status,
@@ -192,28 +192,35 @@ fn a_message_is_admitted_exactly() {
     };
     let window_used = state.stages.iter().all(|it| *it != Stage::Released);
     let expected = if !right_number || last == u64::MAX {
-        Err(Violation::BadSequence)
+        Err(violation!(BadSequence, "SM2-MSG-001"))
     } else if !right_id {
-        Err(Violation::BadId)
+        Err(violation!(BadId, "SM2-MSG-002"))
     } else if window_used {
-        Err(Violation::WindowExceeded)
+        Err(violation!(WindowExceeded, "SM2-MSG-003"))
     } else {
         match form {
-            Form::Pooled { segment: 4.., .. } => Err(Violation::UnknownSegment),
-            Form::Pooled { slot: 4.., .. } => Err(Violation::BadSlot),
-            _ if len > limit => Err(Violation::BadLength),
+            Form::Pooled { segment: 4.., .. } => Err(violation!(UnknownSegment, "SM2-PAY-002")),
+            Form::Pooled { slot: 4.., .. } => Err(violation!(BadSlot, "SM2-PAY-002")),
+            Form::Inline if len > limit => Err(violation!(BadLength, "SM2-PAY-001")),
+            Form::Pooled { .. } if len > limit => Err(violation!(BadLength, "SM2-PAY-002")),
+            Form::Sealed if len > limit => Err(violation!(BadLength, "SM2-PAY-008")),
             Form::Pooled { slot: 0, .. } if state.pooled && state.stages[0] != Stage::Released => {
-                Err(Violation::SlotBusy)
+                Err(violation!(SlotBusy, "SM2-PAY-005"))
             }
-            Form::Sealed if file.seals != Seals::SEALED => Err(Violation::SealsMissing),
-            Form::Sealed if file.size_bytes < len => Err(Violation::BadSize),
+            Form::Sealed if file.seals != Seals::SEALED => {
+                Err(violation!(SealsMissing, "SM2-SEG-001"))
+            }
+            Form::Sealed if file.size_bytes < len => Err(violation!(BadSize, "SM2-SEG-002")),
             _ => Ok(()),
         }
     };
     let verdict = books.check(&frame, &[file]);
-    kani::cover!(expected == Err(Violation::SlotBusy), "its slot is taken");
     kani::cover!(
-        expected == Err(Violation::WindowExceeded),
+        expected == Err(violation!(SlotBusy, "SM2-PAY-005")),
+        "its slot is taken"
+    );
+    kani::cover!(
+        expected == Err(violation!(WindowExceeded, "SM2-MSG-003")),
         "its window is full"
     );
     kani::cover!(expected.is_ok() && form == Form::Sealed, "a sealed message");
@@ -320,9 +327,9 @@ fn segments_come_and_go() {
     let id = one_of(&[2, 3, 4]);
     if kani::any() {
         let expected = match id {
-            3 if busy => Err(Violation::SegmentBusy),
+            3 if busy => Err(violation!(SegmentBusy, "SM2-SEG-005")),
             3 => Ok(()),
-            _ => Err(Violation::UnknownSegment),
+            _ => Err(violation!(UnknownSegment, "SM2-SEG-005")),
         };
         assert_eq!(books.detach(id), expected);
         assert_eq!(books.segments.contains_key(&3), expected.is_err());
@@ -342,15 +349,15 @@ fn segments_come_and_go() {
         let leaving: VecDeque<u32> = kani::any::<bool>().then_some(2).into_iter().collect();
         let taken = id == 3 || leaving.contains(&id);
         let expected = if !file.regular {
-            Err(Violation::NotAMemfd)
+            Err(violation!(NotAMemfd, "SM2-SEG-001"))
         } else if file.seals != Seals::POOLED {
-            Err(Violation::SealsMissing)
+            Err(violation!(SealsMissing, "SM2-SEG-001"))
         } else if taken {
-            Err(Violation::SegmentNumber)
+            Err(violation!(SegmentNumber, "SM2-SEG-003"))
         } else if info.stride != STRIDE || info.slots == 0 {
-            Err(Violation::BadSegment)
+            Err(violation!(BadSegment, "SM2-SEG-003"))
         } else if file.size_bytes != 2 * STRIDE {
-            Err(Violation::BadSize)
+            Err(violation!(BadSize, "SM2-SEG-003"))
         } else {
             Ok(())
         };
@@ -361,7 +368,7 @@ fn segments_come_and_go() {
         );
         kani::cover!(expected.is_ok(), "attached");
         kani::cover!(
-            expected == Err(Violation::SegmentNumber) && id == 2,
+            expected == Err(violation!(SegmentNumber, "SM2-SEG-003")) && id == 2,
             "its number is not free yet"
         );
     }
@@ -402,7 +409,7 @@ fn one_segment_too_many_is_refused() {
     assert_eq!(
         verdict,
         if full {
-            Err(Violation::SegmentLimit)
+            Err(violation!(SegmentLimit, "SM2-SEG-004"))
         } else {
             Ok(())
         }

@@ -10,7 +10,7 @@ use super::{
     Unreleased,
 };
 use crate::{
-    Instant, LinkId, VERSION, Violation,
+    Instant, LinkId, VERSION,
     link::{FrameKind, Packet},
     proofs::{below, one_of},
 };
@@ -183,7 +183,7 @@ fn release_is_exact() {
         "one of two was released before"
     );
     if !legal {
-        assert_eq!(verdict, Err(Violation::BadRelease));
+        assert_eq!(verdict, Err(violation!(BadRelease, "SM2-MSG-004")));
         assert!(state.books == before && settled.is_empty());
         return;
     }

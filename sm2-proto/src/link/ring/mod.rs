@@ -46,7 +46,7 @@ pub(super) use self::{
 };
 pub use self::{
     sender::RingMessage,
-    word::{At, EMPTY, RingLayout, SlotHead, Word},
+    word::{At, EMPTY, NotAWord, RingLayout, SlotHead, Word},
 };
 use super::{
     Attachment, Delivery, End, Error, Fate, Frame, Head, Link, Misuse, Output, Packet, Role,
@@ -248,7 +248,7 @@ impl Link {
     /// No datagram is there that could attach the segment of the message.
     //= SM2-RNG-007
     pub fn ring_unknown_segment(&mut self) {
-        let _ = self.ring_violated(Violation::UnknownSegment);
+        let _ = self.ring_violated(violation!(UnknownSegment, "SM2-RNG-007"));
         self.invariants();
     }
 
@@ -370,7 +370,7 @@ impl Link {
         window: u32,
         fds: &[FdFacts],
     ) -> Result<(), Violation> {
-        let facts = fds.first().ok_or(Violation::FdCount)?;
+        let facts = fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?;
         let layout = RingLayout::new(depth, window);
         Verified::ring(facts, layout)?;
         let carrier = Carrier::to(self.config.role.counterpart());
@@ -386,7 +386,7 @@ impl Link {
                 self.events.push_back(Output::Ring(layout));
                 Ok(())
             }
-            _ => Err(Violation::BadRing),
+            _ => Err(violation!(BadRing, "SM2-RNG-002")),
         }
     }
 
@@ -394,7 +394,9 @@ impl Link {
     //= SM2-RNG-010
     pub(super) fn on_detached(&mut self, segment: u32) -> Result<(), Violation> {
         let sender = sender_of(&mut self.ring);
-        sender.map_or(Err(Violation::UnknownSegment), |it| it.detached(segment))
+        sender.map_or(Err(violation!(UnknownSegment, "SM2-RNG-010")), |it| {
+            it.detached(segment)
+        })
     }
 
     /// Whether the application holds a message of the ring in this segment.

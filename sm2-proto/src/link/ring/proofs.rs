@@ -4,11 +4,11 @@ use alloc::vec::Vec;
 use core::cell::{Cell, RefCell};
 
 use super::{
-    At, EMPTY, NotTaken, RingLayout, RingMessage, RingReceiver, RingSender, SlotHead, Unsent, Word,
-    Words,
+    At, EMPTY, NotAWord, NotTaken, RingLayout, RingMessage, RingReceiver, RingSender, SlotHead,
+    Unsent, Word, Words,
 };
 use crate::{
-    Instant, Violation,
+    Instant,
     limits::SLOT_HEAD,
     link::{Fate, Misuse, Payload, SegmentInfo, Status, segments::Geometry, wire::Carrier},
     proofs::{below, one_of},
@@ -36,8 +36,7 @@ fn words_are_canonical() {
             assert_eq!(word.to_bits(), bits);
             assert!(word.segment < 32_768);
         }
-        Err(violation) => {
-            assert_eq!(violation, Violation::BadWord);
+        Err(NotAWord) => {
             assert!(bits != EMPTY && bits & 1 << 31 == 0);
         }
     }
@@ -124,12 +123,18 @@ fn heads_are_canonical() {
     let expected = match (at, value) {
         (0..24, _) | (_, 0) => Ok(bytes),
         (24, 1..4) if is_status => Ok(bytes),
-        _ if is_status => Err(Violation::Malformed),
-        _ => Err(Violation::ReservedNotZero),
+        _ if is_status => Err(violation!(Malformed, "SM2-RNG-004")),
+        _ => Err(violation!(ReservedNotZero, "SM2-RNG-004")),
     };
     assert_eq!(head.map(SlotHead::to_bytes), expected);
-    kani::cover!(head == Err(Violation::ReservedNotZero), "reserved");
-    kani::cover!(head == Err(Violation::Malformed), "no status");
+    kani::cover!(
+        head == Err(violation!(ReservedNotZero, "SM2-RNG-004")),
+        "reserved"
+    );
+    kani::cover!(
+        head == Err(violation!(Malformed, "SM2-RNG-004")),
+        "no status"
+    );
 }
 
 /// The words of a ring of two with a window of four, as a memory has them.

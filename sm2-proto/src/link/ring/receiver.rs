@@ -128,7 +128,9 @@ impl RingReceiver {
         for _ in 0..2 * u32::from(self.layout.depth()) {
             let at = self.layout.forward(self.next);
             let bits = words.load(at);
-            let Some(word) = Word::from_bits(bits)? else {
+            let word = Word::from_bits(bits);
+            let word = word.map_err(|_| violation!(BadWord, "SM2-RNG-007"))?;
+            let Some(word) = word else {
                 return Ok(None);
             };
             if !self.is_expected(word)? {
@@ -141,7 +143,8 @@ impl RingReceiver {
             }
             let segment = u32::from(word.segment);
             let geometry = geometry(segment).ok_or(NotTaken::UnknownSegment)?;
-            let offset = (geometry.offset(u32::from(word.slot))).ok_or(Violation::BadSlot)?;
+            let offset = (geometry.offset(u32::from(word.slot)))
+                .ok_or(violation!(BadSlot, "SM2-RNG-007"))?;
             if words.take(at, bits) {
                 let head = head(segment, offset, geometry.stride());
                 return self.taken(word, geometry, offset, head).map(Some);
@@ -163,10 +166,10 @@ impl RingReceiver {
         // What seems to be further ahead than a sender goes is a word of the past.
         let is_later = ahead.is_multiple_of(depth) && ahead < u64::from(DISPLACED_MAX) + depth;
         if !self.displaces || !is_later {
-            return Err(Violation::BadWord);
+            return Err(violation!(BadWord, "SM2-RNG-007"));
         }
         let next = self.next.checked_add(ahead - (depth - 1));
-        self.next = next.ok_or(Violation::BadWord)?;
+        self.next = next.ok_or(violation!(BadWord, "SM2-RNG-007"))?;
         Ok(false)
     }
 
@@ -181,17 +184,19 @@ impl RingReceiver {
         head: Option<[u8; SLOT_HEAD]>,
     ) -> Result<Delivery, NotTaken> {
         let sequence = self.next;
-        self.next = sequence.checked_add(1).ok_or(Violation::BadWord)?;
+        self.next = sequence
+            .checked_add(1)
+            .ok_or(violation!(BadWord, "SM2-RNG-007"))?;
         if self.borrowed.is_at(word) {
-            return Err(Violation::SlotBusy.into());
+            return Err(violation!(SlotBusy, "SM2-RNG-007").into());
         }
         let head = SlotHead::from_bytes(&head.ok_or(NotTaken::UnknownSegment)?, self.carrier)?;
         let last_id = self.last_id.filter(|_| self.carrier != Carrier::Reply);
         if last_id.is_some_and(|last| head.id <= last) {
-            return Err(Violation::BadId.into());
+            return Err(violation!(BadId, "SM2-RNG-004").into());
         }
         if head.len > MESSAGE_MAX || head.len > geometry.stride() - SLOT_HEAD as u64 {
-            return Err(Violation::BadLength.into());
+            return Err(violation!(BadLength, "SM2-RNG-004").into());
         }
         let lost = match (self.carrier, last_id) {
             (Carrier::Data, Some(last)) => head.id - last - 1,
@@ -230,7 +235,7 @@ impl RingReceiver {
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {
-            return Some(Err(Violation::BadWord));
+            return Some(Err(violation!(BadWord, "SM2-RNG-008")));
         }
         Some(Ok(super::wants_bell(words, At::SenderParked)))
     }

@@ -220,7 +220,7 @@ impl RingSender {
                 self.attached -= 1;
                 Ok(())
             }
-            _ => Err(Violation::UnknownSegment),
+            _ => Err(violation!(UnknownSegment, "SM2-RNG-010")),
         }
     }
 
@@ -286,7 +286,7 @@ impl RingSender {
         self.put(words, at, EMPTY, settled)?;
         self.harvest(words, settled)?;
         if self.unreleased >= self.layout.window() {
-            return Err(Violation::WindowExceeded);
+            return Err(violation!(WindowExceeded, "SM2-RNG-006"));
         }
         Ok(())
     }
@@ -365,10 +365,11 @@ impl RingSender {
             return Ok(());
         }
         if was != put || !self.displaces {
-            return Err(Violation::BadWord);
+            return Err(violation!(BadWord, "SM2-RNG-005"));
         }
         // One that was given back already is not counted a second time.
-        let key = self.settle(put)?;
+        let key = self.settle(put);
+        let key = key.ok_or(violation!(BadWord, "SM2-RNG-005"))?;
         self.displaced = self.displaced.saturating_add(1);
         self.counters.discarded += 1;
         settled(key, Fate::Discarded);
@@ -389,7 +390,8 @@ impl RingSender {
             }
             let bits = words.swap(at, EMPTY);
             self.returned += 1;
-            let key = self.settle(bits)?;
+            let key = self.settle(bits);
+            let key = key.ok_or(violation!(BadWord, "SM2-RNG-008"))?;
             self.counters.delivered += 1;
             self.stalled = false;
             settled(key, Fate::Delivered);
@@ -397,22 +399,21 @@ impl RingSender {
         Ok(())
     }
 
-    /// The message that these bits name is settled. Gives its key.
+    /// Settles the message that these bits name, and gives its key. None: they name no message
+    /// that is unsettled.
     #[inline]
-    fn settle(&mut self, bits: u64) -> Result<u64, Violation> {
-        let word = Word::from_bits(bits)?.ok_or(Violation::BadWord)?;
-        let segment = self
-            .segment_mut(u32::from(word.segment))
-            .ok_or(Violation::BadWord)?;
-        let slot = (segment.slots.get_mut(usize::from(word.slot))).ok_or(Violation::BadWord)?;
+    fn settle(&mut self, bits: u64) -> Option<u64> {
+        let word = Word::from_bits(bits).ok()??;
+        let segment = self.segment_mut(u32::from(word.segment))?;
+        let slot = segment.slots.get_mut(usize::from(word.slot))?;
         match *slot {
             Some(Sent { key, sequence }) if sequence as u32 == word.sequence => {
                 *slot = None;
                 segment.unreleased -= 1;
                 self.unreleased -= 1;
-                Ok(key)
+                Some(key)
             }
-            _ => Err(Violation::BadWord),
+            _ => None,
         }
     }
 

@@ -10,7 +10,7 @@ use super::{
     Role, Unsent, Words, receiver_of, sender_of,
 };
 use crate::{
-    Violation,
+    Violation, clause,
     limits::{CALLS_MAX, MESSAGE_MAX, RING_SEGMENTS_MAX, SLOT_HEAD},
     link::segments::Geometry,
 };
@@ -225,7 +225,8 @@ impl Link {
                 }
             }
             (Role::Caller, Some(reply)) => {
-                self.placed.check_reply(reply.id, reply.status, reply.len)?;
+                let legal = self.placed.check_reply(reply.id, reply.status, reply.len);
+                legal.map_err(|it| Violation::new(it.kind(), clause!("SM2-RNG-004")))?;
                 self.placed.replied(reply.id);
                 if self.state.is_err() {
                     self.fail_calls();

@@ -50,14 +50,14 @@ impl Word {
     /// The message that a word names; none if it is [`EMPTY`].
     ///
     /// # Errors
-    /// [`Violation::BadWord`]: neither.
+    /// The bits are neither.
     #[inline]
-    pub const fn from_bits(bits: u64) -> Result<Option<Self>, Violation> {
+    pub const fn from_bits(bits: u64) -> Result<Option<Self>, NotAWord> {
         if bits == EMPTY {
             return Ok(None);
         }
         if bits & Self::NAMES == 0 {
-            return Err(Violation::BadWord);
+            return Err(NotAWord);
         }
         Ok(Some(Self {
             segment: (bits >> 16) as u16 & 0x7fff,
@@ -66,6 +66,11 @@ impl Word {
         }))
     }
 }
+
+/// Bits that are neither [`EMPTY`] nor the word of a message (SM2-RNG-003).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("not a word of a ring")]
+pub struct NotAWord;
 
 /// One of the words of a ring.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -185,23 +190,24 @@ impl SlotHead {
     /// The head in a copy of the last bytes of a slot with such a message.
     ///
     /// # Errors
-    /// [`Violation::ReservedNotZero`], and [`Violation::Malformed`] for a reply's status.
+    /// [`ReservedNotZero`](crate::ViolationKind::ReservedNotZero), and
+    /// [`Malformed`](crate::ViolationKind::Malformed) for a reply's status.
     #[inline]
     pub fn from_bytes(bytes: &[u8; SLOT_HEAD], carrier: Carrier) -> Result<Self, Violation> {
         let ([id, time, len, last, reserved @ ..], []) = bytes.as_chunks::<8>() else {
-            return Err(Violation::ReservedNotZero);
+            return Err(violation!(ReservedNotZero, "SM2-RNG-004"));
         };
         let [low, high, zeros @ ..] = *last;
         let status = u16::from_le_bytes([low, high]);
         let is_else = carrier != Carrier::Reply && status != 0;
         if is_else || zeros != [0; 6] || reserved.iter().any(|it| *it != [0; 8]) {
-            return Err(Violation::ReservedNotZero);
+            return Err(violation!(ReservedNotZero, "SM2-RNG-004"));
         }
         Ok(Self {
             id: u64::from_le_bytes(*id),
             time: Instant(u64::from_le_bytes(*time)),
             len: u64::from_le_bytes(*len),
-            status: Status::from_number(status).ok_or(Violation::Malformed)?,
+            status: Status::from_number(status).ok_or(violation!(Malformed, "SM2-RNG-004"))?,
         })
     }
 }

@@ -13,12 +13,17 @@ pub(super) struct Layout<const N: usize>([u8; N]);
 impl<const N: usize> Layout<N> {
     /// A frame that is its header and nothing else.
     pub(super) fn exactly(bytes: &[u8]) -> Result<Self, Violation> {
-        bytes.try_into().map(Self).map_err(|_| Violation::BadLength)
+        bytes
+            .try_into()
+            .map(Self)
+            .map_err(|_| violation!(BadLength, "SM2-WIR-001"))
     }
 
     /// A frame that begins with its header, and what follows.
     pub(super) fn split(bytes: &[u8]) -> Result<(Self, &[u8]), Violation> {
-        let (head, rest) = bytes.split_first_chunk().ok_or(Violation::BadLength)?;
+        let (head, rest) = bytes
+            .split_first_chunk()
+            .ok_or(violation!(BadLength, "SM2-WIR-001"))?;
         Ok((Self(*head), rest))
     }
 
@@ -54,7 +59,7 @@ impl<const N: usize> Layout<N> {
         if self.field::<AT, W>() == [0; W] {
             Ok(())
         } else {
-            Err(Violation::ReservedNotZero)
+            Err(violation!(ReservedNotZero, "SM2-WIR-001"))
         }
     }
 

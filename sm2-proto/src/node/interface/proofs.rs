@@ -5,7 +5,6 @@ use alloc::collections::BTreeMap;
 use super::{Answer, Answered, Interface, Link, Misuse, Standing, State, Withdrawal};
 use crate::{
     Contract, Demand, InterfaceId, LinkId, LinkQos, Name, NodeId, Offer, TypeId, VERSION,
-    Violation,
     control::Peer,
     proofs::{below, one_of},
 };
@@ -164,11 +163,12 @@ pub(in crate::node) fn fits(interface: &Interface, resuming: bool) -> bool {
 
 /// Whether LINK of an unknown link, and UNLINK of the first one, are legal now, and whether
 /// they mean anything: not if they crossed WITHDRAW.
-pub(in crate::node) fn expected_link(interface: &Interface) -> Result<bool, Violation> {
+/// None: neither is legal.
+pub(in crate::node) fn expected_link(interface: &Interface) -> Option<bool> {
     match row(interface.state) {
-        Row::Unheard | Row::Declaring => Err(Violation::UnknownInterface),
-        Row::Live => Ok(true),
-        Row::Dropping => Ok(false),
+        Row::Unheard | Row::Declaring => None,
+        Row::Live => Some(true),
+        Row::Dropping => Some(false),
     }
 }
 
@@ -212,9 +212,9 @@ fn interface_table() {
         3 => {
             let peer = subscriber(topic(), false, false);
             let expected = if at == Row::Unheard || at == Row::Declaring {
-                Err(Violation::UnknownInterface)
+                Err(violation!(UnknownInterface, "SM2-LNK-005"))
             } else if standing.is_some() {
-                Err(Violation::LinkNumber)
+                Err(violation!(LinkNumber, "SM2-LNK-005"))
             } else {
                 Ok(at == Row::Live)
             };
@@ -226,8 +226,12 @@ fn interface_table() {
         }
         _ => {
             let expected = match (at, standing) {
-                (Row::Unheard | Row::Declaring, _) => Err(Violation::UnknownInterface),
-                (_, None | Some(Standing::Unclaimed)) => Err(Violation::UnknownLink),
+                (Row::Unheard | Row::Declaring, _) => {
+                    Err(violation!(UnknownInterface, "SM2-LNK-003"))
+                }
+                (_, None | Some(Standing::Unclaimed)) => {
+                    Err(violation!(UnknownLink, "SM2-LNK-003"))
+                }
                 (Row::Live, Some(Standing::Known)) => Ok(Answer::Unlinked),
                 _ => Ok(Answer::Nothing),
             };
@@ -357,7 +361,7 @@ fn links_have_the_terms_that_were_asked_for() {
     let expected = if matches && fits && !next_version {
         Ok(true)
     } else {
-        Err(Violation::BadLink)
+        Err(violation!(BadLink, "SM2-LNK-005"))
     };
     let peer = subscriber(theirs, demands, demands_seals);
     assert_eq!(it.link(LINKS[0], link, &peer), expected);

@@ -4,7 +4,7 @@ use alloc::{string::String, vec::Vec};
 
 use super::{End, Node, Output, Phase};
 use crate::{
-    Code, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId, VERSION, Violation,
+    Code, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId, VERSION,
     control::ToNode,
     node::interface::proofs::{any_interface, expected_link, fits, is_declaring, is_unheard},
     proofs::{below, one_of},
@@ -140,28 +140,30 @@ fn session_table() {
         (Phase::Greeting, ToNode::Welcome { version: 1, .. } | ToNode::HelloRefused { .. }) => {
             Ok(())
         }
-        (Phase::Greeting, ToNode::Welcome { .. }) => Err(Violation::BadVersion),
-        (_, _) if welcomes => Err(Violation::UnexpectedWelcome),
-        (Phase::Greeting | Phase::Refused, _) => Err(Violation::ExpectedWelcome),
+        (Phase::Greeting, ToNode::Welcome { .. }) => Err(violation!(BadVersion, "SM2-NOD-002")),
+        (_, _) if welcomes => Err(violation!(UnexpectedWelcome, "SM2-NOD-001")),
+        (Phase::Greeting | Phase::Refused, _) => Err(violation!(ExpectedWelcome, "SM2-NOD-001")),
         (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) if declaring => Ok(()),
         (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) => {
-            Err(Violation::UnknownInterface)
+            Err(violation!(UnknownInterface, "SM2-IFC-002"))
         }
         // That link is none of the interface's.
-        (_, ToNode::Unlink { .. }) => match ours.map(expected_link) {
-            Some(Ok(_)) => Err(Violation::UnknownLink),
-            _ => Err(Violation::UnknownInterface),
+        (_, ToNode::Unlink { .. }) => match ours.and_then(expected_link) {
+            Some(_) => Err(violation!(UnknownLink, "SM2-LNK-003")),
+            None => Err(violation!(UnknownInterface, "SM2-LNK-003")),
         },
-        (_, ToNode::Withdrawn { .. }) => match ours.map(expected_link) {
-            Some(Ok(false)) => Ok(()),
-            _ => Err(Violation::UnknownInterface),
+        (_, ToNode::Withdrawn { .. }) => match ours.and_then(expected_link) {
+            Some(false) => Ok(()),
+            _ => Err(violation!(UnknownInterface, "SM2-IFC-003")),
         },
-        (_, ToNode::Page { .. }) if !asked => Err(Violation::UnexpectedPage),
-        (_, ToNode::Changes { .. }) if !asked => Err(Violation::UnexpectedChanges),
-        (_, ToNode::Inspected { .. }) if !asked => Err(Violation::UnexpectedCounters),
-        (_, ToNode::NotInspected { .. }) => Err(Violation::UnexpectedCounters),
-        (_, ToNode::Described { .. }) if !asked => Err(Violation::UnexpectedSchema),
-        (_, ToNode::Described { text: Some(_), .. }) => Err(Violation::BadSchema),
+        (_, ToNode::Page { .. }) if !asked => Err(violation!(UnexpectedPage, "SM2-IFC-007")),
+        (_, ToNode::Changes { .. }) if !asked => Err(violation!(UnexpectedChanges, "SM2-WCH-001")),
+        (_, ToNode::Inspected { .. }) if !asked => {
+            Err(violation!(UnexpectedCounters, "SM2-CNT-002"))
+        }
+        (_, ToNode::NotInspected { .. }) => Err(violation!(UnexpectedCounters, "SM2-CNT-002")),
+        (_, ToNode::Described { .. }) if !asked => Err(violation!(UnexpectedSchema, "SM2-SCH-002")),
+        (_, ToNode::Described { text: Some(_), .. }) => Err(violation!(BadSchema, "SM2-SCH-002")),
         _ => Ok(()),
     };
     assert_eq!(node.step(frame), expected);
@@ -174,7 +176,10 @@ fn session_table() {
         assert!(node.outputs.back() == Some(&Output::Ended(End::Peer(Code(3)))));
     }
     kani::cover!(is_over, "late");
-    kani::cover!(expected == Err(Violation::UnknownLink), "no such link");
+    kani::cover!(
+        expected == Err(violation!(UnknownLink, "SM2-LNK-003")),
+        "no such link"
+    );
     kani::cover!(expected.is_ok() && declaring, "answered");
     kani::cover!(
         expected.is_ok() && welcomes && node.welcomed && node.declaring.is_empty(),

@@ -1,6 +1,6 @@
 //! Harnesses for a session's questions: one step from any state of the books.
 
-use super::{Misuse, NodeId, Requests, Violation};
+use super::{Misuse, NodeId, Requests};
 use crate::proofs::{below, one_of};
 
 /// An answer is legal exactly while its question is open, in the order of the questions; each
@@ -26,7 +26,7 @@ fn answers_need_questions() {
             let expected = if queries > 0 {
                 Ok(())
             } else {
-                Err(Violation::UnexpectedPage)
+                Err(violation!(UnexpectedPage, "SM2-IFC-007"))
             };
             assert_eq!(books.page(), expected);
             assert_eq!(books.queries, queries.saturating_sub(1));
@@ -35,12 +35,12 @@ fn answers_need_questions() {
             let expected = if watching {
                 Ok(())
             } else {
-                Err(Violation::UnexpectedChanges)
+                Err(violation!(UnexpectedChanges, "SM2-WCH-001"))
             };
             assert_eq!(books.changes(), expected);
             assert_eq!(
                 books.changes(),
-                Err(Violation::UnexpectedChanges),
+                Err(violation!(UnexpectedChanges, "SM2-WCH-001")),
                 "answered once"
             );
         }
@@ -68,7 +68,7 @@ fn answers_need_questions() {
             let expected = if first {
                 Ok(())
             } else {
-                Err(Violation::UnexpectedCounters)
+                Err(violation!(UnexpectedCounters, "SM2-CNT-002"))
             };
             assert_eq!(books.inspected(node), expected);
             assert_eq!(

@@ -1,6 +1,6 @@
 //! Links of services with rings: frames of the other lane, CANCELs, and replies in a ring.
 
-use sm2_proto::Violation::{
+use sm2_proto::ViolationKind::{
     BadCancel, BadLength, BadRing, Malformed, ReservedNotZero, UnknownCall, WrongLane,
 };
 

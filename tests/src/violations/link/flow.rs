@@ -1,6 +1,6 @@
 //! Messages out of order, beyond the window, released wrongly; calls that are none.
 
-use sm2_proto::Violation::{
+use sm2_proto::ViolationKind::{
     BadCancel, BadId, BadLength, BadRelease, BadSequence, CallLimit, UnknownCall, WindowExceeded,
 };
 

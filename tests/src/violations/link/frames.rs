@@ -2,7 +2,7 @@
 
 use std::os::fd::AsFd;
 
-use sm2_proto::Violation::{
+use sm2_proto::ViolationKind::{
     BadLength, ControlTruncated, ExpectedOpen, FdCount, FrameTooLong, Malformed, ReservedNotZero,
     UnknownFrame, WrongRole,
 };

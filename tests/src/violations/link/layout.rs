@@ -1,6 +1,6 @@
 //! Frames of a wrong length, reserved bytes, and values that no field has.
 
-use sm2_proto::Violation::{BadLength, Malformed, ReservedNotZero};
+use sm2_proto::ViolationKind::{BadLength, Malformed, ReservedNotZero};
 
 use super::{
     Real::{Client, Publisher, Server, Subscriber},

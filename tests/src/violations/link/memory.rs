@@ -16,7 +16,7 @@ use nix::{
 use sm2_io::SeqPacket;
 use sm2_proto::{
     Seals,
-    Violation::{
+    ViolationKind::{
         BadLength, BadSegment, BadSize, BadSlot, NotAMemfd, NotSealed, SealsMissing, SegmentBusy,
         SegmentLimit, SegmentNumber, SlotBusy, UnknownSegment,
     },

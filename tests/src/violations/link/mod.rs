@@ -18,7 +18,7 @@ use std::{
     rc::Rc,
 };
 
-use sm2_proto::Violation;
+use sm2_proto::ViolationKind;
 
 use super::Row;
 use crate::{
@@ -210,13 +210,13 @@ type Rows = Vec<LinkRow>;
 
 /// The rows of one rule, put down one after the other.
 struct Rule {
-    violation: Violation,
+    violation: ViolationKind,
     clause: &'static str,
     rows: Rows,
 }
 
 impl Rule {
-    const fn new(violation: Violation, clause: &'static str) -> Self {
+    const fn new(violation: ViolationKind, clause: &'static str) -> Self {
         let rows = Rows::new();
         Self {
             violation,

@@ -1,6 +1,6 @@
 //! OPEN that comes late, or twice, or says what it must not.
 
-use sm2_proto::Violation::{BadOpen, BadWindow, ExpectedOpen, ReservedNotZero, UnexpectedOpen};
+use sm2_proto::ViolationKind::{BadOpen, BadWindow, ExpectedOpen, ReservedNotZero, UnexpectedOpen};
 
 use super::{
     Real::{self, Client, Publisher, Server, Subscriber},

@@ -4,7 +4,7 @@ use std::os::fd::AsFd;
 
 use sm2_proto::{
     Seals,
-    Violation::{
+    ViolationKind::{
         BadLength, BadRing, FdCount, NotAMemfd, ReservedNotZero, SealsMissing, UnknownSegment,
         WrongLane, WrongRole,
     },

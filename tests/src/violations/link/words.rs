@@ -1,7 +1,7 @@
 //! Words in a ring, and heads in slots, that no honest end would write.
 
 use sm2_proto::{
-    Violation::{
+    ViolationKind::{
         BadId, BadLength, BadSlot, BadWord, ReservedNotZero, SegmentBusy, SlotBusy, UnknownSegment,
         WindowExceeded,
     },

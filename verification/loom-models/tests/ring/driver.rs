@@ -216,7 +216,7 @@ impl<W: Mortal> Driver<W> {
                 }
                 // One that is killed has read nothing any more.
                 Output::Ended(End::Violation(rule)) if !self.words.is_dead() => {
-                    panic!("the other end broke {}: {}", rule.clause(), rule.name())
+                    panic!("the other end broke {}: {}", rule.clause(), rule.kind())
                 }
                 Output::Ended(_) => {}
                 other => panic!("not after a link is open: {other:?}"),

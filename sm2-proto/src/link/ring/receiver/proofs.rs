@@ -7,7 +7,7 @@ use super::{
     SlotHead, Word, Words,
 };
 use crate::{
-    Instant, Violation,
+    Instant,
     link::{Payload, Status, segments::Geometry, wire::Carrier},
     proofs::{below, one_of},
 };
@@ -58,7 +58,7 @@ fn only_later_rounds_are_believed() {
             assert_eq!(receiver.next, next + ahead - rounds + 1);
         }
         Err(violation) => {
-            assert!(violation == Violation::BadWord && ahead > 0 && !goes_round);
+            assert!(violation == violation!(BadWord, "SM2-RNG-007") && ahead > 0 && !goes_round);
             assert_eq!(receiver.next, next);
         }
     }
@@ -95,7 +95,7 @@ fn numbers_end() {
     let taken = receiver.take(&words, |_| Geometry::new(4_096, 1), |_, _, _| Some([0; 64]));
     assert!(receiver.next >= next);
     kani::cover!(
-        taken == Err(NotTaken::Violation(Violation::BadWord)),
+        taken == Err(NotTaken::Violation(violation!(BadWord, "SM2-RNG-007"))),
         "the last"
     );
     kani::cover!(matches!(taken, Ok(Some(_))), "one of the last");
@@ -205,7 +205,7 @@ fn a_look_at_any_words() {
         kani::cover!(delivery.sequence > 5, "after a round");
     }
     kani::cover!(
-        taken == Err(NotTaken::Violation(Violation::SlotBusy)),
+        taken == Err(NotTaken::Violation(violation!(SlotBusy, "SM2-RNG-007"))),
         "it is held"
     );
     kani::cover!(
@@ -240,14 +240,14 @@ fn a_message_is_given_back_once() {
     assert!(words.accesses.get() <= 3);
     if released.is_some() {
         assert_eq!(
-            released == Some(Err(Violation::BadWord)),
+            released == Some(Err(violation!(BadWord, "SM2-RNG-008"))),
             words.answers[0] != 0
         );
         assert_eq!(receiver.release(&words, sequence), None);
     }
     kani::cover!(released == Some(Ok(true)), "with a bell");
     kani::cover!(
-        released == Some(Err(Violation::BadWord)),
+        released == Some(Err(violation!(BadWord, "SM2-RNG-008"))),
         "the word was not free"
     );
 }

@@ -8,7 +8,6 @@ use super::{
     Words,
 };
 use crate::{
-    Violation,
     link::{Misuse, wire::Carrier},
     proofs::{below, one_of},
 };
@@ -164,11 +163,11 @@ fn a_message_to_any_words() {
         "displaced, and one came back"
     );
     kani::cover!(
-        result == Err(Unsent::Violation(Violation::WindowExceeded)),
+        result == Err(Unsent::Violation(violation!(WindowExceeded, "SM2-RNG-006"))),
         "full"
     );
     kani::cover!(
-        result == Err(Unsent::Violation(Violation::BadWord)),
+        result == Err(Unsent::Violation(violation!(BadWord, "SM2-RNG-005"))),
         "wrong"
     );
 }
@@ -205,7 +204,7 @@ fn any_words_given_back() {
     sender.invariants();
     kani::cover!(result.is_ok() && settled.len() == 2, "two came back");
     kani::cover!(
-        result == Err(Violation::BadWord) && settled.len() == 1,
+        result == Err(violation!(BadWord, "SM2-RNG-008")) && settled.len() == 1,
         "the second is wrong"
     );
 }
