@@ -23,9 +23,10 @@ use toml::Spanned;
 
 use crate::{
     address::Address,
+    domain::DomainLocation,
     hub::{DEFAULT_TERMS, Policy},
-    local::Place,
     peer::Limits,
+    shadow::RuleSet,
 };
 
 /// Where a gateway listens if nothing else is said.
@@ -42,8 +43,8 @@ pub struct Config {
     pub listen: SocketAddr,
     /// Where the key is.
     pub key: PathBuf,
-    /// Which domain.
-    pub place: Place,
+    /// The domain that it connects to its peers.
+    pub domain: DomainLocation,
     /// On which interfaces it sends and hears beacons.
     pub discovery: Vec<String>,
     /// How fast connections send.
@@ -99,7 +100,7 @@ struct File {
     listen: Option<Spanned<String>>,
     key: PathBuf,
     domain: Option<String>,
-    socket: Option<PathBuf>,
+    socket: Option<Spanned<PathBuf>>,
     #[serde(default)]
     discovery: Vec<String>,
     congestion: Option<CongestionWord>,
@@ -203,6 +204,15 @@ impl Config {
             None => at.address(&Spanned::new(0..0, LISTEN.to_owned()))?,
         };
         let folder = path.parent().unwrap_or(Path::new(""));
+        let domain = match (file.domain, file.socket) {
+            (None, None) => DomainLocation::Environment,
+            (Some(name), None) => DomainLocation::Name(name),
+            (None, Some(socket)) => DomainLocation::Socket(folder.join(socket.into_inner())),
+            (Some(_), Some(socket)) => {
+                let what = "`domain` and `socket` exclude each other: remove one of them";
+                return Err(at.wrong(&socket.span(), what.to_owned()));
+            }
+        };
         let mut peers = Vec::new();
         let mut ids = BTreeMap::new();
         for table in &file.peer {
@@ -231,10 +241,7 @@ impl Config {
             name,
             listen,
             key: folder.join(file.key),
-            place: Place {
-                domain: file.domain,
-                socket: file.socket.map(|it| folder.join(it)),
-            },
+            domain,
             discovery: file.discovery,
             congestion: match file.congestion {
                 None | Some(CongestionWord::Steady) => Congestion::Steady,
@@ -260,15 +267,32 @@ impl Config {
         self.peers.iter().find(is_it)
     }
 
+    /// The rules, and the peers that they are for.
+    #[must_use]
+    pub fn rule_set(&self) -> RuleSet {
+        RuleSet {
+            rules: self.policy.rules.clone(),
+            peers: self.peers.iter().map(|it| it.id).collect(),
+        }
+    }
+
     /// The keys of the file that `new` has otherwise, and that only a gateway that is started anew takes.
     #[must_use]
     pub fn fixed_keys(&self, new: &Self) -> Vec<&'static str> {
+        let domains = [self, new].map(|it| match &it.domain {
+            DomainLocation::Name(name) => Some(name),
+            DomainLocation::Environment | DomainLocation::Socket(_) => None,
+        });
+        let sockets = [self, new].map(|it| match &it.domain {
+            DomainLocation::Socket(path) => Some(path),
+            DomainLocation::Environment | DomainLocation::Name(_) => None,
+        });
         let changed = [
             ("name", self.name != new.name),
             ("listen", self.listen != new.listen),
             ("key", self.key != new.key),
-            ("domain", self.place.domain != new.place.domain),
-            ("socket", self.place.socket != new.place.socket),
+            ("domain", domains[0] != domains[1]),
+            ("socket", sockets[0] != sockets[1]),
             ("discovery", self.discovery != new.discovery),
             ("congestion", self.congestion != new.congestion),
             ("limits", self.limits != new.limits),

@@ -18,13 +18,16 @@
 mod address;
 #[cfg(feature = "bad-link")]
 pub mod bad_link;
+mod channel;
 pub mod clock;
 pub mod config;
+mod domain;
 pub mod hub;
 pub mod keys;
 mod local;
 #[cfg(feature = "metrics")]
 pub mod metrics;
+mod names;
 pub mod peer;
 #[cfg(feature = "program")]
 pub mod program;
@@ -37,7 +40,9 @@ mod tally;
 pub use self::{
     address::{Address, AddressError},
     config::{Config, ConfigError},
-    local::{LocalError, Place, is_remote, status_service},
+    domain::DomainLocation,
+    local::LocalError,
+    names::{is_remote, status_service},
     report::{PeerReport, Report},
     run::{BeaconsError, Gateway, RunError},
     tally::Counts,

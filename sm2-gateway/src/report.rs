@@ -19,7 +19,7 @@ use sm2_proto::{
 
 use crate::{
     Config,
-    local::status_service,
+    names::status_service,
     shadow::{Because, Change},
     tally::Counts,
 };

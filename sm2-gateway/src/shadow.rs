@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::gateway::{Action, Direction, GatewayId, Rules};
 
-use crate::{Config, tally::Key};
+use crate::tally::Key;
 
 /// Rules, and the peers that they are for: others are not trusted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -48,15 +48,6 @@ pub enum Because {
     NoRule,
     /// The peer is not trusted.
     NoPeer,
-}
-
-impl From<&Config> for RuleSet {
-    fn from(config: &Config) -> Self {
-        Self {
-            rules: config.policy.rules.clone(),
-            peers: config.peers.iter().map(|it| it.id).collect(),
-        }
-    }
 }
 
 /// All that would change if `then` were in the place of `now`, in a fixed order.

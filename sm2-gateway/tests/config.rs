@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use sm2_gateway::{Address, Config, ConfigError};
+use sm2_gateway::{Address, Config, ConfigError, DomainLocation};
 
 const GOOD: &str = "name = \"near\"\nkey = \"key\"\n";
 
@@ -34,6 +34,19 @@ fn a_peer_has_addresses_and_names_of_hosts() {
         let start = format!("dir/gateway.toml:8: `{wrong}` is neither an address with a port");
         assert!(error.starts_with(&start), "{error}");
     }
+}
+
+#[test]
+fn a_domain_has_a_name_or_a_socket_not_both() {
+    let location = |keys: &str| parse(&format!("{keys}{GOOD}")).map(|it| it.domain);
+    assert_eq!(location("").unwrap(), DomainLocation::Environment);
+    let name = DomainLocation::Name("left".to_owned());
+    assert_eq!(location("domain = \"left\"\n").unwrap(), name);
+    let socket = DomainLocation::Socket("dir/manager".into());
+    assert_eq!(location("socket = \"manager\"\n").unwrap(), socket);
+    let error = location("domain = \"left\"\nsocket = \"manager\"\n");
+    let text = error.unwrap_err().to_string();
+    assert!(text.starts_with("dir/gateway.toml:2: "), "{text}");
 }
 
 #[test]

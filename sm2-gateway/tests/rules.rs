@@ -12,7 +12,7 @@ use sm2_gateway::{
     Config, ConfigError,
     hub::{Hub, Input, LocalCommand, LocalEvent, Output},
     peer::{Command, Event},
-    shadow::{Because, Change, RuleSet, Seen, changes},
+    shadow::{Because, Change, Seen, changes},
 };
 use sm2_proto::{
     Instant, Name, TypeId,
@@ -242,7 +242,7 @@ proptest! {
         then in good_lines(),
         seen in seen(),
     ) {
-        let sets = [&now, &then].map(|it| RuleSet::from(&good_config(it)));
+        let sets = [&now, &then].map(|it| good_config(it).rule_set());
         let changes = changes(&sets[0], &sets[1], &seen);
         let all: BTreeSet<&Key> = seen.offers.values().flatten().chain(&seen.local).collect();
         let mut expected = BTreeMap::new();
@@ -285,7 +285,7 @@ proptest! {
 fn peers_that_are_not_in_both_files_change_all_of_theirs() {
     let lines = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
     let (head, _) = file(&[]);
-    let config = |text: &str| RuleSet::from(&parse(&(text.to_owned() + lines)).unwrap());
+    let config = |text: &str| parse(&(text.to_owned() + lines)).unwrap().rule_set();
     let at = head.rfind("[[peer]]").unwrap();
     let (all, less) = (config(&head), config(&head[..at]));
     let scan = (SubjectKind::Topic, Name::new("scan").unwrap());

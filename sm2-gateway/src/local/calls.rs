@@ -7,8 +7,10 @@ use sm2_node::{CallError, asynchronous::AsyncClient};
 use sm2_proto::{Instant, gateway::Outcome};
 use tokio::task::AbortHandle;
 
-use super::Events;
-use crate::hub::LocalEvent;
+use crate::{
+    channel::hub::{HubEvent, HubHandle},
+    hub::LocalEvent,
+};
 
 /// A call without a deadline is given up after so long: a peer is not to collect them here.
 const LONGEST: Duration = Duration::from_secs(600);
@@ -24,7 +26,7 @@ impl Calls {
         client: Option<Arc<AsyncClient<[u8], [u8]>>>,
         deadline: Option<Instant>,
         payload: Bytes,
-        events: Events,
+        hub: HubHandle,
     ) {
         self.0.retain(|_, task| !task.is_finished());
         let task = tokio::spawn(async move {
@@ -37,7 +39,7 @@ impl Calls {
                 outcome,
                 payload,
             };
-            events.send(event).await;
+            let _ = hub.send(HubEvent::Local(event)).await;
         });
         self.0.insert(call, task.abort_handle());
     }

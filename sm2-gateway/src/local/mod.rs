@@ -6,16 +6,13 @@
 //! taken for the domain's own, by no gateway: nothing goes round in circles.
 
 mod calls;
-mod names;
 mod requests;
 mod topics;
 mod watch;
 
 use std::{
     collections::BTreeMap,
-    path::PathBuf,
     sync::{Arc, Mutex},
-    time::Duration,
 };
 
 use sm2_node::{
@@ -26,31 +23,18 @@ use sm2_proto::{
     Name, NameError,
     gateway::{GatewayId, Subject},
 };
-use tokio::{sync::mpsc, task::AbortHandle};
+use tokio::task::AbortHandle;
 
-pub use self::names::{is_remote, status_service};
-use self::{
-    calls::Calls, names::remote_node, requests::Requests, topics::Subscription, watch::Shown,
-};
+use self::{calls::Calls, requests::Requests, topics::Subscription, watch::Shown};
 use crate::{
-    hub::{LocalCommand, LocalEvent},
-    run::Message,
+    channel::hub::HubHandle,
+    domain::DomainLocation,
+    hub::LocalCommand,
+    names::{is_remote, own_node, remote_node},
 };
 
 /// A client of the domain's servers of one service.
 type RawClient = AsyncClient<[u8], [u8]>;
-
-/// How long the Manager may take to answer.
-const PATIENCE: Duration = Duration::from_secs(2);
-
-/// Which domain.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Place {
-    /// Its name; none: as the environment says.
-    pub domain: Option<String>,
-    /// The path of its Manager's socket, instead of the name.
-    pub socket: Option<PathBuf>,
-}
 
 /// Why there is no way into the domain.
 #[derive(Debug, thiserror::Error)]
@@ -69,41 +53,12 @@ pub enum LocalError {
     Name(#[from] NameError),
 }
 
-impl Place {
-    /// A node there.
-    ///
-    /// # Errors
-    /// See [`ConnectError`].
-    pub fn node(&self, name: &str) -> Result<Node, ConnectError> {
-        let mut builder = Node::builder(name).manager_timeout(PATIENCE);
-        if let Some(domain) = &self.domain {
-            builder = builder.domain(domain);
-        }
-        if let Some(socket) = &self.socket {
-            builder = builder.socket(socket);
-        }
-        builder.connect()
-    }
-}
-
-/// Where events go.
-#[derive(Clone, Debug)]
-struct Events(mpsc::Sender<Message>);
-
-impl Events {
-    /// Whether there is still a hub. Waits as long as that has too much to do: then the
-    /// newest messages are taken from the domain, not all of them.
-    async fn send(&self, event: LocalEvent) -> bool {
-        self.0.send(Message::Local(event)).await.is_ok()
-    }
-}
-
 /// A gateway's nodes.
 #[derive(Debug)]
 pub(crate) struct Local {
-    place: Place,
+    location: DomainLocation,
     node: Node,
-    events: Events,
+    hub: HubHandle,
     /// One for each peer that something was ever shown of. It stays: its name is not free at once
     /// when it goes, and then nothing could be shown when the peer is back.
     remotes: BTreeMap<Name, Node>,
@@ -131,23 +86,22 @@ impl Drop for Show {
 }
 
 impl Local {
-    /// Joins the domain, and follows it from now on. What happens there goes to `events`.
+    /// Joins the domain, and follows it from now on. Events go to `hub`.
     ///
     /// # Errors
     /// See [`LocalError`].
     pub(crate) fn join(
-        place: Place,
+        location: DomainLocation,
         gateway: &Name,
-        events: mpsc::Sender<Message>,
+        hub: HubHandle,
     ) -> Result<Self, LocalError> {
-        let node = place.node(names::own_node(gateway)?.as_str())?;
-        let events = Events(events);
+        let node = location.connect(own_node(gateway)?.as_str())?;
         let shown_topics = Shown::default();
-        watch::start(&node, shown_topics.clone(), events.0.clone())?;
+        watch::start(&node, shown_topics.clone(), hub.clone())?;
         Ok(Self {
-            place,
+            location,
             node,
-            events,
+            hub,
             remotes: BTreeMap::new(),
             topics: BTreeMap::new(),
             clients: BTreeMap::new(),
@@ -198,7 +152,7 @@ impl Local {
             } => {
                 let client = self.clients.get(&subject).cloned();
                 self.calls
-                    .start(call, client, deadline, payload, self.events.clone());
+                    .start(call, client, deadline, payload, self.hub.clone());
             }
             LocalCommand::Cancel { call } => self.calls.cancel(call),
             LocalCommand::Reply {
@@ -216,7 +170,7 @@ impl Local {
         }
         let done = match &subject {
             Subject::Topic { name, data, .. } => {
-                topics::subscribe(&self.node, &subject, name, data, self.events.clone())
+                topics::subscribe(&self.node, &subject, name, data, self.hub.clone())
                     .map(|it| drop(self.topics.insert(subject.clone(), it)))
             }
             Subject::Service {
@@ -267,13 +221,13 @@ impl Local {
             } => {
                 let requests = Arc::clone(&self.requests);
                 let server = requests::server(&node, name, request, reply)?;
-                let events = self.events.clone();
+                let hub = self.hub.clone();
                 let serving = tokio::spawn(requests::serve(
                     server,
                     subject.clone(),
                     origin,
                     requests,
-                    events,
+                    hub,
                 ));
                 Ok(Show::Service(serving.abort_handle()))
             }
@@ -293,8 +247,8 @@ impl Local {
         }
         let name = remote_node(peer).map_err(|error| error.to_string())?;
         let node = self
-            .place
-            .node(name.as_str())
+            .location
+            .connect(name.as_str())
             .map_err(|error| error.to_string())?;
         tokio::spawn(sm2_node::asynchronous::drive(node.clone()));
         self.remotes.insert(peer.clone(), node.clone());

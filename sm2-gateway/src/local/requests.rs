@@ -17,8 +17,10 @@ use sm2_proto::{
 };
 use tokio::sync::oneshot;
 
-use super::Events;
-use crate::hub::LocalEvent;
+use crate::{
+    channel::hub::{HubEvent, HubHandle},
+    hub::LocalEvent,
+};
 
 /// How often it is asked whether the caller still waits.
 const LOOK: Duration = Duration::from_millis(50);
@@ -60,13 +62,13 @@ pub(super) async fn serve(
     subject: Subject,
     origin: GatewayId,
     requests: Arc<Mutex<Requests>>,
-    events: Events,
+    hub: HubHandle,
 ) {
     loop {
         match server.recv().await {
             Ok(request) => {
                 let (subject, requests) = (subject.clone(), Arc::clone(&requests));
-                tokio::spawn(forward(request, subject, origin, requests, events.clone()));
+                tokio::spawn(forward(request, subject, origin, requests, hub.clone()));
             }
             // As many as may be wait for a reply.
             Err(RecvError::TooManyBorrowed { .. }) => tokio::time::sleep(LOOK).await,
@@ -80,7 +82,7 @@ async fn forward(
     subject: Subject,
     origin: GatewayId,
     requests: Arc<Mutex<Requests>>,
-    events: Events,
+    hub: HubHandle,
 ) {
     let (id, mut answered) = lock(&requests).open();
     let event = LocalEvent::Request {
@@ -90,13 +92,14 @@ async fn forward(
         deadline: request.deadline(),
         payload: Bytes::copy_from_slice(&request),
     };
-    events.send(event).await;
+    let _ = hub.send(HubEvent::Local(event)).await;
     let answer = loop {
         tokio::select! {
             answer = &mut answered => break answer.ok(),
             () = tokio::time::sleep(LOOK) => if request.is_cancelled() {
                 lock(&requests).open.remove(&id);
-                events.send(LocalEvent::Dropped { request: id }).await;
+                let event = LocalEvent::Dropped { request: id };
+                let _ = hub.send(HubEvent::Local(event)).await;
                 return;
             },
         }

@@ -10,8 +10,11 @@ use sm2_node::{
 use sm2_proto::{Name, TypeId, gateway::Subject};
 use tokio::task::AbortHandle;
 
-use super::{Events, is_remote};
-use crate::hub::{LATCHED_MAX, LocalEvent};
+use crate::{
+    channel::hub::{HubEvent, HubHandle},
+    hub::{LATCHED_MAX, LocalEvent},
+    names::is_remote,
+};
 
 /// Shorter messages are copied: their slots are free again at once.
 const COPIED_BYTES: usize = 16 << 10;
@@ -47,7 +50,7 @@ pub(super) fn subscribe(
     subject: &Subject,
     name: &Name,
     data: &TypeId,
-    events: Events,
+    hub: HubHandle,
 ) -> Result<Subscription, String> {
     let builder = node.subscriber_builder::<[u8]>(name.as_str());
     let subscriber: Subscriber<[u8]> = builder
@@ -57,12 +60,12 @@ pub(super) fn subscribe(
         .declare()
         .map_err(|error| error.to_string())?;
     let subscriber = subscriber.into_async().map_err(|error| error.to_string())?;
-    let task = tokio::spawn(take(subscriber, subject.clone(), events));
+    let task = tokio::spawn(take(subscriber, subject.clone(), hub));
     Ok(Subscription(task.abort_handle()))
 }
 
 /// Hands on what the domain's own publishers publish, without a copy.
-async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, events: Events) {
+async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, hub: HubHandle) {
     loop {
         let sample = match subscriber.recv().await {
             Ok(sample) => sample,
@@ -90,7 +93,7 @@ async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, events: Event
             published,
             payload,
         };
-        if !events.send(event).await {
+        if hub.send(HubEvent::Local(event)).await.is_err() {
             return;
         }
     }

@@ -15,10 +15,12 @@ use sm2_proto::{
     gateway::{GatewayId, Subject},
     limits::QOS_MAX,
 };
-use tokio::sync::mpsc;
 
-use super::names::is_gateways;
-use crate::{hub::LocalEvent, run::Message};
+use crate::{
+    channel::hub::{HubEvent, HubHandle},
+    hub::LocalEvent,
+    names::is_gateways,
+};
 
 /// How long the end of a gateway may go unnoticed here.
 const LOOK: Duration = Duration::from_secs(1);
@@ -63,7 +65,7 @@ struct View {
 }
 
 /// Follows the domain on a thread of its own, as long as somebody wants to know.
-pub(super) fn start(node: &Node, shown: Shown, hub: mpsc::Sender<Message>) -> io::Result<()> {
+pub(super) fn start(node: &Node, shown: Shown, hub: HubHandle) -> io::Result<()> {
     let mut watch = node.watch();
     let follow = move || {
         let mut view = View::default();
@@ -79,7 +81,7 @@ pub(super) fn start(node: &Node, shown: Shown, hub: mpsc::Sender<Message>) -> io
             }
             let now = View::of(watch.domain(), &shown.lock().numbers);
             for event in view.difference(&now) {
-                if hub.blocking_send(Message::Local(event)).is_err() {
+                if hub.blocking_send(HubEvent::Local(event)).is_err() {
                     return;
                 }
             }

@@ -37,11 +37,11 @@ use hyper::{
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::{
     net::{TcpListener, TcpStream},
-    sync::{Mutex, Semaphore, mpsc},
+    sync::{Mutex, Semaphore},
     time::timeout,
 };
 
-use crate::run::{self, Message};
+use crate::channel::hub::HubHandle;
 
 /// How many connections there are at a time: others wait to be accepted.
 const CONNECTIONS: usize = 8;
@@ -64,13 +64,13 @@ const OPEN_METRICS: HeaderValue =
 /// What all connections share.
 #[derive(Debug)]
 struct Source {
-    hub: mpsc::Sender<Message>,
+    hub: HubHandle,
     /// The last answer, and when it was made.
     last: Mutex<Option<(Instant, Bytes)>>,
 }
 
 /// Answers for as long as there is a hub.
-pub(crate) async fn serve(listener: TcpListener, hub: mpsc::Sender<Message>) {
+pub(crate) async fn serve(listener: TcpListener, hub: HubHandle) {
     let places = Arc::new(Semaphore::new(CONNECTIONS));
     let source = Arc::new(Source {
         hub: hub.clone(),
@@ -151,7 +151,7 @@ impl Source {
         {
             return Some(text.clone());
         }
-        let report = timeout(PATIENCE, run::ask(&self.hub)).await.ok()??;
+        let report = timeout(PATIENCE, self.hub.report()).await.ok()?.ok()?;
         let text = Bytes::from(text::text(&report).ok()?);
         *last = Some((Instant::now(), text.clone()));
         Some(text)

@@ -33,7 +33,7 @@ pub struct Arguments {
 /// Whether a gateway of the domain is offered it.
 pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, ProgramError> {
     let name = format!("sm2-gateway-ask-{}", std::process::id());
-    let node = arguments.domain.place().node(&name)?;
+    let node = arguments.domain.location().connect(&name)?;
     let services = report::gateways(&node.snapshot()?);
     if services.is_empty() {
         return Err(ProgramError::NoGateway);

@@ -16,7 +16,7 @@ use super::{ProgramError, line};
 use crate::{
     Config, is_remote, keys,
     report::{ShadowReport, word},
-    shadow::{RuleSet, Seen, changes},
+    shadow::{Seen, changes},
     tally::Key,
 };
 
@@ -52,7 +52,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
         )));
     }
     let name = format!("sm2-gateway-check-{}", std::process::id());
-    let node = match config.place.node(&name) {
+    let node = match config.domain.connect(&name) {
         Ok(node) => node,
         // A file can be checked on another machine.
         Err(error) => return line(out, format!("what it would carry is not known: {error}")),
@@ -97,7 +97,7 @@ fn compare(
         local,
         offers: BTreeMap::new(),
     };
-    let [now, then] = [config, shadow].map(RuleSet::from);
+    let [now, then] = [config, shadow].map(Config::rule_set);
     let names = config.peers.iter().chain(&shadow.peers);
     let names: BTreeMap<_, _> = names.map(|it| (it.id, it.name.clone())).collect();
     let changes = changes(&now, &then, &seen);

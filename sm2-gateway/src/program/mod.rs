@@ -25,7 +25,9 @@ use clap::{Args, Subcommand};
 use sm2_node::ConnectError;
 use sm2_node::domain::QueryError;
 
-use crate::{ConfigError, Place, RunError, keys::KeyFileError, report::ReportError};
+use crate::{
+    ConfigError, RunError, domain::DomainLocation, keys::KeyFileError, report::ReportError,
+};
 
 /// What the help ends with. `command` is what it is called: `sm2-gateway`, `sm2 gateway`.
 #[must_use]
@@ -121,10 +123,11 @@ pub struct Domain {
 }
 
 impl Domain {
-    fn place(&self) -> Place {
-        Place {
-            domain: self.domain.clone(),
-            socket: self.socket.clone(),
+    fn location(&self) -> DomainLocation {
+        match (&self.socket, &self.domain) {
+            (Some(path), _) => DomainLocation::Socket(path.clone()),
+            (None, Some(name)) => DomainLocation::Name(name.clone()),
+            (None, None) => DomainLocation::Environment,
         }
     }
 }

@@ -26,7 +26,7 @@ pub struct Arguments {
 
 pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), ProgramError> {
     let name = format!("sm2-gateway-peers-{}", std::process::id());
-    let node = arguments.domain.place().node(&name)?;
+    let node = arguments.domain.location().connect(&name)?;
     let services = report::gateways(&node.snapshot()?);
     if services.is_empty() {
         return Err(ProgramError::NoGateway);

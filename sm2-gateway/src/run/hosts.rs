@@ -7,9 +7,9 @@ use std::{
 };
 
 use sm2_proto::gateway::GatewayId;
-use tokio::{net::lookup_host, sync::mpsc};
+use tokio::net::lookup_host;
 
-use super::NetworkMessage;
+use crate::channel::network::{NetworkEvent, NetworkHandle};
 
 /// The names of each peer's hosts.
 #[derive(Debug, Default)]
@@ -34,22 +34,16 @@ impl Hosts {
 
     /// Asks the system, which may take its time: the answer is a message. There is one for each
     /// question, so that no more than one is open of a peer.
-    pub(super) fn look_up(
-        &self,
-        peer: GatewayId,
-        host: usize,
-        network: mpsc::UnboundedSender<NetworkMessage>,
-    ) {
+    pub(super) fn look_up(&self, peer: GatewayId, host: usize, network: NetworkHandle) {
         let host = self.names.get(&peer).and_then(|it| it.get(host));
         let Some(host) = host.cloned() else {
             // It has other names since.
-            let _ = network.send(NetworkMessage::Failed { peer });
+            network.send(NetworkEvent::Failed { peer });
             return;
         };
         tokio::spawn(async move {
             let addresses = lookup_host(&host).await.map(Iterator::collect);
-            // Without a network there is nothing to connect to.
-            let _ = network.send(NetworkMessage::Resolved {
+            network.send(NetworkEvent::Resolved {
                 peer,
                 host,
                 addresses,

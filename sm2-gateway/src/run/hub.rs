@@ -2,20 +2,31 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use sm2_proto::{Name, gateway::GatewayId};
+use sm2_proto::{
+    Code, Name,
+    gateway::{GatewayId, PeerFarewell},
+};
 use tokio::sync::mpsc;
 
 use super::{
-    Asked, Message, NetworkMessage,
-    connection::{Senders, Shared, lock},
-    goodbye, local, shadow, status,
+    shared::{Shared, lock},
+    status,
 };
 use crate::{
+    channel::{
+        connection::PeerHandle,
+        hub::{ConfigLabels, HubEvent, PeerLookup, PolicySnapshot},
+        local::LocalHandle,
+        network::NetworkEvent,
+    },
     hub::{Hub, Input, LocalCommand, LocalEvent, NoRoom, Output},
     peer::{Command, Event},
     question::Question,
     shadow::RuleSet,
 };
+
+/// The code that closes a connection when this gateway stops, or stops trusting the peer.
+const SHUTTING_DOWN: Code = PeerFarewell::ShuttingDown.code();
 
 /// The hub, and the ways to all others.
 struct Task {
@@ -27,83 +38,71 @@ struct Task {
     /// How often what is there has changed, or the rules.
     revision: u64,
     shared: Arc<Shared>,
-    local: local::Orders,
+    local: LocalHandle,
     connections: BTreeMap<u64, Connection>,
 }
 
 struct Connection {
     is_dialled: bool,
-    senders: Senders,
-}
-
-/// What the configuration says that the hub itself need not know.
-#[derive(Debug)]
-pub(crate) struct Known {
-    /// What it calls peers.
-    pub(super) names: BTreeMap<GatewayId, Name>,
-    /// The line of each rule.
-    pub(super) lines: Vec<usize>,
+    handle: PeerHandle,
 }
 
 pub(super) async fn run(
     hub: Hub,
-    Known { names, lines }: Known,
+    ConfigLabels { peers, rule_lines }: ConfigLabels,
     shared: Arc<Shared>,
-    mut inbox: mpsc::Receiver<Message>,
-    local: local::Orders,
+    mut inbox: mpsc::Receiver<HubEvent>,
+    local: LocalHandle,
 ) {
     let mut task = Task {
         hub,
-        names,
-        lines,
+        names: peers,
+        lines: rule_lines,
         revision: 1,
         shared,
         local,
         connections: BTreeMap::new(),
     };
-    while let Some(message) = inbox.recv().await {
-        task.message(message);
+    while let Some(event) = inbox.recv().await {
+        task.hub_event(event);
     }
 }
 
 impl Task {
-    fn message(&mut self, message: Message) {
-        match message {
-            Message::Opened {
+    fn hub_event(&mut self, event: HubEvent) {
+        match event {
+            HubEvent::Opened {
                 connection,
                 is_dialled,
-                senders,
+                handle,
             } => {
-                let it = Connection {
-                    is_dialled,
-                    senders,
-                };
+                let it = Connection { is_dialled, handle };
                 self.connections.insert(connection, it);
             }
-            Message::Peer { connection, event } => self.event(connection, event),
-            Message::Local(event) => {
+            HubEvent::Peer { connection, event } => self.event(connection, event),
+            HubEvent::Local(event) => {
                 self.revision += u64::from(matches!(event, LocalEvent::Present { .. }));
                 self.handle(Input::Local(event));
             }
-            Message::Reload {
+            HubEvent::Reload {
                 policy,
-                known: Known { names, lines },
+                labels: ConfigLabels { peers, rule_lines },
             } => {
                 let gone: Vec<GatewayId> = (self.names.keys())
-                    .filter(|it| !names.contains_key(it))
+                    .filter(|it| !peers.contains_key(it))
                     .copied()
                     .collect();
-                (self.names, self.lines) = (names, lines);
+                (self.names, self.lines) = (peers, rule_lines);
                 self.revision += 1;
                 for peer in gone {
                     self.handle(Input::Distrust(peer));
                 }
                 self.handle(Input::Policy(policy));
             }
-            Message::Report(answer) => {
+            HubEvent::Report(answer) => {
                 let asked = (self.hub.peers().into_iter()).map(|peer| {
                     let connection = self.connections.get(&peer.connection);
-                    let answer = connection.map(|it| it.senders.ask());
+                    let answer = connection.map(|it| it.handle.report());
                     (peer, answer)
                 });
                 let draft = status::Draft {
@@ -116,12 +115,12 @@ impl Task {
                 // The hub waits for no connection.
                 tokio::spawn(draft.complete(answer));
             }
-            Message::Ask { question, answer } => {
+            HubEvent::AskPeer { question, answer } => {
                 // Whoever asked may have gone.
                 let _ = answer.send(self.ask_peer(question));
             }
-            Message::View { known, answer } => {
-                let view = (known != self.revision).then(|| shadow::View {
+            HubEvent::Snapshot { known, answer } => {
+                let snapshot = (known != self.revision).then(|| PolicySnapshot {
                     revision: self.revision,
                     rules: RuleSet {
                         rules: self.hub.rules().clone(),
@@ -131,11 +130,11 @@ impl Task {
                     seen: self.hub.seen(),
                 });
                 // Whoever asked may have gone.
-                let _ = answer.send(view);
+                let _ = answer.send(snapshot);
             }
-            Message::Stop => {
+            HubEvent::Stop => {
                 for it in self.connections.values() {
-                    it.senders.command(Command::Close(goodbye()));
+                    it.handle.command(Command::Close(SHUTTING_DOWN));
                 }
             }
         }
@@ -152,7 +151,7 @@ impl Task {
                 Some(known) => *name = known.clone(),
                 // Not trusted any more since the handshake.
                 None => {
-                    it.senders.command(Command::Close(goodbye()));
+                    it.handle.command(Command::Close(SHUTTING_DOWN));
                     return;
                 }
             }
@@ -179,7 +178,7 @@ impl Task {
                     command,
                 } => {
                     let it = self.connections.get(&connection);
-                    let back = it.and_then(|it| it.senders.command(command));
+                    let back = it.and_then(|it| it.handle.command(command));
                     if let Some(Command::Message { offer, .. }) = back {
                         self.no_room(NoRoom::ForPeer { connection, offer });
                     }
@@ -196,38 +195,35 @@ impl Task {
                 Output::Connected { peer, epoch, name } => {
                     tracing::info!(%name, id = %peer, "connected");
                     lock(&self.shared.epochs).insert(peer, epoch);
-                    self.network(NetworkMessage::Connected { peer, epoch });
+                    self.shared
+                        .network
+                        .send(NetworkEvent::Connected { peer, epoch });
                 }
                 Output::Lost { peer } => {
                     tracing::info!(name = self.names.get(&peer).map(Name::as_str), id = %peer, "lost");
-                    self.network(NetworkMessage::Lost { peer });
+                    self.shared.network.send(NetworkEvent::Lost { peer });
                 }
             }
         }
     }
 
-    fn ask_peer(&self, question: Question) -> Asked {
+    fn ask_peer(&self, question: Question) -> PeerLookup {
         let Question { peer, kind, name } = question;
         let is_it = |(id, name): &(&GatewayId, &Name)| {
             name.as_str() == peer.as_str() || id.to_string() == peer
         };
         let Some((id, _)) = self.names.iter().find(is_it) else {
-            return Asked::NoSuchPeer;
+            return PeerLookup::Unknown;
         };
         let connection = self.hub.connection(id);
         match connection.and_then(|it| self.connections.get(&it)) {
-            Some(it) => Asked::Peer(it.senders.ask_peer(kind, name)),
-            None => Asked::NotConnected,
+            Some(it) => PeerLookup::Asked(it.handle.ask_peer(kind, name)),
+            None => PeerLookup::NotConnected,
         }
     }
 
     fn no_room(&mut self, what: NoRoom) {
         let now = sm2_io::clock::now();
         self.hub.handle(now, Input::NoRoom(what));
-    }
-
-    /// Without a network there is nothing to be told.
-    fn network(&self, message: NetworkMessage) {
-        let _ = self.shared.network.send(message);
     }
 }

@@ -17,7 +17,9 @@ mod hub;
 mod local;
 mod network;
 mod shadow;
+mod shared;
 mod status;
+mod timer;
 
 use std::{
     io,
@@ -27,101 +29,28 @@ use std::{
 };
 
 use sm2_io::quic::{Endpoint, Socket, Trusted};
-use sm2_proto::{
-    Instant,
-    gateway::{GatewayId, Hop, PeerFarewell, Verdict},
-};
-use tokio::sync::{mpsc, oneshot, watch};
+use sm2_proto::gateway::{GatewayId, Hop};
+use tokio::sync::watch;
 
 pub use self::beacons::BeaconsError;
-use self::{
-    beacons::Beacons,
-    connection::{Senders, Shared},
-    hub::Known,
-};
+use self::{beacons::Beacons, shared::Shared};
 use crate::{
+    channel::{
+        self,
+        hub::{ConfigLabels, HubEvent, HubHandle},
+        network::{NetworkEvent, NetworkHandle},
+    },
     clock::Clock,
     config::Config,
-    hub::{Hub, LocalEvent, Policy},
+    hub::Hub,
     keys::{self, KeyFileError},
     local::{Local, LocalError},
-    peer::{Event, Me},
-    question::Question,
+    peer::Me,
     report::Report,
 };
 
-/// What waits for the hub.
-const HUB_QUEUE: usize = 1_024;
 /// How long connections have to say goodbye.
 const GOODBYE: Duration = Duration::from_millis(500);
-
-/// What the hub is told.
-#[derive(Debug)]
-pub(crate) enum Message {
-    /// There is a connection.
-    Opened {
-        connection: u64,
-        is_dialled: bool,
-        senders: Senders,
-    },
-    /// Something happened on it.
-    Peer { connection: u64, event: Event },
-    /// Something happened in the domain.
-    Local(LocalEvent),
-    /// There is another configuration.
-    Reload { policy: Policy, known: Known },
-    /// How is it?
-    Report(oneshot::Sender<Report>),
-    /// Could it have that of a peer?
-    Ask {
-        question: Question,
-        answer: oneshot::Sender<Asked>,
-    },
-    /// What is there, if that is not known yet?
-    View {
-        known: u64,
-        answer: oneshot::Sender<Option<shadow::View>>,
-    },
-    /// Say goodbye to all peers.
-    Stop,
-}
-
-/// Who was asked.
-#[derive(Debug)]
-pub(crate) enum Asked {
-    /// Nobody: no peer has this name or id.
-    NoSuchPeer,
-    /// Nobody: there is no connection.
-    NotConnected,
-    /// The peer. One that does not answer drops it.
-    Peer(oneshot::Receiver<Verdict>),
-}
-
-/// What the network's task is told.
-#[derive(Debug)]
-pub(crate) enum NetworkMessage {
-    /// By a connection.
-    Endpoint {
-        handle: quinn_proto::ConnectionHandle,
-        event: quinn_proto::EndpointEvent,
-    },
-    /// An attempt to connect led to nothing.
-    Failed { peer: GatewayId },
-    /// The name of one of a peer's hosts was looked up.
-    Resolved {
-        peer: GatewayId,
-        host: String,
-        addresses: io::Result<Vec<SocketAddr>>,
-    },
-    /// By the hub.
-    Connected { peer: GatewayId, epoch: u64 },
-    /// By the hub.
-    Lost { peer: GatewayId },
-    /// There are other peers.
-    Peers(Vec<crate::config::PeerConfig>),
-    /// Nobody is to connect any more.
-    Stop,
-}
 
 /// Why a gateway did not start, or ended.
 #[derive(Debug, thiserror::Error)]
@@ -156,8 +85,8 @@ pub enum RunError {
 /// A gateway that runs.
 #[derive(Debug)]
 pub struct Gateway {
-    hub: mpsc::Sender<Message>,
-    network: mpsc::UnboundedSender<NetworkMessage>,
+    hub: HubHandle,
+    network: NetworkHandle,
     trusted: Trusted,
     address: SocketAddr,
     id: GatewayId,
@@ -191,11 +120,12 @@ impl Gateway {
             gateway: id,
             epoch: epoch(),
         };
-        let (hub, hub_inbox) = mpsc::channel(HUB_QUEUE);
-        let (network, network_inbox) = mpsc::unbounded_channel();
-        let (local_orders, local_inbox) = local::channel();
-        let (place, name, events) = (config.place.clone(), config.name.clone(), hub.clone());
-        let domain = tokio::task::block_in_place(|| Local::join(place, &name, events))?;
+        let (hub, hub_inbox) = channel::hub::channel();
+        let (network, network_inbox) = channel::network::channel();
+        let (local, local_inbox) = channel::local::channel();
+        let location = config.domain.clone();
+        let domain =
+            tokio::task::block_in_place(|| Local::join(location, &config.name, hub.clone()))?;
         status::serve(&domain, &config.name, hub.clone())?;
         let shared = Arc::new(Shared {
             clock: Clock::of_the_machine(),
@@ -214,13 +144,13 @@ impl Gateway {
         tokio::spawn(local::run(domain, local_inbox));
         tokio::spawn(hub::run(
             Hub::new(hop, config.policy.clone()),
-            known(config),
+            labels(config),
             Arc::clone(&shared),
             hub_inbox,
-            local_orders,
+            local,
         ));
         let (shadow, shadows) = watch::channel(None);
-        tokio::spawn(shadow::run(shadows, hub.clone(), Arc::clone(&shared)));
+        tokio::spawn(shadow::run(shadows, Arc::clone(&shared)));
         let peers = config.peers.clone();
         tokio::spawn(async move {
             let network = network::Network::new(endpoint, beacons, shared, address, peers);
@@ -256,12 +186,10 @@ impl Gateway {
     pub async fn reload(&self, config: &Config) {
         self.trusted.set(config.peers.iter().map(|it| it.id));
         // Whoever is gone meanwhile needs to be told nothing.
-        let _ = self
-            .network
-            .send(NetworkMessage::Peers(config.peers.clone()));
+        self.network.send(NetworkEvent::Peers(config.peers.clone()));
         let policy = config.policy.clone();
-        let known = known(config);
-        let _ = self.hub.send(Message::Reload { policy, known }).await;
+        let labels = labels(config);
+        let _ = self.hub.send(HubEvent::Reload { policy, labels }).await;
     }
 
     /// From now on logs what these rules and peers would change, and has it in reports: now, and
@@ -272,7 +200,7 @@ impl Gateway {
 
     /// Who is connected, and what goes to and fro.
     pub async fn report(&self) -> Option<Report> {
-        ask(&self.hub).await
+        self.hub.report().await.ok()
     }
 
     /// Answers those who ask by HTTP for `/metrics`, as long as the gateway runs: see
@@ -295,25 +223,18 @@ impl Gateway {
 
     /// Says goodbye to peers and the domain.
     pub async fn stop(self) {
-        let _ = self.network.send(NetworkMessage::Stop);
-        let _ = self.hub.send(Message::Stop).await;
+        self.network.send(NetworkEvent::Stop);
+        let _ = self.hub.send(HubEvent::Stop).await;
         // The datagrams that say so are sent by the connections' own tasks.
         tokio::time::sleep(GOODBYE).await;
     }
 }
 
-/// How is it?
-pub(crate) async fn ask(hub: &mpsc::Sender<Message>) -> Option<Report> {
-    let (answer, answered) = oneshot::channel();
-    hub.send(Message::Report(answer)).await.ok()?;
-    answered.await.ok()
-}
-
-fn known(config: &Config) -> Known {
+fn labels(config: &Config) -> ConfigLabels {
     let names = config.peers.iter().map(|it| (it.id, it.name.clone()));
-    Known {
-        names: names.collect(),
-        lines: config.rule_lines.clone(),
+    ConfigLabels {
+        peers: names.collect(),
+        rule_lines: config.rule_lines.clone(),
     }
 }
 
@@ -322,17 +243,4 @@ fn known(config: &Config) -> Known {
 fn epoch() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0, |it| u64::try_from(it.as_nanos()).unwrap_or(u64::MAX))
-}
-
-/// Waits until then; without a moment, for ever.
-async fn sleep_to(at: Option<Instant>) {
-    match at {
-        Some(at) => tokio::time::sleep(at.since(sm2_io::clock::now())).await,
-        None => std::future::pending().await,
-    }
-}
-
-/// The code of a goodbye.
-const fn goodbye() -> sm2_proto::Code {
-    PeerFarewell::ShuttingDown.code()
 }

@@ -10,14 +10,16 @@ use sm2_proto::gateway::{
 };
 use tokio::sync::mpsc;
 
-use super::{
-    Message, NetworkMessage,
-    beacons::Beacons,
-    connection::{Senders, Shared, Task, channels},
-    hosts::Hosts,
-    sleep_to,
+use super::{beacons::Beacons, connection::Task, hosts::Hosts, shared::Shared, timer::sleep_until};
+use crate::{
+    Address,
+    channel::{
+        connection::{self, PeerHandle},
+        hub::HubEvent,
+        network::NetworkEvent,
+    },
+    config::PeerConfig,
 };
-use crate::{Address, config::PeerConfig};
 
 /// What the task of the network has.
 pub(super) struct Network {
@@ -30,7 +32,7 @@ pub(super) struct Network {
     peers: Vec<GatewayId>,
     /// The names of hosts that they may be at.
     hosts: Hosts,
-    connections: BTreeMap<ConnectionHandle, Senders>,
+    connections: BTreeMap<ConnectionHandle, PeerHandle>,
     /// The number of the last connection.
     last: u64,
 }
@@ -63,7 +65,7 @@ impl Network {
 
     pub(super) async fn run(
         mut self,
-        mut inbox: mpsc::UnboundedReceiver<NetworkMessage>,
+        mut inbox: mpsc::UnboundedReceiver<NetworkEvent>,
     ) -> io::Result<()> {
         let shared = Arc::clone(&self.shared);
         let mut batch = Batch::new();
@@ -71,14 +73,14 @@ impl Network {
         let mut beacon = vec![0; 512];
         loop {
             self.discover().await;
-            let wait = sleep_to(self.discovery.deadline());
+            let wait = sleep_until(self.discovery.deadline());
             tokio::select! {
                 received = shared.socket.recv(&mut batch) => {
                     received?;
                     self.datagrams(&batch, &mut answer).await;
                 }
-                message = inbox.recv() => match message {
-                    Some(message) => self.message(message).await,
+                event = inbox.recv() => match event {
+                    Some(event) => self.event(event).await,
                     None => return Ok(()),
                 },
                 (from, len) = Beacons::recv(self.beacons.as_ref(), &mut beacon) => {
@@ -100,9 +102,8 @@ impl Network {
                     self.open(handle, None, *connection).await;
                 }
                 Some(Arrival::Event(handle, event)) => {
-                    if let Some(senders) = self.connections.get(&handle) {
-                        // A connection that does not keep up loses datagrams, and no other does.
-                        let _ = senders.datagrams.try_send(event);
+                    if let Some(task) = self.connections.get(&handle) {
+                        task.datagram(event);
                     }
                 }
                 Some(Arrival::Answer(transmit)) => {
@@ -112,20 +113,20 @@ impl Network {
         }
     }
 
-    async fn message(&mut self, message: NetworkMessage) {
+    async fn event(&mut self, event: NetworkEvent) {
         let now = sm2_io::clock::now();
-        match message {
-            NetworkMessage::Endpoint { handle, event } => {
+        match event {
+            NetworkEvent::Endpoint { handle, event } => {
                 if event.is_drained() {
                     self.connections.remove(&handle);
                 }
                 let answer = self.endpoint.event(handle, event);
-                if let (Some(event), Some(senders)) = (answer, self.connections.get(&handle)) {
-                    let _ = senders.endpoint.send(event);
+                if let (Some(event), Some(task)) = (answer, self.connections.get(&handle)) {
+                    task.endpoint_event(event);
                 }
             }
-            NetworkMessage::Failed { peer } => self.discovery.handle(now, Input::Failed { peer }),
-            NetworkMessage::Resolved {
+            NetworkEvent::Failed { peer } => self.discovery.handle(now, Input::Failed { peer }),
+            NetworkEvent::Resolved {
                 peer,
                 host,
                 addresses,
@@ -133,12 +134,12 @@ impl Network {
                 Some(address) => self.dial(peer, address).await,
                 None => self.discovery.handle(now, Input::Failed { peer }),
             },
-            NetworkMessage::Connected { peer, epoch } => {
+            NetworkEvent::Connected { peer, epoch } => {
                 self.discovery.handle(now, Input::Connected { peer, epoch });
             }
-            NetworkMessage::Lost { peer } => self.discovery.handle(now, Input::Lost { peer }),
-            NetworkMessage::Peers(peers) => self.trust(peers),
-            NetworkMessage::Stop => {
+            NetworkEvent::Lost { peer } => self.discovery.handle(now, Input::Lost { peer }),
+            NetworkEvent::Peers(peers) => self.trust(peers),
+            NetworkEvent::Stop => {
                 self.endpoint.close();
                 self.trust(Vec::new());
             }
@@ -212,14 +213,14 @@ impl Network {
         connection: Connection,
     ) {
         self.last += 1;
-        let (senders, inbox) = channels();
-        self.connections.insert(handle, senders.clone());
-        let message = Message::Opened {
+        let (task, inbox) = connection::channel();
+        self.connections.insert(handle, task.clone());
+        let event = HubEvent::Opened {
             connection: self.last,
             is_dialled: dialled.is_some(),
-            senders,
+            handle: task,
         };
-        let _ = self.shared.hub.send(message).await;
+        let _ = self.shared.hub.send(event).await;
         let shared = Arc::clone(&self.shared);
         let task = Task::new(shared, handle, self.last, dialled, connection);
         tokio::spawn(task.run(inbox));

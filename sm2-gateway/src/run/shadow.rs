@@ -6,41 +6,20 @@ use std::{
     time::Duration,
 };
 
-use sm2_proto::{Name, gateway::GatewayId};
-use tokio::{
-    sync::{mpsc, oneshot, watch},
-    task::block_in_place,
-};
+use tokio::{sync::watch, task::block_in_place};
 
-use super::{
-    Message,
-    connection::{Shared, lock},
-};
+use super::shared::{Shared, lock};
 use crate::{
-    Config,
+    config::Config,
     report::ShadowReport,
-    shadow::{Change, RuleSet, Seen, changes},
+    shadow::{Change, changes},
 };
 
 /// How often it is looked whether there is something new.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// What the hub knows, for those who do not know it yet.
-#[derive(Debug)]
-pub(crate) struct View {
-    /// Another number, another view.
-    pub(super) revision: u64,
-    pub(super) rules: RuleSet,
-    pub(super) names: BTreeMap<GatewayId, Name>,
-    pub(super) seen: Seen,
-}
-
 /// Says what each configuration that comes would change, and what changes with what is there.
-pub(super) async fn run(
-    mut configs: watch::Receiver<Option<Arc<Config>>>,
-    hub: mpsc::Sender<Message>,
-    shared: Arc<Shared>,
-) {
+pub(super) async fn run(mut configs: watch::Receiver<Option<Arc<Config>>>, shared: Arc<Shared>) {
     let mut revision = 0;
     let mut told = BTreeSet::new();
     loop {
@@ -51,20 +30,15 @@ pub(super) async fn run(
             }
             continue;
         };
-        let (answer, answered) = oneshot::channel();
-        let known = revision;
-        if hub.send(Message::View { known, answer }).await.is_err() {
+        let Ok(snapshot) = shared.hub.snapshot(revision).await else {
             return;
-        }
-        let Ok(view) = answered.await else { return };
-        if let Some(view) = view {
-            revision = view.revision;
+        };
+        if let Some(snapshot) = snapshot {
+            revision = snapshot.revision;
             let known = config.peers.iter().map(|it| (it.id, it.name.clone()));
-            let names: BTreeMap<_, _> = known.chain(view.names).collect();
-            let changes = block_in_place(|| {
-                let then = RuleSet::from(&*config);
-                changes(&view.rules, &then, &view.seen)
-            });
+            let names: BTreeMap<_, _> = known.chain(snapshot.names).collect();
+            let changes =
+                block_in_place(|| changes(&snapshot.rules, &config.rule_set(), &snapshot.seen));
             let report = |it: &Change| ShadowReport::new(it, &names, &config);
             for change in changes.iter().filter(|it| !told.contains(*it)) {
                 tracing::info!("shadow: {}", report(change));

@@ -10,15 +10,16 @@ use sm2_proto::{
     Name,
     gateway::{Direction, GatewayId},
 };
-use tokio::{
-    sync::{mpsc, oneshot},
-    time::timeout,
-};
+use tokio::{sync::oneshot, time::timeout};
 
-use super::{Asked, Message, ask, connection::ConnectionReport};
 use crate::{
+    channel::{
+        connection::ConnectionReport,
+        hub::{HubHandle, HubStopped, PeerLookup},
+    },
     hub::{Denial, PeerStatus},
-    local::{Local, LocalError, status_service},
+    local::{Local, LocalError},
+    names::status_service,
     peer::Me,
     question::{Availability, Question},
     report::{DenialReport, PeerReport, Report, ShadowReport, SubjectReport, label, word},
@@ -117,11 +118,7 @@ fn denial(it: &Denial, lines: &[usize]) -> DenialReport {
 }
 
 /// Answers whoever asks, in JSON.
-pub(super) fn serve(
-    local: &Local,
-    gateway: &Name,
-    hub: mpsc::Sender<Message>,
-) -> Result<(), LocalError> {
+pub(super) fn serve(local: &Local, gateway: &Name, hub: HubHandle) -> Result<(), LocalError> {
     let service = status_service(gateway)?;
     let server: Server<[u8], [u8]> = local.node().server(service.as_str())?;
     let server = server.into_async()?;
@@ -151,28 +148,26 @@ pub(super) fn serve(
 }
 
 /// In JSON, or why there is none.
-async fn answer(hub: &mpsc::Sender<Message>, request: &[u8]) -> Result<Vec<u8>, String> {
-    let ended = || "the gateway ends".to_owned();
+async fn answer(hub: &HubHandle, request: &[u8]) -> Result<Vec<u8>, String> {
+    let ended = |error: HubStopped| error.to_string();
     let json = if request.is_empty() {
-        let report = ask(hub).await.ok_or_else(ended)?;
+        let report = hub.report().await.map_err(ended)?;
         serde_json::to_vec(&report)
     } else {
         let question = serde_json::from_slice(request).map_err(|error| {
             format!("this is no question: {error}; an empty request is about all")
         })?;
-        let available = ask_peer(hub, question).await.ok_or_else(ended)?;
+        let available = availability(hub, question).await.map_err(ended)?;
         serde_json::to_vec(&available)
     };
     json.map_err(|error| error.to_string())
 }
 
-async fn ask_peer(hub: &mpsc::Sender<Message>, question: Question) -> Option<Availability> {
-    let (answer, asked) = oneshot::channel();
-    hub.send(Message::Ask { question, answer }).await.ok()?;
-    Some(match asked.await.ok()? {
-        Asked::NoSuchPeer => Availability::NoSuchPeer,
-        Asked::NotConnected => Availability::NotConnected,
-        Asked::Peer(verdict) => match timeout(PEER_PATIENCE, verdict).await {
+async fn availability(hub: &HubHandle, question: Question) -> Result<Availability, HubStopped> {
+    Ok(match hub.ask_peer(question).await? {
+        PeerLookup::Unknown => Availability::NoSuchPeer,
+        PeerLookup::NotConnected => Availability::NotConnected,
+        PeerLookup::Asked(verdict) => match timeout(PEER_PATIENCE, verdict).await {
             Ok(Ok(verdict)) => verdict.into(),
             Ok(Err(_)) | Err(_) => Availability::NoAnswer,
         },

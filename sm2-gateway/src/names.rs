@@ -6,12 +6,12 @@ const OWN: &str = "gateway";
 const REMOTE: &str = "remote";
 
 /// The gateway's own node.
-pub(super) fn own_node(gateway: &Name) -> Result<Name, NameError> {
+pub(crate) fn own_node(gateway: &Name) -> Result<Name, NameError> {
     Name::new(&format!("{OWN}/{gateway}"))
 }
 
 /// The node that stands for a peer.
-pub(super) fn remote_node(peer: &Name) -> Result<Name, NameError> {
+pub(crate) fn remote_node(peer: &Name) -> Result<Name, NameError> {
     Name::new(&format!("{REMOTE}/{peer}"))
 }
 
@@ -30,6 +30,6 @@ pub fn is_remote(node: &Name) -> bool {
 }
 
 /// Whether it is a gateway's own: neither what it has nor what it wants is the domain's.
-pub(super) fn is_gateways(node: &Name) -> bool {
+pub(crate) fn is_gateways(node: &Name) -> bool {
     is_remote(node) || node.as_str().starts_with("gateway/")
 }

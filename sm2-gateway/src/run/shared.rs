@@ -1,0 +1,36 @@
+//! State that the tasks of a gateway share.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use sm2_io::quic::Socket;
+use sm2_proto::gateway::GatewayId;
+
+use crate::{
+    channel::{hub::HubHandle, network::NetworkHandle},
+    clock::Clock,
+    peer::{Limits, Me},
+    report::ShadowReport,
+};
+
+/// State that the tasks of a gateway share.
+#[derive(Debug)]
+pub(super) struct Shared {
+    pub(super) clock: Clock,
+    pub(super) me: Me,
+    pub(super) limits: Limits,
+    pub(super) socket: Socket,
+    pub(super) hub: HubHandle,
+    pub(super) network: NetworkHandle,
+    /// The greatest known epoch of each peer: an older process is stale.
+    pub(super) epochs: Mutex<BTreeMap<GatewayId, u64>>,
+    /// What the shadow configuration would change, if there is one.
+    pub(super) shadow: Mutex<Option<Vec<ShadowReport>>>,
+}
+
+/// Locks a mutex. Its values are replaced as a whole, so a panic elsewhere leaves them valid.
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
