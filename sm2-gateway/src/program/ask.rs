@@ -5,7 +5,11 @@ use std::{io::Write, time::Duration};
 use clap::Args;
 use sm2_proto::Name;
 
-use super::{Domain, ProgramError, explain::Kind, line};
+use super::{
+    error::ProgramError,
+    options::{Domain, Kind},
+    output::write_line,
+};
 use crate::{
     question::{self, Availability, Question},
     report,
@@ -57,7 +61,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
     }
     for answer in answers {
         is_offered |= answer == Availability::Offered;
-        line(
+        write_line(
             out,
             format!("{} of {}: {answer}", arguments.name, arguments.peer),
         )?;

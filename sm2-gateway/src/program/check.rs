@@ -12,7 +12,7 @@ use sm2_proto::{
     gateway::{Action, Direction, SubjectKind},
 };
 
-use super::{ProgramError, line};
+use super::{error::ProgramError, output::write_line};
 use crate::{
     Config, is_remote, keys,
     report::{ShadowReport, word},
@@ -37,7 +37,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
     let shadow = shadow.map(Config::load).transpose()?;
     let id = keys::load(&config.key)?.id();
     let (peers, rules) = (config.peers.len(), config.rule_lines.len());
-    line(
+    write_line(
         out,
         format!(
             "{}: {} is {id}, with {peers} peers and {rules} rules",
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
     let node = match config.domain.connect(&name) {
         Ok(node) => node,
         // A file can be checked on another machine.
-        Err(error) => return line(out, format!("what it would carry is not known: {error}")),
+        Err(error) => return write_line(out, format!("what it would carry is not known: {error}")),
     };
     let domain = node.snapshot()?;
     let own = domain.interfaces().filter(|it| {
@@ -73,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
             let (action, rule) = config.explain(*kind, name, Direction::Out, &peer.id);
             let word = word(*kind);
             if let (Action::Allow, Some(at)) = (action, rule) {
-                line(
+                write_line(
                     out,
                     format!("{} may have {word} {name} (line {at})", peer.name),
                 )?;
@@ -102,14 +102,14 @@ fn compare(
     let names: BTreeMap<_, _> = names.map(|it| (it.id, it.name.clone())).collect();
     let changes = changes(&now, &then, &seen);
     if changes.is_empty() {
-        return line(
+        return write_line(
             out,
             "shadow: nothing that the domain has now would change".to_owned(),
         );
     }
     for change in changes {
         let change = ShadowReport::new(&change, &names, shadow);
-        line(out, format!("shadow: {change}"))?;
+        write_line(out, format!("shadow: {change}"))?;
     }
     Ok(())
 }

@@ -5,10 +5,10 @@ use std::{io::Write, path::PathBuf};
 use clap::{Args, ValueEnum};
 use sm2_proto::{
     Name,
-    gateway::{Action, Direction, SubjectKind},
+    gateway::{Action, Direction},
 };
 
-use super::{ProgramError, line};
+use super::{error::ProgramError, options::Kind, output::write_line};
 use crate::Config;
 
 /// `sm2 gateway explain`.
@@ -25,31 +25,16 @@ pub struct Arguments {
     peer: String,
     /// From this domain to the peer, or from the peer to this domain
     #[arg(long, value_enum)]
-    direction: Way,
+    direction: DirectionOption,
     /// What the name is of
     #[arg(long, value_enum, default_value_t = Kind::Topic)]
     kind: Kind,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum Way {
+enum DirectionOption {
     In,
     Out,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(super) enum Kind {
-    Topic,
-    Service,
-}
-
-impl From<Kind> for SubjectKind {
-    fn from(kind: Kind) -> Self {
-        match kind {
-            Kind::Topic => Self::Topic,
-            Kind::Service => Self::Service,
-        }
-    }
 }
 
 /// Whether it is allowed.
@@ -68,8 +53,8 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
         }
     })?;
     let direction = match arguments.direction {
-        Way::In => Direction::In,
-        Way::Out => Direction::Out,
+        DirectionOption::In => Direction::In,
+        DirectionOption::Out => Direction::Out,
     };
     let (action, rule) =
         config.explain(arguments.kind.into(), &arguments.name, direction, &peer.id);
@@ -79,7 +64,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
     };
     let name = &arguments.name;
     let path = config.path.display();
-    line(
+    write_line(
         out,
         match rule {
             Some(at) => format!("{name}: {word} by the rule at {path}:{at}"),

@@ -4,7 +4,7 @@ use std::{io::Write, path::PathBuf};
 
 use clap::Args;
 
-use super::{ProgramError, line};
+use super::{error::ProgramError, output::write_line};
 use crate::keys;
 
 /// A key file.
@@ -16,9 +16,9 @@ pub struct Arguments {
 }
 
 pub(super) fn generate(arguments: &Arguments, out: &mut impl Write) -> Result<(), ProgramError> {
-    line(out, keys::generate(&arguments.key)?.id())
+    write_line(out, keys::generate(&arguments.key)?.id())
 }
 
 pub(super) fn id(arguments: &Arguments, out: &mut impl Write) -> Result<(), ProgramError> {
-    line(out, keys::load(&arguments.key)?.id())
+    write_line(out, keys::load(&arguments.key)?.id())
 }

@@ -8,26 +8,23 @@
 
 mod ask;
 mod check;
+mod error;
 mod explain;
 mod keys;
+mod options;
+mod output;
 mod peers;
 mod run;
 mod trust;
 
 use std::{
     io::{self, IsTerminal, Write},
-    net::SocketAddr,
-    path::PathBuf,
     process::ExitCode,
 };
 
-use clap::{Args, Subcommand};
-use sm2_node::ConnectError;
-use sm2_node::domain::QueryError;
+use clap::Subcommand;
 
-use crate::{
-    ConfigError, RunError, domain::DomainLocation, keys::KeyFileError, report::ReportError,
-};
+pub use self::{error::ProgramError, options::Domain};
 
 /// What the help ends with. `command` is what it is called: `sm2-gateway`, `sm2 gateway`.
 #[must_use]
@@ -110,91 +107,6 @@ Examples:
   sm2 gateway check robot.toml
   sm2 gateway check robot.toml --shadow stricter.toml";
 
-/// Which domain to ask.
-#[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Domain")]
-pub struct Domain {
-    /// The domain to ask [default: $SM2_DOMAIN, else `default`]
-    #[arg(long, value_name = "NAME")]
-    domain: Option<String>,
-    /// Its Manager's socket, wherever it is [default: $SM2_SOCKET, else the domain's]
-    #[arg(long, value_name = "PATH", conflicts_with = "domain")]
-    socket: Option<PathBuf>,
-}
-
-impl Domain {
-    fn location(&self) -> DomainLocation {
-        match (&self.socket, &self.domain) {
-            (Some(path), _) => DomainLocation::Socket(path.clone()),
-            (None, Some(name)) => DomainLocation::Name(name.clone()),
-            (None, None) => DomainLocation::Environment,
-        }
-    }
-}
-
-/// Why a command failed.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ProgramError {
-    /// The configuration.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// The key.
-    #[error(transparent)]
-    Key(#[from] KeyFileError),
-    /// The gateway.
-    #[error(transparent)]
-    Run(#[from] RunError),
-    /// The runtime, signals, or a file.
-    #[error("cannot {what}: {source}")]
-    System {
-        /// What was to be done.
-        what: String,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// A name of the command line is not in the configuration.
-    #[error("{config} has no peer {peer}: it knows {known}")]
-    NoPeer {
-        /// Which file.
-        config: PathBuf,
-        /// What was asked for.
-        peer: String,
-        /// Those that are there.
-        known: String,
-    },
-    /// The domain.
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
-    /// The domain.
-    #[error(transparent)]
-    Query(#[from] QueryError),
-    /// A gateway does not say how it is.
-    #[error(transparent)]
-    Report(#[from] ReportError),
-    /// The address for metrics is taken, or not of this machine.
-    #[error("cannot answer for metrics at {address}: {source}; `--metrics` says where")]
-    Metrics {
-        /// Which.
-        address: SocketAddr,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// No gateway is there.
-    #[error("this domain has no gateway: start one with `sm2 gateway run FILE`")]
-    NoGateway,
-    /// What was to be added is not right.
-    #[error("{0}")]
-    Wrong(String),
-}
-
-impl ProgramError {
-    fn system(what: impl Into<String>) -> impl FnOnce(io::Error) -> Self {
-        let what = what.into();
-        |source| Self::System { what, source }
-    }
-}
-
 /// Does what a command line says.
 ///
 /// # Errors
@@ -240,9 +152,4 @@ pub fn main(command: &Command, program: &str) -> ExitCode {
             ExitCode::FAILURE
         }
     }
-}
-
-/// Writes a line.
-fn line(out: &mut impl Write, line: impl std::fmt::Display) -> Result<(), ProgramError> {
-    writeln!(out, "{line}").map_err(ProgramError::system("write to standard output"))
 }

@@ -4,7 +4,7 @@ use std::{io::Write, time::Duration};
 
 use clap::Args;
 
-use super::{Domain, ProgramError, line};
+use super::{error::ProgramError, options::Domain, output::write_line};
 use crate::{
     Report,
     report::{self, PeerReport},
@@ -35,7 +35,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
     let mut silent = None;
     for (_, report) in report::ask(&node, services, PATIENCE) {
         match report {
-            Ok(report) if arguments.json => line(out, serde_json::json!(report))?,
+            Ok(report) if arguments.json => write_line(out, serde_json::json!(report))?,
             Ok(report) => table(&report, out)?,
             Err(error) => silent = Some(error),
         }
@@ -44,18 +44,18 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
 }
 
 fn table(report: &Report, out: &mut impl Write) -> Result<(), ProgramError> {
-    line(out, format!("{} ({})", report.name, report.id))?;
+    write_line(out, format!("{} ({})", report.name, report.id))?;
     if report.peers.is_empty() {
-        line(out, "  no peer is connected")?;
+        write_line(out, "  no peer is connected")?;
     }
     for peer in &report.peers {
         one(peer, out)?;
     }
     for it in report.shadow.iter().flatten() {
-        line(out, format!("  shadow: {it}"))?;
+        write_line(out, format!("  shadow: {it}"))?;
     }
     for name in &report.absent {
-        line(out, format!("  {name}: not connected"))?;
+        write_line(out, format!("  {name}: not connected"))?;
     }
     Ok(())
 }
@@ -64,7 +64,7 @@ fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
     let at = peer.address.as_deref().unwrap_or("an address not said");
     let rtt = peer.rtt_ms.unwrap_or(f64::NAN);
     let name = &peer.name;
-    line(out, format!("  {name} at {at}, {rtt:.1} ms there and back"))?;
+    write_line(out, format!("  {name} at {at}, {rtt:.1} ms there and back"))?;
     let m = &peer.messages;
     for text in [
         format!(
@@ -77,16 +77,16 @@ fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
         ),
         format!("{} lost here, {} names denied", m.lost, peer.denied),
     ] {
-        line(out, format!("    {text}"))?;
+        write_line(out, format!("    {text}"))?;
     }
     for (word, subjects) in [("may have", &peer.offered), ("offers", &peer.offers)] {
         for subject in subjects {
-            line(out, format!("    {word} {subject}"))?;
+            write_line(out, format!("    {word} {subject}"))?;
         }
     }
     for it in &peer.subjects {
         let counts = words(&it.counts);
-        line(out, format!("    {} {}: {counts}", it.kind, it.name))?;
+        write_line(out, format!("    {} {}: {counts}", it.kind, it.name))?;
     }
     for it in &peer.denials {
         let why = match it.line {
@@ -94,7 +94,7 @@ fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
             None => "no rule fits".to_owned(),
         };
         let (kind, name, direction) = (&it.kind, &it.name, &it.direction);
-        line(
+        write_line(
             out,
             format!("    denied {direction}: {kind} {name} ({why})"),
         )?;

@@ -9,7 +9,7 @@ use clap::Args;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 
-use super::ProgramError;
+use super::error::ProgramError;
 use crate::{Config, Gateway};
 
 /// `sm2 gateway run`.

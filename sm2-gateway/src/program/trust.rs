@@ -5,7 +5,7 @@ use std::{fs, path::PathBuf};
 use clap::Args;
 use sm2_proto::{Name, gateway::GatewayId};
 
-use super::ProgramError;
+use super::error::ProgramError;
 use crate::{Address, Config};
 
 /// `sm2 gateway trust`.
