@@ -1,0 +1,100 @@
+//! A test of the repository itself: dependencies between files, sizes, repetition.
+//!
+//! Each check returns findings; `known.rs` lists the offenders that still exist. A list can only
+//! shrink: a finding that is not listed fails, and so does an entry that finds nothing any more.
+//! A check of lines (a banned phrase, say) is one more function in [`FILE_CHECKS`].
+
+#[path = "tidy/cycles.rs"]
+mod cycles;
+#[path = "tidy/edges.rs"]
+mod edges;
+#[path = "tidy/known.rs"]
+mod known;
+#[path = "tidy/made_up.rs"]
+mod made_up;
+#[path = "tidy/modules.rs"]
+mod modules;
+#[path = "tidy/sizes.rs"]
+mod sizes;
+#[path = "tidy/sources.rs"]
+mod sources;
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use sources::{Finding, Sources};
+
+/// Checks of one file by itself.
+const FILE_CHECKS: &[fn(&Path, &str) -> Vec<Finding>] =
+    &[sizes::long_file, sizes::long_functions, sizes::long_lines];
+
+fn repository() -> Sources {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
+    Sources::read(root.expect("the repository's root"))
+}
+
+/// Offences by the path of a file, or of a crate's root: how many, and what to print of them.
+type Offences = BTreeMap<PathBuf, (usize, String)>;
+
+fn note(offences: &mut Offences, path: &Path, count: usize, text: &str) {
+    let entry = offences.entry(path.to_owned()).or_default();
+    entry.0 += count;
+    entry.1 += text;
+    entry.1.push('\n');
+}
+
+/// Fails if a path has more offences than its entry in the list of known ones, or if an entry has
+/// none left. `advice` says how to mend one.
+fn compare(mut offences: Offences, known: &[(&str, usize)], advice: &str) {
+    for (_, text) in offences.values() {
+        println!("{text}");
+    }
+    let mut wrong = String::new();
+    for &(path, most) in known {
+        match offences.remove(Path::new(path)) {
+            Some((count, text)) if count > most => {
+                wrong += &format!("{text}{path}: {count}, {most} before\n\n");
+            }
+            Some(_) => {}
+            None => wrong += &format!("{path}: mended; remove its entry from tidy/known.rs\n\n"),
+        }
+    }
+    for (path, (count, text)) in offences {
+        wrong += &format!("{text}{}: {count}, none before\n\n", path.display());
+    }
+    assert!(wrong.is_empty(), "\n{wrong}{advice}");
+}
+
+#[test]
+fn files_are_within_their_sizes() {
+    let repository = repository();
+    let files: Vec<_> = repository.rust().collect();
+    assert!(files.len() > 500, "only {} files were found", files.len());
+    let mut offences = Offences::new();
+    for (path, source) in files {
+        for finding in FILE_CHECKS.iter().flat_map(|it| it(path, source)) {
+            note(&mut offences, path, 1, &finding.to_string());
+        }
+    }
+    let advice = "CONTRIBUTING, Style, has the sizes.";
+    compare(offences, known::SIZES, advice);
+}
+
+#[test]
+fn no_files_of_a_crate_depend_on_each_other() {
+    let repository = repository();
+    let roots = repository.crate_roots();
+    assert!(roots.len() > 15, "only {} crates were found", roots.len());
+    let mut offences = Offences::new();
+    for root in roots {
+        let edges = edges::edges(&modules::read_crate(&repository, root));
+        for knot in cycles::knots(&edges) {
+            note(&mut offences, root, knot.files.len(), &knot.to_string());
+        }
+    }
+    let advice = "Dependencies go from roots to leaves: move what both files need into a file below \
+                  both, or hand it over as an argument.";
+    compare(offences, known::FILES_IN_CYCLES, advice);
+}

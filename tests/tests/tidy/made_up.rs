@@ -1,0 +1,142 @@
+//! Made-up crates that show each check fail.
+
+use std::path::Path;
+
+use super::{cycles, edges, modules, sizes, sources::Sources};
+
+/// The edges of a crate of these files, as `from -> to`.
+fn edges_of(files: &[(&str, &str)]) -> Vec<String> {
+    let sources = Sources::made_up(files);
+    let modules = modules::read_crate(&sources, Path::new("src/lib.rs"));
+    let name = |path: &Path| path.file_stem().unwrap().to_string_lossy().into_owned();
+    let edges = edges::edges(&modules);
+    let show = |it: &edges::Edge| format!("{} -> {}", name(&it.from), name(&it.to));
+    edges.iter().map(show).collect()
+}
+
+#[test]
+fn a_cycle_is_found_and_shown() {
+    let sources = Sources::made_up(&[
+        ("src/lib.rs", "mod a; mod b; mod c;"),
+        ("src/a.rs", "use crate::b::B;\npub struct A(B);"),
+        ("src/b.rs", "pub struct B;\nfn f() -> super::c::C {}"),
+        (
+            "src/c.rs",
+            "pub struct C;\nfn f() { use crate::a::{self, A as X}; }",
+        ),
+    ]);
+    let modules = modules::read_crate(&sources, Path::new("src/lib.rs"));
+    let knots = cycles::knots(&edges::edges(&modules));
+    assert_eq!(knots.len(), 1);
+    assert_eq!(knots[0].files.len(), 3);
+    let text = knots[0].to_string();
+    for line in [
+        "src/a.rs:1 names crate::b::B of src/b.rs",
+        "src/b.rs:2 names super::c::C of src/c.rs",
+        "src/c.rs:2 names crate::a::A of src/a.rs",
+    ] {
+        assert!(text.contains(line), "{text}");
+    }
+}
+
+#[test]
+fn an_item_is_looked_for_where_it_is_defined() {
+    let found = edges_of(&[
+        (
+            "src/lib.rs",
+            "mod a; mod b; pub use a::A; pub use b::*; pub use std::fmt::Debug;",
+        ),
+        ("src/a.rs", "pub struct A; pub struct Other;"),
+        (
+            "src/b.rs",
+            "mod inner; pub use inner::I; use crate::{A, Debug}; use inner::J;",
+        ),
+        (
+            "src/b/inner.rs",
+            "use crate::I; pub struct I; pub struct J;",
+        ),
+    ]);
+    assert_eq!(found, ["b -> a", "b -> inner"]);
+    let through_glob = edges_of(&[
+        ("src/lib.rs", "mod a; mod b; pub use b::*;"),
+        ("src/a.rs", "use crate::B;"),
+        ("src/b.rs", "pub struct B;"),
+    ]);
+    assert_eq!(through_glob, ["a -> b"]);
+}
+
+#[test]
+fn paths_in_code_and_in_macros_count() {
+    let found = edges_of(&[
+        ("src/lib.rs", "mod a; mod b; mod c; mod d;"),
+        ("src/a.rs", "pub fn f() {}"),
+        ("src/b.rs", "use crate::a; fn g() { a::f(); }"),
+        ("src/c.rs", "fn g() { assert!(1 + super::a::f()); }"),
+        ("src/d.rs", "use crate::a;"),
+    ]);
+    assert_eq!(found, ["b -> a", "c -> a"]);
+}
+
+#[test]
+fn reexports_tests_and_mere_modules_do_not_count() {
+    let found = edges_of(&[
+        ("src/lib.rs", "mod a; mod b;"),
+        (
+            "src/a.rs",
+            "mod c; pub use crate::b::B; #[cfg(test)] use crate::b::B;",
+        ),
+        (
+            "src/b.rs",
+            "pub struct B; #[cfg(all(test, unix))] mod tests { use crate::a::c::C; }",
+        ),
+        (
+            "src/a/c.rs",
+            "pub struct C; #[cfg(kani)] fn f() { crate::b::B; }",
+        ),
+    ]);
+    assert_eq!(found, Vec::<String>::new());
+    let other = edges_of(&[
+        ("src/lib.rs", "mod a; mod b;"),
+        ("src/a.rs", "#[cfg(not(test))] use crate::b::B;"),
+        ("src/b.rs", "pub struct B;"),
+    ]);
+    assert_eq!(other, ["a -> b"]);
+}
+
+#[test]
+fn a_macro_belongs_to_the_file_that_defines_it() {
+    let found = edges_of(&[
+        ("src/lib.rs", "mod a; mod b; mod c;"),
+        (
+            "src/a.rs",
+            "#[macro_export] macro_rules! shout { () => {} }",
+        ),
+        ("src/b.rs", "use crate::shout;"),
+        ("src/c.rs", "crate::shout!();"),
+    ]);
+    assert_eq!(found, ["b -> a", "c -> a"]);
+}
+
+#[test]
+fn sizes_are_measured() {
+    let path = Path::new("src/lib.rs");
+    let at_most = "\n".repeat(500);
+    assert_eq!(sizes::long_file(path, &at_most), []);
+    let text = sizes::long_file(path, &format!("{at_most}\n"))[0].to_string();
+    assert_eq!(text, "src/lib.rs:501: 501 lines: split it (500 at most)");
+
+    let columns = "\u{e4}".repeat(120);
+    assert_eq!(sizes::long_lines(path, &columns), []);
+    let text = sizes::long_lines(path, &format!("\n{columns}x"))[0].to_string();
+    assert_eq!(text, "src/lib.rs:2: 121 columns: wrap it (120 at most)");
+
+    for (before, after) in [("", ""), ("impl A {", "}"), ("trait A {", "}")] {
+        let function = |lines: usize| {
+            let body = "\n".repeat(lines - 1);
+            format!("{before}\n#[inline]\nfn f() {{{body}}}{after}")
+        };
+        assert_eq!(sizes::long_functions(path, &function(70)), []);
+        let text = sizes::long_functions(path, &function(71))[0].to_string();
+        assert_eq!(text, "src/lib.rs:3: f has 71 lines: split it (70 at most)");
+    }
+}

@@ -1,0 +1,97 @@
+//! Sizes of files, functions and lines.
+
+use std::path::Path;
+
+use syn::{
+    Block, ImplItemFn, ItemFn, Signature, TraitItemFn,
+    spanned::Spanned,
+    visit::{self, Visit},
+};
+
+use super::sources::Finding;
+
+const FILE_LINES_MAX: usize = 500;
+const FUNCTION_LINES_MAX: usize = 70;
+const COLUMNS_MAX: usize = 120;
+
+/// A file of too many lines.
+pub(crate) fn long_file(path: &Path, text: &str) -> Vec<Finding> {
+    let lines = text.lines().count();
+    let finding = |text| Finding {
+        file: path.to_owned(),
+        line: lines,
+        text,
+    };
+    (lines > FILE_LINES_MAX)
+        .then(|| {
+            finding(format!(
+                "{lines} lines: split it ({FILE_LINES_MAX} at most)"
+            ))
+        })
+        .into_iter()
+        .collect()
+}
+
+/// Lines of too many columns.
+pub(crate) fn long_lines(path: &Path, text: &str) -> Vec<Finding> {
+    let columns = text.lines().map(|it| it.chars().count()).zip(1..);
+    let long = columns.filter(|it| it.0 > COLUMNS_MAX);
+    let finding = |(columns, line)| Finding {
+        file: path.to_owned(),
+        line,
+        text: format!("{columns} columns: wrap it ({COLUMNS_MAX} at most)"),
+    };
+    long.map(finding).collect()
+}
+
+/// Functions of too many lines, from `fn` to the closing brace.
+pub(crate) fn long_functions(path: &Path, text: &str) -> Vec<Finding> {
+    let parsed = syn::parse_file(text);
+    let parsed = parsed.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let mut visitor = Functions {
+        path,
+        findings: Vec::new(),
+    };
+    visitor.visit_file(&parsed);
+    visitor.findings
+}
+
+struct Functions<'a> {
+    path: &'a Path,
+    findings: Vec<Finding>,
+}
+
+impl Functions<'_> {
+    fn measure(&mut self, signature: &Signature, body: &Block) {
+        let line = signature.span().start().line;
+        let lines = body.span().end().line + 1 - line;
+        if lines > FUNCTION_LINES_MAX {
+            let name = &signature.ident;
+            let text = format!("{name} has {lines} lines: split it ({FUNCTION_LINES_MAX} at most)");
+            self.findings.push(Finding {
+                file: self.path.to_owned(),
+                line,
+                text,
+            });
+        }
+    }
+}
+
+impl<'ast> Visit<'ast> for Functions<'_> {
+    fn visit_item_fn(&mut self, it: &'ast ItemFn) {
+        self.measure(&it.sig, &it.block);
+        visit::visit_item_fn(self, it);
+    }
+
+    fn visit_impl_item_fn(&mut self, it: &'ast ImplItemFn) {
+        self.measure(&it.sig, &it.block);
+        visit::visit_impl_item_fn(self, it);
+    }
+
+    fn visit_trait_item_fn(&mut self, it: &'ast TraitItemFn) {
+        if let Some(body) = &it.default {
+            self.measure(&it.sig, body);
+        }
+        visit::visit_trait_item_fn(self, it);
+    }
+}
