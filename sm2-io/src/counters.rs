@@ -31,8 +31,8 @@ use sm2_proto::counters::{
 use sm2_proto::link::Counters;
 use sm2_proto::{Instant, InterfaceId, LinkId, Seals};
 
-use crate::mapping::MappingMut;
-use crate::memfd::{add_seals, create};
+use crate::mapping::writable::MappingMut;
+use crate::memfd::file::{add_seals, create};
 use crate::sync::{AtomicU64, Ordering};
 
 use self::seqlock::Change;

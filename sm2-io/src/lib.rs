@@ -40,7 +40,6 @@
 #[cfg(not(target_os = "linux"))]
 compile_error!("sm2-io is written for Linux: it needs memfd seals, epoll and SOCK_SEQPACKET");
 
-mod blank;
 pub mod claim;
 pub mod clock;
 mod control;
@@ -50,7 +49,6 @@ pub mod endpoint;
 pub mod epoll;
 mod huge;
 mod listener;
-mod loan;
 pub mod mapping;
 pub mod memfd;
 #[cfg(feature = "quic")]
@@ -58,24 +56,21 @@ pub mod quic;
 pub mod ring;
 #[cfg(feature = "tokio")]
 mod runtime;
-mod segment;
 pub mod slots;
 pub mod socket;
 mod sync;
 pub mod timer;
 pub mod waker;
 
-pub use blank::Blank;
 pub use claim::{Claim, DomainLock, Endpoint, HandOver, NotReclaimed};
 pub use counters::{CounterEntry, CounterPage, CounterView};
 pub use endpoint::{EndpointError, socket_path};
 pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
-pub use loan::SealedLoan;
 pub use mapping::{Mapping, Scratch};
+pub use memfd::{Blank, SealedLoan, Segment};
 pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;
-pub use segment::Segment;
 pub use slots::{SegmentFd, Slot};
 pub use socket::{
     Listener, PeerCredentials, Received, ReceivedFds, RecvError, SendError, SeqPacket,

@@ -11,8 +11,8 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use sm2_proto::Seals;
 use sm2_proto::link::{At, RingLayout, Words};
 
-use crate::mapping::MappingMut;
-use crate::memfd::{add_seals, create};
+use crate::mapping::writable::MappingMut;
+use crate::memfd::file::{add_seals, create};
 use crate::sync::AtomicU64;
 
 /// One side's mapping of a ring.

@@ -8,7 +8,7 @@ use std::fmt;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
-use crate::segment::Segment;
+use crate::memfd::Segment;
 
 /// The exclusive right to one slot of a segment. The segment lives as long as
 /// any of its slots, or a [`SegmentFd`] of it.

@@ -7,10 +7,10 @@ use std::os::unix::fs::FileExt;
 
 use sm2_proto::Seals;
 
+use super::file::{add_seals, allocate, create};
+use super::loan::{Pages, SealedLoan};
 use crate::huge::huge_pages_allowed;
-use crate::loan::{Pages, SealedLoan};
-use crate::mapping::MappingMut;
-use crate::memfd::{add_seals, allocate, create};
+use crate::mapping::writable::MappingMut;
 
 /// A new memfd whose pages are present, for one message of up to
 /// [`capacity_bytes`](Self::capacity_bytes).

@@ -6,9 +6,11 @@ use std::os::fd::{AsFd, OwnedFd};
 
 use sm2_proto::Seals;
 
+use super::copy::sealed_from_parts;
+use super::file::{create, try_seals};
 use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
-use crate::mapping::{Mapping, MappingMut};
-use crate::memfd::{create, sealed_from_parts, try_seals};
+use crate::mapping::Mapping;
+use crate::mapping::writable::MappingMut;
 
 /// A new memfd, mapped for writing in place, zeroed; [`seal`](Self::seal) makes
 /// it a message. Dropping it instead frees the memory.

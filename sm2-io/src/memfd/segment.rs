@@ -6,9 +6,9 @@ use std::os::fd::{AsFd, BorrowedFd};
 
 use sm2_proto::Seals;
 
+use super::file::{add_seals, allocate, create};
 use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
-use crate::mapping::MappingMut;
-use crate::memfd::{add_seals, allocate, create};
+use crate::mapping::writable::MappingMut;
 
 /// A memfd of equal slots, which only this value can write.
 ///

@@ -1,0 +1,102 @@
+//! Mappings of what this process makes for others.
+
+use std::io;
+use std::os::fd::BorrowedFd;
+
+use nix::errno::Errno;
+use nix::sys::mman::{MapFlags, MmapAdvise, ProtFlags};
+
+use crate::huge::{self, HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
+use crate::mapping::region::Region;
+use crate::sync::AtomicU64;
+
+/// A writable, shared mapping. Unmapped when dropped.
+#[derive(Debug)]
+pub(crate) struct MappingMut {
+    region: Region,
+}
+
+impl MappingMut {
+    /// Maps the first `len` bytes of `fd` for reading and writing.
+    ///
+    /// With `huge`, asks for huge pages where the mapping is large enough.
+    pub(crate) fn new(fd: BorrowedFd<'_>, len: u64, huge: bool) -> io::Result<Self> {
+        let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
+        let region = Region::map(fd, len, prot, MapFlags::MAP_SHARED)?;
+        if huge && region.len() >= HUGE_PAGE_BYTES {
+            // A kernel without huge pages refuses: small pages are as correct.
+            let _ = region.advise(MmapAdvise::MADV_HUGEPAGE);
+        }
+        Ok(Self { region })
+    }
+
+    /// Maps a file of `len` bytes for reading and writing, all of it in huge pages, the last one
+    /// too even if the file does not fill it. `None`: it is too short for that, or there are no
+    /// such pages.
+    pub(crate) fn of_huge_pages(fd: BorrowedFd<'_>, len: u64) -> io::Result<Option<Self>> {
+        if len < HUGE_LEAST_BYTES as u64 || !huge::may_ask() {
+            return Ok(None);
+        }
+        let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
+        let flags = MapFlags::MAP_SHARED;
+        let region = Region::map_whole_pages(fd, len, prot, flags, HUGE_LEAST_BYTES)?;
+        if huge_pages_allowed() {
+            let _ = region.advise(MmapAdvise::MADV_HUGEPAGE);
+        }
+        let huge = region.gather(0, region.mapped_len());
+        Ok(huge.then_some(Self { region }))
+    }
+
+    /// Puts the bytes from `start` to `end` into huge pages, as far as these lie within the
+    /// mapping, and makes them present. What the bytes are does not change. `false`: not all
+    /// are, and some may not be present.
+    pub(crate) fn gather(&self, start: usize, end: usize) -> bool {
+        let start = start / HUGE_PAGE_BYTES * HUGE_PAGE_BYTES;
+        let most = self.region.mapped_len() / HUGE_PAGE_BYTES * HUGE_PAGE_BYTES;
+        let end = end.next_multiple_of(HUGE_PAGE_BYTES).min(most);
+        start < end && huge::may_ask() && self.region.gather(start, end)
+    }
+
+    /// Makes all pages present, in the file and in the page table.
+    ///
+    /// `Unsupported` before Linux 5.14.
+    pub(crate) fn populate(&self) -> io::Result<()> {
+        match self.region.populate(0, self.region.len()) {
+            Err(Errno::EINVAL) => Err(io::ErrorKind::Unsupported.into()),
+            result => result.map_err(io::Error::from),
+        }
+    }
+
+    /// Keeps all pages in memory, present or not by now, for as long as the mapping exists.
+    pub(crate) fn lock(&self) -> io::Result<()> {
+        self.region.lock()
+    }
+
+    /// Asks for small pages even where all shared memory gets huge ones: of a large, sparse
+    /// file, only what is used shall cost memory.
+    pub(crate) fn keep_sparse(&self) {
+        // A kernel without huge pages refuses: then there is nothing to ask for.
+        let _ = self.region.advise(MmapAdvise::MADV_NOHUGEPAGE);
+    }
+
+    /// The whole aligned words, for who shares them with readers all the time.
+    #[inline]
+    pub(crate) fn words(&self) -> &[AtomicU64] {
+        self.region.words()
+    }
+
+    /// Keeps the mapping out of child processes.
+    pub(crate) fn keep_from_children(&self) -> io::Result<()> {
+        self.region.advise(MmapAdvise::MADV_DONTFORK)
+    }
+
+    #[inline]
+    pub(crate) const fn as_ptr(&self) -> *mut u8 {
+        self.region.as_ptr()
+    }
+
+    #[inline]
+    pub(crate) const fn len(&self) -> usize {
+        self.region.len()
+    }
+}

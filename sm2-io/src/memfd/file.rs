@@ -1,0 +1,76 @@
+//! Memory files: making them, giving them pages, sealing them.
+
+use std::fs::File;
+use std::io;
+use std::os::fd::AsFd;
+
+use nix::errno::Errno;
+use nix::fcntl::{FallocateFlags, FcntlArg, SealFlag, fallocate, fcntl};
+use nix::libc::{self, off_t};
+use nix::sys::memfd::{MFdFlags, memfd_create};
+use nix::sys::resource::{Resource, getrlimit};
+use sm2_proto::Seals;
+
+/// How much memory this process may keep from being swapped out, in bytes: `RLIMIT_MEMLOCK`.
+/// Without a limit, `u64::MAX`. A process with `CAP_IPC_LOCK` is not bound by it.
+///
+/// # Errors
+///
+/// Whatever `getrlimit(2)` says: none are expected.
+pub fn locked_bytes_max() -> io::Result<u64> {
+    Ok(getrlimit(Resource::RLIMIT_MEMLOCK)?.0)
+}
+
+/// A memfd of `len` zeroes that can be sealed.
+pub(crate) fn create(name: &std::ffi::CStr, len: u64) -> io::Result<File> {
+    let flags = MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING;
+    let not_executable = MFdFlags::from_bits_retain(libc::MFD_NOEXEC_SEAL);
+    let fd = match memfd_create(name, flags | not_executable) {
+        // Before Linux 6.3.
+        Err(Errno::EINVAL) => memfd_create(name, flags),
+        result => result,
+    }?;
+    let file = File::from(fd);
+    file.set_len(len)?;
+    Ok(file)
+}
+
+/// Gives a file all its pages.
+pub(crate) fn allocate(file: &File, len: usize) -> io::Result<()> {
+    if len == 0 {
+        return Ok(());
+    }
+    let len = off_t::try_from(len).map_err(|_| io::ErrorKind::InvalidInput)?;
+    loop {
+        // Large files take long, and a signal interrupts it.
+        match fallocate(file, FallocateFlags::empty(), 0, len) {
+            Err(Errno::EINTR) => {}
+            result => return result.map_err(io::Error::from),
+        }
+    }
+}
+
+/// How often a seal is tried that the kernel refuses with `EBUSY`, where there is no other way.
+/// Each time it waits up to 150 ms for whoever holds on to pages: compaction, or a tool that
+/// walks a process' memory.
+const SEAL_TRIES: u32 = 4;
+
+/// Adds `seals` in one step.
+pub(crate) fn add_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
+    let mut result = try_seals(&file, seals);
+    for _ in 1..SEAL_TRIES {
+        match &result {
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {}
+            _ => break,
+        }
+        result = try_seals(&file, seals);
+    }
+    result
+}
+
+/// Adds `seals` in one step, unless that is refused for the moment: `ResourceBusy`.
+pub(crate) fn try_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
+    let flags = SealFlag::from_bits_retain(seals.0.cast_signed());
+    fcntl(file.as_fd(), FcntlArg::F_ADD_SEALS(flags))?;
+    Ok(())
+}
