@@ -8,11 +8,11 @@
 
 use std::hint::black_box;
 use std::io::{self, IoSlice};
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 use std::time::Instant;
 
 use sm2_io::memfd::{sealed_from_bytes, sealed_from_parts};
-use sm2_io::{Blank, Mapping, SealedLoan, Segment};
+use sm2_io::{Blank, InspectedFd, SealedLoan, SealedMapping, Segment};
 
 const LENGTHS: [usize; 6] = [4_096, 65_536, 262_144, 1_000_000, 10_000_000, 10_485_760];
 const TIMES: usize = 101;
@@ -104,8 +104,9 @@ fn slots(bytes: &[u8]) -> io::Result<()> {
 }
 
 fn read_all(fd: &OwnedFd, len: usize) -> io::Result<()> {
-    let mapping = Mapping::read_only(fd.as_fd(), len as u64, true)?;
-    let (words, _) = mapping.as_slice().as_chunks::<8>();
+    let file = InspectedFd::new(fd.try_clone()?).into_sealed();
+    let mapping = SealedMapping::new(&file.map_err(io::Error::other)?, len as u64, true)?;
+    let (words, _) = mapping.as_chunks::<8>();
     let sum = (words.iter()).fold(0_u64, |sum, word| {
         sum.wrapping_add(u64::from_ne_bytes(*word))
     });

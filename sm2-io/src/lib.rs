@@ -66,8 +66,8 @@ pub use claim::{Claim, DomainLock, Endpoint, HandOver, NotReclaimed};
 pub use counters::{CounterEntry, CounterPage, CounterView};
 pub use endpoint::{EndpointError, socket_path};
 pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
-pub use mapping::{Mapping, Scratch};
-pub use memfd::{Blank, SealedLoan, Segment};
+pub use mapping::{PooledMapping, Scratch, SealedMapping};
+pub use memfd::{Blank, InspectedFd, SealedLoan, Segment, VerifyError};
 pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;

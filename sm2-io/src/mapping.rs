@@ -2,25 +2,20 @@
 //!
 //! # What a reader may rely on
 //!
-//! Memory that another process can change is not what Rust means by `&[u8]`.
-//! So it matters what was mapped, and whoever maps must have asked for
-//! [`facts`](crate::memfd::facts) and let the protocol judge them first:
+//! Memory that another process can change is not what Rust means by `&[u8]`, and memory that
+//! another process can shrink kills its reader (`SIGBUS`). So each kind of mapping takes the
+//! [proof](crate::memfd::verify) that it needs, and offers no more than that proof allows:
 //!
-//! - A *sealed* memfd (`SHRINK|GROW|WRITE`) is immutable for everybody, its
-//!   author included. A reference into it is as good as one into private memory.
-//! - A *pooled* one (`SHRINK|GROW|FUTURE_WRITE`) never faults, and nobody but
-//!   its author can write. The author must not write to a slot that is
-//!   lent out; one that does so breaks the specification, and readers see bytes
-//!   change. They must copy what they decide on before they check it, and
-//!   read in place only what is valid for every bit pattern. Whoever cannot
-//!   trust the author demands sealed messages.
-//! - A file without `SHRINK` can be cut short by its author, and reading past
-//!   its new end kills the reader (`SIGBUS`). Never map such a file.
+//! - [`SealedMapping`]: the file is immutable for all processes, so its bytes are a slice.
+//! - [`PooledMapping`]: the file keeps its size, but its author writes to it. The bytes come as
+//!   copies, or as a raw pointer for a caller that knows when the author does not write.
+//!
+//! A file without the seal `SHRINK` cannot be mapped at all.
 
 mod read_only;
 mod region;
 mod scratch;
 pub(crate) mod writable;
 
-pub use self::read_only::Mapping;
+pub use self::read_only::{PooledMapping, SealedMapping};
 pub use self::scratch::Scratch;

@@ -7,6 +7,7 @@ mod loan;
 mod preallocated;
 mod sealed;
 mod segment;
+pub mod verify;
 
 pub use self::copy::sealed_from_parts;
 pub use self::facts::facts;
@@ -15,4 +16,5 @@ pub use self::loan::SealedLoan;
 pub use self::preallocated::Blank;
 pub use self::sealed::sealed_from_bytes;
 pub use self::segment::Segment;
+pub use self::verify::{InspectedFd, PooledFile, RingFile, SealedFile, VerifyError};
 pub use crate::huge::{huge_pages_allowed, huge_pages_allowed_by};

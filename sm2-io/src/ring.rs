@@ -12,6 +12,7 @@ use sm2_proto::Seals;
 use sm2_proto::link::{At, RingLayout, Words};
 
 use crate::mapping::writable::MappingMut;
+use crate::memfd::RingFile;
 use crate::memfd::file::{add_seals, create};
 use crate::sync::AtomicU64;
 
@@ -37,17 +38,25 @@ impl Ring {
     pub fn create(layout: RingLayout) -> io::Result<(Self, OwnedFd)> {
         let file = create(c"sm2-ring", layout.size_bytes())?;
         add_seals(&file, Seals::RING)?;
-        let ring = Self::map(file.as_fd(), layout)?;
+        let ring = Self::map_checked(file.as_fd(), layout)?;
         Ok((ring, file.into()))
     }
 
-    /// Maps a ring that came from the other side. Its seals and its size were checked.
+    /// Maps a ring that came from the other side.
     ///
     /// # Errors
     ///
     /// Whatever `mmap(2)` says, among them `PermissionDenied` for a descriptor that is not open
-    /// for writing.
-    pub fn map(fd: BorrowedFd<'_>, layout: RingLayout) -> io::Result<Self> {
+    /// for writing. `InvalidInput` if the file is shorter than the layout.
+    pub fn map(file: &RingFile, layout: RingLayout) -> io::Result<Self> {
+        if file.size_bytes() < layout.size_bytes() {
+            return Err(io::ErrorKind::InvalidInput.into());
+        }
+        Self::map_checked(file.as_fd(), layout)
+    }
+
+    /// Maps a file that cannot become shorter than the layout.
+    fn map_checked(fd: BorrowedFd<'_>, layout: RingLayout) -> io::Result<Self> {
         let mapping = MappingMut::new(fd, layout.size_bytes(), false)?;
         Ok(Self { mapping, layout })
     }

@@ -15,7 +15,7 @@ use crate::memfd::Segment;
 ///
 /// Receivers are other processes and map the segment for reading only. An owner
 /// that lends a slot to them must not write again until they have given it back:
-/// see [`Mapping`](crate::mapping) for what they see otherwise. Keeping the slot in a
+/// see [`mapping`](crate::mapping) for what they see otherwise. Keeping the slot in a
 /// place from which nobody writes, until then, is all that it takes.
 pub struct Slot {
     segment: Arc<Segment>,
@@ -114,8 +114,13 @@ impl AsFd for SegmentFd {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Mapping, Segment};
-    use std::os::fd::AsFd;
+    use std::os::fd::{AsFd, OwnedFd};
+
+    use crate::{InspectedFd, PooledMapping, Segment};
+
+    fn owned(fd: &impl AsFd) -> OwnedFd {
+        fd.as_fd().try_clone_to_owned().unwrap()
+    }
 
     #[test]
     fn each_slot_has_its_own_bytes_and_receivers_see_them() {
@@ -124,12 +129,13 @@ mod tests {
             let mark = u8::try_from(slot.index()).unwrap() + 1;
             slot.bytes_mut(4096).fill(mark);
         }
-        let seen = Mapping::read_only(fd.as_fd(), 3 * 4096, false).unwrap();
+        let file = InspectedFd::new(owned(&fd)).into_pooled().unwrap();
+        let seen = PooledMapping::new(&file, 3 * 4096, false).unwrap();
         for (index, slot) in slots.iter().enumerate() {
             let mark = u8::try_from(index).unwrap() + 1;
             assert_eq!(slot.index() as usize, index);
             assert!(slot.bytes(4096).iter().all(|&byte| byte == mark));
-            let lent = seen.bytes(index as u64 * 4096, 4096).unwrap();
+            let lent = seen.copy_to_vec(index as u64 * 4096, 4096).unwrap();
             assert_eq!(lent, slot.bytes(4096));
         }
     }

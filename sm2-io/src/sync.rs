@@ -1,7 +1,11 @@
-//! The atomics of memory that is shared with other processes.
+//! The atomics of this crate: clippy rejects them from anywhere else (`clippy.toml`).
 //!
-//! What shares memory takes them from here and from nowhere else, so that
-//! `verification/loom` can put the ones of loom in their place and run the same code
-//! through executions that the memory model allows.
+//! `verification/loom` puts the ones of loom in their place, and runs the same code through
+//! executions that the memory model allows.
 
-pub(crate) use std::sync::atomic::{AtomicU64, Ordering, fence};
+#[allow(
+    clippy::disallowed_types,
+    reason = "the one place that imports atomics"
+)]
+pub(crate) use std::sync::atomic::AtomicU64;
+pub(crate) use std::sync::atomic::{Ordering, compiler_fence, fence};

@@ -1,10 +1,11 @@
 //! Where large mappings start, and that they go away. Alone in its process: another thread
 //! could take the place that was chosen.
 
-use std::os::fd::AsFd;
+mod common;
 
+use common::map_sealed;
 use sm2_io::memfd::sealed_from_bytes;
-use sm2_io::{Mapping, SealedLoan, Segment};
+use sm2_io::{SealedLoan, Segment};
 
 const HUGE: usize = 2 << 20;
 
@@ -21,7 +22,7 @@ fn large_mappings_are_aligned_and_all_are_unmapped() {
         let mut loan = SealedLoan::new(len as u64).unwrap();
         assert_eq!(loan.as_mut_slice().as_ptr().addr() % HUGE, 0);
         let fd = loan.seal().unwrap();
-        let mapping = Mapping::read_only(fd.as_fd(), len as u64, false).unwrap();
+        let mapping = map_sealed(&fd, len as u64, false);
         assert_eq!(mapping.as_ptr().addr() % HUGE, 0);
         let segment = Segment::create(len as u64, 2).unwrap();
         assert_eq!(segment.slot_ptr(0).addr() % HUGE, 0);
@@ -30,7 +31,7 @@ fn large_mappings_are_aligned_and_all_are_unmapped() {
     }
     for len in [1, 4096, 4097] {
         let fd = sealed_from_bytes(&vec![1; len]).unwrap();
-        let _mapping = Mapping::read_only(fd.as_fd(), len as u64, true).unwrap();
+        let _mapping = map_sealed(&fd, len as u64, true);
         assert_eq!(mappings(), 1);
     }
     assert_eq!(mappings(), 0);

@@ -1,10 +1,12 @@
 //! Sealing while something holds on to the pages. A file of its own: it looks for the loan's
 //! descriptor among all of the process.
 
+mod common;
+
 use std::fs::{self, OpenOptions};
 use std::os::fd::{AsFd, OwnedFd};
 
-use sm2_io::{Mapping, SealedLoan, memfd};
+use sm2_io::{SealedLoan, memfd};
 use sm2_proto::Seals;
 
 /// The only loan of this process, opened once more.
@@ -43,7 +45,7 @@ fn a_loan_whose_pages_are_held_is_sealed_all_the_same() {
     let facts = memfd::facts(sealed.as_fd()).unwrap();
     assert!(facts.seals.contains(Seals::SEALED), "{facts:?}");
     assert_eq!(facts.size_bytes, 10_000);
-    let seen = Mapping::read_only(sealed.as_fd(), 10_000, false).unwrap();
+    let seen = common::map_sealed(&sealed, 10_000, false);
     assert!(seen.as_slice().iter().all(|&byte| byte == 7));
     // SAFETY: the mapping made above, of that length, which nobody uses.
     unsafe { nix::sys::mman::munmap(held, 10_000) }.unwrap();

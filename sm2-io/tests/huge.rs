@@ -1,12 +1,15 @@
 //! Memory that is present before it is used, in huge pages where there are some. Whether there
 //! are depends on the machine: what is asserted holds with and without.
 
+mod common;
+
 use std::fs::File;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 use std::os::unix::fs::MetadataExt;
 
+use common::{map_pooled, map_sealed};
 use sm2_io::memfd::{facts, sealed_from_bytes};
-use sm2_io::{Blank, Mapping, SealedLoan, Segment};
+use sm2_io::{Blank, SealedLoan, Segment};
 use sm2_proto::Seals;
 
 const HUGE: usize = 2 << 20;
@@ -29,7 +32,7 @@ fn assert_message(fd: BorrowedFd<'_>, bytes: &[u8]) {
         "{known:?}"
     );
     assert!(known.size_bytes >= bytes.len() as u64);
-    let all = Mapping::read_only(fd, known.size_bytes, true).unwrap();
+    let all = map_sealed(fd, known.size_bytes, true);
     let (message, rest) = all.as_slice().split_at(bytes.len());
     assert!(message == bytes, "a message of {}", bytes.len());
     assert!(rest.iter().all(|&byte| byte == 0), "what was never written");
@@ -124,7 +127,7 @@ fn warming_a_slot_changes_no_byte_of_any() {
             slot.bytes_mut(2 * HUGE)[at] = 5;
         }
     }
-    let reader = Mapping::read_only(fd.as_fd(), 6 * HUGE as u64, false).unwrap();
+    let reader = map_pooled(&fd, 6 * HUGE as u64);
     for len in [1, HUGE, HUGE + HUGE / 2, 2 * HUGE, usize::MAX / 4] {
         slots[1].warm(len);
     }
@@ -133,7 +136,7 @@ fn warming_a_slot_changes_no_byte_of_any() {
         assert!(
             bytes
                 == reader
-                    .bytes((index * 2 * HUGE) as u64, 2 * HUGE as u64)
+                    .copy_to_vec((index * 2 * HUGE) as u64, 2 * HUGE as u64)
                     .unwrap()
         );
         for (at, &byte) in bytes.iter().enumerate() {
@@ -194,18 +197,19 @@ fn readers_map_huge_pages_as_one() {
     let (fd, mut slots) = Segment::create(6 * HUGE as u64, 2).unwrap().split();
     slots[1].warm(10_000_000);
     slots[1].bytes_mut(10_000_000).fill(7);
-    let reader = Mapping::read_only(fd.as_fd(), 12 * HUGE as u64, false).unwrap();
-    let bytes = reader.bytes(6 * HUGE as u64, 10_000_000).unwrap();
-    assert!(bytes.iter().all(|&byte| byte == 7));
+    let reader = map_pooled(&fd, 12 * HUGE as u64);
+    let bytes = reader.range(6 * HUGE as u64, 10_000_000).unwrap();
+    // SAFETY: inside the mapping, and the slot is not written from here on.
+    assert!(unsafe { bytes.as_ref() }.iter().all(|&byte| byte == 7));
     let pooled = in_huge_pages(slots[1].bytes(1).as_ptr());
-    assert_eq!(in_huge_pages(bytes.as_ptr()), pooled);
+    assert_eq!(in_huge_pages(bytes.as_ptr().cast()), pooled);
     println!("{pooled} bytes of a slot are in huge pages");
 
     let mut loan = SealedLoan::new(10_000_000).unwrap();
     loan.as_mut_slice().fill(7);
     let sealed = in_huge_pages(loan.as_slice().as_ptr());
     let fd = loan.seal().unwrap();
-    let reader = Mapping::read_only(fd.as_fd(), 10_000_000, true).unwrap();
+    let reader = map_sealed(&fd, 10_000_000, true);
     assert_eq!(in_huge_pages(reader.as_ptr()), sealed);
     println!("{sealed} bytes of a sealed message are in huge pages");
 }

@@ -1,11 +1,14 @@
 //! What is sealed stays as it is, and what the kernel says about descriptors.
 
+mod common;
+
 use std::fs::{File, OpenOptions};
 use std::io::{self, IoSlice};
 use std::num::NonZeroUsize;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 
+use common::{map_pooled, map_sealed, pooled_file, sealed_file};
 use nix::errno::Errno;
 use nix::fcntl::{FallocateFlags, fallocate};
 use nix::libc;
@@ -13,7 +16,7 @@ use nix::sys::memfd::{MFdFlags, memfd_create};
 use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
 use nix::unistd::ftruncate;
 use sm2_io::memfd::{facts, huge_pages_allowed_by, sealed_from_bytes, sealed_from_parts};
-use sm2_io::{Mapping, SealedLoan, Segment};
+use sm2_io::{PooledMapping, SealedLoan, SealedMapping, Segment};
 use sm2_proto::{FdFacts, Seals};
 
 const HUGE: u64 = 2 << 20;
@@ -27,8 +30,10 @@ fn pattern(len: u64) -> Vec<u8> {
 }
 
 fn read(fd: impl AsFd, len: u64) -> Vec<u8> {
-    let mapping = Mapping::read_only(fd.as_fd(), len, false).unwrap();
-    mapping.as_slice().to_vec()
+    let mut bytes = vec![0; usize::try_from(len).unwrap()];
+    let file = File::from(fd.as_fd().try_clone_to_owned().unwrap());
+    file.read_exact_at(&mut bytes, 0).unwrap();
+    bytes
 }
 
 fn map_writable(fd: BorrowedFd<'_>, len: usize) -> Result<(), Errno> {
@@ -128,7 +133,8 @@ fn impossible_lengths_are_errors() {
         assert!(SealedLoan::new(len).is_err(), "{len}");
         assert!(Segment::create(len, 1).is_err(), "{len}");
         let fd = sealed_from_bytes(b"x").unwrap();
-        assert!(Mapping::read_only(fd.as_fd(), len, false).is_err(), "{len}");
+        let sealed = sealed_file(&fd);
+        assert!(SealedMapping::new(&sealed, len, false).is_err(), "{len}");
     }
     assert!(Segment::create(1 << 62, 16).is_err());
 }
@@ -155,18 +161,23 @@ fn nobody_but_the_author_can_change_a_segment() {
         assert_eq!(known.size_bytes, len);
         assert_unchangeable(segment.fd(), len);
 
-        let reader = Mapping::read_only(segment.fd(), len, true).unwrap();
+        let reader = PooledMapping::new(&pooled_file(segment.fd()), len, true).unwrap();
         let bytes = pattern(stride);
         for slot in 0..3 {
-            // SAFETY: no other reference to a slot exists; the reader is not looked at.
+            // SAFETY: no other reference to a slot exists; the reader gives copies.
             unsafe { segment.slot_mut(slot, bytes.len()) }.copy_from_slice(&bytes);
-            assert!(reader.bytes(u64::from(slot) * stride, stride).unwrap() == bytes);
+            assert!(
+                reader
+                    .copy_to_vec(u64::from(slot) * stride, stride)
+                    .unwrap()
+                    == bytes
+            );
             // SAFETY: the slice for writing is gone.
             assert!(unsafe { segment.slot(slot, bytes.len()) } == bytes);
         }
         drop(segment);
         assert!(
-            reader.bytes(2 * stride, stride).unwrap() == bytes,
+            reader.copy_to_vec(2 * stride, stride).unwrap() == bytes,
             "outlives its author"
         );
     }
@@ -204,23 +215,31 @@ fn a_slot_that_is_too_small() {
 fn mappings_hand_out_what_is_inside() {
     let fd = sealed_from_bytes(b"0123456789").unwrap();
     for populate in [false, true] {
-        let mapping = Mapping::read_only(fd.as_fd(), 10, populate).unwrap();
-        assert_eq!((mapping.len(), mapping.is_empty()), (10, false));
-        assert_eq!(mapping.bytes(0, 10).unwrap(), b"0123456789");
-        assert_eq!(mapping.bytes(3, 2).unwrap(), b"34");
-        assert_eq!(mapping.bytes(10, 0).unwrap(), b"");
-        for (start, len) in [(0, 11), (10, 1), (11, 0), (u64::MAX, 2), (2, u64::MAX)] {
-            assert!(mapping.bytes(start, len).is_none(), "{len} from {start}");
-        }
-        assert_eq!(mapping.as_slice().as_ptr(), mapping.as_ptr());
-        let empty = Mapping::read_only(fd.as_fd(), 0, populate).unwrap();
-        assert!(empty.is_empty() && empty.as_slice().is_empty());
+        assert_eq!(*map_sealed(&fd, 10, populate), *b"0123456789");
+        assert_eq!(*map_sealed(&fd, 3, populate), *b"012");
+        assert!(map_sealed(&fd, 0, populate).is_empty());
     }
+    let segment = Segment::create(16, 1).unwrap();
+    // SAFETY: no other reference to the slot exists.
+    unsafe { segment.slot_mut(0, 10) }.copy_from_slice(b"0123456789");
+    let mapping = map_pooled(segment.fd(), 10);
+    assert_eq!((mapping.len(), mapping.is_empty()), (10, false));
+    assert_eq!(mapping.copy_to_vec(0, 10).unwrap(), b"0123456789");
+    assert_eq!(mapping.copy_to_vec(3, 2).unwrap(), b"34");
+    assert_eq!(mapping.copy_to_vec(10, 0).unwrap(), b"");
+    assert_eq!(mapping.copy::<8>(0).unwrap(), *b"01234567");
+    assert!(mapping.copy::<8>(8).is_none() && mapping.copy::<8>(1).is_none());
+    assert!(mapping.copy::<9>(0).is_none());
+    for (start, len) in [(0, 11), (10, 1), (11, 0), (u64::MAX, 2), (2, u64::MAX)] {
+        assert!(mapping.range(start, len).is_none(), "{len} from {start}");
+        assert!(mapping.copy_to_vec(start, len).is_none());
+    }
+    assert!(map_pooled(segment.fd(), 0).is_empty());
     let not_readable = OpenOptions::new()
         .write(true)
         .open(format!("/proc/self/fd/{}", fd.as_raw_fd()));
     if let Ok(file) = not_readable {
-        let error = Mapping::read_only(file.as_fd(), 10, false).unwrap_err();
+        let error = SealedMapping::new(&sealed_file(&file), 10, false).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::PermissionDenied);
     }
 }
@@ -357,6 +376,6 @@ fn a_message_that_one_write_cannot_take() {
     let fd = sealed_from_bytes(&bytes).unwrap();
     let len = bytes.len() as u64;
     assert_eq!(facts(fd.as_fd()).unwrap().size_bytes, len);
-    let mapping = Mapping::read_only(fd.as_fd(), len, false).unwrap();
-    assert_eq!(mapping.bytes(len - 2, 2).unwrap(), [0, 9]);
+    let mapping = map_sealed(&fd, len, false);
+    assert_eq!(mapping.last_chunk(), Some(&[0, 9]));
 }

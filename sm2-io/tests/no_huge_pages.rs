@@ -2,11 +2,13 @@
 //! (before Linux 5.14). A filter makes this thread's kernel such a one.
 #![cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 
+mod common;
+
 use std::os::fd::AsFd;
 
 use nix::libc;
 use sm2_io::memfd::{facts, sealed_from_bytes};
-use sm2_io::{Blank, Mapping, SealedLoan, Segment};
+use sm2_io::{Blank, SealedLoan, Segment};
 use sm2_proto::Seals;
 
 const NUMBER: u32 = 0;
@@ -80,7 +82,7 @@ fn everything_works_with_small_pages() {
             let known = facts(fd.as_fd()).unwrap();
             assert!(known.seals.contains(Seals::SEALED), "{known:?}");
             assert_eq!(known.size_bytes, len as u64);
-            let seen = Mapping::read_only(fd.as_fd(), len as u64, true).unwrap();
+            let seen = common::map_sealed(&fd, len as u64, true);
             assert!(seen.as_slice() == bytes);
         }
         let mut segment = Segment::create((len as u64).next_multiple_of(2 << 20), 2).unwrap();

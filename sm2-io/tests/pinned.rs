@@ -1,10 +1,12 @@
 //! Sealing while pages are lent to the kernel: in a pipe, on their way to a disk or a network.
 
+mod common;
+
 use std::os::fd::{AsFd, AsRawFd};
 
 use nix::libc;
+use sm2_io::SealedLoan;
 use sm2_io::memfd::facts;
-use sm2_io::{Mapping, SealedLoan};
 use sm2_proto::Seals;
 
 #[test]
@@ -28,7 +30,7 @@ fn a_loan_whose_pages_are_in_a_pipe_is_sealed_all_the_same() {
         let known = facts(sealed.as_fd()).unwrap();
         assert!(known.seals.contains(Seals::SEALED), "{known:?}");
         assert_eq!(known.size_bytes, len);
-        let seen = Mapping::read_only(sealed.as_fd(), len, true).unwrap();
+        let seen = common::map_sealed(&sealed, len, true);
         assert!(seen.as_slice().iter().all(|&byte| byte == 7));
         drop(pipe);
     }

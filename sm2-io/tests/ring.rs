@@ -1,16 +1,19 @@
 //! The file of a ring, which two processes write: its seals, its size, and where its words are.
 
+mod common;
+
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::os::unix::fs::FileExt;
 use std::process::{Command, Stdio};
 
+use common::ring_file;
 use nix::errno::Errno;
 use nix::fcntl::{FallocateFlags, FcntlArg, SealFlag, fallocate, fcntl};
 use nix::unistd::ftruncate;
-use sm2_io::Ring;
 use sm2_io::memfd::facts;
+use sm2_io::{InspectedFd, Ring, VerifyError};
 use sm2_proto::Seals;
 use sm2_proto::link::{At, EMPTY, RingLayout, Words};
 
@@ -96,7 +99,7 @@ fn each_word_is_where_spec_says() {
 fn a_word_that_one_side_writes_the_other_side_sees() {
     for (depth, window) in LAYOUTS {
         let (ours, fd) = Ring::create(layout(depth, window)).expect("a ring");
-        let theirs = Ring::map(fd.as_fd(), layout(depth, window)).expect("a mapping");
+        let theirs = Ring::map(&ring_file(&fd), layout(depth, window)).expect("a mapping");
         // The mappings stay when the descriptor goes.
         drop(fd);
         for (n, (at, _)) in (1..).zip(words(depth, window)) {
@@ -116,7 +119,7 @@ fn a_word_that_one_side_writes_the_other_side_sees() {
 #[test]
 fn two_mappings_hand_words_over_one_by_one() {
     let (ours, fd) = Ring::create(layout(1, 2)).expect("a ring");
-    let theirs = Ring::map(fd.as_fd(), layout(1, 2)).expect("a mapping");
+    let theirs = Ring::map(&ring_file(&fd), layout(1, 2)).expect("a mapping");
     let other = std::thread::spawn(move || {
         for n in 1..=ROUNDS {
             while !theirs.take(At::Forward(0), n) {
@@ -161,14 +164,15 @@ fn nobody_can_change_the_size_of_a_ring_or_add_a_seal() {
 fn a_descriptor_that_is_not_open_for_writing_is_an_error_and_no_fault() {
     let (_ring, fd) = Ring::create(layout(8, 12)).expect("a ring");
     let read_only = reopened(&fd);
-    let error = Ring::map(read_only.as_fd(), layout(8, 12)).expect_err("read-only");
+    let error = Ring::map(&ring_file(&read_only), layout(8, 12)).expect_err("read-only");
     assert_eq!(error.kind(), io::ErrorKind::PermissionDenied);
 }
 
 #[test]
 fn what_is_no_file_is_an_error() {
     let (reader, _writer) = io::pipe().expect("a pipe");
-    assert!(Ring::map(reader.as_fd(), layout(1, 2)).is_err());
+    let error = InspectedFd::new(reader.into()).into_ring().unwrap_err();
+    assert_eq!(error, VerifyError::NotAMemfd);
 }
 
 const ROUNDS: u64 = 1_000;
@@ -200,7 +204,7 @@ fn the_other_process() {
     if std::env::var_os(IS_THE_OTHER).is_none() {
         return;
     }
-    let ring = Ring::map(io::stdin().as_fd(), layout(8, 12)).expect("a mapping");
+    let ring = Ring::map(&ring_file(io::stdin()), layout(8, 12)).expect("a mapping");
     for n in 1..=ROUNDS {
         while !ring.take(At::Forward(n as u32 % 8), n << 40) {
             std::thread::yield_now();

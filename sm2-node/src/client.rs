@@ -357,11 +357,11 @@ impl<R: Message + ?Sized> Reply<R> {
         let Received {
             peer,
             delivery,
-            payload,
+            bytes,
             receipt,
         } = received;
         match delivery.status {
-            Status::Ok => match R::view(payload) {
+            Status::Ok => match R::view_in_place(bytes) {
                 Ok(view) => Ok(Self {
                     view,
                     peer,
@@ -370,7 +370,7 @@ impl<R: Message + ?Sized> Reply<R> {
                 Err(reason) => Err(CallError::Payload { service, reason }),
             },
             Status::Failed => {
-                let reason = String::from_utf8_lossy(&payload.stable()).into_owned();
+                let reason = String::from_utf8_lossy(&bytes.into_payload()).into_owned();
                 Err(CallError::Failed { service, reason })
             }
             Status::Cancelled => Err(CallError::Cancelled { service }),

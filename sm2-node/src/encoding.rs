@@ -31,14 +31,12 @@ pub fn to_postcard<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, E
 pub fn from_postcard<T: Message + DeserializeOwned>(
     payload: &Payload,
 ) -> Result<Box<T>, PayloadError> {
-    // A decoder checks bytes and then uses them: both times it must see the same.
-    let bytes = payload.stable();
     let broken = |reason| PayloadError::Encoding {
         type_name: T::NAME,
-        len: bytes.len(),
+        len: payload.len(),
         reason,
     };
-    match postcard::take_from_bytes(&bytes) {
+    match postcard::take_from_bytes(payload) {
         Ok((value, [])) => Ok(Box::new(value)),
         Ok((_, rest)) => Err(broken(format!("{} bytes are left over", rest.len()))),
         Err(error) => Err(broken(error.to_string())),
@@ -68,11 +66,9 @@ pub fn to_json<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, Encod
 /// [`PayloadError::Encoding`] if it does not decode, or more than white space is left over.
 #[cfg(feature = "json")]
 pub fn from_json<T: Message + DeserializeOwned>(payload: &Payload) -> Result<Box<T>, PayloadError> {
-    // As for postcard: both looks at the bytes must see the same.
-    let bytes = payload.stable();
-    serde_json::from_slice(&bytes).map_err(|error| PayloadError::Encoding {
+    serde_json::from_slice(payload).map_err(|error| PayloadError::Encoding {
         type_name: T::NAME,
-        len: bytes.len(),
+        len: payload.len(),
         reason: error.to_string(),
     })
 }
@@ -92,7 +88,7 @@ impl Message for str {
     }
 
     fn view(payload: Payload) -> Result<Box<Self>, PayloadError> {
-        text(&payload).map(String::into_boxed_str)
+        text(payload).map(String::into_boxed_str)
     }
 }
 
@@ -111,13 +107,12 @@ impl Message for String {
     }
 
     fn view(payload: Payload) -> Result<Box<Self>, PayloadError> {
-        text(&payload).map(Box::new)
+        text(payload).map(Box::new)
     }
 }
 
-fn text(payload: &Payload) -> Result<String, PayloadError> {
-    let bytes = payload.stable().into_owned();
-    String::from_utf8(bytes).map_err(|error| PayloadError::Encoding {
+fn text(payload: Payload) -> Result<String, PayloadError> {
+    String::from_utf8(payload.into_vec()).map_err(|error| PayloadError::Encoding {
         type_name: str::NAME,
         len: error.as_bytes().len(),
         reason: error.utf8_error().to_string(),

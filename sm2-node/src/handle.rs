@@ -20,10 +20,11 @@ use crate::driver::{
     Bell, Forms, Full, Inner, Interface, LinkStatus, Needs, NoSlot, Reserved, Shared, State, Taken,
     Tools, Topic, Until,
 };
+use crate::payload::MessageBytes;
 use crate::pool::Lease;
 use crate::schema::check_schema;
 use crate::stock;
-use crate::{DeclareError, Payload, RecvError, StoreError, Wait, WaitError};
+use crate::{DeclareError, RecvError, StoreError, Wait, WaitError};
 
 /// A declared interface, until it is dropped.
 #[derive(Debug)]
@@ -274,11 +275,16 @@ impl Handle {
             delivery,
             source,
         } = taken;
-        match source.open() {
-            Ok(payload) => Ok(Received {
+        // SAFETY: only `receipt`, or the `Lent` of its batch, releases the message. `Received`,
+        // `Sample`, `Request` and `Reply` drop the bytes before the receipt, `Lent` is dropped
+        // after all of them, and none gives the bytes away.
+        #[allow(unsafe_code, reason = "the receipt is here: see the SAFETY text")]
+        let opened = unsafe { source.open() };
+        match opened {
+            Ok(bytes) => Ok(Received {
                 peer,
                 delivery,
-                payload,
+                bytes,
                 receipt,
             }),
             Err(source) => {
@@ -353,7 +359,7 @@ impl Drop for Handle {
 pub(crate) struct Received {
     pub(crate) peer: Arc<Peer>,
     pub(crate) delivery: Delivery,
-    pub(crate) payload: Payload,
+    pub(crate) bytes: MessageBytes,
     /// Last: what is given back is not looked at any more.
     pub(crate) receipt: Receipt,
 }

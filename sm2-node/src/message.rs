@@ -6,6 +6,7 @@ use std::ops::Deref;
 use sm2_proto::{Name, TypeId};
 
 use crate::Payload;
+use crate::payload::MessageBytes;
 
 /// A type that topics and services carry.
 ///
@@ -146,6 +147,14 @@ pub trait Message: 'static {
     ///
     /// [`PayloadError`] if they are none.
     fn view(payload: Payload) -> Result<Self::View, PayloadError>;
+
+    /// As [`view`](Self::view), for a type that is read where the sender wrote it: the result may
+    /// refer to a slot, which the caller releases only after it dropped the result.
+    #[doc(hidden)]
+    #[inline]
+    fn view_in_place(bytes: MessageBytes) -> Result<Self::View, PayloadError> {
+        Self::view(bytes.into_payload())
+    }
 
     /// The type as it is declared to the Manager.
     ///

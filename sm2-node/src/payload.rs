@@ -1,94 +1,39 @@
 //! The bytes of one received message, wherever they are.
 
-use std::borrow::Cow;
 use std::fmt;
 use std::io;
 use std::ops::Deref;
-use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use sm2_io::Mapping;
+use sm2_io::memfd::SealedFile;
+use sm2_io::{PooledMapping, SealedMapping};
 
-/// The bytes of one received message: in private memory, in a sealed file of their
-/// own, or in a slot of a segment that the sender reuses later.
+use crate::pooled::PooledBytes;
+
+/// The bytes of one received message, in memory that no process can change: private memory, or a
+/// sealed file of their own. Dereferences to the bytes.
 ///
-/// Dereferences to the bytes where they are. Those of a slot are meant to stay as
-/// they are until the message is given back, but a sender that breaks the
-/// specification can change them: read them in place only as types for which every
-/// bit pattern is a value, and [`stable`](Self::stable) where a check and a
-/// use must see the same.
-pub struct Payload(Place);
+/// A message that came in a slot of its publisher's pool was copied. Plain old data is read in the
+/// slot instead, and never takes this form: see [`Message`](crate::Message).
+pub struct Payload(Storage);
 
-enum Place {
+enum Storage {
     Inline(Bytes),
-    /// `len` bytes at `offset`, inside the mapping.
-    Pooled {
-        segment: Arc<Mapping>,
-        offset: u64,
-        len: u64,
-    },
-    Sealed(Mapping),
+    Sealed(SealedMapping),
+    Copied(Vec<u8>),
 }
 
 impl Payload {
     pub(crate) const fn inline(bytes: Bytes) -> Self {
-        Self(Place::Inline(bytes))
+        Self(Storage::Inline(bytes))
     }
 
-    /// `None` if the bytes are not all inside the mapping.
-    //= SM2-PAY-006
-    // `offset` and `len` are what the link's machine made of the datagram; nothing here was
-    // read from shared memory.
-    pub(crate) fn pooled(segment: Arc<Mapping>, offset: u64, len: u64) -> Option<Self> {
-        segment.bytes(offset, len)?;
-        Some(Self(Place::Pooled {
-            segment,
-            offset,
-            len,
-        }))
-    }
-
-    const fn sealed(mapping: Mapping) -> Self {
-        Self(Place::Sealed(mapping))
-    }
-
-    /// The bytes in memory that nobody can change: where they are if they came inline or
-    /// sealed, and a copy of them if they are in a slot.
-    #[must_use]
-    pub fn stable(&self) -> Cow<'_, [u8]> {
+    /// The bytes in a vector of their own, without a copy if they are in one already.
+    pub(crate) fn into_vec(self) -> Vec<u8> {
         match self.0 {
-            Place::Inline(_) | Place::Sealed(_) => Cow::Borrowed(self),
-            Place::Pooled { .. } => Cow::Owned(self.to_vec()),
-        }
-    }
-}
-
-/// Where the bytes of a message are that was taken from its link.
-#[derive(Debug)]
-pub(crate) enum Source {
-    Ready(Payload),
-    /// In a sealed file that is not mapped yet: that takes long for large ones, and is not
-    /// done under the node's lock.
-    Sealed {
-        file: OwnedFd,
-        len: u64,
-    },
-    /// Its segment or file is not known. No machine lets such a message pass.
-    Missing,
-}
-
-impl Source {
-    /// Maps what is to be mapped.
-    //= SM2-PAY-007
-    pub(crate) fn open(self) -> io::Result<Payload> {
-        match self {
-            Self::Ready(payload) => Ok(payload),
-            // All pages at once: whoever takes a message is about to read it.
-            Self::Sealed { file, len } => {
-                Mapping::read_only(file.as_fd(), len, true).map(Payload::sealed)
-            }
-            Self::Missing => Err(io::ErrorKind::NotFound.into()),
+            Storage::Copied(bytes) => bytes,
+            Storage::Inline(_) | Storage::Sealed(_) => self.to_vec(),
         }
     }
 }
@@ -104,15 +49,9 @@ impl Deref for Payload {
 
     fn deref(&self) -> &[u8] {
         match &self.0 {
-            Place::Inline(bytes) => bytes,
-            Place::Sealed(mapping) => mapping.as_slice(),
-            Place::Pooled {
-                segment,
-                offset,
-                len,
-            } => segment
-                .bytes(*offset, *len)
-                .expect("checked when it was made; a mapping never shrinks"),
+            Storage::Inline(bytes) => bytes,
+            Storage::Sealed(mapping) => mapping,
+            Storage::Copied(bytes) => bytes,
         }
     }
 }
@@ -120,10 +59,96 @@ impl Deref for Payload {
 impl fmt::Debug for Payload {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let form = match self.0 {
-            Place::Inline(_) => "inline",
-            Place::Pooled { .. } => "pooled",
-            Place::Sealed(_) => "sealed",
+            Storage::Inline(_) => "inline",
+            Storage::Sealed(_) => "sealed",
+            Storage::Copied(_) => "copied",
         };
         write!(f, "Payload({form}, {} bytes)", self.len())
+    }
+}
+
+/// The bytes of a message that the program holds, where the sender put them.
+///
+/// The slice over a slot is valid only until the message is given back, so this type stays inside
+/// the crate: [`Message::view`](crate::Message::view) gets a [`Payload`] instead.
+#[derive(Debug)]
+pub enum MessageBytes {
+    Stable(Payload),
+    Pooled(PooledBytes),
+}
+
+impl MessageBytes {
+    /// The bytes in memory that no process can change: a copy of those in a slot.
+    pub(crate) fn into_payload(self) -> Payload {
+        match self {
+            Self::Stable(payload) => payload,
+            Self::Pooled(bytes) => Payload(Storage::Copied(bytes.copy())),
+        }
+    }
+}
+
+impl Deref for MessageBytes {
+    type Target = [u8];
+
+    #[inline]
+    fn deref(&self) -> &[u8] {
+        match self {
+            Self::Stable(payload) => payload,
+            Self::Pooled(bytes) => bytes,
+        }
+    }
+}
+
+/// Where the bytes of a message are that was taken from its link.
+#[derive(Debug)]
+pub(crate) enum Source {
+    Inline(Bytes),
+    /// `len` bytes at `offset` of a segment.
+    Pooled {
+        segment: Arc<PooledMapping>,
+        offset: u64,
+        len: u64,
+    },
+    /// In a sealed file that is not mapped yet: that takes long for large ones, and is not
+    /// done under the node's lock.
+    Sealed {
+        file: SealedFile,
+        len: u64,
+    },
+    /// Its segment or file is not known. No machine lets such a message pass.
+    Missing,
+}
+
+impl Source {
+    /// Makes the bytes readable.
+    ///
+    /// # Safety
+    ///
+    /// As [`PooledBytes::new`]: the message is not released before the result is dropped.
+    //= SM2-PAY-006
+    // `offset` and `len` are what the link's machine made of the datagram, or of its copy of the
+    // head; nothing here was read from shared memory.
+    #[allow(unsafe_code, reason = "passes the condition of `PooledBytes::new` on")]
+    #[inline]
+    pub(crate) unsafe fn open(self) -> io::Result<MessageBytes> {
+        match self {
+            Self::Inline(bytes) => Ok(MessageBytes::Stable(Payload::inline(bytes))),
+            Self::Pooled {
+                segment,
+                offset,
+                len,
+            } => {
+                // SAFETY: the caller's promise is the same.
+                let bytes = unsafe { PooledBytes::new(segment, offset, len) };
+                let bytes = bytes.ok_or(io::ErrorKind::NotFound)?;
+                Ok(MessageBytes::Pooled(bytes))
+            }
+            // All pages at once: a program that takes a message is about to read it.
+            Self::Sealed { file, len } => {
+                let mapping = SealedMapping::new(&file, len, true)?;
+                Ok(MessageBytes::Stable(Payload(Storage::Sealed(mapping))))
+            }
+            Self::Missing => Err(io::ErrorKind::NotFound.into()),
+        }
     }
 }

@@ -8,6 +8,7 @@ use std::ops::Deref;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use crate::buffer::AlignedBuffer;
+use crate::payload::MessageBytes;
 use crate::schema::{self, Schema};
 use crate::{EncodeError, Message, Payload, PayloadError};
 
@@ -50,7 +51,12 @@ impl<T: Plain + ?Sized> Message for T {
     }
 
     fn view(payload: Payload) -> Result<InPlace<T>, PayloadError> {
-        InPlace::new(payload)
+        InPlace::new(MessageBytes::Stable(payload))
+    }
+
+    #[inline]
+    fn view_in_place(bytes: MessageBytes) -> Result<InPlace<T>, PayloadError> {
+        InPlace::new(bytes)
     }
 }
 
@@ -117,17 +123,17 @@ pub struct InPlace<T: Plain + ?Sized> {
 }
 
 enum Place {
-    Received(Payload),
+    Received(MessageBytes),
     Copied(AlignedBuffer),
 }
 
 impl<T: Plain + ?Sized> InPlace<T> {
-    fn new(payload: Payload) -> Result<Self, PayloadError> {
-        let bytes = match check::<T>(&payload) {
-            Err(PayloadError::Alignment { .. }) => Place::Copied(AlignedBuffer::copy_of(&payload)),
+    fn new(received: MessageBytes) -> Result<Self, PayloadError> {
+        let bytes = match check::<T>(&received) {
+            Err(PayloadError::Alignment { .. }) => Place::Copied(AlignedBuffer::copy_of(&received)),
             result => {
                 result?;
-                Place::Received(payload)
+                Place::Received(received)
             }
         };
         check::<T>(bytes.as_slice())?;
@@ -141,7 +147,7 @@ impl<T: Plain + ?Sized> InPlace<T> {
 impl Place {
     fn as_slice(&self) -> &[u8] {
         match self {
-            Self::Received(payload) => payload,
+            Self::Received(bytes) => bytes,
             Self::Copied(buffer) => buffer.as_slice(),
         }
     }

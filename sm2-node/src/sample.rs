@@ -32,10 +32,10 @@ impl<T: Message + ?Sized> Sample<T> {
         let Received {
             peer,
             delivery,
-            payload,
+            bytes,
             receipt,
         } = received;
-        let view = match T::view(payload) {
+        let view = match T::view_in_place(bytes) {
             Ok(view) => view,
             Err(reason) => {
                 let publisher = peer.name.clone();

@@ -82,7 +82,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
         let Received {
             peer,
             delivery,
-            payload,
+            bytes,
             receipt,
         } = received;
         let pending = Pending {
@@ -95,7 +95,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
             inline_max: self.inline_max,
             answered: false,
         };
-        match Q::view(payload) {
+        match Q::view_in_place(bytes) {
             Ok(view) => Ok(Some(Request {
                 pending,
                 view,

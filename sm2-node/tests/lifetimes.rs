@@ -2,11 +2,13 @@
 
 mod common;
 
-use std::sync::mpsc;
+use std::borrow::Cow;
+use std::sync::{Mutex, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use common::{Domain, SOON, meet, next, pair, pattern};
+use sm2_node::{EncodeError, Message, Payload, PayloadError};
 
 //= SM2-OPN-007, SM2-OPN-008 test
 #[test]
@@ -45,6 +47,49 @@ fn a_sample_stays_as_it_is_when_all_else_is_gone() {
         }
         drop(publisher);
         assert!(*sample == *pattern(50_000, 1));
+    }
+}
+
+/// A type that is written by hand, and keeps what it was made of for longer than its sample.
+struct Keeper(Vec<u8>);
+
+static KEPT: Mutex<Vec<Payload>> = Mutex::new(Vec::new());
+
+impl Message for Keeper {
+    const NAME: &'static str = "keeper";
+    const HASH: u64 = 1;
+    type View = Box<Self>;
+
+    fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError> {
+        Ok(Cow::Borrowed(&self.0))
+    }
+
+    fn view(payload: Payload) -> Result<Box<Self>, PayloadError> {
+        let view = Self(payload.to_vec());
+        KEPT.lock().unwrap().push(payload);
+        Ok(Box::new(view))
+    }
+}
+
+/// A slot is written anew once its sample is dropped. What a program can keep is no slot.
+//= SM2-PAY-005 test
+#[test]
+fn a_payload_that_outlives_its_sample_stays_as_it_is() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = pair::<Keeper>(
+        &domain,
+        |node| {
+            let builder = node.publisher_builder("topic");
+            builder.inline_max(0).declare().unwrap()
+        },
+        |node| node.subscriber("topic").unwrap(),
+    );
+    for seed in 0..20 {
+        publisher.publish(&Keeper(pattern(5000, seed))).unwrap();
+        assert!(next(&subscriber).0 == pattern(5000, seed));
+    }
+    for (seed, payload) in KEPT.lock().unwrap().iter().enumerate() {
+        assert!(**payload == *pattern(5000, seed as u64), "{seed}");
     }
 }
 

@@ -5,7 +5,7 @@
 
 use std::os::fd::{AsFd, OwnedFd};
 
-use sm2_io::{Ring, Segment, Slot};
+use sm2_io::{InspectedFd, Ring, Segment, Slot};
 use sm2_proto::{
     Seals,
     link::{At, RingLayout, Words},
@@ -42,6 +42,12 @@ pub fn size(depth: u16, window: u32) -> u64 {
     (back + 8 * u64::from(window)).next_multiple_of(PAGE)
 }
 
+fn map(file: &OwnedFd, layout: RingLayout) -> Ring {
+    let file = file.try_clone().expect("a descriptor");
+    let file = InspectedFd::new(file).into_ring().expect("a ring's file");
+    Ring::map(&file, layout).expect("a mapping")
+}
+
 /// A publisher's end that has the receiver's ring, and segment 1 with slots of a page.
 #[derive(Debug)]
 pub struct RawSender {
@@ -68,7 +74,7 @@ impl RawSender {
         assert!(facts.regular && facts.seals.contains(Seals::RING));
         assert_eq!(facts.size_bytes, size(depth, window));
         let layout = RingLayout::new(depth, window).expect("a legal layout");
-        let ring = Ring::map(frame.fds[0].as_fd(), layout).expect("a mapping");
+        let ring = map(&frame.fds[0], layout);
         let (fd, memory) = Segment::create(PAGE, slots).expect("a segment").split();
         link.end.send_fds(attach(1, PAGE, slots), &[fd.as_fd()]);
         Self {
@@ -145,7 +151,7 @@ impl RawReceiver {
     pub fn new(depth: u16, window: u32) -> Self {
         let layout = RingLayout::new(depth, window).expect("a legal layout");
         let file = memory::memfd(size(depth, window), Seals::RING);
-        let ring = Ring::map(file.as_fd(), layout).expect("a mapping");
+        let ring = map(&file, layout);
         Self {
             ring,
             file,

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::hint;
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 use std::os::unix::fs::FileExt;
 use std::thread;
 
@@ -12,8 +12,8 @@ use nix::unistd::{Whence, lseek};
 use sm2_proto::Seals;
 use sm2_proto::counters::{ENTRY_BYTES, Entry, entries_in, field, header};
 
-use crate::mapping::Mapping;
-use crate::memfd::facts;
+use crate::mapping::PooledMapping;
+use crate::memfd::{InspectedFd, VerifyError};
 
 use super::{entry_words, seqlock};
 
@@ -30,7 +30,7 @@ const TRIES_AT_ONCE: u32 = 20;
 /// A file of counters, opened for looking.
 #[derive(Debug)]
 pub struct CounterView {
-    mapping: Mapping,
+    mapping: PooledMapping,
     file: File,
     capacity: u32,
 }
@@ -43,25 +43,17 @@ impl CounterView {
     /// See [`CounterError`]; the descriptor is closed then.
     //= SM2-CNT-003
     pub fn open(fd: OwnedFd) -> Result<Self, CounterError> {
-        let known = facts(fd.as_fd()).map_err(failed("look at"))?;
-        if !known.regular {
-            return Err(CounterError::NotAMemfd);
-        }
-        let seals = known.seals;
-        if !seals.contains(Seals::POOLED) {
-            return Err(CounterError::Seals { seals });
-        }
-        // The last one: the seals say so.
-        let size_bytes = known.size_bytes;
+        let file = InspectedFd::new(fd).into_pooled()?;
+        let size_bytes = file.size_bytes();
         let capacity = entries_in(size_bytes).ok_or(CounterError::Size { size_bytes })?;
-        let file = File::from(fd);
+        let mapping = PooledMapping::new(&file, size_bytes, false).map_err(failed("map"))?;
+        let file = File::from(OwnedFd::from(file));
         let mut found = [0; ENTRY_BYTES as usize];
         (file.read_exact_at(&mut found, 0)).map_err(failed("read"))?;
         let expected = header(capacity).map(u64::to_le_bytes);
         if found != *expected.as_flattened() {
             return Err(CounterError::Header);
         }
-        let mapping = Mapping::read_only(file.as_fd(), size_bytes, false).map_err(failed("map"))?;
         Ok(Self {
             mapping,
             file,
@@ -228,6 +220,15 @@ pub enum CounterError {
         /// What the system said.
         source: io::Error,
     },
+}
+
+impl From<VerifyError> for CounterError {
+    fn from(error: VerifyError) -> Self {
+        match error {
+            VerifyError::NotAMemfd => Self::NotAMemfd,
+            VerifyError::SealsMissing { seals, .. } => Self::Seals { seals },
+        }
+    }
 }
 
 fn failed(action: &'static str) -> impl FnOnce(io::Error) -> CounterError {

@@ -1,38 +1,77 @@
-//! Mappings of what other processes made.
+//! Read-only mappings of what other processes made.
 
 use std::io;
-use std::os::fd::BorrowedFd;
+use std::ops::Deref;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::ptr::NonNull;
 
 use nix::sys::mman::{MapFlags, ProtFlags};
 
 use crate::mapping::region::Region;
-use crate::sync::{AtomicU64, Ordering};
+use crate::memfd::verify::{PooledFile, SealedFile};
+use crate::sync::{AtomicU64, Ordering, compiler_fence};
 
-/// A read-only, shared mapping. Unmapped when dropped.
-///
-/// See the [module](super) for what may be mapped.
+/// A mapping of a file that no process can change any more. Dereferences to its bytes; unmapped
+/// when dropped.
 #[derive(Debug)]
-pub struct Mapping {
+pub struct SealedMapping {
     region: Region,
 }
 
-impl Mapping {
-    /// Maps the first `len` bytes of `fd`, which must have that many.
+impl SealedMapping {
+    /// Maps the first `len` bytes of `file`.
     ///
-    /// `populate` asks the kernel to make all pages present now, in one go: good
-    /// when all of them will be read. From 2 MiB on, or 512 KiB if it is populated, a mapping
-    /// starts at a multiple of 2 MiB where possible, and takes up whole ones: then a huge page of
-    /// the file is mapped as one. Length 0 maps nothing.
+    /// `populate` asks the kernel to make all pages present now, in one go: good when all of them
+    /// will be read. From 2 MiB on, or 512 KiB with `populate`, a mapping starts at a multiple of
+    /// 2 MiB where possible and takes up whole ones, so that the kernel can map a huge page of the
+    /// file as one. Length 0 maps nothing.
     ///
     /// # Errors
     ///
-    /// Whatever `mmap(2)` says, among them `PermissionDenied` (not opened for
-    /// reading), `OutOfMemory`, and `InvalidInput` for a length that does not fit
-    /// the address space.
-    pub fn read_only(fd: BorrowedFd<'_>, len: u64, populate: bool) -> io::Result<Self> {
-        let mut flags = MapFlags::MAP_SHARED;
-        flags.set(MapFlags::MAP_POPULATE, populate);
-        let region = Region::map(fd, len, ProtFlags::PROT_READ, flags)?;
+    /// Whatever `mmap(2)` says, among them `PermissionDenied` (not opened for reading) and
+    /// `OutOfMemory`. `InvalidInput` if the file is shorter than `len`.
+    pub fn new(file: &SealedFile, len: u64, populate: bool) -> io::Result<Self> {
+        let region = map(file.as_fd(), file.size_bytes(), len, populate)?;
+        Ok(Self { region })
+    }
+
+    /// All bytes.
+    #[must_use]
+    #[inline]
+    pub const fn as_slice(&self) -> &[u8] {
+        // SAFETY: the region is `len` readable bytes and stays mapped while `self` is borrowed.
+        // `new` took a `SealedFile`, and only `InspectedFd::into_sealed` makes one: the file has
+        // the seals SHRINK, GROW and WRITE, which nobody can remove, and `map` checked that it has
+        // `len` bytes. So no process can change these bytes or take them away.
+        unsafe { std::slice::from_raw_parts(self.region.as_ptr(), self.region.len()) }
+    }
+}
+
+impl Deref for SealedMapping {
+    type Target = [u8];
+
+    #[inline]
+    fn deref(&self) -> &[u8] {
+        self.as_slice()
+    }
+}
+
+/// A mapping of a file that keeps its size while its author writes to it. Unmapped when dropped.
+///
+/// Gives copies and raw pointers, never a reference: the author can change the bytes at any time.
+#[derive(Debug)]
+pub struct PooledMapping {
+    region: Region,
+}
+
+impl PooledMapping {
+    /// Maps the first `len` bytes of `file`: see [`SealedMapping::new`].
+    ///
+    /// # Errors
+    ///
+    /// As [`SealedMapping::new`].
+    pub fn new(file: &PooledFile, len: u64, populate: bool) -> io::Result<Self> {
+        let region = map(file.as_fd(), file.size_bytes(), len, populate)?;
         Ok(Self { region })
     }
 
@@ -49,19 +88,24 @@ impl Mapping {
         self.region.len() == 0
     }
 
-    /// `len` bytes from `start` on; `None` if they are not all inside.
+    /// The address of `len` bytes from `start` on; `None` if they are not all inside.
     ///
-    /// See the [module](super) for when these bytes can be trusted to stay.
+    /// It is valid for reads as long as the mapping exists. What a reader finds there can change
+    /// between two reads, unless the reader knows that the author does not write.
     #[must_use]
     #[inline]
-    pub fn bytes(&self, start: u64, len: u64) -> Option<&[u8]> {
+    pub fn range(&self, start: u64, len: u64) -> Option<NonNull<[u8]>> {
         let start = usize::try_from(start).ok()?;
-        let end = start.checked_add(usize::try_from(len).ok()?)?;
-        self.as_slice().get(start..end)
+        let len = usize::try_from(len).ok()?;
+        if start.checked_add(len)? > self.region.len() {
+            return None;
+        }
+        let first = self.region.as_ptr().wrapping_add(start);
+        Some(NonNull::slice_from_raw_parts(NonNull::new(first)?, len))
     }
 
-    /// `N` bytes from `start` on, copied word by word, for what another process may be
-    /// changing; `None` if they are not all inside, or `start` or `N` is not a multiple of 8.
+    /// `N` bytes from `start` on, copied word by word; `None` if they are not all inside, or
+    /// `start` or `N` is not a multiple of 8.
     #[must_use]
     #[inline]
     pub fn copy<const N: usize>(&self, start: u64) -> Option<[u8; N]> {
@@ -72,9 +116,29 @@ impl Mapping {
         let words = self.words().get(first..first.checked_add(N / 8)?)?;
         let mut copy = [0; N];
         for (bytes, word) in copy.chunks_exact_mut(8).zip(words) {
-            // Relaxed: the only ordering that Rust promises for read-only memory.
+            // Relaxed: the only ordering that Rust promises for read-only memory. For a slot's
+            // head it pairs with the acquire of the word that named the slot (`ring::atomic`).
             bytes.copy_from_slice(&word.load(Ordering::Relaxed).to_ne_bytes());
         }
+        Some(copy)
+    }
+
+    /// A private copy of `len` bytes from `start` on; `None` if they are not all inside.
+    #[must_use]
+    pub fn copy_to_vec(&self, start: u64, len: u64) -> Option<Vec<u8>> {
+        let bytes = self.range(start, len)?;
+        let mut copy = Vec::<u8>::with_capacity(bytes.len());
+        // SAFETY: `range` checked that the source is inside the mapping, which cannot shrink
+        // (`PooledFile`); the destination is new memory of that length, which the copy fills. The
+        // author may write meanwhile, in its own address space: then the copy has some of the old
+        // bytes and some of the new ones, and any byte is a valid `u8`.
+        unsafe {
+            let source = bytes.cast::<u8>().as_ptr();
+            std::ptr::copy_nonoverlapping(source, copy.as_mut_ptr(), bytes.len());
+            copy.set_len(bytes.len());
+        }
+        // The compiler must not read the source again in place of the copy.
+        compiler_fence(Ordering::SeqCst);
         Some(copy)
     }
 
@@ -82,33 +146,11 @@ impl Mapping {
     #[inline]
     pub fn prefetch(&self, start: u64) {
         #[cfg(target_arch = "x86_64")]
-        if let Some(byte) = usize::try_from(start)
-            .ok()
-            .and_then(|it| self.as_slice().get(it))
-        {
+        if let Some(line) = self.range(start, 1) {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            // SAFETY: it changes no memory and cannot fault; and the byte is inside the mapping.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(byte).cast()) };
+            // SAFETY: a prefetch reads and changes nothing, and cannot fault.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast().as_ptr()) };
         }
-    }
-
-    /// All bytes; the same as [`bytes`](Self::bytes) from 0 to the end.
-    #[must_use]
-    #[inline]
-    pub const fn as_slice(&self) -> &[u8] {
-        // SAFETY: the region is `len` readable bytes and stays mapped while `self` is
-        // borrowed. Nobody in this process writes through it (PROT_READ). That no other
-        // process does is what the seals say, which the caller of `read_only` has
-        // checked: see the module.
-        unsafe { std::slice::from_raw_parts(self.region.as_ptr(), self.region.len()) }
-    }
-
-    /// Where the mapping starts, for reads that make no claim on what other
-    /// processes do (volatile, atomic). Dangling if the length is 0.
-    #[must_use]
-    #[inline]
-    pub const fn as_ptr(&self) -> *const u8 {
-        self.region.as_ptr()
     }
 
     /// The whole aligned words, which another process may be changing. Only for relaxed
@@ -117,4 +159,16 @@ impl Mapping {
     pub(crate) fn words(&self) -> &[AtomicU64] {
         self.region.words()
     }
+}
+
+/// Maps the first `len` bytes of a file that has `size_bytes` for ever.
+fn map(fd: BorrowedFd<'_>, size_bytes: u64, len: u64, populate: bool) -> io::Result<Region> {
+    if len > size_bytes {
+        return Err(io::ErrorKind::InvalidInput.into());
+    }
+    let mut flags = MapFlags::MAP_SHARED;
+    flags.set(MapFlags::MAP_POPULATE, populate);
+    //= SM2-PAY-007
+    let region = Region::map(fd, len, ProtFlags::PROT_READ, flags)?;
+    Ok(region)
 }

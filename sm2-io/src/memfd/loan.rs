@@ -9,7 +9,6 @@ use sm2_proto::Seals;
 use super::copy::sealed_from_parts;
 use super::file::{create, try_seals};
 use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
-use crate::mapping::Mapping;
 use crate::mapping::writable::MappingMut;
 
 /// A new memfd, mapped for writing in place, zeroed; [`seal`](Self::seal) makes
@@ -151,7 +150,9 @@ impl SealedLoan {
         match try_seals(&file, Seals::SEALED) {
             Ok(()) => Ok(file.into()),
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {
-                let written = Mapping::read_only(file.as_fd(), len as u64, false)?;
+                // Still nobody else's: mapped again, it is a loan again.
+                let mapping = MappingMut::new(file.as_fd(), len as u64, false)?;
+                let written = Self::of(file, mapping, len, pages)?;
                 sealed_from_parts(&[IoSlice::new(written.as_slice())])
             }
             Err(error) => Err(error),

@@ -1,8 +1,8 @@
 //! Reading one datagram, and asking the kernel about the descriptors that came along.
 
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 
-use sm2_io::{RecvError, SeqPacket, memfd};
+use sm2_io::{InspectedFd, RecvError, SeqPacket};
 use sm2_proto::FdFacts;
 
 /// What came beside the bytes. Dropping it closes the descriptors that nobody took.
@@ -12,12 +12,17 @@ pub(super) struct Incoming {
     pub(super) facts: Vec<FdFacts>,
     pub(super) data_truncated: bool,
     pub(super) control_truncated: bool,
-    fds: Vec<OwnedFd>,
+    fds: Vec<InspectedFd>,
 }
 
 impl Incoming {
     /// The descriptor that the frame carries, once.
     pub(super) fn take_fd(&mut self) -> Option<OwnedFd> {
+        self.fds.pop().map(OwnedFd::from)
+    }
+
+    /// The same with the kernel's facts about it, for a file that will be mapped.
+    pub(super) fn take_file(&mut self) -> Option<InspectedFd> {
         self.fds.pop()
     }
 }
@@ -25,14 +30,15 @@ impl Incoming {
 /// Reads one datagram. Allocates only if descriptors came.
 pub(super) fn receive(socket: &SeqPacket, buffer: &mut [u8]) -> Result<Incoming, RecvError> {
     let received = socket.recv(buffer)?;
-    // Asked before anything is mapped. What the kernel does not answer for is no memory
-    // file: no facts, and the machine refuses it.
-    let facts = |fd: &OwnedFd| memfd::facts(fd.as_fd()).unwrap_or_default();
+    // Asked before anything is mapped. A descriptor for which the kernel does not answer has no
+    // facts, and the machine refuses it.
+    let fds = received.fds.into_iter().map(InspectedFd::new);
+    let fds: Vec<_> = fds.collect();
     Ok(Incoming {
         len: received.len,
-        facts: received.fds.iter().map(facts).collect(),
+        facts: fds.iter().map(InspectedFd::facts).collect(),
         data_truncated: received.data_truncated,
         control_truncated: received.control_truncated,
-        fds: received.fds.into_vec(),
+        fds,
     })
 }

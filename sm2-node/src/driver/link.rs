@@ -9,7 +9,8 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
-use sm2_io::{CounterEntry, Epoll, Event, Mapping, RecvError, Ring, SeqPacket};
+use sm2_io::memfd::SealedFile;
+use sm2_io::{CounterEntry, Epoll, Event, PooledMapping, RecvError, Ring, SeqPacket};
 use sm2_proto::control::Peer;
 use sm2_proto::link::{
     self, Counters, Delivery, End, Input, Link, Packet, Role, Status, TooManyBorrowed,
@@ -22,7 +23,7 @@ use super::datagram::{Incoming, receive};
 use super::outbox::{Needs, Outbox};
 use super::ring::prepare_ring;
 use super::status::Received;
-use crate::payload::{Payload, Source};
+use crate::payload::Source;
 
 /// How many datagrams are read from a link whose other side is gone: more than a window
 /// full of messages, each with its segment.
@@ -44,9 +45,9 @@ pub(crate) struct LinkDriver {
     /// The packet that the socket did not take.
     unsent: Option<Packet>,
     /// The other side's segments.
-    pub(super) segments: BTreeMap<u32, Arc<Mapping>>,
+    pub(super) segments: BTreeMap<u32, Arc<PooledMapping>>,
     /// Sealed files of messages that were not taken yet, by sequence.
-    kept: HashMap<u64, OwnedFd>,
+    kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
     pub(super) backlog: VecDeque<u64>,
     /// Whether the interface knows that the link is open.
@@ -359,12 +360,14 @@ impl LinkDriver {
     #[inline]
     fn source(&mut self, delivery: &Delivery) -> Source {
         let found = match &delivery.payload {
-            link::Payload::Inline(bytes) => Some(Source::Ready(Payload::inline(bytes.clone()))),
-            link::Payload::Pooled { segment, offset } => self
-                .segments
-                .get(segment)
-                .and_then(|it| Payload::pooled(Arc::clone(it), *offset, delivery.len))
-                .map(Source::Ready),
+            link::Payload::Inline(bytes) => Some(Source::Inline(bytes.clone())),
+            link::Payload::Pooled { segment, offset } => {
+                self.segments.get(segment).map(|it| Source::Pooled {
+                    segment: Arc::clone(it),
+                    offset: *offset,
+                    len: delivery.len,
+                })
+            }
             link::Payload::Sealed => self.kept.remove(&delivery.sequence).map(|file| {
                 let len = delivery.len;
                 Source::Sealed { file, len }

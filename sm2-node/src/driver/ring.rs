@@ -1,9 +1,9 @@
 //! The ring lane of one link: what goes past its socket.
 
 use std::io::{self, IoSlice};
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 
-use sm2_io::{Epoll, Ring};
+use sm2_io::{Epoll, InspectedFd, Ring};
 use sm2_proto::link::{
     self, Delivery, Fate, Input, Misuse, NoDelivery, RingLayout, Role, TooManyBorrowed, doorbell,
 };
@@ -32,10 +32,11 @@ pub(super) fn prepare_ring(config: &mut link::Config) -> Option<(Ring, OwnedFd)>
 
 impl LinkDriver {
     /// Maps the ring that the other side made.
-    pub(super) fn map_ring(&mut self, layout: RingLayout, fd: Option<OwnedFd>) {
+    pub(super) fn map_ring(&mut self, layout: RingLayout, fd: Option<InspectedFd>) {
         let mapped = fd
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
-            .and_then(|fd| Ring::map(fd.as_fd(), layout));
+            .and_then(|fd| fd.into_ring().map_err(io::Error::other))
+            .and_then(|file| Ring::map(&file, layout));
         match mapped {
             Ok(ring) if self.role() == Role::Sender => self.ring = Some(ring),
             Ok(ring) => self.ring_out = Some(ring),

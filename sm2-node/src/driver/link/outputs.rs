@@ -2,10 +2,10 @@
 
 use std::fmt::Display;
 use std::io::{self, IoSlice};
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::AsFd;
 use std::sync::Arc;
 
-use sm2_io::{Epoll, Interest, Mapping, SendError};
+use sm2_io::{Epoll, InspectedFd, Interest, PooledMapping, SendError};
 use sm2_proto::Farewell;
 use sm2_proto::link::{self, End, Input, Output, Packet};
 
@@ -28,18 +28,18 @@ impl LinkDriver {
                     }
                     // It is there since the beginning.
                     Output::MakeRing(_) => debug_assert!(self.ring.is_some()),
-                    Output::Ring(layout) => self.map_ring(layout, came.take_fd()),
+                    Output::Ring(layout) => self.map_ring(layout, came.take_file()),
                     Output::Attach {
                         segment,
                         stride,
                         slots,
-                    } => self.attach(segment, stride * u64::from(slots), came.take_fd()),
+                    } => self.attach(segment, stride * u64::from(slots), came.take_file()),
                     Output::Detach { segment } => {
                         self.segments.remove(&segment);
                     }
                     Output::Keep { sequence } => {
-                        if let Some(fd) = came.take_fd() {
-                            self.kept.insert(sequence, fd);
+                        if let Some(fd) = came.take_file() {
+                            self.keep(sequence, fd);
                         }
                     }
                     Output::Discard { sequence } => {
@@ -123,14 +123,26 @@ impl LinkDriver {
 
     /// Maps a segment of the other side, once and for all of its messages.
     //= SM2-PAY-007
-    fn attach(&mut self, segment: u32, len: u64, fd: Option<OwnedFd>) {
+    fn attach(&mut self, segment: u32, len: u64, fd: Option<InspectedFd>) {
         let mapped = fd
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
-            .and_then(|fd| Mapping::read_only(fd.as_fd(), len, false));
+            .and_then(|fd| fd.into_pooled().map_err(io::Error::other))
+            .and_then(|file| PooledMapping::new(&file, len, false));
         match mapped {
             Ok(mapping) => {
                 self.segments.insert(segment, Arc::new(mapping));
             }
+            Err(error) => self.fail(Farewell::Resources, &error),
+        }
+    }
+
+    /// Keeps the file of a sealed message until the application takes the message.
+    fn keep(&mut self, sequence: u64, fd: InspectedFd) {
+        match fd.into_sealed() {
+            Ok(file) => {
+                self.kept.insert(sequence, file);
+            }
+            // The machine has judged the same facts.
             Err(error) => self.fail(Farewell::Resources, &error),
         }
     }
