@@ -103,7 +103,7 @@ fn names() -> Rows {
             node.send(control::declare(1, &contract));
         });
     let not_utf8 =
-        Rule::new(BadName, "SM2-FRM-001").sent("HELLO as the byte 0xff", control::hello(&[0xff]));
+        Rule::new(BadName, "SM2-FRM-001").sent("HELLO as the byte 0xff", control::hello([0xff]));
     all([rule, not_utf8])
 }
 
