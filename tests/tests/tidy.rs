@@ -14,6 +14,8 @@ mod known;
 mod made_up;
 #[path = "tidy/modules.rs"]
 mod modules;
+#[path = "tidy/packages.rs"]
+mod packages;
 #[path = "tidy/sizes.rs"]
 mod sizes;
 #[path = "tidy/sources.rs"]
@@ -30,9 +32,13 @@ use sources::{Finding, Sources};
 const FILE_CHECKS: &[fn(&Path, &str) -> Vec<Finding>] =
     &[sizes::long_file, sizes::long_functions, sizes::long_lines];
 
-fn repository() -> Sources {
+fn root() -> &'static Path {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
-    Sources::read(root.expect("the repository's root"))
+    root.expect("the repository's root")
+}
+
+fn repository() -> Sources {
+    Sources::read(root())
 }
 
 /// Offences by the path of a file, or of a crate's root: how many, and what to print of them.
@@ -97,4 +103,23 @@ fn no_files_of_a_crate_depend_on_each_other() {
     let advice = "Dependencies go from roots to leaves: move what both files need into a file below \
                   both, or hand it over as an argument.";
     compare(offences, known::FILES_IN_CYCLES, advice);
+}
+
+#[test]
+fn published_packages_describe_themselves() {
+    let packages = packages::packages(root());
+    let published = packages.iter().filter(|it| packages::is_published(it));
+    let mut count = 0;
+    let mut wrong = String::new();
+    for package in published {
+        count += 1;
+        for missing in packages::missing(package, &|path| path.is_file()) {
+            wrong += &format!("{}: lacks {missing}\n", package["name"]);
+        }
+    }
+    assert!(count > 4, "only {count} published packages were found");
+    assert!(
+        wrong.is_empty(),
+        "\n{wrong}Complete it, or set publish = false."
+    );
 }

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use super::{cycles, edges, modules, sizes, sources::Sources};
+use serde_json::json;
+
+use super::{cycles, edges, modules, packages, sizes, sources::Sources};
 
 /// The edges of a crate of these files, as `from -> to`.
 fn edges_of(files: &[(&str, &str)]) -> Vec<String> {
@@ -139,4 +141,33 @@ fn sizes_are_measured() {
         let text = sizes::long_functions(path, &function(71))[0].to_string();
         assert_eq!(text, "src/lib.rs:3: f has 71 lines: split it (70 at most)");
     }
+}
+
+#[test]
+fn a_package_that_lacks_metadata_is_found() {
+    let mut package = json!({
+        "manifest_path": "/a/Cargo.toml",
+        "publish": null,
+        "description": "A package",
+        "license": "MIT",
+        "repository": "https://example.org",
+        "readme": "README.md",
+        "rust_version": "1.88",
+        "keywords": ["a"],
+        "categories": ["b"],
+        "metadata": { "docs": { "rs": { "all-features": true } } },
+    });
+    assert!(packages::is_published(&package));
+    assert!(packages::missing(&package, &|_| true).is_empty());
+    let no_licence = |path: &Path| path != Path::new("/a/LICENSE-MIT");
+    let missing = packages::missing(&package, &no_licence);
+    assert_eq!(missing, ["the file LICENSE-MIT"]);
+    package["readme"] = json!(null);
+    package["keywords"] = json!(["a", "b", "c", "d", "e", "f"]);
+    package["metadata"] = json!(null);
+    let missing = packages::missing(&package, &|_| true);
+    let docs = "all-features in [package.metadata.docs.rs]";
+    assert_eq!(missing, ["the field readme", "1 to 5 keywords", docs]);
+    package["publish"] = json!([]);
+    assert!(!packages::is_published(&package));
 }
