@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, ops::AddAssign};
 
 use sm2_proto::{
     Name,
-    gateway::{Subject, SubjectKind},
+    gateway::{OfferId, Subject, SubjectKind},
     limits::OFFERS_MAX,
 };
 
@@ -73,8 +73,8 @@ impl AddAssign for Counts {
 /// Whose offer it is, and its number: each side has its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Whose {
-    Ours(u64),
-    Theirs(u64),
+    Ours(OfferId),
+    Theirs(OfferId),
 }
 
 /// A topic or a service by its name, whatever its types.
@@ -162,15 +162,15 @@ mod tests {
     #[test]
     fn a_name_goes_on_counting_when_its_offer_is_another() {
         let mut tally = Tally::default();
-        tally.open(Whose::Ours(1), &topic("a"));
-        tally.count(Whose::Ours(1), |it| it.sent += 1);
+        tally.open(Whose::Ours(OfferId(1)), &topic("a"));
+        tally.count(Whose::Ours(OfferId(1)), |it| it.sent += 1);
         // The peer's offer 1 is another one, and nothing has the number 7.
-        tally.count(Whose::Theirs(1), |it| it.received += 1);
-        tally.count(Whose::Ours(7), |it| it.lost += 1);
-        tally.close(Whose::Ours(1));
-        tally.count(Whose::Ours(1), |it| it.sent += 1);
-        tally.open(Whose::Ours(2), &topic("a"));
-        tally.count(Whose::Ours(2), |it| it.sent += 1);
+        tally.count(Whose::Theirs(OfferId(1)), |it| it.received += 1);
+        tally.count(Whose::Ours(OfferId(7)), |it| it.lost += 1);
+        tally.close(Whose::Ours(OfferId(1)));
+        tally.count(Whose::Ours(OfferId(1)), |it| it.sent += 1);
+        tally.open(Whose::Ours(OfferId(2)), &topic("a"));
+        tally.count(Whose::Ours(OfferId(2)), |it| it.sent += 1);
         let names: Vec<_> = tally
             .names()
             .map(|((_, name), it)| (name.as_str(), it.sent))
@@ -183,11 +183,14 @@ mod tests {
     #[test]
     fn names_that_come_and_go_are_forgotten_where_they_are_too_many() {
         let mut tally = Tally::default();
-        tally.open(Whose::Theirs(1), &topic("stays"));
+        tally.open(Whose::Theirs(OfferId(1)), &topic("stays"));
         for number in 2..=NAMES_MAX as u64 + 100 {
-            tally.open(Whose::Theirs(number), &topic(&format!("name{number}")));
-            tally.count(Whose::Theirs(number), |it| it.received += 1);
-            tally.close(Whose::Theirs(number));
+            tally.open(
+                Whose::Theirs(OfferId(number)),
+                &topic(&format!("name{number}")),
+            );
+            tally.count(Whose::Theirs(OfferId(number)), |it| it.received += 1);
+            tally.close(Whose::Theirs(OfferId(number)));
             assert!(tally.names.len() <= NAMES_MAX);
         }
         assert!(tally.names().any(|((_, name), _)| name.as_str() == "stays"));

@@ -13,7 +13,10 @@ use sm2_gateway::{
     peer::{Command, Event},
 };
 use sm2_io::quic::Congestion;
-use sm2_proto::{Instant, Name, TypeId, gateway::Subject};
+use sm2_proto::{
+    Instant, Name, TypeId,
+    gateway::{OfferId, Subject},
+};
 use world::World;
 
 /// The paper's Wi-Fi as it is between its pauses, and without jitter.
@@ -27,18 +30,18 @@ fn paper() -> Profile {
 
 /// What is published, in bytes, and how often.
 const IMAGE: Topic = Topic {
-    offer: 1,
+    offer: OfferId(1),
     len_bytes: 1_000_000,
     period: Duration::from_nanos(33_333_333),
 };
 const POSE: Topic = Topic {
-    offer: 2,
+    offer: OfferId(2),
     len_bytes: 200,
     period: Duration::from_millis(100),
 };
 /// So often that what is lost need not be sent again.
 const INERTIA: Topic = Topic {
-    offer: 3,
+    offer: OfferId(3),
     len_bytes: 64,
     period: Duration::from_millis(5),
 };
@@ -51,7 +54,7 @@ const LENGTH: Duration = Duration::from_secs(40);
 const SETTLING: Duration = Duration::from_secs(3);
 
 struct Topic {
-    offer: u64,
+    offer: OfferId,
     len_bytes: usize,
     period: Duration,
 }
@@ -87,7 +90,7 @@ impl Log {
 }
 
 fn offer(world: &mut World, topic: &Topic) {
-    let name = Name::new(&format!("topic{}", topic.offer)).unwrap();
+    let name = Name::new(&format!("topic{}", topic.offer.0)).unwrap();
     let command = Command::Offer {
         offer: topic.offer,
         subject: Subject::Topic {
@@ -133,7 +136,7 @@ fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
                     },
                 ) => {
                     let is_counted = world.now.since(begin) > SETTLING;
-                    let log = &mut logs[usize::try_from(offer - 1).unwrap()];
+                    let log = &mut logs[usize::try_from(offer.0 - 1).unwrap()];
                     log.came(world.now, sequence, is_counted);
                 }
                 (_, Event::Ended(reason)) => panic!("{reason}"),

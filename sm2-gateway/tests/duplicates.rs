@@ -2,7 +2,7 @@
 
 use sm2_gateway::{
     hub::{Hub, Input, Output, Policy},
-    peer::{Command, Event},
+    peer::{Command, ConnectionId, Event},
 };
 use sm2_proto::{
     Code, Instant, Name,
@@ -21,7 +21,7 @@ fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, bool); 2]) -> (u64, Co
         let name = Name::new("peer").unwrap();
         let event = Event::Greeted { peer, epoch, name };
         let input = Input::Peer {
-            connection,
+            connection: ConnectionId(connection),
             is_dialled,
             event,
         };
@@ -34,12 +34,16 @@ fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, bool); 2]) -> (u64, Co
             command: Command::Close(code),
         } = output
         {
-            closed.push((connection, code));
+            closed.push((connection.0, code));
         }
     }
     let left = hub.peers();
     assert_eq!((closed.len(), left.len()), (1, 1));
-    assert_eq!(left[0].connection, 3 - closed[0].0, "the other one is used");
+    assert_eq!(
+        left[0].connection.0,
+        3 - closed[0].0,
+        "the other one is used"
+    );
     closed[0]
 }
 

@@ -21,7 +21,7 @@ use bench::{Bench, EPOCH, hello, topic};
 use common::until;
 use quinn_proto::{Dir, TransportConfig, VarInt};
 use sm2_node::Message;
-use sm2_proto::gateway::{Beacon, Carried, Frame, Header};
+use sm2_proto::gateway::{Beacon, Carried, Frame, Header, OfferId};
 
 fn text() -> sm2_proto::TypeId {
     <str as Message>::type_id()
@@ -34,7 +34,7 @@ fn message(offer: u64, len: u64) -> Header {
     };
     Header {
         carried,
-        offer,
+        offer: OfferId(offer),
         len,
     }
 }

@@ -10,13 +10,13 @@ use std::{num::NonZeroU64, time::Duration};
 use bytes::Bytes;
 use sm2_gateway::{
     hub::{Denial, Hub, Input, LocalCommand, LocalEvent, NoRoom, Output, Policy},
-    peer::{Command, Event},
+    peer::{Command, ConnectionId, Event},
 };
 use sm2_proto::{
     Instant, Name, TypeId,
     gateway::{
-        Action, Direction, GatewayId, Hop, Pattern, PeerFarewell, Rule, Rules, Subject,
-        SubjectKind, Verdict, schedule::Terms,
+        Action, AskId, Direction, GatewayId, Hop, OfferId, Pattern, PeerFarewell, Rule, Rules,
+        Subject, SubjectKind, Verdict, schedule::Terms,
     },
 };
 
@@ -87,7 +87,7 @@ fn tell(hub: &mut Hub, connection: u64, event: Event) -> Vec<Output> {
     hub.handle(
         NOW,
         Input::Peer {
-            connection,
+            connection: ConnectionId(connection),
             is_dialled: false,
             event,
         },
@@ -111,24 +111,35 @@ fn greet(hub: &mut Hub, connection: u64, peer: u8, epoch: u64) -> Vec<Output> {
 
 fn offered(hub: &mut Hub, connection: u64, offer: u64, subject: Subject, path: &[u8]) {
     let path = path.iter().map(|it| hop(*it)).collect();
-    tell(
-        hub,
-        connection,
-        Event::Offered {
-            offer,
-            subject,
-            path,
-        },
-    );
+    offered_by(hub, connection, offer, subject, path);
+}
+
+fn offered_by(hub: &mut Hub, connection: u64, offer: u64, subject: Subject, path: Vec<Hop>) {
+    let offered = Event::Offered {
+        offer: OfferId(offer),
+        subject,
+        path,
+    };
+    tell(hub, connection, offered);
 }
 
 fn message(offer: u64, sequence: u64, age_ms: u64) -> Event {
     Event::Message {
-        offer,
+        offer: OfferId(offer),
         sequence,
         age: Duration::from_millis(age_ms),
         payload: Bytes::from_static(b"x"),
     }
+}
+
+fn wanted(offer: u64, depth: u16) -> Event {
+    let offer = OfferId(offer);
+    Event::Wanted { offer, depth }
+}
+
+fn gone(offer: u64) -> Event {
+    let offer = OfferId(offer);
+    Event::Gone { offer }
 }
 
 fn published(outputs: &[Output]) -> usize {
@@ -141,7 +152,7 @@ fn closed(outputs: &[Output]) -> Vec<(u64, u16)> {
         Output::Peer {
             connection,
             command: Command::Close(code),
-        } => Some((*connection, code.0)),
+        } => Some((connection.0, code.0)),
         _ => None,
     };
     outputs.iter().filter_map(of).collect()
@@ -175,7 +186,7 @@ fn of_two_connections_with_one_peer_one_stays() {
     hub.handle(
         NOW,
         Input::Peer {
-            connection: 1,
+            connection: ConnectionId(1),
             is_dialled: true,
             event,
         },
@@ -212,14 +223,18 @@ fn questions_have_answers() {
     }
     let mut ask = |kind, text| {
         let event = Event::Asked {
-            ask: 1,
+            ask: AskId(1),
             kind,
             name: name(text),
         };
         match tell(&mut hub, 1, event).as_slice() {
             [
                 Output::Peer {
-                    command: Command::Answer { ask: 1, verdict },
+                    command:
+                        Command::Answer {
+                            ask: AskId(1),
+                            verdict,
+                        },
                     ..
                 },
             ] => *verdict,
@@ -239,7 +254,7 @@ fn between() -> Hub {
     greet(&mut hub, 1, 9, 9);
     greet(&mut hub, 2, 3, 3);
     offered(&mut hub, 1, 4, topic("scan"), &[9]);
-    tell(&mut hub, 2, Event::Wanted { offer: 1, depth: 1 });
+    tell(&mut hub, 2, wanted(1, 1));
     hub
 }
 
@@ -250,10 +265,10 @@ fn a_message_is_passed_on_with_its_number_and_its_age() {
     let said = tell(&mut hub, 1, message(4, 17, 250));
     let passed = said.iter().find_map(|it| match it {
         Output::Peer {
-            connection: 2,
+            connection: ConnectionId(2),
             command:
                 Command::Message {
-                    offer: 1,
+                    offer: OfferId(1),
                     sequence,
                     published,
                     ..
@@ -263,7 +278,15 @@ fn a_message_is_passed_on_with_its_number_and_its_age() {
     });
     assert_eq!(passed, Some((17, Instant(NOW.0 - 250_000_000))), "{said:?}");
     // Not to whom it came from, nor past it.
-    let back = |it: &Output| matches!(it, Output::Peer { connection: 1, .. });
+    let back = |it: &Output| {
+        matches!(
+            it,
+            Output::Peer {
+                connection: ConnectionId(1),
+                ..
+            }
+        )
+    };
     assert!(!said.iter().any(back), "{said:?}");
 }
 
@@ -274,22 +297,13 @@ fn a_message_is_taken_once() {
     let mut taken = |sequence| published(&tell(&mut hub, 1, message(4, sequence, 0)));
     assert_eq!([1, 1, 3, 2, 3, 4].map(&mut taken), [1, 0, 1, 0, 0, 1]);
     // A new process of the origin's begins anew.
-    tell(&mut hub, 1, Event::Gone { offer: 4 });
+    tell(&mut hub, 1, gone(4));
     let path = vec![Hop {
         epoch: 10,
         ..hop(9)
     }];
-    let subject = topic("scan");
-    tell(
-        &mut hub,
-        1,
-        Event::Offered {
-            offer: 5,
-            subject,
-            path,
-        },
-    );
-    tell(&mut hub, 2, Event::Wanted { offer: 2, depth: 1 });
+    offered_by(&mut hub, 1, 5, topic("scan"), path);
+    tell(&mut hub, 2, wanted(2, 1));
     assert_eq!(published(&tell(&mut hub, 1, message(5, 1, 0))), 1);
 }
 
@@ -302,27 +316,11 @@ fn what_was_seen_is_forgotten_in_the_end() {
         let mut origin = hop(100);
         origin.gateway.0[..2].copy_from_slice(&[first, second]);
         let (offer, path) = (5 + round, vec![origin, hop(9)]);
-        let subject = topic("scan");
-        tell(
-            &mut hub,
-            1,
-            Event::Offered {
-                offer,
-                subject,
-                path,
-            },
-        );
-        let wanted = Event::Wanted {
-            offer: 2 + round,
-            depth: 1,
-        };
-        tell(&mut hub, 2, wanted);
-        assert_eq!(
-            published(&tell(&mut hub, 1, message(offer, 1, 0))),
-            1,
-            "{round}"
-        );
-        tell(&mut hub, 1, Event::Gone { offer });
+        offered_by(&mut hub, 1, offer, topic("scan"), path);
+        tell(&mut hub, 2, wanted(2 + round, 1));
+        let count = published(&tell(&mut hub, 1, message(offer, 1, 0)));
+        assert_eq!(count, 1, "{round}");
+        tell(&mut hub, 1, gone(offer));
     }
     assert!(hub.remembered() <= 16_384 + 1, "{}", hub.remembered());
 }
@@ -352,8 +350,8 @@ fn other_rules_withdraw_before_anything_else_is_said() {
         matches!(
             it,
             Output::Peer {
-                connection: 2,
-                command: Command::Unoffer { offer: 1 }
+                connection: ConnectionId(2),
+                command: Command::Unoffer { offer: OfferId(1) }
             }
         )
     });
@@ -361,8 +359,8 @@ fn other_rules_withdraw_before_anything_else_is_said() {
         matches!(
             it,
             Output::Peer {
-                connection: 1,
-                command: Command::Unwant { offer: 4 }
+                connection: ConnectionId(1),
+                command: Command::Unwant { offer: OfferId(4) }
             }
         )
     });
@@ -467,7 +465,13 @@ fn messages_without_room_are_lost_messages_of_their_topic() {
     );
     // Its offer to the other peer has the number 1 too.
     for (connection, offer) in [(2, 1), (2, 1), (2, 9), (7, 1)] {
-        no_room(&mut hub, NoRoom::ForPeer { connection, offer });
+        no_room(
+            &mut hub,
+            NoRoom::ForPeer {
+                connection: ConnectionId(connection),
+                offer: OfferId(offer),
+            },
+        );
     }
     let peers = hub.peers();
     assert_eq!(

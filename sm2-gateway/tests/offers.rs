@@ -15,7 +15,7 @@ use sm2_gateway::{
 use sm2_io::quic::Congestion;
 use sm2_proto::{
     Name, TypeId,
-    gateway::{Subject, SubjectKind},
+    gateway::{OfferId, Subject, SubjectKind},
     limits::OFFERS_MAX,
 };
 use world::World;
@@ -63,7 +63,7 @@ fn offer(world: &mut World, offer: u64) {
     };
     let path = vec![world.hop(0)];
     let command = Command::Offer {
-        offer,
+        offer: OfferId(offer),
         subject,
         path,
         terms: DEFAULT_TERMS,
@@ -74,7 +74,7 @@ fn offer(world: &mut World, offer: u64) {
 /// The numbers of the offers that came, in their order.
 fn offered(world: &mut World) -> Vec<u64> {
     let offers = events(world).into_iter().filter_map(|it| match it {
-        Event::Offered { offer, .. } => Some(offer),
+        Event::Offered { offer, .. } => Some(offer.0),
         Event::Ended(reason) => panic!("{reason}"),
         _ => None,
     });
@@ -90,16 +90,31 @@ fn an_offer_that_there_was_no_room_for_is_made_later() {
     }
     assert_eq!(offered(&mut world), (1..=max).collect::<Vec<_>>());
     // This one waits, and is not made at all.
-    world.command(0, Command::Unoffer { offer: max + 2 });
+    world.command(
+        0,
+        Command::Unoffer {
+            offer: OfferId(max + 2),
+        },
+    );
     assert!(offered(&mut world).is_empty());
     for gone in [7, 9] {
-        world.command(0, Command::Unoffer { offer: gone });
+        world.command(
+            0,
+            Command::Unoffer {
+                offer: OfferId(gone),
+            },
+        );
     }
     assert_eq!(offered(&mut world), [max + 1, max + 3]);
     // New ones wait behind those that wait already.
     offer(&mut world, max + 5);
     for gone in [1, max + 1] {
-        world.command(0, Command::Unoffer { offer: gone });
+        world.command(
+            0,
+            Command::Unoffer {
+                offer: OfferId(gone),
+            },
+        );
     }
     assert_eq!(offered(&mut world), [max + 4, max + 5]);
 }
@@ -109,19 +124,22 @@ fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
     let mut world = world();
     offer(&mut world, 1);
     events(&mut world);
-    let want = Command::Want { offer: 1, depth: 1 };
+    let want = Command::Want {
+        offer: OfferId(1),
+        depth: 1,
+    };
     world.command(1, want);
     events(&mut world);
     for sequence in 1..=4 {
         let message = Command::Message {
-            offer: 1,
+            offer: OfferId(1),
             sequence,
             published: world.now,
             payload: Bytes::from(vec![0; 4 << 20]),
         };
         world.command(0, message);
     }
-    world.command(0, Command::Unoffer { offer: 1 });
+    world.command(0, Command::Unoffer { offer: OfferId(1) });
     let expected = Counts {
         offered: 4,
         superseded: 2,

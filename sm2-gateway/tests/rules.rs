@@ -11,12 +11,12 @@ use proptest::{collection::btree_set, prelude::*};
 use sm2_gateway::{
     Config, ConfigError,
     hub::{Hub, Input, LocalCommand, LocalEvent, Output},
-    peer::{Command, Event},
+    peer::{Command, ConnectionId, Event},
     shadow::{Because, Change, Seen, changes},
 };
 use sm2_proto::{
     Instant, Name, TypeId,
-    gateway::{Action, Direction, GatewayId, Hop, Subject, SubjectKind},
+    gateway::{Action, Direction, GatewayId, Hop, OfferId, Subject, SubjectKind},
 };
 
 type Key = (SubjectKind, Name);
@@ -92,18 +92,21 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
             epoch: 1,
             name: Name::new(PEERS[peer]).unwrap(),
         };
-        inputs.push(tell(connection, greeted));
+        inputs.push(tell(ConnectionId(connection), greeted));
         for (offer, key) in (1..).zip(&seen.offers[&id(peer)]) {
-            offers.insert((connection, offer), (subject(key), id(peer)));
+            offers.insert(
+                (ConnectionId(connection), OfferId(offer)),
+                (subject(key), id(peer)),
+            );
             let offered = Event::Offered {
-                offer,
+                offer: OfferId(offer),
                 subject: subject(key),
                 path: vec![Hop {
                     gateway: id(peer),
                     epoch: 1,
                 }],
             };
-            inputs.push(tell(connection, offered));
+            inputs.push(tell(ConnectionId(connection), offered));
         }
     }
     let present = seen.local.iter().map(|key| LocalEvent::Present {
@@ -125,7 +128,7 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
                     connection,
                     command: Command::Offer { subject, path, .. },
                 } => {
-                    let peer = id(usize::try_from(connection).unwrap() - 1);
+                    let peer = id(usize::try_from(connection.0).unwrap() - 1);
                     let is_new = carried.offered.insert((peer, subject, path[0].gateway));
                     assert!(is_new, "offered twice");
                 }

@@ -10,7 +10,7 @@ mod support;
 use gateway::{agreement, naive, words};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    gateway::{BEACON_LEN, Frame, GatewayId, HEADER_LEN, Hop, Subject},
+    gateway::{BEACON_LEN, Frame, GatewayId, HEADER_LEN, Hop, OfferId, Subject},
     limits::GATEWAY_FRAME_MAX,
 };
 use support::{
@@ -68,7 +68,7 @@ proptest! {
         let hop = |(gateway, epoch)| Hop { gateway: GatewayId([gateway; 32]), epoch };
         let path = hops.into_iter().map(hop).collect();
         let subject = Subject::Topic { name: name("a"), data: data("A"), reliable: false, latched: 0 };
-        let frame = Frame::Offer { offer: 1, subject, path };
+        let frame = Frame::Offer { offer: OfferId(1), subject, path };
         agreement::body(&frame.to_bytes()[4..]);
     }
 

@@ -8,8 +8,8 @@ use frames::any_frame;
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     gateway::{
-        Carried, Frame, FrameReader, GatewayId, HEADER_LEN, Header, Hop, Outcome, PeerViolation,
-        Subject, SubjectKind, Verdict,
+        AskId, Carried, Frame, FrameReader, GatewayId, HEADER_LEN, Header, Hop, OfferId, Outcome,
+        PeerViolation, Subject, SubjectKind, Verdict,
     },
     limits::{GATEWAY_FRAME_MAX, HOPS_MAX, MESSAGE_MAX},
 };
@@ -37,7 +37,7 @@ fn topic() -> Subject {
 fn offer(path: Vec<Hop>) -> Frame {
     let (offer, subject) = (300, topic());
     Frame::Offer {
-        offer,
+        offer: OfferId(offer),
         subject,
         path,
     }
@@ -52,7 +52,7 @@ fn the_bytes_of_each_frame() {
     offered.extend([9; 32]);
     offered.push(3);
     let service = Frame::Offer {
-        offer: 1,
+        offer: OfferId(1),
         subject: Subject::Service {
             name: name("add"),
             request: data("A"),
@@ -71,26 +71,41 @@ fn the_bytes_of_each_frame() {
         name: name("arm"),
     };
     let ask = Frame::Ask {
-        ask: 1,
+        ask: AskId(1),
         kind: SubjectKind::Service,
         name: name("a"),
     };
-    let answer = |verdict| Frame::Answer { ask: 1, verdict };
+    let answer = |verdict| Frame::Answer {
+        ask: AskId(1),
+        verdict,
+    };
     let table = [
         (hello, b"\x09\0\0\0\0\x01\x02\x80\x01\x03arm".to_vec()),
         (offer(vec![hop(9)]), offered),
         (service, serving),
-        (Frame::Unoffer { offer: 1 }, b"\x02\0\0\0\x02\x01".to_vec()),
         (
-            Frame::Unoffered { offer: 1 },
+            Frame::Unoffer { offer: OfferId(1) },
+            b"\x02\0\0\0\x02\x01".to_vec(),
+        ),
+        (
+            Frame::Unoffered { offer: OfferId(1) },
             b"\x02\0\0\0\x03\x01".to_vec(),
         ),
         (
-            Frame::Want { offer: 1, depth: 4 },
+            Frame::Want {
+                offer: OfferId(1),
+                depth: 4,
+            },
             b"\x03\0\0\0\x04\x01\x04".to_vec(),
         ),
-        (Frame::Unwant { offer: 1 }, b"\x02\0\0\0\x05\x01".to_vec()),
-        (Frame::Unwanted { offer: 1 }, b"\x02\0\0\0\x06\x01".to_vec()),
+        (
+            Frame::Unwant { offer: OfferId(1) },
+            b"\x02\0\0\0\x05\x01".to_vec(),
+        ),
+        (
+            Frame::Unwanted { offer: OfferId(1) },
+            b"\x02\0\0\0\x06\x01".to_vec(),
+        ),
         (ask, b"\x05\0\0\0\x07\x01\x01\x01a".to_vec()),
         (answer(Verdict::Offered), b"\x03\0\0\0\x08\x01\0".to_vec()),
         (answer(Verdict::Denied), b"\x03\0\0\0\x08\x01\x01".to_vec()),
@@ -127,7 +142,7 @@ fn bodies_that_are_refused() {
         assert_eq!(Frame::from_body(body), Err(expected), "{body:x?}");
     }
     let most = Frame::Want {
-        offer: 1,
+        offer: OfferId(1),
         depth: 1_024,
     };
     assert_eq!(Frame::from_body(&most.to_bytes()[4..]), Ok(most));
@@ -219,7 +234,7 @@ fn message(len: u64) -> Header {
             sequence: 0x0102_0304_0506_0708,
             age_ns: 9,
         },
-        offer: 5,
+        offer: OfferId(5),
         len,
     }
 }
@@ -236,7 +251,7 @@ fn the_bytes_of_a_header() {
     assert_eq!(message(512).to_bytes(), expected);
     let request = Header {
         carried: Carried::Request { left_ns: 7 },
-        offer: 1,
+        offer: OfferId(1),
         len: 0,
     };
     let mut expected = [0; HEADER_LEN];
@@ -252,7 +267,7 @@ fn headers_that_are_refused() {
         for len in [0, 1, MESSAGE_MAX, MESSAGE_MAX + 1] {
             let header = Header {
                 carried: Carried::Reply { status },
-                offer: 1,
+                offer: OfferId(1),
                 len,
             };
             let bytes = header.to_bytes();

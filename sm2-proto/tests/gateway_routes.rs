@@ -5,7 +5,7 @@ mod support;
 mod world;
 
 use sm2_proto::gateway::{
-    Action, Direction, GatewayId, Hop, Pattern, Rule, Rules, Subject,
+    Action, Direction, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
     router::{Input, Output, Router, Source},
 };
 use sm2_proto::limits::HOPS_MAX;
@@ -75,7 +75,7 @@ impl Bench {
         self.input(Input::Local { subject, present })
     }
 
-    fn offered(&mut self, offer: u64, way: &[usize]) -> Vec<Output> {
+    fn offered(&mut self, offer: OfferId, way: &[usize]) -> Vec<Output> {
         self.input(Input::Offered {
             peer: id(*way.last().unwrap()),
             offer,
@@ -92,7 +92,7 @@ impl Bench {
         })
     }
 
-    fn wanted(&mut self, peer: usize, offer: u64, depth: Option<u16>) -> Vec<Output> {
+    fn wanted(&mut self, peer: usize, offer: OfferId, depth: Option<u16>) -> Vec<Output> {
         let peer = id(peer);
         self.input(match depth {
             Some(depth) => Input::Wanted { peer, offer, depth },
@@ -101,7 +101,7 @@ impl Bench {
     }
 }
 
-fn offer(peer: usize, offer: u64, subject: &Subject, way: &[usize]) -> Output {
+fn offer(peer: usize, offer: OfferId, subject: &Subject, way: &[usize]) -> Output {
     Output::Offer {
         peer: id(peer),
         offer,
@@ -110,7 +110,7 @@ fn offer(peer: usize, offer: u64, subject: &Subject, way: &[usize]) -> Output {
     }
 }
 
-fn unoffer(peer: usize, offer: u64) -> Output {
+fn unoffer(peer: usize, offer: OfferId) -> Output {
     let peer = id(peer);
     Output::Unoffer { peer, offer }
 }
@@ -130,12 +130,12 @@ fn hide(origin: usize) -> Output {
     }
 }
 
-fn want(peer: usize, offer: u64, depth: u16) -> Output {
+fn want(peer: usize, offer: OfferId, depth: u16) -> Output {
     let peer = id(peer);
     Output::Want { peer, offer, depth }
 }
 
-fn unwant(peer: usize, offer: u64) -> Output {
+fn unwant(peer: usize, offer: OfferId) -> Output {
     let peer = id(peer);
     Output::Unwant { peer, offer }
 }
@@ -148,32 +148,44 @@ fn the_domain_is_asked_for_what_some_peer_wants() {
         subject: topic("a"),
         depth,
     };
-    let expected = [offer(1, 1, &subject, &[0]), offer(2, 1, &subject, &[0])];
+    let expected = [
+        offer(1, OfferId(1), &subject, &[0]),
+        offer(2, OfferId(1), &subject, &[0]),
+    ];
     assert_eq!(bench.local(&subject, true), expected);
     assert_eq!(bench.local(&subject, true), []);
-    assert_eq!(bench.wanted(1, 1, Some(3)), [subscribe(3)]);
-    assert_eq!(bench.wanted(2, 1, Some(2)), []);
+    assert_eq!(bench.wanted(1, OfferId(1), Some(3)), [subscribe(3)]);
+    assert_eq!(bench.wanted(2, OfferId(1), Some(2)), []);
     let takers: Vec<_> = bench.0.takers(&subject, Source::Local).collect();
-    assert_eq!(takers, [(id(1), 1), (id(2), 1)]);
-    assert_eq!(bench.0.source(id(2), 1), Some((&subject, Source::Local)));
-    assert_eq!(bench.0.source(id(2), 2), None);
-    assert_eq!(bench.wanted(1, 1, None), [subscribe(2)]);
+    assert_eq!(takers, [(id(1), OfferId(1)), (id(2), OfferId(1))]);
+    assert_eq!(
+        bench.0.source(id(2), OfferId(1)),
+        Some((&subject, Source::Local))
+    );
+    assert_eq!(bench.0.source(id(2), OfferId(2)), None);
+    assert_eq!(bench.wanted(1, OfferId(1), None), [subscribe(2)]);
     let unsubscribe = Output::Unsubscribe {
         subject: subject.clone(),
     };
-    assert_eq!(bench.wanted(2, 1, None), std::slice::from_ref(&unsubscribe));
-    bench.wanted(2, 1, Some(1));
-    assert_eq!(bench.wanted(2, 9, Some(1)), [], "no such offer");
+    assert_eq!(
+        bench.wanted(2, OfferId(1), None),
+        std::slice::from_ref(&unsubscribe)
+    );
+    bench.wanted(2, OfferId(1), Some(1));
+    assert_eq!(bench.wanted(2, OfferId(9), Some(1)), [], "no such offer");
     assert_eq!(
         bench.local(&subject, false),
-        [unoffer(1, 1), unoffer(2, 1), unsubscribe]
+        [unoffer(1, OfferId(1)), unoffer(2, OfferId(1)), unsubscribe]
     );
-    assert_eq!(bench.wanted(2, 1, Some(1)), [], "it is withdrawn");
-    let expected = [offer(1, 2, &subject, &[0]), offer(2, 2, &subject, &[0])];
+    assert_eq!(bench.wanted(2, OfferId(1), Some(1)), [], "it is withdrawn");
+    let expected = [
+        offer(1, OfferId(2), &subject, &[0]),
+        offer(2, OfferId(2), &subject, &[0]),
+    ];
     assert_eq!(bench.local(&subject, true), expected, "under a new number");
     // Who comes later is told as well.
     let up = bench.input(Input::Up { peer: id(3) });
-    assert_eq!(up, [offer(3, 1, &subject, &[0])]);
+    assert_eq!(up, [offer(3, OfferId(1), &subject, &[0])]);
 }
 
 //= SM2-GWO-004 test
@@ -181,35 +193,35 @@ fn the_domain_is_asked_for_what_some_peer_wants() {
 fn one_offer_of_each_origin_is_used() {
     let mut bench = Bench::new(open(), &[1, 2, 3]);
     let passed_on = |to: usize, number, way: &[usize]| offer(to, number, &topic("a"), way);
-    let shown = bench.offered(1, &[5, 6, 2]);
+    let shown = bench.offered(OfferId(1), &[5, 6, 2]);
     let expected = [
-        passed_on(1, 1, &[5, 6, 2, 0]),
-        passed_on(3, 1, &[5, 6, 2, 0]),
+        passed_on(1, OfferId(1), &[5, 6, 2, 0]),
+        passed_on(3, OfferId(1), &[5, 6, 2, 0]),
         show(5, 2),
     ];
     assert_eq!(shown, expected);
-    assert_eq!(bench.taken(5, Some(4)), [want(2, 1, 4)]);
+    assert_eq!(bench.taken(5, Some(4)), [want(2, OfferId(1), 4)]);
     // Longer, or as long from a greater id.
-    assert_eq!(bench.offered(1, &[5, 6, 7, 1]), []);
-    assert_eq!(bench.offered(1, &[5, 6, 3]), []);
+    assert_eq!(bench.offered(OfferId(1), &[5, 6, 7, 1]), []);
+    assert_eq!(bench.offered(OfferId(1), &[5, 6, 3]), []);
     // As long from a smaller one: what was wanted by the old way is wanted by the new one, once
     // somebody takes what is shown now.
     let expected = [
-        unoffer(1, 1),
-        unoffer(3, 1),
-        passed_on(2, 1, &[5, 6, 1, 0]),
-        passed_on(3, 2, &[5, 6, 1, 0]),
+        unoffer(1, OfferId(1)),
+        unoffer(3, OfferId(1)),
+        passed_on(2, OfferId(1), &[5, 6, 1, 0]),
+        passed_on(3, OfferId(2), &[5, 6, 1, 0]),
         hide(5),
-        unwant(2, 1),
+        unwant(2, OfferId(1)),
         show(5, 1),
     ];
-    assert_eq!(bench.offered(2, &[5, 6, 1]), expected);
-    assert_eq!(bench.taken(5, Some(1)), [want(1, 2, 1)]);
+    assert_eq!(bench.offered(OfferId(2), &[5, 6, 1]), expected);
+    assert_eq!(bench.taken(5, Some(1)), [want(1, OfferId(2), 1)]);
     // A new process of the origin, by whatever way.
     let newer = Hop { epoch: 8, ..hop(5) };
     let outputs = bench.input(Input::Offered {
         peer: id(3),
-        offer: 2,
+        offer: OfferId(2),
         subject: topic("a"),
         path: vec![newer, hop(6), hop(7), hop(3)],
     });
@@ -217,22 +229,22 @@ fn one_offer_of_each_origin_is_used() {
     // Its end leads back.
     let outputs = bench.input(Input::Gone {
         peer: id(3),
-        offer: 2,
+        offer: OfferId(2),
     });
     assert!(outputs.contains(&show(5, 1)), "{outputs:?}");
     // A number says one thing.
-    assert_eq!(bench.offered(2, &[5, 1]), []);
+    assert_eq!(bench.offered(OfferId(2), &[5, 1]), []);
     assert_eq!(
         bench.input(Input::Offered {
             peer: id(1),
-            offer: 2,
+            offer: OfferId(2),
             subject: topic("b"),
             path: path(&[1]),
         }),
         []
     );
     // Another origin is another matter.
-    let outputs = bench.offered(9, &[8, 2]);
+    let outputs = bench.offered(OfferId(9), &[8, 2]);
     assert!(outputs.contains(&show(8, 2)) && !outputs.contains(&hide(5)));
 }
 
@@ -248,22 +260,28 @@ fn rules_both_ways() {
     let mut bench = Bench::new(rules, &[1, 2]);
     assert_eq!(bench.local(&topic("b"), true), []);
     let subject = topic("a");
-    assert_eq!(bench.local(&subject, true), [offer(1, 1, &subject, &[0])]);
-    assert_eq!(bench.offered(1, &[1]), [], "not from there");
-    let expected = [offer(1, 2, &subject, &[2, 0]), show(2, 2)];
-    assert_eq!(bench.offered(1, &[2]), expected);
-    bench.wanted(1, 1, Some(1));
-    assert_eq!(bench.wanted(1, 2, Some(1)), [want(2, 1, 1)]);
+    assert_eq!(
+        bench.local(&subject, true),
+        [offer(1, OfferId(1), &subject, &[0])]
+    );
+    assert_eq!(bench.offered(OfferId(1), &[1]), [], "not from there");
+    let expected = [offer(1, OfferId(2), &subject, &[2, 0]), show(2, 2)];
+    assert_eq!(bench.offered(OfferId(1), &[2]), expected);
+    bench.wanted(1, OfferId(1), Some(1));
+    assert_eq!(
+        bench.wanted(1, OfferId(2), Some(1)),
+        [want(2, OfferId(1), 1)]
+    );
     // Other rules: what they do not allow ends at once.
     let outputs = bench.input(Input::Rules(Rules(vec![only(Direction::In, 1)])));
     let unsubscribe = Output::Unsubscribe {
         subject: subject.clone(),
     };
     let expected = [
-        unoffer(1, 1),
-        unoffer(1, 2),
+        unoffer(1, OfferId(1)),
+        unoffer(1, OfferId(2)),
         hide(2),
-        unwant(2, 1),
+        unwant(2, OfferId(1)),
         show(1, 1),
         unsubscribe,
     ];
@@ -277,8 +295,12 @@ fn a_way_has_its_length() {
     let way: Vec<usize> = (3..3 + HOPS_MAX - 1).chain([1]).collect();
     assert_eq!(way.len(), HOPS_MAX);
     let shown = [show(3, 1)];
-    assert_eq!(bench.offered(1, &way), shown, "shown, and not passed on");
-    let outputs = bench.offered(2, &way[1..]);
+    assert_eq!(
+        bench.offered(OfferId(1), &way),
+        shown,
+        "shown, and not passed on"
+    );
+    let outputs = bench.offered(OfferId(2), &way[1..]);
     assert_eq!(outputs.len(), 2, "passed on and shown: {outputs:?}");
 }
 
@@ -286,16 +308,20 @@ fn a_way_has_its_length() {
 fn a_peer_that_is_gone_leaves_nothing() {
     let mut bench = Bench::new(open(), &[1, 2]);
     let before = bench.0.clone();
-    bench.offered(1, &[3, 1]);
+    bench.offered(OfferId(1), &[3, 1]);
     bench.taken(3, Some(1));
-    bench.wanted(2, 1, Some(1));
+    bench.wanted(2, OfferId(1), Some(1));
     let outputs = bench.input(Input::Down { peer: id(1) });
-    assert_eq!(outputs, [unoffer(2, 1), hide(3)]);
-    assert_eq!(bench.offered(1, &[3, 1]), [], "it has no connection");
+    assert_eq!(outputs, [unoffer(2, OfferId(1)), hide(3)]);
+    assert_eq!(
+        bench.offered(OfferId(1), &[3, 1]),
+        [],
+        "it has no connection"
+    );
     for input in [
         Input::Gone {
             peer: id(1),
-            offer: 1,
+            offer: OfferId(1),
         },
         Input::Down { peer: id(1) },
     ] {

@@ -6,8 +6,8 @@ use proptest::{collection::vec, prelude::*, sample::select};
 use sm2_proto::{
     Name,
     gateway::{
-        Action, Decision, Direction, Frame, GatewayId, GatewayIdError, Pattern, PatternError,
-        PeerViolation, Rule, Rules, SubjectKind,
+        Action, AskId, Decision, Direction, Frame, GatewayId, GatewayIdError, Pattern,
+        PatternError, PeerViolation, Rule, Rules, SubjectKind,
     },
 };
 use support::{cases, contracts::name};
@@ -222,7 +222,7 @@ fn a_denied_name_has_no_other_spelling() {
         assert!(Pattern::new(text).is_err(), "{text:?}");
         let standing_in = "n".repeat(text.len());
         let ask = Frame::Ask {
-            ask: 1,
+            ask: AskId(1),
             kind: SubjectKind::Topic,
             name: name(&standing_in),
         };

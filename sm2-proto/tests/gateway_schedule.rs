@@ -11,7 +11,10 @@ use std::{
 use proptest::{collection::vec, option, prelude::*};
 use sm2_proto::{
     Instant,
-    gateway::schedule::{Cause, Input, Message, Misuse, Output, PRIORITY_MAX, Schedule, Terms},
+    gateway::{
+        OfferId,
+        schedule::{Cause, Input, Message, Misuse, Output, PRIORITY_MAX, Schedule, Terms},
+    },
     limits::MESSAGES_IN_THE_MAKING_MAX,
 };
 use support::cases;
@@ -37,6 +40,7 @@ impl Bench {
             now: Instant(0),
         };
         for (offer, terms) in topics {
+            let offer = OfferId(offer);
             assert_eq!(bench.input(Input::Open { offer, terms }), []);
         }
         bench
@@ -54,6 +58,7 @@ impl Bench {
             len_bytes,
             published: self.now,
         };
+        let offer = OfferId(offer);
         self.input(Input::Message { offer, message })
     }
 
@@ -63,15 +68,17 @@ impl Bench {
     }
 
     fn sent(&mut self, offer: u64) -> Vec<Output> {
+        let offer = OfferId(offer);
         self.input(Input::Sent { offer })
     }
 
     fn order(&self) -> Vec<u64> {
-        self.schedule.order().collect()
+        self.schedule.order().map(|it| it.0).collect()
     }
 }
 
 const fn start(offer: u64, key: u64) -> Output {
+    let offer = OfferId(offer);
     Output::Start { offer, key }
 }
 
@@ -102,7 +109,10 @@ fn as_many_as_the_peer_wants_in_their_order() {
     assert_eq!(bench.publish(1, 4, 100), [drop(1, Cause::Superseded)]);
     assert_eq!(bench.sent(1), [start(1, 2)]);
     let terms = FREE;
-    let changed = bench.input(Input::Change { offer: 1, terms });
+    let changed = bench.input(Input::Change {
+        offer: OfferId(1),
+        terms,
+    });
     assert_eq!(changed, [drop(3, Cause::Superseded)]);
     assert_eq!(bench.sent(1), [start(1, 4)]);
 }
@@ -187,7 +197,7 @@ fn so_many_messages_a_second() {
     bench.sent(1);
     assert_eq!(bench.publish(1, 3, 100), []);
     let changed = bench.input(Input::Change {
-        offer: 1,
+        offer: OfferId(1),
         terms: FREE,
     });
     assert_eq!(changed, [start(1, 3)]);
@@ -250,16 +260,19 @@ fn a_topic_that_is_closed_leaves_nothing() {
     bench.publish(1, 0, 100);
     bench.publish(1, 1, 100);
     let withdrawn = |key| drop(key, Cause::Withdrawn);
-    let closed = bench.input(Input::Close { offer: 1 });
+    let closed = bench.input(Input::Close { offer: OfferId(1) });
     assert_eq!(closed, [Output::Reset { key: 0 }, withdrawn(1)]);
     bench.publish(2, 2, 100);
     bench.sent(2);
     bench.publish(2, 3, 100);
-    assert_eq!(bench.input(Input::Close { offer: 2 }), [withdrawn(3)]);
+    assert_eq!(
+        bench.input(Input::Close { offer: OfferId(2) }),
+        [withdrawn(3)]
+    );
     assert_eq!((bench.order(), bench.schedule.deadline()), (vec![], None));
     // Under the same number it is another one.
     bench.input(Input::Open {
-        offer: 1,
+        offer: OfferId(1),
         terms: FREE,
     });
     assert_eq!(bench.publish(1, 4, 100), [start(1, 4)]);
@@ -281,7 +294,9 @@ fn no_more_in_the_making_than_streams() {
         [start(most + 1, most + 1)],
         "the shortest turn"
     );
-    let closed = bench.input(Input::Close { offer: most + 2 });
+    let closed = bench.input(Input::Close {
+        offer: OfferId(most + 2),
+    });
     assert_eq!(closed, [drop(most + 2, Cause::Withdrawn)]);
     assert_eq!(bench.sent(1), [start(most, most)]);
 }
@@ -298,22 +313,28 @@ fn what_a_driver_may_not_do() {
     let table = [
         (
             Input::Open {
-                offer: 1,
+                offer: OfferId(1),
                 terms: FREE,
             },
             Misuse::Open,
         ),
         (
             Input::Change {
-                offer: 2,
+                offer: OfferId(2),
                 terms: FREE,
             },
             Misuse::NotOpen,
         ),
-        (Input::Close { offer: 2 }, Misuse::NotOpen),
-        (Input::Message { offer: 2, message }, Misuse::NotOpen),
-        (Input::Sent { offer: 2 }, Misuse::NotOpen),
-        (Input::Sent { offer: 1 }, Misuse::NotSending),
+        (Input::Close { offer: OfferId(2) }, Misuse::NotOpen),
+        (
+            Input::Message {
+                offer: OfferId(2),
+                message,
+            },
+            Misuse::NotOpen,
+        ),
+        (Input::Sent { offer: OfferId(2) }, Misuse::NotOpen),
+        (Input::Sent { offer: OfferId(1) }, Misuse::NotSending),
     ];
     for (input, expected) in table {
         assert_eq!(bench.schedule.handle(Instant(0), input), Err(expected));
@@ -398,22 +419,22 @@ proptest! {
                     bench.input(Input::Tick)
                 }
                 Op::Close(offer) => {
-                    let outputs = bench.input(Input::Close { offer });
+                    let outputs = bench.input(Input::Close { offer: OfferId(offer) });
                     let list = std::mem::take(lists.get_mut(&offer).unwrap());
                     let reset = list.making.map(|key| Output::Reset { key });
                     let dropped = list.waiting.iter().map(|&key| drop(key, Cause::Withdrawn));
                     prop_assert_eq!(&outputs, &reset.into_iter().chain(dropped).collect::<Vec<_>>());
-                    bench.input(Input::Open { offer, terms: terms[offer as usize] })
+                    bench.input(Input::Open { offer: OfferId(offer), terms: terms[offer as usize] })
                 }
                 Op::Change(offer, other) => {
                     terms[offer as usize] = other;
-                    bench.input(Input::Change { offer, terms: other })
+                    bench.input(Input::Change { offer: OfferId(offer), terms: other })
                 }
             };
             for output in outputs {
                 match output {
                     Output::Start { offer, key } => {
-                        let list = lists.get_mut(&offer).unwrap();
+                        let list = lists.get_mut(&offer.0).unwrap();
                         prop_assert_eq!(list.waiting.first(), Some(&key));
                         prop_assert!(list.making.is_none() && list.last < Some(key));
                         list.waiting.remove(0);

@@ -14,8 +14,8 @@ mod support;
 use sm2_proto::{
     Instant,
     gateway::{
-        Carried, Frame, GatewayId, Header, Hop, PeerFarewell, PeerViolation, Subject, SubjectKind,
-        Verdict,
+        AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
+        StreamToken, Subject, SubjectKind, Verdict,
         session::{End, Input, Misuse, Output, Session, first_stays},
     },
     limits::QUESTIONS_MAX,
@@ -23,6 +23,7 @@ use sm2_proto::{
 use support::contracts::{data, name};
 
 const EPOCH: u64 = 70;
+const ONE: OfferId = OfferId(1);
 
 fn hop(gateway: u8) -> Hop {
     Hop {
@@ -101,7 +102,7 @@ impl Bench {
         misuse
     }
 
-    fn offer(&mut self, offer: u64, subject: Subject) {
+    fn offer(&mut self, offer: OfferId, subject: Subject) {
         let path = vec![hop(1)];
         let outputs = self.input(Input::Offer {
             offer,
@@ -116,7 +117,7 @@ impl Bench {
         assert_eq!(outputs, [Output::Transmit(frame.to_bytes())]);
     }
 
-    fn offered(&mut self, offer: u64, subject: Subject) {
+    fn offered(&mut self, offer: OfferId, subject: Subject) {
         let path = vec![hop(3), hop(2)];
         let frame = Frame::Offer {
             offer,
@@ -131,13 +132,16 @@ impl Bench {
         assert_eq!(self.frame(&frame), [expected]);
     }
 
-    fn stream(&mut self, carried: Carried, offer: u64) -> Vec<Output> {
+    fn stream(&mut self, carried: Carried, offer: OfferId) -> Vec<Output> {
         let header = Header {
             carried,
             offer,
             len: 0,
         };
-        self.input(Input::Stream { stream: 7, header })
+        self.input(Input::Stream {
+            stream: SEVEN,
+            header,
+        })
     }
 }
 
@@ -145,6 +149,7 @@ const MESSAGE: Carried = Carried::Message {
     sequence: 1,
     age_ns: 0,
 };
+const SEVEN: StreamToken = StreamToken(7);
 const REQUEST: Carried = Carried::Request { left_ns: 0 };
 
 fn ended(violation: PeerViolation) -> Vec<Output> {
@@ -159,7 +164,7 @@ fn transmit(frame: &Frame) -> Output {
 #[test]
 fn greetings() {
     for (frame, expected) in [
-        (Frame::Unwant { offer: 1 }, PeerViolation::ExpectedHello),
+        (Frame::Unwant { offer: ONE }, PeerViolation::ExpectedHello),
         (
             Frame::Hello {
                 min_version: 0,
@@ -202,7 +207,7 @@ fn greetings() {
     let mut first = Bench(session(1, 2));
     first.0.poll();
     assert_eq!(
-        first.stream(MESSAGE, 1),
+        first.stream(MESSAGE, ONE),
         ended(PeerViolation::ExpectedHello)
     );
     let end = End::Violation(PeerViolation::ExpectedHello);
@@ -275,46 +280,52 @@ fn questions() {
     // The peer numbers them as it likes.
     for number in [4, 1, 4] {
         let asked = Output::Asked {
-            ask: number,
+            ask: AskId(number),
             kind,
             name: name("a"),
         };
-        assert_eq!(bench.frame(&ask(number)), [asked]);
+        assert_eq!(bench.frame(&ask(AskId(number))), [asked]);
     }
     let verdict = Verdict::Denied;
-    let wrong = Input::Answer { ask: 1, verdict };
+    let wrong = Input::Answer {
+        ask: AskId(1),
+        verdict,
+    };
     assert_eq!(bench.misuse(wrong), Misuse::NotAsked);
     for number in [4, 1, 4] {
         let outputs = bench.input(Input::Answer {
-            ask: number,
+            ask: AskId(number),
             verdict,
         });
-        assert_eq!(outputs, [transmit(&answer(number, verdict))]);
+        assert_eq!(outputs, [transmit(&answer(AskId(number), verdict))]);
     }
     for number in 0..QUESTIONS_MAX as u64 {
-        bench.frame(&ask(number));
+        bench.frame(&ask(AskId(number)));
     }
-    assert_eq!(bench.frame(&ask(0)), ended(PeerViolation::Malformed));
+    assert_eq!(bench.frame(&ask(AskId(0))), ended(PeerViolation::Malformed));
     let mut bench = Bench::open();
     for number in 0..QUESTIONS_MAX as u64 {
         let name = name("a");
         let asked = bench.input(Input::Ask {
-            ask: number,
+            ask: AskId(number),
             kind,
             name,
         });
-        assert_eq!(asked, [transmit(&ask(number))]);
+        assert_eq!(asked, [transmit(&ask(AskId(number)))]);
     }
     let one_more = Input::Ask {
-        ask: 9,
+        ask: AskId(9),
         kind,
         name: name("a"),
     };
     assert_eq!(bench.misuse(one_more), Misuse::TooManyQuestions);
-    let answered = Output::Answered { ask: 0, verdict };
-    assert_eq!(bench.frame(&answer(0, verdict)), [answered]);
+    let answered = Output::Answered {
+        ask: AskId(0),
+        verdict,
+    };
+    assert_eq!(bench.frame(&answer(AskId(0), verdict)), [answered]);
     let refused = ended(PeerViolation::UnexpectedAnswer);
-    assert_eq!(bench.frame(&answer(0, verdict)), refused);
+    assert_eq!(bench.frame(&answer(AskId(0), verdict)), refused);
 }
 
 #[test]

@@ -17,7 +17,8 @@ use serde_json::Value;
 use sm2_proto::{
     Instant, Name, TypeId,
     gateway::{
-        Beacon, Frame, FrameReader, GatewayId, Header, Hop, PeerFarewell, PeerViolation, Subject,
+        Beacon, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
+        StreamToken, Subject,
         session::{End, Input, Output, Session},
     },
 };
@@ -108,7 +109,7 @@ impl Vector {
         }
         for offer in 1..=self.offers {
             let frame = Frame::Offer {
-                offer,
+                offer: OfferId(offer),
                 subject: Subject::Topic {
                     name: name("scan"),
                     data: TypeId {
@@ -125,7 +126,13 @@ impl Vector {
         }
         if let Some(offer) = self.call {
             let stream = STREAM;
-            let fed = feed(&mut session, Input::Call { stream, offer });
+            let fed = feed(
+                &mut session,
+                Input::Call {
+                    stream: StreamToken(stream),
+                    offer: OfferId(offer),
+                },
+            );
             assert_eq!(fed, Ok(vec![]), "{}", self.name);
         }
         session
@@ -178,7 +185,7 @@ impl Vector {
             Ok(header) => feed(
                 &mut session,
                 Input::Stream {
-                    stream: STREAM,
+                    stream: StreamToken(STREAM),
                     header,
                 },
             ),
@@ -188,9 +195,15 @@ impl Vector {
             Ok(outputs) => {
                 let stream = STREAM;
                 let expected = match self.stream.as_deref() {
-                    Some("taken") => Output::Take { stream },
-                    Some("discarded") => Output::Discard { stream },
-                    Some("unreachable") => Output::Unreachable { stream },
+                    Some("taken") => Output::Take {
+                        stream: StreamToken(stream),
+                    },
+                    Some("discarded") => Output::Discard {
+                        stream: StreamToken(stream),
+                    },
+                    Some("unreachable") => Output::Unreachable {
+                        stream: StreamToken(stream),
+                    },
                     other => panic!("{name}: {other:?}"),
                 };
                 assert_eq!(outputs, [expected], "{name}");

@@ -145,7 +145,7 @@ impl PeerHandle {
 #[cfg(test)]
 mod tests {
     use bytes::Bytes;
-    use sm2_proto::Instant;
+    use sm2_proto::{Instant, gateway::OfferId};
 
     use super::*;
 
@@ -153,7 +153,7 @@ mod tests {
     fn a_message_that_finds_no_room_comes_back() {
         let (handle, inbox) = channel();
         let message = |offer| Command::Message {
-            offer,
+            offer: OfferId(offer),
             sequence: 1,
             published: Instant(0),
             payload: Bytes::new(),
@@ -162,9 +162,19 @@ mod tests {
             assert!(handle.command(message(1)).is_none());
         }
         let back = handle.command(message(7));
-        assert!(matches!(back, Some(Command::Message { offer: 7, .. })));
+        assert!(matches!(
+            back,
+            Some(Command::Message {
+                offer: OfferId(7),
+                ..
+            })
+        ));
         // What has to be done has room, and with the connection all that is for it is gone.
-        assert!(handle.command(Command::Unoffer { offer: 1 }).is_none());
+        assert!(
+            handle
+                .command(Command::Unoffer { offer: OfferId(1) })
+                .is_none()
+        );
         drop(inbox);
         assert!(handle.command(message(1)).is_none());
     }

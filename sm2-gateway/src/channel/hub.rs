@@ -11,7 +11,7 @@ use tokio::sync::{mpsc, oneshot};
 use super::connection::PeerHandle;
 use crate::{
     hub::{LocalEvent, Policy},
-    peer::Event,
+    peer::{ConnectionId, Event},
     question::Question,
     report::Report,
     shadow::{RuleSet, Seen},
@@ -25,12 +25,15 @@ const CAPACITY: usize = 1_024;
 pub(crate) enum HubEvent {
     /// The network task opened a connection.
     Opened {
-        connection: u64,
+        connection: ConnectionId,
         is_dialled: bool,
         handle: PeerHandle,
     },
     /// A connection task reports an event.
-    Peer { connection: u64, event: Event },
+    Peer {
+        connection: ConnectionId,
+        event: Event,
+    },
     /// The domain's side reports an event.
     Local(LocalEvent),
     /// Replaces rules and peers.

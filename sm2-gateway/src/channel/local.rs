@@ -70,6 +70,7 @@ mod tests {
     };
 
     use super::*;
+    use crate::peer::CallId;
 
     #[test]
     fn a_message_that_finds_no_room_comes_back() {
@@ -91,7 +92,7 @@ mod tests {
             assert_eq!(handle.send(publish()), None);
         }
         assert_eq!(handle.send(publish()), Some(publish()));
-        assert_eq!(handle.send(LocalCommand::Cancel { call: 1 }), None);
+        assert_eq!(handle.send(LocalCommand::Cancel { call: CallId(1) }), None);
         drop(inbox);
         assert_eq!(handle.send(publish()), None);
     }

@@ -5,19 +5,20 @@ use std::{collections::BTreeMap, time::Duration};
 use bytes::Bytes;
 use sm2_proto::{
     Instant,
-    gateway::{GatewayId, Outcome, Subject, SubjectKind, router::Source},
+    gateway::{GatewayId, OfferId, Outcome, Subject, SubjectKind, router::Source},
 };
 
-use super::{Hub, LocalCommand, Output};
-use crate::peer::Command;
+use super::{Hub, LocalCommand, Output, RequestId};
+
+use crate::peer::{CallId, Command, ConnectionId, PeerCall};
 
 /// The calls that have no reply yet.
 #[derive(Debug, Default)]
 pub(super) struct Calls {
     /// By which peer's offer each remote topic or service comes, if it is wanted.
-    pub(super) routes: BTreeMap<(Subject, GatewayId), (GatewayId, u64)>,
-    open: BTreeMap<u64, Call>,
-    last: u64,
+    pub(super) routes: BTreeMap<(Subject, GatewayId), (GatewayId, OfferId)>,
+    open: BTreeMap<CallId, Call>,
+    last: CallId,
 }
 
 /// One call: who waits, and where it went.
@@ -25,13 +26,18 @@ pub(super) struct Calls {
 struct Call {
     from: Caller,
     /// The connection that it went out by; none: to a server of the domain.
-    by: Option<u64>,
+    by: Option<ConnectionId>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Caller {
-    Local { request: u64 },
-    Peer { connection: u64, call: u64 },
+    Local {
+        request: RequestId,
+    },
+    Peer {
+        connection: ConnectionId,
+        call: PeerCall,
+    },
 }
 
 impl Calls {
@@ -44,7 +50,7 @@ impl Hub {
     /// Somebody in the domain calls a remote service.
     pub(super) fn local_request(
         &mut self,
-        request: u64,
+        request: RequestId,
         subject: &Subject,
         origin: GatewayId,
         deadline: Option<Instant>,
@@ -61,9 +67,9 @@ impl Hub {
         &mut self,
         now: Instant,
         peer: GatewayId,
-        connection: u64,
-        call: u64,
-        offer: u64,
+        connection: ConnectionId,
+        call: PeerCall,
+        offer: OfferId,
         left: Option<Duration>,
         payload: Bytes,
     ) {
@@ -102,9 +108,9 @@ impl Hub {
         let Some((connection, offer)) = route else {
             return self.answer(from, Outcome::Unreachable, Bytes::new());
         };
-        let ticket = self.open_call(from, Some(connection));
+        let call = self.open_call(from, Some(connection));
         let command = Command::Call {
-            ticket,
+            call,
             offer,
             deadline,
             payload,
@@ -115,55 +121,55 @@ impl Hub {
         });
     }
 
-    fn open_call(&mut self, from: Caller, by: Option<u64>) -> u64 {
-        self.calls.last += 1;
+    fn open_call(&mut self, from: Caller, by: Option<ConnectionId>) -> CallId {
+        self.calls.last.0 += 1;
         self.calls.open.insert(self.calls.last, Call { from, by });
         self.calls.last
     }
 
     /// Whoever was called has replied.
-    pub(super) fn replied(&mut self, ticket: u64, outcome: Outcome, payload: Bytes) {
-        if let Some(call) = self.calls.open.remove(&ticket) {
+    pub(super) fn replied(&mut self, call: CallId, outcome: Outcome, payload: Bytes) {
+        if let Some(call) = self.calls.open.remove(&call) {
             self.answer(call.from, outcome, payload);
         }
     }
 
     /// A peer does not want the reply any more.
     //= SM2-GWS-003
-    pub(super) fn cancelled(&mut self, connection: u64, call: u64) {
+    pub(super) fn cancelled(&mut self, connection: ConnectionId, call: PeerCall) {
         self.drop_calls(|it| it == Caller::Peer { connection, call });
     }
 
     /// Nor does somebody in the domain.
-    pub(super) fn local_dropped(&mut self, request: u64) {
+    pub(super) fn local_dropped(&mut self, request: RequestId) {
         self.drop_calls(|it| it == Caller::Local { request });
     }
 
     /// The callers of a connection that is over are gone. What was called by it fails at once: its
     /// session has said so.
     //= SM2-GWS-002
-    pub(super) fn calls_ended(&mut self, connection: u64) {
+    pub(super) fn calls_ended(&mut self, connection: ConnectionId) {
         self.drop_calls(|it| matches!(it, Caller::Peer { connection: of, .. } if of == connection));
         let lost = self.calls.open.iter();
-        let lost = lost.filter(|(_, call)| call.by == Some(connection));
-        let lost: Vec<u64> = lost.map(|(ticket, _)| *ticket).collect();
-        for ticket in lost {
-            self.replied(ticket, Outcome::Unreachable, Bytes::new());
+        let lost = lost.filter(|(_, it)| it.by == Some(connection));
+        let lost: Vec<CallId> = lost.map(|(id, _)| *id).collect();
+        for call in lost {
+            self.replied(call, Outcome::Unreachable, Bytes::new());
         }
     }
 
     fn drop_calls(&mut self, of: impl Fn(Caller) -> bool) {
         let outputs = &mut self.outputs;
-        self.calls.open.retain(|&ticket, call| {
-            if !of(call.from) {
+        self.calls.open.retain(|&call, it| {
+            if !of(it.from) {
                 return true;
             }
-            outputs.push_back(match call.by {
+            outputs.push_back(match it.by {
                 Some(connection) => Output::Peer {
                     connection,
-                    command: Command::Forget { ticket },
+                    command: Command::Forget { call },
                 },
-                None => Output::Local(LocalCommand::Cancel { call: ticket }),
+                None => Output::Local(LocalCommand::Cancel { call }),
             });
             false
         });

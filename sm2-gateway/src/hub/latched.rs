@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use sm2_proto::gateway::{GatewayId, Subject, router::Source};
+use sm2_proto::gateway::{GatewayId, OfferId, Subject, router::Source};
 
 use super::{Hub, messages::Numbered};
 
@@ -53,7 +53,7 @@ impl Latched {
 impl Hub {
     /// A peer wants what others may have wanted before.
     //= SM2-GWM-008
-    pub(super) fn replay(&mut self, peer: GatewayId, offer: u64) {
+    pub(super) fn replay(&mut self, peer: GatewayId, offer: OfferId) {
         let Some((subject, source)) = self.source(peer, offer) else {
             return;
         };

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use bytes::Bytes;
 use sm2_proto::{
     Instant,
-    gateway::{GatewayId, Hop, Subject, router::Source},
+    gateway::{GatewayId, Hop, OfferId, Subject, router::Source},
 };
 
 use super::{Hub, LocalCommand, Output, latched::Latched};
@@ -27,7 +27,7 @@ pub(super) struct Numbered {
 
 impl Numbered {
     /// Sends it as one of this offer.
-    pub(super) fn command(&self, offer: u64) -> Command {
+    pub(super) fn command(&self, offer: OfferId) -> Command {
         Command::Message {
             offer,
             sequence: self.sequence,
@@ -119,7 +119,7 @@ impl Hub {
         &mut self,
         now: Instant,
         peer: GatewayId,
-        offer: u64,
+        offer: OfferId,
         sequence: u64,
         age: Duration,
         payload: Bytes,
@@ -168,7 +168,7 @@ impl Hub {
     }
 
     fn pass_on(&mut self, subject: &Subject, source: Source, message: Numbered) {
-        let takers: Vec<(GatewayId, u64)> = self.router.takers(subject, source).collect();
+        let takers: Vec<(GatewayId, OfferId)> = self.router.takers(subject, source).collect();
         for (peer, offer) in takers {
             self.tell(peer, message.command(offer));
         }

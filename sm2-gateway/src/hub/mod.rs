@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, VecDeque};
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
-        Direction, GatewayId, Hop, PeerFarewell, Rules, Subject, SubjectKind, Verdict,
+        Direction, GatewayId, Hop, OfferId, PeerFarewell, Rules, Subject, SubjectKind, Verdict,
         router::{self, Router, Source},
         schedule::Terms,
         session::first_stays,
@@ -25,10 +25,10 @@ use sm2_proto::{
 use self::{calls::Calls, messages::Messages};
 pub use self::{
     latched::LATCHED_MAX,
-    words::{Denial, Input, LocalCommand, LocalEvent, NoRoom, Output, PeerStatus},
+    words::{Denial, Input, LocalCommand, LocalEvent, NoRoom, Output, PeerStatus, RequestId},
 };
 use crate::{
-    peer::{Command, Event},
+    peer::{Command, ConnectionId, Event},
     tally::{Tally, Whose},
 };
 
@@ -68,7 +68,7 @@ pub struct Hub {
     policy: Policy,
     router: Router,
     /// The connections that have greeted and are not over: whose they are.
-    connections: BTreeMap<u64, GatewayId>,
+    connections: BTreeMap<ConnectionId, GatewayId>,
     peers: BTreeMap<GatewayId, Peer>,
     messages: Messages,
     calls: Calls,
@@ -79,14 +79,14 @@ pub struct Hub {
 #[derive(Debug)]
 struct Peer {
     /// The connection that stays.
-    connection: u64,
+    connection: ConnectionId,
     is_dialled: bool,
     epoch: u64,
     name: Name,
     /// What it offers.
-    offers: BTreeMap<u64, (Subject, Hop)>,
+    offers: BTreeMap<OfferId, (Subject, Hop)>,
     /// What it was offered.
-    offered: BTreeMap<u64, Subject>,
+    offered: BTreeMap<OfferId, Subject>,
     /// What the hub alone can count.
     tally: Tally,
 }
@@ -134,7 +134,7 @@ impl Hub {
 
     /// The connection with this peer, if there is one.
     #[must_use]
-    pub fn connection(&self, peer: &GatewayId) -> Option<u64> {
+    pub fn connection(&self, peer: &GatewayId) -> Option<ConnectionId> {
         self.peers.get(peer).map(|it| it.connection)
     }
 
@@ -166,7 +166,7 @@ impl Hub {
         }
     }
 
-    fn close(&mut self, connection: u64, code: Code) {
+    fn close(&mut self, connection: ConnectionId, code: Code) {
         let command = Command::Close(code);
         self.outputs.push_back(Output::Peer {
             connection,
@@ -185,7 +185,7 @@ impl Hub {
     }
 
     /// What happened on a connection.
-    fn peer(&mut self, now: Instant, connection: u64, is_dialled: bool, event: Event) {
+    fn peer(&mut self, now: Instant, connection: ConnectionId, is_dialled: bool, event: Event) {
         if let Event::Greeted { peer, epoch, name } = event {
             return self.greeted(connection, is_dialled, peer, epoch, name);
         }
@@ -243,10 +243,10 @@ impl Hub {
             } => self.request(now, peer, connection, call, offer, left, payload),
             Event::Cancelled { call } => self.cancelled(connection, call),
             Event::Reply {
-                ticket,
+                call,
                 outcome,
                 payload,
-            } => self.replied(ticket, outcome, payload),
+            } => self.replied(call, outcome, payload),
         }
     }
 
@@ -254,7 +254,7 @@ impl Hub {
     //= SM2-GWC-004
     fn greeted(
         &mut self,
-        connection: u64,
+        connection: ConnectionId,
         is_dialled: bool,
         peer: GatewayId,
         epoch: u64,
@@ -291,7 +291,7 @@ impl Hub {
         self.route(router::Input::Up { peer });
     }
 
-    fn ended(&mut self, connection: u64, peer: GatewayId) {
+    fn ended(&mut self, connection: ConnectionId, peer: GatewayId) {
         self.connections.remove(&connection);
         self.peers.remove(&peer);
         self.calls_ended(connection);
@@ -447,7 +447,7 @@ impl Hub {
     }
 
     /// Of whom this gateway's offer is.
-    fn source(&self, peer: GatewayId, offer: u64) -> Option<(Subject, Source)> {
+    fn source(&self, peer: GatewayId, offer: OfferId) -> Option<(Subject, Source)> {
         let (subject, source) = self.router.source(peer, offer)?;
         Some((subject.clone(), source))
     }

@@ -3,14 +3,18 @@
 use bytes::Bytes;
 use sm2_proto::{
     Instant, Name,
-    gateway::{Direction, GatewayId, Outcome, Subject},
+    gateway::{Direction, GatewayId, OfferId, Outcome, Subject},
 };
 
 use super::Policy;
 use crate::{
-    peer::{Command, Event},
+    peer::{CallId, Command, ConnectionId, Event},
     tally::{Counts, Key},
 };
+
+/// The domain's side's number of a request to a server that stands for a remote one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct RequestId(pub u64);
 
 /// What happened.
 #[derive(Clone, Debug)]
@@ -18,7 +22,7 @@ pub enum Input {
     /// On a connection.
     Peer {
         /// Which.
-        connection: u64,
+        connection: ConnectionId,
         /// Whether this side opened it.
         is_dialled: bool,
         /// What.
@@ -40,9 +44,9 @@ pub enum NoRoom {
     /// A [`Command::Message`].
     ForPeer {
         /// On which connection.
-        connection: u64,
+        connection: ConnectionId,
         /// Of which offer.
-        offer: u64,
+        offer: OfferId,
     },
     /// A [`LocalCommand::Publish`].
     ForDomain {
@@ -59,7 +63,7 @@ pub enum Output {
     /// On a connection.
     Peer {
         /// Which.
-        connection: u64,
+        connection: ConnectionId,
         /// What.
         command: Command,
     },
@@ -112,7 +116,7 @@ pub enum LocalEvent {
     /// Somebody called a server that stands for a remote one.
     Request {
         /// The domain's name for it: in the [`LocalCommand::Reply`].
-        request: u64,
+        request: RequestId,
         /// Which service.
         subject: Subject,
         /// Of which gateway's domain.
@@ -125,12 +129,12 @@ pub enum LocalEvent {
     /// The caller does not want the reply any more.
     Dropped {
         /// Of which request.
-        request: u64,
+        request: RequestId,
     },
     /// A server of the domain has replied.
     Replied {
         /// To which [`LocalCommand::Call`].
-        call: u64,
+        call: CallId,
         /// How it went.
         outcome: Outcome,
         /// The reply, or why it failed.
@@ -181,7 +185,7 @@ pub enum LocalCommand {
     /// Call a server of the domain.
     Call {
         /// The hub's name for it: in the [`LocalEvent::Replied`].
-        call: u64,
+        call: CallId,
         /// Which service.
         subject: Subject,
         /// When the caller gives up.
@@ -192,12 +196,12 @@ pub enum LocalCommand {
     /// Nobody waits for the reply any more.
     Cancel {
         /// Of which call.
-        call: u64,
+        call: CallId,
     },
     /// Reply to a request.
     Reply {
         /// Which.
-        request: u64,
+        request: RequestId,
         /// How it went.
         outcome: Outcome,
         /// The reply, or why it failed.
@@ -213,7 +217,7 @@ pub struct PeerStatus {
     /// What people call it.
     pub name: Name,
     /// The connection.
-    pub connection: u64,
+    pub connection: ConnectionId,
     /// Of its process.
     pub epoch: u64,
     /// What it offers.

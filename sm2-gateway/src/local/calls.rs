@@ -10,6 +10,7 @@ use tokio::task::AbortHandle;
 use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::LocalEvent,
+    peer::CallId,
 };
 
 /// A call without a deadline is given up after so long: a peer is not to collect them here.
@@ -17,12 +18,12 @@ const LONGEST: Duration = Duration::from_secs(600);
 
 /// The calls that wait for a reply.
 #[derive(Debug, Default)]
-pub(super) struct Calls(BTreeMap<u64, AbortHandle>);
+pub(super) struct Calls(BTreeMap<CallId, AbortHandle>);
 
 impl Calls {
     pub(super) fn start(
         &mut self,
-        call: u64,
+        call: CallId,
         client: Option<Arc<AsyncClient<[u8], [u8]>>>,
         deadline: Option<Instant>,
         payload: Bytes,
@@ -44,7 +45,7 @@ impl Calls {
         self.0.insert(call, task.abort_handle());
     }
 
-    pub(super) fn cancel(&mut self, call: u64) {
+    pub(super) fn cancel(&mut self, call: CallId) {
         if let Some(task) = self.0.remove(&call) {
             task.abort();
         }

@@ -19,7 +19,7 @@ use tokio::sync::oneshot;
 
 use crate::{
     channel::hub::{HubEvent, HubHandle},
-    hub::LocalEvent,
+    hub::{LocalEvent, RequestId},
 };
 
 /// How often it is asked whether the caller still waits.
@@ -28,14 +28,14 @@ const LOOK: Duration = Duration::from_millis(50);
 /// The requests that wait for a reply.
 #[derive(Debug, Default)]
 pub(super) struct Requests {
-    last: u64,
-    open: BTreeMap<u64, oneshot::Sender<(Outcome, Bytes)>>,
+    last: RequestId,
+    open: BTreeMap<RequestId, oneshot::Sender<(Outcome, Bytes)>>,
 }
 
 impl Requests {
-    fn open(&mut self) -> (u64, oneshot::Receiver<(Outcome, Bytes)>) {
+    fn open(&mut self) -> (RequestId, oneshot::Receiver<(Outcome, Bytes)>) {
         let (answer, answered) = oneshot::channel();
-        self.last += 1;
+        self.last.0 += 1;
         self.open.insert(self.last, answer);
         (self.last, answered)
     }
@@ -121,7 +121,7 @@ async fn forward(
 
 pub(super) fn answer(
     requests: &Arc<Mutex<Requests>>,
-    request: u64,
+    request: RequestId,
     outcome: Outcome,
     payload: Bytes,
 ) {

@@ -6,15 +6,15 @@ use bytes::Bytes;
 use quinn_proto::{Connection, Dir, StreamId};
 use sm2_proto::{
     Instant,
-    gateway::{Carried, Header, Outcome, StreamEnd, session::Input},
+    gateway::{Carried, Header, OfferId, Outcome, StreamEnd, session::Input},
 };
 
 use super::{
-    Peer,
+    CallId, Peer, PeerCall,
     ahead::Room,
     code_of,
     outgoing::{Outgoing, Written},
-    stream_id, unreachable_call,
+    stream_id, token, unreachable_call,
 };
 use crate::{
     clock::Now,
@@ -25,31 +25,31 @@ use crate::{
 #[derive(Debug, Default)]
 pub(super) struct Calls {
     /// Those of this side, by their streams: the caller's names for them.
-    tickets: BTreeMap<StreamId, u64>,
+    ours: BTreeMap<StreamId, CallId>,
     /// Those of the peer's that wait for a reply: the offers that they were for.
-    came: BTreeMap<StreamId, u64>,
+    came: BTreeMap<StreamId, OfferId>,
     /// Requests and replies that are not written whole, and the offers that they are of.
     writing: Vec<(Whose, Outgoing)>,
 }
 
 impl Calls {
     pub(super) fn len(&self) -> usize {
-        self.tickets.len() + self.came.len() + self.writing.len()
+        self.ours.len() + self.came.len() + self.writing.len()
     }
 
     /// A call of the peer's is to be replied to.
-    pub(super) fn came(&mut self, id: StreamId, offer: u64) {
+    pub(super) fn came(&mut self, id: StreamId, offer: OfferId) {
         self.came.insert(id, offer);
     }
 
     /// No reply to it is due any more; if one was: the offer that it was for.
-    pub(super) fn settled(&mut self, id: StreamId) -> Option<u64> {
+    pub(super) fn settled(&mut self, id: StreamId) -> Option<OfferId> {
         self.came.remove(&id)
     }
 
     /// A call of this side has its reply, or will have none: the caller's name for it.
-    pub(super) fn is_over(&mut self, id: StreamId) -> Option<u64> {
-        self.tickets.remove(&id)
+    pub(super) fn is_over(&mut self, id: StreamId) -> Option<CallId> {
+        self.ours.remove(&id)
     }
 
     /// Its stream is reset.
@@ -64,12 +64,12 @@ impl Calls {
     }
 
     /// The connection is over: the calls without a reply.
-    pub(super) fn end(&mut self, tally: &mut Tally) -> impl Iterator<Item = u64> + use<> {
+    pub(super) fn end(&mut self, tally: &mut Tally) -> impl Iterator<Item = CallId> + use<> {
         for (offer, _) in self.writing.drain(..) {
             tally.count(offer, |it| it.withdrawn += 1);
         }
         self.came.clear();
-        std::mem::take(&mut self.tickets).into_values()
+        std::mem::take(&mut self.ours).into_values()
     }
 
     /// Whether nothing is to be written.
@@ -100,18 +100,18 @@ impl Peer {
     pub(super) fn call(
         &mut self,
         now: Now,
-        ticket: u64,
-        offer: u64,
+        call: CallId,
+        offer: OfferId,
         deadline: Option<Instant>,
         payload: Bytes,
     ) {
         let Some(id) = self.connection.streams().open(Dir::Bi) else {
-            return self.events.push_back(unreachable_call(ticket));
+            return self.events.push_back(unreachable_call(call));
         };
-        let stream = id.into();
+        let stream = token(id);
         if !self.session_takes(now, Input::Call { stream, offer }) {
             self.end_sending(id, code_of(StreamEnd::Cancelled.code()));
-            return self.events.push_back(unreachable_call(ticket));
+            return self.events.push_back(unreachable_call(call));
         }
         let left = deadline.map_or(0, |it| {
             // Zero would be none.
@@ -124,31 +124,31 @@ impl Peer {
             offer,
             len: payload.len() as u64,
         };
-        self.calls.tickets.insert(id, ticket);
+        self.calls.ours.insert(id, call);
         self.send_call(id, Whose::Theirs(offer), &header, payload);
     }
 
     //= SM2-GWS-003
-    pub(super) fn forget(&mut self, now: Now, ticket: u64) {
-        let found = self.calls.tickets.iter().find(|(_, it)| **it == ticket);
+    pub(super) fn forget(&mut self, now: Now, call: CallId) {
+        let found = self.calls.ours.iter().find(|(_, it)| **it == call);
         if let Some((&id, _)) = found {
-            self.session_takes(now, Input::Forget { stream: id.into() });
+            self.session_takes(now, Input::Forget { stream: token(id) });
             self.abandon(id);
         }
     }
 
     /// Whatever comes of a call of this side, nobody reads it. The caller's name for it.
-    pub(super) fn abandon(&mut self, id: StreamId) -> Option<u64> {
-        let ticket = self.calls.is_over(id)?;
+    pub(super) fn abandon(&mut self, id: StreamId) -> Option<CallId> {
+        let call = self.calls.is_over(id)?;
         let code = StreamEnd::Cancelled.code();
         self.stop(id, code);
         self.end_sending(id, code_of(code));
-        Some(ticket)
+        Some(call)
     }
 
     //= SM2-GWS-002
-    pub(super) fn reply(&mut self, call: u64, outcome: Outcome, payload: Bytes) {
-        let id = stream_id(call);
+    pub(super) fn reply(&mut self, call: PeerCall, outcome: Outcome, payload: Bytes) {
+        let id = stream_id(call.0);
         let Some(offer) = self.calls.settled(id) else {
             return;
         };

@@ -133,6 +133,7 @@ impl Incoming {
 mod tests {
     use super::*;
     use quinn_proto::{Dir, Side};
+    use sm2_proto::gateway::OfferId;
 
     const LIMITS: Limits = Limits {
         message_bytes: 100,
@@ -149,7 +150,7 @@ mod tests {
                 sequence: 1,
                 age_ns: 0,
             },
-            offer: 3,
+            offer: OfferId(3),
             len,
         };
         [&header.to_bytes()[..], &vec![7; payload]].concat()

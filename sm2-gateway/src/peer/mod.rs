@@ -7,6 +7,7 @@
 
 mod ahead;
 mod calls;
+mod id;
 mod incoming;
 mod offers;
 mod outgoing;
@@ -29,11 +30,13 @@ use sm2_io::quic::peer_of;
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
-        GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
+        GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, StreamToken,
+        SubjectKind,
         session::{End, Input, Output, Session},
     },
 };
 
+pub use self::id::{CallId, ConnectionId, PeerCall};
 pub use self::words::{Command, Event, Held, Limits, Me, Reason};
 use self::{
     ahead::Ahead,
@@ -271,12 +274,12 @@ impl Peer {
                 }
             }
             Command::Call {
-                ticket,
+                call,
                 offer,
                 deadline,
                 payload,
-            } => self.call(now, ticket, offer, deadline, payload),
-            Command::Forget { ticket } => self.forget(now, ticket),
+            } => self.call(now, call, offer, deadline, payload),
+            Command::Forget { call } => self.forget(now, call),
             Command::Reply {
                 call,
                 outcome,
@@ -408,25 +411,29 @@ impl Peer {
                     let verdict = Some(verdict);
                     self.events.push_back(Event::Answered { ask, verdict });
                 }
-                Output::Take { stream: u64::MAX } => {
+                Output::Take {
+                    stream: StreamToken(u64::MAX),
+                } => {
                     if let Some((header, payload)) = datagram.take() {
                         self.carried(StreamId::new(Side::Client, Dir::Uni, 0), &header, payload);
                     }
                 }
                 // Its bytes are kept from now on, as those of all that were not stopped.
                 Output::Take { .. } => {}
-                Output::Discard { stream: u64::MAX } => datagram = None,
+                Output::Discard {
+                    stream: StreamToken(u64::MAX),
+                } => datagram = None,
                 Output::Discard { stream } => {
                     self.stop(stream_id(stream), StreamEnd::Withdrawn.code());
                 }
                 Output::Unreachable { stream } => {
                     let id = stream_id(stream);
                     self.stop(id, StreamEnd::Withdrawn.code());
-                    self.reply(stream, Outcome::Unreachable, Bytes::new());
+                    self.reply(PeerCall(stream), Outcome::Unreachable, Bytes::new());
                 }
                 Output::CallFailed { stream } => {
-                    if let Some(ticket) = self.abandon(stream_id(stream)) {
-                        self.events.push_back(unreachable_call(ticket));
+                    if let Some(call) = self.abandon(stream_id(stream)) {
+                        self.events.push_back(unreachable_call(call));
                     }
                 }
                 Output::Ended(end) => self.over(now, Reason::Said(end)),
@@ -459,9 +466,9 @@ impl Peer {
     }
 }
 
-fn unreachable_call(ticket: u64) -> Event {
+fn unreachable_call(call: CallId) -> Event {
     Event::Reply {
-        ticket,
+        call,
         outcome: Outcome::Unreachable,
         payload: Bytes::new(),
     }
@@ -471,6 +478,10 @@ fn code_of(code: Code) -> VarInt {
     VarInt::from_u32(code.0.into())
 }
 
-fn stream_id(stream: u64) -> StreamId {
-    StreamId::from(VarInt::from_u64(stream).unwrap_or(VarInt::MAX))
+fn token(id: StreamId) -> StreamToken {
+    StreamToken(id.into())
+}
+
+fn stream_id(stream: StreamToken) -> StreamId {
+    StreamId::from(VarInt::from_u64(stream.0).unwrap_or(VarInt::MAX))
 }

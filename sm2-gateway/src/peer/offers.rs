@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use sm2_proto::gateway::{
-    Hop, Subject,
+    Hop, OfferId, Subject,
     schedule::Terms,
     session::{Input, Misuse},
 };
@@ -13,7 +13,7 @@ use crate::{clock::Now, tally::Whose};
 
 /// Offers that a session had no room for yet, by their numbers.
 #[derive(Debug, Default)]
-pub(super) struct Waiting(BTreeMap<u64, Offer>);
+pub(super) struct Waiting(BTreeMap<OfferId, Offer>);
 
 #[derive(Debug)]
 pub(super) struct Offer {
@@ -23,7 +23,7 @@ pub(super) struct Offer {
 }
 
 impl Peer {
-    pub(super) fn offer(&mut self, now: Now, number: u64, offer: Offer) {
+    pub(super) fn offer(&mut self, now: Now, number: OfferId, offer: Offer) {
         self.waiting.0.insert(number, offer);
         self.make_offers(now);
     }
@@ -52,14 +52,14 @@ impl Peer {
         }
     }
 
-    pub(super) fn change(&mut self, now: Now, offer: u64, terms: Terms) {
+    pub(super) fn change(&mut self, now: Now, offer: OfferId, terms: Terms) {
         if let Some(it) = self.waiting.0.get_mut(&offer) {
             it.terms = terms;
         }
         self.topics.change(now.at, offer, terms);
     }
 
-    pub(super) fn withdraw(&mut self, now: Now, offer: u64) {
+    pub(super) fn withdraw(&mut self, now: Now, offer: OfferId) {
         if self.waiting.0.remove(&offer).is_some() {
             return;
         }

@@ -6,10 +6,13 @@ use bytes::Bytes;
 use quinn_proto::{Dir, ReadError, ReadableError, StreamId, VarInt};
 use sm2_proto::{
     Code,
-    gateway::{Carried, Header, PeerFarewell, PeerViolation, StreamEnd, session::Input},
+    gateway::{
+        Carried, Header, OfferId, PeerFarewell, PeerViolation, StreamEnd, StreamToken,
+        session::Input,
+    },
 };
 
-use super::{Event, Peer, code_of, incoming::Progress, unreachable_call};
+use super::{Event, Peer, PeerCall, code_of, incoming::Progress, token, unreachable_call};
 use crate::{
     clock::Now,
     tally::{Counts, Whose},
@@ -76,7 +79,7 @@ impl Peer {
         if let Carried::Request { .. } = header.carried {
             self.calls.came(id, header.offer);
         }
-        let stream = id.into();
+        let stream = token(id);
         self.session_takes(now, Input::Stream { stream, header });
         self.drain_session(now);
     }
@@ -110,19 +113,19 @@ impl Peer {
             Carried::Request { left_ns } => {
                 self.tally.count(Whose::Ours(offer), received);
                 Event::Request {
-                    call: id.into(),
+                    call: PeerCall(token(id)),
                     offer,
                     left: (left_ns > 0).then(|| Duration::from_nanos(left_ns)),
                     payload,
                 }
             }
             Carried::Reply { status } => {
-                let Some(ticket) = self.calls.is_over(id) else {
+                let Some(call) = self.calls.is_over(id) else {
                     return;
                 };
                 self.tally.count(Whose::Theirs(offer), received);
                 Event::Reply {
-                    ticket,
+                    call,
                     outcome: status,
                     payload,
                 }
@@ -150,7 +153,9 @@ impl Peer {
         self.end_sending(id, code);
         if self.calls.settled(id).is_some() {
             //= SM2-GWS-003
-            self.events.push_back(Event::Cancelled { call: id.into() });
+            self.events.push_back(Event::Cancelled {
+                call: PeerCall(token(id)),
+            });
         }
     }
 
@@ -168,7 +173,7 @@ impl Peer {
                         && matches!(header.carried, Carried::Message { .. }) =>
                 {
                     // No stream has this number.
-                    let stream = u64::MAX;
+                    let stream = StreamToken(u64::MAX);
                     self.session_takes(now, Input::Stream { stream, header });
                     self.drain_session_for(now, Some((header, payload)));
                 }
@@ -181,7 +186,7 @@ impl Peer {
     /// Stops a stream; the peer is told why.
     pub(super) fn refuse(&mut self, now: Now, id: StreamId, code: Code) {
         // Before its header came nobody knows what it is of.
-        let offer = self.incoming.offer(id).unwrap_or(Whose::Theirs(0));
+        let offer = self.incoming.offer(id).unwrap_or(Whose::Theirs(OfferId(0)));
         self.tally.count(offer, |it| it.refused += 1);
         self.stop(id, code);
         self.calls.settled(id);
@@ -207,9 +212,9 @@ impl Peer {
 
     /// If it is a call of this side: it gets no reply.
     pub(super) fn unanswered(&mut self, now: Now, id: StreamId) {
-        if let Some(ticket) = self.calls.is_over(id) {
-            self.session_takes(now, Input::Forget { stream: id.into() });
-            self.events.push_back(unreachable_call(ticket));
+        if let Some(call) = self.calls.is_over(id) {
+            self.session_takes(now, Input::Forget { stream: token(id) });
+            self.events.push_back(unreachable_call(call));
         }
     }
 }

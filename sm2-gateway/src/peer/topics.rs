@@ -7,7 +7,7 @@ use quinn_proto::{Connection, Dir, SendDatagramError};
 use sm2_proto::{
     Instant,
     gateway::{
-        Carried, Header, StreamEnd,
+        Carried, Header, OfferId, StreamEnd,
         schedule::{self, Cause, Input, Output, Schedule, Terms},
     },
 };
@@ -22,11 +22,11 @@ use crate::tally::{Tally, Whose};
 #[derive(Debug, Default)]
 pub(super) struct Topics {
     schedule: Schedule,
-    offers: BTreeMap<u64, Offer>,
+    offers: BTreeMap<OfferId, Offer>,
     /// Those that are not started, by their keys.
-    waiting: BTreeMap<u64, (u64, Message)>,
+    waiting: BTreeMap<u64, (OfferId, Message)>,
     /// Those in the making, by their offers.
-    making: BTreeMap<u64, Making>,
+    making: BTreeMap<OfferId, Making>,
     last_key: u64,
     /// How many long messages were started.
     started: i32,
@@ -72,7 +72,7 @@ pub(super) struct Message {
 
 impl Topics {
     /// How the messages of an offer will go.
-    pub(super) fn terms(&mut self, offer: u64, terms: Terms, is_reliable: bool) {
+    pub(super) fn terms(&mut self, offer: OfferId, terms: Terms, is_reliable: bool) {
         let offered = Offer {
             terms,
             is_reliable,
@@ -81,7 +81,7 @@ impl Topics {
         self.offers.insert(offer, offered);
     }
 
-    pub(super) fn change(&mut self, now: Instant, offer: u64, terms: Terms) {
+    pub(super) fn change(&mut self, now: Instant, offer: OfferId, terms: Terms) {
         if let Some(it) = self.offers.get_mut(&offer) {
             let depth = it.terms.depth;
             it.terms = Terms { depth, ..terms };
@@ -92,7 +92,7 @@ impl Topics {
     }
 
     /// The peer wants it.
-    pub(super) fn wanted(&mut self, now: Instant, offer: u64, depth: u16) {
+    pub(super) fn wanted(&mut self, now: Instant, offer: OfferId, depth: u16) {
         if let Some(it) = self.offers.get_mut(&offer) {
             it.terms.depth = depth;
             let terms = it.terms;
@@ -100,11 +100,11 @@ impl Topics {
         }
     }
 
-    pub(super) fn unwanted(&mut self, now: Instant, offer: u64) {
+    pub(super) fn unwanted(&mut self, now: Instant, offer: OfferId) {
         let _ = self.schedule.handle(now, Input::Close { offer });
     }
 
-    pub(super) fn forget(&mut self, now: Instant, offer: u64) {
+    pub(super) fn forget(&mut self, now: Instant, offer: OfferId) {
         self.unwanted(now, offer);
         self.offers.remove(&offer);
     }
@@ -121,7 +121,7 @@ impl Topics {
     pub(super) fn offer(
         &mut self,
         now: Instant,
-        offer: u64,
+        offer: OfferId,
         mut message: Message,
         rtt: Duration,
     ) -> bool {
@@ -177,8 +177,8 @@ impl Topics {
         connection: &mut Connection,
         room: &mut Room,
         tally: &mut Tally,
-    ) -> Option<u64> {
-        let order: Vec<u64> = self.schedule.order().collect();
+    ) -> Option<OfferId> {
+        let order: Vec<OfferId> = self.schedule.order().collect();
         for offer in order {
             let Some(making) = self.making.get_mut(&offer) else {
                 continue;
@@ -248,7 +248,7 @@ impl Topics {
 impl Making {
     fn write(
         &mut self,
-        offer: u64,
+        offer: OfferId,
         now: Instant,
         connection: &mut Connection,
         room: &mut Room,
@@ -276,7 +276,13 @@ impl Making {
     }
 
     /// Opens the stream, as late as can be.
-    fn open(&mut self, offer: u64, now: Instant, connection: &mut Connection, started: &mut i32) {
+    fn open(
+        &mut self,
+        offer: OfferId,
+        now: Instant,
+        connection: &mut Connection,
+        started: &mut i32,
+    ) {
         let State::NoStream(message) = &self.state else {
             return;
         };
@@ -299,7 +305,7 @@ impl Making {
 }
 
 impl Message {
-    fn header(&self, offer: u64, now: Instant) -> Header {
+    fn header(&self, offer: OfferId, now: Instant) -> Header {
         let age = now.since(self.published).as_nanos();
         Header {
             carried: Carried::Message {
@@ -315,7 +321,7 @@ impl Message {
     //= SM2-GWM-003
     fn send_datagram(
         &self,
-        offer: u64,
+        offer: OfferId,
         now: Instant,
         connection: &mut Connection,
         room: &mut Room,

@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
+use super::{CallId, PeerCall};
 use bytes::Bytes;
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
-        GatewayId, Hop, Outcome, PeerFarewell, PeerViolation, Subject, SubjectKind, Verdict,
-        schedule::Terms, session::End,
+        AskId, GatewayId, Hop, OfferId, Outcome, PeerFarewell, PeerViolation, Subject, SubjectKind,
+        Verdict, schedule::Terms, session::End,
     },
 };
 
@@ -17,7 +18,7 @@ pub enum Command {
     /// Offer this to the peer.
     Offer {
         /// The number of the offer.
-        offer: u64,
+        offer: OfferId,
         /// What it is.
         subject: Subject,
         /// From its origin to this gateway.
@@ -28,31 +29,31 @@ pub enum Command {
     /// Do not offer it any more.
     Unoffer {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// There are other rules for an offer.
     Change {
         /// Which.
-        offer: u64,
+        offer: OfferId,
         /// How its messages go from now on.
         terms: Terms,
     },
     /// Want what the peer offers.
     Want {
         /// Which.
-        offer: u64,
+        offer: OfferId,
         /// How many messages wait for this side at most.
         depth: u16,
     },
     /// Do not want it any more.
     Unwant {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// Ask whether this side could have that; the answer is [`Event::Answered`].
     Ask {
         /// The number of the question.
-        ask: u64,
+        ask: AskId,
         /// A topic or a service.
         kind: SubjectKind,
         /// Its name.
@@ -61,14 +62,14 @@ pub enum Command {
     /// Answer the oldest question.
     Answer {
         /// Its number.
-        ask: u64,
+        ask: AskId,
         /// What it is.
         verdict: Verdict,
     },
     /// Send this message, if the peer wants it.
     Message {
         /// Of which offer.
-        offer: u64,
+        offer: OfferId,
         /// Its number at the origin.
         sequence: u64,
         /// When it was published.
@@ -79,9 +80,9 @@ pub enum Command {
     /// Call a service of the peer's.
     Call {
         /// The caller's name for it: in the [`Event::Reply`].
-        ticket: u64,
+        call: CallId,
         /// Which service.
-        offer: u64,
+        offer: OfferId,
         /// When the caller gives up.
         deadline: Option<Instant>,
         /// The request.
@@ -90,12 +91,12 @@ pub enum Command {
     /// Nobody waits for the reply any more.
     Forget {
         /// Of which call.
-        ticket: u64,
+        call: CallId,
     },
     /// Reply to a call of the peer's.
     Reply {
         /// Which, by its [`Event::Request`].
-        call: u64,
+        call: PeerCall,
         /// How it went.
         outcome: Outcome,
         /// The reply, or why it failed.
@@ -120,7 +121,7 @@ pub enum Event {
     /// The peer offers this.
     Offered {
         /// The number of the offer.
-        offer: u64,
+        offer: OfferId,
         /// What it is.
         subject: Subject,
         /// From its origin to the peer.
@@ -129,24 +130,24 @@ pub enum Event {
     /// It does not any more.
     Gone {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// The peer wants what it was offered.
     Wanted {
         /// Which.
-        offer: u64,
+        offer: OfferId,
         /// How many messages wait for it at most.
         depth: u16,
     },
     /// It does not any more.
     Unwanted {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// The peer asks whether it could have that.
     Asked {
         /// The number of the question.
-        ask: u64,
+        ask: AskId,
         /// A topic or a service.
         kind: SubjectKind,
         /// Its name.
@@ -155,14 +156,14 @@ pub enum Event {
     /// The peer has answered a question of this side.
     Answered {
         /// Which.
-        ask: u64,
+        ask: AskId,
         /// What it said; nothing: it could not be asked.
         verdict: Option<Verdict>,
     },
     /// A message came, whole.
     Message {
         /// Of which offer.
-        offer: u64,
+        offer: OfferId,
         /// Its number at the origin.
         sequence: u64,
         /// Since publication, when it set out.
@@ -173,9 +174,9 @@ pub enum Event {
     /// The peer calls.
     Request {
         /// For the [`Command::Reply`].
-        call: u64,
+        call: PeerCall,
         /// Which service.
-        offer: u64,
+        offer: OfferId,
         /// What is left until its deadline.
         left: Option<Duration>,
         /// The request.
@@ -184,12 +185,12 @@ pub enum Event {
     /// The peer does not want this reply any more.
     Cancelled {
         /// Which call.
-        call: u64,
+        call: PeerCall,
     },
     /// A call of this side is over.
     Reply {
         /// Which.
-        ticket: u64,
+        call: CallId,
         /// How it went.
         outcome: Outcome,
         /// The reply, or why it failed.

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 use quinn_proto::{Connection, ConnectionEvent, ConnectionHandle, EndpointEvent};
 use sm2_proto::{
     Instant,
-    gateway::{GatewayId, Verdict},
+    gateway::{AskId, GatewayId, Verdict},
 };
 use tokio::sync::oneshot;
 
@@ -19,7 +19,7 @@ use crate::{
         hub::HubEvent,
         network::NetworkEvent,
     },
-    peer::{Command, Event, Peer},
+    peer::{Command, ConnectionId, Event, Peer},
 };
 
 /// What is done in one turn, so that all that waits gets its own.
@@ -32,12 +32,12 @@ pub(super) struct Task {
     shared: Arc<Shared>,
     handle: ConnectionHandle,
     /// The connection's number, which is not used again.
-    number: u64,
+    number: ConnectionId,
     dialled: Option<GatewayId>,
     peer: Peer,
     /// Who waits for an answer of the peer, by the number of the question.
-    asked: BTreeMap<u64, oneshot::Sender<Verdict>>,
-    last_question: u64,
+    asked: BTreeMap<AskId, oneshot::Sender<Verdict>>,
+    last_question: AskId,
     has_ended: Option<Instant>,
 }
 
@@ -45,7 +45,7 @@ impl Task {
     pub(super) fn new(
         shared: Arc<Shared>,
         handle: ConnectionHandle,
-        number: u64,
+        number: ConnectionId,
         dialled: Option<GatewayId>,
         connection: Connection,
     ) -> Self {
@@ -64,7 +64,7 @@ impl Task {
             dialled,
             peer,
             asked: BTreeMap::new(),
-            last_question: 0,
+            last_question: AskId(0),
             has_ended: None,
         }
     }
@@ -124,7 +124,7 @@ impl Task {
                 let _ = answer.send(self.report());
             }
             PeerQuery::AskPeer { kind, name, answer } => {
-                self.last_question += 1;
+                self.last_question.0 += 1;
                 let ask = self.last_question;
                 self.asked.insert(ask, answer);
                 self.command(Command::Ask { ask, kind, name });
@@ -132,7 +132,7 @@ impl Task {
         }
     }
 
-    fn answered(&mut self, ask: u64, verdict: Option<Verdict>) {
+    fn answered(&mut self, ask: AskId, verdict: Option<Verdict>) {
         if let (Some(answer), Some(verdict)) = (self.asked.remove(&ask), verdict) {
             // Whoever asked may have gone.
             let _ = answer.send(verdict);

@@ -20,7 +20,7 @@ use crate::{
         network::NetworkEvent,
     },
     hub::{Hub, Input, LocalCommand, LocalEvent, NoRoom, Output},
-    peer::{Command, Event},
+    peer::{Command, ConnectionId, Event},
     question::Question,
     shadow::RuleSet,
 };
@@ -39,7 +39,7 @@ struct Task {
     revision: u64,
     shared: Arc<Shared>,
     local: LocalHandle,
-    connections: BTreeMap<u64, Connection>,
+    connections: BTreeMap<ConnectionId, Connection>,
 }
 
 struct Connection {
@@ -140,7 +140,7 @@ impl Task {
         }
     }
 
-    fn event(&mut self, connection: u64, mut event: Event) {
+    fn event(&mut self, connection: ConnectionId, mut event: Event) {
         let Some(it) = self.connections.get(&connection) else {
             return;
         };

@@ -19,6 +19,7 @@ use crate::{
         network::NetworkEvent,
     },
     config::PeerConfig,
+    peer::ConnectionId,
 };
 
 /// What the task of the network has.
@@ -34,7 +35,7 @@ pub(super) struct Network {
     hosts: Hosts,
     connections: BTreeMap<ConnectionHandle, PeerHandle>,
     /// The number of the last connection.
-    last: u64,
+    last: ConnectionId,
 }
 
 impl Network {
@@ -57,7 +58,7 @@ impl Network {
             peers: Vec::new(),
             hosts: Hosts::default(),
             connections: BTreeMap::new(),
-            last: 0,
+            last: ConnectionId::default(),
         };
         network.trust(peers);
         network
@@ -212,7 +213,7 @@ impl Network {
         dialled: Option<GatewayId>,
         connection: Connection,
     ) {
-        self.last += 1;
+        self.last.0 += 1;
         let (task, inbox) = connection::channel();
         self.connections.insert(handle, task.clone());
         let event = HubEvent::Opened {

@@ -8,7 +8,7 @@ use sm2_io::quic::SecretKey;
 use sm2_node::{Publisher, Subscriber};
 use sm2_proto::{
     Name, TypeId,
-    gateway::{Frame, GatewayId, Hop, Subject},
+    gateway::{Frame, GatewayId, Hop, OfferId, Subject},
 };
 use tokio::runtime::Runtime;
 
@@ -112,7 +112,15 @@ impl Bench {
         client.frame(&offer(1, subject, self.key.id()));
         client.until("WANT", |it| {
             let mut frames = it.frames.iter();
-            frames.any(|it| matches!(it, Frame::Want { offer: 1, .. }))
+            frames.any(|it| {
+                matches!(
+                    it,
+                    Frame::Want {
+                        offer: OfferId(1),
+                        ..
+                    }
+                )
+            })
         });
         client
     }
@@ -136,7 +144,7 @@ pub(crate) fn hello(epoch: u64) -> Frame {
 pub(crate) fn offer(offer: u64, subject: &Subject, gateway: GatewayId) -> Frame {
     let epoch = EPOCH;
     Frame::Offer {
-        offer,
+        offer: OfferId(offer),
         subject: subject.clone(),
         path: vec![Hop { gateway, epoch }],
     }

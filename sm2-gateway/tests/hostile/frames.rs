@@ -4,7 +4,7 @@ use quinn_proto::{ConnectionError, TransportConfig};
 use sm2_io::quic::{ALPN, SecretKey};
 use sm2_proto::{
     Name,
-    gateway::{Frame, PeerFarewell, PeerViolation, Verdict},
+    gateway::{AskId, Frame, OfferId, PeerFarewell, PeerViolation, Verdict},
 };
 
 use crate::{
@@ -140,7 +140,7 @@ fn frames_that_are_not_legal_end_the_connection() {
         (
             "WANT of nothing",
             after(&[Frame::Want {
-                offer: 99,
+                offer: OfferId(99),
                 depth: 1,
             }
             .to_bytes()]),
@@ -148,17 +148,25 @@ fn frames_that_are_not_legal_end_the_connection() {
         ),
         (
             "WANT of no depth",
-            after(&[Frame::Want { offer: 1, depth: 0 }.to_bytes()]),
+            after(&[Frame::Want {
+                offer: OfferId(1),
+                depth: 0,
+            }
+            .to_bytes()]),
             violation(V::BadQos),
         ),
         (
             "UNOFFERED of nothing",
-            after(&[Frame::Unoffered { offer: 99 }.to_bytes()]),
+            after(&[Frame::Unoffered { offer: OfferId(99) }.to_bytes()]),
             violation(V::UnknownOffer),
         ),
         (
             "ANSWER to nothing",
-            after(&[Frame::Answer { ask: 1, verdict }.to_bytes()]),
+            after(&[Frame::Answer {
+                ask: AskId(1),
+                verdict,
+            }
+            .to_bytes()]),
             violation(V::UnexpectedAnswer),
         ),
     ];
@@ -190,11 +198,13 @@ fn what_is_offered_again_is_wanted_again() {
     let subject = topic("m", text());
     let mut client = bench.wanted(&subject);
     for number in 2..20 {
-        client.frame(&Frame::Unoffer { offer: number - 1 });
+        client.frame(&Frame::Unoffer {
+            offer: OfferId(number - 1),
+        });
         client.frame(&offer(number, &subject, bench.key.id()));
         client.until("WANT again", |it| {
             let mut frames = it.frames.iter();
-            frames.any(|it| matches!(it, Frame::Want { offer, .. } if *offer == number))
+            frames.any(|it| matches!(it, Frame::Want { offer, .. } if *offer == OfferId(number)))
         });
     }
     bench.stop();

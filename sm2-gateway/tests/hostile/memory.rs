@@ -9,7 +9,7 @@ use quinn_proto::{Dir, TransportConfig};
 use sm2_gateway::keys;
 use sm2_proto::{
     Name,
-    gateway::{Frame, Subject, SubjectKind},
+    gateway::{AskId, Frame, OfferId, Subject, SubjectKind},
     limits::{MESSAGES_IN_THE_MAKING_MAX, OFFERS_MAX, QUESTIONS_MAX},
 };
 
@@ -71,11 +71,24 @@ fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
         frame.to_bytes()
     });
     client.say(&offers.collect::<Vec<_>>().concat());
-    let wanted = |it: &Frame| matches!(it, Frame::Want { offer: 1, .. });
+    let wanted = |it: &Frame| {
+        matches!(
+            it,
+            Frame::Want {
+                offer: OfferId(1),
+                ..
+            }
+        )
+    };
     client.until("WANT", |it| it.frames.iter().any(wanted));
     let questions = (1..=QUESTIONS_MAX as u64).map(|ask| {
         let (kind, name) = (SubjectKind::Topic, topic(2).name().clone());
-        Frame::Ask { ask, kind, name }.to_bytes()
+        Frame::Ask {
+            ask: AskId(ask),
+            kind,
+            name,
+        }
+        .to_bytes()
     });
     client.say(&questions.collect::<Vec<_>>().concat());
     let payload = vec![b'x'; 2 << 20];

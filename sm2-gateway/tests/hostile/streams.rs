@@ -4,7 +4,9 @@ use std::time::Duration;
 
 use quinn_proto::Dir;
 use sm2_io::quic::CALLS_MAX;
-use sm2_proto::gateway::{Carried, Frame, Header, Outcome, PeerFarewell, PeerViolation, Subject};
+use sm2_proto::gateway::{
+    Carried, Frame, Header, OfferId, Outcome, PeerFarewell, PeerViolation, Subject,
+};
 
 use crate::{
     bench::{Bench, MEMORY_BYTES, MESSAGE_BYTES, topic},
@@ -56,14 +58,14 @@ fn streams_that_are_not_legal_end_the_connection() {
         (
             "a call on one way",
             Dir::Uni,
-            request(1).to_bytes().to_vec(),
+            request(OfferId(1)).to_bytes().to_vec(),
             V::Malformed,
         ),
         ("a message on two", Dir::Bi, whole.to_vec(), V::Malformed),
         (
             "a call of nothing",
             Dir::Bi,
-            request(99).to_bytes().to_vec(),
+            request(OfferId(99)).to_bytes().to_vec(),
             V::UnknownOffer,
         ),
     ];

@@ -2,17 +2,17 @@
 
 use bytes::Bytes;
 use sm2_gateway::{
-    hub::{LocalCommand, LocalEvent, Output},
-    peer::{Command, Event, Reason},
+    hub::{LocalCommand, LocalEvent, Output, RequestId},
+    peer::{Command, ConnectionId, Event, PeerCall, Reason},
 };
-use sm2_proto::gateway::{Outcome, session::End};
+use sm2_proto::gateway::{OfferId, Outcome, StreamToken, session::End};
 
-use super::{greet, hop, hub, local, offered, service, tell};
+use super::{greet, hop, hub, local, offered, service, tell, wanted};
 
 fn request(call: u64, offer: u64) -> Event {
     Event::Request {
-        call,
-        offer,
+        call: PeerCall(StreamToken(call)),
+        offer: OfferId(offer),
         left: None,
         payload: Bytes::new(),
     }
@@ -26,21 +26,27 @@ fn a_call_that_is_not_wanted_any_more_is_cancelled_where_it_went() {
     greet(&mut hub, 2, 3, 3);
     let (subject, present) = (service("near"), true);
     local(&mut hub, LocalEvent::Present { subject, present });
-    tell(&mut hub, 2, Event::Wanted { offer: 1, depth: 1 });
+    tell(&mut hub, 2, wanted(1, 1));
     let said = tell(&mut hub, 2, request(8, 1));
     let [Output::Local(LocalCommand::Call { call, .. })] = said[..] else {
         panic!("{said:?}");
     };
-    let said = tell(&mut hub, 2, Event::Cancelled { call: 8 });
+    let said = tell(
+        &mut hub,
+        2,
+        Event::Cancelled {
+            call: PeerCall(StreamToken(8)),
+        },
+    );
     assert!(matches!(said[..], [Output::Local(LocalCommand::Cancel { call: it })] if it == call));
     // And one that went on to another peer.
     offered(&mut hub, 1, 6, service("far"), &[9]);
-    tell(&mut hub, 2, Event::Wanted { offer: 2, depth: 1 });
+    tell(&mut hub, 2, wanted(2, 1));
     let said = tell(&mut hub, 2, request(9, 2));
     let [
         Output::Peer {
-            connection: 1,
-            command: Command::Call { ticket, .. },
+            connection: ConnectionId(1),
+            command: Command::Call { call, .. },
         },
     ] = said[..]
     else {
@@ -48,7 +54,7 @@ fn a_call_that_is_not_wanted_any_more_is_cancelled_where_it_went() {
     };
     let said = tell(&mut hub, 2, Event::Ended(Reason::Said(End::Closed(None))));
     let forgotten = said.iter().any(|it| {
-        matches!(it, Output::Peer { connection: 1, command: Command::Forget { ticket: t } } if *t == ticket)
+        matches!(it, Output::Peer { connection: ConnectionId(1), command: Command::Forget { call: t } } if *t == call)
     });
     assert!(forgotten, "{said:?}");
 }
@@ -65,7 +71,7 @@ fn a_call_has_one_answer_also_when_the_way_is_lost() {
         deadline: None,
         payload: Bytes::new(),
     };
-    local(&mut hub, ask(1));
+    local(&mut hub, ask(RequestId(1)));
     let said = tell(&mut hub, 1, Event::Ended(Reason::Said(End::Closed(None))));
     let answers = |said: &[Output]| {
         let of = |it: &Output| match it {
@@ -76,7 +82,7 @@ fn a_call_has_one_answer_also_when_the_way_is_lost() {
         };
         said.iter().filter_map(of).collect::<Vec<_>>()
     };
-    assert_eq!(answers(&said), [(1, Outcome::Unreachable)]);
-    let said = local(&mut hub, ask(2));
-    assert_eq!(answers(&said), [(2, Outcome::Unreachable)]);
+    assert_eq!(answers(&said), [(RequestId(1), Outcome::Unreachable)]);
+    let said = local(&mut hub, ask(RequestId(2)));
+    assert_eq!(answers(&said), [(RequestId(2), Outcome::Unreachable)]);
 }

@@ -3,7 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use bytes::Bytes;
-use sm2_gateway::hub::{LocalCommand, LocalEvent};
+use sm2_gateway::{
+    hub::{LocalCommand, LocalEvent, RequestId},
+    peer::CallId,
+};
 use sm2_proto::{
     Instant,
     gateway::{GatewayId, Outcome, Subject, SubjectKind},
@@ -28,8 +31,8 @@ pub(crate) struct Domain {
     /// What the gateway takes.
     pub(crate) subscribed: BTreeSet<Subject>,
     /// What servers have to do: when they are done, and the reply.
-    serving: BTreeMap<u64, (Instant, Bytes)>,
-    pub(crate) last_request: u64,
+    serving: BTreeMap<CallId, (Instant, Bytes)>,
+    pub(crate) last_request: RequestId,
     random: Random,
 }
 
@@ -47,7 +50,7 @@ impl Domain {
             shown: BTreeSet::new(),
             subscribed: BTreeSet::new(),
             serving: BTreeMap::new(),
-            last_request: 0,
+            last_request: RequestId::default(),
             random,
         };
         (domain, events)

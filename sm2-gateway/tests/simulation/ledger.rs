@@ -4,6 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use bytes::Bytes;
+use sm2_gateway::hub::RequestId;
 use sm2_proto::{
     Instant,
     gateway::{Direction, GatewayId, Hop, Outcome, Subject},
@@ -65,11 +66,11 @@ pub(crate) struct Ledger {
     published: BTreeMap<(usize, Subject, u64), Instant>,
     /// The last number that a domain got of an origin.
     taken: BTreeMap<(usize, Subject, usize), u64>,
-    asked: BTreeMap<(usize, u64), Asked>,
+    asked: BTreeMap<(usize, RequestId), Asked>,
     pub(crate) delivered: u64,
     pub(crate) answered: BTreeMap<u64, u64>,
     /// The last of them, for what is asked to see how it went.
-    pub(crate) last_answers: BTreeMap<(usize, u64), Outcome>,
+    pub(crate) last_answers: BTreeMap<(usize, RequestId), Outcome>,
     pub(crate) trace: Trace,
 }
 
@@ -246,7 +247,7 @@ impl Ledger {
         &mut self,
         now: Instant,
         node: usize,
-        request: u64,
+        request: RequestId,
         subject: &Subject,
         origin: usize,
     ) -> Bytes {
@@ -257,7 +258,7 @@ impl Ledger {
             is_dropped: false,
         };
         self.asked.insert((node, request), it);
-        format!("{node} {request} {}", subject.name()).into()
+        format!("{node} {} {}", request.0, subject.name()).into()
     }
 
     /// A server is called.
@@ -265,7 +266,7 @@ impl Ledger {
         let (from, request, name) = parse(payload);
         assert_eq!(name, subject.name().as_str(), "a call of another service");
         // Who dropped it may be served all the same.
-        if let Some(it) = self.asked.get(&(from, request)) {
+        if let Some(it) = self.asked.get(&(from, RequestId(request))) {
             assert_eq!((node, subject), (it.origin, &it.subject), "another server");
             assert!(
                 self.reaches(it.at, subject, node, from),
@@ -276,12 +277,18 @@ impl Ledger {
 
     /// A call is over.
     //= SM2-GWS-002 test
-    pub(crate) fn replied(&mut self, node: usize, request: u64, outcome: Outcome, payload: &[u8]) {
+    pub(crate) fn replied(
+        &mut self,
+        node: usize,
+        request: RequestId,
+        outcome: Outcome,
+        payload: &[u8],
+    ) {
         let it = self.asked.remove(&(node, request));
         let it = it.expect("a reply to what was not asked, or replied to already");
         match outcome {
             Outcome::Ok => {
-                let expected = format!("{} {node} {request} {}", it.origin, it.subject.name());
+                let expected = format!("{} {node} {} {}", it.origin, request.0, it.subject.name());
                 assert_eq!(payload, expected.as_bytes(), "another's reply");
             }
             _ => assert!(payload.is_empty(), "{outcome:?} with a payload"),
@@ -291,14 +298,14 @@ impl Ledger {
     }
 
     /// Whoever asked does not want to know any more.
-    pub(crate) fn give_up(&mut self, node: usize, request: u64) {
+    pub(crate) fn give_up(&mut self, node: usize, request: RequestId) {
         if let Some(it) = self.asked.get_mut(&(node, request)) {
             it.is_dropped = true;
         }
     }
 
-    pub(crate) fn open_requests(&self, node: usize) -> Vec<u64> {
-        let is_open = |((of, _), it): &(&(usize, u64), &Asked)| *of == node && !it.is_dropped;
+    pub(crate) fn open_requests(&self, node: usize) -> Vec<RequestId> {
+        let is_open = |((of, _), it): &(&(usize, RequestId), &Asked)| *of == node && !it.is_dropped;
         let all = self.asked.iter().filter(is_open);
         all.map(|((_, request), _)| *request).collect()
     }

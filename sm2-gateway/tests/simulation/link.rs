@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use quinn_proto::{ConnectionHandle, EndpointEvent};
 use sm2_gateway::{
     hub::Input,
-    peer::{Command, Event, Peer},
+    peer::{Command, ConnectionId, Event, Peer},
 };
 use sm2_proto::{
     Instant,
-    gateway::{GatewayId, Hop, Subject, discovery},
+    gateway::{GatewayId, Hop, OfferId, Subject, discovery},
 };
 
 use crate::{
@@ -22,13 +22,13 @@ use crate::{
 pub(crate) const DRAIN: u64 = 3_000 * MS;
 /// One connection, and what waits for it.
 pub(crate) struct Link {
-    pub(crate) number: u64,
+    pub(crate) number: ConnectionId,
     pub(crate) dialled: Option<GatewayId>,
     pub(crate) peer: Peer,
     pub(crate) commands: Queue<Command>,
     pub(crate) messages: Queue<Command>,
     /// What the hub offers on it.
-    pub(crate) offers: BTreeMap<u64, (Subject, Vec<Hop>)>,
+    pub(crate) offers: BTreeMap<OfferId, (Subject, Vec<Hop>)>,
     pub(crate) ended: Option<Instant>,
 }
 

@@ -6,7 +6,7 @@ use quinn_proto::{Connection, ConnectionHandle};
 use sm2_gateway::{
     clock::Clock,
     hub::{Hub, Input, LocalCommand, LocalEvent, Output},
-    peer::{Command, Limits, Me, Peer},
+    peer::{Command, ConnectionId, Limits, Me, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 use sm2_proto::{
@@ -54,7 +54,7 @@ pub(crate) struct Node {
     pub(crate) links: BTreeMap<ConnectionHandle, Link>,
     epochs: BTreeMap<GatewayId, u64>,
     inbox: Queue<Message>,
-    last: u64,
+    last: ConnectionId,
     pub(crate) domain: Domain,
     random: Random,
 }
@@ -115,7 +115,7 @@ impl Node {
             links: BTreeMap::new(),
             epochs: BTreeMap::new(),
             inbox: Queue::new(),
-            last: 0,
+            last: ConnectionId::default(),
             domain,
             random,
         };
@@ -201,7 +201,7 @@ impl Node {
         connection: Connection,
         world: &World,
     ) {
-        self.last += 1;
+        self.last.0 += 1;
         let me = Me {
             hop: self.hop,
             name: Name::new(&format!("g{}", self.index)).unwrap(),
@@ -319,7 +319,7 @@ impl Node {
         self.local(now, events);
     }
 
-    fn command(&mut self, now: Instant, number: u64, command: Command, world: &World) {
+    fn command(&mut self, now: Instant, number: ConnectionId, command: Command, world: &World) {
         let peers = self.hub.peers();
         let peer = peers.iter().find(|it| it.connection == number);
         let late = lag(&mut self.random);

@@ -1,6 +1,7 @@
 //! What may happen, each of it by chance.
 
 use sm2_gateway::hub::LocalEvent;
+use sm2_gateway::hub::RequestId;
 use sm2_proto::{
     Instant,
     gateway::{Beacon, GatewayId, Subject, SubjectKind},
@@ -179,12 +180,12 @@ pub(crate) fn ask(
     origin: GatewayId,
     deadline: Option<Instant>,
     world: &mut World,
-) -> u64 {
-    node.domain.last_request += 1;
+) -> RequestId {
+    node.domain.last_request.0 += 1;
     let request = node.domain.last_request;
     let at = world.ledger.index(origin);
     let payload = world.ledger.ask(now, node.index, request, subject, at);
-    let text = format!("asks {request}: {} of {at}", subject.name());
+    let text = format!("asks {}: {} of {at}", request.0, subject.name());
     world.ledger.trace.add(now, node.index, &text);
     let event = LocalEvent::Request {
         request,

@@ -11,7 +11,7 @@ pub(crate) fn text(output: &Output) -> String {
         Output::Peer {
             connection,
             command,
-        } => format!("to {connection}: {}", command_text(command)),
+        } => format!("to {}: {}", connection.0, command_text(command)),
         Output::Local(command) => local_text(command),
         it => format!("{it:?}"),
     }
@@ -24,15 +24,15 @@ fn command_text(command: &Command) -> String {
             subject,
             path,
             ..
-        } => format!("offer {offer} {} by {}", subject.name(), path.len()),
+        } => format!("offer {} {} by {}", offer.0, subject.name(), path.len()),
         Command::Message {
             offer,
             sequence,
             payload,
             ..
-        } => format!("message {offer} {sequence}, {} bytes", payload.len()),
-        Command::Call { ticket, offer, .. } => format!("call {ticket} of {offer}"),
-        Command::Reply { call, outcome, .. } => format!("reply {call} {outcome:?}"),
+        } => format!("message {} {sequence}, {} bytes", offer.0, payload.len()),
+        Command::Call { call, offer, .. } => format!("call {} of {}", call.0, offer.0),
+        Command::Reply { call, outcome, .. } => format!("reply {} {outcome:?}", call.0.0),
         it => format!("{it:?}"),
     }
 }
@@ -50,10 +50,10 @@ fn local_text(command: &LocalCommand) -> String {
         LocalCommand::Hide { subject, origin } => {
             format!("hide {subject:?} {}", short(&origin.to_string()))
         }
-        LocalCommand::Call { call, subject, .. } => format!("serve {call} {}", subject.name()),
+        LocalCommand::Call { call, subject, .. } => format!("serve {} {}", call.0, subject.name()),
         LocalCommand::Reply {
             request, outcome, ..
-        } => format!("answer {request} {outcome:?}"),
+        } => format!("answer {} {outcome:?}", request.0),
         it => format!("{it:?}"),
     }
 }

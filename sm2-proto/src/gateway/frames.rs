@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use serde::{Deserialize, Serialize};
 
-use super::{GatewayId, PeerViolation, SubjectKind};
+use super::{AskId, GatewayId, OfferId, PeerViolation, SubjectKind};
 use crate::{
     Name, TypeId, control,
     limits::{GATEWAY_FRAME_MAX, HOPS_MAX, QOS_MAX},
@@ -28,7 +28,7 @@ pub enum Frame {
     /// The peer may have this.
     Offer {
         /// The number of the offer; grows.
-        offer: u64,
+        offer: OfferId,
         /// What it is.
         subject: Subject,
         /// From its origin to the sender.
@@ -37,34 +37,34 @@ pub enum Frame {
     /// The peer may not have it any more.
     Unoffer {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// The peer's offer is forgotten here.
     Unoffered {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// This gateway wants what is offered.
     Want {
         /// Which.
-        offer: u64,
+        offer: OfferId,
         /// How many messages wait for it at most.
         depth: u16,
     },
     /// It does not want it any more.
     Unwant {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// No more of it will be sent.
     Unwanted {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// Could this gateway have that?
     Ask {
         /// The number of the question.
-        ask: u64,
+        ask: AskId,
         /// A topic or a service.
         kind: SubjectKind,
         /// Its name.
@@ -73,7 +73,7 @@ pub enum Frame {
     /// The answer.
     Answer {
         /// To which question.
-        ask: u64,
+        ask: AskId,
         /// What it is.
         verdict: Verdict,
     },

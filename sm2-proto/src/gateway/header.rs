@@ -1,6 +1,6 @@
 //! What stands before the payload of a message, a request and a reply: SPEC sections 14.4, 14.5.
 
-use super::PeerViolation;
+use super::{OfferId, PeerViolation};
 use crate::limits::MESSAGE_MAX;
 
 /// The bytes of a [`Header`].
@@ -12,7 +12,7 @@ pub struct Header {
     /// What it carries.
     pub carried: Carried,
     /// The number of the offer.
-    pub offer: u64,
+    pub offer: OfferId,
     /// How many bytes of payload follow.
     pub len: u64,
 }
@@ -85,7 +85,7 @@ impl Header {
             Carried::Reply { status } => (3, status as u64, 0),
         };
         let mut bytes = [0; HEADER_LEN];
-        let fields = [kind, self.offer, second, third, self.len];
+        let fields = [kind, self.offer.0, second, third, self.len];
         for (place, field) in bytes.chunks_exact_mut(8).zip(fields) {
             place.copy_from_slice(&field.to_le_bytes());
         }
@@ -121,7 +121,7 @@ impl Header {
         }
         Ok(Self {
             carried,
-            offer,
+            offer: OfferId(offer),
             len,
         })
     }

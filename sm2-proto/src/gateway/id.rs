@@ -1,4 +1,4 @@
-//! Who a gateway is: its public key.
+//! Identifiers of gateways, offers, questions and streams.
 
 use core::{fmt, str::FromStr};
 
@@ -19,6 +19,23 @@ pub enum GatewayIdError {
     #[error("the id of a gateway holds only 0-9 and a-f, not what stands at byte {0}")]
     BadByte(usize),
 }
+
+/// The number of an offer. The side that makes the offer chooses it; numbers grow from 1.
+//= SM2-GWO-001
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+pub struct OfferId(pub u64);
+
+/// The number of a question (ASK). The side that asks chooses it freely.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+pub struct AskId(pub u64);
+
+/// A driver's name for a stream of a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct StreamToken(pub u64);
 
 impl fmt::Display for GatewayId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

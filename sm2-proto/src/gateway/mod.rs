@@ -29,7 +29,7 @@ pub use self::{
     code::{PeerFarewell, PeerViolation, StreamEnd},
     frames::{Frame, FrameReader, Hop, Subject, Verdict},
     header::{Carried, HEADER_LEN, Header, Outcome},
-    id::{GatewayId, GatewayIdError},
+    id::{AskId, GatewayId, GatewayIdError, OfferId, StreamToken},
     pattern::{Pattern, PatternError},
     rules::{Action, Decision, Direction, Rule, Rules, SubjectKind},
 };

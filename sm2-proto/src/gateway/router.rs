@@ -15,7 +15,7 @@ use alloc::{
 
 pub use self::input::{Input, Output, Source};
 use self::subject::SubjectState;
-use super::{Direction, GatewayId, Hop, Rules, Subject};
+use super::{Direction, GatewayId, Hop, OfferId, Rules, Subject};
 
 /// The routes of one gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -23,11 +23,11 @@ pub struct Router {
     me: Hop,
     rules: Rules,
     /// The peers that there is a connection with, and the last number of an offer to each.
-    peers: BTreeMap<GatewayId, u64>,
+    peers: BTreeMap<GatewayId, OfferId>,
     subjects: BTreeMap<Subject, SubjectState>,
     /// The offers of peers, and those to them, by their numbers.
-    theirs: BTreeMap<(GatewayId, u64), Subject>,
-    ours: BTreeMap<(GatewayId, u64), Subject>,
+    theirs: BTreeMap<(GatewayId, OfferId), Subject>,
+    ours: BTreeMap<(GatewayId, OfferId), Subject>,
     outputs: VecDeque<Output>,
 }
 
@@ -56,7 +56,7 @@ impl Router {
             }
             Input::Up { peer } => {
                 self.down(peer);
-                self.peers.insert(peer, 0);
+                self.peers.insert(peer, OfferId(0));
                 self.settle_all();
             }
             Input::Down { peer } => self.down(peer),
@@ -111,7 +111,7 @@ impl Router {
         &self,
         subject: &Subject,
         source: Source,
-    ) -> impl Iterator<Item = (GatewayId, u64)> {
+    ) -> impl Iterator<Item = (GatewayId, OfferId)> {
         let state = self.subjects.get(subject);
         state.into_iter().flat_map(move |it| it.takers(source))
     }
@@ -124,7 +124,7 @@ impl Router {
 
     /// Of whom an offer of this gateway's is.
     #[must_use]
-    pub fn source(&self, peer: GatewayId, offer: u64) -> Option<(&Subject, Source)> {
+    pub fn source(&self, peer: GatewayId, offer: OfferId) -> Option<(&Subject, Source)> {
         let subject = self.ours.get(&(peer, offer))?;
         let source = self.subjects.get(subject)?.source(peer, offer)?;
         Some((subject, source))
@@ -134,7 +134,7 @@ impl Router {
         self.subjects.entry(subject.clone()).or_default()
     }
 
-    fn wanted(&mut self, peer: GatewayId, offer: u64, depth: Option<u16>) {
+    fn wanted(&mut self, peer: GatewayId, offer: OfferId, depth: Option<u16>) {
         if let Some(subject) = self.ours.get(&(peer, offer)).cloned() {
             self.subject(&subject).wanted(peer, offer, depth);
             self.settle(&subject);
@@ -184,7 +184,7 @@ impl Router {
                 if comes_from || !allows(Direction::Out, peer) || state.is_offered(*peer, source) {
                     continue;
                 }
-                *last += 1;
+                last.0 += 1;
                 let (peer, offer) = (*peer, *last);
                 state.offer(peer, source, offer, path.clone());
                 self.ours.insert((peer, offer), subject.clone());

@@ -17,6 +17,7 @@ use core::{
     time::Duration,
 };
 
+use super::OfferId;
 use crate::{Instant, limits::MESSAGES_IN_THE_MAKING_MAX};
 
 /// The greatest [`Terms::priority`].
@@ -56,33 +57,33 @@ pub enum Input {
     /// The peer wants a topic.
     Open {
         /// The number of its offer.
-        offer: u64,
+        offer: OfferId,
         /// How its messages go.
         terms: Terms,
     },
     /// There are other rules for a topic.
     Change {
         /// The number of its offer.
-        offer: u64,
+        offer: OfferId,
         /// How its messages go from now on.
         terms: Terms,
     },
     /// The peer does not want it any more, or may not have it.
     Close {
         /// The number of the offer.
-        offer: u64,
+        offer: OfferId,
     },
     /// A message was published.
     Message {
         /// The number of the offer.
-        offer: u64,
+        offer: OfferId,
         /// The message.
         message: Message,
     },
     /// Every byte of the message in the making has left at least once.
     Sent {
         /// The number of the offer.
-        offer: u64,
+        offer: OfferId,
     },
     /// Time has passed.
     Tick,
@@ -94,7 +95,7 @@ pub enum Output {
     /// Open a stream for this message.
     Start {
         /// The number of the offer.
-        offer: u64,
+        offer: OfferId,
         /// Which.
         key: u64,
     },
@@ -140,13 +141,13 @@ pub enum Misuse {
 /// The messages for one peer.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Schedule {
-    topics: BTreeMap<u64, Topic>,
+    topics: BTreeMap<OfferId, Topic>,
     /// The messages in the making, by turn and offer.
-    making: BTreeSet<(u64, u64)>,
+    making: BTreeSet<(u64, OfferId)>,
     /// The topics that wait for others to be done, likewise.
-    ready: BTreeSet<(u64, u64)>,
+    ready: BTreeSet<(u64, OfferId)>,
     /// The topics whose budget is spent until then.
-    spent: BTreeSet<(Instant, u64)>,
+    spent: BTreeSet<(Instant, OfferId)>,
     /// How far the topics are: the greatest turn of a message that was sent.
     turn: u64,
     outputs: VecDeque<Output>,
@@ -228,15 +229,15 @@ impl Schedule {
     }
 
     /// The offers that have a message in the making: whose bytes go first, first.
-    pub fn order(&self) -> impl Iterator<Item = u64> {
+    pub fn order(&self) -> impl Iterator<Item = OfferId> {
         self.making.iter().map(|(_, offer)| *offer)
     }
 
-    fn topic(&mut self, offer: u64) -> Result<&mut Topic, Misuse> {
+    fn topic(&mut self, offer: OfferId) -> Result<&mut Topic, Misuse> {
         self.topics.get_mut(&offer).ok_or(Misuse::NotOpen)
     }
 
-    fn open(&mut self, offer: u64, terms: Terms) -> Result<(), Misuse> {
+    fn open(&mut self, offer: OfferId, terms: Terms) -> Result<(), Misuse> {
         if self.topics.contains_key(&offer) {
             return Err(Misuse::Open);
         }
@@ -251,7 +252,7 @@ impl Schedule {
         Ok(())
     }
 
-    fn change(&mut self, now: Instant, offer: u64, terms: Terms) -> Result<(), Misuse> {
+    fn change(&mut self, now: Instant, offer: OfferId, terms: Terms) -> Result<(), Misuse> {
         let topic = self.topic(offer)?;
         topic.terms = terms;
         // What was spent by other rules does not bind these.
@@ -261,7 +262,7 @@ impl Schedule {
         Ok(())
     }
 
-    fn close(&mut self, offer: u64) -> Result<(), Misuse> {
+    fn close(&mut self, offer: OfferId) -> Result<(), Misuse> {
         let topic = self.topics.remove(&offer).ok_or(Misuse::NotOpen)?;
         self.spent.remove(&(topic.free_at, offer));
         if let Some(turn) = topic.ready {
@@ -280,13 +281,13 @@ impl Schedule {
         Ok(())
     }
 
-    fn message(&mut self, now: Instant, offer: u64, message: Message) -> Result<(), Misuse> {
+    fn message(&mut self, now: Instant, offer: OfferId, message: Message) -> Result<(), Misuse> {
         self.topic(offer)?.waiting.push_back(message);
         self.look_at(now, offer);
         Ok(())
     }
 
-    fn sent(&mut self, now: Instant, offer: u64) -> Result<(), Misuse> {
+    fn sent(&mut self, now: Instant, offer: OfferId) -> Result<(), Misuse> {
         let (turn, _) = self.topic(offer)?.making.take().ok_or(Misuse::NotSending)?;
         self.making.remove(&(turn, offer));
         // Whoever comes back after a while has nothing saved up.
@@ -296,7 +297,7 @@ impl Schedule {
     }
 
     /// Drops what is not needed, and says what the topic waits for.
-    fn look_at(&mut self, now: Instant, offer: u64) {
+    fn look_at(&mut self, now: Instant, offer: OfferId) {
         let Some(topic) = self.topics.get_mut(&offer) else {
             return;
         };
@@ -340,7 +341,7 @@ impl Schedule {
 
     /// What must hold between any two calls.
     fn invariants(&self) {
-        let is_making = |(turn, offer): &(u64, u64)| {
+        let is_making = |(turn, offer): &(u64, OfferId)| {
             let topic = self.topics.get(offer);
             topic
                 .and_then(|it| it.making)

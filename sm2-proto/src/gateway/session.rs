@@ -17,7 +17,8 @@ use core::time::Duration;
 pub use self::input::{End, Input, Misuse, Output};
 use self::offers::{Ours, Theirs};
 use super::{
-    Carried, Frame, FrameReader, GatewayId, Header, Hop, PeerFarewell, PeerViolation, Subject,
+    AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
+    PeerViolation, StreamToken, Subject,
 };
 use crate::{Instant, Name, limits::QUESTIONS_MAX};
 
@@ -38,11 +39,11 @@ pub struct Session {
     ours: Ours,
     theirs: Theirs,
     /// The calls of this side without a reply, by stream: the offer of each.
-    calls: BTreeMap<u64, u64>,
+    calls: BTreeMap<StreamToken, OfferId>,
     /// The questions of this side without an answer.
-    asked: VecDeque<u64>,
+    asked: VecDeque<AskId>,
     /// The questions of the peer without an answer.
-    owed: VecDeque<u64>,
+    owed: VecDeque<AskId>,
     outputs: VecDeque<Output>,
 }
 
@@ -212,7 +213,7 @@ impl Session {
     }
 
     //= SM2-GWO-001, SM2-GWO-003
-    fn offer(&mut self, offer: u64, subject: Subject, path: Vec<Hop>) -> Result<Frame, Misuse> {
+    fn offer(&mut self, offer: OfferId, subject: Subject, path: Vec<Hop>) -> Result<Frame, Misuse> {
         let is_to_peer = path.iter().any(|it| it.gateway == self.peer);
         if is_to_peer || path.last() != Some(&self.me) {
             return Err(Misuse::WrongPath);
@@ -347,7 +348,7 @@ impl Session {
 
     /// The header of a stream is there.
     //= SM2-GWM-001, SM2-GWS-001
-    fn stream(&mut self, stream: u64, header: &Header) -> Result<(), PeerViolation> {
+    fn stream(&mut self, stream: StreamToken, header: &Header) -> Result<(), PeerViolation> {
         if !matches!(self.state, Ok(Phase::Open { .. })) {
             return Err(PeerViolation::ExpectedHello);
         }
@@ -371,7 +372,7 @@ impl Session {
     }
 
     //= SM2-GWS-002
-    fn fail_calls(&mut self, of: impl Fn(u64) -> bool) {
+    fn fail_calls(&mut self, of: impl Fn(OfferId) -> bool) {
         let outputs = &mut self.outputs;
         self.calls.retain(|&stream, offer| {
             let fails = of(*offer);

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::gateway::{
-    Action, Direction, Hop, Rule, Rules, SubjectKind,
+    Action, Direction, Hop, OfferId, Rule, Rules, SubjectKind,
     router::{Input, Output, Router, Source},
 };
 
@@ -17,10 +17,10 @@ use super::{
 /// What goes from one gateway to another.
 #[derive(Clone, Debug)]
 enum Said {
-    Offer(u64, Vec<Hop>),
-    Unoffer(u64),
-    Want(u64, u16),
-    Unwant(u64),
+    Offer(OfferId, Vec<Hop>),
+    Unoffer(OfferId),
+    Want(OfferId, u16),
+    Unwant(OfferId),
 }
 
 /// Gateways, and what is underway between them, in order.
@@ -29,7 +29,7 @@ struct World {
     links: BTreeSet<(usize, usize)>,
     underway: BTreeMap<(usize, usize), VecDeque<Said>>,
     /// The offers that each knows: origin by peer and number.
-    known: Vec<BTreeMap<(usize, u64), usize>>,
+    known: Vec<BTreeMap<(usize, OfferId), usize>>,
     local: Vec<bool>,
     shown: Vec<BTreeSet<usize>>,
     taken: Vec<BTreeSet<usize>>,

@@ -2,13 +2,13 @@
 
 use sm2_proto::{
     gateway::{
-        Hop,
+        Hop, OfferId,
         session::{Input, Misuse},
     },
     limits::OFFERS_MAX,
 };
 
-use super::{Bench, hop, session, topic};
+use super::{Bench, ONE, hop, session, topic};
 
 #[test]
 fn what_a_driver_may_not_do() {
@@ -19,47 +19,68 @@ fn what_a_driver_may_not_do() {
     };
     let mut early = Bench(session(1, 2));
     early.0.poll();
-    let first = offer(1, vec![hop(1)]);
+    let first = offer(ONE, vec![hop(1)]);
     assert_eq!(early.misuse(first), Misuse::NotOpen);
     let mut bench = Bench::open();
-    bench.offer(2, topic());
-    bench.offered(1, topic());
+    bench.offer(OfferId(2), topic());
+    bench.offered(ONE, topic());
     let old = Hop { epoch: 1, ..hop(1) };
     let long = (3..11).map(hop).chain([hop(1)]).collect();
     let table = [
-        (offer(2, vec![hop(1)]), Misuse::OfferNumber),
-        (offer(3, vec![]), Misuse::WrongPath),
-        (offer(3, vec![old]), Misuse::WrongPath),
-        (offer(3, vec![hop(2), hop(1)]), Misuse::WrongPath),
-        (offer(3, vec![hop(3), hop(3), hop(1)]), Misuse::WrongPath),
-        (offer(3, long), Misuse::WrongPath),
-        (Input::Unoffer { offer: 1 }, Misuse::WrongOffer),
-        (Input::Want { offer: 2, depth: 1 }, Misuse::WrongOffer),
-        (Input::Want { offer: 1, depth: 0 }, Misuse::WrongDepth),
+        (offer(OfferId(2), vec![hop(1)]), Misuse::OfferNumber),
+        (offer(OfferId(3), vec![]), Misuse::WrongPath),
+        (offer(OfferId(3), vec![old]), Misuse::WrongPath),
+        (offer(OfferId(3), vec![hop(2), hop(1)]), Misuse::WrongPath),
+        (
+            offer(OfferId(3), vec![hop(3), hop(3), hop(1)]),
+            Misuse::WrongPath,
+        ),
+        (offer(OfferId(3), long), Misuse::WrongPath),
+        (Input::Unoffer { offer: ONE }, Misuse::WrongOffer),
         (
             Input::Want {
-                offer: 1,
+                offer: OfferId(2),
+                depth: 1,
+            },
+            Misuse::WrongOffer,
+        ),
+        (
+            Input::Want {
+                offer: ONE,
+                depth: 0,
+            },
+            Misuse::WrongDepth,
+        ),
+        (
+            Input::Want {
+                offer: ONE,
                 depth: 1_025,
             },
             Misuse::WrongDepth,
         ),
-        (Input::Unwant { offer: 1 }, Misuse::WrongOffer),
+        (Input::Unwant { offer: ONE }, Misuse::WrongOffer),
     ];
     for (input, expected) in table {
         assert_eq!(bench.misuse(input.clone()), expected, "{input:?}");
     }
-    bench.input(Input::Unoffer { offer: 2 });
+    bench.input(Input::Unoffer { offer: OfferId(2) });
     assert_eq!(
-        bench.misuse(Input::Unoffer { offer: 2 }),
+        bench.misuse(Input::Unoffer { offer: OfferId(2) }),
         Misuse::WrongOffer
     );
-    bench.input(Input::Want { offer: 1, depth: 1 });
-    let again = Input::Want { offer: 1, depth: 1 };
+    bench.input(Input::Want {
+        offer: ONE,
+        depth: 1,
+    });
+    let again = Input::Want {
+        offer: ONE,
+        depth: 1,
+    };
     assert_eq!(bench.misuse(again), Misuse::WrongOffer);
     for offer in 3..=OFFERS_MAX as u64 + 1 {
-        bench.offer(offer, topic());
+        bench.offer(OfferId(offer), topic());
     }
     // The one that is being withdrawn counts as long as the peer may name it.
-    let one_more = offer(OFFERS_MAX as u64 + 2, vec![hop(1)]);
+    let one_more = offer(OfferId(OFFERS_MAX as u64 + 2), vec![hop(1)]);
     assert_eq!(bench.misuse(one_more), Misuse::TooManyOffers);
 }

@@ -2,25 +2,33 @@
 
 use sm2_proto::{
     gateway::{
-        Frame, Hop, PeerViolation,
+        Frame, Hop, OfferId, PeerViolation,
         session::{Input, Misuse, Output},
     },
     limits::OFFERS_MAX,
 };
 
-use super::{Bench, MESSAGE, ended, hop, service, topic, transmit};
+use super::{Bench, MESSAGE, ONE, SEVEN, ended, hop, service, topic, transmit};
 
 //= SM2-GWO-002 test
 #[test]
 fn what_the_peer_says_of_our_offers() {
-    let want = Frame::Want { offer: 1, depth: 3 };
-    let unwant = Frame::Unwant { offer: 1 };
-    let unoffered = Frame::Unoffered { offer: 1 };
+    let want = Frame::Want {
+        offer: ONE,
+        depth: 3,
+    };
+    let unwant = Frame::Unwant { offer: ONE };
+    let unoffered = Frame::Unoffered { offer: ONE };
     let unknown = || ended(PeerViolation::UnknownOffer);
-    let wanted = || vec![Output::Wanted { offer: 1, depth: 3 }];
+    let wanted = || {
+        vec![Output::Wanted {
+            offer: ONE,
+            depth: 3,
+        }]
+    };
     let unwanted = || {
-        let answer = Frame::Unwanted { offer: 1 };
-        vec![transmit(&answer), Output::Unwanted { offer: 1 }]
+        let answer = Frame::Unwanted { offer: ONE };
+        vec![transmit(&answer), Output::Unwanted { offer: ONE }]
     };
     let none = || unknown();
     let table: [(&str, [Vec<Output>; 3]); 4] = [
@@ -35,13 +43,13 @@ fn what_the_peer_says_of_our_offers() {
     for (state, row) in table {
         for (frame, expected) in [&want, &unwant, &unoffered].into_iter().zip(row) {
             let mut bench = Bench::open();
-            bench.offer(1, topic());
+            bench.offer(ONE, topic());
             if state == "wanted" {
                 bench.frame(&want);
             }
             if ["withdrawing", "gone"].contains(&state) {
-                let outputs = bench.input(Input::Unoffer { offer: 1 });
-                assert_eq!(outputs, [transmit(&Frame::Unoffer { offer: 1 })]);
+                let outputs = bench.input(Input::Unoffer { offer: ONE });
+                assert_eq!(outputs, [transmit(&Frame::Unoffer { offer: ONE })]);
             }
             if state == "gone" {
                 assert_eq!(bench.frame(&unoffered), []);
@@ -57,16 +65,16 @@ fn what_the_peer_says_of_our_offers() {
 //= SM2-GWO-002, SM2-GWM-001 test
 #[test]
 fn what_the_peer_says_of_its_offers() {
-    let unoffer = Frame::Unoffer { offer: 1 };
-    let unwanted = Frame::Unwanted { offer: 1 };
+    let unoffer = Frame::Unoffer { offer: ONE };
+    let unwanted = Frame::Unwanted { offer: ONE };
     let unknown = || ended(PeerViolation::UnknownOffer);
     let not_wanted = || ended(PeerViolation::NotWanted);
     let gone = || {
-        let answer = Frame::Unoffered { offer: 1 };
-        vec![transmit(&answer), Output::Gone { offer: 1 }]
+        let answer = Frame::Unoffered { offer: ONE };
+        vec![transmit(&answer), Output::Gone { offer: ONE }]
     };
-    let take = || vec![Output::Take { stream: 7 }];
-    let discard = || vec![Output::Discard { stream: 7 }];
+    let take = || vec![Output::Take { stream: SEVEN }];
+    let discard = || vec![Output::Discard { stream: SEVEN }];
     let table: [(&str, [Vec<Output>; 3]); 5] = [
         ("known", [gone(), unknown(), not_wanted()]),
         ("wanting", [gone(), unknown(), take()]),
@@ -77,15 +85,21 @@ fn what_the_peer_says_of_its_offers() {
     for (state, row) in table {
         for (index, expected) in row.into_iter().enumerate() {
             let mut bench = Bench::open();
-            bench.offered(1, topic());
+            bench.offered(ONE, topic());
             if ["wanting", "unwanting", "known again"].contains(&state) {
-                let frame = Frame::Want { offer: 1, depth: 2 };
-                let outputs = bench.input(Input::Want { offer: 1, depth: 2 });
+                let frame = Frame::Want {
+                    offer: ONE,
+                    depth: 2,
+                };
+                let outputs = bench.input(Input::Want {
+                    offer: ONE,
+                    depth: 2,
+                });
                 assert_eq!(outputs, [transmit(&frame)]);
             }
             if ["unwanting", "known again"].contains(&state) {
-                let outputs = bench.input(Input::Unwant { offer: 1 });
-                assert_eq!(outputs, [transmit(&Frame::Unwant { offer: 1 })]);
+                let outputs = bench.input(Input::Unwant { offer: ONE });
+                assert_eq!(outputs, [transmit(&Frame::Unwant { offer: ONE })]);
             }
             match state {
                 "known again" => assert_eq!(bench.frame(&unwanted), []),
@@ -95,45 +109,61 @@ fn what_the_peer_says_of_its_offers() {
             let outputs = match index {
                 0 => bench.frame(&unoffer),
                 1 => bench.frame(&unwanted),
-                _ => bench.stream(MESSAGE, 1),
+                _ => bench.stream(MESSAGE, ONE),
             };
             assert_eq!(outputs, expected, "{state}: {index}");
         }
     }
     for offer in [0, 2] {
         let mut bench = Bench::open();
-        bench.offered(1, topic());
-        assert_eq!(bench.stream(MESSAGE, offer), not_wanted(), "never offered");
+        bench.offered(ONE, topic());
+        assert_eq!(
+            bench.stream(MESSAGE, OfferId(offer)),
+            not_wanted(),
+            "never offered"
+        );
     }
     // Nobody sends messages of a service.
     let mut bench = Bench::open();
-    bench.offered(1, service());
-    bench.input(Input::Want { offer: 1, depth: 1 });
-    assert_eq!(bench.stream(MESSAGE, 1), not_wanted());
+    bench.offered(ONE, service());
+    bench.input(Input::Want {
+        offer: ONE,
+        depth: 1,
+    });
+    assert_eq!(bench.stream(MESSAGE, ONE), not_wanted());
 }
 
 //= SM2-GWO-002 test
 #[test]
 fn wanted_again_before_its_end_is_confirmed() {
-    let want = |depth| Input::Want { offer: 1, depth };
-    let unwant = || Input::Unwant { offer: 1 };
-    let unwanted = Frame::Unwanted { offer: 1 };
+    let want = |depth| Input::Want { offer: ONE, depth };
+    let unwant = || Input::Unwant { offer: ONE };
+    let unwanted = Frame::Unwanted { offer: ONE };
     let mut bench = Bench::open();
-    bench.offered(1, topic());
+    bench.offered(ONE, topic());
     bench.input(want(2));
     bench.input(unwant());
     assert_eq!(bench.misuse(unwant()), Misuse::WrongOffer);
-    assert_eq!(bench.stream(MESSAGE, 1), [Output::Discard { stream: 7 }]);
+    assert_eq!(
+        bench.stream(MESSAGE, ONE),
+        [Output::Discard { stream: SEVEN }]
+    );
     assert_eq!(bench.input(want(3)), []);
-    assert_eq!(bench.stream(MESSAGE, 1), [Output::Take { stream: 7 }]);
+    assert_eq!(bench.stream(MESSAGE, ONE), [Output::Take { stream: SEVEN }]);
     assert_eq!(bench.misuse(want(3)), Misuse::WrongOffer);
     let mut changed = Bench(bench.0.clone());
-    let again = Frame::Want { offer: 1, depth: 3 };
+    let again = Frame::Want {
+        offer: ONE,
+        depth: 3,
+    };
     assert_eq!(bench.frame(&unwanted), [transmit(&again)]);
-    assert_eq!(bench.stream(MESSAGE, 1), [Output::Take { stream: 7 }]);
+    assert_eq!(bench.stream(MESSAGE, ONE), [Output::Take { stream: SEVEN }]);
     assert_eq!(changed.input(unwant()), []);
     assert_eq!(changed.frame(&unwanted), []);
-    assert_eq!(changed.stream(MESSAGE, 1), [Output::Discard { stream: 7 }]);
+    assert_eq!(
+        changed.stream(MESSAGE, ONE),
+        [Output::Discard { stream: SEVEN }]
+    );
 }
 
 //= SM2-GWO-001, SM2-GWO-003 test
@@ -146,28 +176,34 @@ fn offers_that_are_refused() {
     };
     let wrong_epoch = Hop { epoch: 1, ..hop(2) };
     for (frame, expected) in [
-        (offer(5, vec![hop(2)]), PeerViolation::BadOffer),
-        (offer(4, vec![hop(2)]), PeerViolation::BadOffer),
-        (offer(6, vec![hop(3)]), PeerViolation::BadPath),
-        (offer(6, vec![hop(2), hop(3)]), PeerViolation::BadPath),
-        (offer(6, vec![wrong_epoch]), PeerViolation::BadPath),
-        (offer(6, vec![hop(1), hop(2)]), PeerViolation::BadPath),
+        (offer(OfferId(5), vec![hop(2)]), PeerViolation::BadOffer),
+        (offer(OfferId(4), vec![hop(2)]), PeerViolation::BadOffer),
+        (offer(OfferId(6), vec![hop(3)]), PeerViolation::BadPath),
+        (
+            offer(OfferId(6), vec![hop(2), hop(3)]),
+            PeerViolation::BadPath,
+        ),
+        (offer(OfferId(6), vec![wrong_epoch]), PeerViolation::BadPath),
+        (
+            offer(OfferId(6), vec![hop(1), hop(2)]),
+            PeerViolation::BadPath,
+        ),
     ] {
         let mut bench = Bench::open();
-        bench.offered(5, topic());
+        bench.offered(OfferId(5), topic());
         assert_eq!(bench.frame(&frame), ended(expected), "{frame:?}");
     }
     let mut zero = Bench::open();
-    let first = offer(0, vec![hop(2)]);
+    let first = offer(OfferId(0), vec![hop(2)]);
     assert_eq!(zero.frame(&first), ended(PeerViolation::BadOffer));
     let mut many = Bench::open();
     for offer in 1..=OFFERS_MAX as u64 {
-        many.offered(offer, topic());
+        many.offered(OfferId(offer), topic());
     }
     let mut full = Bench(many.0.clone());
     let one_more = OFFERS_MAX as u64 + 1;
-    let frame = offer(one_more, vec![hop(2)]);
+    let frame = offer(OfferId(one_more), vec![hop(2)]);
     assert_eq!(full.frame(&frame), ended(PeerViolation::OfferLimit));
-    many.frame(&Frame::Unoffer { offer: 9 });
-    many.offered(one_more, topic());
+    many.frame(&Frame::Unoffer { offer: OfferId(9) });
+    many.offered(OfferId(one_more), topic());
 }

@@ -6,7 +6,7 @@ use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Instant,
     gateway::{
-        Carried, Header, Outcome, SubjectKind,
+        Carried, Header, OfferId, Outcome, StreamToken, SubjectKind,
         session::{Input, Output, Session},
     },
 };
@@ -17,14 +17,14 @@ use super::{MESSAGE, REQUEST, hop, session, subject, support::cases};
 struct Pair {
     sides: [Session; 2],
     control: [VecDeque<u8>; 2],
-    streams: [Vec<(u64, Header)>; 2],
-    offers: [BTreeMap<u64, SubjectKind>; 2],
+    streams: [Vec<(StreamToken, Header)>; 2],
+    offers: [BTreeMap<OfferId, SubjectKind>; 2],
     /// What each side was offered, and what of it it wants.
-    known: [BTreeMap<u64, SubjectKind>; 2],
-    wanting: [BTreeSet<u64>; 2],
+    known: [BTreeMap<OfferId, SubjectKind>; 2],
+    wanting: [BTreeSet<OfferId>; 2],
     /// What the peer of each side wants, as far as that knows.
-    wanted: [BTreeSet<u64>; 2],
-    calls: [BTreeSet<u64>; 2],
+    wanted: [BTreeSet<OfferId>; 2],
+    calls: [BTreeSet<StreamToken>; 2],
     next: u64,
 }
 
@@ -124,11 +124,11 @@ impl Pair {
     /// Whatever may be sent by a stream now.
     fn send(&mut self, side: usize, pick: usize) {
         self.next += 1;
-        let message = |it: &&u64| self.offers[side].get(it) == Some(&SubjectKind::Topic);
-        let messages: Vec<u64> = self.wanted[side].iter().filter(message).copied().collect();
-        let service = |it: &&u64| self.known[side][it] == SubjectKind::Service;
-        let calls: Vec<u64> = self.wanting[side].iter().filter(service).copied().collect();
-        let stream = self.next;
+        let message = |it: &&OfferId| self.offers[side].get(it) == Some(&SubjectKind::Topic);
+        let messages: Vec<OfferId> = self.wanted[side].iter().filter(message).copied().collect();
+        let service = |it: &&OfferId| self.known[side][it] == SubjectKind::Service;
+        let calls: Vec<OfferId> = self.wanting[side].iter().filter(service).copied().collect();
+        let stream = StreamToken(self.next);
         let (carried, offer) = match (messages.len(), calls.len()) {
             (0, 0) => return,
             (_, 0) => (MESSAGE, messages[pick % messages.len()]),
@@ -151,12 +151,12 @@ impl Pair {
     }
 
     fn step(&mut self, op: u8, side: usize, pick: usize) {
-        let some = |set: Vec<u64>| (!set.is_empty()).then(|| set[pick % set.len()]);
+        let some = |set: Vec<OfferId>| (!set.is_empty()).then(|| set[pick % set.len()]);
         match op {
             0 => {
                 self.next += 1;
                 let kind = [SubjectKind::Topic, SubjectKind::Service][pick % 2];
-                let (offer, path) = (self.next, vec![hop(1 + side as u8)]);
+                let (offer, path) = (OfferId(self.next), vec![hop(1 + side as u8)]);
                 let subject = subject(kind);
                 let made = self.input(
                     side,
@@ -178,7 +178,7 @@ impl Pair {
                 }
             }
             2 => {
-                let is_free = |it: &&u64| !self.wanting[side].contains(it);
+                let is_free = |it: &&OfferId| !self.wanting[side].contains(it);
                 if let Some(offer) =
                     some(self.known[side].keys().filter(is_free).copied().collect())
                 {

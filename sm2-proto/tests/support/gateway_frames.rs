@@ -3,7 +3,7 @@
 use proptest::{collection::vec, prelude::*, sample::select};
 use sm2_proto::{
     Name, TypeId,
-    gateway::{Frame, GatewayId, Hop, Subject, SubjectKind, Verdict},
+    gateway::{AskId, Frame, GatewayId, Hop, OfferId, Subject, SubjectKind, Verdict},
     limits::HOPS_MAX,
 };
 
@@ -51,20 +51,34 @@ pub(crate) fn any_frame() -> impl Strategy<Value = Frame> {
             }
         ),
         (any::<u64>(), subject, path).prop_map(|(offer, subject, path)| Frame::Offer {
-            offer,
+            offer: OfferId(offer),
             subject,
             path
         }),
-        any::<u64>().prop_map(|offer| Frame::Unoffer { offer }),
-        any::<u64>().prop_map(|offer| Frame::Unoffered { offer }),
-        (any::<u64>(), 1_u16..=1_024).prop_map(|(offer, depth)| Frame::Want { offer, depth }),
-        any::<u64>().prop_map(|offer| Frame::Unwant { offer }),
-        any::<u64>().prop_map(|offer| Frame::Unwanted { offer }),
+        any::<u64>().prop_map(|offer| Frame::Unoffer {
+            offer: OfferId(offer)
+        }),
+        any::<u64>().prop_map(|offer| Frame::Unoffered {
+            offer: OfferId(offer)
+        }),
+        (any::<u64>(), 1_u16..=1_024).prop_map(|(offer, depth)| Frame::Want {
+            offer: OfferId(offer),
+            depth
+        }),
+        any::<u64>().prop_map(|offer| Frame::Unwant {
+            offer: OfferId(offer)
+        }),
+        any::<u64>().prop_map(|offer| Frame::Unwanted {
+            offer: OfferId(offer)
+        }),
         (any::<u64>(), select(kinds), any_name()).prop_map(|(ask, kind, name)| Frame::Ask {
-            ask,
+            ask: AskId(ask),
             kind,
             name
         }),
-        (any::<u64>(), select(verdicts)).prop_map(|(ask, verdict)| Frame::Answer { ask, verdict }),
+        (any::<u64>(), select(verdicts)).prop_map(|(ask, verdict)| Frame::Answer {
+            ask: AskId(ask),
+            verdict
+        }),
     ]
 }

@@ -8,7 +8,8 @@ use alloc::{
 };
 
 use super::super::{
-    Carried, Frame, GatewayId, Header, Hop, PeerFarewell, PeerViolation, SubjectKind,
+    AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
+    StreamToken, SubjectKind,
     session::{End, Input, Output},
 };
 
@@ -21,24 +22,24 @@ pub(super) struct Book {
     /// The peer's epoch, once it has greeted.
     pub(super) greeted: Option<u64>,
     /// What this side offers, and what was withdrawn and is not gone.
-    pub(super) offered: BTreeMap<u64, SubjectKind>,
-    pub(super) withdrawn: BTreeSet<u64>,
-    pub(super) last_offered: u64,
+    pub(super) offered: BTreeMap<OfferId, SubjectKind>,
+    pub(super) withdrawn: BTreeSet<OfferId>,
+    pub(super) last_offered: OfferId,
     /// What of it the peer wants.
-    pub(super) wanted: BTreeSet<u64>,
+    pub(super) wanted: BTreeSet<OfferId>,
     /// What the peer offers.
-    pub(super) known: BTreeMap<u64, SubjectKind>,
-    pub(super) last_known: u64,
+    pub(super) known: BTreeMap<OfferId, SubjectKind>,
+    pub(super) last_known: OfferId,
     /// What of it the driver wants, and with which depth; and what it ever wanted.
-    pub(super) wishes: BTreeMap<u64, u16>,
-    pub(super) wished: BTreeSet<u64>,
+    pub(super) wishes: BTreeMap<OfferId, u16>,
+    pub(super) wished: BTreeSet<OfferId>,
     /// The last of WANT (true) and UNWANT that was sent, where UNWANTED did not follow.
-    pub(super) said: BTreeMap<u64, bool>,
+    pub(super) said: BTreeMap<OfferId, bool>,
     /// Calls to the peer without a reply: the offer of each stream.
-    pub(super) calls: BTreeMap<u64, u64>,
+    pub(super) calls: BTreeMap<StreamToken, OfferId>,
     /// Questions to the peer, and of the peer, without an answer.
-    pub(super) asked: VecDeque<u64>,
-    pub(super) owed: VecDeque<u64>,
+    pub(super) asked: VecDeque<AskId>,
+    pub(super) owed: VecDeque<AskId>,
 }
 
 impl Book {
@@ -50,10 +51,10 @@ impl Book {
             greeted: None,
             offered: BTreeMap::new(),
             withdrawn: BTreeSet::new(),
-            last_offered: 0,
+            last_offered: OfferId(0),
             wanted: BTreeSet::new(),
             known: BTreeMap::new(),
-            last_known: 0,
+            last_known: OfferId(0),
             wishes: BTreeMap::new(),
             wished: BTreeSet::new(),
             said: BTreeMap::new(),
@@ -208,7 +209,11 @@ impl Book {
     }
 
     /// The header of a stream: what becomes of the stream.
-    pub(super) fn sees(&mut self, stream: u64, header: &Header) -> Result<Output, PeerViolation> {
+    pub(super) fn sees(
+        &mut self,
+        stream: StreamToken,
+        header: &Header,
+    ) -> Result<Output, PeerViolation> {
         let offer = header.offer;
         if self.greeted.is_none() {
             return Err(PeerViolation::ExpectedHello);
@@ -219,7 +224,7 @@ impl Book {
                 let is_topic = self.known.get(&offer) == Some(&SubjectKind::Topic);
                 if self.wishes.contains_key(&offer) && is_topic {
                     Output::Take { stream }
-                } else if offer > 0 && (is_gone || (is_topic && self.wished.contains(&offer))) {
+                } else if offer.0 > 0 && (is_gone || (is_topic && self.wished.contains(&offer))) {
                     Output::Discard { stream }
                 } else {
                     return Err(PeerViolation::NotWanted);
@@ -228,7 +233,7 @@ impl Book {
             Carried::Request { .. } => {
                 let is_gone = offer <= self.last_offered && !self.offered.contains_key(&offer);
                 let is_service = self.offered.get(&offer) == Some(&SubjectKind::Service);
-                if offer == 0 || !(is_gone || is_service) {
+                if offer.0 == 0 || !(is_gone || is_service) {
                     return Err(PeerViolation::UnknownOffer);
                 }
                 if self.wanted.contains(&offer) {
@@ -329,9 +334,9 @@ impl Book {
     }
 
     /// Calls of an offer, or all of them, get no reply any more.
-    pub(super) fn fail_calls(&mut self, of: Option<u64>) -> Vec<Output> {
-        let fails = |offer: u64| of.is_none_or(|it| it == offer);
-        let failed: Vec<u64> = self
+    pub(super) fn fail_calls(&mut self, of: Option<OfferId>) -> Vec<Output> {
+        let fails = |offer: OfferId| of.is_none_or(|it| it == offer);
+        let failed: Vec<StreamToken> = self
             .calls
             .iter()
             .filter(|it| fails(*it.1))

@@ -12,8 +12,8 @@ use core::time::Duration;
 
 use super::{
     super::{
-        Carried, Frame, FrameReader, GatewayId, Header, Hop, Outcome, PeerFarewell, Subject,
-        SubjectKind, Verdict,
+        AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, Outcome, PeerFarewell,
+        StreamToken, Subject, SubjectKind, Verdict,
         session::{End, Input, Misuse, Output, Session},
     },
     book::Book,
@@ -63,7 +63,7 @@ struct World<'a> {
     underway: Vec<u8>,
     now: Instant,
     /// The streams of calls that are not settled, by what the session took and said.
-    calls: BTreeSet<u64>,
+    calls: BTreeSet<StreamToken>,
 }
 
 impl World<'_> {
@@ -117,7 +117,7 @@ impl World<'_> {
             2 => pick(script, book.known.keys().copied())?,
             3 => pick(script, book.withdrawn.iter().copied())?,
             4 => {
-                let is_free = |it: &u64| !book.wanted.contains(it);
+                let is_free = |it: &OfferId| !book.wanted.contains(it);
                 pick(script, book.offered.keys().copied().filter(is_free))?
             }
             5 => pick(script, book.wanted.union(&book.withdrawn).copied())?,
@@ -128,7 +128,7 @@ impl World<'_> {
             _ => None,
         };
         let offer = match (choice, offer) {
-            (0xf0.., None) => Some(script.number()?),
+            (0xf0.., None) => Some(OfferId(script.number()?)),
             (_, offer) => offer,
         };
         Some(match (choice % 8, offer) {
@@ -141,16 +141,16 @@ impl World<'_> {
             (5, Some(offer)) => Frame::Unwant { offer },
             (6, Some(offer)) => Frame::Unwanted { offer },
             (7, _) if script.byte()? % 2 == 0 || book.asked.is_empty() => Frame::Ask {
-                ask: script.number()?,
+                ask: AskId(script.number()?),
                 kind: kind(script)?,
                 name: script.name()?,
             },
             (7, _) => Frame::Answer {
-                ask: script.near(book.asked.front().copied().unwrap_or(1))?,
+                ask: AskId(script.near(book.asked.front().map_or(1, |it| it.0))?),
                 verdict: verdict(script)?,
             },
             _ => Frame::Offer {
-                offer: script.near(book.last_known.saturating_add(1))?,
+                offer: OfferId(script.near(book.last_known.0.saturating_add(1))?),
                 subject: subject(script)?,
                 path: path(script, &[3, 2])?,
             },
@@ -162,7 +162,7 @@ impl World<'_> {
         let script = &mut self.script;
         Some(match script.byte()? % 9 {
             0 => Input::Offer {
-                offer: script.near(self.book.last_offered.saturating_add(1))?,
+                offer: OfferId(script.near(self.book.last_offered.0.saturating_add(1))?),
                 subject: subject(script)?,
                 path: path(script, &[3, 1])?,
             },
@@ -177,16 +177,16 @@ impl World<'_> {
                 offer: key(script, &self.book.wishes)?,
             },
             5 => Input::Ask {
-                ask: script.number()?,
+                ask: AskId(script.number()?),
                 kind: kind(script)?,
                 name: script.name()?,
             },
             6 => Input::Answer {
-                ask: script.near(self.book.owed.front().copied().unwrap_or(1))?,
+                ask: AskId(script.near(self.book.owed.front().map_or(1, |it| it.0))?),
                 verdict: verdict(script)?,
             },
             7 => Input::Call {
-                stream: script.number()?,
+                stream: StreamToken(script.number()?),
                 offer: key(script, &self.book.said)?,
             },
             _ => Input::Forget {
@@ -199,39 +199,44 @@ impl World<'_> {
     fn stream(&mut self) -> Option<()> {
         let (script, book) = (&mut self.script, &self.book);
         let choice = script.byte()?;
+        let is_topic = |it: &OfferId| book.known.get(it) != Some(&SubjectKind::Service);
+        let is_service = |it: &(&OfferId, &SubjectKind)| *it.1 == SubjectKind::Service;
+        let other = StreamToken(8);
         let found = match choice % 4 {
             0 | 1 => {
-                let is_topic = |it: &u64| book.known.get(it) != Some(&SubjectKind::Service);
-                pick(script, book.wished.iter().copied().filter(is_topic))?
+                let offer = pick(script, book.wished.iter().copied().filter(is_topic))?;
+                offer.map(|offer| (other, offer))
             }
             2 => {
-                let services = book
-                    .offered
-                    .iter()
-                    .filter(|it| *it.1 == SubjectKind::Service);
-                pick(script, services.map(|(offer, _)| *offer))?
+                let services = book.offered.iter().filter(is_service);
+                let offer = pick(script, services.map(|(offer, _)| *offer))?;
+                offer.map(|offer| (other, offer))
             }
-            _ => pick(script, book.calls.keys().copied())?,
+            _ => {
+                let stream = pick(script, book.calls.keys().copied())?;
+                let offer = |it: &StreamToken| book.calls.get(it).copied();
+                stream.map(|it| (it, offer(&it).unwrap_or(OfferId(1))))
+            }
         };
-        let found = match found {
+        let (stream, offer) = match found {
             None if choice < 0xf0 => return Some(()),
-            None => script.number()?,
+            None if choice % 4 < 3 => (other, OfferId(script.number()?)),
+            None => (StreamToken(script.number()?), OfferId(1)),
             Some(found) => found,
         };
-        let (stream, offer, carried) = match choice % 4 {
+        let (offer, carried) = match choice % 4 {
             0 | 1 => {
                 let (sequence, age_ns) = (1, 0);
-                (8, found, Carried::Message { sequence, age_ns })
+                (offer, Carried::Message { sequence, age_ns })
             }
-            2 => (8, found, Carried::Request { left_ns: 0 }),
+            2 => (offer, Carried::Request { left_ns: 0 }),
             _ => {
                 let status = Outcome::ALL[script.below(6)?];
-                let of = book.calls.get(&found).copied();
                 let offer = match choice {
                     0xe0.. => script.number()?,
-                    _ => script.near(of.unwrap_or(1))?,
+                    _ => script.near(offer.0)?,
                 };
-                (found, offer, Carried::Reply { status })
+                (OfferId(offer), Carried::Reply { status })
             }
         };
         let header = Header {
@@ -246,7 +251,7 @@ impl World<'_> {
         let is_reply = matches!(carried, Carried::Reply { .. });
         self.feed(Input::Stream { stream, header }, &expected);
         if is_reply && self.session.end().is_none() {
-            assert!(self.calls.remove(&stream), "{stream} waited");
+            assert!(self.calls.remove(&stream), "{stream:?} waited");
         }
         Some(())
     }
@@ -296,10 +301,10 @@ impl World<'_> {
     fn ask(&mut self, input: Input<'static>) {
         if let Some(expected) = self.book.asks(input.clone()) {
             if let Input::Call { stream, .. } = input {
-                assert!(self.calls.insert(stream), "{stream} is free");
+                assert!(self.calls.insert(stream), "{stream:?} is free");
             }
             if let Input::Forget { stream } = input {
-                assert!(self.calls.remove(&stream), "{stream} waited");
+                assert!(self.calls.remove(&stream), "{stream:?} waited");
             }
             self.feed(input, &expected);
         } else {
@@ -331,7 +336,7 @@ impl World<'_> {
                     assert!(reader.is_between_frames());
                 }
                 Output::CallFailed { stream } => {
-                    assert!(self.calls.remove(&stream), "{stream} waited");
+                    assert!(self.calls.remove(&stream), "{stream:?} waited");
                 }
                 Output::Ended(end) => assert_eq!(self.session.end(), Some(end)),
                 _ => {}
@@ -355,9 +360,14 @@ impl World<'_> {
             Input::Control(&[1]),
             Input::Closed(None),
             Input::Close(code),
-            Input::Unoffer { offer: 1 },
-            Input::Want { offer: 1, depth: 1 },
-            Input::Forget { stream: 1 },
+            Input::Unoffer { offer: OfferId(1) },
+            Input::Want {
+                offer: OfferId(1),
+                depth: 1,
+            },
+            Input::Forget {
+                stream: StreamToken(1),
+            },
             Input::Tick,
         ] {
             assert_eq!(self.session.handle(self.now, input), Err(Misuse::Ended));
@@ -366,20 +376,46 @@ impl World<'_> {
     }
 }
 
-/// One of these numbers, mostly; none if there is none.
-fn pick(script: &mut Script<'_>, of: impl Iterator<Item = u64>) -> Option<Option<u64>> {
-    let of: Vec<u64> = of.collect();
+/// A newtype around a number.
+trait Id: Copy {
+    fn number(self) -> u64;
+    fn new(number: u64) -> Self;
+}
+
+impl Id for OfferId {
+    fn number(self) -> u64 {
+        self.0
+    }
+
+    fn new(number: u64) -> Self {
+        Self(number)
+    }
+}
+
+impl Id for StreamToken {
+    fn number(self) -> u64 {
+        self.0
+    }
+
+    fn new(number: u64) -> Self {
+        Self(number)
+    }
+}
+
+/// One of these ids, mostly; none if there is none.
+fn pick<T: Id>(script: &mut Script<'_>, of: impl Iterator<Item = T>) -> Option<Option<T>> {
+    let of: Vec<T> = of.collect();
     let Some(last) = of.len().checked_sub(1) else {
         return Some(None);
     };
     let found = of[usize::from(script.byte()?) % (last + 1)];
-    script.near(found).map(Some)
+    script.near(found.number()).map(T::new).map(Some)
 }
 
-/// One of these numbers, mostly, or another one.
-fn key<T>(script: &mut Script<'_>, of: &BTreeMap<u64, T>) -> Option<u64> {
+/// One of these ids, mostly, or another one.
+fn key<T: Id, V>(script: &mut Script<'_>, of: &BTreeMap<T, V>) -> Option<T> {
     let found = pick(script, of.keys().copied())?;
-    found.map_or_else(|| script.number(), Some)
+    found.map_or_else(|| script.number().map(T::new), Some)
 }
 
 fn kind(script: &mut Script<'_>) -> Option<SubjectKind> {

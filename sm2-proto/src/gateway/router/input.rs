@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use super::super::{GatewayId, Hop, Rules, Subject};
+use super::super::{GatewayId, Hop, OfferId, Rules, Subject};
 
 /// What happened, or is so now.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,7 +41,7 @@ pub enum Input {
         /// Who.
         peer: GatewayId,
         /// Its number there.
-        offer: u64,
+        offer: OfferId,
         /// What it is.
         subject: Subject,
         /// From the origin to the peer.
@@ -52,14 +52,14 @@ pub enum Input {
         /// Who.
         peer: GatewayId,
         /// Its number there.
-        offer: u64,
+        offer: OfferId,
     },
     /// A peer wants what it was offered.
     Wanted {
         /// Who.
         peer: GatewayId,
         /// The number of the offer to it.
-        offer: u64,
+        offer: OfferId,
         /// How many messages wait for it at most.
         depth: u16,
     },
@@ -68,7 +68,7 @@ pub enum Input {
         /// Who.
         peer: GatewayId,
         /// The number of the offer to it.
-        offer: u64,
+        offer: OfferId,
     },
 }
 
@@ -89,7 +89,7 @@ pub enum Output {
         /// To whom.
         peer: GatewayId,
         /// The number of the offer.
-        offer: u64,
+        offer: OfferId,
         /// What it is.
         subject: Subject,
         /// From the origin to this gateway.
@@ -100,14 +100,14 @@ pub enum Output {
         /// From whom.
         peer: GatewayId,
         /// Its number.
-        offer: u64,
+        offer: OfferId,
     },
     /// Want what a peer offers.
     Want {
         /// From whom.
         peer: GatewayId,
         /// The number of its offer.
-        offer: u64,
+        offer: OfferId,
         /// How many messages wait at most.
         depth: u16,
     },
@@ -116,7 +116,7 @@ pub enum Output {
         /// From whom.
         peer: GatewayId,
         /// The number of its offer.
-        offer: u64,
+        offer: OfferId,
     },
     /// Show the domain what comes from there: a publisher, or a server.
     Show {

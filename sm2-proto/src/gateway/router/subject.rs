@@ -7,7 +7,7 @@ use alloc::{
 use core::cmp::Reverse;
 
 use super::{
-    super::{GatewayId, Hop, Subject},
+    super::{GatewayId, Hop, OfferId, Subject},
     Output, Source,
 };
 use crate::limits::HOPS_MAX;
@@ -19,12 +19,12 @@ pub(super) struct SubjectState {
     /// Who in the domain takes what comes from an origin: how many messages wait at most.
     pub(super) taken: BTreeMap<GatewayId, u16>,
     /// The offers of peers: the path of each.
-    pub(super) theirs: BTreeMap<(GatewayId, u64), Vec<Hop>>,
+    pub(super) theirs: BTreeMap<(GatewayId, OfferId), Vec<Hop>>,
     ours: BTreeMap<(GatewayId, Source), Our>,
     /// What the domain is shown: by origin, from which peer.
     shown: BTreeMap<GatewayId, GatewayId>,
     /// The offers that are wanted, by origin.
-    wanting: BTreeMap<GatewayId, (GatewayId, u64)>,
+    wanting: BTreeMap<GatewayId, (GatewayId, OfferId)>,
     /// Whether the domain's own are taken, and how many messages wait at most.
     subscribed: Option<u16>,
 }
@@ -32,7 +32,7 @@ pub(super) struct SubjectState {
 /// An offer to a peer.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Our {
-    offer: u64,
+    offer: OfferId,
     path: Vec<Hop>,
     wanted: Option<u16>,
 }
@@ -41,7 +41,7 @@ struct Our {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Route {
     peer: GatewayId,
-    offer: u64,
+    offer: OfferId,
     path: Vec<Hop>,
 }
 
@@ -89,7 +89,7 @@ impl SubjectState {
     pub(super) fn withdraw(
         &mut self,
         may_stay: impl Fn(&GatewayId, Source, &Vec<Hop>) -> bool,
-    ) -> Vec<(GatewayId, u64)> {
+    ) -> Vec<(GatewayId, OfferId)> {
         let mut withdrawn = Vec::new();
         self.ours.retain(|(peer, source), our| {
             let stays = may_stay(peer, *source, &our.path);
@@ -105,7 +105,13 @@ impl SubjectState {
         self.ours.contains_key(&(peer, source))
     }
 
-    pub(super) fn offer(&mut self, peer: GatewayId, source: Source, offer: u64, path: Vec<Hop>) {
+    pub(super) fn offer(
+        &mut self,
+        peer: GatewayId,
+        source: Source,
+        offer: OfferId,
+        path: Vec<Hop>,
+    ) {
         let our = Our {
             offer,
             path,
@@ -140,7 +146,7 @@ impl SubjectState {
         });
         let wanted: BTreeMap<_, _> = wanted.collect();
         self.wanting.retain(|origin, &mut (peer, offer)| {
-            let is_it = |it: &(GatewayId, u64, u16)| (it.0, it.1) == (peer, offer);
+            let is_it = |it: &(GatewayId, OfferId, u16)| (it.0, it.1) == (peer, offer);
             let stays = wanted.get(origin).is_some_and(is_it);
             if !stays && self.theirs.contains_key(&(peer, offer)) {
                 outputs.push_back(Output::Unwant { peer, offer });
@@ -188,7 +194,7 @@ impl SubjectState {
         wanted.filter_map(|(_, it)| it.wanted).chain(here).max()
     }
 
-    pub(super) fn wanted(&mut self, peer: GatewayId, offer: u64, depth: Option<u16>) {
+    pub(super) fn wanted(&mut self, peer: GatewayId, offer: OfferId, depth: Option<u16>) {
         let is_it =
             |((to, _), it): &(&(GatewayId, Source), &mut Our)| *to == peer && it.offer == offer;
         if let Some((_, our)) = self.ours.iter_mut().find(is_it) {
@@ -196,20 +202,20 @@ impl SubjectState {
         }
     }
 
-    pub(super) fn takers(&self, source: Source) -> impl Iterator<Item = (GatewayId, u64)> {
+    pub(super) fn takers(&self, source: Source) -> impl Iterator<Item = (GatewayId, OfferId)> {
         let wanted = self.ours.iter();
         let wanted = wanted.filter(move |((_, of), it)| *of == source && it.wanted.is_some());
         wanted.map(|((peer, _), it)| (*peer, it.offer))
     }
 
-    pub(super) fn source(&self, peer: GatewayId, offer: u64) -> Option<Source> {
+    pub(super) fn source(&self, peer: GatewayId, offer: OfferId) -> Option<Source> {
         let mut ours = self.ours.iter();
         let found = ours.find(|((to, _), it)| *to == peer && it.offer == offer);
         found.map(|((_, source), _)| *source)
     }
 
     /// A peer does not offer this any more.
-    pub(super) fn gone(&mut self, theirs: (GatewayId, u64)) {
+    pub(super) fn gone(&mut self, theirs: (GatewayId, OfferId)) {
         self.theirs.remove(&theirs);
     }
 
@@ -231,7 +237,7 @@ impl SubjectState {
 
 impl Route {
     /// The least one is used.
-    fn rank(&self) -> (Reverse<u64>, usize, GatewayId, u64) {
+    fn rank(&self) -> (Reverse<u64>, usize, GatewayId, OfferId) {
         let epoch = self.path.first().map_or(0, |it| it.epoch);
         (Reverse(epoch), self.path.len(), self.peer, self.offer)
     }

@@ -2,7 +2,9 @@
 
 use alloc::vec::Vec;
 
-use super::super::{Header, Hop, PeerViolation, Subject, SubjectKind, Verdict};
+use super::super::{
+    AskId, Header, Hop, OfferId, PeerViolation, StreamToken, Subject, SubjectKind, Verdict,
+};
 use crate::{Code, Name};
 
 /// What happened, or is wanted.
@@ -13,7 +15,7 @@ pub enum Input<'a> {
     /// The header of a stream of the peer's is there, or that of a reply.
     Stream {
         /// The driver's name for the stream.
-        stream: u64,
+        stream: StreamToken,
         /// What it says.
         header: Header,
     },
@@ -26,7 +28,7 @@ pub enum Input<'a> {
     /// The peer may have this.
     Offer {
         /// Greater than all before.
-        offer: u64,
+        offer: OfferId,
         /// What it is.
         subject: Subject,
         /// From the origin to this gateway.
@@ -35,24 +37,24 @@ pub enum Input<'a> {
     /// It may not any more.
     Unoffer {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// What the peer offers is wanted; if that it was not has not been confirmed yet, once it is.
     Want {
         /// Which.
-        offer: u64,
+        offer: OfferId,
         /// How many messages wait at most, 1 to 1,024.
         depth: u16,
     },
     /// It is not wanted any more.
     Unwant {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// Could this side have that?
     Ask {
         /// The number of the question.
-        ask: u64,
+        ask: AskId,
         /// A topic or a service.
         kind: SubjectKind,
         /// Its name.
@@ -61,22 +63,22 @@ pub enum Input<'a> {
     /// The answer to the oldest question.
     Answer {
         /// Its number.
-        ask: u64,
+        ask: AskId,
         /// What it is.
         verdict: Verdict,
     },
     /// A stream for a call is about to be opened.
     Call {
         /// The driver's name for the stream.
-        stream: u64,
+        stream: StreamToken,
         /// The service.
-        offer: u64,
+        offer: OfferId,
     },
     /// Nobody waits for this call's reply any more: its stream is reset, and nothing of it comes
     /// here from now on.
     Forget {
         /// The stream.
-        stream: u64,
+        stream: StreamToken,
     },
     /// Time has passed.
     Tick,
@@ -97,7 +99,7 @@ pub enum Output {
     /// The peer offers this.
     Offered {
         /// The number of the offer.
-        offer: u64,
+        offer: OfferId,
         /// What it is.
         subject: Subject,
         /// From the origin to the peer.
@@ -106,24 +108,24 @@ pub enum Output {
     /// The peer does not offer it any more.
     Gone {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// The peer wants what this side offers.
     Wanted {
         /// Which.
-        offer: u64,
+        offer: OfferId,
         /// How many messages wait for it at most.
         depth: u16,
     },
     /// The peer does not want it any more.
     Unwanted {
         /// Which.
-        offer: u64,
+        offer: OfferId,
     },
     /// The peer wants to know whether it could have that: answer in turn.
     Asked {
         /// The number of the question.
-        ask: u64,
+        ask: AskId,
         /// A topic or a service.
         kind: SubjectKind,
         /// Its name.
@@ -132,29 +134,29 @@ pub enum Output {
     /// The peer has answered.
     Answered {
         /// The number of the question.
-        ask: u64,
+        ask: AskId,
         /// What it said.
         verdict: Verdict,
     },
     /// Read what this stream carries.
     Take {
         /// Which.
-        stream: u64,
+        stream: StreamToken,
     },
     /// Stop this stream: nobody wants what it carries.
     Discard {
         /// Which.
-        stream: u64,
+        stream: StreamToken,
     },
     /// Reply to the call of this stream that the server cannot be reached.
     Unreachable {
         /// Which.
-        stream: u64,
+        stream: StreamToken,
     },
     /// No reply to the call of this stream counts any more: reset it, and feed nothing of it.
     CallFailed {
         /// Which.
-        stream: u64,
+        stream: StreamToken,
     },
     /// The connection is over: close it with the code of this. Nothing comes after.
     Ended(End),

@@ -3,7 +3,7 @@
 use alloc::collections::BTreeMap;
 
 use super::{
-    super::{PeerViolation, SubjectKind},
+    super::{OfferId, PeerViolation, SubjectKind},
     Misuse,
 };
 use crate::limits::{OFFERS_MAX, QOS_MAX};
@@ -11,8 +11,8 @@ use crate::limits::{OFFERS_MAX, QOS_MAX};
 /// What this side offers.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Ours {
-    offers: BTreeMap<u64, (SubjectKind, Our)>,
-    last: u64,
+    offers: BTreeMap<OfferId, (SubjectKind, Our)>,
+    last: OfferId,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -26,8 +26,8 @@ enum Our {
 /// What the peer offers.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Theirs {
-    offers: BTreeMap<u64, Their>,
-    last: u64,
+    offers: BTreeMap<OfferId, Their>,
+    last: OfferId,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -51,7 +51,7 @@ enum Interest {
 
 impl Ours {
     //= SM2-GWO-001
-    pub(super) fn offer(&mut self, offer: u64, kind: SubjectKind) -> Result<(), Misuse> {
+    pub(super) fn offer(&mut self, offer: OfferId, kind: SubjectKind) -> Result<(), Misuse> {
         if offer <= self.last {
             return Err(Misuse::OfferNumber);
         }
@@ -63,7 +63,7 @@ impl Ours {
         Ok(())
     }
 
-    pub(super) fn withdraw(&mut self, offer: u64) -> Result<(), Misuse> {
+    pub(super) fn withdraw(&mut self, offer: OfferId) -> Result<(), Misuse> {
         match self.offers.get_mut(&offer) {
             Some((_, state)) if *state != Our::Withdrawing => {
                 *state = Our::Withdrawing;
@@ -73,7 +73,7 @@ impl Ours {
         }
     }
 
-    fn state(&mut self, offer: u64) -> Result<&mut Our, PeerViolation> {
+    fn state(&mut self, offer: OfferId) -> Result<&mut Our, PeerViolation> {
         let it = self.offers.get_mut(&offer);
         it.map(|(_, state)| state)
             .ok_or(PeerViolation::UnknownOffer)
@@ -81,7 +81,7 @@ impl Ours {
 
     /// WANT came: whether that means anything.
     //= SM2-GWO-002
-    pub(super) fn wanted(&mut self, offer: u64) -> Result<bool, PeerViolation> {
+    pub(super) fn wanted(&mut self, offer: OfferId) -> Result<bool, PeerViolation> {
         let state = self.state(offer)?;
         match state {
             Our::Offered => *state = Our::Wanted,
@@ -93,7 +93,7 @@ impl Ours {
 
     /// UNWANT came: whether that means anything.
     //= SM2-GWO-002
-    pub(super) fn unwanted(&mut self, offer: u64) -> Result<bool, PeerViolation> {
+    pub(super) fn unwanted(&mut self, offer: OfferId) -> Result<bool, PeerViolation> {
         let state = self.state(offer)?;
         match state {
             Our::Offered => return Err(PeerViolation::UnknownOffer),
@@ -105,7 +105,7 @@ impl Ours {
 
     /// UNOFFERED came.
     //= SM2-GWO-002
-    pub(super) fn gone(&mut self, offer: u64) -> Result<(), PeerViolation> {
+    pub(super) fn gone(&mut self, offer: OfferId) -> Result<(), PeerViolation> {
         match self.state(offer)? {
             Our::Withdrawing => {
                 self.offers.remove(&offer);
@@ -117,10 +117,10 @@ impl Ours {
 
     /// A call came: whether its server can be reached.
     //= SM2-GWS-001
-    pub(super) fn admit(&self, offer: u64) -> Result<bool, PeerViolation> {
+    pub(super) fn admit(&self, offer: OfferId) -> Result<bool, PeerViolation> {
         match self.offers.get(&offer) {
             Some((SubjectKind::Service, state)) => Ok(*state == Our::Wanted),
-            None if (1..=self.last).contains(&offer) => Ok(false),
+            None if (OfferId(1)..=self.last).contains(&offer) => Ok(false),
             Some((SubjectKind::Topic, _)) | None => Err(PeerViolation::UnknownOffer),
         }
     }
@@ -129,7 +129,11 @@ impl Ours {
 impl Theirs {
     /// OFFER came.
     //= SM2-GWO-001
-    pub(super) fn offered(&mut self, offer: u64, kind: SubjectKind) -> Result<(), PeerViolation> {
+    pub(super) fn offered(
+        &mut self,
+        offer: OfferId,
+        kind: SubjectKind,
+    ) -> Result<(), PeerViolation> {
         if offer <= self.last {
             return Err(PeerViolation::BadOffer);
         }
@@ -147,7 +151,7 @@ impl Theirs {
     }
 
     /// Whether to say so now.
-    pub(super) fn want(&mut self, offer: u64, depth: u16) -> Result<bool, Misuse> {
+    pub(super) fn want(&mut self, offer: OfferId, depth: u16) -> Result<bool, Misuse> {
         if !(1..=QOS_MAX).contains(&depth) {
             return Err(Misuse::WrongDepth);
         }
@@ -167,7 +171,7 @@ impl Theirs {
     }
 
     /// Whether to say so now.
-    pub(super) fn unwant(&mut self, offer: u64) -> Result<bool, Misuse> {
+    pub(super) fn unwant(&mut self, offer: OfferId) -> Result<bool, Misuse> {
         let their = self.offers.get_mut(&offer).ok_or(Misuse::WrongOffer)?;
         let now = match their.interest {
             Interest::Wanting => true,
@@ -182,14 +186,14 @@ impl Theirs {
 
     /// UNOFFER came.
     //= SM2-GWO-002
-    pub(super) fn gone(&mut self, offer: u64) -> Result<(), PeerViolation> {
+    pub(super) fn gone(&mut self, offer: OfferId) -> Result<(), PeerViolation> {
         let gone = self.offers.remove(&offer);
         gone.map(|_| ()).ok_or(PeerViolation::UnknownOffer)
     }
 
     /// UNWANTED came. How it is wanted again, if it is.
     //= SM2-GWO-002
-    pub(super) fn unwanted(&mut self, offer: u64) -> Result<Option<u16>, PeerViolation> {
+    pub(super) fn unwanted(&mut self, offer: OfferId) -> Result<Option<u16>, PeerViolation> {
         let their = self.offers.get_mut(&offer);
         let their = their.ok_or(PeerViolation::UnknownOffer)?;
         let Interest::Unwanting { again } = their.interest else {
@@ -201,7 +205,7 @@ impl Theirs {
 
     /// A message came: whether it is wanted.
     //= SM2-GWM-001
-    pub(super) fn admit(&self, offer: u64) -> Result<bool, PeerViolation> {
+    pub(super) fn admit(&self, offer: OfferId) -> Result<bool, PeerViolation> {
         match self.offers.get(&offer) {
             Some(it) if it.kind == SubjectKind::Topic && it.was_wanted => {
                 let is_wanted = |it| {
@@ -213,12 +217,12 @@ impl Theirs {
                 Ok(is_wanted(it.interest))
             }
             // Streams and frames have no common order.
-            None if (1..=self.last).contains(&offer) => Ok(false),
+            None if (OfferId(1)..=self.last).contains(&offer) => Ok(false),
             _ => Err(PeerViolation::NotWanted),
         }
     }
 
-    pub(super) fn check_call(&self, offer: u64) -> Result<(), Misuse> {
+    pub(super) fn check_call(&self, offer: OfferId) -> Result<(), Misuse> {
         let their = self.offers.get(&offer);
         match their {
             Some(it) if it.kind == SubjectKind::Service && it.interest == Interest::Wanting => {
