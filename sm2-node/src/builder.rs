@@ -29,6 +29,22 @@ pub struct NodeBuilder {
     embedded: Option<sm2_manager::Options>,
 }
 
+impl Node {
+    /// A node in the domain that the environment names (SM2-TRN-001).
+    ///
+    /// # Errors
+    ///
+    /// See [`ConnectError`]; a common one is [`ConnectError::NoManager`].
+    pub fn new(name: &str) -> Result<Self, ConnectError> {
+        Self::builder(name).connect()
+    }
+
+    /// To choose a domain, a socket, or how long to wait for the Manager.
+    pub fn builder(name: &str) -> NodeBuilder {
+        NodeBuilder::new(name)
+    }
+}
+
 impl NodeBuilder {
     pub(crate) fn new(name: &str) -> Self {
         Self {

@@ -169,6 +169,7 @@ mod pool;
     reason = "the one constructor of a slice over pooled memory"
 )]
 mod pooled;
+mod published;
 mod publisher;
 mod sample;
 pub mod schema;
@@ -188,7 +189,8 @@ pub use message::{EncodeError, Message, PayloadError};
 pub use node::Node;
 pub use payload::Payload;
 pub use plain::{InPlace, Plain};
-pub use publisher::{Published, Publisher, PublisherBuilder};
+pub use published::Published;
+pub use publisher::{Publisher, PublisherBuilder};
 pub use sample::Sample;
 pub use schema::Schema;
 pub use server::{Request, Server, ServerBuilder};

@@ -11,16 +11,17 @@ use crate::buffer::AlignedBuffer;
 use crate::driver::Forms;
 use crate::plain::check;
 use crate::pool::Lease;
-use crate::publisher::Core;
+use crate::published::Published;
+use crate::publisher::untyped::UntypedPublisher;
 use crate::stock;
-use crate::{Plain, PublishError, Published, StoreError};
+use crate::{Plain, PublishError, StoreError};
 
 /// One message being written in place. Dereferences to it.
 ///
 /// What it holds at first is unspecified: zero, or what an earlier message of this publisher
 /// left there. [`publish`](Self::publish) sends it; dropping it instead gives the memory back.
 pub struct Loan<'p, T: Plain + ?Sized> {
-    publisher: &'p Core,
+    publisher: &'p UntypedPublisher,
     /// None only when it is spent.
     memory: Option<Memory>,
     len: usize,
@@ -36,7 +37,7 @@ enum Memory {
 }
 
 impl<'p, T: Plain + ?Sized> Loan<'p, T> {
-    pub(crate) fn new(publisher: &'p Core, len: usize) -> Result<Self, StoreError> {
+    pub(crate) fn new(publisher: &'p UntypedPublisher, len: usize) -> Result<Self, StoreError> {
         let (needs, sealed) = publisher
             .handle
             .with_due(|interface, _| (interface.needs(), interface.contract.sealed()));

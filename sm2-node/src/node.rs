@@ -10,8 +10,8 @@ use sm2_proto::{Instant, Name, NodeId};
 use crate::driver::{Shared, Topic};
 use crate::handle::until;
 use crate::{
-    Client, ClientBuilder, ConnectError, DeclareError, Message, NodeBuilder, Publisher,
-    PublisherBuilder, Server, ServerBuilder, Subscriber, SubscriberBuilder, WaitError,
+    Client, ClientBuilder, DeclareError, Message, Publisher, PublisherBuilder, Server,
+    ServerBuilder, Subscriber, SubscriberBuilder, WaitError,
 };
 
 /// A node, known to its domain by its name.
@@ -31,7 +31,7 @@ use crate::{
 /// to flow (SM2-NOD-003). The node connects again by itself, as soon as there is another
 /// Manager, and brings along what it has (SM2-RES-001): interfaces, links, counters. Until
 /// then nothing new is linked, what is declared waits for the new Manager as long as
-/// [`NodeBuilder::manager_timeout`] says, and waiting without a time-out goes on. Whatever moves the node
+/// [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout) says, and waiting without a time-out goes on. Whatever moves the node
 /// on does this as well; for others, the node's [descriptor](AsFd) wakes them.
 ///
 /// What `tracing` is told, is told while the node is locked: a `tracing` subscriber must not
@@ -42,20 +42,6 @@ pub struct Node {
 }
 
 impl Node {
-    /// A node in the domain that the environment names (SM2-TRN-001).
-    ///
-    /// # Errors
-    ///
-    /// See [`ConnectError`]; a common one is [`ConnectError::NoManager`].
-    pub fn new(name: &str) -> Result<Self, ConnectError> {
-        Self::builder(name).connect()
-    }
-
-    /// To choose a domain, a socket, or how long to wait for the Manager.
-    pub fn builder(name: &str) -> NodeBuilder {
-        NodeBuilder::new(name)
-    }
-
     /// The node's name.
     #[must_use]
     pub fn name(&self) -> &Name {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use sm2_proto::control::Peer;
 use sm2_proto::{Contract, Instant, Name, TypeId};
 
-use crate::handle::{Receipt, Received};
+use crate::handle::receive::{Receipt, Received};
 use crate::{Message, RecvError};
 
 /// One received message. Dereferences to it; dropping it gives it back.

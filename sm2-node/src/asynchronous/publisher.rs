@@ -11,7 +11,7 @@ use futures_util::Sink;
 use tokio::time::Sleep;
 
 use super::{IntoAsync, Watched};
-use crate::publisher::Publication;
+use crate::publisher::untyped::Publication;
 use crate::{Message, PublishError, Published, Publisher};
 
 /// A [`Publisher`] for futures, and a [`Sink`] of messages.

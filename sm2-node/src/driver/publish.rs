@@ -6,7 +6,7 @@ use sm2_proto::{Contract, Instant};
 use super::interface::Interface;
 use super::link::{LinkDriver, Tools};
 use super::outbox::{Forms, Label, Needs};
-use crate::Published;
+use crate::published::Published;
 
 /// A message that was published, but not sent to all links yet.
 #[derive(Debug, Default)]

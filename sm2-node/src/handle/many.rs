@@ -1,6 +1,7 @@
 //! Many messages at a time: one look, one lock, and one more to give them all back.
 
-use super::{Handle, Receipt, Received};
+use super::Handle;
+use super::receive::{Receipt, Received};
 use crate::driver::{Inner, Taken, Topic, Until};
 use crate::{RecvError, Wait};
 

@@ -1,16 +1,16 @@
 //! What a publisher is to be like.
 
 use std::marker::PhantomData;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_proto::{Contract, Kind, Name, Offer, TypeId};
 
-use super::{Core, INLINE_DEFAULT, Publisher, checked_name, inline_limit, schema_of};
+use super::untyped::UntypedPublisher;
+use super::{INLINE_DEFAULT, Publisher, checked_name, inline_limit, schema_of};
 use crate::driver::{NoSlot, Reservation, Reserved, Shared};
 use crate::handle::Handle;
 use crate::pool::IDLE_DEFAULT;
-use crate::stock::Stock;
 use crate::{DeclareError, Message};
 
 /// The default of [`PublisherBuilder::publish_timeout`], as in the reliability policy of DDS.
@@ -189,15 +189,10 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         } = self.memory;
         let mut handle = Handle::declare(&self.shared, contract, limit_bytes, [schema_of::<T>()])?;
         handle.keep(idle, reserved);
+        // A datagram's memory is not reserved.
+        let inline_max = if how.prefault { 0 } else { self.inline_max };
         Ok(Publisher {
-            core: Core {
-                handle,
-                turn: Mutex::new(()),
-                // A datagram's memory is not reserved.
-                inline_max: if how.prefault { 0 } else { self.inline_max },
-                publish_timeout: self.publish_timeout,
-                stock: Mutex::new(Stock::new(idle)),
-            },
+            core: UntypedPublisher::new(handle, inline_max, self.publish_timeout, idle),
             sends: PhantomData,
         })
     }

@@ -3,8 +3,10 @@
 use std::borrow::Cow;
 use std::sync::PoisonError;
 
-use super::{Core, Published, Publisher, SHORT};
+use super::Publisher;
+use super::untyped::{SHORT, UntypedPublisher};
 use crate::handle::Handle;
+use crate::published::Published;
 use crate::{Message, PublishError, StoreError};
 
 /// How many messages are encoded before the first of them is sent.
@@ -53,7 +55,7 @@ impl Published {
     }
 }
 
-impl Core {
+impl UntypedPublisher {
     /// Publishes all of these, and leaves none.
     fn publish_run(
         &self,

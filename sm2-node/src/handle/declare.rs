@@ -1,0 +1,122 @@
+//! Declaring an interface.
+
+use std::sync::{Arc, OnceLock};
+
+use sm2_io::Epoll;
+use sm2_proto::node;
+use sm2_proto::{Contract, Refusal, TypeId};
+
+use super::{Handle, until};
+use crate::DeclareError;
+use crate::driver::{Inner, Shared, State, Topic};
+use crate::schema::check_schema;
+
+impl Handle {
+    /// Declares an interface, and waits for the Manager's word. The texts of its types go along,
+    /// of those that have one.
+    pub(crate) fn declare(
+        shared: &Arc<Shared>,
+        contract: Contract,
+        pool_limit_bytes: u64,
+        schemas: impl IntoIterator<Item = (TypeId, Option<String>)>,
+    ) -> Result<Self, DeclareError> {
+        contract.check_qos()?;
+        let name = contract.name().clone();
+        let mut inner = shared.driven();
+        for (data, text) in schemas {
+            register_schema(&mut inner, data, text, &shared.epoll);
+        }
+        let declared = inner.declare(contract.clone(), pool_limit_bytes, &shared.epoll);
+        drop(inner);
+        let id = match declared {
+            Ok(id) => id,
+            Err(error) => return Err(refused_here(error, contract)),
+        };
+        // From here on dropping it tells the Manager.
+        let mut handle = Self {
+            shared: Arc::clone(shared),
+            id,
+            name: name.clone(),
+            matched: 0,
+            pool_limit_bytes,
+            bell: OnceLock::new(),
+            #[cfg(feature = "tokio")]
+            silenced: Arc::default(),
+        };
+        let until = until(Some(shared.patience));
+        let answer = shared.wait(Topic::Interface(id), until, |inner| {
+            match &inner.interfaces.get(&id)?.state {
+                State::Declaring => None,
+                state => Some(state.clone()),
+            }
+        });
+        match answer.map_err(DeclareError::Io)? {
+            Some(State::Live { matches }) => {
+                handle.matched = matches as usize;
+                Ok(handle)
+            }
+            Some(State::Refused(reason)) => Err(refused(reason, contract)),
+            Some(State::Declaring) | None => Err(match shared.lock().away() {
+                Some(end) => DeclareError::ManagerGone { name, end },
+                None => DeclareError::TimedOut { name },
+            }),
+        }
+    }
+}
+
+/// The Manager did not grant a declaration.
+fn refused(reason: Refusal, contract: Contract) -> DeclareError {
+    let kind = contract.kind();
+    let name = contract.name().clone();
+    match (reason, contract) {
+        (
+            Refusal::TopicType { theirs },
+            Contract::Publisher { data: ours, .. }
+            | Contract::Subscriber {
+                data: Some(ours), ..
+            },
+        ) => DeclareError::TypeMismatch {
+            topic: name,
+            kind,
+            ours,
+            theirs,
+        },
+        (
+            Refusal::ServiceType {
+                request: theirs,
+                reply: their_reply,
+            },
+            Contract::Server { request, reply, .. }
+            | Contract::Client {
+                types: Some((request, reply)),
+                ..
+            },
+        ) => DeclareError::ServiceMismatch {
+            service: name,
+            kind,
+            ours: Box::new((request, reply)),
+            theirs: Box::new((theirs, their_reply)),
+        },
+        (Refusal::Quota { quota, limit }, _) => DeclareError::Quota { name, quota, limit },
+        (reason, _) => DeclareError::Refused { name, reason },
+    }
+}
+
+/// The session's machine did not take a declaration. What it could object to was checked.
+fn refused_here(error: node::Error, contract: Contract) -> DeclareError {
+    debug_assert!(false, "{error}");
+    DeclareError::ManagerGone {
+        name: contract.name().clone(),
+        end: node::End::Eof,
+    }
+}
+
+/// Lets tools know what a type looks like. One whose text is not its own, by an
+/// implementation by hand, is left out: the Manager would take it for a violation.
+fn register_schema(inner: &mut Inner, data: TypeId, text: Option<String>, epoll: &Epoll) {
+    let Some(text) = text else { return };
+    match check_schema(&data, &text) {
+        Ok(()) => inner.register_schema(data, text, epoll),
+        Err(error) => tracing::warn!(%error, "tools will not know this type"),
+    }
+}

@@ -1,0 +1,155 @@
+//! Taking messages from an interface, and giving them back.
+
+use std::io;
+use std::sync::{Arc, Weak};
+
+use sm2_proto::InterfaceId;
+use sm2_proto::control::Peer;
+use sm2_proto::link::Delivery;
+
+use super::Handle;
+use crate::driver::{Full, Interface, Shared, Taken, Tools, Topic, Until};
+use crate::payload::MessageBytes;
+use crate::{RecvError, Wait};
+
+impl Handle {
+    /// Waits until there is a message. `None`: the time is over. Without a Manager and without
+    /// links it waits for these to come back.
+    pub(crate) fn receive(
+        &self,
+        way: Wait,
+        until: Until,
+        take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, Full>,
+    ) -> Result<Option<Received>, RecvError> {
+        let epoll = &self.shared.epoll;
+        let topic = Topic::Interface(self.id);
+        let found = self.shared.wait_as(way, topic, until, |inner| {
+            self.look(inner, |inner| {
+                let taken = inner.with(self.id, epoll, &take)?;
+                taken.map_err(RecvError::from).transpose()
+            })
+        });
+        match found.map_err(RecvError::Io)?.transpose()? {
+            Some(taken) => self.open_for(taken).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    pub(super) fn open_for(&self, taken: Taken) -> Result<Received, RecvError> {
+        let receipt = self.receipt(&taken);
+        self.open_with(taken, receipt).map_err(RecvError::from)
+    }
+
+    /// Makes a message readable that was taken. If that is not possible, its link is closed.
+    pub(crate) fn open(&self, taken: Taken) -> io::Result<Received> {
+        let receipt = self.receipt(&taken);
+        self.open_with(taken, receipt).map_err(|it| it.source)
+    }
+
+    #[inline]
+    pub(super) fn open_with(&self, taken: Taken, receipt: Receipt) -> Result<Received, Unreadable> {
+        let Taken {
+            token,
+            peer,
+            delivery,
+            source,
+        } = taken;
+        // SAFETY: only `receipt`, or the `Lent` of its batch, releases the message. `Received`,
+        // `Sample`, `Request` and `Reply` drop the bytes before the receipt, `Lent` is dropped
+        // after all of them, and none gives the bytes away.
+        #[allow(unsafe_code, reason = "the receipt is here: see the SAFETY text")]
+        let opened = unsafe { source.open() };
+        match opened {
+            Ok(bytes) => Ok(Received {
+                peer,
+                delivery,
+                bytes,
+                receipt,
+            }),
+            Err(source) => {
+                self.with_idle(|interface, tools| interface.unreadable(token, tools));
+                Err(Unreadable { peer, source })
+            }
+        }
+    }
+
+    fn receipt(&self, taken: &Taken) -> Receipt {
+        Receipt {
+            shared: Arc::downgrade(&self.shared),
+            interface: self.id,
+            token: taken.token,
+            sequence: taken.delivery.sequence,
+        }
+    }
+}
+
+/// A message that the program holds.
+#[derive(Debug)]
+pub(crate) struct Received {
+    pub(crate) peer: Arc<Peer>,
+    pub(crate) delivery: Delivery,
+    pub(crate) bytes: MessageBytes,
+    /// Last: what is given back is not looked at any more.
+    pub(crate) receipt: Receipt,
+}
+
+/// A message that cannot be read: this machine is out of memory.
+pub(super) struct Unreadable {
+    peer: Arc<Peer>,
+    source: io::Error,
+}
+
+/// That a message is to be given back. It neither keeps the node alive nor its interface.
+#[derive(Debug)]
+pub(crate) struct Receipt {
+    shared: Weak<Shared>,
+    interface: InterfaceId,
+    token: u64,
+    sequence: u64,
+}
+
+impl Receipt {
+    /// That of a message that somebody else gives back.
+    pub(super) const fn none() -> Self {
+        Self {
+            shared: Weak::new(),
+            interface: InterfaceId(0),
+            token: 0,
+            sequence: 0,
+        }
+    }
+
+    /// The token of its link.
+    pub(crate) const fn token(&self) -> u64 {
+        self.token
+    }
+}
+
+impl Drop for Receipt {
+    //= SM2-MSG-005
+    fn drop(&mut self) {
+        if let Some(shared) = self.shared.upgrade() {
+            shared.with_idle(self.interface, |interface, tools| {
+                interface.give_back(self.token, self.sequence, tools);
+            });
+        }
+    }
+}
+
+impl From<Unreadable> for RecvError {
+    fn from(Unreadable { peer, source }: Unreadable) -> Self {
+        Self::Map {
+            publisher: peer.name.clone(),
+            source,
+        }
+    }
+}
+
+impl From<Full> for RecvError {
+    fn from(Full { error, peer }: Full) -> Self {
+        Self::TooManyBorrowed {
+            held: error.max_borrowed,
+            publisher: peer.name.clone(),
+        }
+    }
+}

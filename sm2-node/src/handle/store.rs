@@ -1,0 +1,94 @@
+//! Putting a message into the memory that its links need.
+
+use std::borrow::Cow;
+
+use bytes::Bytes;
+use sm2_io::Blank;
+use sm2_proto::Instant;
+use sm2_proto::limits::MESSAGE_MAX;
+
+use super::Handle;
+use crate::StoreError;
+use crate::driver::{Forms, Interface, Needs, NoSlot, Tools};
+use crate::pool::Lease;
+use crate::stock;
+
+impl Handle {
+    /// Puts a message where the links that need it can have it.
+    pub(crate) fn store(
+        &self,
+        bytes: Cow<'_, [u8]>,
+        inline_max: usize,
+        needs: Needs,
+    ) -> Result<Forms, StoreError> {
+        self.store_with(bytes, inline_max, needs, |_| None)
+    }
+
+    /// The same, with memory for a sealed message of some length, if that is ready.
+    pub(crate) fn store_with(
+        &self,
+        bytes: Cow<'_, [u8]>,
+        inline_max: usize,
+        needs: Needs,
+        ready: impl FnOnce(usize) -> Option<Blank>,
+    ) -> Result<Forms, StoreError> {
+        let mut forms = Forms::default();
+        if needs.nobody() {
+            return Ok(forms);
+        }
+        let short = bytes.len() <= inline_max;
+        // First what can fail and needs no undoing.
+        if needs.sealed && !short {
+            check_len(bytes.len() as u64)?;
+            forms.sealed = Some(stock::seal(ready(bytes.len()), &bytes)?);
+        }
+        if needs.ring || (needs.pooled && !short) {
+            let mut lease = self.lease(bytes.len())?;
+            lease.memory.bytes_mut(bytes.len()).copy_from_slice(&bytes);
+            forms.pooled = Some(lease);
+        }
+        if short && needs.inline() {
+            forms.inline = Some(match bytes {
+                Cow::Borrowed(bytes) => Bytes::copy_from_slice(bytes),
+                Cow::Owned(bytes) => bytes.into(),
+            });
+        }
+        Ok(forms)
+    }
+
+    /// A slot for `len` bytes.
+    pub(crate) fn lease(&self, len: usize) -> Result<Lease<sm2_io::Slot>, StoreError> {
+        check_len(len as u64)?;
+        let now = sm2_io::clock::now();
+        let lease = self.with_idle(|interface, tools| {
+            let lease = interface.outbox.lease(len as u64);
+            interface.rest(now, tools);
+            lease
+        });
+        let mut lease = lease.map_err(|error| match error {
+            NoSlot::Full => StoreError::PoolFull {
+                len: len as u64,
+                limit_bytes: self.pool_limit_bytes,
+            },
+            NoSlot::Io(error) | NoSlot::Lock(error) => StoreError::Io(error),
+        })?;
+        // Not under the node's lock: the first time it takes long.
+        lease.memory.warm(len);
+        Ok(lease)
+    }
+}
+
+impl Interface {
+    /// Gives back memory that was not used for long. Cheap: it may be called with every message.
+    pub(crate) fn rest(&mut self, now: Instant, tools: &mut Tools<'_>) {
+        self.outbox.rest(now);
+        self.detach_segments(tools);
+    }
+}
+
+const fn check_len(len: u64) -> Result<(), StoreError> {
+    if len > MESSAGE_MAX {
+        return Err(StoreError::TooLong { len });
+    }
+    Ok(())
+}
