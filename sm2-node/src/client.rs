@@ -4,7 +4,6 @@ use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
-use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,14 +11,14 @@ use sm2_proto::control::Peer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::LinkStatus;
 use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Topic};
-use crate::error::QueryError;
+use crate::handle::declaration::{
+    Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
+};
+use crate::handle::methods::interface_methods;
 use crate::handle::receive::{Receipt, Received};
 use crate::handle::{Handle, until};
-use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
-use crate::{CallError, DeclareError, Message, StoreError, Wait, WaitError};
-use sm2_proto::domain::Near;
+use crate::{CallError, DeclareError, Message, StoreError, Wait};
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
 ///
@@ -28,17 +27,25 @@ use sm2_proto::domain::Near;
 /// that ends fails its calls at once (SM2-SRV-005); they are not repeated elsewhere, since
 /// they may have had their effect.
 ///
-/// Its [descriptor](AsFd) is readable when a [`Call::try_wait`] may have an answer: ask all calls
+/// Its [descriptor](std::os::fd::AsFd) is readable when a [`Call::try_wait`] may have an answer: ask all calls
 /// that are under way, then poll again.
 #[derive(Debug)]
 pub struct Client<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
-    inline_max: usize,
-    wait: Wait,
     calls: PhantomData<fn(&Q) -> Box<R>>,
 }
 
+interface_methods! {
+    Client<Q, R>,
+    service: "The name of its service.",
+    "servers": wait_for_servers, wait_for_servers_timeout,
+}
+
 impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
+    fn handle(&self) -> &Handle {
+        &self.handle
+    }
+
     /// Sends a request and waits for the reply, without a time limit. A server that ends fails
     /// the call at once (SM2-SRV-005).
     ///
@@ -121,7 +128,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         deadline: Option<Instant>,
     ) -> Result<Call<R>, CallError> {
         let len = bytes.len() as u64;
-        let forms = self.handle.store(bytes, self.inline_max, needs)?;
+        let forms = self.handle.store(bytes, needs)?;
         // The choice is made again: what was sent meanwhile counts.
         let call = self
             .handle
@@ -137,7 +144,6 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         Ok(Call {
             call: call.map_err(|choice| self.no_server(choice))?,
             handle: Arc::clone(&self.handle),
-            wait: self.wait,
             deadline,
             done: false,
             replies: PhantomData,
@@ -171,62 +177,6 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
             }
         }
     }
-
-    /// The service's name.
-    #[must_use]
-    pub fn service(&self) -> &Name {
-        &self.handle.name
-    }
-
-    /// How many servers matched when it was declared (SM2-IFC-002).
-    #[must_use]
-    pub fn matched(&self) -> usize {
-        self.handle.matched()
-    }
-
-    /// Waits until at least `count` servers are linked, without a time limit.
-    ///
-    /// # Errors
-    ///
-    /// [`WaitError::Io`].
-    pub fn wait_for_servers(&self, count: usize) -> Result<(), WaitError> {
-        self.handle.wait_open(count, None)
-    }
-
-    /// Waits until at least `count` servers are linked, for at most `timeout`.
-    ///
-    /// # Errors
-    ///
-    /// See [`WaitError`].
-    pub fn wait_for_servers_timeout(
-        &self,
-        count: usize,
-        timeout: Duration,
-    ) -> Result<(), WaitError> {
-        self.handle.wait_open(count, Some(timeout))
-    }
-
-    /// Whether the Manager has it: not while there is none, and not if another one took over
-    /// that refused it, which is logged with the reason (SM2-RES-009). Links that are open go on.
-    #[must_use]
-    pub fn is_registered(&self) -> bool {
-        self.handle.is_registered()
-    }
-
-    /// Of the interfaces that are there, those that come closest to a server of this client, and why
-    /// each of them does not match: for one that stays without links.
-    ///
-    /// # Errors
-    ///
-    /// See [`QueryError`].
-    pub fn why(&self) -> Result<Vec<Near>, QueryError> {
-        self.handle.why()
-    }
-
-    /// Its links: those that ended (the last 64 of them), then those that are there.
-    pub fn links(&self) -> Vec<LinkStatus> {
-        self.handle.links()
-    }
 }
 
 #[cfg(feature = "tokio")]
@@ -237,18 +187,11 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     }
 }
 
-impl<Q: Message + ?Sized, R: Message + ?Sized> AsFd for Client<Q, R> {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.handle.descriptor()
-    }
-}
-
 /// A call under way. Dropping it cancels it.
 #[must_use = "a call that is dropped is cancelled"]
 pub struct Call<R: Message + ?Sized> {
     handle: Arc<Handle>,
     call: CallId,
-    wait: Wait,
     deadline: Option<Instant>,
     /// Whether its outcome was seen.
     done: bool,
@@ -263,7 +206,7 @@ impl<R: Message + ?Sized> Call<R> {
     ///
     /// See [`CallError`].
     pub fn wait(mut self) -> Result<Reply<R>, CallError> {
-        match self.look(self.wait, self.deadline)? {
+        match self.look(self.handle.wait, self.deadline)? {
             Some(reply) => Ok(reply),
             None => Err(CallError::DeadlineExceeded {
                 service: self.handle.name.clone(),
@@ -414,13 +357,10 @@ fn failed(service: &Name, source: std::io::Error) -> CallError {
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
 pub struct ClientBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
-    shared: Arc<Shared>,
-    service: String,
+    declaration: Declaration,
     /// None takes every pair.
     types: Option<(TypeId, TypeId)>,
     qos: ServiceQos,
-    inline_max: usize,
-    wait: Wait,
     servers: fn(&Name) -> bool,
     calls: PhantomData<fn(&Q) -> Box<R>>,
 }
@@ -428,16 +368,13 @@ pub struct ClientBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
 impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
     pub(crate) fn new(shared: &Arc<Shared>, service: &str) -> Self {
         Self {
-            shared: Arc::clone(shared),
-            service: service.to_owned(),
+            declaration: Declaration::new(shared, service),
             types: Some((Q::type_id(), R::type_id())),
             qos: ServiceQos {
                 depth: 1,
                 max_borrowed: 64,
                 sealed: false,
             },
-            inline_max: INLINE_DEFAULT,
-            wait: Wait::Park,
             servers: |_| true,
             calls: PhantomData,
         }
@@ -450,24 +387,12 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
         self
     }
 
-    /// Every request and reply has to be sealed: nobody can change it once it is sent.
-    pub const fn sealed(mut self, sealed: bool) -> Self {
-        self.qos.sealed = sealed;
-        self
-    }
-
-    /// Requests up to this many bytes are copied into the datagram; longer ones, and all on the
-    /// ring lane, go through shared memory. At most 61,440; 4,096 by default.
-    pub const fn inline_max(mut self, bytes: usize) -> Self {
-        self.inline_max = inline_limit(bytes);
-        self
-    }
-
-    /// What a thread does while it waits for a reply: [`Wait::Park`] by default.
-    pub const fn wait(mut self, way: Wait) -> Self {
-        self.wait = way;
-        self
-    }
+    sealed_setter!(
+        qos,
+        "Every request and reply is sealed: nobody can change it after it is sent."
+    );
+    inline_max_setter!("Requests");
+    wait_setter!("a reply");
 
     /// Calls only servers of nodes whose name is accepted; all of them by default.
     pub const fn servers(mut self, accept: fn(&Name) -> bool) -> Self {
@@ -482,17 +407,15 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
     /// See [`DeclareError`].
     pub fn declare(self) -> Result<Client<Q, R>, DeclareError> {
         let contract = Contract::Client {
-            service: checked_name(Kind::Client, self.service)?,
+            service: self.declaration.checked_name(Kind::Client)?,
             types: self.types,
             qos: self.qos,
         };
         let schemas = [schema_of::<Q>(), schema_of::<R>()];
-        let handle = Handle::declare(&self.shared, contract, u64::MAX, schemas)?;
+        let handle = self.declaration.declare(contract, u64::MAX, schemas)?;
         handle.with_idle(|interface, _| interface.servers = self.servers);
         Ok(Client {
             handle: Arc::new(handle),
-            inline_max: self.inline_max,
-            wait: self.wait,
             calls: PhantomData,
         })
     }

@@ -1,7 +1,9 @@
 //! What all four kinds of interface have in common.
 
+pub(crate) mod declaration;
 mod declare;
 mod many;
+pub(crate) mod methods;
 pub(crate) mod receive;
 mod store;
 
@@ -11,8 +13,8 @@ use std::time::Duration;
 
 use sm2_proto::{Instant, InterfaceId, Name};
 
-use crate::WaitError;
 use crate::driver::{Bell, Inner, Interface, LinkStatus, Reserved, Shared, Tools, Topic};
+use crate::{Wait, WaitError};
 
 /// A declared interface, until it is dropped.
 #[derive(Debug)]
@@ -22,6 +24,10 @@ pub(crate) struct Handle {
     pub(crate) name: Name,
     matched: usize,
     pool_limit_bytes: u64,
+    /// Payloads of up to this length travel in the datagram itself.
+    pub(crate) inline_max: usize,
+    /// What a thread does while it waits for a message of this interface.
+    pub(crate) wait: Wait,
     /// Made when somebody asks for a descriptor; none if that failed.
     bell: OnceLock<Option<Bell>>,
     /// Tasks that wait for the descriptor, to be told when somebody else silences it: the

@@ -42,15 +42,15 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             .handle
             .with_due(|interface, _| (interface.needs(), interface.contract.sealed()));
         let all_sealed = needs.sealed || (needs.nobody() && sealed);
-        let memory = if needs.ring || (len > publisher.inline_max && (needs.pooled || !all_sealed))
-        {
-            Memory::Slot(publisher.handle.lease(len)?)
-        } else if len <= publisher.inline_max {
-            Memory::Heap(AlignedBuffer::zeroed(len))
-        } else {
-            let ready = publisher.ready(|stock, now| stock.for_loan(len, now));
-            Memory::Sealed(stock::lend(ready, len)?)
-        };
+        let memory =
+            if needs.ring || (len > publisher.handle.inline_max && (needs.pooled || !all_sealed)) {
+                Memory::Slot(publisher.handle.lease(len)?)
+            } else if len <= publisher.handle.inline_max {
+                Memory::Heap(AlignedBuffer::zeroed(len))
+            } else {
+                let ready = publisher.ready(|stock, now| stock.for_loan(len, now));
+                Memory::Sealed(stock::lend(ready, len)?)
+            };
         let loan = Self {
             publisher,
             memory: Some(memory),

@@ -4,7 +4,6 @@ use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
-use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,14 +11,14 @@ use sm2_proto::control::Peer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::LinkStatus;
 use crate::driver::{CallId, Interface, Shared, Until};
-use crate::error::QueryError;
 use crate::handle::Handle;
+use crate::handle::declaration::{
+    Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
+};
+use crate::handle::methods::interface_methods;
 use crate::handle::receive::{Receipt, Received};
-use crate::publisher::{INLINE_DEFAULT, checked_name, inline_limit, schema_of};
-use crate::{DeclareError, Message, RecvError, ReplyError, StoreError, Wait, WaitError};
-use sm2_proto::domain::Near;
+use crate::{DeclareError, Message, RecvError, ReplyError, StoreError, Wait};
 
 /// What a client is told whose request was dropped.
 const DROPPED: &str = "the server dropped the request without an answer";
@@ -30,17 +29,25 @@ const DROPPED: &str = "the server dropped the request without an answer";
 /// client in turn. Those that were cancelled, or whose deadline passed, before they were taken
 /// are answered without bothering the program (SM2-SRV-003).
 ///
-/// Its [descriptor](AsFd) is readable when [`try_recv`](Self::try_recv) may have a request. Dropping
+/// Its [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a request. Dropping
 /// it withdraws it, once the requests that were taken are answered.
 #[derive(Debug)]
 pub struct Server<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
-    inline_max: usize,
-    wait: Wait,
     serves: PhantomData<fn(&Q) -> Box<R>>,
 }
 
+interface_methods! {
+    Server<Q, R>,
+    service: "The name of its service.",
+    "clients": wait_for_clients, wait_for_clients_timeout,
+}
+
 impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
+    fn handle(&self) -> &Handle {
+        &self.handle
+    }
+
     /// The next request; waits for it, as long as it takes: also for a client, and while the
     /// Manager is gone for another one.
     ///
@@ -74,10 +81,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     }
 
     fn take(&self, until: Until) -> Result<Option<Request<Q, R>>, RecvError> {
-        let Some(received) = self
-            .handle
-            .receive(self.wait, until, Interface::take_request)?
-        else {
+        let Some(received) = self.handle.receive(until, Interface::take_request)? else {
             return Ok(None);
         };
         let Received {
@@ -93,7 +97,6 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
                 id: delivery.id,
             },
             client: peer,
-            inline_max: self.inline_max,
             answered: false,
         };
         match Q::view_in_place(bytes) {
@@ -111,62 +114,6 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
                 Err(RecvError::Payload { publisher, reason })
             }
         }
-    }
-
-    /// How many clients matched when it was declared (SM2-IFC-002).
-    #[must_use]
-    pub fn matched(&self) -> usize {
-        self.handle.matched()
-    }
-
-    /// Waits until at least `count` clients are linked, without a time limit.
-    ///
-    /// # Errors
-    ///
-    /// [`WaitError::Io`].
-    pub fn wait_for_clients(&self, count: usize) -> Result<(), WaitError> {
-        self.handle.wait_open(count, None)
-    }
-
-    /// Waits until at least `count` clients are linked, for at most `timeout`.
-    ///
-    /// # Errors
-    ///
-    /// See [`WaitError`].
-    pub fn wait_for_clients_timeout(
-        &self,
-        count: usize,
-        timeout: Duration,
-    ) -> Result<(), WaitError> {
-        self.handle.wait_open(count, Some(timeout))
-    }
-
-    /// Whether the Manager has it: not while there is none, and not if another one took over
-    /// that refused it, which is logged with the reason (SM2-RES-009). Links that are open go on.
-    #[must_use]
-    pub fn is_registered(&self) -> bool {
-        self.handle.is_registered()
-    }
-
-    /// Of the interfaces that are there, those that come closest to a client of this server, and why
-    /// each of them does not match: for one that stays without links.
-    ///
-    /// # Errors
-    ///
-    /// See [`QueryError`].
-    pub fn why(&self) -> Result<Vec<Near>, QueryError> {
-        self.handle.why()
-    }
-
-    /// Its links: those that ended (the last 64 of them), then those that are there.
-    pub fn links(&self) -> Vec<LinkStatus> {
-        self.handle.links()
-    }
-}
-
-impl<Q: Message + ?Sized, R: Message + ?Sized> AsFd for Server<Q, R> {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.handle.descriptor()
     }
 }
 
@@ -263,7 +210,6 @@ struct Pending {
     handle: Arc<Handle>,
     call: CallId,
     client: Arc<Peer>,
-    inline_max: usize,
     answered: bool,
 }
 
@@ -286,7 +232,7 @@ impl Pending {
             return Err(error);
         };
         let len = bytes.len() as u64;
-        let forms = self.handle.store(bytes, self.inline_max, needs)?;
+        let forms = self.handle.store(bytes, needs)?;
         let sent = self
             .handle
             .with_idle(|interface, tools| interface.reply(call, forms, len, status, tools));
@@ -320,29 +266,23 @@ impl Drop for Pending {
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
 pub struct ServerBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
-    shared: Arc<Shared>,
-    service: String,
+    declaration: Declaration,
     /// None: those that the program was built with.
     types: Option<(TypeId, TypeId)>,
     qos: ServiceQos,
-    inline_max: usize,
-    wait: Wait,
     serves: PhantomData<fn(&Q) -> Box<R>>,
 }
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
     pub(crate) fn new(shared: &Arc<Shared>, service: &str) -> Self {
         Self {
-            shared: Arc::clone(shared),
-            service: service.to_owned(),
+            declaration: Declaration::new(shared, service),
             types: None,
             qos: ServiceQos {
                 depth: 64,
                 max_borrowed: 16,
                 sealed: false,
             },
-            inline_max: INLINE_DEFAULT,
-            wait: Wait::Park,
             serves: PhantomData,
         }
     }
@@ -360,24 +300,12 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
         self
     }
 
-    /// Every request and reply has to be sealed: nobody can change it once it is sent.
-    pub const fn sealed(mut self, sealed: bool) -> Self {
-        self.qos.sealed = sealed;
-        self
-    }
-
-    /// Replies up to this many bytes are copied into the datagram; longer ones, and all on the
-    /// ring lane, go through shared memory. At most 61,440; 4,096 by default.
-    pub const fn inline_max(mut self, bytes: usize) -> Self {
-        self.inline_max = inline_limit(bytes);
-        self
-    }
-
-    /// What a thread does while it waits for a request: [`Wait::Park`] by default.
-    pub const fn wait(mut self, way: Wait) -> Self {
-        self.wait = way;
-        self
-    }
+    sealed_setter!(
+        qos,
+        "Every request and reply is sealed: nobody can change it after it is sent."
+    );
+    inline_max_setter!("Replies");
+    wait_setter!("a request");
 
     /// Declares it, and waits for the Manager's word.
     ///
@@ -392,16 +320,14 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
         };
         let types = self.types.unwrap_or_else(|| (Q::type_id(), R::type_id()));
         let contract = Contract::Server {
-            service: checked_name(Kind::Server, self.service)?,
+            service: self.declaration.checked_name(Kind::Server)?,
             request: types.0,
             reply: types.1,
             qos: self.qos,
         };
-        let handle = Handle::declare(&self.shared, contract, u64::MAX, schemas)?;
+        let handle = self.declaration.declare(contract, u64::MAX, schemas)?;
         Ok(Server {
             handle: Arc::new(handle),
-            inline_max: self.inline_max,
-            wait: self.wait,
             serves: PhantomData,
         })
     }

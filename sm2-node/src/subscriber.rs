@@ -1,19 +1,16 @@
 //! Receiving the messages of a topic.
 
 use std::marker::PhantomData;
-use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_proto::{Contract, Demand, Kind, TypeId};
 
-use crate::driver::LinkStatus;
 use crate::driver::{Interface, Shared, Until};
-use crate::error::QueryError;
 use crate::handle::Handle;
-use crate::publisher::{checked_name, schema_of};
-use crate::{DeclareError, Message, RecvError, Sample, Wait, WaitError};
-use sm2_proto::domain::Near;
+use crate::handle::declaration::{Declaration, schema_of, sealed_setter, wait_setter};
+use crate::handle::methods::interface_methods;
+use crate::{DeclareError, Message, RecvError, Sample, Wait};
 
 /// Receives messages of type `T` from all publishers of a topic, from each in turn.
 ///
@@ -22,16 +19,25 @@ use sm2_proto::domain::Near;
 /// is reliable. What it has taken is lent to it until it drops the [`Sample`]; one
 /// that holds `max_borrowed` of them gets no further ones (SM2-MSG-005), and harms nobody else.
 ///
-/// Its [descriptor](AsFd) is readable when [`try_recv`](Self::try_recv) may have a message: take
+/// Its [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a message: take
 /// until there is none, then poll again.
 #[derive(Debug)]
 pub struct Subscriber<T: Message + ?Sized> {
     handle: Handle,
-    wait: Wait,
     receives: PhantomData<fn(&T)>,
 }
 
+interface_methods! {
+    Subscriber<T>,
+    topic: "The name of its topic.",
+    "publishers": wait_for_publishers, wait_for_publishers_timeout,
+}
+
 impl<T: Message + ?Sized> Subscriber<T> {
+    const fn handle(&self) -> &Handle {
+        &self.handle
+    }
+
     /// The next message; waits for it, as long as it takes: also for a publisher, and while the
     /// Manager is gone for another one.
     ///
@@ -65,7 +71,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
     }
 
     fn take(&self, until: Until) -> Result<Option<Sample<T>>, RecvError> {
-        let received = self.handle.receive(self.wait, until, Interface::take)?;
+        let received = self.handle.receive(until, Interface::take)?;
         received.map(Sample::new).transpose()
     }
 
@@ -145,7 +151,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
         until: Until,
         mut each: impl FnMut(Result<&Sample<T>, RecvError>),
     ) -> Result<usize, RecvError> {
-        let taken = self.handle.take_many(self.wait, until, most)?;
+        let taken = self.handle.take_many(self.handle.wait, until, most)?;
         let count = taken.len();
         self.handle
             .lend(taken, |received| match received.and_then(Sample::new) {
@@ -159,83 +165,23 @@ impl<T: Message + ?Sized> Subscriber<T> {
     pub fn lost(&self) -> u64 {
         self.handle.with(|interface, _| interface.lost)
     }
-
-    /// How many publishers matched when it was declared (SM2-IFC-002).
-    #[must_use]
-    pub const fn matched(&self) -> usize {
-        self.handle.matched()
-    }
-
-    /// Waits until at least `count` publishers are linked, without a time limit.
-    ///
-    /// # Errors
-    ///
-    /// [`WaitError::Io`].
-    pub fn wait_for_publishers(&self, count: usize) -> Result<(), WaitError> {
-        self.handle.wait_open(count, None)
-    }
-
-    /// Waits until at least `count` publishers are linked, for at most `timeout`.
-    ///
-    /// # Errors
-    ///
-    /// See [`WaitError`].
-    pub fn wait_for_publishers_timeout(
-        &self,
-        count: usize,
-        timeout: Duration,
-    ) -> Result<(), WaitError> {
-        self.handle.wait_open(count, Some(timeout))
-    }
-
-    /// Whether the Manager has it: not while there is none, and not if another one took over
-    /// that refused it, which is logged with the reason (SM2-RES-009). Links that are open go on.
-    #[must_use]
-    pub fn is_registered(&self) -> bool {
-        self.handle.is_registered()
-    }
-
-    /// Of the interfaces that are there, those that come closest to a publisher for this subscriber, and why
-    /// each of them does not match: for one that stays without links.
-    ///
-    /// # Errors
-    ///
-    /// See [`QueryError`].
-    pub fn why(&self) -> Result<Vec<Near>, QueryError> {
-        self.handle.why()
-    }
-
-    /// Its links: those that ended (the last 64 of them), then those that are there. What
-    /// came is in [`LinkStatus::received`]; the counters are the publishers' and all zero here.
-    pub fn links(&self) -> Vec<LinkStatus> {
-        self.handle.links()
-    }
-}
-
-impl<T: Message + ?Sized> AsFd for Subscriber<T> {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.handle.descriptor()
-    }
 }
 
 /// A subscriber's quality of service.
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
 pub struct SubscriberBuilder<T: Message + ?Sized> {
-    shared: Arc<Shared>,
-    topic: String,
+    declaration: Declaration,
     /// None takes every type.
     data: Option<TypeId>,
     demand: Demand,
-    wait: Wait,
     receives: PhantomData<fn(&T)>,
 }
 
 impl<T: Message + ?Sized> SubscriberBuilder<T> {
     pub(crate) fn new(shared: &Arc<Shared>, topic: &str) -> Self {
         Self {
-            shared: Arc::clone(shared),
-            topic: topic.to_owned(),
+            declaration: Declaration::new(shared, topic),
             data: Some(T::type_id()),
             demand: Demand {
                 depth: 8,
@@ -243,7 +189,6 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
                 max_borrowed: 4,
                 sealed: false,
             },
-            wait: Wait::Park,
             receives: PhantomData,
         }
     }
@@ -272,18 +217,11 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
         self
     }
 
-    /// What [`recv`](Subscriber::recv) and [`recv_timeout`](Subscriber::recv_timeout) do while
-    /// nothing is there; [`Wait::Park`] by default.
-    pub const fn wait(mut self, way: Wait) -> Self {
-        self.wait = way;
-        self
-    }
-
-    /// Every message has to be sealed: its publisher cannot change it any more.
-    pub const fn sealed(mut self, sealed: bool) -> Self {
-        self.demand.sealed = sealed;
-        self
-    }
+    wait_setter!("a message");
+    sealed_setter!(
+        demand,
+        "Accepts sealed messages only: their publisher cannot change them after they are sent."
+    );
 
     /// Declares it, and waits for the Manager's word.
     ///
@@ -292,13 +230,12 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     /// See [`DeclareError`].
     pub fn declare(self) -> Result<Subscriber<T>, DeclareError> {
         let contract = Contract::Subscriber {
-            topic: checked_name(Kind::Subscriber, self.topic)?,
+            topic: self.declaration.checked_name(Kind::Subscriber)?,
             data: self.data,
             demand: self.demand,
         };
         Ok(Subscriber {
-            handle: Handle::declare(&self.shared, contract, 0, [schema_of::<T>()])?,
-            wait: self.wait,
+            handle: self.declaration.declare(contract, 0, [schema_of::<T>()])?,
             receives: PhantomData,
         })
     }

@@ -7,9 +7,9 @@ use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::DeclareError;
 use crate::driver::{Inner, Shared, State, Topic};
 use crate::schema::check_schema;
+use crate::{DeclareError, Wait};
 
 impl Handle {
     /// Declares an interface, and waits for the Manager's word. The texts of its types go along,
@@ -39,6 +39,8 @@ impl Handle {
             name: name.clone(),
             matched: 0,
             pool_limit_bytes,
+            inline_max: 0,
+            wait: Wait::Park,
             bell: OnceLock::new(),
             #[cfg(feature = "tokio")]
             silenced: Arc::default(),

@@ -8,22 +8,21 @@ use sm2_proto::control::Peer;
 use sm2_proto::link::Delivery;
 
 use super::Handle;
+use crate::RecvError;
 use crate::driver::{Full, Interface, Shared, Taken, Tools, Topic, Until};
 use crate::payload::MessageBytes;
-use crate::{RecvError, Wait};
 
 impl Handle {
     /// Waits until there is a message. `None`: the time is over. Without a Manager and without
     /// links it waits for these to come back.
     pub(crate) fn receive(
         &self,
-        way: Wait,
         until: Until,
         take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
         let epoll = &self.shared.epoll;
         let topic = Topic::Interface(self.id);
-        let found = self.shared.wait_as(way, topic, until, |inner| {
+        let found = self.shared.wait_as(self.wait, topic, until, |inner| {
             self.look(inner, |inner| {
                 let taken = inner.with(self.id, epoll, &take)?;
                 taken.map_err(RecvError::from).transpose()

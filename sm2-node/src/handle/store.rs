@@ -15,20 +15,14 @@ use crate::stock;
 
 impl Handle {
     /// Puts a message where the links that need it can have it.
-    pub(crate) fn store(
-        &self,
-        bytes: Cow<'_, [u8]>,
-        inline_max: usize,
-        needs: Needs,
-    ) -> Result<Forms, StoreError> {
-        self.store_with(bytes, inline_max, needs, |_| None)
+    pub(crate) fn store(&self, bytes: Cow<'_, [u8]>, needs: Needs) -> Result<Forms, StoreError> {
+        self.store_with(bytes, needs, |_| None)
     }
 
     /// The same, with memory for a sealed message of some length, if that is ready.
     pub(crate) fn store_with(
         &self,
         bytes: Cow<'_, [u8]>,
-        inline_max: usize,
         needs: Needs,
         ready: impl FnOnce(usize) -> Option<Blank>,
     ) -> Result<Forms, StoreError> {
@@ -36,7 +30,7 @@ impl Handle {
         if needs.nobody() {
             return Ok(forms);
         }
-        let short = bytes.len() <= inline_max;
+        let short = bytes.len() <= self.inline_max;
         // First what can fail and needs no undoing.
         if needs.sealed && !short {
             check_len(bytes.len() as u64)?;

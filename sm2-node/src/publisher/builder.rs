@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use sm2_proto::{Contract, Kind, Name, Offer, TypeId};
 
+use super::Publisher;
 use super::untyped::UntypedPublisher;
-use super::{INLINE_DEFAULT, Publisher, checked_name, inline_limit, schema_of};
 use crate::driver::{NoSlot, Reservation, Reserved, Shared};
-use crate::handle::Handle;
+use crate::handle::declaration::{Declaration, inline_max_setter, schema_of, sealed_setter};
 use crate::pool::IDLE_DEFAULT;
 use crate::{DeclareError, Message};
 
@@ -20,12 +20,10 @@ const PUBLISH_TIMEOUT_DEFAULT: Duration = Duration::from_millis(100);
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
 pub struct PublisherBuilder<T: Message + ?Sized> {
-    shared: Arc<Shared>,
-    topic: String,
+    declaration: Declaration,
     data: Option<TypeId>,
     offer: Offer,
     publish_timeout: Duration,
-    inline_max: usize,
     memory: Memory,
     sends: PhantomData<fn(&T)>,
 }
@@ -43,8 +41,7 @@ struct Memory {
 impl<T: Message + ?Sized> PublisherBuilder<T> {
     pub(crate) fn new(shared: &Arc<Shared>, topic: &str) -> Self {
         Self {
-            shared: Arc::clone(shared),
-            topic: topic.to_owned(),
+            declaration: Declaration::new(shared, topic),
             data: None,
             offer: Offer {
                 depth: 8,
@@ -53,7 +50,6 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
                 sealed: false,
             },
             publish_timeout: PUBLISH_TIMEOUT_DEFAULT,
-            inline_max: INLINE_DEFAULT,
             memory: Memory {
                 limit_bytes: u64::MAX,
                 idle: IDLE_DEFAULT,
@@ -98,23 +94,15 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         self
     }
 
-    /// Every message is sealed: nobody, this program included, can change it once it is
-    /// sent. Costs new memory for each message. A subscriber, and the domain's policy,
-    /// can demand it as well.
-    ///
-    /// While messages come in a stream, the memory of the next one is made ready after each: one
-    /// file of about its length, until there was none for [`keep_idle`](Self::keep_idle).
-    pub const fn sealed(mut self, sealed: bool) -> Self {
-        self.offer.sealed = sealed;
-        self
-    }
+    sealed_setter!(
+        offer,
+        "Every message is sealed: nobody, this program included, can change it after it is sent.
 
-    /// Messages up to this many bytes are copied into the datagram; longer ones go through
-    /// shared memory. At most 61,440; 4,096 by default.
-    pub const fn inline_max(mut self, bytes: usize) -> Self {
-        self.inline_max = inline_limit(bytes);
-        self
-    }
+Costs new memory for each message. A subscriber, and the domain's policy, can require it as well.
+While messages follow each other closely, the publisher prepares the memory of the next one after
+each: one file of about its length. It goes back to the system after [`keep_idle`](Self::keep_idle)."
+    );
+    inline_max_setter!("Messages");
 
     /// How much shared memory messages may have, in bytes, not counting what
     /// [`max_len`](Self::max_len) reserves; without a limit by default, since
@@ -174,7 +162,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     ///
     /// See [`DeclareError`].
     pub fn declare(self) -> Result<Publisher<T>, DeclareError> {
-        let topic = checked_name(Kind::Publisher, self.topic)?;
+        let topic = self.declaration.checked_name(Kind::Publisher)?;
         let reserved = self.memory.reserve(&topic, &self.offer)?;
         let contract = Contract::Publisher {
             topic,
@@ -187,12 +175,15 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
             how,
             ..
         } = self.memory;
-        let mut handle = Handle::declare(&self.shared, contract, limit_bytes, [schema_of::<T>()])?;
+        let schemas = [schema_of::<T>()];
+        let mut handle = self.declaration.declare(contract, limit_bytes, schemas)?;
         handle.keep(idle, reserved);
         // A datagram's memory is not reserved.
-        let inline_max = if how.prefault { 0 } else { self.inline_max };
+        if how.prefault {
+            handle.inline_max = 0;
+        }
         Ok(Publisher {
-            core: UntypedPublisher::new(handle, inline_max, self.publish_timeout, idle),
+            core: UntypedPublisher::new(handle, self.publish_timeout, idle),
             sends: PhantomData,
         })
     }

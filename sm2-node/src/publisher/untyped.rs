@@ -32,7 +32,6 @@ pub(crate) struct UntypedPublisher {
     pub(crate) handle: Handle,
     /// Held while a message is published: on each link, publications come in their order.
     pub(super) turn: Mutex<()>,
-    pub(crate) inline_max: usize,
     /// See [`PublisherBuilder::publish_timeout`].
     publish_timeout: Duration,
     /// Memory for the next sealed message.
@@ -40,16 +39,10 @@ pub(crate) struct UntypedPublisher {
 }
 
 impl UntypedPublisher {
-    pub(super) const fn new(
-        handle: Handle,
-        inline_max: usize,
-        publish_timeout: Duration,
-        idle: Duration,
-    ) -> Self {
+    pub(super) const fn new(handle: Handle, publish_timeout: Duration, idle: Duration) -> Self {
         Self {
             handle,
             turn: Mutex::new(()),
-            inline_max,
             publish_timeout,
             stock: Mutex::new(Stock::new(idle)),
         }
@@ -81,7 +74,7 @@ impl UntypedPublisher {
         let needs = self.handle.with_due(|interface, _| interface.needs());
         let len = bytes.len() as u64;
         let ready = |len| self.ready(|stock, now| stock.for_copy(len, now));
-        let forms = (self.handle).store_with(bytes, self.inline_max, needs, ready)?;
+        let forms = (self.handle).store_with(bytes, needs, ready)?;
         Ok(self.offer(forms, len))
     }
 

@@ -1,0 +1,108 @@
+//! The half of a builder that publishers, subscribers, servers and clients share.
+
+use std::sync::Arc;
+
+use sm2_proto::limits::INLINE_MAX;
+use sm2_proto::{Contract, Kind, Name, TypeId};
+
+use super::Handle;
+use crate::driver::Shared;
+use crate::{DeclareError, Message, Wait};
+
+/// Payloads of up to this length travel in the datagram itself, unless a builder changes it.
+const INLINE_DEFAULT: usize = 4_096;
+
+/// An interface that a builder is about to declare.
+#[derive(Debug)]
+pub(crate) struct Declaration {
+    shared: Arc<Shared>,
+    /// As the program wrote it.
+    name: String,
+    pub(crate) inline_max: usize,
+    pub(crate) wait: Wait,
+}
+
+impl Declaration {
+    pub(crate) fn new(shared: &Arc<Shared>, name: &str) -> Self {
+        Self {
+            shared: Arc::clone(shared),
+            name: name.to_owned(),
+            inline_max: INLINE_DEFAULT,
+            wait: Wait::Park,
+        }
+    }
+
+    /// Sets `inline_max`, as far as a datagram has room for it.
+    pub(crate) const fn set_inline_max(&mut self, bytes: usize) {
+        self.inline_max = if bytes > INLINE_MAX {
+            INLINE_MAX
+        } else {
+            bytes
+        };
+    }
+
+    /// The topic's or service's name.
+    pub(crate) fn checked_name(&self, kind: Kind) -> Result<Name, DeclareError> {
+        Name::typed(&self.name).map_err(|reason| DeclareError::Name {
+            kind,
+            name: self.name.clone(),
+            reason,
+        })
+    }
+
+    /// Declares it, and waits for the Manager's answer. `schemas` are the types of its messages.
+    pub(crate) fn declare(
+        &self,
+        contract: Contract,
+        pool_limit_bytes: u64,
+        schemas: impl IntoIterator<Item = (TypeId, Option<String>)>,
+    ) -> Result<Handle, DeclareError> {
+        let mut handle = Handle::declare(&self.shared, contract, pool_limit_bytes, schemas)?;
+        handle.inline_max = self.inline_max;
+        handle.wait = self.wait;
+        Ok(handle)
+    }
+}
+
+/// A type and its schema text, for the Manager. `[u8]` has no text, whichever type it carries.
+pub(crate) fn schema_of<T: Message + ?Sized>() -> (TypeId, Option<String>) {
+    (T::type_id(), T::schema())
+}
+
+/// The setter `sealed` of a builder.
+macro_rules! sealed_setter {
+    ($qos:ident, $doc:literal) => {
+        #[doc = $doc]
+        pub const fn sealed(mut self, sealed: bool) -> Self {
+            self.$qos.sealed = sealed;
+            self
+        }
+    };
+}
+
+/// The setter `inline_max` of a builder, for what its interface sends.
+macro_rules! inline_max_setter {
+    ($messages:literal) => {
+        #[doc = concat!($messages, " of up to this many bytes are copied into the datagram;")]
+        /// longer ones, and all on the ring lane, go through shared memory. At most 61,440; 4,096
+        /// by default.
+        pub const fn inline_max(mut self, bytes: usize) -> Self {
+            self.declaration.set_inline_max(bytes);
+            self
+        }
+    };
+}
+
+/// The setter `wait` of a builder, for what its interface receives.
+macro_rules! wait_setter {
+    ($message:literal) => {
+        #[doc = concat!("What a thread does while it waits for ", $message, "; [`Wait::Park`] by")]
+        /// default.
+        pub const fn wait(mut self, wait: Wait) -> Self {
+            self.declaration.wait = wait;
+            self
+        }
+    };
+}
+
+pub(crate) use {inline_max_setter, sealed_setter, wait_setter};

@@ -1,0 +1,78 @@
+//! The methods that publishers, subscribers, servers and clients share.
+
+/// Implements the shared methods for a type that has `fn handle(&self) -> &Handle`.
+macro_rules! interface_methods {
+    (
+        $type:ident<$($parameter:ident),+>,
+        $name:ident: $name_doc:literal,
+        $counterparts:literal: $wait_for:ident, $wait_for_timeout:ident $(,)?
+    ) => {
+        impl<$($parameter: $crate::Message + ?Sized),+> $type<$($parameter),+> {
+            #[doc = $name_doc]
+            #[must_use]
+            pub fn $name(&self) -> &sm2_proto::Name {
+                &self.handle().name
+            }
+
+            #[doc = concat!("How many ", $counterparts, " matched when this interface was declared (SM2-IFC-002).")]
+            #[must_use]
+            pub fn matched(&self) -> usize {
+                self.handle().matched()
+            }
+
+            #[doc = concat!("Waits until at least `count` ", $counterparts, " are linked, without a time limit.")]
+            ///
+            /// # Errors
+            ///
+            /// [`WaitError::Io`](crate::WaitError::Io).
+            pub fn $wait_for(&self, count: usize) -> Result<(), $crate::WaitError> {
+                self.handle().wait_open(count, None)
+            }
+
+            #[doc = concat!("Waits until at least `count` ", $counterparts, " are linked, for at most `timeout`.")]
+            ///
+            /// # Errors
+            ///
+            /// See [`WaitError`](crate::WaitError).
+            pub fn $wait_for_timeout(
+                &self,
+                count: usize,
+                timeout: std::time::Duration,
+            ) -> Result<(), $crate::WaitError> {
+                self.handle().wait_open(count, Some(timeout))
+            }
+
+            /// True if the current Manager has granted this declaration. False without a Manager,
+            /// and if a Manager that took over refused it, which is logged with the reason
+            /// (SM2-RES-009). Open links remain in either case.
+            #[must_use]
+            pub fn is_registered(&self) -> bool {
+                self.handle().is_registered()
+            }
+
+            /// Why this interface has no links: of all interfaces, those that come closest to one
+            #[doc = concat!("of its ", $counterparts, ", and why each of them does not match.")]
+            ///
+            /// # Errors
+            ///
+            /// See [`QueryError`](crate::domain::QueryError).
+            pub fn why(&self) -> Result<Vec<sm2_proto::domain::Near>, $crate::error::QueryError> {
+                self.handle().why()
+            }
+
+            /// The state of its links: the last 64 that ended, then those that exist. A link counts
+            /// what this side sent in `counters`, and what it received in `received`.
+            pub fn links(&self) -> Vec<$crate::driver::LinkStatus> {
+                self.handle().links()
+            }
+        }
+
+        impl<$($parameter: $crate::Message + ?Sized),+> std::os::fd::AsFd for $type<$($parameter),+> {
+            fn as_fd(&self) -> std::os::fd::BorrowedFd<'_> {
+                self.handle().descriptor()
+            }
+        }
+    };
+}
+
+pub(crate) use interface_methods;
