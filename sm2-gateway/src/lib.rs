@@ -10,14 +10,12 @@
 //! | count for Prometheus | `metrics`, with the feature of that name |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
 //! | the same for all that is between domain and peers | [`hub`] |
-//! | try all that over a link that loses, delays and stands still | `bad_link`, with the feature `bad-link` |
+//! | try all that over a link that loses, delays and stands still | the unpublished crate `sm2-lossy-link` |
 //!
 //! What is decided is decided by the machines of `sm2_proto::gateway`; [`peer`] and [`hub`] join them
 //! without I/O; `run` has the tasks, `local` the domain's nodes.
 
 mod address;
-#[cfg(feature = "bad-link")]
-pub mod bad_link;
 mod channel;
 pub mod clock;
 pub mod config;

@@ -8,11 +8,11 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use sm2_gateway::{
-    bad_link::{HEADERS_BYTES, Profile},
     hub::DEFAULT_TERMS,
     peer::{Command, Event},
 };
 use sm2_io::quic::Congestion;
+use sm2_lossy_link::{HEADERS_BYTES, Profile};
 use sm2_proto::{
     Instant, Name, TypeId,
     gateway::{OfferId, Subject},

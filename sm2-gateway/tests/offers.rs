@@ -8,11 +8,11 @@ use std::time::Duration;
 use bytes::Bytes;
 use sm2_gateway::{
     Counts,
-    bad_link::Profile,
     hub::DEFAULT_TERMS,
     peer::{Command, Event},
 };
 use sm2_io::quic::Congestion;
+use sm2_lossy_link::Profile;
 use sm2_proto::{
     Name, TypeId,
     gateway::{OfferId, Subject, SubjectKind},

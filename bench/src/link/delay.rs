@@ -15,7 +15,7 @@ use nix::{
     poll::{PollFd, PollFlags, ppoll},
     sys::time::TimeSpec,
 };
-use sm2_gateway::bad_link::{Lane, Profile};
+use sm2_lossy_link::{Lane, Profile};
 use tun_rs::{DeviceBuilder, SyncDevice};
 
 use super::address;

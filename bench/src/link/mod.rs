@@ -1,6 +1,6 @@
 //! Two hosts of this machine and a bad link between them, over which every IP packet goes, TCP's too.
 //!
-//! Hosts, cables, rate and loss are those of [`sm2_gateway::bad_link`]. Here its middle becomes a router,
+//! Hosts, cables, rate and loss are those of [`sm2_lossy_link`]. Here its middle becomes a router,
 //! and each packet that it routes passes a TUN device, where it is held for as long as the link takes:
 //!
 //! ```text
@@ -18,7 +18,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use sm2_gateway::bad_link::{self, BadLink, Namespace, Profile, Unavailable, host_address};
+use sm2_lossy_link::{BadLink, Namespace, Profile, Unavailable, host_address};
 
 use crate::job::Side;
 
@@ -90,7 +90,7 @@ pub fn address(side: Side) -> Ipv4Addr {
     }
 }
 
-impl From<Side> for bad_link::Side {
+impl From<Side> for sm2_lossy_link::Side {
     fn from(side: Side) -> Self {
         match side {
             Side::Near => Self::Near,

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sm2_gateway::bad_link::{BadLink, Profile};
+use sm2_lossy_link::{BadLink, Profile};
 
 use super::{Link, address};
 use crate::job::Side;

@@ -6,7 +6,7 @@
 
 use std::{ops::Range, time::Duration};
 
-use sm2_gateway::bad_link::Profile;
+use sm2_lossy_link::Profile;
 
 use super::{Case, Figure, Options, figure};
 use crate::{

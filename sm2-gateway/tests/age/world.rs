@@ -6,11 +6,11 @@ use std::{collections::BTreeMap, net::SocketAddr};
 use quinn_proto::ConnectionHandle;
 use sm2_gateway::{
     Counts,
-    bad_link::{Lane, Profile},
     clock::{Clock, Now},
     peer::{Command, Event, Limits, Me, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
+use sm2_lossy_link::{Lane, Profile};
 use sm2_proto::{
     Instant, Name,
     gateway::{Hop, SubjectKind},

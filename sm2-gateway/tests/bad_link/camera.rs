@@ -5,7 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sm2_gateway::bad_link::Profile;
+use sm2_lossy_link::Profile;
 
 use super::{
     common::until,

@@ -11,7 +11,7 @@ use std::{
 use nix::sys::socket::{ControlMessage, MsgFlags, SockaddrStorage, sendmsg, setsockopt, sockopt};
 use std::os::fd::AsRawFd;
 
-use sm2_gateway::bad_link::{BadLink, DEVICE, Namespace, Profile, Side, host_address};
+use sm2_lossy_link::{BadLink, DEVICE, Namespace, Profile, Side, host_address};
 
 use super::{common::until, world};
 
@@ -166,7 +166,7 @@ fn a_link_that_is_cut_lets_nothing_through_and_loss_can_be_changed() {
 
 #[test]
 fn what_pauses_hold_up_comes_in_the_end_and_in_order() {
-    let pause = sm2_gateway::bad_link::Pause {
+    let pause = sm2_lossy_link::Pause {
         length: Duration::from_millis(100),
         every: Duration::from_millis(100),
     };

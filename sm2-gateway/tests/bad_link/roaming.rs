@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use sm2_gateway::bad_link::{DEVICE, Profile, Side, host_address};
+use sm2_lossy_link::{DEVICE, Profile, Side, host_address};
 
 use super::{
     common::until,

@@ -6,10 +6,8 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use sm2_gateway::{
-    Gateway,
-    bad_link::{BadLink, Profile, Side},
-};
+use sm2_gateway::Gateway;
+use sm2_lossy_link::{BadLink, Profile, Side};
 use tokio::runtime::Runtime;
 
 use super::common::{ALL, Domain, report, runtime, until};

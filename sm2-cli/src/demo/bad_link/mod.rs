@@ -14,12 +14,9 @@ use std::{
     time::Duration,
 };
 
-use sm2_gateway::{
-    Config, Gateway,
-    bad_link::{BadLink, Profile, Side as End},
-    keys,
-};
+use sm2_gateway::{Config, Gateway, keys};
 use sm2_io::clock;
+use sm2_lossy_link::{BadLink, Profile, Side as End};
 use sm2_manager::{Background, Options};
 use sm2_node::Node;
 use tokio::runtime::Runtime;

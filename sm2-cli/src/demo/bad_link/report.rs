@@ -1,7 +1,7 @@
 //! What came of it.
 
 use serde::Serialize;
-use sm2_gateway::bad_link::BadLink;
+use sm2_lossy_link::BadLink;
 use sm2_proto::Instant;
 
 use super::super::statistics::hundredths;

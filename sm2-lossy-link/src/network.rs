@@ -17,7 +17,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use super::{Profile, Side, namespace::Namespace};
+use crate::{Profile, Side, namespace::Namespace};
 
 /// The interface of each host. The hosts' addresses are those of [`host_address`].
 pub const DEVICE: &str = "link0";
@@ -46,14 +46,14 @@ pub enum Unavailable {
 
 /// The three namespaces.
 #[derive(Debug)]
-pub(super) struct Network {
-    pub(super) near: Namespace,
-    pub(super) link: Namespace,
-    pub(super) far: Namespace,
+pub(crate) struct Network {
+    pub(crate) near: Namespace,
+    pub(crate) link: Namespace,
+    pub(crate) far: Namespace,
 }
 
 impl Network {
-    pub(super) fn new(profile: &Profile) -> Result<Self, Unavailable> {
+    pub(crate) fn new(profile: &Profile) -> Result<Self, Unavailable> {
         if !nix::unistd::geteuid().is_root() {
             return Err(Unavailable::NotRoot);
         }
@@ -76,7 +76,7 @@ impl Network {
         Ok(network)
     }
 
-    pub(super) const fn host(&self, side: Side) -> &Namespace {
+    pub(crate) const fn host(&self, side: Side) -> &Namespace {
         match side {
             Side::Near => &self.near,
             Side::Far => &self.far,
@@ -97,7 +97,7 @@ impl Network {
     }
 
     /// How much is lost from now on; if it is cut, all of it.
-    pub(super) fn lose(&self, loss_permille: u32, is_cut: bool) -> Result<(), Unavailable> {
+    pub(crate) fn lose(&self, loss_permille: u32, is_cut: bool) -> Result<(), Unavailable> {
         let rule = match (is_cut, loss_permille) {
             (true, _) => "drop".to_owned(),
             (false, 0) => "accept".to_owned(),
@@ -128,12 +128,12 @@ pub fn host_address(side: Side, is_ipv6: bool) -> IpAddr {
 }
 
 /// Where the link is, for a host that sends to the other.
-pub(super) fn link_address(side: Side, is_ipv6: bool) -> IpAddr {
+pub(crate) fn link_address(side: Side, is_ipv6: bool) -> IpAddr {
     address(side, is_ipv6, LINK)
 }
 
 /// What `address` means to somebody else, if it was "any address" to its host.
-pub(super) fn from_outside(address: SocketAddr, side: Side) -> SocketAddr {
+pub(crate) fn from_outside(address: SocketAddr, side: Side) -> SocketAddr {
     match address.ip() {
         ip if ip.is_unspecified() => {
             SocketAddr::new(host_address(side, ip.is_ipv6()), address.port())

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::random::Random;
+use crate::random::Random;
 
 /// A link that stands still every so often: what it was given meanwhile comes afterwards, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,7 +15,7 @@ pub struct Pause {
 
 /// The pauses of one link, the same for the same seed. Both ways have the same ones.
 #[derive(Clone, Debug)]
-pub(super) struct Pauses(Vec<Series>);
+pub(crate) struct Pauses(Vec<Series>);
 
 /// All pauses of one length.
 #[derive(Clone, Debug)]
@@ -28,7 +28,7 @@ struct Series {
 
 impl Pauses {
     /// Counted from `epoch`.
-    pub(super) fn new(pauses: &[Pause], epoch: Instant, seed: u64) -> Self {
+    pub(crate) fn new(pauses: &[Pause], epoch: Instant, seed: u64) -> Self {
         // One without a length would never be over.
         let real = pauses.iter().filter(|it| !it.length.is_zero());
         let series = (seed..).zip(real).map(|(seed, &pause)| {
@@ -44,7 +44,7 @@ impl Pauses {
     }
 
     /// When something arrives that would without pauses arrive at `at`, which never goes back.
-    pub(super) fn hold(&mut self, mut at: Instant) -> Instant {
+    pub(crate) fn hold(&mut self, mut at: Instant) -> Instant {
         loop {
             // The end of one may be amid another.
             let held = self.0.iter_mut().fold(at, |at, series| series.hold(at));

@@ -21,7 +21,7 @@ use nix::{
     },
 };
 
-use super::{Profile, lane::Lane, namespace::Namespace};
+use crate::{Profile, lane::Lane, namespace::Namespace};
 
 /// How many datagrams of a socket are read before others are sent.
 const BURST: usize = 64;
@@ -34,24 +34,24 @@ const LOOK: Duration = Duration::from_millis(20);
 
 /// What can be changed while it runs.
 #[derive(Debug, Default)]
-pub(super) struct Controls {
-    pub(super) loss_permille: AtomicU32,
-    pub(super) is_cut: AtomicBool,
+pub(crate) struct Controls {
+    pub(crate) loss_permille: AtomicU32,
+    pub(crate) is_cut: AtomicBool,
 }
 
 /// What it is made of.
-pub(super) struct Options {
-    pub(super) profile: Profile,
+pub(crate) struct Options {
+    pub(crate) profile: Profile,
     /// Where its sockets are, if not where the caller is.
-    pub(super) place: Option<Namespace>,
+    pub(crate) place: Option<Namespace>,
     /// Where near hosts find it; port 0 is any.
-    pub(super) near: SocketAddr,
+    pub(crate) near: SocketAddr,
     /// Where it takes what they send.
-    pub(super) far: SocketAddr,
+    pub(crate) far: SocketAddr,
     /// If nobody else limits rate and loses datagrams, the relay does.
-    pub(super) shaping: Option<Arc<Controls>>,
+    pub(crate) shaping: Option<Arc<Controls>>,
     /// From when pauses are counted.
-    pub(super) epoch: Instant,
+    pub(crate) epoch: Instant,
 }
 
 /// A relay, until it is dropped.
@@ -59,14 +59,14 @@ pub(super) struct Options {
 /// It is to the far host what a router with address translation is: each near address has a far
 /// port of its own, so a near host that moves is seen to move.
 #[derive(Debug)]
-pub(super) struct Relay {
+pub(crate) struct Relay {
     address: SocketAddr,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Relay {
-    pub(super) fn start(options: Options) -> io::Result<Self> {
+    pub(crate) fn start(options: Options) -> io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let until = Arc::clone(&stop);
         let (opened, answer) = mpsc::sync_channel(1);
@@ -94,7 +94,7 @@ impl Relay {
     }
 
     /// Its near end.
-    pub(super) const fn address(&self) -> SocketAddr {
+    pub(crate) const fn address(&self) -> SocketAddr {
         self.address
     }
 }

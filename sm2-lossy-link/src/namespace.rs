@@ -52,7 +52,7 @@ impl Namespace {
     }
 
     /// Takes the thread that calls there, until it ends.
-    pub(super) fn join(&self) -> io::Result<()> {
+    pub(crate) fn join(&self) -> io::Result<()> {
         Ok(setns(&self.handle, CloneFlags::CLONE_NEWNET)?)
     }
 
