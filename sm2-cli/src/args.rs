@@ -55,9 +55,9 @@ pub(crate) enum Command {
     Completions(completions::Arguments),
     /// Print a manual page of this command, or write all of them
     Man(manual::Arguments),
-    /// One process of the demo: [`demo::PART`], which is no word for people.
+    /// One process of the demo: [`demo::COMMAND`], which is no word for people.
     #[command(skip)]
-    DemoPart(demo::PartArguments),
+    DemoPart(demo::ProcessArguments),
 }
 
 const EXAMPLES: &str = "\
@@ -129,15 +129,6 @@ pub(crate) enum Integrity {
     Pooled,
     // Each in memory of its own that nobody can change any more, its author neither.
     Sealed,
-}
-
-impl Integrity {
-    pub(crate) const fn as_str(self) -> &'static str {
-        match self {
-            Self::Pooled => "pooled",
-            Self::Sealed => "sealed",
-        }
-    }
 }
 
 /// Reads a name as a person types it: one leading `/` is dropped.

@@ -97,7 +97,7 @@ impl Session {
     ) -> Result<Vec<bool>, CliError> {
         let interrupt = (self.interrupt.as_fd(), For::Reading);
         let others: Vec<_> = others.iter().copied().chain([interrupt]).collect();
-        let (moved, ready) = turn(&self.node, &others, until)?;
+        let (moved, ready) = drive(&self.node, &others, until)?;
         if moved {
             self.is_connected();
         }
@@ -140,22 +140,9 @@ impl Session {
     }
 }
 
-/// Waits until `node` has something to do, which it then does, one of `others` is ready, or `until`;
-/// which of `others` are ready.
-///
-/// # Errors
-///
-/// [`CliError::System`] if waiting fails.
-pub(crate) fn step(
-    node: &Node,
-    others: &[(BorrowedFd<'_>, For)],
-    until: Option<Instant>,
-) -> Result<Vec<bool>, CliError> {
-    Ok(turn(node, others, until)?.1)
-}
-
-/// As [`step`], and whether the node had something to do.
-fn turn(
+/// Waits until `node` has something to do, which it then does, one of `others` is ready, or `until`.
+/// Whether the node had something to do, and which of `others` are ready.
+pub(crate) fn drive(
     node: &Node,
     others: &[(BorrowedFd<'_>, For)],
     until: Option<Instant>,
@@ -169,22 +156,6 @@ fn turn(
         node.spin_some().map_err(failed())?;
     }
     Ok((moved, ready))
-}
-
-/// Moves `node` on until `until`; whether `stop` was readable before.
-///
-/// # Errors
-///
-/// As [`step`].
-pub(crate) fn pause(node: &Node, stop: BorrowedFd<'_>, until: Instant) -> Result<bool, CliError> {
-    loop {
-        if step(node, &[(stop, For::Reading)], Some(until))? == [true] {
-            return Ok(true);
-        }
-        if clock::now() >= until {
-            return Ok(false);
-        }
-    }
 }
 
 impl Domain {

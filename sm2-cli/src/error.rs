@@ -7,14 +7,13 @@ use std::{
 
 use nix::libc;
 use sm2_io::EndpointError;
-use sm2_manager::StartError;
 use sm2_node::domain::QueryError;
 use sm2_node::schema::SchemaError;
 use sm2_node::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, StoreError, WaitError,
 };
 
-use crate::{interrupt::Stopped, size::Size, usage};
+use crate::{demo::DemoError, interrupt::Stopped, size::Size, usage};
 
 /// Why a command failed. Its text is what `sm2: …` says.
 #[derive(Debug, thiserror::Error)]
@@ -201,62 +200,9 @@ pub(crate) enum CliError {
     /// Standard output does not take more.
     #[error("cannot write to standard output: {0}")]
     Output(#[source] io::Error),
-    /// The demo's Manager did not start.
-    #[error("the demo's Manager does not start: {0}")]
-    DemoManager(#[from] StartError),
-    /// The demo's messages would not fit into memory.
-    #[error(
-        "messages of {size_bytes} bytes need some {needed_bytes} bytes of memory and {available_bytes} are available: give a smaller --size"
-    )]
-    DemoTooLarge {
-        /// Of one message.
-        size_bytes: u64,
-        /// Of those that are under way.
-        needed_bytes: u64,
-        /// What the system has to spare.
-        available_bytes: u64,
-    },
-    /// More latencies than are kept.
-    #[error(
-        "the demo would publish {count} messages, and {limit} is the most: lower --rate or --seconds"
-    )]
-    DemoTooLong {
-        /// How many messages it would be.
-        count: u64,
-        /// How many it may be.
-        limit: u64,
-    },
-    /// A gateway of the demo did not start, or did not find the other one.
-    #[error("the demo's gateways: {0}")]
-    Gateway(String),
-    /// A process of the demo came to no good end.
-    #[error("the demo's {part} failed: {reason}")]
-    PartFailed {
-        /// Which.
-        part: String,
-        /// What it said.
-        reason: String,
-    },
-    /// What SM2 is for did not hold.
-    #[error(
-        "{part} received {messages} damaged messages: the first is its message {message}, at byte {offset}"
-    )]
-    Damaged {
-        /// Who.
-        part: String,
-        /// How many.
-        messages: u64,
-        /// The count of the first.
-        message: u64,
-        /// Where in it.
-        offset: u64,
-    },
-    /// A subscriber without a message.
-    #[error("{part} received nothing: this machine may be too busy for that rate or size")]
-    NothingReceived {
-        /// Who.
-        part: String,
-    },
+    /// The demo failed.
+    #[error(transparent)]
+    Demo(DemoError),
     /// The operating system refuses what the command needs.
     #[error("cannot {action}: {source}{}", advice(source))]
     System {
@@ -286,7 +232,7 @@ impl CliError {
         match self {
             Self::Stopped(signal) => signal.status(),
             Self::LoopOfInput
-            | Self::DemoTooLong { .. }
+            | Self::Demo(DemoError::TooLong { .. })
             | Self::NoSuchCommand { .. }
             | Self::NoTerminal
             | Self::Json(_)
@@ -299,6 +245,20 @@ impl CliError {
     /// Whether it only says that nobody reads our output any more, which is no failure: `… | head`.
     pub(crate) fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
+    }
+}
+
+/// Errors that every command can have get the texts that they have elsewhere.
+impl From<DemoError> for CliError {
+    fn from(error: DemoError) -> Self {
+        match error {
+            DemoError::Output(source) => Self::Output(source),
+            DemoError::System { action, source } => Self::System { action, source },
+            DemoError::Folder { parent, source } => {
+                Self::file("create a folder in", &parent, source)
+            }
+            error => Self::Demo(error),
+        }
     }
 }
 

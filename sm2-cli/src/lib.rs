@@ -19,6 +19,7 @@ mod columns;
 mod completions;
 mod connect;
 mod decode;
+#[allow(unreachable_pub, reason = "its modules become a crate")]
 mod demo;
 mod doctor;
 mod error;
@@ -85,7 +86,7 @@ pub fn main() -> ExitCode {
         Command::Completions(arguments) => completions::run(&arguments),
         Command::Man(arguments) => manual::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
-        Command::DemoPart(arguments) => demo::run_part(&arguments),
+        Command::DemoPart(arguments) => demo::run_process(&arguments),
     };
     match result {
         Ok(Ended::Done) => ExitCode::SUCCESS,

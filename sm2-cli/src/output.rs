@@ -23,6 +23,11 @@ impl Output {
         self.0.get_ref().is_terminal()
     }
 
+    /// Standard output for code that maps its own errors.
+    pub(crate) fn writer(&mut self) -> &mut dyn Write {
+        &mut self.0
+    }
+
     /// Writes with `write`.
     ///
     /// # Errors

@@ -47,8 +47,8 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
 pub(crate) fn read(arguments: &[OsString]) -> Result<Command, Error> {
     // No command of its own, so that neither help nor completions have it.
     match arguments.get(1) {
-        Some(word) if word == demo::PART => {
-            demo::PartArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
+        Some(word) if word == demo::COMMAND => {
+            demo::ProcessArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
         }
         _ => Cli::try_parse_from(arguments).map(|cli| cli.command),
     }

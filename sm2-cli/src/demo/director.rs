@@ -2,27 +2,25 @@
 
 use std::{
     env,
-    os::fd::AsFd,
+    io::Write,
+    os::fd::BorrowedFd,
     path::Path,
     process::{self, Command},
     time::{Duration, Instant},
 };
 
-use sm2_manager::{Background, Options};
+use sm2_manager::Background;
 
 use super::{
-    Arguments, PART,
     child::{Child, Outcome, Part, Stage},
+    command_line::COMMAND,
+    error::DemoError,
     folder,
     meter::Meter,
+    options::{self, Ending, Options, size_text},
     report::{self, Report},
     screen::Screen,
-};
-use crate::{
-    Ended,
-    error::CliError,
-    interrupt::{Interrupt, Stopped},
-    wait::{For, wait},
+    waiting::readable,
 };
 
 /// How long starting all processes, and ending them, may take.
@@ -34,104 +32,109 @@ const TICK: Duration = Duration::from_secs(1);
 /// The first ones are shown a little later, when all parts have said theirs.
 const DELAY: Duration = Duration::from_millis(100);
 
-/// Runs the demo: `count` messages.
+/// Runs the demo in `out`. It ends early when `stop` becomes readable, and then reports what it has.
 ///
 /// # Errors
 ///
-/// As [`super::run`].
-pub(super) fn direct(arguments: &Arguments, count: u64) -> Result<Ended, CliError> {
-    let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
+/// See [`DemoError`].
+pub fn run(
+    options: &Options,
+    out: &mut dyn Write,
+    stop: BorrowedFd<'_>,
+) -> Result<Ending, DemoError> {
+    options.check_memory()?;
+    let count = options.count()?;
     let folder = folder::private()?;
     let socket = folder.path().join(folder::SOCKET);
-    let _manager = Background::start(&socket, Options::default())?;
+    let _manager = Background::start(&socket, sm2_manager::Options::default())?;
     let mut director = Director {
-        arguments,
+        options,
         count,
         socket: &socket,
-        interrupt,
-        heeded: None,
+        stop,
+        is_stopped: false,
         children: Vec::new(),
-        screen: Screen::new(arguments.json),
+        screen: Screen::new(out, options.format),
     };
     director.gather()?;
     // Nobody else connects: whatever ends the demo, it leaves nothing behind.
     drop(folder);
-    if let Some(signal) = director.heeded {
-        return Ok(Ended::Stopped(signal));
+    if director.is_stopped {
+        return Ok(Ending::Stopped);
     }
     let report = director.play()?;
     director.screen.report(&report)?;
-    match (report::verdict(&director.outcomes()), director.heeded) {
+    match (report::verdict(&director.outcomes()), director.is_stopped) {
         // Stopped before its first message.
-        (Ok(()) | Err(CliError::NothingReceived { .. }), Some(signal)) => {
-            Ok(Ended::Stopped(signal))
-        }
-        (verdict, _) => verdict.map(|()| Ended::Done),
+        (Ok(()) | Err(DemoError::NothingReceived { .. }), true) => Ok(Ending::Stopped),
+        (verdict, _) => verdict.map(|()| Ending::Complete),
     }
 }
 
 struct Director<'a> {
-    arguments: &'a Arguments,
+    options: &'a Options,
     count: u64,
     socket: &'a Path,
-    interrupt: Interrupt,
-    /// The signal that was seen, and is obeyed.
-    heeded: Option<Stopped>,
+    stop: BorrowedFd<'a>,
+    /// True once `stop` was readable.
+    is_stopped: bool,
     /// The publisher, once all subscribers are there, comes last.
     children: Vec<Child>,
-    screen: Screen,
+    screen: Screen<'a>,
 }
 
 impl Director<'_> {
     /// Starts all processes; returns when all are ready, or a signal came.
-    fn gather(&mut self) -> Result<(), CliError> {
-        let Arguments {
+    fn gather(&mut self) -> Result<(), DemoError> {
+        let Options {
             subscribers,
-            rate,
-            integrity,
+            size_bytes,
+            rate_hz,
+            seconds,
+            is_sealed,
             ..
-        } = self.arguments;
-        let (size, seconds) = (self.arguments.size(), self.arguments.seconds());
+        } = self.options;
         self.screen.announce(&format!(
-            "1 publisher, {subscribers} subscribers: {size} at {rate} Hz for {seconds} s, {}; \
+            "1 publisher, {subscribers} subscribers: {} at {rate_hz} Hz for {seconds} s, {}; \
              every byte is checked",
-            integrity.as_str(),
+            size_text(*size_bytes),
+            options::integrity(*is_sealed),
         ))?;
         for number in 1..=*subscribers {
             self.start(Part::Subscriber(number))?;
         }
         self.await_ready()?;
-        if self.heeded.is_none() {
+        if !self.is_stopped {
             self.start(Part::Publisher)?;
             self.await_ready()?;
         }
         Ok(())
     }
 
-    fn start(&mut self, part: Part) -> Result<(), CliError> {
-        let itself = env::current_exe().map_err(CliError::system("find the program sm2"))?;
+    fn start(&mut self, part: Part) -> Result<(), DemoError> {
+        let itself = env::current_exe().map_err(DemoError::system("find the program sm2"))?;
         let (role, name) = match part {
             Part::Publisher => ("publisher", "publisher".to_owned()),
             Part::Subscriber(number) => ("subscriber", format!("subscriber-{number}")),
         };
         let mut command = Command::new(itself);
         command
-            .args([PART, role, "--name", &name, "--socket"])
+            .args([COMMAND, role, "--name", &name, "--socket"])
             .arg(self.socket)
-            .args(["--size", &self.arguments.size().0.to_string()])
-            .args(["--period", &self.arguments.period().as_nanos().to_string()])
+            .args(["--size", &self.options.size_bytes.to_string()])
+            .args(["--period", &self.options.period().as_nanos().to_string()])
             .args(["--count", &self.count.to_string()])
-            .args(["--subscribers", &self.arguments.subscribers.to_string()])
-            .args(["--integrity", self.arguments.integrity.as_str()]);
+            .args(["--subscribers", &self.options.subscribers.to_string()])
+            .args(self.options.is_sealed.then_some("--sealed"));
         let child = Child::start(part, &mut command)
-            .map_err(CliError::system("start a process of the demo"))?;
+            .map_err(DemoError::system("start a process of the demo"))?;
         self.children.push(child);
         Ok(())
     }
 
-    fn await_ready(&mut self) -> Result<(), CliError> {
+    fn await_ready(&mut self) -> Result<(), DemoError> {
         let until = Instant::now() + PATIENCE;
-        while self.heeded.is_none() && self.any(|stage| *stage == Stage::Starting) {
+        while !self.is_stopped && self.any(|stage| *stage == Stage::Starting) {
             self.listen(until)?;
             let late = Instant::now() >= until;
             for child in &self.children {
@@ -141,21 +144,21 @@ impl Director<'_> {
                     _ => continue,
                 };
                 let part = child.part().to_string();
-                return Err(CliError::PartFailed { part, reason });
+                return Err(DemoError::PartFailed { part, reason });
             }
         }
         Ok(())
     }
 
     /// Publishes, watches, and ends the processes.
-    fn play(&mut self) -> Result<Report, CliError> {
+    fn play(&mut self) -> Result<Report, DemoError> {
         let pids = self.children.iter().map(Child::pid);
         let mut meter = Meter::start(pids.chain([process::id()]).collect());
         let mut tick = Instant::now() + TICK + DELAY;
         self.publisher(Child::begin);
         while self.is_publishing() {
             self.listen(tick)?;
-            if self.heeded.is_some() {
+            if self.is_stopped {
                 self.publisher(Child::end);
             }
             if Instant::now() >= tick {
@@ -168,16 +171,16 @@ impl Director<'_> {
         meter.look();
         self.dismiss()?;
         Ok(Report::new(
-            self.arguments.size().0,
-            self.arguments.integrity,
+            self.options.size_bytes,
+            self.options.is_sealed,
             &self.outcomes(),
             meter.total(),
-            self.heeded.is_some(),
+            self.is_stopped,
         ))
     }
 
     /// Ends the subscribers, who then report.
-    fn dismiss(&mut self) -> Result<(), CliError> {
+    fn dismiss(&mut self) -> Result<(), DemoError> {
         let until = Instant::now() + PATIENCE;
         self.children.iter_mut().for_each(Child::end);
         while self.any(|stage| *stage == Stage::Ready) && Instant::now() < until {
@@ -187,19 +190,20 @@ impl Director<'_> {
     }
 
     /// Waits until a process says something, a signal comes, or `until`.
-    fn listen(&mut self, until: Instant) -> Result<(), CliError> {
-        let voices = self.children.iter().filter_map(Child::voice);
-        let mut fds: Vec<_> = voices.map(|fd| (fd, For::Reading)).collect();
-        if self.heeded.is_none() {
-            fds.push((self.interrupt.as_fd(), For::Reading));
+    fn listen(&mut self, until: Instant) -> Result<(), DemoError> {
+        let mut fds: Vec<_> = self.children.iter().filter_map(Child::voice).collect();
+        if !self.is_stopped {
+            fds.push(self.stop);
         }
         let timeout = until.saturating_duration_since(Instant::now());
-        let ready = wait(&fds, Some(timeout)).map_err(CliError::system("wait for the demo"))?;
+        let mut ready = readable(&fds, Some(timeout))?;
+        if !self.is_stopped {
+            self.is_stopped = ready.pop() == Some(true);
+        }
         let speakers = self.children.iter_mut().filter(|it| it.voice().is_some());
         for (child, _) in speakers.zip(ready).filter(|(_, ready)| *ready) {
             child.listen();
         }
-        self.heeded = self.interrupt.signal();
         Ok(())
     }
 

@@ -15,7 +15,7 @@ use nix::{
 };
 use tempfile::TempDir;
 
-use crate::error::CliError;
+use super::error::DemoError;
 
 /// The path of a socket is short, and this is what is left of it.
 const PARENT_MAX_BYTES: usize = 64;
@@ -38,15 +38,18 @@ const MIN_AGE: Duration = Duration::from_secs(60);
 ///
 /// # Errors
 ///
-/// [`CliError::File`].
-pub(super) fn private() -> Result<TempDir, CliError> {
+/// [`DemoError::Folder`].
+pub(super) fn private() -> Result<TempDir, DemoError> {
     let parent = env::temp_dir();
     let fits = parent.as_os_str().len() <= PARENT_MAX_BYTES;
     let parent = if fits { &parent } else { Path::new("/tmp") };
     remove_leftovers(parent);
     let mut builder = tempfile::Builder::new();
     let folder = builder.prefix(PREFIX).tempdir_in(parent);
-    folder.map_err(|source| CliError::file("create a folder in", parent, source))
+    folder.map_err(|source| DemoError::Folder {
+        parent: parent.to_owned(),
+        source,
+    })
 }
 
 /// What cannot be looked at or removed stays: it is in nobody's way.

@@ -8,6 +8,12 @@ use serde::{Deserialize, Serialize};
 
 use super::statistics::Percentiles;
 
+/// The topic of the demo's own domain.
+pub(super) const TOPIC: &str = "demo";
+
+/// The number of messages by which a subscriber may be behind.
+pub(super) const DEPTH: u16 = 8;
+
 /// The line that starts the publisher.
 pub(super) const START: &[u8] = b"start\n";
 

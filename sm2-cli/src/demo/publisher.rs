@@ -11,16 +11,12 @@ use sm2_node::{Node, Publisher};
 use sm2_proto::Instant;
 
 use super::{
-    DEPTH, PartArguments, TOPIC,
-    part::{Figures, START, Said, say},
+    command_line::ProcessArguments,
+    error::DemoError,
+    part::{DEPTH, Figures, START, Said, TOPIC, say},
     pattern,
     statistics::hundredths,
-};
-use crate::{
-    args::Integrity,
-    connect::{pause, step},
-    error::CliError,
-    wait::For,
+    waiting::{drive, pause},
 };
 
 /// How long subscribers may take to be linked.
@@ -35,17 +31,17 @@ const LOOK: Duration = Duration::from_millis(10);
 const SECOND: Duration = Duration::from_secs(1);
 
 /// Publishes when it is told to start, all messages or until standard input ends; stays until then.
-pub(super) fn run(arguments: &PartArguments) -> Result<(), CliError> {
+pub(super) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let node = Node::builder(&arguments.name)
         .socket(&arguments.socket)
         .connect()?;
     let publisher = node
         .publisher_builder::<[u8]>(TOPIC)
         .depth(DEPTH)
-        .sealed(arguments.integrity == Integrity::Sealed)
+        .sealed(arguments.sealed)
         .declare()?;
     publisher.wait_for_subscribers_timeout(arguments.subscribers as usize, GATHERING)?;
-    say(&Said::Ready).map_err(CliError::Output)?;
+    say(&Said::Ready).map_err(DemoError::Output)?;
     let mut stdin = io::stdin();
     let mut line = [0; START.len()];
     if stdin.read_exact(&mut line).is_err() {
@@ -53,9 +49,9 @@ pub(super) fn run(arguments: &PartArguments) -> Result<(), CliError> {
     }
     let figures = publish(arguments, &node, &publisher)?;
     settle(&node, &publisher)?;
-    say(&Said::Done(figures)).map_err(CliError::Output)?;
+    say(&Said::Done(figures)).map_err(DemoError::Output)?;
     // Its memory is measured, and its messages are read, as long as it is there.
-    let end = |_| CliError::Output(io::ErrorKind::BrokenPipe.into());
+    let end = |_| DemoError::Output(io::ErrorKind::BrokenPipe.into());
     stdin.read(&mut line).map_err(end)?;
     Ok(())
 }
@@ -63,10 +59,10 @@ pub(super) fn run(arguments: &PartArguments) -> Result<(), CliError> {
 /// Publishes each message when it is due, counted from the first one: being late once makes
 /// none of the others late.
 fn publish(
-    arguments: &PartArguments,
+    arguments: &ProcessArguments,
     node: &Node,
     publisher: &Publisher<[u8]>,
-) -> Result<Figures, CliError> {
+) -> Result<Figures, DemoError> {
     let start = clock::now();
     let due = |number: u64| {
         Instant(
@@ -92,7 +88,7 @@ fn publish(
             let (since, before) = reported;
             figures.hz = (figures.messages - before) as f64 / now.since(since).as_secs_f64();
             (report_at, reported) = (now.after(SECOND), (now, figures.messages));
-            say(&Said::Progress(figures)).map_err(CliError::Output)?;
+            say(&Said::Progress(figures)).map_err(DemoError::Output)?;
         }
     }
     let seconds = clock::now().since(start).as_secs_f64();
@@ -101,12 +97,12 @@ fn publish(
 }
 
 /// Waits until all that was published was given back, or nothing happens any more.
-fn settle(node: &Node, publisher: &Publisher<[u8]>) -> Result<(), CliError> {
+fn settle(node: &Node, publisher: &Publisher<[u8]>) -> Result<(), DemoError> {
     let until = clock::now().after(SETTLING);
     while publisher.counters().in_flight > 0 && clock::now() < until {
         // What comes back by a ring wakes nobody who does not wait for room.
         let soon = clock::now().after(LOOK).min(until);
-        let ready = step(node, &[(io::stdin().as_fd(), For::Reading)], Some(soon))?;
+        let ready = drive(node, &[io::stdin().as_fd()], Some(soon))?;
         if ready == [true] {
             break;
         }

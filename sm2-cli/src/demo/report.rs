@@ -1,14 +1,17 @@
 //! What the demo found: the object that `--json` prints, and the verdict.
 
+use std::io::Write;
+
 use serde::Serialize;
 
 use super::{
     child::{Outcome, Part, Stage},
+    error::DemoError,
     meter::Total,
+    options,
     part::Figures,
     statistics::{Percentiles, hundredths},
 };
-use crate::{args::Integrity, error::CliError};
 
 /// The whole run. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -50,7 +53,7 @@ pub(super) struct Subscriber {
 impl Report {
     pub(super) fn new(
         size_bytes: u64,
-        integrity: Integrity,
+        is_sealed: bool,
         outcomes: &[Outcome<'_>],
         total: Total,
         interrupted: bool,
@@ -65,7 +68,7 @@ impl Report {
         Self {
             published,
             size_bytes,
-            integrity: integrity.as_str(),
+            integrity: options::integrity(is_sealed),
             interrupted,
             subscribers,
             cpu_percent_total: hundredths(total.cpu_percent),
@@ -89,14 +92,21 @@ impl Subscriber {
     }
 }
 
+/// Writes a report as one line of JSON.
+pub(super) fn write_json(out: &mut dyn Write, report: &impl Serialize) -> Result<(), DemoError> {
+    serde_json::to_writer(&mut *out, report).map_err(std::io::Error::from)?;
+    writeln!(out)?;
+    Ok(out.flush()?)
+}
+
 /// Whether the run is a success: nothing was damaged, every process came to its end, and every
 /// subscriber received something.
 ///
 /// # Errors
 ///
-/// [`CliError::Damaged`], [`CliError::PartFailed`], [`CliError::NothingReceived`]; the first in this
+/// [`DemoError::Damaged`], [`DemoError::PartFailed`], [`DemoError::NothingReceived`]; the first in this
 /// order.
-pub(super) fn verdict(outcomes: &[Outcome<'_>]) -> Result<(), CliError> {
+pub(super) fn verdict(outcomes: &[Outcome<'_>]) -> Result<(), DemoError> {
     let checks = [damage, failure, silence];
     let errors = checks
         .iter()
@@ -104,9 +114,9 @@ pub(super) fn verdict(outcomes: &[Outcome<'_>]) -> Result<(), CliError> {
     errors.take(1).try_for_each(Err)
 }
 
-fn damage(outcome: &Outcome<'_>) -> Option<CliError> {
+fn damage(outcome: &Outcome<'_>) -> Option<DemoError> {
     let spot = outcome.figures.first_damage?;
-    Some(CliError::Damaged {
+    Some(DemoError::Damaged {
         part: outcome.part.to_string(),
         messages: outcome.figures.damaged,
         message: spot.message,
@@ -114,24 +124,24 @@ fn damage(outcome: &Outcome<'_>) -> Option<CliError> {
     })
 }
 
-fn failure(outcome: &Outcome<'_>) -> Option<CliError> {
+fn failure(outcome: &Outcome<'_>) -> Option<DemoError> {
     let part = outcome.part.to_string();
     match outcome.stage {
         Stage::Done(_) => None,
-        Stage::Failed(reason) => Some(CliError::PartFailed {
+        Stage::Failed(reason) => Some(DemoError::PartFailed {
             part,
             reason: reason.clone(),
         }),
-        Stage::Starting | Stage::Ready => Some(CliError::PartFailed {
+        Stage::Starting | Stage::Ready => Some(DemoError::PartFailed {
             part,
             reason: "does not come to an end".into(),
         }),
     }
 }
 
-fn silence(outcome: &Outcome<'_>) -> Option<CliError> {
+fn silence(outcome: &Outcome<'_>) -> Option<DemoError> {
     let part = outcome.part.to_string();
-    (outcome.figures.messages == 0).then_some(CliError::NothingReceived { part })
+    (outcome.figures.messages == 0).then_some(DemoError::NothingReceived { part })
 }
 
 #[cfg(test)]

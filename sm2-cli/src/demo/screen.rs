@@ -1,29 +1,32 @@
 //! Where the demo's figures appear.
 
+use std::io::Write;
+
 use super::{
     child::Child,
+    error::DemoError,
     meter::{Cost, Meter},
-    report::Report,
+    options::Format,
+    report::{self, Report},
     table::{self, Row},
 };
-use crate::{error::CliError, output::Output};
 
 /// With more lines than this a table may not fit a terminal, and could not be redrawn.
 const REDRAWN_LINES: usize = 20;
 
 /// Standard output: a table that is redrawn, a line each second, or nothing but the report.
-pub(super) struct Screen {
-    out: Output,
-    json: bool,
+pub(super) struct Screen<'a> {
+    out: &'a mut dyn Write,
+    format: Format,
     /// How many lines of a table are above the cursor.
     drawn: usize,
 }
 
-impl Screen {
-    pub(super) fn new(json: bool) -> Self {
+impl<'a> Screen<'a> {
+    pub(super) fn new(out: &'a mut dyn Write, format: Format) -> Self {
         Self {
-            out: Output::new(),
-            json,
+            out,
+            format,
             drawn: 0,
         }
     }
@@ -32,12 +35,12 @@ impl Screen {
     ///
     /// # Errors
     ///
-    /// [`CliError::Output`], as all of these.
-    pub(super) fn announce(&mut self, text: &str) -> Result<(), CliError> {
-        if !self.json {
-            self.out.line(text)?;
+    /// [`DemoError::Output`], as all of these.
+    pub(super) fn announce(&mut self, text: &str) -> Result<(), DemoError> {
+        if self.format != Format::Json {
+            writeln!(self.out, "{text}")?;
         }
-        self.out.flush()
+        Ok(self.out.flush()?)
     }
 
     /// The figures of this second.
@@ -46,46 +49,42 @@ impl Screen {
         children: &[Child],
         meter: &Meter,
         costs: &[Cost],
-    ) -> Result<(), CliError> {
-        if self.json {
+    ) -> Result<(), DemoError> {
+        if self.format == Format::Json {
             return Ok(());
         }
         let rows = rows(children, costs);
         let table = table::table(&rows);
-        if self.out.is_terminal() && table.len() <= REDRAWN_LINES {
+        if self.format == Format::Terminal && table.len() <= REDRAWN_LINES {
             self.erase()?;
             self.drawn = table.len();
             for line in table {
-                self.out.line(line)?;
+                writeln!(self.out, "{line}")?;
             }
         } else {
-            self.out.line(table::line(meter.elapsed(), &rows))?;
+            writeln!(self.out, "{}", table::line(meter.elapsed(), &rows))?;
         }
-        self.out.flush()
+        Ok(self.out.flush()?)
     }
 
     /// The end.
-    pub(super) fn report(&mut self, report: &Report) -> Result<(), CliError> {
-        if self.json {
-            self.out.json(report)?;
-            return self.out.flush();
+    pub(super) fn report(&mut self, report: &Report) -> Result<(), DemoError> {
+        if self.format == Format::Json {
+            return report::write_json(self.out, report);
         }
         self.erase()?;
         for line in table::summary(report) {
-            self.out.line(line)?;
+            writeln!(self.out, "{line}")?;
         }
-        self.out.flush()
+        Ok(self.out.flush()?)
     }
 
     /// Takes the last table away.
-    fn erase(&mut self) -> Result<(), CliError> {
+    fn erase(&mut self) -> Result<(), DemoError> {
         match std::mem::take(&mut self.drawn) {
             0 => Ok(()),
             // Up to its first line, and clear from there.
-            lines => self.out.write(|out| {
-                use std::io::Write;
-                write!(out, "\x1b[{lines}A\x1b[J")
-            }),
+            lines => Ok(write!(self.out, "\x1b[{lines}A\x1b[J")?),
         }
     }
 }

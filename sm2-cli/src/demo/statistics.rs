@@ -56,7 +56,7 @@ impl Percentiles {
 }
 
 /// The least value that `percent` of the values do not exceed; zero if there are none.
-fn nearest_rank(sorted: &[u64], percent: usize) -> u64 {
+pub(super) fn nearest_rank(sorted: &[u64], percent: usize) -> u64 {
     let rank = (sorted.len() * percent).div_ceil(100).max(1);
     sorted.get(rank - 1).copied().unwrap_or(0)
 }

@@ -7,18 +7,19 @@ use sm2_node::{Node, Sample};
 use sm2_proto::Instant;
 
 use super::{
-    DEPTH, PartArguments, TOPIC,
-    part::{Figures, Said, Spot, say},
+    command_line::ProcessArguments,
+    error::DemoError,
+    part::{DEPTH, Figures, Said, Spot, TOPIC, say},
     pattern,
     statistics::{Latencies, rate},
+    waiting::drive,
 };
-use crate::{connect::step, error::CliError, wait::For};
 
 /// How often it reports.
 const SECOND: Duration = Duration::from_secs(1);
 
 /// Receives until standard input ends, and then what is still there.
-pub(super) fn run(arguments: &PartArguments) -> Result<(), CliError> {
+pub(super) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let node = Node::builder(&arguments.name)
         .socket(&arguments.socket)
         .connect()?;
@@ -27,23 +28,20 @@ pub(super) fn run(arguments: &PartArguments) -> Result<(), CliError> {
         .depth(DEPTH)
         .declare()?;
     let stdin = io::stdin();
-    let fds = [
-        (subscriber.as_fd(), For::Reading),
-        (stdin.as_fd(), For::Reading),
-    ];
+    let fds = [subscriber.as_fd(), stdin.as_fd()];
     let mut tally = Tally::new(arguments.size);
-    say(&Said::Ready).map_err(CliError::Output)?;
+    say(&Said::Ready).map_err(DemoError::Output)?;
     let mut ending = false;
     loop {
         match subscriber.try_recv()? {
             Some(sample) => tally.take(&sample),
             None if ending => break,
             // What was published before standard input ended is there already, or lost.
-            None => ending = step(&node, &fds, Some(tally.report_at))?[1],
+            None => ending = drive(&node, &fds, Some(tally.report_at))?[1],
         }
         tally.report()?;
     }
-    say(&Said::Done(tally.total())).map_err(CliError::Output)
+    say(&Said::Done(tally.total())).map_err(DemoError::Output)
 }
 
 /// What was received.
@@ -111,7 +109,7 @@ impl Tally {
     }
 
     /// Says how the last second was, when it is over.
-    fn report(&mut self) -> Result<(), CliError> {
+    fn report(&mut self) -> Result<(), DemoError> {
         let now = clock::now();
         if now < self.report_at {
             return Ok(());
@@ -125,7 +123,7 @@ impl Tally {
         };
         self.reported = (now, self.figures.messages);
         self.report_at = now.after(SECOND);
-        say(&Said::Progress(figures)).map_err(CliError::Output)
+        say(&Said::Progress(figures)).map_err(DemoError::Output)
     }
 
     /// The whole run.

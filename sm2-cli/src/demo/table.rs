@@ -3,8 +3,7 @@
 
 use std::time::Duration;
 
-use super::{child::Part, meter::Cost, part::Figures, report::Report};
-use crate::size::Size;
+use super::{child::Part, meter::Cost, options::size_text, part::Figures, report::Report};
 
 /// One process: what it counted and what it costs.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,7 +75,7 @@ pub(super) fn summary(report: &Report) -> Vec<String> {
     let total = format!(
         "{} messages of {} published in {} s, {}; all processes together: CPU {:.1} %, PSS {pss} MB",
         report.published,
-        Size(report.size_bytes),
+        size_text(report.size_bytes),
         report.wall_s,
         report.integrity,
         report.cpu_percent_total,

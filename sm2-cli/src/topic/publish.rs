@@ -23,7 +23,7 @@ use super::{
 use crate::{
     Ended,
     args::Integrity,
-    connect::{Session, step},
+    connect::{Session, drive},
     error::CliError,
     wait::For,
 };
@@ -257,7 +257,7 @@ impl Feed<'_> {
     fn settle(&self) -> Result<(), CliError> {
         let until = clock::now().after(SETTLING);
         while self.publisher.counters().in_flight > 0 && clock::now() < until {
-            step(&self.session.node, &[], Some(until))?;
+            drive(&self.session.node, &[], Some(until))?;
         }
         Ok(())
     }

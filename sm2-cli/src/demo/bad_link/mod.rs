@@ -8,7 +8,9 @@ mod report;
 mod traffic;
 
 use std::{
+    io::Write,
     net::SocketAddr,
+    os::fd::BorrowedFd,
     path::Path,
     sync::{Arc, atomic::Ordering},
     time::Duration,
@@ -17,7 +19,7 @@ use std::{
 use sm2_gateway::{Config, Gateway, keys};
 use sm2_io::clock;
 use sm2_lossy_link::{BadLink, Profile, Side as End};
-use sm2_manager::{Background, Options};
+use sm2_manager::Background;
 use sm2_node::Node;
 use tokio::runtime::Runtime;
 
@@ -25,8 +27,13 @@ use self::{
     report::{Report, Window},
     traffic::{Log, Seen, Shared, lock},
 };
-use super::{Arguments, folder};
-use crate::{Ended, connect, error::CliError, interrupt::Interrupt, output::Output, size::Size};
+use super::{
+    error::DemoError,
+    folder,
+    options::{Ending, Format, Options, size_text},
+    report::write_json,
+    waiting::pause,
+};
 
 /// How far the subscriber beside the publisher may be behind; the other one wants the newest alone.
 const LOCAL_DEPTH: u16 = 4;
@@ -42,69 +49,79 @@ struct Side {
     gateway: Gateway,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
+/// Runs the demo in `out`. It ends early when `stop` becomes readable, and then reports what it has.
+///
+/// # Errors
+///
+/// See [`DemoError`].
+pub fn run(
+    options: &Options,
+    out: &mut dyn Write,
+    stop: BorrowedFd<'_>,
+) -> Result<Ending, DemoError> {
+    options.check_memory()?;
     let folder = folder::private()?;
-    let runtime = Runtime::new().map_err(CliError::system("start threads"))?;
+    let runtime = Runtime::new().map_err(DemoError::system("start threads"))?;
     for name in ["near", "far"] {
         keys::generate(&folder.path().join(format!("{name}.key")))
-            .map_err(|error| CliError::Gateway(error.to_string()))?;
+            .map_err(|error| DemoError::Gateway(error.to_string()))?;
     }
     let (mut link, no_namespaces) = BadLink::open(Profile::wifi());
     let far = Side::start(&runtime, folder.path(), &link, End::Far, None)?;
     let way = link.connect(far.gateway.address());
-    let way = way.map_err(CliError::system("make a link"))?;
+    let way = way.map_err(DemoError::system("make a link"))?;
     let near = Side::start(&runtime, folder.path(), &link, End::Near, Some(way))?;
     wait_for_peers(&runtime, &near)?;
-    let mut out = Output::new();
-    if !arguments.json {
-        announce(&mut out, arguments, &link)?;
+    if options.format != Format::Json {
+        announce(out, options, &link)?;
         if let Some(reason) = no_namespaces {
-            out.line(format_args!(
-                "the link is a relay inside this process: {reason}"
-            ))?;
+            writeln!(out, "the link is a relay inside this process: {reason}")?;
         }
-        out.line("  s   local Hz  p99 us   remote Hz   Mbit/s  age p50 ms")?;
+        writeln!(
+            out,
+            "  s   local Hz  p99 us   remote Hz   Mbit/s  age p50 ms"
+        )?;
         out.flush()?;
     }
-    let report = measure(arguments, &link, &near, &far, &interrupt, &mut out)?;
+    let report = measure(options, &link, &near, &far, stop, out)?;
     drop(link);
     runtime.block_on(async { tokio::join!(near.gateway.stop(), far.gateway.stop()) });
-    match arguments.json {
-        true => out.json(&report)?,
-        false => say(&mut out, &report)?,
+    match options.format {
+        Format::Json => write_json(out, &report)?,
+        Format::Terminal | Format::Lines => say(out, &report)?,
     }
-    out.flush()?;
     let damaged = report.local.damaged + report.remote.damaged;
-    match interrupt.signal() {
-        Some(signal) => Ok(Ended::Stopped(signal)),
-        None if damaged > 0 || report.remote.hz == 0.0 => Ok(Ended::No),
-        None => Ok(Ended::Done),
-    }
+    Ok(match report.interrupted {
+        true => Ending::Stopped,
+        false if damaged > 0 || report.remote.hz == 0.0 => Ending::Bad,
+        false => Ending::Complete,
+    })
 }
 
 /// What comes, in a line.
-fn announce(out: &mut Output, arguments: &Arguments, link: &BadLink) -> Result<(), CliError> {
+fn announce(out: &mut dyn Write, options: &Options, link: &BadLink) -> Result<(), DemoError> {
     let profile = link.profile();
     let pauses = profile.pauses.iter().map(|it| {
         let (length, every) = (it.length.as_millis(), it.every.as_secs());
         format!("{length} ms about every {every} s")
     });
-    out.line(format_args!(
+    writeln!(
+        out,
         "{} at {} Hz in one domain, for {} s; to another domain over a link ({}) of {} Mbit/s that loses {} % and \
          stands still for {}",
-        arguments.size(),
-        arguments.rate,
-        arguments.seconds(),
+        size_text(options.size_bytes),
+        options.rate_hz,
+        options.seconds,
         link.kind().as_str(),
         profile.rate_bit / 1e6,
         f64::from(profile.loss_permille) / 10.0,
         pauses.collect::<Vec<_>>().join(" and ")
-    ))
+    )?;
+    Ok(())
 }
 
 /// Waits until the gateways know each other.
-fn wait_for_peers(runtime: &Runtime, side: &Side) -> Result<(), CliError> {
+fn wait_for_peers(runtime: &Runtime, side: &Side) -> Result<(), DemoError> {
     let connected = async {
         let gateway = &side.gateway;
         while gateway.report().await.is_some_and(|it| it.peers.is_empty()) {
@@ -113,7 +130,7 @@ fn wait_for_peers(runtime: &Runtime, side: &Side) -> Result<(), CliError> {
     };
     runtime
         .block_on(async { tokio::time::timeout(PATIENCE, connected).await })
-        .map_err(|_| CliError::Gateway("the gateways did not find each other".to_owned()))
+        .map_err(|_| DemoError::Gateway("the gateways did not find each other".to_owned()))
 }
 
 impl Side {
@@ -123,14 +140,14 @@ impl Side {
         link: &BadLink,
         end: End,
         peer_address: Option<SocketAddr>,
-    ) -> Result<Self, CliError> {
+    ) -> Result<Self, DemoError> {
         let (name, peer) = match end {
             End::Near => ("near", "far"),
             End::Far => ("far", "near"),
         };
-        let failed = |error: String| CliError::Gateway(error);
+        let failed = |error: String| DemoError::Gateway(error);
         let socket = folder.join(format!("{name}.sock"));
-        let manager = Background::start(&socket, Options::default())?;
+        let manager = Background::start(&socket, sm2_manager::Options::default())?;
         let node = Node::builder(&format!("{name}-demo"))
             .socket(&socket)
             .connect()?;
@@ -148,7 +165,7 @@ impl Side {
         let config = config.map_err(|error| failed(error.to_string()))?;
         // Its socket belongs to the host that it is made at.
         let gateway = link.enter(end, || runtime.block_on(Gateway::start(&config)));
-        let gateway = gateway.map_err(CliError::system("enter a network namespace"))?;
+        let gateway = gateway.map_err(DemoError::system("enter a network namespace"))?;
         Ok(Self {
             _manager: manager,
             node,
@@ -159,21 +176,20 @@ impl Side {
 
 /// Publishes, receives, and shows it second by second.
 fn measure(
-    arguments: &Arguments,
+    options: &Options,
     link: &BadLink,
     near: &Side,
     far: &Side,
-    interrupt: &Interrupt,
-    out: &mut Output,
-) -> Result<Report, CliError> {
-    let (size, seconds) = (arguments.size(), arguments.seconds());
-    let size_bytes = usize::try_from(size.0).unwrap_or(usize::MAX);
+    stop: BorrowedFd<'_>,
+    out: &mut dyn Write,
+) -> Result<Report, DemoError> {
+    let size_bytes = usize::try_from(options.size_bytes).unwrap_or(usize::MAX);
     let shared = Arc::new(Shared::default());
     let (local, listening) = traffic::subscribe(&near.node, Arc::clone(&shared), LOCAL_DEPTH)?;
-    let period = arguments.period();
+    let period = options.period();
     let talking = traffic::publish(near.node.clone(), Arc::clone(&shared), size_bytes, period)?;
     let begin = clock::now();
-    let length = Duration::from_secs_f64(seconds);
+    let length = Duration::from_secs_f64(options.seconds);
     let join_at = begin.after(length / 3);
     let mut remote = None;
     let mut stopped = false;
@@ -183,14 +199,20 @@ fn measure(
             .after(Duration::from_secs(second))
             .min(begin.after(length));
         if remote.is_none() && join_at < until {
-            stopped |= pause(near, interrupt, join_at)?;
+            stopped |= pause(&near.node, stop, join_at)?;
             remote = Some(traffic::subscribe(&far.node, Arc::clone(&shared), 1)?);
         }
-        stopped |= pause(near, interrupt, until)?;
-        if !arguments.json {
+        stopped |= pause(&near.node, stop, until)?;
+        if options.format != Format::Json {
             let window = Window { from, to: until };
             let away = remote.as_ref().map(|(log, _)| log);
-            show(out, second, &window, size, [Some(&local), away])?;
+            show(
+                out,
+                second,
+                &window,
+                options.size_bytes,
+                [Some(&local), away],
+            )?;
         }
         if stopped || clock::now() >= begin.after(length) {
             break;
@@ -202,7 +224,7 @@ fn measure(
     for thread in [Some(talking), Some(listening), away].into_iter().flatten() {
         thread
             .join()
-            .map_err(|_| CliError::Gateway("a part of the demo panicked".to_owned()))??;
+            .map_err(|_| DemoError::Gateway("a part of the demo panicked".to_owned()))??;
     }
     let before = Window {
         from: begin.after(SETTLING),
@@ -215,28 +237,29 @@ fn measure(
     let [local, away] = [Some(&local), log.as_ref()].map(seen);
     Ok(Report {
         interrupted: stopped,
-        ..Report::new(size, link, [before, after], &local, &away)
+        ..Report::new(options.size_bytes, link, [before, after], &local, &away)
     })
 }
 
 /// A line of the table.
 fn show(
-    out: &mut Output,
+    out: &mut dyn Write,
     second: u64,
     window: &Window,
-    size: Size,
+    size_bytes: u64,
     logs: [Option<&Log>; 2],
-) -> Result<(), CliError> {
+) -> Result<(), DemoError> {
     let [local, away] = logs.map(seen);
-    out.line(format_args!(
+    writeln!(
+        out,
         "{second:3} {:10.1} {:7.0} {:11.2} {:8.1} {:11.1}",
         window.hz(&local),
         window.age(&local, 99) / 1e3,
         window.hz(&away),
-        window.hz(&away) * 8e-6 * size.0 as f64,
+        window.hz(&away) * 8e-6 * size_bytes as f64,
         window.age(&away, 50) / 1e6,
-    ))?;
-    out.flush()
+    )?;
+    Ok(out.flush()?)
 }
 
 /// What a subscriber has seen so far, if it is there.
@@ -244,15 +267,10 @@ fn seen(log: Option<&Log>) -> Vec<Seen> {
     log.map_or_else(Vec::new, |log| lock(log).clone())
 }
 
-/// Whether a signal came.
-fn pause(side: &Side, interrupt: &Interrupt, until: sm2_proto::Instant) -> Result<bool, CliError> {
-    use std::os::fd::AsFd;
-    connect::pause(&side.node, interrupt.as_fd(), until)
-}
-
-fn say(out: &mut Output, report: &Report) -> Result<(), CliError> {
+fn say(out: &mut dyn Write, report: &Report) -> Result<(), DemoError> {
     let Report { local, remote, .. } = report;
-    out.line(format_args!(
+    writeln!(
+        out,
         "local:  {} Hz before, {} Hz after; p99 {} us before, {} us after; {} lost, {} damaged",
         local.hz_before,
         local.hz_after,
@@ -260,9 +278,11 @@ fn say(out: &mut Output, report: &Report) -> Result<(), CliError> {
         local.p99_us_after,
         local.lost,
         local.damaged
-    ))?;
-    out.line(format_args!(
+    )?;
+    writeln!(
+        out,
         "remote: {} Hz, {} Mbit/s in whole messages; age p50 {} ms, p99 {} ms; {} damaged",
         remote.hz, remote.goodput_mbit, remote.age_ms.p50, remote.age_ms.p99, remote.damaged
-    ))
+    )?;
+    Ok(out.flush()?)
 }

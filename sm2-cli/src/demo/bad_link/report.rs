@@ -4,9 +4,10 @@ use serde::Serialize;
 use sm2_lossy_link::BadLink;
 use sm2_proto::Instant;
 
-use super::super::statistics::hundredths;
-use super::traffic::Seen;
-use crate::size::Size;
+use super::{
+    super::statistics::{hundredths, nearest_rank},
+    traffic::Seen,
+};
 
 /// The object that `--json` prints last.
 #[derive(Clone, Debug, Serialize)]
@@ -21,7 +22,7 @@ pub(super) struct Report {
 impl Report {
     /// Of what both subscribers saw before the remote one joined, and after.
     pub(super) fn new(
-        size: Size,
+        size_bytes: u64,
         link: &BadLink,
         [before, after]: [Window; 2],
         local: &[Seen],
@@ -39,7 +40,7 @@ impl Report {
             },
             remote: Remote {
                 hz,
-                goodput_mbit: hundredths(hz * 8e-6 * size.0 as f64),
+                goodput_mbit: hundredths(hz * 8e-6 * size_bytes as f64),
                 age_ms: Age {
                     p50: hundredths(after.age(away, 50) / 1e6),
                     p99: hundredths(after.age(away, 99) / 1e6),
@@ -122,8 +123,7 @@ impl Window {
     pub(super) fn age(&self, seen: &[Seen], percent: usize) -> f64 {
         let mut ages: Vec<u64> = self.of(seen).map(|it| it.age_ns).collect();
         ages.sort_unstable();
-        let rank = (ages.len() * percent).div_ceil(100).max(1);
-        ages.get(rank - 1).copied().unwrap_or(0) as f64
+        nearest_rank(&ages, percent) as f64
     }
 }
 

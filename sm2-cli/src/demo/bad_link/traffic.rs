@@ -14,8 +14,7 @@ use sm2_io::clock;
 use sm2_node::{Node, RecvError};
 use sm2_proto::Instant;
 
-use super::super::pattern;
-use crate::error::CliError;
+use super::super::{error::DemoError, pattern};
 
 /// The topic.
 pub(super) const TOPIC: &str = "camera";
@@ -52,7 +51,7 @@ pub(super) fn publish(
     shared: Arc<Shared>,
     size_bytes: usize,
     period: Duration,
-) -> Result<JoinHandle<Result<(), CliError>>, CliError> {
+) -> Result<JoinHandle<Result<(), DemoError>>, DemoError> {
     let publisher = node.publisher_builder::<[u8]>(TOPIC).depth(1).declare()?;
     Ok(thread::spawn(move || {
         let mut next = clock::now();
@@ -78,7 +77,7 @@ pub(super) fn subscribe(
     node: &Node,
     shared: Arc<Shared>,
     depth: u16,
-) -> Result<(Log, JoinHandle<Result<(), CliError>>), CliError> {
+) -> Result<(Log, JoinHandle<Result<(), DemoError>>), DemoError> {
     let subscriber = node
         .subscriber_builder::<[u8]>(TOPIC)
         .depth(depth)

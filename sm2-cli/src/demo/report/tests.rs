@@ -1,7 +1,7 @@
 use std::time::Duration;
 
+use super::super::part::Spot;
 use super::*;
-use crate::demo::part::Spot;
 
 fn done(part: Part, messages: u64, damaged: u64) -> (Part, Stage) {
     let spot = Spot {
@@ -84,7 +84,7 @@ fn the_report_counts_what_never_came_as_lost() {
         pss_bytes: Some(7),
         wall: Duration::from_millis(10_004),
     };
-    let report = Report::new(10, Integrity::Sealed, &outcomes(&parts), total, true);
+    let report = Report::new(10, true, &outcomes(&parts), total, true);
     let lost: Vec<_> = report.subscribers.iter().map(|it| it.lost).collect();
     assert_eq!((report.published, lost), (300, vec![3, 0]));
     let json = serde_json::to_value(&report).unwrap();

@@ -1,5 +1,5 @@
+use super::super::{report::Subscriber, statistics::Percentiles};
 use super::*;
-use crate::demo::{report::Subscriber, statistics::Percentiles};
 
 fn figures(hz: f64, p99: f64, lost: u64) -> Figures {
     Figures {

@@ -1,0 +1,141 @@
+//! `sm2 demo`: what large messages cost on this machine, and what a lossy link between two domains costs.
+
+mod bad_link;
+mod child;
+mod command_line;
+mod director;
+mod error;
+mod folder;
+mod meter;
+mod options;
+mod part;
+mod pattern;
+mod process;
+mod procfs;
+mod publisher;
+mod report;
+mod screen;
+mod statistics;
+mod subscriber;
+mod table;
+mod waiting;
+
+use std::os::fd::AsFd;
+
+use clap::Args;
+
+use self::options::{Ending, Format, Options, SIZE_MIN_BYTES};
+pub(crate) use self::{
+    command_line::{COMMAND, ProcessArguments},
+    error::DemoError,
+};
+use crate::{
+    Ended,
+    args::{Integrity, positive},
+    error::CliError,
+    interrupt::Interrupt,
+    output::Output,
+    size::Size,
+};
+
+/// `sm2 demo`.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// How many processes receive
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(super) subscribers: u32,
+    /// How large a message is, such as 64kB [default: 10MB; over a bad link 1MB]
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    pub(super) size: Option<Size>,
+    /// How many messages are published each second
+    #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = positive, allow_negative_numbers = true)]
+    pub(super) rate: f64,
+    /// How long they are published, in seconds [default: 10; over a bad link 30]
+    #[arg(long, value_name = "SECONDS", value_parser = positive, allow_negative_numbers = true)]
+    pub(super) seconds: Option<f64>,
+    /// Share messages in memory that is used again, or seal each, so that nobody can change it any more
+    #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
+    pub(super) integrity: Integrity,
+    /// Two domains with a bad link between their gateways: one subscriber beside the publisher, one behind the link.
+    /// As root the link is made of network namespaces, else it is a relay of this process
+    #[arg(long, conflicts_with_all = ["subscribers", "integrity"])]
+    pub(super) bad_link: bool,
+    /// Print nothing but one JSON object at the end
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+const HELP: &str = "\
+Every subscriber checks every byte of every message. Latency is from publishing to receiving, before
+the check. CPU is the processor time of all processes, 100 % being one processor. PSS is the memory
+of all processes, with shared pages counted once.
+
+Exit status: 0 if every subscriber received messages and none was damaged, else 1; 2 wrong usage; 130
+Ctrl-C before the end, after the report of what there was (JSON says `interrupted`).
+
+Examples:
+  sm2 demo
+  sm2 demo --subscribers 2 --size 1MiB --rate 100 --integrity sealed
+  sm2 demo --seconds 3 --json | tail -n 1
+  sm2 demo --bad-link --json | tail -n 1";
+
+impl Arguments {
+    fn options(&self, format: Format) -> Options {
+        let (size_bytes, seconds) = match self.bad_link {
+            true => (1_000_000, 30.0),
+            false => (10_000_000, 10.0),
+        };
+        Options {
+            subscribers: self.subscribers,
+            size_bytes: self.size.map_or(size_bytes, |size| size.0),
+            rate_hz: self.rate,
+            seconds: self.seconds.unwrap_or(seconds),
+            is_sealed: self.integrity == Integrity::Sealed,
+            format,
+        }
+    }
+}
+
+/// Runs the demo.
+///
+/// # Errors
+///
+/// [`CliError::Demo`], [`CliError::Output`], [`CliError::System`], [`CliError::File`].
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
+    let mut out = Output::new();
+    let format = match (arguments.json, out.is_terminal()) {
+        (true, _) => Format::Json,
+        (false, true) => Format::Terminal,
+        (false, false) => Format::Lines,
+    };
+    let options = arguments.options(format);
+    let demo = match arguments.bad_link {
+        true => bad_link::run,
+        false => director::run,
+    };
+    let ending = demo(&options, out.writer(), interrupt.as_fd())?;
+    Ok(match (ending, interrupt.signal()) {
+        (Ending::Stopped, Some(signal)) => Ended::Stopped(signal),
+        (Ending::Complete, _) | (Ending::Stopped, None) => Ended::Done,
+        (Ending::Bad, _) => Ended::No,
+    })
+}
+
+/// Runs one process of the demo.
+///
+/// # Errors
+///
+/// [`CliError::Output`].
+pub(crate) fn run_process(arguments: &ProcessArguments) -> Result<Ended, CliError> {
+    process::run(arguments)?;
+    Ok(Ended::Done)
+}
+
+fn size(text: &str) -> Result<Size, String> {
+    match text.parse::<Size>() {
+        Ok(size) if size.0 < SIZE_MIN_BYTES => Err(format!("give at least {SIZE_MIN_BYTES} bytes")),
+        result => result.map_err(|error| error.to_string()),
+    }
+}

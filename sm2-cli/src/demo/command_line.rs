@@ -1,0 +1,43 @@
+//! The command line of the demo's own processes: the demo starts its program again with it.
+
+use std::path::PathBuf;
+
+use clap::{Parser, ValueEnum};
+
+/// The first word of the command line that the demo starts its processes with.
+pub const COMMAND: &str = "demo-part";
+
+/// The words that follow [`COMMAND`].
+#[derive(Clone, Debug, Parser)]
+#[command(name = COMMAND)]
+pub struct ProcessArguments {
+    #[arg(value_enum)]
+    pub(super) role: Role,
+    /// The node's name.
+    #[arg(long)]
+    pub(super) name: String,
+    /// The socket of the demo's Manager.
+    #[arg(long)]
+    pub(super) socket: PathBuf,
+    /// The length of a message in bytes.
+    #[arg(long)]
+    pub(super) size: u64,
+    /// The time between two messages in nanoseconds.
+    #[arg(long)]
+    pub(super) period: u64,
+    /// The number of messages.
+    #[arg(long)]
+    pub(super) count: u64,
+    /// The number of subscribers.
+    #[arg(long)]
+    pub(super) subscribers: u32,
+    /// Seal each message.
+    #[arg(long)]
+    pub(super) sealed: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Role {
+    Publisher,
+    Subscriber,
+}

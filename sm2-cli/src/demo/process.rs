@@ -1,0 +1,30 @@
+//! A process of the demo.
+
+use nix::sys::{prctl, signal::Signal};
+
+use super::{
+    command_line::{ProcessArguments, Role},
+    error::DemoError,
+    part::{self, Said},
+    publisher, subscriber,
+};
+
+/// Runs one process of the demo. A failure is reported to the demo on standard output.
+///
+/// # Errors
+///
+/// [`DemoError::Output`].
+pub fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
+    // Without it the end of standard input would end this process too, only later.
+    let _ = prctl::set_pdeathsig(Signal::SIGKILL);
+    let result = match arguments.role {
+        Role::Publisher => publisher::run(arguments),
+        Role::Subscriber => subscriber::run(arguments),
+    };
+    let said = result.or_else(|error| {
+        part::say(&Said::Failed {
+            reason: error.to_string(),
+        })
+    });
+    Ok(said?)
+}
