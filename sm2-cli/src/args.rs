@@ -55,9 +55,9 @@ pub(crate) enum Command {
     Completions(completions::Arguments),
     /// Print a manual page of this command, or write all of them
     Man(manual::Arguments),
-    /// One process of the demo: [`demo::COMMAND`], which is no word for people.
+    /// One process of the demo: [`sm2_demo::COMMAND`], which is no word for people.
     #[command(skip)]
-    DemoPart(demo::ProcessArguments),
+    DemoPart(sm2_demo::ProcessArguments),
 }
 
 const EXAMPLES: &str = "\

@@ -1,34 +1,12 @@
 //! `sm2 demo`: what large messages cost on this machine, and what a lossy link between two domains costs.
 
-mod bad_link;
-mod child;
-mod command_line;
-mod director;
-mod error;
-mod folder;
-mod meter;
-mod options;
-mod part;
-mod pattern;
-mod process;
-mod procfs;
-mod publisher;
-mod report;
-mod screen;
-mod statistics;
-mod subscriber;
-mod table;
-mod waiting;
-
 use std::os::fd::AsFd;
 
 use clap::Args;
-
-use self::options::{Ending, Format, Options, SIZE_MIN_BYTES};
-pub(crate) use self::{
-    command_line::{COMMAND, ProcessArguments},
-    error::DemoError,
+use sm2_demo::{
+    Ending, Format, Options, ProcessArguments, SIZE_MIN_BYTES, one_domain, two_domains,
 };
+
 use crate::{
     Ended,
     args::{Integrity, positive},
@@ -112,8 +90,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     };
     let options = arguments.options(format);
     let demo = match arguments.bad_link {
-        true => bad_link::run,
-        false => director::run,
+        true => two_domains::run,
+        false => one_domain::run,
     };
     let ending = demo(&options, out.writer(), interrupt.as_fd())?;
     Ok(match (ending, interrupt.signal()) {
@@ -129,7 +107,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 ///
 /// [`CliError::Output`].
 pub(crate) fn run_process(arguments: &ProcessArguments) -> Result<Ended, CliError> {
-    process::run(arguments)?;
+    one_domain::process::run(arguments)?;
     Ok(Ended::Done)
 }
 

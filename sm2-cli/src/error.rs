@@ -6,6 +6,7 @@ use std::{
 };
 
 use nix::libc;
+use sm2_demo::DemoError;
 use sm2_io::EndpointError;
 use sm2_node::domain::QueryError;
 use sm2_node::schema::SchemaError;
@@ -13,7 +14,7 @@ use sm2_node::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, StoreError, WaitError,
 };
 
-use crate::{demo::DemoError, interrupt::Stopped, size::Size, usage};
+use crate::{interrupt::Stopped, size::Size, usage};
 
 /// Why a command failed. Its text is what `sm2: …` says.
 #[derive(Debug, thiserror::Error)]

@@ -19,7 +19,6 @@ mod columns;
 mod completions;
 mod connect;
 mod decode;
-#[allow(unreachable_pub, reason = "its modules become a crate")]
 mod demo;
 mod doctor;
 mod error;

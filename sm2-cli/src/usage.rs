@@ -7,10 +7,7 @@ use clap::{
     error::{Error, ErrorKind},
 };
 
-use crate::{
-    args::{Cli, Command},
-    demo,
-};
+use crate::args::{Cli, Command};
 
 /// The exit status of a command line that is not understood.
 pub(crate) const STATUS: u8 = 2;
@@ -47,8 +44,8 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
 pub(crate) fn read(arguments: &[OsString]) -> Result<Command, Error> {
     // No command of its own, so that neither help nor completions have it.
     match arguments.get(1) {
-        Some(word) if word == demo::COMMAND => {
-            demo::ProcessArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
+        Some(word) if word == sm2_demo::COMMAND => {
+            sm2_demo::ProcessArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
         }
         _ => Cli::try_parse_from(arguments).map(|cli| cli.command),
     }

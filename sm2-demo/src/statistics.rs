@@ -5,41 +5,41 @@ use sm2_proto::Instant;
 
 /// Every latency of a run, exactly: a run has at most [`MESSAGES_MAX`] messages.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Latencies {
+pub(crate) struct Latencies {
     nanos: Vec<u64>,
     /// From here on they belong to the second that is running.
     second: usize,
 }
 
 /// How many messages a run may have: 8 bytes are kept for each.
-pub(super) const MESSAGES_MAX: u64 = 1_000_000;
+pub(crate) const MESSAGES_MAX: u64 = 1_000_000;
 
 /// Percentiles of latencies, in microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Percentiles {
+pub(crate) struct Percentiles {
     /// Half of the messages were faster, or as fast.
-    pub(super) p50: f64,
+    pub(crate) p50: f64,
     /// 99 of 100 messages were.
-    pub(super) p99: f64,
+    pub(crate) p99: f64,
     /// All were.
-    pub(super) max: f64,
+    pub(crate) max: f64,
 }
 
 impl Latencies {
     /// A message took this long.
-    pub(super) fn record(&mut self, nanos: u64) {
+    pub(crate) fn record(&mut self, nanos: u64) {
         self.nanos.push(nanos);
     }
 
     /// Percentiles of those recorded since the last call.
-    pub(super) fn take_second(&mut self) -> Percentiles {
+    pub(crate) fn take_second(&mut self) -> Percentiles {
         let second = &self.nanos[self.second..];
         self.second = self.nanos.len();
         Percentiles::of(second.to_vec())
     }
 
     /// Percentiles of all.
-    pub(super) fn total(&self) -> Percentiles {
+    pub(crate) fn total(&self) -> Percentiles {
         Percentiles::of(self.nanos.clone())
     }
 }
@@ -56,7 +56,7 @@ impl Percentiles {
 }
 
 /// The least value that `percent` of the values do not exceed; zero if there are none.
-pub(super) fn nearest_rank(sorted: &[u64], percent: usize) -> u64 {
+pub(crate) fn nearest_rank(sorted: &[u64], percent: usize) -> u64 {
     let rank = (sorted.len() * percent).div_ceil(100).max(1);
     sorted.get(rank - 1).copied().unwrap_or(0)
 }
@@ -67,7 +67,7 @@ fn micros(nanos: u64) -> f64 {
 }
 
 /// Messages per second from the first to the last of `count`, to the hundredth.
-pub(super) fn rate(count: u64, first: Instant, last: Instant) -> f64 {
+pub(crate) fn rate(count: u64, first: Instant, last: Instant) -> f64 {
     let seconds = last.since(first).as_secs_f64();
     match count {
         2.. if seconds > 0.0 => hundredths((count - 1) as f64 / seconds),
@@ -76,7 +76,7 @@ pub(super) fn rate(count: u64, first: Instant, last: Instant) -> f64 {
 }
 
 /// Rounded to two decimals.
-pub(super) fn hundredths(value: f64) -> f64 {
+pub(crate) fn hundredths(value: f64) -> f64 {
     (value * 100.0).round() / 100.0
 }
 

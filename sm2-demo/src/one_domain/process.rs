@@ -4,10 +4,10 @@ use nix::sys::{prctl, signal::Signal};
 
 use super::{
     command_line::{ProcessArguments, Role},
-    error::DemoError,
     part::{self, Said},
     publisher, subscriber,
 };
+use crate::error::DemoError;
 
 /// Runs one process of the demo. A failure is reported to the demo on standard output.
 ///

@@ -14,39 +14,39 @@ use sm2_io::clock;
 use sm2_node::{Node, RecvError};
 use sm2_proto::Instant;
 
-use super::super::{error::DemoError, pattern};
+use crate::{error::DemoError, pattern};
 
 /// The topic.
-pub(super) const TOPIC: &str = "camera";
+pub(crate) const TOPIC: &str = "camera";
 /// How long a thread may not notice that it is over.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// What all threads know.
 #[derive(Debug, Default)]
-pub(super) struct Shared {
-    pub(super) stop: AtomicBool,
+pub(crate) struct Shared {
+    pub(crate) stop: AtomicBool,
     /// When each message was published.
     sent: Mutex<BTreeMap<u64, Instant>>,
 }
 
 /// A message that came.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
+pub(crate) struct Seen {
     /// When.
-    pub(super) at: Instant,
+    pub(crate) at: Instant,
     /// How long after it was published, in nanoseconds.
-    pub(super) age_ns: u64,
+    pub(crate) age_ns: u64,
     /// Its number.
-    pub(super) number: u64,
+    pub(crate) number: u64,
     /// Whether a byte is not what was sent.
-    pub(super) damaged: bool,
+    pub(crate) damaged: bool,
 }
 
 /// What a subscriber has seen so far.
-pub(super) type Log = Arc<Mutex<Vec<Seen>>>;
+pub(crate) type Log = Arc<Mutex<Vec<Seen>>>;
 
 /// Publishes until all is over.
-pub(super) fn publish(
+pub(crate) fn publish(
     node: Node,
     shared: Arc<Shared>,
     size_bytes: usize,
@@ -73,7 +73,7 @@ pub(super) fn publish(
 }
 
 /// Receives until all is over.
-pub(super) fn subscribe(
+pub(crate) fn subscribe(
     node: &Node,
     shared: Arc<Shared>,
     depth: u16,
@@ -108,6 +108,6 @@ pub(super) fn subscribe(
     Ok((log, thread))
 }
 
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

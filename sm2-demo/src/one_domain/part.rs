@@ -6,21 +6,21 @@ use std::io::{self, Write};
 
 use serde::{Deserialize, Serialize};
 
-use super::statistics::Percentiles;
+use crate::statistics::Percentiles;
 
 /// The topic of the demo's own domain.
-pub(super) const TOPIC: &str = "demo";
+pub(crate) const TOPIC: &str = "demo";
 
 /// The number of messages by which a subscriber may be behind.
-pub(super) const DEPTH: u16 = 8;
+pub(crate) const DEPTH: u16 = 8;
 
 /// The line that starts the publisher.
-pub(super) const START: &[u8] = b"start\n";
+pub(crate) const START: &[u8] = b"start\n";
 
 /// One line of a part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Said {
+pub(crate) enum Said {
     /// Connected and declared; the publisher also has all its subscribers.
     Ready,
     /// About every second: totals, and the rate and latencies of that second.
@@ -36,28 +36,28 @@ pub(super) enum Said {
 
 /// What a part has counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Figures {
+pub(crate) struct Figures {
     /// Messages published, or received.
-    pub(super) messages: u64,
+    pub(crate) messages: u64,
     /// Messages that are missing between those received.
-    pub(super) lost: u64,
+    pub(crate) lost: u64,
     /// Received messages that are not what was published.
-    pub(super) damaged: u64,
+    pub(crate) damaged: u64,
     /// Where the first of these is damaged.
-    pub(super) first_damage: Option<Spot>,
+    pub(crate) first_damage: Option<Spot>,
     /// Messages per second.
-    pub(super) hz: f64,
+    pub(crate) hz: f64,
     /// From publishing to receiving.
-    pub(super) latency_us: Percentiles,
+    pub(crate) latency_us: Percentiles,
 }
 
 /// A place in a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Spot {
+pub(crate) struct Spot {
     /// The count of the received message, from 1 on.
-    pub(super) message: u64,
+    pub(crate) message: u64,
     /// The byte.
-    pub(super) offset: u64,
+    pub(crate) offset: u64,
 }
 
 /// Says it.
@@ -65,7 +65,7 @@ pub(super) struct Spot {
 /// # Errors
 ///
 /// What standard output says: the demo is gone.
-pub(super) fn say(said: &Said) -> io::Result<()> {
+pub(crate) fn say(said: &Said) -> io::Result<()> {
     let mut out = io::stdout().lock();
     serde_json::to_writer(&mut out, said)?;
     out.write_all(b"\n")?;

@@ -3,19 +3,20 @@
 
 use std::time::Duration;
 
-use super::{child::Part, meter::Cost, options::size_text, part::Figures, report::Report};
+use super::{child::Part, meter::Cost, part::Figures, report::Report};
+use crate::options::size_text;
 
 /// One process: what it counted and what it costs.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Row {
+pub(crate) struct Row {
     /// None for the Manager, which is in the demo's own process and counts nothing.
-    pub(super) part: Option<(Part, Figures)>,
+    pub(crate) part: Option<(Part, Figures)>,
     /// Since the last time.
-    pub(super) cost: Cost,
+    pub(crate) cost: Cost,
 }
 
 /// The rows of one moment, each as a line under a heading, and their costs together.
-pub(super) fn table(rows: &[Row]) -> Vec<String> {
+pub(crate) fn table(rows: &[Row]) -> Vec<String> {
     let heading = cells(
         "",
         ["messages", "Hz", "p50 us", "p99 us", "lost", "damaged"].map(String::from),
@@ -32,7 +33,7 @@ pub(super) fn table(rows: &[Row]) -> Vec<String> {
 }
 
 /// The rows of one moment in a single line: the worst of all subscribers.
-pub(super) fn line(elapsed: Duration, rows: &[Row]) -> String {
+pub(crate) fn line(elapsed: Duration, rows: &[Row]) -> String {
     let receivers = || {
         rows.iter()
             .filter_map(|row| row.part)
@@ -53,7 +54,7 @@ pub(super) fn line(elapsed: Duration, rows: &[Row]) -> String {
 }
 
 /// The whole run.
-pub(super) fn summary(report: &Report) -> Vec<String> {
+pub(crate) fn summary(report: &Report) -> Vec<String> {
     let heading = format!(
         "{:<14}{:>9}{:>8}{:>9}{:>9}{:>9}{:>10}{:>10}",
         "", "received", "lost", "damaged", "Hz", "p50 us", "p99 us", "max us"

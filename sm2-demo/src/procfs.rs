@@ -5,7 +5,7 @@ use std::{fs, time::Duration};
 use nix::unistd::{SysconfVar, sysconf};
 
 /// Processor time that process `pid` has used so far, of all its threads; none when it is gone.
-pub(super) fn cpu_time(pid: u32) -> Option<Duration> {
+pub(crate) fn cpu_time(pid: u32) -> Option<Duration> {
     let ticks = ticks(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)?;
     let per_second = u64::try_from(sysconf(SysconfVar::CLK_TCK).ok()??).ok()?;
     Some(Duration::from_millis(ticks * 1_000 / per_second))
@@ -13,12 +13,12 @@ pub(super) fn cpu_time(pid: u32) -> Option<Duration> {
 
 /// The process' share of the memory that it maps, in bytes: what several processes map is divided
 /// among them. None when it is gone, or this user may not know.
-pub(super) fn pss_bytes(pid: u32) -> Option<u64> {
+pub(crate) fn pss_bytes(pid: u32) -> Option<u64> {
     pss(&fs::read_to_string(format!("/proc/{pid}/smaps_rollup")).ok()?)
 }
 
 /// Memory that can be had without swapping, in bytes.
-pub(super) fn available_bytes() -> Option<u64> {
+pub(crate) fn available_bytes() -> Option<u64> {
     kib_of(&fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:")
 }
 

@@ -4,24 +4,22 @@ use serde::Serialize;
 use sm2_lossy_link::BadLink;
 use sm2_proto::Instant;
 
-use super::{
-    super::statistics::{hundredths, nearest_rank},
-    traffic::Seen,
-};
+use super::traffic::Seen;
+use crate::statistics::{hundredths, nearest_rank};
 
 /// The object that `--json` prints last.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Report {
-    pub(super) local: Local,
-    pub(super) remote: Remote,
-    pub(super) link: LinkReport,
+pub(crate) struct Report {
+    pub(crate) local: Local,
+    pub(crate) remote: Remote,
+    pub(crate) link: LinkReport,
     /// Whether Ctrl-C came before the end.
-    pub(super) interrupted: bool,
+    pub(crate) interrupted: bool,
 }
 
 impl Report {
     /// Of what both subscribers saw before the remote one joined, and after.
-    pub(super) fn new(
+    pub(crate) fn new(
         size_bytes: u64,
         link: &BadLink,
         [before, after]: [Window; 2],
@@ -59,47 +57,47 @@ impl Report {
 
 /// The subscriber beside the publisher.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Local {
+pub(crate) struct Local {
     /// Messages each second before the remote one joined, and from then on.
-    pub(super) hz_before: f64,
-    pub(super) hz_after: f64,
+    pub(crate) hz_before: f64,
+    pub(crate) hz_after: f64,
     /// From publishing to receiving, of 99 of 100.
-    pub(super) p99_us_before: f64,
-    pub(super) p99_us_after: f64,
+    pub(crate) p99_us_before: f64,
+    pub(crate) p99_us_after: f64,
     /// Messages that never came.
-    pub(super) lost: u64,
+    pub(crate) lost: u64,
     /// Messages with a wrong byte.
-    pub(super) damaged: u64,
+    pub(crate) damaged: u64,
 }
 
 /// The subscriber behind the link.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Remote {
-    pub(super) hz: f64,
-    pub(super) goodput_mbit: f64,
-    pub(super) age_ms: Age,
-    pub(super) damaged: u64,
+pub(crate) struct Remote {
+    pub(crate) hz: f64,
+    pub(crate) goodput_mbit: f64,
+    pub(crate) age_ms: Age,
+    pub(crate) damaged: u64,
 }
 
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Age {
-    pub(super) p50: f64,
-    pub(super) p99: f64,
+pub(crate) struct Age {
+    pub(crate) p50: f64,
+    pub(crate) p99: f64,
 }
 
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct LinkReport {
-    pub(super) rate_mbit: f64,
-    pub(super) loss_percent: f64,
+pub(crate) struct LinkReport {
+    pub(crate) rate_mbit: f64,
+    pub(crate) loss_percent: f64,
     /// `namespaces` or `relay`.
-    pub(super) kind: &'static str,
+    pub(crate) kind: &'static str,
 }
 
 /// A part of the run.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Window {
-    pub(super) from: Instant,
-    pub(super) to: Instant,
+pub(crate) struct Window {
+    pub(crate) from: Instant,
+    pub(crate) to: Instant,
 }
 
 impl Window {
@@ -108,11 +106,11 @@ impl Window {
         seen.iter().filter(move |it| from <= it.at && it.at < to)
     }
 
-    pub(super) fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         self.to.since(self.from).as_secs_f64()
     }
 
-    pub(super) fn hz(&self, seen: &[Seen]) -> f64 {
+    pub(crate) fn hz(&self, seen: &[Seen]) -> f64 {
         match self.seconds() {
             seconds if seconds > 0.0 => hundredths(self.of(seen).count() as f64 / seconds),
             _ => 0.0,
@@ -120,7 +118,7 @@ impl Window {
     }
 
     /// So many of 100 were as young, in nanoseconds.
-    pub(super) fn age(&self, seen: &[Seen], percent: usize) -> f64 {
+    pub(crate) fn age(&self, seen: &[Seen], percent: usize) -> f64 {
         let mut ages: Vec<u64> = self.of(seen).map(|it| it.age_ns).collect();
         ages.sort_unstable();
         nearest_rank(&ages, percent) as f64

@@ -14,7 +14,7 @@ use sm2_io::clock;
 use sm2_node::Node;
 use sm2_proto::Instant;
 
-use super::error::DemoError;
+use crate::error::DemoError;
 
 /// Waits until a descriptor is readable or at its end, a signal comes, or `timeout` has passed.
 /// Returns for each descriptor whether it is ready.

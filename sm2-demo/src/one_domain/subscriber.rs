@@ -8,8 +8,10 @@ use sm2_proto::Instant;
 
 use super::{
     command_line::ProcessArguments,
-    error::DemoError,
     part::{DEPTH, Figures, Said, Spot, TOPIC, say},
+};
+use crate::{
+    error::DemoError,
     pattern,
     statistics::{Latencies, rate},
     waiting::drive,
@@ -19,7 +21,7 @@ use super::{
 const SECOND: Duration = Duration::from_secs(1);
 
 /// Receives until standard input ends, and then what is still there.
-pub(super) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
+pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let node = Node::builder(&arguments.name)
         .socket(&arguments.socket)
         .connect()?;

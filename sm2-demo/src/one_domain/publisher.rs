@@ -12,8 +12,10 @@ use sm2_proto::Instant;
 
 use super::{
     command_line::ProcessArguments,
-    error::DemoError,
     part::{DEPTH, Figures, START, Said, TOPIC, say},
+};
+use crate::{
+    error::DemoError,
     pattern,
     statistics::hundredths,
     waiting::{drive, pause},
@@ -31,7 +33,7 @@ const LOOK: Duration = Duration::from_millis(10);
 const SECOND: Duration = Duration::from_secs(1);
 
 /// Publishes when it is told to start, all messages or until standard input ends; stays until then.
-pub(super) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
+pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let node = Node::builder(&arguments.name)
         .socket(&arguments.socket)
         .connect()?;

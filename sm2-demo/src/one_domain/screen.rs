@@ -4,18 +4,17 @@ use std::io::Write;
 
 use super::{
     child::Child,
-    error::DemoError,
     meter::{Cost, Meter},
-    options::Format,
     report::{self, Report},
     table::{self, Row},
 };
+use crate::{error::DemoError, options::Format};
 
 /// With more lines than this a table may not fit a terminal, and could not be redrawn.
 const REDRAWN_LINES: usize = 20;
 
 /// Standard output: a table that is redrawn, a line each second, or nothing but the report.
-pub(super) struct Screen<'a> {
+pub(crate) struct Screen<'a> {
     out: &'a mut dyn Write,
     format: Format,
     /// How many lines of a table are above the cursor.
@@ -23,7 +22,7 @@ pub(super) struct Screen<'a> {
 }
 
 impl<'a> Screen<'a> {
-    pub(super) fn new(out: &'a mut dyn Write, format: Format) -> Self {
+    pub(crate) fn new(out: &'a mut dyn Write, format: Format) -> Self {
         Self {
             out,
             format,
@@ -36,7 +35,7 @@ impl<'a> Screen<'a> {
     /// # Errors
     ///
     /// [`DemoError::Output`], as all of these.
-    pub(super) fn announce(&mut self, text: &str) -> Result<(), DemoError> {
+    pub(crate) fn announce(&mut self, text: &str) -> Result<(), DemoError> {
         if self.format != Format::Json {
             writeln!(self.out, "{text}")?;
         }
@@ -44,7 +43,7 @@ impl<'a> Screen<'a> {
     }
 
     /// The figures of this second.
-    pub(super) fn show(
+    pub(crate) fn show(
         &mut self,
         children: &[Child],
         meter: &Meter,
@@ -68,7 +67,7 @@ impl<'a> Screen<'a> {
     }
 
     /// The end.
-    pub(super) fn report(&mut self, report: &Report) -> Result<(), DemoError> {
+    pub(crate) fn report(&mut self, report: &Report) -> Result<(), DemoError> {
         if self.format == Format::Json {
             return report::write_json(self.out, report);
         }

@@ -12,32 +12,32 @@ pub const COMMAND: &str = "demo-part";
 #[command(name = COMMAND)]
 pub struct ProcessArguments {
     #[arg(value_enum)]
-    pub(super) role: Role,
+    pub(crate) role: Role,
     /// The node's name.
     #[arg(long)]
-    pub(super) name: String,
+    pub(crate) name: String,
     /// The socket of the demo's Manager.
     #[arg(long)]
-    pub(super) socket: PathBuf,
+    pub(crate) socket: PathBuf,
     /// The length of a message in bytes.
     #[arg(long)]
-    pub(super) size: u64,
+    pub(crate) size: u64,
     /// The time between two messages in nanoseconds.
     #[arg(long)]
-    pub(super) period: u64,
+    pub(crate) period: u64,
     /// The number of messages.
     #[arg(long)]
-    pub(super) count: u64,
+    pub(crate) count: u64,
     /// The number of subscribers.
     #[arg(long)]
-    pub(super) subscribers: u32,
+    pub(crate) subscribers: u32,
     /// Seal each message.
     #[arg(long)]
-    pub(super) sealed: bool,
+    pub(crate) sealed: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum Role {
+pub(crate) enum Role {
     Publisher,
     Subscriber,
 }

@@ -15,7 +15,7 @@ use nix::{
 };
 use tempfile::TempDir;
 
-use super::error::DemoError;
+use crate::error::DemoError;
 
 /// The path of a socket is short, and this is what is left of it.
 const PARENT_MAX_BYTES: usize = 64;
@@ -24,7 +24,7 @@ const PARENT_MAX_BYTES: usize = 64;
 const PREFIX: &str = "sm2-demo-";
 
 /// The socket in it.
-pub(super) const SOCKET: &str = "demo.sock";
+pub(crate) const SOCKET: &str = "demo.sock";
 
 /// The file that the Manager of a demo has locked.
 const LOCK: &str = "demo.sock.lock";
@@ -39,7 +39,7 @@ const MIN_AGE: Duration = Duration::from_secs(60);
 /// # Errors
 ///
 /// [`DemoError::Folder`].
-pub(super) fn private() -> Result<TempDir, DemoError> {
+pub(crate) fn private() -> Result<TempDir, DemoError> {
     let parent = env::temp_dir();
     let fits = parent.as_os_str().len() <= PARENT_MAX_BYTES;
     let parent = if fits { &parent } else { Path::new("/tmp") };

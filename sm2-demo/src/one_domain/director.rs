@@ -14,12 +14,14 @@ use sm2_manager::Background;
 use super::{
     child::{Child, Outcome, Part, Stage},
     command_line::COMMAND,
-    error::DemoError,
-    folder,
     meter::Meter,
-    options::{self, Ending, Options, size_text},
     report::{self, Report},
     screen::Screen,
+};
+use crate::{
+    error::DemoError,
+    folder,
+    options::{self, Ending, Options, size_text},
     waiting::readable,
 };
 

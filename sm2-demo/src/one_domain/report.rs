@@ -6,52 +6,54 @@ use serde::Serialize;
 
 use super::{
     child::{Outcome, Part, Stage},
-    error::DemoError,
     meter::Total,
-    options,
     part::Figures,
+};
+use crate::{
+    error::DemoError,
+    options,
     statistics::{Percentiles, hundredths},
 };
 
 /// The whole run. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Report {
+pub(crate) struct Report {
     /// Messages published.
-    pub(super) published: u64,
+    pub(crate) published: u64,
     /// Bytes of each.
-    pub(super) size_bytes: u64,
+    pub(crate) size_bytes: u64,
     /// `pooled` or `sealed`.
-    pub(super) integrity: &'static str,
+    pub(crate) integrity: &'static str,
     /// Whether a signal ended it before all messages were published.
-    pub(super) interrupted: bool,
+    pub(crate) interrupted: bool,
     /// One for each subscriber.
-    pub(super) subscribers: Vec<Subscriber>,
+    pub(crate) subscribers: Vec<Subscriber>,
     /// Processor time of all processes, Manager included, over the wall time: 200 are two
     /// whole processors.
-    pub(super) cpu_percent_total: f64,
+    pub(crate) cpu_percent_total: f64,
     /// Proportional set size of all processes, the largest sum seen; null if it cannot be read.
-    pub(super) pss_bytes_total: Option<u64>,
+    pub(crate) pss_bytes_total: Option<u64>,
     /// Seconds from the first message until all were received.
-    pub(super) wall_s: f64,
+    pub(crate) wall_s: f64,
 }
 
 /// What one subscriber has seen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(super) struct Subscriber {
+pub(crate) struct Subscriber {
     /// Messages received.
-    pub(super) received: u64,
+    pub(crate) received: u64,
     /// Messages published that it has not received.
-    pub(super) lost: u64,
+    pub(crate) lost: u64,
     /// Messages received that differ from what was published.
-    pub(super) damaged: u64,
+    pub(crate) damaged: u64,
     /// Messages per second, from the first to the last.
-    pub(super) hz: f64,
+    pub(crate) hz: f64,
     /// From publishing to receiving, in microseconds.
-    pub(super) latency_us: Percentiles,
+    pub(crate) latency_us: Percentiles,
 }
 
 impl Report {
-    pub(super) fn new(
+    pub(crate) fn new(
         size_bytes: u64,
         is_sealed: bool,
         outcomes: &[Outcome<'_>],
@@ -93,7 +95,7 @@ impl Subscriber {
 }
 
 /// Writes a report as one line of JSON.
-pub(super) fn write_json(out: &mut dyn Write, report: &impl Serialize) -> Result<(), DemoError> {
+pub(crate) fn write_json(out: &mut dyn Write, report: &impl Serialize) -> Result<(), DemoError> {
     serde_json::to_writer(&mut *out, report).map_err(std::io::Error::from)?;
     writeln!(out)?;
     Ok(out.flush()?)
@@ -106,7 +108,7 @@ pub(super) fn write_json(out: &mut dyn Write, report: &impl Serialize) -> Result
 ///
 /// [`DemoError::Damaged`], [`DemoError::PartFailed`], [`DemoError::NothingReceived`]; the first in this
 /// order.
-pub(super) fn verdict(outcomes: &[Outcome<'_>]) -> Result<(), DemoError> {
+pub(crate) fn verdict(outcomes: &[Outcome<'_>]) -> Result<(), DemoError> {
     let checks = [damage, failure, silence];
     let errors = checks
         .iter()

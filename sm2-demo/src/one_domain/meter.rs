@@ -2,20 +2,20 @@
 
 use std::time::{Duration, Instant};
 
-use super::procfs;
+use crate::procfs;
 
 /// What one process costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Cost {
+pub(crate) struct Cost {
     /// Of one processor, since the last look.
-    pub(super) cpu_percent: f64,
+    pub(crate) cpu_percent: f64,
     /// Its share of the memory that it maps; none if this user may not know.
-    pub(super) pss_bytes: Option<u64>,
+    pub(crate) pss_bytes: Option<u64>,
 }
 
 /// Looks at processes again and again, from [`start`](Meter::start) on.
 #[derive(Debug)]
-pub(super) struct Meter {
+pub(crate) struct Meter {
     pids: Vec<u32>,
     started: Instant,
     looked: Instant,
@@ -26,17 +26,17 @@ pub(super) struct Meter {
 
 /// What all processes cost from the start to the last look.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Total {
+pub(crate) struct Total {
     /// Of one processor: 200 are two whole ones.
-    pub(super) cpu_percent: f64,
+    pub(crate) cpu_percent: f64,
     /// The most that it was at a look.
-    pub(super) pss_bytes: Option<u64>,
+    pub(crate) pss_bytes: Option<u64>,
     /// From the start to the last look.
-    pub(super) wall: Duration,
+    pub(crate) wall: Duration,
 }
 
 impl Meter {
-    pub(super) fn start(pids: Vec<u32>) -> Self {
+    pub(crate) fn start(pids: Vec<u32>) -> Self {
         let now = Instant::now();
         let times: Vec<_> = pids.iter().map(|&pid| cpu_time(pid, None)).collect();
         Self {
@@ -50,7 +50,7 @@ impl Meter {
     }
 
     /// The costs of each process, in the order of the pids.
-    pub(super) fn look(&mut self) -> Vec<Cost> {
+    pub(crate) fn look(&mut self) -> Vec<Cost> {
         let now = Instant::now();
         let passed = now - self.looked;
         self.looked = now;
@@ -74,12 +74,12 @@ impl Meter {
         costs
     }
 
-    pub(super) fn elapsed(&self) -> Duration {
+    pub(crate) fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }
 
     /// As of the last look.
-    pub(super) fn total(&self) -> Total {
+    pub(crate) fn total(&self) -> Total {
         let used: Duration = self.at_look.iter().sum();
         let before: Duration = self.at_start.iter().sum();
         let wall = self.looked - self.started;

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bytesize::ByteSize;
 
-use super::{error::DemoError, pattern, procfs, statistics};
+use crate::{error::DemoError, pattern, procfs, statistics};
 
 /// The length of the shortest message that the demo can check, in bytes.
 pub const SIZE_MIN_BYTES: u64 = pattern::MIN_BYTES;

@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Which part a process plays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Part {
+pub(crate) enum Part {
     Publisher,
     /// From 1 on.
     Subscriber(u32),
@@ -24,7 +24,7 @@ pub(super) enum Part {
 
 /// How far it is.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Stage {
+pub(crate) enum Stage {
     Starting,
     Ready,
     Done(Figures),
@@ -34,16 +34,16 @@ pub(super) enum Stage {
 
 /// What came of a process.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Outcome<'a> {
-    pub(super) part: Part,
-    pub(super) stage: &'a Stage,
+pub(crate) struct Outcome<'a> {
+    pub(crate) part: Part,
+    pub(crate) stage: &'a Stage,
     /// What it has said last of its counts.
-    pub(super) figures: Figures,
+    pub(crate) figures: Figures,
 }
 
 /// A running process. Dropped, it is killed.
 #[derive(Debug)]
-pub(super) struct Child {
+pub(crate) struct Child {
     part: Part,
     process: process::Child,
     /// Closed when it is to end.
@@ -63,7 +63,7 @@ impl Child {
     /// # Errors
     ///
     /// What the operating system says.
-    pub(super) fn start(part: Part, command: &mut Command) -> io::Result<Self> {
+    pub(crate) fn start(part: Part, command: &mut Command) -> io::Result<Self> {
         use std::os::unix::process::CommandExt;
         let mut process = command
             .stdin(Stdio::piped())
@@ -81,24 +81,24 @@ impl Child {
         })
     }
 
-    pub(super) fn part(&self) -> Part {
+    pub(crate) fn part(&self) -> Part {
         self.part
     }
 
-    pub(super) fn pid(&self) -> u32 {
+    pub(crate) fn pid(&self) -> u32 {
         self.process.id()
     }
 
-    pub(super) fn stage(&self) -> &Stage {
+    pub(crate) fn stage(&self) -> &Stage {
         &self.stage
     }
 
     /// What it has said last of its counts.
-    pub(super) fn figures(&self) -> Figures {
+    pub(crate) fn figures(&self) -> Figures {
         self.figures
     }
 
-    pub(super) fn outcome(&self) -> Outcome<'_> {
+    pub(crate) fn outcome(&self) -> Outcome<'_> {
         Outcome {
             part: self.part,
             stage: &self.stage,
@@ -107,12 +107,12 @@ impl Child {
     }
 
     /// Where it speaks; none once it has ended.
-    pub(super) fn voice(&self) -> Option<BorrowedFd<'_>> {
+    pub(crate) fn voice(&self) -> Option<BorrowedFd<'_>> {
         self.stdout.as_ref().map(AsFd::as_fd)
     }
 
     /// Tells it to start.
-    pub(super) fn begin(&mut self) {
+    pub(crate) fn begin(&mut self) {
         if let Some(stdin) = &mut self.stdin {
             // If it is gone, its end of file says so.
             let _ = stdin.write_all(START);
@@ -120,12 +120,12 @@ impl Child {
     }
 
     /// Tells it to end.
-    pub(super) fn end(&mut self) {
+    pub(crate) fn end(&mut self) {
         self.stdin = None;
     }
 
     /// Takes in what it says, when its voice is readable.
-    pub(super) fn listen(&mut self) {
+    pub(crate) fn listen(&mut self) {
         let mut buffer = [0; 4_096];
         let read = match &mut self.stdout {
             Some(stdout) => stdout.read(&mut buffer),

@@ -1,5 +1,6 @@
-use super::super::{report::Subscriber, statistics::Percentiles};
+use super::super::report::Subscriber;
 use super::*;
+use crate::statistics::Percentiles;
 
 fn figures(hz: f64, p99: f64, lost: u64) -> Figures {
     Figures {

@@ -27,11 +27,11 @@ use self::{
     report::{Report, Window},
     traffic::{Log, Seen, Shared, lock},
 };
-use super::{
+use crate::{
     error::DemoError,
     folder,
+    one_domain::report::write_json,
     options::{Ending, Format, Options, size_text},
-    report::write_json,
     waiting::pause,
 };
 

@@ -8,7 +8,7 @@
 use std::iter;
 
 /// The shortest message: its number, and a word.
-pub(super) const MIN_BYTES: u64 = 16;
+pub(crate) const MIN_BYTES: u64 = 16;
 
 /// How many words are compared before the result is looked at.
 const BLOCK_WORDS: usize = 512;
@@ -18,13 +18,13 @@ const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// The first byte that is not what was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Damage {
+pub(crate) struct Damage {
     /// Where it is.
-    pub(super) offset: usize,
+    pub(crate) offset: usize,
 }
 
 /// Writes message `number` over all of `message`, which is [`MIN_BYTES`] or longer.
-pub(super) fn fill(number: u64, message: &mut [u8]) {
+pub(crate) fn fill(number: u64, message: &mut [u8]) {
     let (words, rest) = message.as_chunks_mut::<8>();
     let Some((first, body)) = words.split_first_mut() else {
         return;
@@ -39,7 +39,7 @@ pub(super) fn fill(number: u64, message: &mut [u8]) {
 }
 
 /// Compares every byte of `message` with what [`fill`] writes; the message's number.
-pub(super) fn check(message: &[u8]) -> Result<u64, Damage> {
+pub(crate) fn check(message: &[u8]) -> Result<u64, Damage> {
     let (words, rest) = message.as_chunks::<8>();
     let Some((first, body)) = words.split_first() else {
         return Err(Damage { offset: 0 });
