@@ -2,10 +2,10 @@
 
 use std::io::Write;
 
-use clap::{Args, CommandFactory, ValueEnum};
+use clap::{Args, Command, ValueEnum};
 use clap_complete::{Shell, generate};
 
-use crate::{Ended, args::Cli, error::CliError, output::Output};
+use crate::{ended::Ended, error::CliError, output::Output};
 
 /// `sm2 completions`.
 #[derive(Args, Debug)]
@@ -29,12 +29,12 @@ enum For {
     Fish,
 }
 
-/// Prints them.
+/// Prints the completions of `root`.
 ///
 /// # Errors
 ///
 /// [`CliError::Output`].
-pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+pub(crate) fn run(arguments: &Arguments, mut root: Command) -> Result<Ended, CliError> {
     let shell = match arguments.shell {
         For::Bash => Shell::Bash,
         For::Zsh => Shell::Zsh,
@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     };
     // Into memory first: the generator panics where a write fails.
     let mut script = Vec::new();
-    generate(shell, &mut Cli::command(), "sm2", &mut script);
+    generate(shell, &mut root, "sm2", &mut script);
     let mut out = Output::new();
     out.write(|out| out.write_all(&script))?;
     out.flush()?;

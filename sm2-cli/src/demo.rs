@@ -8,8 +8,8 @@ use sm2_demo::{
 };
 
 use crate::{
-    Ended,
     args::{Integrity, positive},
+    ended::Ended,
     error::CliError,
     interrupt::Interrupt,
     output::Output,

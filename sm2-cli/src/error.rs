@@ -14,7 +14,11 @@ use sm2_node::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, StoreError, WaitError,
 };
 
-use crate::{interrupt::Stopped, size::Size, usage};
+use crate::{
+    ended::WRONG_USAGE,
+    interrupt::Stopped,
+    size::{MESSAGE_MAX_BYTES, Size},
+};
 
 /// Why a command failed. Its text is what `sm2: …` says.
 #[derive(Debug, thiserror::Error)]
@@ -184,7 +188,7 @@ pub(crate) enum CliError {
     #[error(
         "{} holds a message longer than {}: split it with --chunk",
         path.display(),
-        Size(crate::topic::MESSAGE_MAX_BYTES)
+        Size(MESSAGE_MAX_BYTES)
     )]
     MessageTooLong {
         /// Where it is.
@@ -238,7 +242,7 @@ impl CliError {
             | Self::NoTerminal
             | Self::Json(_)
             | Self::SchemaHash { .. }
-            | Self::Endpoint(EndpointError::DomainName { .. }) => usage::STATUS,
+            | Self::Endpoint(EndpointError::DomainName { .. }) => WRONG_USAGE,
             _ => 1,
         }
     }

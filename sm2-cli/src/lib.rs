@@ -16,11 +16,13 @@ mod say;
 
 mod args;
 mod columns;
+mod command;
 mod completions;
 mod connect;
 mod decode;
 mod demo;
 mod doctor;
+mod ended;
 mod error;
 mod follow;
 #[cfg(feature = "fuzzing")]
@@ -48,18 +50,13 @@ mod why;
 
 use std::{env, io, process::ExitCode};
 
-use crate::{args::Command, error::CliError, interrupt::Stopped};
+use clap::CommandFactory;
 
-/// How a command ended that did not fail.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Ended {
-    /// All was done, or it was stopped where that is how it ends.
-    Done,
-    /// All was done, and the answer is no; what it says is said already.
-    No,
-    /// A signal came before all was done.
-    Stopped(Stopped),
-}
+use crate::{
+    command::{Cli, Command},
+    ended::Ended,
+    error::CliError,
+};
 
 /// The program: does what its command line says, and returns its exit status.
 #[must_use]
@@ -82,8 +79,8 @@ pub fn main() -> ExitCode {
         Command::Why(arguments) => why::run(&arguments),
         Command::Top(arguments) => top::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
-        Command::Completions(arguments) => completions::run(&arguments),
-        Command::Man(arguments) => manual::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments, Cli::command()),
+        Command::Man(arguments) => manual::run(&arguments, Cli::command()),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::DemoPart(arguments) => demo::run_process(&arguments),
     };

@@ -6,10 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use clap::{Args, Command, CommandFactory};
+use clap::{Args, Command};
 use clap_mangen::Man;
 
-use crate::{Ended, args::Cli, error::CliError, output::Output};
+use crate::{ended::Ended, error::CliError, output::Output};
 
 /// `sm2 man`.
 #[derive(Args, Debug)]
@@ -29,13 +29,12 @@ Examples:
   sm2 man topic hz | man -l -
   sm2 man --dir /usr/local/share/man/man1";
 
-/// Prints a page, or writes all.
+/// Prints the page of a command of `root`, or writes the pages of all.
 ///
 /// # Errors
 ///
 /// [`CliError::Output`], [`CliError::File`], [`CliError::NoSuchCommand`].
-pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let mut root = Cli::command();
+pub(crate) fn run(arguments: &Arguments, mut root: Command) -> Result<Ended, CliError> {
     // Gives every command its whole name: `sm2 topic hz`.
     root.build();
     match &arguments.dir {

@@ -8,6 +8,9 @@ use sm2_proto::limits::MESSAGE_MAX;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Size(pub(crate) u64);
 
+/// The longest message that is read: it is held in memory as a whole.
+pub(crate) const MESSAGE_MAX_BYTES: u64 = 4 << 30;
+
 /// Why a text is not a [`Size`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum SizeError {

@@ -7,10 +7,10 @@ use clap::{
     error::{Error, ErrorKind},
 };
 
-use crate::args::{Cli, Command};
-
-/// The exit status of a command line that is not understood.
-pub(crate) const STATUS: u8 = 2;
+use crate::{
+    command::{Cli, Command},
+    ended::WRONG_USAGE,
+};
 
 /// Reads a command line, its program first.
 ///
@@ -31,11 +31,11 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
         }
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
             let _ = error.print();
-            Err(ExitCode::from(STATUS))
+            Err(ExitCode::from(WRONG_USAGE))
         }
         _ => {
             say!("sm2: {}", one_line(&error, &arguments));
-            Err(ExitCode::from(STATUS))
+            Err(ExitCode::from(WRONG_USAGE))
         }
     }
 }

@@ -11,9 +11,9 @@ use sm2_proto::{
 };
 
 use crate::{
-    Ended,
     args::Domain,
     connect::Session,
+    ended::Ended,
     error::CliError,
     interfaces::Interface,
     names::{Selector, titles},

@@ -5,7 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::{Profile, pauses::Pauses, random::Random};
+use crate::{pauses::Pauses, profile::Profile, random::Random};
 
 /// Bytes of IP and UDP headers.
 pub const HEADERS_BYTES: usize = 28;

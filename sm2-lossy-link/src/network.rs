@@ -17,7 +17,10 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::{Profile, Side, namespace::Namespace};
+use crate::{
+    namespace::Namespace,
+    profile::{Profile, Side},
+};
 
 /// The interface of each host. The hosts' addresses are those of [`host_address`].
 pub const DEVICE: &str = "link0";

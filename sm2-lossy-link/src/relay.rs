@@ -21,7 +21,7 @@ use nix::{
     },
 };
 
-use crate::{Profile, lane::Lane, namespace::Namespace};
+use crate::{lane::Lane, namespace::Namespace, profile::Profile};
 
 /// How many datagrams of a socket are read before others are sent.
 const BURST: usize = 64;

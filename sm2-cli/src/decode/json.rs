@@ -9,8 +9,8 @@ use serde::{
 use sm2_proto::schema::{Field, Scalar, Type};
 
 use super::{
-    Shape,
     error::{DecodeError, Wrong},
+    shape::Shape,
     value::Value,
 };
 

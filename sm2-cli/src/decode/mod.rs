@@ -11,11 +11,12 @@
 mod error;
 mod json;
 mod reader;
+mod shape;
 mod show;
 mod value;
 mod writer;
 
-use sm2_proto::schema::{Encoding, Field, Layout, Schema, Type};
+use sm2_proto::schema::{Encoding, Layout, Schema, Type};
 
 pub(crate) use self::error::{DecodeError, EncodeError};
 pub(crate) use self::show::{Limits, show};
@@ -79,30 +80,6 @@ pub(crate) fn encode(schema: &Schema, given: &serde_json::Value) -> Result<Vec<u
             Ok(given.to_string().into_bytes())
         }
         Encoding::Other(name) => Err(EncodeError::Encoding(name.clone())),
-    }
-}
-
-/// What a structure looks like, to people and in JSON.
-enum Shape<'a> {
-    /// Nothing.
-    Unit,
-    /// The value of its only, nameless field.
-    Single(&'a Type),
-    /// Values without names.
-    Tuple,
-    /// Values with names.
-    Named,
-}
-
-impl<'a> Shape<'a> {
-    fn of(fields: &'a [Field]) -> Self {
-        let mut numbered = fields.iter().enumerate();
-        match fields {
-            [] => Self::Unit,
-            [only] if only.name() == "0" => Self::Single(only.ty()),
-            _ if numbered.all(|(at, field)| field.name() == at.to_string()) => Self::Tuple,
-            _ => Self::Named,
-        }
     }
 }
 

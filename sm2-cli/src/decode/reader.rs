@@ -3,8 +3,8 @@
 use sm2_proto::schema::{Field, Layout, Scalar, Type, Variant};
 
 use super::{
-    Shape,
     error::{DecodeError, Wrong, step},
+    shape::Shape,
     value::Value,
 };
 

@@ -4,8 +4,8 @@ use serde_json::Value as Json;
 use sm2_proto::schema::{Field, Scalar, Type, Variant};
 
 use super::{
-    Shape,
     error::{EncodeError, step},
+    shape::Shape,
 };
 
 /// How numbers and lengths are written.

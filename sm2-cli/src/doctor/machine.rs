@@ -9,7 +9,7 @@ use nix::sys::{
 use sm2_io::{SealedLoan, memfd};
 use sm2_proto::Seals;
 
-use super::Check;
+use super::check::Check;
 
 /// The oldest kernel that has all that is used: `F_SEAL_FUTURE_WRITE` came with 5.1,
 /// `epoll_pwait2` with 5.11.

@@ -6,7 +6,7 @@ use sm2_io::SeqPacket;
 use sm2_node::{ConnectError, Node};
 use sm2_proto::domain::Domain as Mirror;
 
-use super::Check;
+use super::check::Check;
 use crate::{
     args::Domain, error::CliError, interrupt::Interrupt, snapshot::document::quotas, view::View,
 };

@@ -4,6 +4,7 @@
 //! [`place`]: the socket and its folder. [`manager`]: who answers there, and what the domain says.
 //! [`machine`]: what the kernel allows.
 
+mod check;
 mod machine;
 mod manager;
 mod place;
@@ -11,8 +12,10 @@ mod place;
 use clap::Args;
 use serde::Serialize;
 
+use self::check::{Check, Level};
 use crate::{
-    Ended, args::Domain, columns::Columns, error::CliError, interrupt::Interrupt, output::Output,
+    args::Domain, columns::Columns, ended::Ended, error::CliError, interrupt::Interrupt,
+    output::Output,
 };
 
 /// `sm2 doctor`.
@@ -35,58 +38,6 @@ Examples:
   sm2 doctor
   sm2 doctor --domain arm
   sm2 doctor --json | jq '.checks[] | select(.level != \"ok\")'";
-
-/// How bad it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Level {
-    /// As it should be.
-    Ok,
-    /// Works, but not for everything, or not as well as it could.
-    Warn,
-    /// Nothing works until it is mended.
-    Bad,
-}
-
-/// What one check found.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct Check {
-    level: Level,
-    /// What was looked at.
-    check: &'static str,
-    found: String,
-    /// What to do; none where all is well.
-    advice: Option<String>,
-}
-
-impl Check {
-    fn ok(check: &'static str, found: impl Into<String>) -> Self {
-        Self {
-            level: Level::Ok,
-            check,
-            found: found.into(),
-            advice: None,
-        }
-    }
-
-    fn warn(check: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Self {
-        Self {
-            level: Level::Warn,
-            check,
-            found: found.into(),
-            advice: Some(advice.into()),
-        }
-    }
-
-    fn bad(check: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Self {
-        Self {
-            level: Level::Bad,
-            check,
-            found: found.into(),
-            advice: Some(advice.into()),
-        }
-    }
-}
 
 /// The object that `--json` prints.
 #[derive(Serialize)]

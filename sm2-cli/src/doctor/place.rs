@@ -8,7 +8,7 @@ use std::{
 
 use nix::unistd::geteuid;
 
-use super::Check;
+use super::check::Check;
 use crate::args::Domain;
 
 pub(super) fn checks(domain: &Domain, path: &Path) -> Vec<Check> {

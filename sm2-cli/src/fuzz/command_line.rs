@@ -11,7 +11,8 @@ use sm2_io::endpoint::{EndpointError, MAX_DOMAIN_BYTES, MAX_PATH_BYTES, socket_p
 use sm2_proto::limits::{MESSAGE_MAX, NAME_MAX};
 
 use crate::{
-    args::{self, Command},
+    args,
+    command::Command,
     names::Selector,
     size::Size,
     time::{Span, span, span_or_zero},

@@ -7,7 +7,7 @@ use serde::Serialize;
 use sm2_proto::{Kind, Name, NodeId, domain::Domain as Mirror};
 
 use crate::{
-    Ended, args::Domain, columns::Columns, connect::Session, error::CliError, output::Output,
+    args::Domain, columns::Columns, connect::Session, ended::Ended, error::CliError, output::Output,
 };
 
 /// `sm2 node list`.

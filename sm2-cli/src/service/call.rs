@@ -15,9 +15,9 @@ use sm2_node::{CallError, Client, Reply};
 use sm2_proto::{Contract, Instant, Name, TypeId};
 
 use crate::{
-    Ended,
     args::{Domain, name},
     connect::Session,
+    ended::Ended,
     error::CliError,
     messages::{self, Content, Schemas, Show, bytes_of, is_bytes},
     names,

@@ -5,9 +5,9 @@ use serde::Serialize;
 use sm2_proto::Name;
 
 use crate::{
-    Ended,
     args::{Domain, name},
     connect::Session,
+    ended::Ended,
     error::CliError,
     interfaces::{self, Interface, Stated, table},
     output::Output,

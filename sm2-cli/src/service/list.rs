@@ -5,10 +5,10 @@ use serde::Serialize;
 use sm2_proto::{Kind, Name};
 
 use crate::{
-    Ended,
     args::Domain,
     columns::Columns,
     connect::Session,
+    ended::Ended,
     error::CliError,
     interfaces::Type,
     output::Output,

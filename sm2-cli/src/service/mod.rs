@@ -6,7 +6,7 @@ mod list;
 
 use clap::Subcommand;
 
-use crate::{Ended, error::CliError};
+use crate::{ended::Ended, error::CliError};
 
 /// The commands.
 #[derive(Debug, Subcommand)]

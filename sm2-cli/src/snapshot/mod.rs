@@ -15,7 +15,7 @@ use sm2_proto::{
 
 use self::{document::Document, thing::Thing};
 use crate::{
-    Ended, args::Domain, connect::Session, error::CliError, follow::Follow, output::Output,
+    args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow, output::Output,
     sampling::Sampler, view::View, wait::For,
 };
 

@@ -9,8 +9,8 @@ use ratatui::{
 };
 
 use super::{
-    figures::{Cell, Figures, Table},
-    state::{State, Tab},
+    figures::{Cell, Figures, Tab, Table},
+    state::State,
 };
 
 /// Between two columns.

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value};
 use sm2_proto::{Contract, Kind, Name, NodeId, domain::InterfaceView};
 
-use super::state::Tab;
 use crate::{
     sampling::{Sample, hundredths, median_ns, millis},
     view::View,
@@ -16,6 +15,14 @@ use crate::{
 pub(super) struct Figures {
     pub(super) topics: Table,
     pub(super) nodes: Table,
+}
+
+/// Which table is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Tab {
+    #[default]
+    Topics,
+    Nodes,
 }
 
 /// A table whose first column is the name.

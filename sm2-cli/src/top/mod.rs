@@ -19,14 +19,14 @@ use sm2_io::clock;
 use sm2_proto::Instant;
 
 use self::{
-    figures::Figures,
+    figures::{Figures, Tab},
     screen::Screen,
-    state::{After, State, Tab},
+    state::{After, State},
 };
 use crate::{
-    Ended,
     args::Domain,
     connect::Session,
+    ended::Ended,
     error::CliError,
     follow::Follow,
     output::Output,

@@ -5,7 +5,7 @@ use serde::Serialize;
 use sm2_proto::Kind;
 
 use super::measure::{self, Look, Measure, cell};
-use crate::{Ended, error::CliError, sampling::hundredths};
+use crate::{ended::Ended, error::CliError, sampling::hundredths};
 
 /// `sm2 topic bw`.
 #[derive(Args, Debug)]

@@ -6,7 +6,7 @@ use sm2_proto::{Kind, counters::Entry};
 
 use super::measure::{self, Look, Measure, cell};
 use crate::{
-    Ended,
+    ended::Ended,
     error::CliError,
     sampling::{median_ns, millis},
 };

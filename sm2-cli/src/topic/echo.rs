@@ -10,9 +10,9 @@ use sm2_proto::{Kind, Name};
 
 use super::{folder::Folder, hint};
 use crate::{
-    Ended,
     args::{Domain, name},
     connect::Session,
+    ended::Ended,
     error::CliError,
     interrupt::Stopped,
     messages::{self, Content, Schemas, Show},

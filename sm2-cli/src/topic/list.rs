@@ -7,8 +7,8 @@ use serde::Serialize;
 use sm2_proto::{Contract, Name};
 
 use crate::{
-    Ended, args::Domain, columns::Columns, connect::Session, error::CliError, interfaces::Type,
-    output::Output, view::View,
+    args::Domain, columns::Columns, connect::Session, ended::Ended, error::CliError,
+    interfaces::Type, output::Output, view::View,
 };
 
 /// `sm2 topic list`.

@@ -5,7 +5,7 @@ use serde::Serialize;
 use sm2_proto::{Kind, link::Counters};
 
 use super::measure::{self, Look, Measure, cell};
-use crate::{Ended, error::CliError};
+use crate::{ended::Ended, error::CliError};
 
 /// `sm2 topic loss`.
 #[derive(Args, Debug)]

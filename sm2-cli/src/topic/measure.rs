@@ -10,10 +10,10 @@ use sm2_io::clock;
 use sm2_proto::{Instant, Kind, Name, NodeId, domain::InterfaceView};
 
 use crate::{
-    Ended,
     args::{self, Domain},
     columns::Stream,
     connect::Session,
+    ended::Ended,
     error::CliError,
     follow::Follow,
     names,

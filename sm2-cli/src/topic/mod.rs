@@ -16,8 +16,8 @@ mod source;
 
 use clap::Subcommand;
 
-pub(crate) use self::{loss::Fates, source::MESSAGE_MAX_BYTES};
-use crate::{Ended, error::CliError};
+pub(crate) use self::loss::Fates;
+use crate::{ended::Ended, error::CliError};
 
 /// The commands.
 #[derive(Debug, Subcommand)]

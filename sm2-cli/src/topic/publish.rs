@@ -21,9 +21,9 @@ use super::{
     source::{Gate, Input, Messages},
 };
 use crate::{
-    Ended,
     args::Integrity,
     connect::{Session, drive},
+    ended::Ended,
     error::CliError,
     wait::For,
 };

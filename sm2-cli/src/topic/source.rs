@@ -13,10 +13,7 @@ use std::{
 
 use nix::libc;
 
-use crate::error::CliError;
-
-/// The longest message that is read: it is held in memory as a whole.
-pub(crate) const MESSAGE_MAX_BYTES: u64 = 4 << 30;
+use crate::{error::CliError, size::MESSAGE_MAX_BYTES};
 
 /// What `--from` names.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -13,7 +13,8 @@ use sm2_proto::domain::Domain as Mirror;
 
 use self::expression::{Expression, Seen};
 use crate::{
-    Ended, args::Domain, connect::Session, error::CliError, follow::Follow, output::Output, time,
+    args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow, output::Output,
+    time,
 };
 
 /// `sm2 wait`.

@@ -3,10 +3,10 @@
 use clap::Args;
 use sm2_proto::{Name, schema::Schema};
 
-use super::super::source::{Input, MESSAGE_MAX_BYTES, Split};
+use super::super::source::{Input, Split};
 use crate::{
     args::{Domain, Integrity, name, positive},
-    size::Size,
+    size::{MESSAGE_MAX_BYTES, Size},
 };
 
 /// `sm2 topic pub`.

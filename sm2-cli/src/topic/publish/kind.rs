@@ -3,7 +3,7 @@
 use serde_json::Value;
 use sm2_proto::{Name, TypeId, schema::Schema};
 
-use super::Arguments;
+use super::arguments::Arguments;
 use crate::{
     connect::Session,
     error::CliError,

@@ -1,0 +1,97 @@
+//! The command line: the tree of all commands, and the text below their `--help`.
+
+use clap::{Parser, Subcommand};
+
+use crate::{
+    completions, demo, doctor, manual, node, service, snapshot, top, topic, wait_for, why,
+};
+
+/// Look into an SM2 domain, feed it, and run it, from a shell.
+#[derive(Debug, Parser)]
+#[command(name = "sm2", version, after_help = EXAMPLES)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// The commands, each in a module of its own.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Serve a domain: the broker that every node of it needs
+    #[command(after_help = sm2_manager::program::examples("sm2 manager"))]
+    Manager(sm2_manager::program::Arguments),
+    /// Publish, print, list and measure topics
+    #[command(subcommand, after_help = TOPIC_EXAMPLES)]
+    Topic(topic::Command),
+    /// List and call services
+    #[command(subcommand, after_help = SERVICE_EXAMPLES)]
+    Service(service::Command),
+    /// List nodes, and show what one does
+    #[command(subcommand, after_help = NODE_EXAMPLES)]
+    Node(node::Command),
+    /// Show the whole domain at one moment, or its changes
+    Snapshot(snapshot::Arguments),
+    /// Wait until something is true of topics, services and nodes
+    Wait(wait_for::Arguments),
+    /// Say why two interfaces are linked, or why they are not
+    Why(why::Arguments),
+    /// Watch rates and losses of a domain, live
+    Top(top::Arguments),
+    /// Check this machine, the Manager and the domain
+    Doctor(doctor::Arguments),
+    /// Carry topics and services to other domains and machines
+    #[command(subcommand, after_help = sm2_gateway::program::examples("sm2 gateway"))]
+    Gateway(sm2_gateway::program::Command),
+    /// Show what large messages cost on this machine; needs no Manager
+    Demo(demo::Arguments),
+    /// Print a shell's completions of this command
+    Completions(completions::Arguments),
+    /// Print a manual page of this command, or write all of them
+    Man(manual::Arguments),
+    /// One process of the demo: [`sm2_demo::COMMAND`], which is no word for people.
+    #[command(skip)]
+    DemoPart(sm2_demo::ProcessArguments),
+}
+
+const EXAMPLES: &str = "\
+Exit status: 0 done, 1 failed or not true, 2 wrong usage, 130 or 143 stopped by Ctrl-C or
+SIGTERM before it was done. A second Ctrl-C ends a command at once.
+
+Environment: SM2_SOCKET, SM2_DOMAIN and XDG_RUNTIME_DIR say where the Manager is;
+SM2_LOG (error, warn, info, debug) what is logged on standard error.
+
+When the Manager ends, commands that go on (echo, pub, hz, bw, delay, loss, top, wait,
+snapshot --watch) say so on standard error and wait for its successor; links go on meanwhile.
+
+The commands' own nodes are named sm2-COMMAND-PID; lists leave out the command that prints them.
+
+Examples:
+  sm2 manager                              serve the default domain
+  echo hello | sm2 topic pub chatter --from -
+  sm2 topic echo chatter                   print what is published
+  sm2 topic hz chatter                     how often, without subscribing
+  sm2 topic list --json                    what there is, for a program
+  sm2 wait 'topic:/scan publishers>=1' --timeout 5s
+  sm2 why talker listener                  why they are linked, or not
+  sm2 doctor                               what is wrong here
+  sm2 demo --seconds 5 --integrity sealed  5 subscribers, 10 MB, 30 Hz";
+
+const TOPIC_EXAMPLES: &str = "\
+hz, bw, delay and loss read what nodes count anyway; they subscribe to nothing.
+
+Examples:
+  sm2 topic list
+  sm2 topic info scan
+  sm2 topic echo scan --count 1
+  sm2 topic hz scan";
+
+const SERVICE_EXAMPLES: &str = "\
+Examples:
+  sm2 service list
+  sm2 service info sum
+  sm2 service call sum '[1, 2, 3]'";
+
+const NODE_EXAMPLES: &str = "\
+Examples:
+  sm2 node list
+  sm2 node info talker";
