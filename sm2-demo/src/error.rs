@@ -32,7 +32,8 @@ pub enum DemoError {
     Manager(#[from] StartError),
     /// The demo's messages would not fit into memory.
     #[error(
-        "messages of {size_bytes} bytes need some {needed_bytes} bytes of memory and {available_bytes} are available: give a smaller --size"
+        "messages of {size_bytes} bytes need some {needed_bytes} bytes of memory and \
+         {available_bytes} are available: give a smaller --size"
     )]
     TooLarge {
         /// The length of one message.

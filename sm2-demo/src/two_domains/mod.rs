@@ -1,8 +1,9 @@
-//! `sm2 demo --bad-link`: what a bad link between two domains does to the one with the publisher.
+//! `sm2 demo --bad-link`: shows that a lossy link between two domains does not slow down the domain of the
+//! publisher.
 //!
-//! Two domains, each with a Manager and a gateway; between the gateways a link that carries an eighth of
-//! what is published, loses some of it and stands still at times (the paper's Fig. 2). One subscriber is beside the publisher,
-//! the other joins behind the link after a third of the time.
+//! Each domain has a Manager and a gateway. The link between the gateways carries an eighth of the published
+//! bytes, loses some datagrams and pauses at times (the paper's Fig. 2). One subscriber is in the publisher's
+//! domain; the other one joins in the far domain after a third of the time.
 
 mod report;
 mod traffic;
