@@ -6,8 +6,7 @@ use link_support::*;
 use sm2_proto::{
     limits::CALLS_MAX,
     link::{
-        Config, End, Error, Fate, Input, Link, Misuse, NoMemory, OutboundMessage, Output, Role,
-        Status,
+        Config, End, Error, Fate, Input, Link, Message, Misuse, Output, Role, Status,
         wire::{Carrier, Frame, Given, MessageFrame},
     },
     violation,
@@ -29,7 +28,7 @@ fn cancel(link: &mut Link, call: u64) -> Result<Vec<u8>, Error> {
         .collect())
 }
 
-fn refused(link: &mut Link, message: OutboundMessage) -> Misuse {
+fn refused(link: &mut Link, message: Message) -> Misuse {
     match link.handle(NOW, Input::Send(message)) {
         Err(Error::Misuse(misuse)) => misuse,
         other => panic!("{other:?}"),
@@ -53,10 +52,7 @@ fn a_call_is_open_until_its_one_reply() {
     send(&mut link, message(7));
     assert_eq!(link.calls(), 2);
     assert_eq!(accept(&mut link, &reply(1, 7)), []);
-    assert_eq!(
-        (link.calls(), link.take(&NoMemory).unwrap().unwrap().id),
-        (1, 7)
-    );
+    assert_eq!((link.calls(), link.take().unwrap().unwrap().id), (1, 7));
     assert_eq!(
         reject(&mut link, &reply(2, 7)),
         violation!(UnknownCall, "SM2-SRV-003")
@@ -76,7 +72,7 @@ fn every_status_reaches_the_caller() {
                 ..from_peer(Carrier::Reply, 1, 1)
             }),
         );
-        let delivery = link.take(&NoMemory).unwrap().unwrap();
+        let delivery = link.take().unwrap().unwrap();
         assert_eq!((delivery.status, delivery.lost), (status, 0));
     }
 }
@@ -86,13 +82,13 @@ fn every_status_reaches_the_caller() {
 fn no_more_than_1024_calls_are_open() {
     let mut link = caller();
     for call in 1..=CALLS_MAX as u64 {
-        assert!(link.has_room(&NoMemory));
+        assert!(link.has_room());
         send(&mut link, message(call));
     }
-    assert!(!link.has_room(&NoMemory));
+    assert!(!link.has_room());
     assert_eq!(refused(&mut link, message(2000)), Misuse::CallLimit);
     accept(&mut link, &reply(1, 1));
-    assert!(link.has_room(&NoMemory));
+    assert!(link.has_room());
     send(&mut link, message(2000));
 }
 
@@ -105,7 +101,7 @@ fn a_server_replies_once_to_what_it_was_asked() {
     assert_eq!(link.calls(), 1);
     let outputs = send(
         &mut link,
-        OutboundMessage {
+        Message {
             status: Status::Failed,
             ..message(1)
         },
@@ -131,7 +127,7 @@ fn a_cancelled_call_has_no_payload() {
         let body = sm2_proto::link::Body::Inline(bytes::Bytes::from_static(b"x"));
         let result = link.handle(
             NOW,
-            Input::Send(OutboundMessage {
+            Input::Send(Message {
                 status,
                 len: 1,
                 body,
@@ -155,7 +151,7 @@ fn a_reply_always_has_room() {
         accept(&mut link, &request(call, call));
     }
     for call in 1..=CALLS_MAX as u64 {
-        assert!(link.has_room(&NoMemory));
+        assert!(link.has_room());
         send(&mut link, message(call));
     }
     assert_eq!((link.in_flight(), link.calls()), (CALLS_MAX, CALLS_MAX - 1));
@@ -238,7 +234,7 @@ fn the_server_hears_of_a_cancel_and_still_replies() {
     assert_eq!(link.calls(), 1);
     let outputs = send(
         &mut link,
-        OutboundMessage {
+        Message {
             status: Status::Cancelled,
             ..message(1)
         },
@@ -283,7 +279,7 @@ fn when_the_link_ends_calls_without_a_reply_fail() {
     assert_eq!(outputs[4..7], failed);
     assert_eq!(outputs[7..], [Output::Ended(End::Eof)]);
     assert_eq!(
-        link.take(&NoMemory).unwrap().unwrap().id,
+        link.take().unwrap().unwrap().id,
         2,
         "a reply that came is still there"
     );

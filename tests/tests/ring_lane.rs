@@ -11,7 +11,7 @@ use nix::fcntl::{FallocateFlags, fallocate};
 use sm2_io::SendError;
 use sm2_proto::{
     Seals, ViolationKind,
-    link::{At, RingMemory},
+    link::{At, Words},
 };
 use sm2_tests::{
     actor::{Actor, number},

@@ -321,7 +321,7 @@ impl Outbox {
         key: u64,
         status: Status,
         link_sealed: bool,
-    ) -> io::Result<link::OutboundMessage> {
+    ) -> io::Result<link::Message> {
         let message = (self.messages.get_mut(key)).ok_or(io::ErrorKind::NotFound)?;
         let Forms {
             inline,
@@ -343,7 +343,7 @@ impl Outbox {
             }
             (None, None) => return Err(io::ErrorKind::NotFound.into()),
         };
-        Ok(link::OutboundMessage {
+        Ok(link::Message {
             key,
             id: message.id,
             time: message.time,

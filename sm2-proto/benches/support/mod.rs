@@ -8,12 +8,11 @@ pub(crate) mod contracts;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use sm2_proto::{
-    Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId,
+    Datagram, FdFacts, InterfaceId, LinkId, NodeId,
     control::{Peer, ToManager, ToNode, encode_to_manager, encode_to_node},
     limits::SLOT_HEAD,
     link::{
-        At, Body, Delivery, Lent, Link, OutboundMessage, RingLayout, RingMemory, SegmentInfo,
-        Status,
+        At, Delivery, Link, RingLayout, RingMessage, SegmentInfo, Words,
         wire::{Carrier, Form, Frame, MessageFrame},
     },
     manager::{Input, Output},
@@ -47,7 +46,7 @@ impl FlatWords {
     }
 }
 
-impl RingMemory for FlatWords {
+impl Words for FlatWords {
     fn load(&self, at: At) -> u64 {
         self.word(at).load(Ordering::Acquire)
     }
@@ -126,18 +125,14 @@ impl RingPair {
         let slot = (self.last_id % u64::from(Self::SEGMENT.slots)) as u32;
         let head = head(self.last_id);
         self.heads[slot as usize] = head.to_bytes();
-        let message = OutboundMessage {
+        let message = RingMessage {
             key: self.last_id,
             id: self.last_id,
-            time: Instant(0),
-            status: Status::Ok,
             len: head.len,
-            body: Body::Pooled {
-                segment: Self::SEGMENT,
-                slot,
-            },
+            segment: Self::SEGMENT,
+            slot,
         };
-        let bell = self.sender.send(&self.words, message.clone(), |_, fate| {
+        let bell = self.sender.ring_send(&self.words, &message, |_, fate| {
             panic!("{fate:?}, although there is room");
         });
         assert_eq!(bell, Ok(false), "there is room, and nobody sleeps");
@@ -146,17 +141,15 @@ impl RingPair {
     /// Takes the next message, which is there.
     pub(crate) fn take(&mut self) -> Delivery {
         let heads = &self.heads;
-        let taken = self
-            .receiver
-            .take(&Lent::new(&self.words, |_, offset, stride| {
-                Some(heads[(offset / stride) as usize])
-            }));
+        let taken = self.receiver.ring_take(&self.words, |_, offset, stride| {
+            Some(heads[(offset / stride) as usize])
+        });
         taken.expect("the sender keeps to SPEC").expect("a message")
     }
 
     /// Gives back the oldest message that is held.
     pub(crate) fn give_back(&mut self) {
-        let bell = self.receiver.release(&self.words, self.oldest);
+        let bell = self.receiver.ring_release(&self.words, self.oldest);
         assert_eq!(bell, Ok(false), "it is held, and nobody sleeps");
         self.oldest += 1;
     }
@@ -164,7 +157,7 @@ impl RingPair {
     /// Settles all messages that were given back; how many they are.
     pub(crate) fn harvest(&mut self) -> usize {
         let mut count = 0;
-        let harvested = self.sender.harvest(&self.words, |_, _| count += 1);
+        let harvested = self.sender.ring_harvest(&self.words, |_, _| count += 1);
         harvested.expect("the receiver keeps to SPEC");
         count
     }

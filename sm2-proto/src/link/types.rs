@@ -12,19 +12,12 @@ pub enum Input<'a> {
     Datagram(Datagram<'a>),
     /// The stream ended: the other end's process is gone, or it closed the socket.
     Eof,
-    /// The application sends a message: [`Link::send`](super::Link::send) on the socket lane.
-    Send(OutboundMessage),
+    /// The application sends a message: DATA, REQUEST or REPLY by the role.
+    Send(Message),
     /// A reliable publisher's deadline passed while it waited for room: one
     /// message is dropped for this link alone.
     Skip,
-    /// Ring lane: a publication is not sent on this link, which has no room for it at this moment.
-    /// It counts as [`Fate::Overwritten`].
-    PassOver,
-    /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): no
-    /// datagram is there that could attach the segment of the message.
-    SegmentMissing,
-    /// The application gives back a message that it took: [`Link::release`](super::Link::release)
-    /// on the socket lane.
+    /// The application gives back a message that it took.
     Release {
         /// The message's [`Delivery::sequence`].
         sequence: u64,
@@ -32,7 +25,7 @@ pub enum Input<'a> {
     /// The caller no longer wants the reply. Sent once, however often it is
     /// asked for; a call that has its reply is left alone.
     Cancel {
-        /// The [`OutboundMessage::id`] of the request.
+        /// The [`Message::id`] of the request.
         call: u64,
     },
     /// Ring lane: the application will use this segment. ATTACH, if it is not attached. Messages
@@ -94,7 +87,7 @@ pub enum Output {
     },
     /// The link is done with a message. Exactly one for each [`Input::Send`] that was taken.
     Settled {
-        /// The [`OutboundMessage::key`].
+        /// The [`Message::key`].
         key: u64,
         /// What became of the message.
         fate: Fate,
@@ -105,7 +98,7 @@ pub enum Output {
         call: u64,
     },
     /// A caller will not get the reply: the link ended before it. On the ring lane it is said when
-    /// [`Link::take`](super::Link::take) gave the replies that had come, if need be
+    /// [`Link::ring_take`](super::Link::ring_take) gave the replies that had come, if need be
     /// after [`Output::Ended`].
     CallFailed {
         /// The id of the request.
@@ -117,7 +110,7 @@ pub enum Output {
 
 /// One message to send.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct OutboundMessage {
+pub struct Message {
     /// The driver's own name for it, as it comes back in [`Output::Settled`]
     /// and [`Attachment::Message`](super::Attachment::Message). The machine only carries it.
     pub key: u64,
@@ -146,7 +139,7 @@ pub enum Body {
         /// The slot, from 0.
         slot: u32,
     },
-    /// In a file of its own, which the driver keeps under [`OutboundMessage::key`].
+    /// In a file of its own, which the driver keeps under [`Message::key`].
     Sealed,
 }
 
@@ -281,8 +274,22 @@ pub enum End {
     Violation(Violation),
 }
 
-/// Why [`Link::handle`](super::Link::handle) did not do what its input asked for.
-pub type Error = crate::Error<End, Misuse>;
+/// Why [`Link::handle`](super::Link::handle) did not do what it was told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
+pub enum Error {
+    /// The link is over; the reason is the first one, for ever.
+    #[error(transparent)]
+    Ended(End),
+    /// The caller of the machine broke its contract; nothing has changed.
+    #[error(transparent)]
+    Misuse(Misuse),
+}
+
+impl From<Misuse> for Error {
+    fn from(misuse: Misuse) -> Self {
+        Self::Misuse(misuse)
+    }
+}
 
 /// How a caller of the machine can break its contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
@@ -342,12 +349,9 @@ pub enum Misuse {
     /// Server: the call is not open, or has its reply. Caller: it was never made.
     #[error("no such call is open")]
     UnknownCall,
-    /// The link's messages go through the other lane, or its ring was not lent.
-    #[error("the messages of this link go through its other lane, or its ring was not lent")]
+    /// The link's messages go through the other lane.
+    #[error("the messages of this link go through its other lane: ask has_ring")]
     WrongLane,
-    /// The link's messages have to be in slots.
-    #[error("the messages of this link have to be in slots: ask needs_slot")]
-    NotPooled,
     /// The segment is not attached (any more, or yet).
     #[error("the segment is not attached: feed attach, drain the outputs, and try again")]
     NotAttached,

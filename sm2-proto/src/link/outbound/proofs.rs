@@ -6,8 +6,8 @@
 use alloc::vec::Vec;
 
 use super::{
-    Body, Config, Fate, Frame, Given, Misuse, Outbound, OutboundMessage, Role, SegmentInfo, Slot,
-    Status, Unreleased,
+    Body, Config, Fate, Frame, Given, Message, Misuse, Outbound, Role, SegmentInfo, Slot, Status,
+    Unreleased,
 };
 use crate::{
     Instant, LinkId, VERSION,
@@ -40,9 +40,9 @@ struct State {
     pooled: bool,
 }
 
-fn message(number: usize, pooled: bool) -> OutboundMessage {
+fn message(number: usize, pooled: bool) -> Message {
     let key = 10 * number as u64;
-    OutboundMessage {
+    Message {
         key,
         id: key + 1,
         time: Instant(0),
@@ -229,7 +229,7 @@ fn outstanding_slots_are_not_used_again() {
     } else {
         number <= SENT + admitted + waiting
     };
-    let next = OutboundMessage {
+    let next = Message {
         id: 100,
         ..message(number, true)
     };

@@ -6,8 +6,8 @@
 use alloc::collections::VecDeque;
 
 use super::{
-    At, Delivery, Error, Fate, Link, Misuse, Outgoing, Output, Ring, RingMemory, RingMessage,
-    RingReceiver, Role, Unsent, receiver_of, sender_of,
+    At, Delivery, Error, Fate, Link, Misuse, Outgoing, Output, Ring, RingMessage, RingReceiver,
+    Role, Unsent, Words, receiver_of, sender_of,
 };
 use crate::{
     Violation, clause,
@@ -88,9 +88,9 @@ impl Link {
     }
 
     /// Caller or server: whether messages wait that nothing is known to hold up:
-    /// [`harvest`](Self::harvest) sends them, or finds out what does.
+    /// [`ring_harvest`](Self::ring_harvest) sends them, or finds out what does.
     #[must_use]
-    pub fn is_due(&self) -> bool {
+    pub fn ring_is_due(&self) -> bool {
         let is_due = |ring: &Ring| {
             let (sender, next) = (ring.sender(), ring.waiting.messages.front());
             let is_attached = |it: &RingMessage| sender.is_some_and(|s| s.is_attached(&it.segment));
@@ -101,14 +101,14 @@ impl Link {
 
     /// Caller or server: whether messages wait for room, or for a segment.
     #[must_use]
-    pub fn is_waiting(&self) -> bool {
+    pub fn ring_is_waiting(&self) -> bool {
         self.ring.as_ref().is_some_and(|it| it.waiting.len() > 0)
     }
 
     /// A caller's request or a server's reply; whether the other end wants the bell.
-    pub(super) fn queue_for_ring(
+    pub(super) fn ring_queue(
         &mut self,
-        words: &impl RingMemory,
+        words: &impl Words,
         message: &RingMessage,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Error> {
@@ -120,8 +120,11 @@ impl Link {
         if let Some(ring) = &mut self.ring {
             ring.waiting.push(*message);
         }
-        self.send_waiting(words, settled)
-            .map_err(|violation| self.violated(violation))
+        let result = self
+            .send_waiting(words, settled)
+            .map_err(|violation| self.violated(violation));
+        self.invariants();
+        result
     }
 
     //= SM2-SRV-002, SM2-SRV-003
@@ -145,7 +148,7 @@ impl Link {
     //= SM2-RNG-009
     pub(super) fn send_waiting(
         &mut self,
-        words: &impl RingMemory,
+        words: &impl Words,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Violation> {
         let first = self.put_waiting(words, settled)?;
@@ -165,7 +168,7 @@ impl Link {
 
     fn put_waiting(
         &mut self,
-        words: &impl RingMemory,
+        words: &impl Words,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Violation> {
         let mut bell = false;

@@ -3,8 +3,8 @@
 use core::cell::Cell;
 
 use super::{
-    super::proofs::SEQUENCES, At, DISPLACED_MAX, EMPTY, NotTaken, RingLayout, RingMemory,
-    RingReceiver, SlotHead, Word,
+    super::proofs::SEQUENCES, At, DISPLACED_MAX, EMPTY, NotTaken, RingLayout, RingReceiver,
+    SlotHead, Word, Words,
 };
 use crate::{
     Instant,
@@ -101,7 +101,7 @@ fn numbers_end() {
     kani::cover!(matches!(taken, Ok(Some(_))), "one of the last");
 }
 
-/// RingMemory that answer one of these to each access in turn.
+/// Words that answer one of these to each access in turn.
 struct Answers {
     next: Cell<usize>,
     answers: [u64; 4],
@@ -122,7 +122,7 @@ impl Answers {
     }
 }
 
-impl RingMemory for Answers {
+impl Words for Answers {
     fn load(&self, at: At) -> u64 {
         self.answer(at)
     }
