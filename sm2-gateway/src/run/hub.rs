@@ -13,6 +13,7 @@ use super::{
     status,
 };
 use crate::{
+    availability::AvailabilityRequest,
     channel::{
         connection::PeerHandle,
         hub::{ConfigLabels, HubEvent, PeerLookup, PolicySnapshot},
@@ -21,7 +22,6 @@ use crate::{
     },
     hub::{Hub, Input, LocalCommand, LocalEvent, NoRoom, Output},
     peer::{Command, ConnectionId, Event},
-    question::Question,
     shadow::RuleSet,
 };
 
@@ -115,9 +115,9 @@ impl Task {
                 // A task of its own, so that the hub does not wait for connections.
                 tokio::spawn(pending.complete(answer));
             }
-            HubEvent::AskPeer { question, answer } => {
+            HubEvent::AskPeer { request, answer } => {
                 // The asker may have timed out.
-                let _ = answer.send(self.ask_peer(question));
+                let _ = answer.send(self.ask_peer(request));
             }
             HubEvent::Snapshot { known, answer } => {
                 let snapshot = (known != self.revision).then(|| PolicySnapshot {
@@ -207,8 +207,8 @@ impl Task {
         }
     }
 
-    fn ask_peer(&self, question: Question) -> PeerLookup {
-        let Question { peer, kind, name } = question;
+    fn ask_peer(&self, request: AvailabilityRequest) -> PeerLookup {
+        let AvailabilityRequest { peer, kind, name } = request;
         let is_it = |(id, name): &(&GatewayId, &Name)| {
             name.as_str() == peer.as_str() || id.to_string() == peer
         };

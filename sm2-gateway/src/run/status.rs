@@ -13,6 +13,7 @@ use sm2_proto::{
 use tokio::{sync::oneshot, time::timeout};
 
 use crate::{
+    availability::{Availability, AvailabilityRequest},
     channel::{
         connection::ConnectionReport,
         hub::{HubHandle, HubStopped, PeerLookup},
@@ -21,8 +22,9 @@ use crate::{
     local::{Local, LocalError},
     names::status_service,
     peer::Me,
-    question::{Availability, Question},
-    report::{DenialReport, PeerReport, Report, ShadowReport, SubjectReport, label, word},
+    report::{
+        DenialReport, PeerReport, Report, ShadowReport, SubjectReport, kind_name, subject_label,
+    },
 };
 
 /// Timeout of the connections' part of a report.
@@ -87,7 +89,7 @@ fn peer(status: PeerStatus, connection: Option<ConnectionReport>, lines: &[usize
     let subjects = by_name
         .into_iter()
         .map(|((kind, name), counts)| SubjectReport {
-            kind: word(kind).to_owned(),
+            kind: kind_name(kind).to_owned(),
             name: name.to_string(),
             counts,
         });
@@ -98,8 +100,8 @@ fn peer(status: PeerStatus, connection: Option<ConnectionReport>, lines: &[usize
         id: status.id.to_string(),
         address: connection.as_ref().map(|it| it.address.to_string()),
         rtt_ms: connection.as_ref().map(|it| it.rtt.as_secs_f64() * 1e3),
-        offers: status.offers.iter().map(label).collect(),
-        offered: status.offered.iter().map(label).collect(),
+        offers: status.offers.iter().map(subject_label).collect(),
+        offered: status.offered.iter().map(subject_label).collect(),
         messages,
         subjects: subjects.collect(),
         denied: denials.len() as u64,
@@ -109,7 +111,7 @@ fn peer(status: PeerStatus, connection: Option<ConnectionReport>, lines: &[usize
 
 fn denial(it: &Denial, lines: &[usize]) -> DenialReport {
     DenialReport {
-        kind: word(it.subject.kind()).to_owned(),
+        kind: kind_name(it.subject.kind()).to_owned(),
         name: it.subject.name().to_string(),
         direction: match it.direction {
             Direction::In => "in".to_owned(),
@@ -166,15 +168,18 @@ async fn answer(hub: &HubHandle, request: &[u8]) -> Result<Vec<u8>, StatusError>
         let report = hub.report().await?;
         serde_json::to_vec(&report)
     } else {
-        let question = serde_json::from_slice(request).map_err(StatusError::Request)?;
-        let available = availability(hub, question).await?;
+        let request = serde_json::from_slice(request).map_err(StatusError::Request)?;
+        let available = availability(hub, request).await?;
         serde_json::to_vec(&available)
     };
     json.map_err(StatusError::Answer)
 }
 
-async fn availability(hub: &HubHandle, question: Question) -> Result<Availability, HubStopped> {
-    Ok(match hub.ask_peer(question).await? {
+async fn availability(
+    hub: &HubHandle,
+    request: AvailabilityRequest,
+) -> Result<Availability, HubStopped> {
+    Ok(match hub.ask_peer(request).await? {
         PeerLookup::Unknown => Availability::NoSuchPeer,
         PeerLookup::NotConnected => Availability::NotConnected,
         PeerLookup::Asked(verdict) => match timeout(PEER_TIMEOUT, verdict).await {
