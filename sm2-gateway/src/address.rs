@@ -1,8 +1,9 @@
-//! Addresses of peers in configurations.
+//! Where a peer may be, as configurations say it.
 
 use std::{fmt, net::SocketAddr, str::FromStr};
 
-/// An address with a port, or a host name with a port, which is looked up at each attempt to connect.
+/// An address with a port, or the name of a host with one, which is looked up at each attempt to
+/// connect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Address {
     /// `192.0.2.1:7633`, `[fe80::1%2]:7633`.
@@ -11,7 +12,7 @@ pub enum Address {
     Host(String),
 }
 
-/// The text is not an [`Address`].
+/// Why a text is no [`Address`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "is neither an address with a port, such as 192.0.2.1:7633 or [fe80::1%2]:7633, nor the name of a \
@@ -19,9 +20,9 @@ pub enum Address {
 )]
 pub struct AddressError;
 
-/// Length limit of a DNS name.
+/// The longest name that the DNS has.
 const HOST_MAX: usize = 253;
-/// Length limit of a label of a DNS name.
+/// The longest part of one.
 const LABEL_MAX: usize = 63;
 
 impl FromStr for Address {
@@ -49,7 +50,7 @@ fn is_host(text: &str) -> bool {
             && !it.starts_with('-')
             && !it.ends_with('-')
     };
-    // A numeric last label is a mistyped IPv4 address.
+    // An address that is written wrongly is no name: no last label is a number.
     let last = name.rsplit('.').next().unwrap_or(name);
     let is_number = last.bytes().all(|it| it.is_ascii_digit());
     name.len() <= HOST_MAX && name.split('.').all(is_label) && !is_number

@@ -1,10 +1,10 @@
-//! The time of the machines and of QUIC.
+//! One moment, as the machines and as QUIC count it.
 
 use std::time;
 
 use sm2_proto::Instant;
 
-/// A point in time, in both representations.
+/// A moment.
 #[derive(Clone, Copy, Debug)]
 pub struct Now {
     /// For the machines.
@@ -13,18 +13,18 @@ pub struct Now {
     pub quic: time::Instant,
 }
 
-/// Converts between both representations of time.
+/// What belongs together of the two.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock(Now);
 
 impl Clock {
-    /// A clock that starts at `start`.
+    /// From one moment on.
     #[must_use]
     pub const fn new(start: Now) -> Self {
         Self(start)
     }
 
-    /// The monotonic clock of the system.
+    /// The clock of this machine.
     #[must_use]
     pub fn of_the_machine() -> Self {
         Self(Now {
@@ -33,7 +33,7 @@ impl Clock {
         })
     }
 
-    /// Converts a machine's time.
+    /// The same moment for both.
     #[must_use]
     pub fn at(&self, at: Instant) -> Now {
         let Now {
@@ -46,13 +46,13 @@ impl Clock {
         }
     }
 
-    /// The current time of the system.
+    /// The current moment of this machine.
     #[must_use]
     pub fn now(&self) -> Now {
         self.at(sm2_io::clock::now())
     }
 
-    /// Converts a time of QUIC.
+    /// What QUIC calls so, for the machines.
     #[must_use]
     pub fn of(&self, quic: time::Instant) -> Instant {
         let since = quic.saturating_duration_since(self.0.quic);

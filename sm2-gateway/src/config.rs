@@ -1,11 +1,9 @@
-//! The configuration file of a gateway: TOML without unknown keys.
-
-mod error;
+//! The configuration file: TOML, in which every key is known.
 
 use std::{
     collections::BTreeMap,
-    fs,
-    net::{IpAddr, Ipv6Addr, SocketAddr},
+    fs, io,
+    net::SocketAddr,
     num::{NonZeroU32, NonZeroU64},
     ops::Range,
     path::{Path, PathBuf},
@@ -23,7 +21,6 @@ use sm2_proto::{
 };
 use toml::Spanned;
 
-pub use self::error::{ConfigError, ValueError};
 use crate::{
     address::Address,
     domain::DomainLocation,
@@ -32,45 +29,68 @@ use crate::{
     shadow::RuleSet,
 };
 
-/// The default of `listen`: every address of the machine.
-const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V6(Ipv6Addr::UNSPECIFIED), 7633);
+/// Where a gateway listens if nothing else is said.
+const LISTEN: &str = "[::]:7633";
 
-/// A checked configuration.
+/// A configuration that was checked.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// The path of the file.
+    /// Which file it is of.
     pub path: PathBuf,
-    /// The name of this gateway.
+    /// What people call this gateway.
     pub name: Name,
-    /// The address of the UDP socket.
+    /// Where QUIC listens.
     pub listen: SocketAddr,
-    /// The path of the key file.
+    /// Where the key is.
     pub key: PathBuf,
     /// The domain that it connects to its peers.
     pub domain: DomainLocation,
-    /// The network interfaces for beacons.
+    /// On which interfaces it sends and hears beacons.
     pub discovery: Vec<String>,
-    /// The congestion controller of all connections.
+    /// How fast connections send.
     pub congestion: Congestion,
-    /// The limits of each connection.
+    /// How much is kept of a peer.
     pub limits: Limits,
-    /// The trusted peers.
+    /// Who is trusted.
     pub peers: Vec<PeerConfig>,
-    /// The rules and the parameters of what they allow.
+    /// What goes where, and how.
     pub policy: Policy,
-    /// The line of each rule in the file.
+    /// The line of each rule.
     pub rule_lines: Vec<usize>,
 }
 
-/// A trusted peer.
+/// A peer that is trusted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PeerConfig {
-    /// Its name in this file.
+    /// What this file calls it.
     pub name: Name,
-    /// Its id: the public key.
+    /// Who it is.
     pub id: GatewayId,
-    /// The addresses to try.
+    /// Where it may be.
     pub addresses: Vec<Address>,
+}
+
+/// Why a configuration is of no use.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{path}: {source}")]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Something in it is not as it should be.
+    #[error("{path}:{line}: {what}")]
+    Wrong {
+        /// Which file.
+        path: PathBuf,
+        /// Which line, from 1.
+        line: usize,
+        /// What is wrong, and what would not be.
+        what: String,
+    },
 }
 
 #[derive(Deserialize)]
@@ -168,24 +188,20 @@ impl Config {
         Self::parse(path, &text)
     }
 
-    /// Checks the text of a file. Relative paths in it start at the folder of `path`.
+    /// Checks a text; `path` is where paths in it start from.
     ///
     /// # Errors
     /// See [`ConfigError`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
-        let at = Source { path, text };
+        let at = At { path, text };
         let file: File = toml::from_str(text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
-            ConfigError::Toml {
-                path: path.into(),
-                line: at.line(&span),
-                source: Box::new(error),
-            }
+            at.wrong(&span, error.message().to_owned())
         })?;
         let name = at.name(&file.name)?;
         let listen = match &file.listen {
             Some(listen) => at.address(listen)?,
-            None => LISTEN,
+            None => at.address(&Spanned::new(0..0, LISTEN.to_owned()))?,
         };
         let folder = path.parent().unwrap_or(Path::new(""));
         let domain = match (file.domain, file.socket) {
@@ -193,7 +209,8 @@ impl Config {
             (Some(name), None) => DomainLocation::Name(name),
             (None, Some(socket)) => DomainLocation::Socket(folder.join(socket.into_inner())),
             (Some(_), Some(socket)) => {
-                return Err(at.error(&socket.span(), ValueError::DomainAndSocket));
+                let what = "`domain` and `socket` exclude each other: remove one of them";
+                return Err(at.wrong(&socket.span(), what.to_owned()));
             }
         };
         let mut peers = Vec::new();
@@ -201,12 +218,12 @@ impl Config {
         for table in &file.peer {
             let peer = at.peer(table)?;
             if ids.insert(peer.name.clone(), peer.id).is_some() {
-                let error = ValueError::DuplicateName { name: peer.name };
-                return Err(at.error(&table.name.span(), error));
+                let what = format!("there are two peers of the name {}", peer.name);
+                return Err(at.wrong(&table.name.span(), what));
             }
             if let Some(twin) = peers.iter().find(|it: &&PeerConfig| it.id == peer.id) {
-                let other = twin.name.clone();
-                return Err(at.error(&table.id.span(), ValueError::DuplicateId { other }));
+                let what = format!("this is the id of {} too", twin.name);
+                return Err(at.wrong(&table.id.span(), what));
             }
             peers.push(peer);
         }
@@ -242,7 +259,7 @@ impl Config {
         })
     }
 
-    /// The peer with this name or id.
+    /// The peer of this name, or of this id.
     #[must_use]
     pub fn peer(&self, text: &str) -> Option<&PeerConfig> {
         let id = text.parse().ok();
@@ -250,7 +267,7 @@ impl Config {
         self.peers.iter().find(is_it)
     }
 
-    /// The rules and the peers that they apply to.
+    /// The rules, and the peers that they are for.
     #[must_use]
     pub fn rule_set(&self) -> RuleSet {
         RuleSet {
@@ -259,7 +276,7 @@ impl Config {
         }
     }
 
-    /// The keys whose value differs in `new` and that take effect only at the next start.
+    /// The keys of the file that `new` has otherwise, and that only a gateway that is started anew takes.
     #[must_use]
     pub fn fixed_keys(&self, new: &Self) -> Vec<&'static str> {
         let domains = [self, new].map(|it| match &it.domain {
@@ -284,8 +301,7 @@ impl Config {
         changed.map(|(key, _)| key).collect()
     }
 
-    /// The decision about a name, and the line of the rule that makes it. Without a matching rule the
-    /// name is denied.
+    /// The rule that decides about a name, as it stands in the file; none: the answer is no.
     #[must_use]
     pub fn explain(
         &self,
@@ -301,59 +317,51 @@ impl Config {
     }
 }
 
-/// The text of a configuration, to turn positions into lines.
-struct Source<'a> {
+/// Where something stands.
+struct At<'a> {
     path: &'a Path,
     text: &'a str,
 }
 
-impl Source<'_> {
+impl At<'_> {
     fn line(&self, span: &Range<usize>) -> usize {
         let before = self.text.get(..span.start).unwrap_or("");
         before.matches('\n').count() + 1
     }
 
-    fn error(&self, span: &Range<usize>, source: ValueError) -> ConfigError {
-        ConfigError::Value {
+    fn wrong(&self, span: &Range<usize>, what: String) -> ConfigError {
+        ConfigError::Wrong {
             path: self.path.into(),
             line: self.line(span),
-            source,
+            what,
         }
     }
 
     fn name(&self, text: &Spanned<String>) -> Result<Name, ConfigError> {
-        Name::new(text.get_ref()).map_err(|source| {
-            let value = text.get_ref().clone();
-            let error = ValueError::Name {
-                text: value,
-                source,
-            };
-            self.error(&text.span(), error)
-        })
+        Name::new(text.get_ref())
+            .map_err(|error| self.wrong(&text.span(), format!("`{}`: {error}", text.get_ref())))
     }
 
     fn address(&self, text: &Spanned<String>) -> Result<SocketAddr, ConfigError> {
         text.get_ref().parse().map_err(|_| {
-            let error = ValueError::Listen {
-                text: text.get_ref().clone(),
-            };
-            self.error(&text.span(), error)
+            let what = format!(
+                "`{}` is no address with a port, such as 192.0.2.1:7633 or [fe80::1%2]:7633",
+                text.get_ref()
+            );
+            self.wrong(&text.span(), what)
         })
     }
 
     fn peer(&self, table: &PeerTable) -> Result<PeerConfig, ConfigError> {
         let id = table.id.get_ref().parse();
-        let id = id.map_err(|error| self.error(&table.id.span(), ValueError::Id(error)))?;
+        let id = id.map_err(|error| {
+            let what = format!("{error}; `sm2 gateway id` prints it at the peer");
+            self.wrong(&table.id.span(), what)
+        })?;
         let addresses = table.addresses.iter().map(|text| {
             let address = text.get_ref().parse();
-            address.map_err(|source| {
-                let value = text.get_ref().clone();
-                let error = ValueError::Address {
-                    text: value,
-                    source,
-                };
-                self.error(&text.span(), error)
-            })
+            address
+                .map_err(|error| self.wrong(&text.span(), format!("`{}` {error}", text.get_ref())))
         });
         Ok(PeerConfig {
             name: self.name(&table.name)?,
@@ -368,26 +376,27 @@ impl Source<'_> {
         ids: &BTreeMap<Name, GatewayId>,
     ) -> Result<(Rule, Terms), ConfigError> {
         let names = Pattern::new(table.names.get_ref());
-        let names = names.map_err(|source| {
-            let text = table.names.get_ref().clone();
-            self.error(&table.names.span(), ValueError::Names { text, source })
+        let names = names.map_err(|error| {
+            self.wrong(
+                &table.names.span(),
+                format!("`{}`: {error}", table.names.get_ref()),
+            )
         })?;
         let known = |text: &Spanned<String>| {
             let id = Name::new(text.get_ref())
                 .ok()
                 .and_then(|it| ids.get(&it).copied());
             id.ok_or_else(|| {
-                let error = ValueError::UnknownPeer {
-                    text: text.get_ref().clone(),
-                };
-                self.error(&text.span(), error)
+                let what = format!("no [[peer]] before this has the name `{}`", text.get_ref());
+                self.wrong(&text.span(), what)
             })
         };
         let peers = table.peers.as_ref();
         let peers = peers.map(|it| it.iter().map(known).collect::<Result<Vec<_>, _>>());
         let priority = match &table.priority {
             Some(it) if *it.get_ref() > PRIORITY_MAX => {
-                return Err(self.error(&it.span(), ValueError::Priority));
+                let what = format!("a priority is 0 to {PRIORITY_MAX}");
+                return Err(self.wrong(&it.span(), what));
             }
             Some(it) => *it.get_ref(),
             None => DEFAULT_TERMS.priority,

@@ -1,4 +1,4 @@
-//! Key files: an Ed25519 private key as PKCS#8 in PEM, readable only by its owner.
+//! Key files: PKCS#8 in PEM, as other tools write them, for the eyes of their owner only.
 
 use std::{
     fs::{self, OpenOptions},
@@ -7,69 +7,55 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use pem::{Pem, PemError};
+use pem::Pem;
 use sm2_io::quic::{KeyError, SecretKey};
 
 const TAG: &str = "PRIVATE KEY";
 
-/// Why a key cannot be made or read.
+/// Why there is no key.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyFileError {
-    /// The file cannot be read or written.
+    /// The file is not there, or cannot be read or written.
     #[error("{path}: {source}; `sm2 gateway keygen {path}` makes a key")]
     Io {
-        /// The file.
+        /// Which file.
         path: PathBuf,
-        /// The error of the system.
+        /// What the system said.
         source: io::Error,
     },
-    /// The file exists already.
-    #[error("{path} exists already and a key is never overwritten: remove it if it is not needed")]
+    /// The file is there already.
+    #[error(
+        "{path} is there already: a key is never overwritten; remove it first if it is not needed"
+    )]
     Exists {
-        /// The file.
+        /// Which file.
         path: PathBuf,
     },
-    /// Other users can read the file.
-    #[error("{path} can be read by other users (mode {mode:03o}): `chmod 600 {path}`")]
+    /// Others can read the file.
+    #[error("{path} can be read by others (mode {mode:03o}): `chmod 600 {path}`")]
     Readable {
-        /// The file.
+        /// Which file.
         path: PathBuf,
         /// Its permissions.
         mode: u32,
     },
-    /// The file is not PEM.
-    #[error("{path} is not a key file: {source}; `sm2 gateway keygen` makes one")]
-    NotPem {
-        /// The file.
+    /// It holds something else.
+    #[error("{path} is no key of a gateway: {reason}")]
+    NoKey {
+        /// Which file.
         path: PathBuf,
-        /// The error of the parser.
-        source: PemError,
+        /// What is wrong with it.
+        reason: String,
     },
-    /// The file is PEM, but holds something else than a private key.
-    #[error("{path} is not a key file: it holds a {tag}, not a {TAG}")]
-    WrongTag {
-        /// The file.
-        path: PathBuf,
-        /// The PEM tag of the file.
-        tag: String,
-    },
-    /// The file holds a private key of another kind.
-    #[error("{path} is not the key of a gateway: {source}")]
-    WrongKey {
-        /// The file.
-        path: PathBuf,
-        /// Why the key was refused.
-        source: KeyError,
-    },
-    /// No key can be generated.
-    #[error("cannot generate a key: {0}")]
-    Generate(#[from] KeyError),
+    /// The system has no random numbers.
+    #[error(transparent)]
+    Key(#[from] KeyError),
 }
 
-/// Generates a key and writes it to a new file that only its owner can read.
+/// Makes a key, in a file that only its owner can read.
 ///
 /// # Errors
-/// See [`KeyFileError`]. No file is left behind.
+/// See [`KeyFileError`]; no file is left behind then.
 pub fn generate(path: &Path) -> Result<SecretKey, KeyFileError> {
     let key = SecretKey::generate()?;
     let text = pem::encode(&Pem::new(TAG, key.to_pkcs8()));
@@ -86,7 +72,7 @@ pub fn generate(path: &Path) -> Result<SecretKey, KeyFileError> {
         .write_all(text.as_bytes())
         .and_then(|()| file.sync_all());
     if let Err(source) = written {
-        // Best effort: the file may hold a part of the key.
+        // A file that is half a key helps nobody.
         let _ = fs::remove_file(path);
         return Err(io_error(path, source));
     }
@@ -104,20 +90,15 @@ pub fn load(path: &Path) -> Result<SecretKey, KeyFileError> {
         return Err(KeyFileError::Readable { path, mode });
     }
     let text = fs::read(path).map_err(|it| io_error(path, it))?;
-    let pem = pem::parse(text).map_err(|source| KeyFileError::NotPem {
+    let no_key = |reason: String| KeyFileError::NoKey {
         path: path.into(),
-        source,
-    })?;
+        reason,
+    };
+    let pem = pem::parse(text).map_err(|error| no_key(error.to_string()))?;
     if pem.tag() != TAG {
-        return Err(KeyFileError::WrongTag {
-            path: path.into(),
-            tag: pem.tag().to_owned(),
-        });
+        return Err(no_key(format!("it holds a {}, not a {TAG}", pem.tag())));
     }
-    SecretKey::from_pkcs8(pem.contents()).map_err(|source| KeyFileError::WrongKey {
-        path: path.into(),
-        source,
-    })
+    SecretKey::from_pkcs8(pem.contents()).map_err(|error| no_key(error.to_string()))
 }
 
 fn io_error(path: &Path, source: io::Error) -> KeyFileError {

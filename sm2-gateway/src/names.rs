@@ -1,35 +1,35 @@
-//! The names of a gateway's nodes and of its status service.
+//! What a gateway's nodes are called.
 
 use sm2_proto::{Name, NameError};
 
-const GATEWAY: &str = "gateway";
+const OWN: &str = "gateway";
 const REMOTE: &str = "remote";
 
-/// The name of the gateway's own node.
+/// The gateway's own node.
 pub(crate) fn own_node(gateway: &Name) -> Result<Name, NameError> {
-    Name::new(&format!("{GATEWAY}/{gateway}"))
+    Name::new(&format!("{OWN}/{gateway}"))
 }
 
-/// The name of the node whose publishers and servers stand for those of a peer.
+/// The node that stands for a peer.
 pub(crate) fn remote_node(peer: &Name) -> Result<Name, NameError> {
     Name::new(&format!("{REMOTE}/{peer}"))
 }
 
-/// The name of the service that answers status requests of a gateway.
+/// The service that tells how a gateway is.
 ///
 /// # Errors
 /// The name is too long.
 pub fn status_service(gateway: &Name) -> Result<Name, NameError> {
-    Name::new(&format!("{GATEWAY}/{gateway}/status"))
+    Name::new(&format!("{OWN}/{gateway}/status"))
 }
 
-/// True if a node of this name stands for a peer of a gateway.
+/// Whether a node of this name stands for somebody outside of the domain.
 #[must_use]
 pub fn is_remote(node: &Name) -> bool {
     node.as_str().starts_with("remote/")
 }
 
-/// True if a gateway created the node. Its interfaces are never carried to peers.
-pub(crate) fn is_of_gateway(node: &Name) -> bool {
+/// Whether it is a gateway's own: neither what it has nor what it wants is the domain's.
+pub(crate) fn is_gateways(node: &Name) -> bool {
     is_remote(node) || node.as_str().starts_with("gateway/")
 }

@@ -1,4 +1,4 @@
-//! The differences between two sets of rules, for given topics and services.
+//! What another set of rules would change: decided by the rules alone, of what is there.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,16 +6,16 @@ use sm2_proto::gateway::{Action, Direction, GatewayId, Rules};
 
 use crate::tally::Key;
 
-/// Rules, and the peers that they apply to.
+/// Rules, and the peers that they are for: others are not trusted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RuleSet {
     /// The rules.
     pub rules: Rules,
-    /// The trusted peers.
+    /// Who is trusted.
     pub peers: BTreeSet<GatewayId>,
 }
 
-/// The known topics and services, by kind and name.
+/// The topics and services that are there, by kind and name.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
     /// In the domain.
@@ -24,36 +24,36 @@ pub struct Seen {
     pub offers: BTreeMap<GatewayId, BTreeSet<Key>>,
 }
 
-/// A topic or service that would start or stop to be carried.
+/// What would not be as it is.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Change {
-    /// The peer.
+    /// To whom, or from whom.
     pub peer: GatewayId,
-    /// From or to the peer.
+    /// Which of both.
     pub direction: Direction,
-    /// The topic or service.
+    /// What.
     pub of: Key,
-    /// True if it would start to be carried, false if it would stop.
+    /// Whether it would go; otherwise it goes now.
     pub would_go: bool,
-    /// The reason in the other rules.
+    /// What says so in the other rules.
     pub because: Because,
 }
 
-/// The reason of a decision.
+/// What decides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Because {
-    /// The rule with this index.
+    /// The rule of this index.
     Rule(usize),
-    /// No rule matches, so the name is denied.
+    /// No rule fits: the answer is no.
     NoRule,
     /// The peer is not trusted.
     NoPeer,
 }
 
-/// The differences if `then` replaced `now`, in a fixed order.
+/// All that would change if `then` were in the place of `now`, in a fixed order.
 ///
-/// A subject of the domain goes out to each peer that the rules allow. A subject of a peer comes in from
-/// that peer, and goes out to each other peer that the rules allow.
+/// What the domain has goes out if the rules let it; what one peer offers comes in from it, and goes out
+/// to each other one that may have it.
 #[must_use]
 pub fn changes(now: &RuleSet, then: &RuleSet, seen: &Seen) -> Vec<Change> {
     let mut changes = Vec::new();
@@ -93,7 +93,7 @@ impl RuleSet {
         (decision.action == Action::Allow, because)
     }
 
-    /// A subject goes out only if the domain has it, or if it may come in from another peer.
+    /// It has to be there: from the domain, or from another peer that it may come in from.
     fn goes_out(&self, of: &Key, peer: GatewayId, seen: &Seen) -> (bool, Because) {
         let out = self.decide(of, Direction::Out, peer);
         if !out.0 || seen.local.contains(of) {
@@ -102,7 +102,7 @@ impl RuleSet {
         let others = seen.offers.iter().filter(|(it, _)| **it != peer);
         let has = others.filter(|(_, offers)| offers.contains(of));
         let mut comes = has.map(|(it, _)| self.decide(of, Direction::In, *it));
-        // If it may come in from none of them, the decision about the first one is the reason.
+        // Without one that may come in, the first one that may not says why.
         let Some(first) = comes.next() else {
             return (false, Because::NoRule);
         };

@@ -1,7 +1,7 @@
-//! Counts of the messages and calls of a connection: in total, and for each topic and service.
+//! What is counted of the messages and calls of a connection: in all, and of each topic and service.
 //!
-//! A connection and the hub each count what they see; a report adds both up. A name keeps its counts
-//! when its offer is withdrawn and offered again, so that the counters of a connection only grow.
+//! A connection and the hub each count what they see; a report adds up what both have. What a name has counted stays when its offer goes and
+//! comes again, so that counters of a connection only grow.
 
 use std::{collections::BTreeMap, ops::AddAssign};
 
@@ -11,35 +11,36 @@ use sm2_proto::{
     limits::OFFERS_MAX,
 };
 
-/// Limit of names without an offer: twice as many as both sides may offer at a time.
+/// So many names are remembered, at least those that are offered: twice as many as both sides may
+/// offer at a time.
 const NAMES_MAX: usize = 4 * OFFERS_MAX;
 
-/// Counts of messages; for a service, of requests and replies.
+/// What became of messages; of a service, of requests and replies.
 ///
-/// Each message for the peer that is counted in `offered` is later counted in one of `sent`,
-/// `superseded`, `expired` and `withdrawn`, or is still queued. A message counted in `lost` is not
-/// counted in `offered`.
+/// Of what is for the peer, each one counted in `offered` ends up in one of `sent`, `superseded`,
+/// `expired` and `withdrawn`, or waits. What is in `lost` never got as far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 pub struct Counts {
-    /// For the peer: given to the scheduler, since the peer wants the topic.
+    /// For the peer: given to its schedule, since the peer wants it.
     pub offered: u64,
-    /// Of these: completely written to QUIC.
+    /// Of these: wholly handed to QUIC.
     pub sent: u64,
-    /// Of these: dropped by the scheduler in favour of newer ones.
+    /// Of these: dropped by the schedule, since newer ones took their place.
     pub superseded: u64,
-    /// Of these: dropped by the scheduler because they exceeded their maximum age.
+    /// Of these: dropped by the schedule, since they were too old before their turn came.
     pub expired: u64,
-    /// Of these: dropped because the peer no longer wants the topic.
+    /// Of these: nobody wanted them any more.
     pub withdrawn: u64,
-    /// From the peer: received completely.
+    /// From the peer: came, whole.
     pub received: u64,
-    /// From the peer: refused, since they were too long, too many at a time, or stuck.
+    /// From the peer: not taken, since they were too long, too many at a time, or stuck.
     pub refused: u64,
-    /// Dropped because a queue of this gateway was full: the queue of the peer's connection or the
-    /// queue of the domain's side.
+    /// Found no room in this gateway's own queues, on their way to the peer's connection or from it
+    /// into the domain.
     pub lost: u64,
-    /// From the peer: gaps in the numbers of the origin while the topic was wanted. This gateway cannot
-    /// tell whether the missing messages were superseded, expired, overtaken or lost.
+    /// From the peer: numbers of the origin that were left out, while the topic was wanted. They were
+    /// superseded or expired on the way, overtaken by a newer one, or lost elsewhere: from
+    /// here these look alike.
     pub skipped: u64,
 }
 
@@ -64,7 +65,7 @@ impl AddAssign for Counts {
         self.received += received;
         self.refused += refused;
         self.lost += lost;
-        // Saturates, since the peer chooses the numbers.
+        // A peer can number its messages as it likes.
         self.skipped = self.skipped.saturating_add(skipped);
     }
 }
@@ -79,7 +80,7 @@ pub(crate) enum Whose {
 /// A topic or a service by its name, whatever its types.
 pub(crate) type Key = (SubjectKind, Name);
 
-/// The counters of a connection.
+/// The counts of a connection.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tally {
     total: Counts,
@@ -90,12 +91,12 @@ pub(crate) struct Tally {
 #[derive(Clone, Copy, Debug, Default)]
 struct Named {
     counts: Counts,
-    /// The number of its current offers.
+    /// How many offers it has.
     offers: usize,
 }
 
 impl Tally {
-    /// Starts to count an offer under its name.
+    /// There is an offer: what is counted of it is counted of its name.
     pub(crate) fn open(&mut self, offer: Whose, subject: &Subject) {
         let key = (subject.kind(), subject.name().clone());
         if self.names.len() >= NAMES_MAX && !self.names.contains_key(&key) {
@@ -106,13 +107,13 @@ impl Tally {
         self.is_closed(before);
     }
 
-    /// The offer is withdrawn. Its name keeps its counts.
+    /// The offer is gone; its name keeps what it has counted.
     pub(crate) fn close(&mut self, offer: Whose) {
         let gone = self.offers.remove(&offer);
         self.is_closed(gone);
     }
 
-    /// Counts an event of an offer. An unknown offer counts only in the total.
+    /// Counts something of an offer. If it is none, it counts in all only.
     pub(crate) fn count(&mut self, offer: Whose, what: impl Fn(&mut Counts)) {
         what(&mut self.total);
         let key = self.offers.get(&offer);
@@ -125,7 +126,7 @@ impl Tally {
         self.total
     }
 
-    /// The names that have counts or a current offer.
+    /// The names that something was counted of, or that are offered.
     pub(crate) fn names(&self) -> impl Iterator<Item = (&Key, Counts)> {
         let is_of_use = |(_, it): &(&Key, &Named)| it.offers > 0 || it.counts != Counts::default();
         let names = self.names.iter().filter(is_of_use);

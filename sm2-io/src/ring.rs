@@ -1,7 +1,7 @@
 //! The file of a ring: words that two processes write (SPEC section 8.5).
 //!
 //! Here are the memory and its atomic operations. What is written where, and what is believed of
-//! what is read, is decided by [`sm2_proto::link`], to which a [`Ring`] is lent as [`Words`].
+//! what is read, is decided by [`sm2_proto::link`], to which a [`Ring`] is lent as [`RingMemory`].
 
 mod atomic;
 
@@ -9,7 +9,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use sm2_proto::Seals;
-use sm2_proto::link::{At, RingLayout, Words};
+use sm2_proto::link::{At, RingLayout, RingMemory};
 
 use crate::mapping::writable::MappingMut;
 use crate::memfd::RingFile;
@@ -68,7 +68,7 @@ impl Ring {
     }
 }
 
-impl Words for Ring {
+impl RingMemory for Ring {
     #[inline]
     fn load(&self, at: At) -> u64 {
         atomic::load(self.word(at))

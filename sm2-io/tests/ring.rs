@@ -15,7 +15,7 @@ use nix::unistd::ftruncate;
 use sm2_io::memfd::facts;
 use sm2_io::{InspectedFd, Ring, VerifyError};
 use sm2_proto::Seals;
-use sm2_proto::link::{At, EMPTY, RingLayout, Words};
+use sm2_proto::link::{At, EMPTY, RingLayout, RingMemory};
 
 /// The narrowest and the widest, one whose back words begin at a multiple of 64 bytes, and two
 /// whose do not.

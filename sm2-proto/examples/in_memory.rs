@@ -14,7 +14,9 @@ use sm2_proto::{
     Contract, Datagram, Demand, Farewell, FdFacts, Instant, InterfaceId, Name, NodeId, Offer,
     TypeId, Violation,
     control::{decode_to_manager, decode_to_node},
-    link::{self, Body, Config, Link, Message, Payload, Role, Status, wire::Frame},
+    link::{
+        self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Role, Status, wire::Frame,
+    },
     manager::{self, Credentials, Manager, Policy},
     node::{self, Node},
 };
@@ -245,7 +247,7 @@ impl World {
         while let Some(link) = &mut self.programs[at].link {
             if let Some(output) = link.poll() {
                 self.carry_out(at, output);
-            } else if let Ok(Some(delivery)) = link.take() {
+            } else if let Ok(Some(delivery)) = link.take(&NoMemory) {
                 // The application has it; here it gives it back at once.
                 assert_eq!(delivery.payload, Payload::Inline("one scan".into()));
                 let sequence = delivery.sequence;
@@ -352,7 +354,7 @@ fn readable(frame: Result<impl Debug, Violation>) -> String {
 }
 
 fn message(key: u64) -> link::Input<'static> {
-    link::Input::Send(Message {
+    link::Input::Send(OutboundMessage {
         key,
         id: key,
         time: NOW,

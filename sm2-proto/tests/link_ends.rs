@@ -7,7 +7,7 @@ use sm2_proto::{
     Code, Contract, Datagram, Demand, Farewell, LinkId, Name, Offer, ServiceQos, TypeId,
     limits::QOS_MAX,
     link::{
-        Config, End, Error, Fate, Input, Link, Misuse, Output, Role,
+        Config, End, Error, Fate, Input, Link, Misuse, NoMemory, Output, Role,
         wire::{Frame, Given, Open},
     },
 };
@@ -81,7 +81,7 @@ fn closing_says_so_settles_all_and_is_last() {
     assert_eq!(outputs.last(), Some(&Output::Ended(end)));
     assert_eq!(outputs.len(), 6);
     assert_eq!(
-        (link.end(), link.in_flight(), link.has_room()),
+        (link.end(), link.in_flight(), link.has_room(&NoMemory)),
         (Some(end), 0, false)
     );
     assert_eq!(link.counters().closed, 4);
@@ -119,12 +119,12 @@ fn what_came_before_the_end_can_be_taken_after_it() {
     accept(&mut link, &data(1, 1));
     accept(&mut link, &data(2, 2));
     accept(&mut link, &Frame::Close(Code(0)));
-    assert_eq!(link.take().unwrap().unwrap().sequence, 1);
-    assert!(link.take().is_err(), "one at a time, as ever");
+    assert_eq!(link.take(&NoMemory).unwrap().unwrap().sequence, 1);
+    assert!(link.take(&NoMemory).is_err(), "one at a time, as ever");
     let released = link.handle(NOW, Input::Release { sequence: 1 });
     assert_eq!(released, Err(Error::Ended(End::Peer(Code(0)))));
-    assert_eq!(link.take().unwrap().unwrap().sequence, 2);
-    assert_eq!(link.take(), Ok(None));
+    assert_eq!(link.take(&NoMemory).unwrap().unwrap().sequence, 2);
+    assert_eq!(link.take(&NoMemory), Ok(None));
     assert_eq!(link.poll(), None, "nothing is sent after the end");
 }
 
@@ -134,7 +134,7 @@ fn a_blocked_link_sends_nothing_until_it_is_writable() {
     let mut link = opened(config);
     send(&mut link, message(1));
     accept(&mut link, &reply(1, 1));
-    let taken = link.take().unwrap().unwrap();
+    let taken = link.take(&NoMemory).unwrap().unwrap();
     link.handle(NOW, Input::Blocked).unwrap();
     link.handle(
         NOW,

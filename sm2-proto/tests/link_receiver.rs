@@ -7,15 +7,15 @@ use sm2_proto::{
     FdFacts,
     limits::INLINE_MAX,
     link::{
-        Config, Delivery, Error, Input, Link, Misuse, Output, Payload, Role, SegmentInfo,
-        TooManyBorrowed,
+        Config, Delivery, Error, Input, Link, Misuse, NoDelivery, NoMemory, Output, Payload, Role,
+        SegmentInfo, TooManyBorrowed,
         wire::{Carrier, Form, Frame, MessageFrame},
     },
     violation,
 };
 
 fn take(link: &mut Link) -> Delivery {
-    link.take().unwrap().expect("a message is ready")
+    link.take(&NoMemory).unwrap().expect("a message is ready")
 }
 
 /// Gives a message back and gives what is sent for it.
@@ -39,12 +39,17 @@ fn discarded(sequences: &[u64]) -> Vec<u8> {
 #[test]
 fn the_application_takes_the_oldest_and_holds_no_more_than_it_may() {
     let mut link = opened(reliable(Role::Receiver));
-    assert_eq!(link.take(), Ok(None));
+    assert_eq!(link.take(&NoMemory), Ok(None));
     for id in 1..=3 {
         accept(&mut link, &data(id, id));
     }
-    assert_eq!((take(&mut link).sequence, link.ready()), (1, 2));
-    assert_eq!(link.take(), Err(TooManyBorrowed { max_borrowed: 1 }));
+    assert_eq!((take(&mut link).sequence, link.ready(&NoMemory)), (1, 2));
+    assert_eq!(
+        link.take(&NoMemory),
+        Err(NoDelivery::TooManyBorrowed(TooManyBorrowed {
+            max_borrowed: 1
+        }))
+    );
     assert_eq!(give_back(&mut link, 1), [consumed(&[1])]);
     assert_eq!(take(&mut link).sequence, 2);
 }
@@ -77,7 +82,7 @@ fn one_more_than_depth_displaces_the_oldest() {
     let outputs = accept(&mut link, &data(3, 3));
     assert_eq!(outputs[0], Output::Discard { sequence: 1 });
     assert_eq!(sent(&outputs)[0].to_vec(), discarded(&[1]));
-    assert_eq!((take(&mut link).sequence, link.ready()), (2, 1));
+    assert_eq!((take(&mut link).sequence, link.ready(&NoMemory)), (2, 1));
 }
 
 //= SM2-QOS-002, SM2-MSG-003 test
@@ -87,7 +92,7 @@ fn reliable_displaces_nothing_and_ends_at_the_window() {
     for id in 1..=3 {
         assert_eq!(accept(&mut link, &data(id, id)), []);
     }
-    assert_eq!(link.ready(), 3);
+    assert_eq!(link.ready(&NoMemory), 3);
     assert_eq!(
         reject(&mut link, &data(4, 4)),
         violation!(WindowExceeded, "SM2-MSG-003")

@@ -8,13 +8,13 @@ use sm2_proto::{
     Instant,
     limits::{INLINE_MAX, MESSAGE_MAX},
     link::{
-        Attachment, Body, Config, Counters, Error, Fate, Input, Link, Message, Misuse, Output,
-        Packet, Role, SegmentInfo, Status,
+        Attachment, Body, Config, Counters, Error, Fate, Input, Link, Misuse, NoMemory,
+        OutboundMessage, Output, Packet, Role, SegmentInfo, Status,
         wire::{Form, Frame, Given},
     },
 };
 
-fn refused(link: &mut Link, message: Message) -> Misuse {
+fn refused(link: &mut Link, message: OutboundMessage) -> Misuse {
     let before = link.clone();
     match link.handle(NOW, Input::Send(message)) {
         Err(Error::Misuse(misuse)) => {
@@ -41,7 +41,7 @@ fn an_inline_message_follows_its_header() {
     let mut link = opened(config(Role::Sender));
     let payload = Bytes::from_static(b"hello");
     let time = Instant(0x0102_0304_0506_0708);
-    let message = Message {
+    let message = OutboundMessage {
         id: 9,
         time,
         len: 5,
@@ -69,7 +69,7 @@ fn a_sealed_message_takes_its_descriptor_along() {
         sealed: true,
         ..config(Role::Sender)
     });
-    let message = Message {
+    let message = OutboundMessage {
         key: 77,
         len: MESSAGE_MAX,
         body: Body::Sealed,
@@ -117,10 +117,10 @@ fn no_more_than_the_window_is_unreleased() {
 fn keep_last_displaces_the_oldest_that_waits() {
     let mut link = opened(config(Role::Sender));
     for id in 1..=5 {
-        assert!(link.has_room());
+        assert!(link.has_room(&NoMemory));
         assert_eq!(settled(&send(&mut link, message(id))), []);
     }
-    assert!(!link.has_room());
+    assert!(!link.has_room(&NoMemory));
     assert_eq!(
         settled(&send(&mut link, message(6))),
         [(4, Fate::Overwritten)]
@@ -188,13 +188,13 @@ fn reliable_waits_for_room_or_skips() {
     for id in 1..=5 {
         assert_eq!(settled(&send(&mut link, message(id))), []);
     }
-    assert!(!link.has_room() && !link.is_stalled());
+    assert!(!link.has_room(&NoMemory) && !link.is_stalled());
     assert_eq!(refused(&mut link, message(6)), Misuse::NoRoom);
     assert_eq!(link.handle(NOW, Input::Skip), Ok(()));
     assert_eq!(drain(&mut link), []);
     assert!(link.is_stalled());
     release_all(&mut link, Given::Consumed, &[1]);
-    assert!(link.has_room() && !link.is_stalled());
+    assert!(link.has_room(&NoMemory) && !link.is_stalled());
     let expected = Counters {
         offered: 6,
         delivered: 1,
@@ -322,7 +322,7 @@ fn what_the_other_end_would_reject_is_not_sent() {
         slots,
     };
     let over = INLINE_MAX + 1;
-    let sized = |len: u64, body| Message {
+    let sized = |len: u64, body| OutboundMessage {
         len,
         body,
         ..message(11)
@@ -331,7 +331,7 @@ fn what_the_other_end_would_reject_is_not_sent() {
         (message(10), Misuse::IdNotGrowing),
         (message(9), Misuse::IdNotGrowing),
         (
-            Message {
+            OutboundMessage {
                 status: Status::Failed,
                 ..message(11)
             },
@@ -388,7 +388,7 @@ fn what_the_other_end_would_reject_is_not_sent() {
     );
     send(
         &mut link,
-        Message {
+        OutboundMessage {
             len: INLINE_MAX as u64,
             body: inline(INLINE_MAX),
             ..message(1)
@@ -413,7 +413,7 @@ fn a_message_in_every_form_is_decoded_as_it_was_meant() {
         send(&mut link, pooled_message(1, SEGMENT, 1)),
         send(
             &mut link,
-            Message {
+            OutboundMessage {
                 len: 3,
                 body: Body::Sealed,
                 ..message(2)

@@ -6,7 +6,8 @@ use link_support::*;
 use sm2_proto::{
     limits::CALLS_MAX,
     link::{
-        Config, End, Error, Fate, Input, Link, Message, Misuse, Output, Role, Status,
+        Config, End, Error, Fate, Input, Link, Misuse, NoMemory, OutboundMessage, Output, Role,
+        Status,
         wire::{Carrier, Frame, Given, MessageFrame},
     },
     violation,
@@ -28,7 +29,7 @@ fn cancel(link: &mut Link, call: u64) -> Result<Vec<u8>, Error> {
         .collect())
 }
 
-fn refused(link: &mut Link, message: Message) -> Misuse {
+fn refused(link: &mut Link, message: OutboundMessage) -> Misuse {
     match link.handle(NOW, Input::Send(message)) {
         Err(Error::Misuse(misuse)) => misuse,
         other => panic!("{other:?}"),
@@ -52,7 +53,10 @@ fn a_call_is_open_until_its_one_reply() {
     send(&mut link, message(7));
     assert_eq!(link.calls(), 2);
     assert_eq!(accept(&mut link, &reply(1, 7)), []);
-    assert_eq!((link.calls(), link.take().unwrap().unwrap().id), (1, 7));
+    assert_eq!(
+        (link.calls(), link.take(&NoMemory).unwrap().unwrap().id),
+        (1, 7)
+    );
     assert_eq!(
         reject(&mut link, &reply(2, 7)),
         violation!(UnknownCall, "SM2-SRV-003")
@@ -72,7 +76,7 @@ fn every_status_reaches_the_caller() {
                 ..from_peer(Carrier::Reply, 1, 1)
             }),
         );
-        let delivery = link.take().unwrap().unwrap();
+        let delivery = link.take(&NoMemory).unwrap().unwrap();
         assert_eq!((delivery.status, delivery.lost), (status, 0));
     }
 }
@@ -82,13 +86,13 @@ fn every_status_reaches_the_caller() {
 fn no_more_than_1024_calls_are_open() {
     let mut link = caller();
     for call in 1..=CALLS_MAX as u64 {
-        assert!(link.has_room());
+        assert!(link.has_room(&NoMemory));
         send(&mut link, message(call));
     }
-    assert!(!link.has_room());
+    assert!(!link.has_room(&NoMemory));
     assert_eq!(refused(&mut link, message(2000)), Misuse::CallLimit);
     accept(&mut link, &reply(1, 1));
-    assert!(link.has_room());
+    assert!(link.has_room(&NoMemory));
     send(&mut link, message(2000));
 }
 
@@ -101,7 +105,7 @@ fn a_server_replies_once_to_what_it_was_asked() {
     assert_eq!(link.calls(), 1);
     let outputs = send(
         &mut link,
-        Message {
+        OutboundMessage {
             status: Status::Failed,
             ..message(1)
         },
@@ -127,7 +131,7 @@ fn a_cancelled_call_has_no_payload() {
         let body = sm2_proto::link::Body::Inline(bytes::Bytes::from_static(b"x"));
         let result = link.handle(
             NOW,
-            Input::Send(Message {
+            Input::Send(OutboundMessage {
                 status,
                 len: 1,
                 body,
@@ -151,7 +155,7 @@ fn a_reply_always_has_room() {
         accept(&mut link, &request(call, call));
     }
     for call in 1..=CALLS_MAX as u64 {
-        assert!(link.has_room());
+        assert!(link.has_room(&NoMemory));
         send(&mut link, message(call));
     }
     assert_eq!((link.in_flight(), link.calls()), (CALLS_MAX, CALLS_MAX - 1));
@@ -234,7 +238,7 @@ fn the_server_hears_of_a_cancel_and_still_replies() {
     assert_eq!(link.calls(), 1);
     let outputs = send(
         &mut link,
-        Message {
+        OutboundMessage {
             status: Status::Cancelled,
             ..message(1)
         },
@@ -279,7 +283,7 @@ fn when_the_link_ends_calls_without_a_reply_fail() {
     assert_eq!(outputs[4..7], failed);
     assert_eq!(outputs[7..], [Output::Ended(End::Eof)]);
     assert_eq!(
-        link.take().unwrap().unwrap().id,
+        link.take(&NoMemory).unwrap().unwrap().id,
         2,
         "a reply that came is still there"
     );

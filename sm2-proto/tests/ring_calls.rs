@@ -8,14 +8,15 @@ mod calls;
 #[path = "ring_support/world.rs"]
 mod world;
 
+use bytes::Bytes;
 use calls::{CALLER, Calls, Outcome, SERVER, segment};
 use link_support::{NOW, opened, with_ring};
 use sm2_proto::{
-    Datagram, FdFacts,
+    Datagram, FdFacts, Instant,
     limits::CALLS_MAX,
     link::{
-        At, Config, Counters, Error, FrameKind, Input, Misuse, Output, RingLayout, RingMessage,
-        Role, Status, wire::Frame,
+        At, Body, Config, Counters, Error, FrameKind, Input, Misuse, OutboundMessage, Output,
+        RingLayout, Role, Status, wire::Frame,
     },
 };
 
@@ -118,7 +119,7 @@ fn calls_and_replies_that_wait_for_room() {
     }
     pair.pump();
     pair.harvest(CALLER);
-    assert!(pair.caller.link.ring_is_waiting());
+    assert!(pair.caller.link.is_waiting());
     assert_eq!(pair.world.rings[SERVER].read(At::SenderParked), 1);
     let counters = pair.caller.link.counters();
     assert_eq!((counters.offered, counters.in_flight), (5, 5));
@@ -131,7 +132,7 @@ fn calls_and_replies_that_wait_for_room() {
     assert_eq!(kinds(&pair, SERVER), [FrameKind::Doorbell]);
     assert_eq!(pair.world.rings[SERVER].read(At::SenderParked), 0);
     pair.harvest(CALLER);
-    assert!(pair.caller.link.ring_is_waiting());
+    assert!(pair.caller.link.is_waiting());
     for _ in 0..5 {
         pair.harvest(CALLER);
         pair.take(SERVER);
@@ -140,13 +141,13 @@ fn calls_and_replies_that_wait_for_room() {
     }
     assert_eq!(pair.server.taken, [1, 3, 5, 7, 9]);
     // Three places for replies.
-    assert!(!pair.caller.link.ring_is_waiting() && pair.server.link.ring_is_waiting());
+    assert!(!pair.caller.link.is_waiting() && pair.server.link.is_waiting());
     for _ in 0..6 {
         pair.take(CALLER);
         pair.release(CALLER);
         pair.harvest(SERVER);
     }
-    assert!(!pair.server.link.ring_is_waiting());
+    assert!(!pair.server.link.is_waiting());
     assert!(
         pair.caller
             .calls
@@ -155,13 +156,17 @@ fn calls_and_replies_that_wait_for_room() {
     );
 }
 
-fn request(id: u64, slot: u32) -> RingMessage {
-    RingMessage {
+fn request(id: u64, slot: u32) -> OutboundMessage {
+    OutboundMessage {
         key: id,
         id,
+        time: Instant(0),
+        status: Status::Ok,
         len: 0,
-        segment: segment(0),
-        slot,
+        body: Body::Pooled {
+            segment: segment(0),
+            slot,
+        },
     }
 }
 
@@ -172,13 +177,13 @@ fn no_more_calls_than_the_limit() {
     let mut pair = pair();
     let words = &pair.world.rings[SERVER];
     let link = &mut pair.caller.link;
-    let mut send = |id, slot| link.ring_send(words, &request(id, slot), |_, _| {});
+    let mut send = |id, slot| link.send(words, request(id, slot), |_, _| {});
     for id in 1..=CALLS_MAX as u64 {
         assert_eq!(send(id, 0), Ok(false));
     }
     let misuse = |it| Err(Error::Misuse(it));
     assert_eq!(send(2000, 0), misuse(Misuse::CallLimit));
-    assert!(!link.ring_has_room(words));
+    assert!(!link.has_room(words));
     assert_eq!(link.in_flight(), CALLS_MAX);
 }
 
@@ -186,32 +191,48 @@ fn no_more_calls_than_the_limit() {
 fn what_can_never_be_sent_is_refused_at_once() {
     let mut pair = pair();
     let words = &pair.world.rings[SERVER];
-    let mut expect = |message: RingMessage, misuse| {
+    let mut expect = |message: OutboundMessage, misuse| {
         let before = pair.caller.link.clone();
-        let sent = pair.caller.link.ring_send(words, &message, |_, _| {});
+        let sent = pair.caller.link.send(words, message.clone(), |_, _| {});
         assert_eq!(sent, Err(Error::Misuse(misuse)));
         assert!(pair.caller.link == before);
     };
     let good = request(5, 0);
-    let mut segment = good.segment;
-    segment.id = 32_768;
-    expect(RingMessage { segment, ..good }, Misuse::BadSegment);
-    segment.id = 0;
-    segment.stride = 4095;
-    expect(RingMessage { segment, ..good }, Misuse::BadSegment);
+    let within = |segment| OutboundMessage {
+        body: Body::Pooled { segment, slot: 0 },
+        ..request(5, 0)
+    };
+    let mut other = segment(0);
+    other.id = 32_768;
+    expect(within(other), Misuse::BadSegment);
+    other.id = 0;
+    other.stride = 4095;
+    expect(within(other), Misuse::BadSegment);
+    let inline = OutboundMessage {
+        body: Body::Inline(Bytes::new()),
+        ..request(5, 0)
+    };
+    expect(inline, Misuse::NotPooled);
     expect(request(5, 8), Misuse::SlotOutside);
-    expect(RingMessage { len: 4033, ..good }, Misuse::TooLong);
-    let longest = RingMessage { len: 4032, ..good };
-    let sent = pair.caller.link.ring_send(words, &longest, |_, _| {});
+    let of_length = |len| OutboundMessage {
+        len,
+        ..request(5, 0)
+    };
+    expect(of_length(4033), Misuse::TooLong);
+    let longest = of_length(4032);
+    let sent = pair.caller.link.send(words, longest.clone(), |_, _| {});
     assert_eq!(sent, Ok(false));
-    let late = pair.caller.link.ring_send(words, &request(5, 1), |_, _| {});
+    let late = pair.caller.link.send(words, request(5, 1), |_, _| {});
     assert_eq!(late, Err(Error::Misuse(Misuse::IdNotGrowing)));
-    let reply = (pair.server.link).ring_send(&pair.world.rings[CALLER], &good, |_, _| {});
+    let reply = (pair.server.link).send(&pair.world.rings[CALLER], good.clone(), |_, _| {});
     assert_eq!(reply, Err(Error::Misuse(Misuse::UnknownCall)));
-    assert_eq!(pair.caller.link.ring_pass_over(), Err(Misuse::WrongLane));
+    assert_eq!(
+        pair.caller.link.handle(NOW, Input::PassOver),
+        Err(Misuse::WrongLane.into())
+    );
     // Before RING came nobody knows how many there is room for.
     let mut early = opened(with_ring(Role::Caller));
-    let sent = early.ring_send(words, &good, |_, _| {});
+    let sent = early.send(words, good.clone(), |_, _| {});
     assert_eq!(sent, Err(Error::Misuse(Misuse::WrongLane)));
 }
 

@@ -205,7 +205,7 @@ impl Run {
     /// Goes to sleep, if there is nothing to do.
     fn park(&mut self, end: usize) {
         let (side, world) = self.pair.side(end);
-        side.link.ring_park(&world.rings[end]);
+        side.link.park(&world.rings[end]);
         side.harvest(&world.rings[1 - end], world);
         side.asleep = !side.has_work(world);
     }

@@ -12,11 +12,11 @@ use calls::{CALLER, Calls, Outcome, SERVER, segment};
 use link_support::{NOW, RING, accept, drain, open_to, opened, with_ring};
 use ring_support::{Memory, word};
 use sm2_proto::{
-    Datagram, Violation,
+    Datagram, Instant, Violation,
     limits::CALLS_MAX,
     link::{
-        At, End, Error, Fate, Input, Link, NoDelivery, Output, RingMessage, Role, Words,
-        wire::Frame,
+        At, Body, End, Error, Fate, Input, Lent, Link, NoDelivery, OutboundMessage, Output,
+        RingMemory, Role, Status, wire::Frame,
     },
     violation,
 };
@@ -74,7 +74,7 @@ fn cancels_that_no_caller_sends() {
     never.take(SERVER);
     let words = &never.world.rings[SERVER];
     let head = |_, _, _| Some(head(3, 0, 0));
-    let taken = never.server.link.ring_take(words, head);
+    let taken = never.server.link.take(&Lent::new(words, head));
     let end = End::Violation(violation!(UnknownCall, "SM2-RNG-012"));
     assert_eq!(taken, Err(NoDelivery::Ended(end)));
 }
@@ -116,25 +116,34 @@ fn requests_that_a_server_refuses() {
         pair.take(SERVER);
         let words = &pair.world.rings[SERVER];
         words.write(At::Forward(0), bits);
-        let taken = pair.server.link.ring_take(words, |_, _, _| Some(head));
+        let taken = pair
+            .server
+            .link
+            .take(&Lent::new(words, |_, _, _| Some(head)));
         let end = End::Violation(expected);
         assert_eq!(taken, Err(NoDelivery::Ended(end)), "{bits:x} {head:?}");
         assert_eq!(pair.server.link.calls(), 0);
-        assert_eq!(pair.server.link.ring_take(words, |_, _, _| None), Ok(None));
+        assert_eq!(
+            pair.server.link.take(&Lent::new(words, |_, _, _| None)),
+            Ok(None)
+        );
     }
     let mut pair = pair();
     pair.call();
     pair.take(SERVER);
     let words = &pair.world.rings[SERVER];
     words.write(At::Forward(0), next);
-    let taken = pair.server.link.ring_take(words, |_, _, _| Some(good));
+    let taken = pair
+        .server
+        .link
+        .take(&Lent::new(words, |_, _, _| Some(good)));
     assert_eq!(taken.unwrap().unwrap().id, 2);
 }
 
 /// A ring with room, in which something stands once a word is put.
 struct Between<'a>(&'a Memory);
 
-impl Words for Between<'_> {
+impl RingMemory for Between<'_> {
     fn load(&self, at: At) -> u64 {
         self.0.load(at)
     }
@@ -158,15 +167,21 @@ fn a_server_that_writes_where_the_caller_does() {
     let mut pair = pair();
     pair.call();
     let words = Between(&pair.world.rings[SERVER]);
-    let message = RingMessage {
+    let message = OutboundMessage {
         key: 7,
         id: 9,
+        time: Instant(0),
+        status: Status::Ok,
         len: 0,
-        segment: segment(0),
-        slot: 6,
+        body: Body::Pooled {
+            segment: segment(0),
+            slot: 6,
+        },
     };
     let link = &mut pair.caller.link;
-    let sent = link.ring_send(&words, &message, |_, _| panic!("nothing is settled yet"));
+    let sent = link.send(&words, message.clone(), |_, _| {
+        panic!("nothing is settled yet")
+    });
     assert_eq!(sent, Err(violation(violation!(BadWord, "SM2-RNG-005"))));
     let outputs = drain(link);
     let settled = |it: &&Output| {
@@ -192,7 +207,7 @@ fn calls_that_waited_are_closed_by_the_end() {
     for _ in 0..4 {
         pair.call();
     }
-    assert!(pair.caller.link.ring_is_waiting());
+    assert!(pair.caller.link.is_waiting());
     let eof = pair.caller.link.handle(NOW, Input::Eof);
     assert_eq!(eof, Ok(()));
     let counters = pair.caller.link.counters();
@@ -225,7 +240,10 @@ fn replies_that_a_caller_refuses() {
         pair.harvest(CALLER);
         let words = &pair.world.rings[CALLER];
         words.write(At::Forward(1), word(0, 2, 1));
-        let taken = pair.caller.link.ring_take(words, |_, _, _| Some(head));
+        let taken = pair
+            .caller
+            .link
+            .take(&Lent::new(words, |_, _, _| Some(head)));
         pair.caller.drain(&pair.world);
         let Some(expected) = expected else {
             assert!(taken.unwrap().is_some());
@@ -256,7 +274,7 @@ fn a_caller_without_measure() {
         let taken = pair
             .server
             .link
-            .ring_take(words, |_, _, _| Some(head(id, 0, 0)));
+            .take(&Lent::new(words, |_, _, _| Some(head(id, 0, 0))));
         if id > CALLS_MAX as u64 {
             let end = End::Violation(violation!(CallLimit, "SM2-SRV-002"));
             assert_eq!(taken, Err(NoDelivery::Ended(end)));
@@ -266,7 +284,7 @@ fn a_caller_without_measure() {
         for index in 0..words.layout.window() {
             words.write(At::Back(index), 0);
         }
-        assert_eq!(pair.server.link.ring_release(words, sequence), Ok(false));
+        assert_eq!(pair.server.link.release(words, sequence), Ok(false));
     }
     assert!(pair.server.link.end().is_some());
 }
@@ -280,14 +298,14 @@ fn nothing_is_taken_before_the_other_ring_is_there() {
     let words = ring_support::Memory::new(config.ring_layout().unwrap());
     accept(&mut link, &Frame::Attach(segment(0)));
     words.write(At::Forward(1), word(0, 0, 1));
-    assert!(!link.ring_ready(&words));
+    assert!(!link.is_ready(&words));
     assert_eq!(
-        link.ring_take(&words, |_, _, _| Some(head(1, 0, 0))),
+        link.take(&Lent::new(&words, |_, _, _| Some(head(1, 0, 0)))),
         Ok(None)
     );
     accept(&mut link, &RING);
-    assert!(link.ring_ready(&words));
-    let taken = link.ring_take(&words, |_, _, _| Some(head(1, 0, 0)));
+    assert!(link.is_ready(&words));
+    let taken = link.take(&Lent::new(&words, |_, _, _| Some(head(1, 0, 0))));
     assert_eq!(taken.unwrap().unwrap().id, 1);
 }
 

@@ -10,8 +10,8 @@ use ring_support::{Memory, RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{
     Farewell, Instant, ViolationKind,
     link::{
-        At, Delivery, EMPTY, End, Error, FrameKind, Input, Misuse, NoDelivery, Output, Payload,
-        SegmentInfo, Status, TooManyBorrowed, Words, wire::Frame,
+        At, Delivery, EMPTY, End, Error, FrameKind, Input, Lent, Misuse, NoDelivery, Output,
+        Payload, RingMemory, SegmentInfo, Status, TooManyBorrowed, wire::Frame,
     },
     violation,
 };
@@ -20,12 +20,12 @@ use sm2_proto::{
 #[test]
 fn a_delivery_says_what_the_head_says() {
     let mut rig = Rig::open(false, 2, 1);
-    assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
-    assert_eq!(rig.ends[RECEIVER].ring_waiting(&rig.words), 0);
+    assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
+    assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 0);
     assert_eq!(rig.take(), Ok(None));
     rig.send(4, 3).unwrap();
-    assert!(rig.ends[RECEIVER].ring_ready(&rig.words));
-    assert_eq!(rig.ends[RECEIVER].ring_waiting(&rig.words), 1);
+    assert!(rig.ends[RECEIVER].is_ready(&rig.words));
+    assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 1);
     let expected = Delivery {
         sequence: 1,
         id: 4,
@@ -49,10 +49,11 @@ fn a_delivery_says_what_the_head_says() {
         calls.set(calls.get() + 1);
         Some(head(5).to_bytes())
     };
-    let taken = rig.ends[RECEIVER].ring_take(&rig.words, copy);
+    let taken = rig.ends[RECEIVER].take(&Lent::new(&rig.words, copy));
     assert!(taken.unwrap().is_some() && calls.get() == 1);
     // And not at all if there is nothing to take.
-    let taken = rig.ends[RECEIVER].ring_take(&rig.words, |_, _, _| panic!("nothing is there"));
+    let taken =
+        rig.ends[RECEIVER].take(&Lent::new(&rig.words, |_, _, _| panic!("nothing is there")));
     assert_eq!(taken, Ok(None));
 }
 
@@ -60,7 +61,7 @@ fn a_delivery_says_what_the_head_says() {
 #[test]
 fn a_peek_says_where_the_next_message_is_and_changes_nothing() {
     let mut rig = Rig::open(false, 2, 1);
-    let peek = |rig: &Rig| rig.ends[RECEIVER].ring_peek(&rig.words);
+    let peek = |rig: &Rig| rig.ends[RECEIVER].peek(&rig.words);
     assert_eq!(peek(&rig), None);
     rig.send(1, 3).unwrap();
     let before = rig.words.forward();
@@ -163,7 +164,7 @@ impl Meanwhile<'_> {
     }
 }
 
-impl Words for Meanwhile<'_> {
+impl RingMemory for Meanwhile<'_> {
     fn load(&self, at: At) -> u64 {
         self.count();
         self.memory.load(at)
@@ -204,7 +205,10 @@ fn a_word_that_was_displaced_is_not_taken() {
         assert_eq!(offset, 2 * 4096, "the second is the oldest now");
         Some(head(2).to_bytes())
     };
-    let delivery = rig.ends[RECEIVER].ring_take(&words, copy).unwrap().unwrap();
+    let delivery = rig.ends[RECEIVER]
+        .take(&Lent::new(&words, copy))
+        .unwrap()
+        .unwrap();
     assert_eq!((delivery.sequence, delivery.lost), (2, 1));
     // Load, take that fails, load of the third, load and take of the second.
     assert_eq!(words.accesses.get(), 5);
@@ -231,7 +235,7 @@ fn a_segment_that_is_unknown_once_the_socket_is_read() {
     let mut rig = Rig::open(false, 2, 1);
     rig.words.write(At::Forward(1), word(1, 0, 1));
     assert_eq!(rig.take(), Err(NoDelivery::UnknownSegment));
-    rig.ends[RECEIVER].ring_unknown_segment();
+    let _ = rig.ends[RECEIVER].handle(NOW, Input::SegmentMissing);
     rig.drain(RECEIVER);
     let end = End::Violation(violation!(UnknownSegment, "SM2-RNG-007"));
     assert_eq!(rig.outputs[RECEIVER].last(), Some(&Output::Ended(end)));
@@ -311,7 +315,7 @@ fn what_is_left_can_be_taken() {
             }
         }
         assert!(rig.ends[RECEIVER].end().is_some());
-        assert!(rig.ends[RECEIVER].ring_ready(&rig.words));
+        assert!(rig.ends[RECEIVER].is_ready(&rig.words));
         assert_eq!(rig.taken().id, 4);
         assert!(matches!(rig.take(), Err(NoDelivery::TooManyBorrowed(_))));
         let end = Error::Ended(rig.ends[RECEIVER].end().unwrap());
@@ -319,7 +323,7 @@ fn what_is_left_can_be_taken() {
         // The sender may not know of the end: it has to see what it gets back.
         assert_eq!(rig.words.back()[0], word(0, 3, 3));
         assert_eq!(rig.taken().id, 5);
-        assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
+        assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
     }
 }
 
@@ -338,8 +342,8 @@ fn depth_messages_at_most_are_left() {
             let _ = rig.release(sequence);
         } else {
             assert_eq!(delivery, Ok(None));
-            assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
-            assert_eq!(rig.ends[RECEIVER].ring_waiting(&rig.words), 0);
+            assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
+            assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 0);
         }
         rig.send(id, id as u32).unwrap();
     }
@@ -368,10 +372,10 @@ fn a_sender_that_died_while_it_made_room() {
         rig.send(id, id as u32).unwrap();
     }
     rig.words.write(At::Forward(1), EMPTY);
-    assert!(!rig.ends[RECEIVER].ring_ready(&rig.words));
+    assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
     assert_eq!(rig.take(), Ok(None), "the sender may still be at it");
     rig.input(RECEIVER, Input::Eof).unwrap();
-    assert!(rig.ends[RECEIVER].ring_ready(&rig.words));
+    assert!(rig.ends[RECEIVER].is_ready(&rig.words));
     for (sequence, lost) in [(2, 1), (3, 0)] {
         let delivery = rig.taken();
         assert_eq!((delivery.sequence, delivery.lost), (sequence, lost));

@@ -6,11 +6,11 @@ mod ring_support;
 use link_support::{NOW, ring_file};
 use ring_support::{RECEIVER, Rig, SENDER, segment, word};
 use sm2_proto::{
-    Farewell,
+    Farewell, Instant,
     limits::MESSAGE_MAX,
     link::{
-        At, EMPTY, End, Error, Fate, FrameKind, Input, Misuse, Output, RingMessage, SegmentInfo,
-        wire::Frame,
+        At, Body, EMPTY, End, Error, Fate, FrameKind, Input, Misuse, OutboundMessage, Output,
+        SegmentInfo, Status, wire::Frame,
     },
     violation,
 };
@@ -144,7 +144,7 @@ fn a_deadline_that_passed() {
     let mut rig = Rig::open(true, 1, 1);
     rig.send(1, 1).unwrap();
     rig.input(SENDER, Input::Skip).unwrap();
-    rig.ends[SENDER].ring_pass_over().unwrap();
+    rig.ends[SENDER].handle(NOW, Input::PassOver).unwrap();
     assert!(rig.ends[SENDER].is_stalled());
     let delivery = rig.taken();
     rig.harvest().unwrap();
@@ -189,27 +189,27 @@ fn the_bell_rings_once_for_who_is_parked() {
     let mut rig = Rig::open(true, 2, 1);
     assert_eq!(rig.send(1, 1), Ok(false), "nobody is parked");
     let delivery = rig.taken();
-    rig.ends[RECEIVER].ring_park(&rig.words);
+    rig.ends[RECEIVER].park(&rig.words);
     assert_eq!(rig.words.read(At::ReceiverParked), 1);
     assert_eq!(rig.send(2, 2), Ok(true));
     assert_eq!(rig.words.read(At::ReceiverParked), 0);
     assert_eq!(rig.send(3, 3), Ok(false), "once is enough");
-    rig.ends[RECEIVER].ring_park(&rig.words);
-    rig.ends[RECEIVER].ring_unpark(&rig.words);
+    rig.ends[RECEIVER].park(&rig.words);
+    rig.ends[RECEIVER].unpark(&rig.words);
     assert_eq!(rig.words.read(At::ReceiverParked), 0);
-    rig.ends[SENDER].ring_park(&rig.words);
+    rig.ends[SENDER].park(&rig.words);
     assert_eq!(rig.words.read(At::SenderParked), 1);
     assert_eq!(rig.release(delivery.sequence), Ok(true));
     assert_eq!(rig.words.read(At::SenderParked), 0);
-    rig.ends[SENDER].ring_park(&rig.words);
+    rig.ends[SENDER].park(&rig.words);
     rig.taken();
-    assert!(rig.ends[RECEIVER].ring_made_room(&rig.words));
-    assert!(!rig.ends[RECEIVER].ring_made_room(&rig.words));
+    assert!(rig.ends[RECEIVER].made_room(&rig.words));
+    assert!(!rig.ends[RECEIVER].made_room(&rig.words));
     // Another value than 1 is taken away, and is no wish.
     rig.words.write(At::SenderParked, 2);
     assert_eq!(rig.release(2), Ok(false));
     assert_eq!(rig.words.read(At::SenderParked), 0);
-    assert!(!rig.ends[SENDER].ring_made_room(&rig.words), "not its part");
+    assert!(!rig.ends[SENDER].made_room(&rig.words), "not its part");
     // The bell itself says nothing else.
     for end in [SENDER, RECEIVER] {
         let before = rig.ends[end].clone();
@@ -224,9 +224,9 @@ fn the_bell_rings_once_for_who_is_parked() {
 fn only_reliable_links_tell_of_room() {
     let mut rig = Rig::open(false, 1, 1);
     rig.send(1, 1).unwrap();
-    rig.ends[SENDER].ring_park(&rig.words);
+    rig.ends[SENDER].park(&rig.words);
     rig.taken();
-    assert!(!rig.ends[RECEIVER].ring_made_room(&rig.words));
+    assert!(!rig.ends[RECEIVER].made_room(&rig.words));
     assert_eq!(rig.words.read(At::SenderParked), 1);
 }
 
@@ -312,15 +312,16 @@ fn a_message_has_the_length_that_a_receiver_takes() {
         slots: 1,
     };
     rig.attach(huge);
-    let message = |len, segment| RingMessage {
+    let message = |len, segment| OutboundMessage {
         key: 1,
         id: 1,
+        time: Instant(0),
+        status: Status::Ok,
         len,
-        segment,
-        slot: 0,
+        body: Body::Pooled { segment, slot: 0 },
     };
     let mut send =
-        |len, segment| rig.ends[SENDER].ring_send(&rig.words, &message(len, segment), |_, _| {});
+        |len, segment| rig.ends[SENDER].send(&rig.words, message(len, segment), |_, _| {});
     let too_long = Err(Error::Misuse(Misuse::TooLong));
     assert_eq!(send(4096 - 63, segment(0)), too_long);
     assert_eq!(send(MESSAGE_MAX + 1, huge), too_long);

@@ -6,10 +6,12 @@ mod ring_support;
 use link_support::{NOW, RING, accept, drain, message, opened, reliable, sent, with_ring};
 use ring_support::{RECEIVER, Rig, SENDER, segment, terms, word};
 use sm2_proto::{
+    Instant,
     limits::{RING_SEGMENTS_MAX, SLOT_HEAD},
     link::{
-        At, Attachment, Config, Error, FrameKind, Input, Link, Misuse, NoDelivery, NotAWord,
-        Output, RingLayout, RingMessage, Role, SegmentInfo, SlotHead, Status, Word, doorbell,
+        At, Attachment, Body, Config, Error, FrameKind, Input, Lent, Link, Misuse, NoDelivery,
+        NoMemory, NotAWord, OutboundMessage, Output, RingLayout, Role, SegmentInfo, SlotHead,
+        Status, Word, doorbell,
         wire::{Carrier, Frame},
     },
     violation,
@@ -195,14 +197,18 @@ fn a_message_waits_for_its_segment() {
     rig.ends[SENDER]
         .handle(NOW, Input::Attach(segment(1)))
         .unwrap();
-    let message = RingMessage {
+    let message = OutboundMessage {
         key: 1,
         id: 1,
+        time: Instant(0),
+        status: Status::Ok,
         len: 0,
-        segment: segment(1),
-        slot: 0,
+        body: Body::Pooled {
+            segment: segment(1),
+            slot: 0,
+        },
     };
-    let early = rig.ends[SENDER].ring_send(&rig.words, &message, |_, _| {});
+    let early = rig.ends[SENDER].send(&rig.words, message.clone(), |_, _| {});
     assert_eq!(early, not_attached);
     assert_eq!(rig.words.take_accesses(), 0, "misuse touches nothing");
     // The socket keeps ATTACH: no room at all.
@@ -217,7 +223,7 @@ fn a_message_waits_for_its_segment() {
 fn nothing_is_taken_before_the_lane_is_known() {
     let mut link = Link::new(with_ring(Role::Sender));
     drain(&mut link);
-    assert!(!link.has_room());
+    assert!(!link.has_room(&NoMemory));
     let refused = link.handle(NOW, Input::Send(message(1)));
     assert_eq!(refused, Err(Error::Misuse(Misuse::NoRoom)));
     accept(&mut link, &link_support::open_to(&with_ring(Role::Sender)));
@@ -230,7 +236,7 @@ fn nothing_is_taken_before_the_lane_is_known() {
         &mut link,
         &link_support::open_to(&link_support::config(Role::Sender)),
     );
-    assert!(link.has_room() && link.is_open());
+    assert!(link.has_room(&NoMemory) && link.is_open());
     assert_eq!(sent(&link_support::send(&mut link, message(1))).len(), 1);
 }
 
@@ -240,29 +246,33 @@ fn the_calls_of_the_other_lane_are_misuse() {
     let wrong = Err(Error::Misuse(Misuse::WrongLane));
     let send = Input::Send(message(1));
     assert_eq!(rig.input(SENDER, send.clone()), wrong);
-    assert!(!rig.ends[SENDER].has_room());
+    assert!(!rig.ends[SENDER].has_room(&NoMemory));
     let released = rig.input(RECEIVER, Input::Release { sequence: 1 });
     assert_eq!(released, Err(Error::Misuse(Misuse::NotBorrowed)));
-    assert_eq!(rig.ends[RECEIVER].take(), Ok(None));
+    let nothing_lent = rig.ends[RECEIVER].take(&NoMemory);
+    assert_eq!(nothing_lent, Err(NoDelivery::Misuse(Misuse::WrongLane)));
     // The ring's calls, at the wrong end.
     let misuse = NoDelivery::Misuse(Misuse::WrongLane);
-    let taken = rig.ends[SENDER].ring_take(&rig.words, |_, _, _| None);
+    let taken = rig.ends[SENDER].take(&Lent::new(&rig.words, |_, _, _| None));
     assert_eq!(taken, Err(misuse));
     assert_eq!(
-        rig.ends[SENDER].ring_release(&rig.words, 1),
+        rig.ends[SENDER].release(&rig.words, 1),
         wrong.map(|()| false)
     );
-    let harvested = rig.ends[RECEIVER].ring_harvest(&rig.words, |_, _| {});
+    let harvested = rig.ends[RECEIVER].harvest(&rig.words, |_, _| {});
     assert_eq!(harvested, wrong.map(|()| false));
-    assert!(!rig.ends[RECEIVER].ring_has_room(&rig.words));
-    assert!(!rig.ends[SENDER].ring_ready(&rig.words));
-    assert_eq!(rig.ends[RECEIVER].ring_pass_over(), Err(Misuse::WrongLane));
+    assert!(!rig.ends[RECEIVER].has_room(&rig.words));
+    assert!(!rig.ends[SENDER].is_ready(&rig.words));
+    assert_eq!(
+        rig.ends[RECEIVER].handle(NOW, Input::PassOver),
+        Err(Misuse::WrongLane.into())
+    );
     // And on a link of the socket lane.
     let mut link = opened(reliable(Role::Sender));
     let attached = link.handle(NOW, Input::Attach(segment(0)));
     assert_eq!(attached, wrong);
-    link.ring_park(&rig.words);
-    link.ring_unpark(&rig.words);
+    link.park(&rig.words);
+    link.unpark(&rig.words);
     assert_eq!(rig.words.take_accesses(), 0);
 }
 

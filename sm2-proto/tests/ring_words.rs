@@ -5,9 +5,12 @@ mod ring_support;
 
 use ring_support::{RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{
-    Code, Violation, ViolationKind,
+    Code, Instant, Violation, ViolationKind,
     limits::{MESSAGE_MAX, SLOT_HEAD},
-    link::{At, EMPTY, End, Error, Fate, FrameKind, NoDelivery, Output, SegmentInfo, wire::Frame},
+    link::{
+        At, Body, EMPTY, End, Error, Fate, FrameKind, NoDelivery, Output, SegmentInfo, Status,
+        wire::Frame,
+    },
     violation,
 };
 
@@ -224,7 +227,7 @@ fn words_that_a_sender_refuses_in_its_place() {
 #[test]
 fn a_reliable_sender_gets_nothing() {
     struct Changing<'a>(&'a ring_support::Memory);
-    impl sm2_proto::link::Words for Changing<'_> {
+    impl sm2_proto::link::RingMemory for Changing<'_> {
         fn load(&self, at: At) -> u64 {
             self.0.read(at)
         }
@@ -240,14 +243,18 @@ fn a_reliable_sender_gets_nothing() {
     let mut rig = busy(true);
     rig.harvest().unwrap();
     rig.send(4, 4).unwrap();
-    let message = sm2_proto::link::RingMessage {
+    let message = sm2_proto::link::OutboundMessage {
         key: 50,
         id: 5,
+        time: Instant(0),
+        status: Status::Ok,
         len: 0,
-        segment: segment(0),
-        slot: 5,
+        body: Body::Pooled {
+            segment: segment(0),
+            slot: 5,
+        },
     };
-    let sent = rig.ends[SENDER].ring_send(&Changing(&rig.words), &message, |_, _| {});
+    let sent = rig.ends[SENDER].send(&Changing(&rig.words), message.clone(), |_, _| {});
     assert_eq!(
         sent,
         Err(Error::Ended(end(violation!(BadWord, "SM2-RNG-005"))))

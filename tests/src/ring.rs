@@ -8,7 +8,7 @@ use std::os::fd::{AsFd, OwnedFd};
 use sm2_io::{InspectedFd, Ring, Segment, Slot};
 use sm2_proto::{
     Seals,
-    link::{At, RingLayout, Words},
+    link::{At, RingLayout, RingMemory},
 };
 
 use crate::{

@@ -14,19 +14,20 @@
 //! the macros `clause!` and `violation!` must name a clause in force, and is no citation.
 
 mod citation;
+mod gap;
 mod id;
+mod role;
 mod spec;
 mod walk;
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::fs;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use self::citation::Citation;
-pub use self::citation::{CheckKind, Role};
+pub use self::gap::{CheckError, Gap, GapKind, Place};
 pub use self::id::ClauseId;
+pub use self::role::{CheckKind, Role};
 pub use self::spec::Level;
 use self::spec::Spec;
 
@@ -171,114 +172,4 @@ pub struct Traced {
     pub code: Vec<Place>,
     /// The checks that say they watch it.
     pub checks: Vec<(CheckKind, Place)>,
-}
-
-/// A line of a file, the file relative to the workspace root.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
-    /// The file.
-    pub file: PathBuf,
-    /// The line, counted from 1.
-    pub line: usize,
-}
-
-impl fmt::Display for Place {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:{}", self.file.display(), self.line)
-    }
-}
-
-/// One thing that is wrong, and where.
-#[derive(Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{place}: {kind}")]
-pub struct Gap {
-    /// The line to look at.
-    pub place: Place,
-    /// What is wrong there.
-    pub kind: GapKind,
-}
-
-impl Gap {
-    const fn new(place: Place, kind: GapKind) -> Self {
-        Self { place, kind }
-    }
-}
-
-/// The ways in which SPEC.md and its citations can disagree.
-#[derive(Debug, PartialEq, Eq, thiserror::Error)]
-pub enum GapKind {
-    /// A line of SPEC.md looks like a clause and is none.
-    #[error(
-        "malformed clause line; expected `**SM2-XXX-000** [MUST|SHOULD|MAY|DRAFT] text` or `~~SM2-XXX-000~~ [RETIRED]` at the start of the line"
-    )]
-    MalformedClause,
-    /// An id names two clauses, or a clause and a retired one.
-    #[error("{id} is used twice, first at {first}; ids are never used again")]
-    DuplicateId {
-        /// The id.
-        id: ClauseId,
-        /// Where it was used before.
-        first: Place,
-    },
-    /// SPEC.md refers to a clause that it does not have.
-    #[error("the text refers to {id}, which is no clause")]
-    DanglingReference {
-        /// The id that is not there.
-        id: ClauseId,
-    },
-    /// A citation that cannot be read.
-    #[error(
-        "unreadable citation `{text}`; expected ids separated by commas, then optionally one of {}",
-        CheckKind::NAMES
-    )]
-    UnreadableCitation {
-        /// The line as it stands.
-        text: String,
-    },
-    /// A citation of an id that SPEC.md does not have.
-    #[error("unknown clause {id}")]
-    UnknownId {
-        /// The id.
-        id: ClauseId,
-    },
-    /// A citation of a clause that is not yet in force.
-    #[error("{id} is a DRAFT: cite it once it is in force")]
-    CitesDraft {
-        /// The id.
-        id: ClauseId,
-    },
-    /// A citation of a clause that was withdrawn.
-    #[error("{id} is RETIRED: nothing may cite it")]
-    CitesRetired {
-        /// The id.
-        id: ClauseId,
-    },
-    /// A MUST that no code cites.
-    #[error("{id}: no code cites this MUST")]
-    NoCode {
-        /// The id.
-        id: ClauseId,
-    },
-    /// A MUST that no check cites.
-    #[error("{id}: no check cites this MUST")]
-    NoCheck {
-        /// The id.
-        id: ClauseId,
-    },
-}
-
-/// Why the check could not be made at all.
-#[derive(Debug, thiserror::Error)]
-pub enum CheckError {
-    /// There is nothing to check against.
-    #[error("{} is missing; name the workspace root as the argument", .0.display())]
-    NoSpec(PathBuf),
-    /// A file or folder cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// What was read.
-        path: PathBuf,
-        /// The system's answer.
-        source: io::Error,
-    },
 }

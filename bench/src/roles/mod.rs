@@ -1,6 +1,6 @@
 //! What the processes of a run do. Each role is one loop, the same for every peer.
 
-use std::{error::Error, fs::File, process::ExitCode};
+use std::{fs::File, process::ExitCode};
 
 use nix::{
     sched::{CloneFlags, CpuSet, sched_setaffinity, setns},
@@ -14,6 +14,7 @@ use crate::{
     with_peer,
 };
 
+mod failure;
 mod memory;
 mod node;
 mod round_trips;
@@ -22,8 +23,7 @@ mod stream;
 mod tally;
 mod watch;
 
-/// Whatever ends a role.
-type Failure = Box<dyn Error>;
+use failure::Failure;
 
 /// Does it; says what came of it.
 #[must_use]

@@ -1,12 +1,11 @@
-//! The nodes of a gateway in its domain.
+//! The domain's side of a gateway: ordinary nodes.
 //!
-//! The node `gateway/NAME` subscribes to topics that peers want, and calls servers for peers. For each
-//! peer, a node `remote/PEER` has the publishers and servers that stand for those of the peer, so that
-//! tools show where they come from. No gateway carries interfaces of these nodes to peers, which
-//! excludes loops through a domain.
+//! One node, `gateway/NAME`, subscribes to what peers want and calls the domain's servers; for each
+//! peer there is a node `remote/PEER` whose publishers and servers stand for those behind it,
+//! so that everybody in the domain sees where they come from. What such nodes have is never
+//! taken for the domain's own, by no gateway: nothing goes round in circles.
 
 mod calls;
-mod error;
 mod requests;
 mod topics;
 mod watch;
@@ -17,17 +16,16 @@ use std::{
 };
 
 use sm2_node::{
-    Client, Node, Publisher,
+    Client, ConnectError, DeclareError, Node, Publisher,
     asynchronous::{AsyncClient, IntoAsync},
 };
 use sm2_proto::{
-    Name,
+    Name, NameError,
     gateway::{GatewayId, Subject},
 };
 use tokio::task::AbortHandle;
 
-pub use self::error::LocalError;
-use self::{calls::Calls, requests::Requests, topics::Subscription, watch::RemoteTopics};
+use self::{calls::Calls, requests::Requests, topics::Subscription, watch::Shown};
 use crate::{
     channel::hub::HubHandle,
     domain::DomainLocation,
@@ -35,44 +33,60 @@ use crate::{
     names::{is_remote, own_node, remote_node},
 };
 
-/// A client of one service of the domain.
+/// A client of the domain's servers of one service.
 type RawClient = AsyncClient<[u8], [u8]>;
 
-/// The nodes of a gateway.
+/// Why there is no way into the domain.
+#[derive(Debug, thiserror::Error)]
+pub enum LocalError {
+    /// No Manager, or it does not want this node.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The Manager does not want the gateway's status service.
+    #[error(transparent)]
+    Declare(#[from] DeclareError),
+    /// The system has no more descriptors or threads.
+    #[error("cannot watch the domain: {0}")]
+    Io(#[from] std::io::Error),
+    /// The gateway's name makes no name of a node.
+    #[error("{0}")]
+    Name(#[from] NameError),
+}
+
+/// A gateway's nodes.
 #[derive(Debug)]
 pub(crate) struct Local {
     location: DomainLocation,
     node: Node,
     hub: HubHandle,
-    /// The node of each peer that ever had an interface here. A node stays when its last interface
-    /// goes: the Manager frees a name late, and the peer may return before that.
+    /// One for each peer that something was ever shown of. It stays: its name is not free at once
+    /// when it goes, and then nothing could be shown when the peer is back.
     remotes: BTreeMap<Name, Node>,
     topics: BTreeMap<Subject, Subscription>,
     clients: BTreeMap<Subject, Arc<RawClient>>,
-    interfaces: BTreeMap<(Subject, GatewayId), RemoteInterface>,
-    remote_topics: RemoteTopics,
+    shown: BTreeMap<(Subject, GatewayId), Show>,
+    shown_topics: Shown,
     calls: Calls,
     requests: Arc<Mutex<Requests>>,
 }
 
-/// A publisher or server that stands for remote ones.
+/// What stands for something remote.
 #[derive(Debug)]
-enum RemoteInterface {
-    Publisher(Box<Publisher<[u8]>>),
-    /// The task that serves requests.
-    Server(AbortHandle),
+enum Show {
+    Topic(Box<Publisher<[u8]>>),
+    Service(AbortHandle),
 }
 
-impl Drop for RemoteInterface {
+impl Drop for Show {
     fn drop(&mut self) {
-        if let Self::Server(task) = self {
-            task.abort();
+        if let Self::Service(serving) = self {
+            serving.abort();
         }
     }
 }
 
 impl Local {
-    /// Joins the domain and starts to follow it. Events go to `hub`.
+    /// Joins the domain, and follows it from now on. Events go to `hub`.
     ///
     /// # Errors
     /// See [`LocalError`].
@@ -82,8 +96,8 @@ impl Local {
         hub: HubHandle,
     ) -> Result<Self, LocalError> {
         let node = location.connect(own_node(gateway)?.as_str())?;
-        let remote_topics = RemoteTopics::default();
-        watch::start(&node, remote_topics.clone(), hub.clone())?;
+        let shown_topics = Shown::default();
+        watch::start(&node, shown_topics.clone(), hub.clone())?;
         Ok(Self {
             location,
             node,
@@ -91,21 +105,21 @@ impl Local {
             remotes: BTreeMap::new(),
             topics: BTreeMap::new(),
             clients: BTreeMap::new(),
-            interfaces: BTreeMap::new(),
-            remote_topics,
+            shown: BTreeMap::new(),
+            shown_topics,
             calls: Calls::default(),
             requests: Arc::default(),
         })
     }
 
-    /// The node `gateway/NAME`.
+    /// The node that is the gateway's own.
     #[must_use]
     pub(crate) const fn node(&self) -> &Node {
         &self.node
     }
 
-    /// Executes a command of the hub. If the Manager refuses an interface, the refusal is logged and
-    /// the gateway continues without that interface.
+    /// Does what the hub wants. What the Manager does not grant is logged: the gateway goes on
+    /// with the rest.
     pub(crate) fn handle(&mut self, command: LocalCommand) {
         match command {
             LocalCommand::Subscribe { subject, .. } => self.subscribe(subject),
@@ -124,11 +138,10 @@ impl Local {
                 origin,
                 payload,
             } => {
-                if let Some(RemoteInterface::Publisher(publisher)) =
-                    self.interfaces.get(&(subject, origin))
+                if let Some(Show::Topic(publisher)) = self.shown.get(&(subject, origin))
                     && let Err(error) = publisher.publish(&payload)
                 {
-                    tracing::warn!(%error, "cannot publish a remote message");
+                    tracing::warn!(%error, "a remote message was not published");
                 }
             }
             LocalCommand::Call {
@@ -151,7 +164,7 @@ impl Local {
     }
 
     fn subscribe(&mut self, subject: Subject) {
-        // Another depth: the subscription does not depend on it (see `topics::DEPTH_IN`).
+        // Peers want it otherwise than before: it is taken in the same way.
         if self.topics.contains_key(&subject) || self.clients.contains_key(&subject) {
             return;
         }
@@ -169,7 +182,7 @@ impl Local {
             }),
         };
         if let Err(error) = done {
-            tracing::warn!(name = %subject.name(), %error, "cannot subscribe to a topic or call a service");
+            tracing::warn!(name = %subject.name(), error, "the domain's side is not there");
         }
     }
 
@@ -178,14 +191,15 @@ impl Local {
         name: &Name,
         request: &sm2_proto::TypeId,
         reply: &sm2_proto::TypeId,
-    ) -> Result<RawClient, LocalError> {
+    ) -> Result<RawClient, String> {
         let client: Client<[u8], [u8]> = (self.node)
             .client_builder(name.as_str())
             .type_ids(request.clone(), reply.clone())
             .servers(|node| !is_remote(node))
             .max_borrowed(256)
-            .declare()?;
-        Ok(client.into_async()?)
+            .declare()
+            .map_err(|error| error.to_string())?;
+        client.into_async().map_err(|error| error.to_string())
     }
 
     fn show(&mut self, subject: Subject, origin: GatewayId, peer: Name) {
@@ -196,9 +210,9 @@ impl Local {
                 reliable,
                 latched,
             } => {
-                self.remote_topics.insert(&subject, origin);
+                self.shown_topics.insert(&subject, origin);
                 let publisher = topics::publisher(&node, name, data, *reliable, *latched);
-                publisher.map(|it| RemoteInterface::Publisher(Box::new(it)))
+                publisher.map(|it| Show::Topic(Box::new(it)))
             }
             Subject::Service {
                 name,
@@ -208,38 +222,41 @@ impl Local {
                 let requests = Arc::clone(&self.requests);
                 let server = requests::server(&node, name, request, reply)?;
                 let hub = self.hub.clone();
-                let task = tokio::spawn(requests::serve(
+                let serving = tokio::spawn(requests::serve(
                     server,
                     subject.clone(),
                     origin,
                     requests,
                     hub,
                 ));
-                Ok(RemoteInterface::Server(task.abort_handle()))
+                Ok(Show::Service(serving.abort_handle()))
             }
         });
         match done {
-            Ok(interface) => drop(self.interfaces.insert((subject, origin), interface)),
+            Ok(show) => drop(self.shown.insert((subject, origin), show)),
             Err(error) => {
-                tracing::warn!(name = %subject.name(), %peer, %error, "cannot declare a remote interface");
+                tracing::warn!(name = %subject.name(), %peer, error, "a remote interface is not shown");
             }
         }
     }
 
     /// The node that stands for a peer.
-    fn remote(&mut self, peer: &Name) -> Result<Node, LocalError> {
+    fn remote(&mut self, peer: &Name) -> Result<Node, String> {
         if let Some(node) = self.remotes.get(peer) {
             return Ok(node.clone());
         }
-        let name = remote_node(peer)?;
-        let node = self.location.connect(name.as_str())?;
+        let name = remote_node(peer).map_err(|error| error.to_string())?;
+        let node = self
+            .location
+            .connect(name.as_str())
+            .map_err(|error| error.to_string())?;
         tokio::spawn(sm2_node::asynchronous::drive(node.clone()));
         self.remotes.insert(peer.clone(), node.clone());
         Ok(node)
     }
 
-    fn hide(&mut self, key: &(Subject, GatewayId)) {
-        self.remote_topics.remove(key);
-        self.interfaces.remove(key);
+    fn hide(&mut self, what: &(Subject, GatewayId)) {
+        self.shown_topics.remove(what);
+        self.shown.remove(what);
     }
 }

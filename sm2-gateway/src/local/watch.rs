@@ -1,4 +1,4 @@
-//! Follows the domain: its own publishers and servers, and its subscribers of remote topics.
+//! What the domain has, and what it takes of what is shown.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,37 +19,35 @@ use sm2_proto::{
 use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::LocalEvent,
-    names::is_of_gateway,
+    names::is_gateways,
 };
 
-/// Interval at which the thread checks that the hub still runs.
-const STOP_CHECK_INTERVAL: Duration = Duration::from_secs(1);
-/// Pause after a wait that returned without changes, which happens at once without a Manager.
-const RETRY_DELAY: Duration = Duration::from_millis(100);
+/// How long the end of a gateway may go unnoticed here.
+const LOOK: Duration = Duration::from_secs(1);
+/// Where there is no Manager, waiting for one takes no time.
+const PAUSE: Duration = Duration::from_millis(100);
 
-/// The remote topics that have a publisher in the domain.
+/// The topics that are shown.
 #[derive(Clone, Debug, Default)]
-pub(super) struct RemoteTopics(Arc<Mutex<Topics>>);
+pub(super) struct Shown(Arc<Mutex<Topics>>);
 
 #[derive(Debug, Default)]
 struct Topics {
-    /// The generation of each topic: a topic that is removed and inserted again has another one.
-    generations: BTreeMap<(Subject, GatewayId), u64>,
+    /// Each with a number of its own: one that is hidden and shown again is another.
+    numbers: BTreeMap<(Subject, GatewayId), u64>,
     last: u64,
 }
 
-impl RemoteTopics {
+impl Shown {
     pub(super) fn insert(&self, subject: &Subject, origin: GatewayId) {
         let mut topics = self.lock();
         topics.last += 1;
-        let generation = topics.last;
-        topics
-            .generations
-            .insert((subject.clone(), origin), generation);
+        let number = topics.last;
+        topics.numbers.insert((subject.clone(), origin), number);
     }
 
-    pub(super) fn remove(&self, key: &(Subject, GatewayId)) {
-        self.lock().generations.remove(key);
+    pub(super) fn remove(&self, what: &(Subject, GatewayId)) {
+        self.lock().numbers.remove(what);
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Topics> {
@@ -57,62 +55,61 @@ impl RemoteTopics {
     }
 }
 
-/// The part of the domain that concerns the gateway.
+/// What is known of the domain.
 #[derive(Debug, Default, PartialEq, Eq)]
-struct DomainState {
-    /// The topics and services with publishers or servers of the domain itself.
+struct View {
     present: BTreeSet<Subject>,
-    /// The greatest subscriber depth and the generation of each remote topic. The generation makes a
-    /// re-inserted topic a difference, which the hub must learn.
+    /// How many messages wait at most, and the number of what is shown: what is shown anew is not
+    /// taken until the hub hears so.
     taken: BTreeMap<(Subject, GatewayId), (u16, u64)>,
 }
 
-/// Follows the domain on a thread of its own until the hub task ends.
-pub(super) fn start(node: &Node, remote: RemoteTopics, hub: HubHandle) -> io::Result<()> {
+/// Follows the domain on a thread of its own, as long as somebody wants to know.
+pub(super) fn start(node: &Node, shown: Shown, hub: HubHandle) -> io::Result<()> {
     let mut watch = node.watch();
     let follow = move || {
-        let mut state = DomainState::default();
+        let mut view = View::default();
         while !hub.is_closed() {
-            match watch.wait_timeout(STOP_CHECK_INTERVAL) {
-                Ok(changes) if changes.is_empty() => thread::sleep(RETRY_DELAY),
+            match watch.wait_timeout(LOOK) {
+                Ok(changes) if changes.is_empty() => thread::sleep(PAUSE),
                 Ok(_) => {}
                 Err(error) => {
-                    tracing::warn!(%error, "cannot follow the domain; retries");
-                    thread::sleep(RETRY_DELAY);
+                    tracing::warn!(%error, "cannot follow the domain");
+                    thread::sleep(PAUSE);
                     continue;
                 }
             }
-            let now = DomainState::of(watch.domain(), &remote.lock().generations);
-            for event in state.difference(&now) {
+            let now = View::of(watch.domain(), &shown.lock().numbers);
+            for event in view.difference(&now) {
                 if hub.blocking_send(HubEvent::Local(event)).is_err() {
                     return;
                 }
             }
-            state = now;
+            view = now;
         }
     };
     let thread = thread::Builder::new().name("watch".to_owned());
     thread.spawn(follow).map(drop)
 }
 
-impl DomainState {
-    fn of(domain: &Domain, remote: &BTreeMap<(Subject, GatewayId), u64>) -> Self {
-        let is_of_domain = |it: &InterfaceView<'_>| {
+impl View {
+    fn of(domain: &Domain, shown: &BTreeMap<(Subject, GatewayId), u64>) -> Self {
+        let is_own = |it: &InterfaceView<'_>| {
             let node = domain.node(it.entity.node);
-            it.refused.is_none() && node.is_some_and(|node| !is_of_gateway(node.name))
+            it.refused.is_none() && node.is_some_and(|node| !is_gateways(node.name))
         };
         let contracts: Vec<&Contract> = (domain.interfaces())
-            .filter(is_of_domain)
+            .filter(is_own)
             .map(|it| it.contract)
             .collect();
-        let mut state = Self::default();
+        let mut view = Self::default();
         let mut topics = BTreeMap::new();
         for contract in &contracts {
             match contract {
                 Contract::Publisher { topic, data, offer } => {
                     let (reliable, latched) = topics.entry((topic, data)).or_insert((false, 0));
                     *reliable |= offer.reliable;
-                    // Each publisher keeps its own latched messages.
+                    // Each of the publishers keeps so many.
                     *latched = QOS_MAX.min(*latched + offer.latched);
                 }
                 Contract::Server {
@@ -121,7 +118,7 @@ impl DomainState {
                     reply,
                     ..
                 } => {
-                    state.present.insert(Subject::Service {
+                    view.present.insert(Subject::Service {
                         name: service.clone(),
                         request: request.clone(),
                         reply: reply.clone(),
@@ -137,15 +134,15 @@ impl DomainState {
             reliable,
             latched,
         };
-        state.present.extend(topics.map(topic));
-        for ((subject, origin), generation) in remote {
+        view.present.extend(topics.map(topic));
+        for ((subject, origin), number) in shown {
             let takes = |contract: &&Contract| depth(contract, subject);
             if let Some(depth) = contracts.iter().filter_map(takes).max() {
-                let taken = (depth, *generation);
-                state.taken.insert((subject.clone(), *origin), taken);
+                let taken = (depth, *number);
+                view.taken.insert((subject.clone(), *origin), taken);
             }
         }
-        state
+        view
     }
 
     fn difference(&self, now: &Self) -> Vec<LocalEvent> {
@@ -170,7 +167,7 @@ impl DomainState {
     }
 }
 
-/// The depth of a subscriber that matches the topic.
+/// How many messages wait for this subscriber, if it takes that topic.
 fn depth(contract: &Contract, subject: &Subject) -> Option<u16> {
     match (contract, subject) {
         (

@@ -1,4 +1,4 @@
-//! The errors of commands.
+//! The errors of the commands.
 
 use std::{io, net::SocketAddr, path::PathBuf};
 
@@ -19,50 +19,47 @@ pub enum ProgramError {
     /// The gateway.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A system call for the runtime, signals or a file.
+    /// The runtime, signals, or a file.
     #[error("cannot {what}: {source}")]
     System {
-        /// The attempted action.
+        /// What was to be done.
         what: String,
-        /// The error of the system.
+        /// What the system said.
         source: io::Error,
     },
-    /// A peer on the command line is not in the configuration.
-    #[error("{config} has no peer {peer}; its peers: {known}")]
+    /// A name of the command line is not in the configuration.
+    #[error("{config} has no peer {peer}: it knows {known}")]
     NoPeer {
-        /// The configuration.
+        /// Which file.
         config: PathBuf,
-        /// The name or id on the command line.
+        /// What was asked for.
         peer: String,
-        /// The names of the peers in the configuration.
+        /// Those that are there.
         known: String,
     },
-    /// The connection to the domain.
+    /// The domain.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// A query of the domain.
+    /// The domain.
     #[error(transparent)]
     Query(#[from] QueryError),
-    /// A status request.
+    /// A gateway does not say how it is.
     #[error(transparent)]
     Report(#[from] ReportError),
-    /// The address for metrics is in use, or does not belong to this machine.
-    #[error("cannot serve metrics at {address}: {source}; choose another address with `--metrics`")]
+    /// The address for metrics is taken, or not of this machine.
+    #[error("cannot answer for metrics at {address}: {source}; `--metrics` says where")]
     Metrics {
-        /// The address.
+        /// Which.
         address: SocketAddr,
-        /// The error of the system.
+        /// What the system said.
         source: io::Error,
     },
-    /// The domain has no gateway.
+    /// No gateway is there.
     #[error("this domain has no gateway: start one with `sm2 gateway run FILE`")]
     NoGateway,
-    /// A peer has the id of the gateway itself.
-    #[error("{config}: a peer has the id of this gateway itself: remove that [[peer]]")]
-    OwnId {
-        /// The configuration.
-        config: PathBuf,
-    },
+    /// What was to be added is not right.
+    #[error("{0}")]
+    Wrong(String),
 }
 
 impl ProgramError {

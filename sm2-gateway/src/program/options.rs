@@ -7,7 +7,7 @@ use sm2_proto::gateway::SubjectKind;
 
 use crate::domain::DomainLocation;
 
-/// The domain of a command.
+/// Which domain to ask.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Domain")]
 pub struct Domain {

@@ -1,4 +1,4 @@
-//! Beacons: multicast datagrams over IPv6 on the configured interfaces.
+//! Beacons: datagrams to a group of IPv6, on the interfaces that the configuration names.
 
 use std::{
     io,
@@ -10,43 +10,43 @@ use sm2_proto::gateway::Beacon;
 use socket2::{Domain, Protocol, Type};
 use tokio::net::UdpSocket;
 
-/// The multicast group of beacons.
+/// Where beacons go to.
 //= SM2-GWD-005
 const GROUP: Ipv6Addr = Ipv6Addr::new(0xff12, 0, 0, 0, 0, 0, 0x534d, 0x3247);
 const PORT: u16 = 7632;
 
-/// The socket that sends and receives beacons.
+/// The group, on some interfaces.
 #[derive(Debug)]
 pub(super) struct Beacons {
     socket: UdpSocket,
     interfaces: Vec<u32>,
 }
 
-/// Why beacons cannot be sent or received.
+/// Why no beacons can be sent or heard.
 #[derive(Debug, thiserror::Error)]
 pub enum BeaconsError {
-    /// The interface does not exist.
+    /// There is no such interface.
     #[error(
-        "`discovery` names the interface {name}, which does not exist: `ip link` lists the interfaces"
+        "`discovery` names the interface {name}, which is not there: `ip link` shows those that are"
     )]
     NoInterface {
         /// Its name.
         name: String,
     },
-    /// The system refuses multicast on the interface.
+    /// The system does not allow it.
     #[error(
-        "cannot use beacons on {name}: {source}; without `discovery`, peers are found at their `addresses`"
+        "no beacons on {name}: {source}; without `discovery` peers are found at their `addresses`"
     )]
     Io {
         /// The interface.
         name: String,
-        /// The error of the system.
+        /// What the system said.
         source: io::Error,
     },
 }
 
 impl Beacons {
-    /// Joins the group on these interfaces. Without interfaces there are no beacons.
+    /// Joins the group on these interfaces; none: there are no beacons.
     pub(super) fn open(names: &[String]) -> Result<Option<Self>, BeaconsError> {
         let Some(first) = names.first() else {
             return Ok(None);
@@ -68,17 +68,17 @@ impl Beacons {
         Ok(Some(Self { socket, interfaces }))
     }
 
-    /// Sends a beacon on each interface. Errors are logged: a network may be down for a while.
+    /// Sends one on each interface. A network that is down hears none.
     pub(super) async fn send(&self, beacon: &Beacon) {
         for interface in &self.interfaces {
             let group = SocketAddrV6::new(GROUP, PORT, 0, *interface);
             if let Err(error) = self.socket.send_to(&beacon.to_bytes(), group).await {
-                tracing::debug!(%error, interface, "cannot send a beacon");
+                tracing::debug!(%error, interface, "a beacon was not sent");
             }
         }
     }
 
-    /// The next datagram. Without beacons it never completes.
+    /// The next datagram; without beacons there is none.
     pub(super) async fn recv(beacons: Option<&Self>, buffer: &mut [u8]) -> (SocketAddr, usize) {
         let Some(it) = beacons else {
             return std::future::pending().await;
@@ -86,8 +86,8 @@ impl Beacons {
         loop {
             match it.socket.recv_from(buffer).await {
                 Ok((len, from)) => return (from, len),
-                // A deferred error of a datagram sent before.
-                Err(error) => tracing::debug!(%error, "cannot receive a beacon"),
+                // What an earlier one met on its way.
+                Err(error) => tracing::debug!(%error, "a beacon was not received"),
             }
         }
     }
@@ -95,7 +95,7 @@ impl Beacons {
 
 fn bind() -> io::Result<UdpSocket> {
     let socket = socket2::Socket::new(Domain::IPV6, Type::DGRAM, Some(Protocol::UDP))?;
-    // Several gateways on one machine receive the same beacons.
+    // Several gateways of one machine hear the same beacons.
     socket.set_reuse_address(true)?;
     socket.set_only_v6(true)?;
     socket.set_multicast_loop_v6(true)?;

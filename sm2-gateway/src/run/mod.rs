@@ -1,16 +1,14 @@
-//! A running gateway: its tasks.
+//! A gateway at work: tasks, and what goes between them.
 //!
-//! | task | owns |
+//! | task | what it has |
 //! | --- | --- |
-//! | `network` | the UDP socket, the QUIC endpoint, discovery and beacons |
+//! | `network` | the UDP socket, the endpoint, beacons, whom to dial |
 //! | `connection`, one for each | QUIC, the session, the schedule and the memory of one peer |
-//! | `hub` | routes and calls |
-//! | `local` | the nodes in the domain |
-//! | `shadow` | the comparison with another configuration |
+//! | `hub` | routes, calls |
+//! | `local` | the domain's nodes |
 //!
-//! The tasks talk through the queues of `channel`. No task waits for a connection: a message or
-//! datagram that finds the queue of a connection full is dropped. So a slow, stuck or hostile peer
-//! affects no other peer.
+//! Nobody waits for a connection: what it does not take in time is dropped, if it is a message, or
+//! a datagram. So a peer that is slow, stuck or hostile harms nobody but itself.
 
 mod beacons;
 mod connection;
@@ -30,7 +28,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-use sm2_io::quic::{Endpoint, Socket, TlsError, Trusted};
+use sm2_io::quic::{Endpoint, Socket, Trusted};
 use sm2_proto::gateway::{GatewayId, Hop};
 use tokio::sync::watch;
 
@@ -51,40 +49,40 @@ use crate::{
     report::Report,
 };
 
-/// Time for the connection tasks to send their close frames.
-const CLOSE_DELAY: Duration = Duration::from_millis(500);
+/// How long connections have to say goodbye.
+const GOODBYE: Duration = Duration::from_millis(500);
 
-/// Why a gateway did not start or stopped by itself.
+/// Why a gateway did not start, or ended.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The key file.
+    /// Its key.
     #[error(transparent)]
     Key(#[from] KeyFileError),
-    /// The domain.
+    /// Its domain.
     #[error(transparent)]
     Local(#[from] LocalError),
-    /// The address is in use, or does not belong to this machine.
-    #[error("cannot listen at {address}: {source}; change `listen` in {config}")]
+    /// The address is taken, or not of this machine.
+    #[error("cannot listen at {address}: {source}; `listen` in {config} says where")]
     Listen {
-        /// The address.
+        /// Which.
         address: SocketAddr,
-        /// The error of the system.
+        /// What the system said.
         source: io::Error,
-        /// The path of the configuration.
+        /// Where it is said.
         config: String,
     },
-    /// Beacons.
+    /// Its beacons.
     #[error(transparent)]
     Beacons(#[from] BeaconsError),
-    /// TLS refuses the key.
-    #[error("TLS refuses the key: {0}")]
-    Tls(#[from] TlsError),
-    /// The UDP socket failed.
-    #[error("the UDP socket failed: {0}")]
+    /// TLS does not take the key.
+    #[error("the key is of no use: {0}")]
+    Tls(String),
+    /// The socket broke.
+    #[error("the network is gone: {0}")]
     Network(io::Error),
 }
 
-/// A running gateway.
+/// A gateway that runs.
 #[derive(Debug)]
 pub struct Gateway {
     hub: HubHandle,
@@ -97,7 +95,7 @@ pub struct Gateway {
 }
 
 impl Gateway {
-    /// Starts the tasks of a gateway.
+    /// Starts all of it, or nothing.
     ///
     /// # Errors
     /// See [`RunError`].
@@ -117,7 +115,7 @@ impl Gateway {
         let trusted = Trusted::default();
         trusted.set(config.peers.iter().map(|it| it.id));
         let endpoint = Endpoint::new(key, trusted.clone(), config.congestion, None);
-        let endpoint = endpoint?;
+        let endpoint = endpoint.map_err(|error| RunError::Tls(error.to_string()))?;
         let hop = Hop {
             gateway: id,
             epoch: epoch(),
@@ -159,7 +157,7 @@ impl Gateway {
             let error = network.run(network_inbox).await;
             let _ = ending.send(error.err().map(Arc::new));
         });
-        tracing::info!(%id, %address, name = %config.name, "gateway started");
+        tracing::info!(%id, %address, name = %config.name, "the gateway is there");
         Ok(Self {
             hub,
             network,
@@ -171,48 +169,48 @@ impl Gateway {
         })
     }
 
-    /// The address of the UDP socket.
+    /// Where QUIC listens.
     #[must_use]
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// The id of the gateway: its public key.
+    /// Who it is.
     #[must_use]
     pub const fn id(&self) -> GatewayId {
         self.id
     }
 
-    /// Replaces rules and peers by those of `config`. Other keys of `config` have no effect.
+    /// Takes rules and peers of another configuration; its name, key, domain and addresses stay.
     //= SM2-GWR-004
     pub async fn reload(&self, config: &Config) {
         self.trusted.set(config.peers.iter().map(|it| it.id));
-        // The hub needs no rules once it has ended.
+        // Whoever is gone meanwhile needs to be told nothing.
         self.network.send(NetworkEvent::Peers(config.peers.clone()));
         let policy = config.policy.clone();
         let labels = labels(config);
         let _ = self.hub.send(HubEvent::Reload { policy, labels }).await;
     }
 
-    /// Logs and reports from now on what the rules and peers of `config` would change: at once, and
-    /// when a new topic or service makes a difference. Has no effect on messages.
+    /// From now on logs what these rules and peers would change, and has it in reports: now, and
+    /// when something comes that they would treat otherwise. It changes nothing.
     pub fn set_shadow(&self, config: Config) {
         self.shadow.send_replace(Some(Arc::new(config)));
     }
 
-    /// A status report; `None` if the gateway has stopped.
+    /// Who is connected, and what goes to and fro.
     pub async fn report(&self) -> Option<Report> {
         self.hub.report().await.ok()
     }
 
-    /// Serves `/metrics` over HTTP as long as the gateway runs: see
+    /// Answers those who ask by HTTP for `/metrics`, as long as the gateway runs: see
     /// [`metrics`](crate::metrics).
     #[cfg(feature = "metrics")]
     pub fn serve_metrics(&self, listener: tokio::net::TcpListener) {
         tokio::spawn(crate::metrics::serve(listener, self.hub.clone()));
     }
 
-    /// Completes when the gateway has stopped by itself, with the reason.
+    /// Waits until it has ended by itself: the network is gone.
     pub async fn ended(&mut self) -> RunError {
         let ended = self.ended.wait_for(Option::is_some).await;
         let error = ended.ok().and_then(|it| it.clone());
@@ -223,12 +221,12 @@ impl Gateway {
         RunError::Network(error)
     }
 
-    /// Closes all connections and leaves the domain.
+    /// Says goodbye to peers and the domain.
     pub async fn stop(self) {
         self.network.send(NetworkEvent::Stop);
         let _ = self.hub.send(HubEvent::Stop).await;
-        // The connection tasks send the close frames meanwhile.
-        tokio::time::sleep(CLOSE_DELAY).await;
+        // The datagrams that say so are sent by the connections' own tasks.
+        tokio::time::sleep(GOODBYE).await;
     }
 }
 
@@ -240,7 +238,7 @@ fn labels(config: &Config) -> ConfigLabels {
     }
 }
 
-/// Greater than the epoch of any earlier process, unless the clock was set back.
+/// Greater than that of any process before, as long as the clock is not set back.
 //= SM2-GWC-004
 fn epoch() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);

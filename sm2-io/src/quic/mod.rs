@@ -21,5 +21,3 @@ pub use self::{
     tls::Trusted,
     transport::{ALPN, CALLS_MAX, Congestion, IDLE, KEEP_ALIVE},
 };
-/// An error of TLS, as [`Endpoint::new`] returns it.
-pub use rustls::Error as TlsError;

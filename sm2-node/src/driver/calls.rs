@@ -149,7 +149,7 @@ impl Interface {
 
     /// How a call went, once it is over; it is forgotten then.
     pub(crate) fn outcome(&mut self, call: CallId, tools: &mut Tools<'_>) -> Option<Outcome> {
-        if self.link(call.token).is_some_and(LinkDriver::ring_ready) {
+        if self.link(call.token).is_some_and(LinkDriver::is_ready) {
             self.settle_link(call.token, tools);
         }
         let outcome = self.calls.open.get_mut(&call)?.take()?;

@@ -149,7 +149,7 @@ impl Interface {
         }
         let mut is_over = false;
         for link in self.links.iter_mut() {
-            link.ring_harvest(tools, &mut self.outbox);
+            link.harvest(tools, &mut self.outbox);
             is_over |= link.end().is_some() && !link.buried;
         }
         // By what was found in its ring: the Manager is to know.

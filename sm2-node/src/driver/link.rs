@@ -5,23 +5,21 @@
 
 mod outputs;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
-use sm2_io::{CounterEntry, Epoll, Event, PooledMapping, RecvError, Ring, SeqPacket};
+use sm2_io::{CounterEntry, Epoll, Event, RecvError, SeqPacket};
 use sm2_proto::control::Peer;
-use sm2_proto::link::{
-    self, Counters, Delivery, End, Input, Link, Packet, Role, Status, TooManyBorrowed,
-};
+use sm2_proto::link::{self, Counters, Delivery, End, Input, Link, Packet, Role, TooManyBorrowed};
 use sm2_proto::{Code, Datagram, Farewell, Instant, LinkId};
 
 use super::BURST;
 use super::counters::Counting;
 use super::datagram::{Incoming, receive};
+use super::lane::{Mapped, prepare_ring};
 use super::outbox::{Needs, Outbox};
-use super::ring::prepare_ring;
 use super::status::Received;
 use crate::payload::Source;
 
@@ -36,16 +34,12 @@ pub(crate) struct LinkDriver {
     token: u64,
     pub(super) socket: Option<SeqPacket>,
     pub(super) machine: Link,
-    /// The ring, if the link has one.
-    pub(super) ring: Option<Ring>,
-    /// Caller, server: the ring by which they send; the other one is for what they receive.
-    pub(super) ring_out: Option<Ring>,
+    /// The rings and segments that both sides map.
+    pub(super) mapped: Mapped,
     /// The ring's file, until the other side has it.
     pub(super) ring_file: Option<OwnedFd>,
     /// The packet that the socket did not take.
     unsent: Option<Packet>,
-    /// The other side's segments.
-    pub(super) segments: BTreeMap<u32, Arc<PooledMapping>>,
     /// Sealed files of messages that were not taken yet, by sequence.
     kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
@@ -91,18 +85,19 @@ impl LinkDriver {
         entry: Option<CounterEntry>,
     ) -> Self {
         let ring = prepare_ring(&mut config).map(|(ring, file)| (Some(ring), Some(file)));
-        let (ring, ring_file) = ring.unwrap_or_default();
+        let (incoming, ring_file) = ring.unwrap_or_default();
         Self {
             id: config.id,
             peer,
             token,
             socket: Some(socket),
             machine: Link::new(config),
-            ring,
-            ring_out: None,
+            mapped: Mapped {
+                incoming,
+                ..Mapped::default()
+            },
             ring_file,
             unsent: None,
-            segments: BTreeMap::new(),
             kept: HashMap::new(),
             backlog: VecDeque::new(),
             greeted: false,
@@ -152,7 +147,7 @@ impl LinkDriver {
 
     /// The form that a message needs on it.
     pub(crate) fn needs(&self) -> Needs {
-        match self.has_ring() {
+        match self.machine.needs_slot() {
             true => Needs {
                 ring: true,
                 ..Needs::default()
@@ -168,10 +163,7 @@ impl LinkDriver {
 
     /// The same for what is to be sent before all else.
     pub(super) fn has_room_for_backlog(&self) -> bool {
-        match self.has_ring() {
-            true => self.ring_has_room(),
-            false => self.machine.has_room(),
-        }
+        self.machine.has_room(&self.mapped)
     }
 
     /// Calls without a reply, and messages that the application holds.
@@ -203,12 +195,12 @@ impl LinkDriver {
 
     /// How many messages the application has not taken. They outlive the link.
     pub(crate) fn ready(&self) -> usize {
-        self.machine.ready() + self.ring_waiting()
+        self.machine.ready(&self.mapped)
     }
 
     /// Whether there may be one.
     pub(super) fn is_ready(&self) -> bool {
-        self.machine.ready() > 0 || self.ring_ready()
+        self.machine.is_ready(&self.mapped)
     }
 
     /// Sends the first packet.
@@ -290,36 +282,6 @@ impl LinkDriver {
         }
     }
 
-    /// Sends a message that the outbox holds. If it cannot be put in the form that this
-    /// link needs, the link ends: it would miss what others get.
-    pub(super) fn send(
-        &mut self,
-        key: u64,
-        status: Status,
-        tools: &mut Tools<'_>,
-        outbox: &mut Outbox,
-    ) {
-        if self.has_call_rings() {
-            return self.ring_send_call(key, status, tools, outbox);
-        }
-        if self.has_ring() {
-            return self.ring_send(key, tools, outbox);
-        }
-        match outbox.message(key, status, self.is_sealed()) {
-            Ok(message) => {
-                outbox.hold(key);
-                let (time, len) = (message.time, message.len);
-                self.feed(Input::Send(message), tools.epoll, outbox);
-                self.note_sent(time, len, tools.counting);
-            }
-            Err(error) => {
-                tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "cannot seal");
-                let code = Farewell::Resources.code();
-                self.feed(Input::Close(code), tools.epoll, outbox);
-            }
-        }
-    }
-
     /// The other side is gone, says the Manager: what it sent before counts.
     //= SM2-TRN-006, SM2-LNK-006
     pub(super) fn unlink(&mut self, code: Code, tools: &mut Tools<'_>, outbox: &mut Outbox) {
@@ -341,11 +303,7 @@ impl LinkDriver {
         tools: &mut Tools<'_>,
         outbox: &mut Outbox,
     ) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
-        let taken = match self.has_ring() {
-            true => self.ring_take(tools, outbox)?,
-            false => self.machine.take()?,
-        };
-        let Some(delivery) = taken else {
+        let Some(delivery) = self.take_next(tools, outbox)? else {
             return Ok(None);
         };
         let source = self.source(&delivery);
@@ -362,7 +320,7 @@ impl LinkDriver {
         let found = match &delivery.payload {
             link::Payload::Inline(bytes) => Some(Source::Inline(bytes.clone())),
             link::Payload::Pooled { segment, offset } => {
-                self.segments.get(segment).map(|it| Source::Pooled {
+                self.mapped.segments.get(segment).map(|it| Source::Pooled {
                     segment: Arc::clone(it),
                     offset: *offset,
                     len: delivery.len,
@@ -377,14 +335,9 @@ impl LinkDriver {
         found.unwrap_or(Source::Missing)
     }
 
-    /// The application gives a message back.
-    //= SM2-MSG-005
-    pub(super) fn release(&mut self, sequence: u64, epoll: &Epoll, outbox: &mut Outbox) {
+    /// The application holds one message less.
+    pub(super) const fn note_released(&mut self) {
         self.held = self.held.saturating_sub(1);
-        if self.ring.is_some() {
-            return self.ring_release(sequence, epoll, outbox);
-        }
-        self.feed(Input::Release { sequence }, epoll, outbox);
     }
 
     /// The code that the Manager is told, once the link is over.

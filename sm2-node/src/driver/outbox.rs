@@ -321,7 +321,7 @@ impl Outbox {
         key: u64,
         status: Status,
         link_sealed: bool,
-    ) -> io::Result<link::Message> {
+    ) -> io::Result<link::OutboundMessage> {
         let message = (self.messages.get_mut(key)).ok_or(io::ErrorKind::NotFound)?;
         let Forms {
             inline,
@@ -343,7 +343,7 @@ impl Outbox {
             }
             (None, None) => return Err(io::ErrorKind::NotFound.into()),
         };
-        Ok(link::Message {
+        Ok(link::OutboundMessage {
             key,
             id: message.id,
             time: message.time,

@@ -63,7 +63,7 @@ impl Interface {
     fn has_room_in_rings(&self) -> bool {
         let mut open = self.links().filter(|link| link.is_open()).peekable();
         let room = |link: &LinkDriver| !link.is_reliable() || link.has_room();
-        open.peek().is_some() && open.all(|link| link.has_ring() && room(link))
+        open.peek().is_some() && open.all(|link| link.needs().ring && room(link))
     }
 
     fn latches(&self) -> usize {
@@ -189,8 +189,8 @@ impl Interface {
             if link.is_reliable() && !link.has_room_for_backlog() {
                 // On the ring lane only the bell tells of room; and it may have come meanwhile.
                 link.park();
-                link.ring_harvest(tools, &mut self.outbox);
-                if !link.has_ring() || !link.has_room_for_backlog() {
+                link.harvest(tools, &mut self.outbox);
+                if !link.has_room_for_backlog() {
                     break;
                 }
             }

@@ -8,11 +8,12 @@ pub(crate) mod contracts;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use sm2_proto::{
-    Datagram, FdFacts, InterfaceId, LinkId, NodeId,
+    Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId,
     control::{Peer, ToManager, ToNode, encode_to_manager, encode_to_node},
     limits::SLOT_HEAD,
     link::{
-        At, Delivery, Link, RingLayout, RingMessage, SegmentInfo, Words,
+        At, Body, Delivery, Lent, Link, OutboundMessage, RingLayout, RingMemory, SegmentInfo,
+        Status,
         wire::{Carrier, Form, Frame, MessageFrame},
     },
     manager::{Input, Output},
@@ -46,7 +47,7 @@ impl FlatWords {
     }
 }
 
-impl Words for FlatWords {
+impl RingMemory for FlatWords {
     fn load(&self, at: At) -> u64 {
         self.word(at).load(Ordering::Acquire)
     }
@@ -125,14 +126,18 @@ impl RingPair {
         let slot = (self.last_id % u64::from(Self::SEGMENT.slots)) as u32;
         let head = head(self.last_id);
         self.heads[slot as usize] = head.to_bytes();
-        let message = RingMessage {
+        let message = OutboundMessage {
             key: self.last_id,
             id: self.last_id,
+            time: Instant(0),
+            status: Status::Ok,
             len: head.len,
-            segment: Self::SEGMENT,
-            slot,
+            body: Body::Pooled {
+                segment: Self::SEGMENT,
+                slot,
+            },
         };
-        let bell = self.sender.ring_send(&self.words, &message, |_, fate| {
+        let bell = self.sender.send(&self.words, message.clone(), |_, fate| {
             panic!("{fate:?}, although there is room");
         });
         assert_eq!(bell, Ok(false), "there is room, and nobody sleeps");
@@ -141,15 +146,17 @@ impl RingPair {
     /// Takes the next message, which is there.
     pub(crate) fn take(&mut self) -> Delivery {
         let heads = &self.heads;
-        let taken = self.receiver.ring_take(&self.words, |_, offset, stride| {
-            Some(heads[(offset / stride) as usize])
-        });
+        let taken = self
+            .receiver
+            .take(&Lent::new(&self.words, |_, offset, stride| {
+                Some(heads[(offset / stride) as usize])
+            }));
         taken.expect("the sender keeps to SPEC").expect("a message")
     }
 
     /// Gives back the oldest message that is held.
     pub(crate) fn give_back(&mut self) {
-        let bell = self.receiver.ring_release(&self.words, self.oldest);
+        let bell = self.receiver.release(&self.words, self.oldest);
         assert_eq!(bell, Ok(false), "it is held, and nobody sleeps");
         self.oldest += 1;
     }
@@ -157,7 +164,7 @@ impl RingPair {
     /// Settles all messages that were given back; how many they are.
     pub(crate) fn harvest(&mut self) -> usize {
         let mut count = 0;
-        let harvested = self.sender.ring_harvest(&self.words, |_, _| count += 1);
+        let harvested = self.sender.harvest(&self.words, |_, _| count += 1);
         harvested.expect("the receiver keeps to SPEC");
         count
     }

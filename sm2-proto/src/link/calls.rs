@@ -87,6 +87,11 @@ impl Placed {
         self.cancels.remove(&call);
     }
 
+    /// Whether a CANCEL has to be sent.
+    pub(super) fn has_cancels(&self) -> bool {
+        !self.cancels.is_empty()
+    }
+
     /// The next call whose CANCEL has to be sent.
     pub(super) fn poll(&mut self) -> Option<u64> {
         self.cancels.pop_first()

@@ -15,7 +15,7 @@ use bytes::Bytes;
 pub(crate) use self::ring::words;
 use self::world::World;
 use super::{
-    Body, Input, Message, Role, SegmentInfo, Status,
+    Body, Input, NoDelivery, NoMemory, OutboundMessage, Role, SegmentInfo, Status,
     wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
 use crate::{Code, Datagram, FdFacts, Instant, LinkId, Seals, fuzz::Script};
@@ -282,7 +282,7 @@ impl World {
         let len = script.near(content.len() as u64)?;
         let key = self.own;
         self.pending.insert(key);
-        let message = Message {
+        let message = OutboundMessage {
             key,
             id,
             time: NOW,
@@ -301,14 +301,16 @@ impl World {
 
     fn take(&mut self) {
         let limit = usize::from(self.link.config().max_borrowed);
-        match self.link.take() {
+        match self.link.take(&NoMemory) {
             Ok(Some(delivery)) => {
                 self.check_delivery(&delivery);
                 assert!(self.held.insert(delivery.sequence));
                 assert!(self.held.len() <= limit);
             }
-            Ok(None) => assert_eq!(self.link.ready(), 0),
-            Err(_) => assert!(self.held.len() == limit && self.link.ready() > 0),
+            Ok(None) => assert_eq!(self.link.ready(&NoMemory), 0),
+            // No ring is lent here.
+            Err(NoDelivery::Misuse(_)) => assert!(self.link.has_ring()),
+            Err(_) => assert!(self.held.len() == limit && self.link.ready(&NoMemory) > 0),
         }
         self.drain();
     }

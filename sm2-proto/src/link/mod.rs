@@ -4,10 +4,9 @@
 //! | --- | --- |
 //! | feed | [`Link::handle`] with each datagram, each wish of the application, each change of the socket |
 //! | drain | [`Link::poll`] until it gives nothing, after every feed |
-//! | take | [`Link::take`], whenever [`Link::ready`] is not zero |
-//! | ring lane | `Link::ring_…` in place of send, take and release, where [`Link::has_ring`] |
+//! | messages | [`Link::send`], [`Link::take`], [`Link::release`], [`Link::has_room`], the same on both lanes: see [`lane`] |
 //! | deadline | [`Link::deadline`]: a link has no timer in version 1 |
-//! | inspect | [`Link::is_open`], [`Link::end`], [`Link::has_room`], [`Link::counters`], … |
+//! | inspect | [`Link::is_open`], [`Link::end`], [`Link::counters`], … |
 //!
 //! The machine never does I/O, reads no clock and sees no descriptor. Its driver
 //! owns the socket, the mappings and the payloads; one place in the driver
@@ -38,6 +37,7 @@ mod config;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) mod fuzz;
 mod inbound;
+pub mod lane;
 mod outbound;
 mod packet;
 mod phase;
@@ -46,6 +46,7 @@ mod proofs;
 mod receive;
 mod ring;
 mod segments;
+mod socket_lane;
 mod types;
 pub mod wire;
 
@@ -61,14 +62,13 @@ use self::{
 };
 pub use self::{
     config::{Config, Role},
+    lane::{Lent, LinkMemory, NoDelivery, NoMemory},
     packet::{Attachment, Head, Packet},
     phase::FrameKind,
-    ring::{
-        At, EMPTY, NoDelivery, NotAWord, RingLayout, RingMessage, SlotHead, Word, Words, doorbell,
-    },
+    ring::{At, EMPTY, NotAWord, RingLayout, RingMemory, SlotHead, Word, doorbell},
     types::{
-        Body, Counters, Delivery, End, Error, Fate, Input, Message, Misuse, Output, Payload,
-        SegmentInfo, Status, TooManyBorrowed,
+        Body, Counters, Delivery, End, Error, Fate, Input, Misuse, OutboundMessage, Output,
+        Payload, SegmentInfo, Status, TooManyBorrowed,
     },
 };
 use crate::{Code, Instant, Violation};
@@ -157,9 +157,16 @@ impl Link {
                     .map_err(|violation| self.violated(violation))?;
             }
             Input::Eof => self.finish(End::Eof),
-            Input::Send(message) => self.send(message)?,
+            Input::Send(message) => self.send_by_socket(message)?,
             Input::Skip => self.skip()?,
-            Input::Release { sequence } => self.release(sequence)?,
+            Input::PassOver => self.pass_over()?,
+            Input::SegmentMissing => {
+                self.on_segment_missing();
+                if let Err(end) = self.state {
+                    return Err(Error::Ended(end));
+                }
+            }
+            Input::Release { sequence } => self.release_live(sequence)?,
             Input::Cancel { call } => self.cancel(call)?,
             Input::Attach(segment) => self.attach(&segment)?,
             Input::Retire { segment } => self.retire(segment)?,
@@ -173,6 +180,7 @@ impl Link {
     fn handle_ended(&mut self, input: &Input<'_>) {
         match input {
             Input::Release { sequence } => self.inbound.forget(*sequence),
+            Input::SegmentMissing => self.on_segment_missing(),
             Input::Blocked => self.farewell = None,
             _ => {}
         }
@@ -186,44 +194,6 @@ impl Link {
         }
     }
 
-    fn send(&mut self, message: Message) -> Result<(), Misuse> {
-        self.check_drained()?;
-        if self.ring.is_some() {
-            return Err(Misuse::WrongLane);
-        }
-        if self.may_get_ring() {
-            return Err(Misuse::NoRoom);
-        }
-        match self.config.role {
-            Role::Sender => {}
-            Role::Receiver => return Err(Misuse::WrongRole),
-            Role::Caller => self.placed.check()?,
-            Role::Server => self.served.check(message.id)?,
-        }
-        self.outbound.check(&message)?;
-        let id = message.id;
-        let displaced = self.outbound.send(message)?;
-        match self.config.role {
-            Role::Sender | Role::Receiver => {}
-            Role::Caller => self.placed.place(id),
-            Role::Server => self.served.reply(id),
-        }
-        if let Some(key) = displaced {
-            self.events.push_back(Output::Settled {
-                key,
-                fate: Fate::Overwritten,
-            });
-        }
-        Ok(())
-    }
-
-    /// Whether the other end's OPEN will say on which lane the messages go: until then none can
-    /// be taken, since what waits for one lane cannot leave by the other.
-    //= SM2-RNG-001
-    fn may_get_ring(&self) -> bool {
-        self.config.ring && self.state == Ok(Phase::Opening)
-    }
-
     fn skip(&mut self) -> Result<(), Misuse> {
         if self.config.role != Role::Sender || !self.config.reliable {
             return Err(Misuse::WrongRole);
@@ -233,17 +203,6 @@ impl Link {
             return Ok(());
         }
         self.outbound.skip()
-    }
-
-    fn release(&mut self, sequence: u64) -> Result<(), Misuse> {
-        if !self.config.role.receives() {
-            return Err(Misuse::WrongRole);
-        }
-        if self.inbound.release(sequence) {
-            Ok(())
-        } else {
-            Err(Misuse::NotBorrowed)
-        }
     }
 
     fn cancel(&mut self, call: u64) -> Result<(), Misuse> {
@@ -367,21 +326,27 @@ impl Link {
         })
     }
 
+    /// Whether [`Link::poll`] may have something: not, if it surely has nothing. After a message on
+    /// the ring lane there mostly is nothing to drain.
+    #[must_use]
+    #[inline]
+    pub fn has_output(&self) -> bool {
+        match &self.ring {
+            Some(ring) if self.greeted && self.state.is_ok() => {
+                !self.events.is_empty()
+                    || self.announce_ring
+                    || !self.detached.is_empty()
+                    || self.placed.has_cancels()
+                    || ring.sender().is_some_and(RingSender::has_steps)
+            }
+            _ => true,
+        }
+    }
+
     /// When to call [`Link::handle`] at the latest: never in version 1.
     #[must_use]
     pub const fn deadline(&self) -> Option<Instant> {
         None
-    }
-
-    /// The next message for the application, the oldest first; none if none is
-    /// ready. It is the application's until [`Input::Release`].
-    ///
-    /// # Errors
-    /// A message is ready, but the application holds all that it may.
-    pub fn take(&mut self) -> Result<Option<Delivery>, TooManyBorrowed> {
-        let taken = self.inbound.take();
-        self.invariants();
-        taken
     }
 
     /// Whether both OPEN were exchanged, and RING where the link has one, and the link is not over.
@@ -415,19 +380,6 @@ impl Link {
         }
     }
 
-    /// Whether one more [`Input::Send`] would neither displace a message nor be
-    /// refused for want of room or for too many calls. On the ring lane: see
-    /// [`Link::ring_has_room`].
-    #[must_use]
-    pub fn has_room(&self) -> bool {
-        self.state.is_ok()
-            && self.ring.is_none()
-            && !self.may_get_ring()
-            && self.config.role.sends()
-            && self.placed.check().is_ok()
-            && self.outbound.has_room()
-    }
-
     /// Whether a deadline passed ([`Input::Skip`]) and the other end has
     /// released nothing since: such a link is not waited for (SM2-QOS-002).
     #[must_use]
@@ -449,19 +401,11 @@ impl Link {
     }
 
     /// How many calls have no reply: of a caller those that it made, also after
-    /// the end as long as [`Link::ring_take`] may bring their replies; of a
+    /// the end as long as [`Link::take`] may bring their replies; of a
     /// server those that it took and whose reply has not left.
     #[must_use]
     pub fn calls(&self) -> usize {
         self.placed.len() + self.served.len()
-    }
-
-    /// How many messages the application has not taken. On the ring lane: see
-    /// [`Link::ring_ready`].
-    #[must_use]
-    #[inline]
-    pub fn ready(&self) -> usize {
-        self.inbound.ready()
     }
 
     /// What must hold between any two calls. Free in release.

@@ -13,8 +13,8 @@ use core::mem;
 use bytes::Bytes;
 
 use super::{
-    Attachment, Body, Config, Counters, Fate, Frame, Message, Misuse, Packet, Role, SegmentInfo,
-    Status,
+    Attachment, Body, Config, Counters, Fate, Frame, Misuse, OutboundMessage, Packet, Role,
+    SegmentInfo, Status,
     attachments::{Attachments, Step},
     segments::{Slot, is_legal_len},
     wire::{Carrier, Form, Given, MessageFrame},
@@ -35,8 +35,8 @@ pub(super) struct Outbound {
     depth: usize,
     /// How many may be unreleased: zero until OPEN comes.
     window: usize,
-    waiting: VecDeque<Message>,
-    admitted: VecDeque<Message>,
+    waiting: VecDeque<OutboundMessage>,
+    admitted: VecDeque<OutboundMessage>,
     unreleased: BTreeMap<u64, Unreleased>,
     attachments: Attachments,
     /// The number of the last message that was sent.
@@ -102,7 +102,7 @@ impl Outbound {
     }
 
     /// Whether the machine may be given this message.
-    pub(super) fn check(&self, message: &Message) -> Result<(), Misuse> {
+    pub(super) fn check(&self, message: &OutboundMessage) -> Result<(), Misuse> {
         let is_reply = self.carrier == Carrier::Reply;
         if (!is_reply && message.status != Status::Ok)
             || (!message.status.has_payload() && message.len != 0)
@@ -134,7 +134,7 @@ impl Outbound {
     /// Takes a message that `check` has allowed. Gives the key of the one that
     /// it displaced.
     //= SM2-QOS-001, SM2-QOS-002
-    pub(super) fn send(&mut self, message: Message) -> Result<Option<u64>, Misuse> {
+    pub(super) fn send(&mut self, message: OutboundMessage) -> Result<Option<u64>, Misuse> {
         let displaced = if self.has_room() {
             None
         } else if self.displaces {
@@ -371,8 +371,8 @@ fn slot_of(body: &Body) -> Option<Slot> {
 
 /// The frame of a message.
 //= SM2-MSG-002, SM2-PAY-001, SM2-PAY-002, SM2-PAY-003
-fn packet(carrier: Carrier, sequence: u64, message: Message) -> Packet {
-    let Message {
+fn packet(carrier: Carrier, sequence: u64, message: OutboundMessage) -> Packet {
+    let OutboundMessage {
         key,
         id,
         time,

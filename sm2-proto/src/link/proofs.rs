@@ -1,7 +1,7 @@
 //! Harnesses for a link's tables, frames, addresses and windows.
 
 use super::{
-    Body, Config, End, Error, Frame, FrameKind, Input, Link, Message, Output, Role,
+    Body, Config, End, Error, Frame, FrameKind, Input, Link, OutboundMessage, Output, Role,
     inbound::Inbound,
     phase::{Phase, admit},
     segments::{Geometry, Verified},
@@ -403,7 +403,7 @@ fn an_ended_link_is_silent() {
     }
     (link.greeted, link.blocked) = kani::any();
     let close = Frame::Close(Code(3)).head();
-    let message = Message {
+    let message = OutboundMessage {
         key: 1,
         id: 1,
         time: NOW,

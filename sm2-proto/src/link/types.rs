@@ -12,12 +12,19 @@ pub enum Input<'a> {
     Datagram(Datagram<'a>),
     /// The stream ended: the other end's process is gone, or it closed the socket.
     Eof,
-    /// The application sends a message: DATA, REQUEST or REPLY by the role.
-    Send(Message),
+    /// The application sends a message: [`Link::send`](super::Link::send) on the socket lane.
+    Send(OutboundMessage),
     /// A reliable publisher's deadline passed while it waited for room: one
     /// message is dropped for this link alone.
     Skip,
-    /// The application gives back a message that it took.
+    /// Ring lane: a publication is not sent on this link, which has no room for it at this moment.
+    /// It counts as [`Fate::Overwritten`].
+    PassOver,
+    /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): no
+    /// datagram is there that could attach the segment of the message.
+    SegmentMissing,
+    /// The application gives back a message that it took: [`Link::release`](super::Link::release)
+    /// on the socket lane.
     Release {
         /// The message's [`Delivery::sequence`].
         sequence: u64,
@@ -25,7 +32,7 @@ pub enum Input<'a> {
     /// The caller no longer wants the reply. Sent once, however often it is
     /// asked for; a call that has its reply is left alone.
     Cancel {
-        /// The [`Message::id`] of the request.
+        /// The [`OutboundMessage::id`] of the request.
         call: u64,
     },
     /// Ring lane: the application will use this segment. ATTACH, if it is not attached. Messages
@@ -87,7 +94,7 @@ pub enum Output {
     },
     /// The link is done with a message. Exactly one for each [`Input::Send`] that was taken.
     Settled {
-        /// The [`Message::key`].
+        /// The [`OutboundMessage::key`].
         key: u64,
         /// What became of the message.
         fate: Fate,
@@ -98,7 +105,7 @@ pub enum Output {
         call: u64,
     },
     /// A caller will not get the reply: the link ended before it. On the ring lane it is said when
-    /// [`Link::ring_take`](super::Link::ring_take) gave the replies that had come, if need be
+    /// [`Link::take`](super::Link::take) gave the replies that had come, if need be
     /// after [`Output::Ended`].
     CallFailed {
         /// The id of the request.
@@ -110,7 +117,7 @@ pub enum Output {
 
 /// One message to send.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Message {
+pub struct OutboundMessage {
     /// The driver's own name for it, as it comes back in [`Output::Settled`]
     /// and [`Attachment::Message`](super::Attachment::Message). The machine only carries it.
     pub key: u64,
@@ -139,7 +146,7 @@ pub enum Body {
         /// The slot, from 0.
         slot: u32,
     },
-    /// In a file of its own, which the driver keeps under [`Message::key`].
+    /// In a file of its own, which the driver keeps under [`OutboundMessage::key`].
     Sealed,
 }
 
@@ -274,22 +281,8 @@ pub enum End {
     Violation(Violation),
 }
 
-/// Why [`Link::handle`](super::Link::handle) did not do what it was told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum Error {
-    /// The link is over; the reason is the first one, for ever.
-    #[error(transparent)]
-    Ended(End),
-    /// The caller of the machine broke its contract; nothing has changed.
-    #[error(transparent)]
-    Misuse(Misuse),
-}
-
-impl From<Misuse> for Error {
-    fn from(misuse: Misuse) -> Self {
-        Self::Misuse(misuse)
-    }
-}
+/// Why [`Link::handle`](super::Link::handle) did not do what its input asked for.
+pub type Error = crate::Error<End, Misuse>;
 
 /// How a caller of the machine can break its contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
@@ -349,9 +342,12 @@ pub enum Misuse {
     /// Server: the call is not open, or has its reply. Caller: it was never made.
     #[error("no such call is open")]
     UnknownCall,
-    /// The link's messages go through the other lane.
-    #[error("the messages of this link go through its other lane: ask has_ring")]
+    /// The link's messages go through the other lane, or its ring was not lent.
+    #[error("the messages of this link go through its other lane, or its ring was not lent")]
     WrongLane,
+    /// The link's messages have to be in slots.
+    #[error("the messages of this link have to be in slots: ask needs_slot")]
+    NotPooled,
     /// The segment is not attached (any more, or yet).
     #[error("the segment is not attached: feed attach, drain the outputs, and try again")]
     NotAttached,

@@ -4,8 +4,8 @@
 use sm2_proto::{
     Datagram, FdFacts, Instant, LinkId, Seals, Violation,
     link::{
-        Body, Config, End, Error, Fate, Input, Link, Message, Output, Packet, RingLayout, Role,
-        SegmentInfo, Status,
+        Body, Config, End, Error, Fate, Input, Link, OutboundMessage, Output, Packet, RingLayout,
+        Role, SegmentInfo, Status,
         wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
     },
 };
@@ -232,9 +232,9 @@ pub(crate) fn release_all(link: &mut Link, given: Given, sequences: &[u64]) -> V
 }
 
 /// A message without payload to send; its key is its id.
-pub(crate) fn message(id: u64) -> Message {
+pub(crate) fn message(id: u64) -> OutboundMessage {
     let body = Body::Inline(bytes::Bytes::new());
-    Message {
+    OutboundMessage {
         key: id,
         id,
         time: Instant(9),
@@ -244,8 +244,8 @@ pub(crate) fn message(id: u64) -> Message {
     }
 }
 
-pub(crate) fn pooled_message(id: u64, segment: SegmentInfo, slot: u32) -> Message {
-    Message {
+pub(crate) fn pooled_message(id: u64, segment: SegmentInfo, slot: u32) -> OutboundMessage {
+    OutboundMessage {
         len: 100,
         body: Body::Pooled { segment, slot },
         ..message(id)
@@ -253,7 +253,7 @@ pub(crate) fn pooled_message(id: u64, segment: SegmentInfo, slot: u32) -> Messag
 }
 
 /// Sends a message that the link must take.
-pub(crate) fn send(link: &mut Link, message: Message) -> Vec<Output> {
+pub(crate) fn send(link: &mut Link, message: OutboundMessage) -> Vec<Output> {
     assert_eq!(link.handle(NOW, Input::Send(message)), Ok(()));
     drain(link)
 }

@@ -6,8 +6,8 @@ use bytes::Bytes;
 use sm2_proto::{
     Datagram, Farewell,
     link::{
-        Body, Config, Counters, Delivery, End, Error, Fate, Input, Link, Message, Payload, Role,
-        SegmentInfo, Status,
+        Body, Config, Counters, Delivery, End, Error, Fate, Input, Link, NoMemory, OutboundMessage,
+        Payload, Role, SegmentInfo, Status,
     },
 };
 
@@ -103,7 +103,11 @@ impl Pair {
         };
         let room = self.expect_room(end);
         let link = &self.ends[end].link;
-        assert_eq!(link.has_room(), room.is_ok(), "room as the plain list says");
+        assert_eq!(
+            link.has_room(&NoMemory),
+            room.is_ok(),
+            "room as the plain list says"
+        );
         if room.is_err() && link.config().reliable {
             if link.config().role == Role::Sender {
                 self.feed(end, Input::Skip);
@@ -167,7 +171,7 @@ impl Pair {
         Err(waiting.first().copied())
     }
 
-    fn message(&mut self, end: usize, id: u64, form: u8) -> Message {
+    fn message(&mut self, end: usize, id: u64, form: u8) -> OutboundMessage {
         let at = &self.ends[end];
         let is_server = at.link.config().role == Role::Server;
         let status = match id % 5 {
@@ -194,7 +198,7 @@ impl Pair {
             _ => None,
         };
         let body = body.unwrap_or(Body::Inline(payload));
-        Message {
+        OutboundMessage {
             key,
             id,
             time: NOW,
@@ -221,10 +225,10 @@ impl Pair {
     fn take(&mut self, end: usize) {
         let at = &mut self.ends[end];
         let limit = usize::from(at.link.config().max_borrowed);
-        match at.link.take() {
+        match at.link.take(&NoMemory) {
             Ok(Some(delivery)) => self.took(end, delivery),
-            Ok(None) => assert_eq!(at.link.ready(), 0),
-            Err(_) => assert!(at.held.len() == limit && at.link.ready() > 0),
+            Ok(None) => assert_eq!(at.link.ready(&NoMemory), 0),
+            Err(_) => assert!(at.held.len() == limit && at.link.ready(&NoMemory) > 0),
         }
         self.drain(end);
     }
@@ -424,7 +428,7 @@ impl Pair {
     pub(crate) fn check_settled(&self) {
         for (this, other) in [(0, 1), (1, 0)].map(|(a, b)| (&self.ends[a], &self.ends[b])) {
             assert!(this.sent.iter().all(|it| it.fate.is_some()));
-            assert_eq!((this.link.ready(), this.held.len()), (0, 0));
+            assert_eq!((this.link.ready(&NoMemory), this.held.len()), (0, 0));
             if self.broken_off {
                 assert!(this.ended && (!self.is_caller(this) || this.calls_are_answered()));
                 continue;

@@ -2,7 +2,7 @@
 
 use std::cell::{Cell, RefCell};
 
-use sm2_proto::link::{At, EMPTY, Words};
+use sm2_proto::link::{At, EMPTY, RingMemory};
 
 use crate::ring_support::Memory;
 
@@ -46,7 +46,7 @@ impl<'a> Between<'a> {
     }
 }
 
-impl Words for Between<'_> {
+impl RingMemory for Between<'_> {
     fn load(&self, at: At) -> u64 {
         if self.step() {
             self.memory.load(at)

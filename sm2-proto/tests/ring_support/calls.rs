@@ -13,8 +13,8 @@ use sm2_proto::{
     Datagram, Instant,
     limits::SLOT_HEAD,
     link::{
-        Config, Delivery, EMPTY, End, Error, Fate, Input, Link, NoDelivery, Output, Packet,
-        Payload, RingMessage, Role, SlotHead, Status, Words, doorbell,
+        Body, Config, Delivery, EMPTY, End, Error, Fate, Input, Lent, Link, NoDelivery,
+        OutboundMessage, Output, Packet, Payload, RingMemory, Role, SlotHead, Status, doorbell,
     },
 };
 
@@ -151,7 +151,7 @@ impl Side {
     }
 
     /// Makes the next call.
-    pub(crate) fn call(&mut self, words: &impl Words, world: &World, within: u32) {
+    pub(crate) fn call(&mut self, words: &impl RingMemory, world: &World, within: u32) {
         if self.ended || !self.link.is_open() || self.free_place(within).is_none() {
             return;
         }
@@ -163,7 +163,13 @@ impl Side {
     }
 
     /// Replies to one of the calls that wait for it.
-    pub(crate) fn reply(&mut self, words: &impl Words, world: &World, pick: usize, within: u32) {
+    pub(crate) fn reply(
+        &mut self,
+        words: &impl RingMemory,
+        world: &World,
+        pick: usize,
+        within: u32,
+    ) {
         if self.owed.is_empty() || self.ended || self.free_place(within).is_none() {
             return;
         }
@@ -177,7 +183,14 @@ impl Side {
         self.send(words, world, id, status, within);
     }
 
-    fn send(&mut self, words: &impl Words, world: &World, id: u64, status: Status, within: u32) {
+    fn send(
+        &mut self,
+        words: &impl RingMemory,
+        world: &World,
+        id: u64,
+        status: Status,
+        within: u32,
+    ) {
         let place = self.free_place(within).expect("was looked for");
         let head = SlotHead {
             id,
@@ -187,12 +200,16 @@ impl Side {
         };
         let slot = (self.end, place.0, place.1);
         world.heads.borrow_mut().insert(slot, head.to_bytes());
-        let message = RingMessage {
+        let message = OutboundMessage {
             key: 1000 + self.sent.len() as u64,
             id,
+            time: Instant(0),
+            status: Status::Ok,
             len: head.len,
-            segment: segment(place.0),
-            slot: place.1,
+            body: Body::Pooled {
+                segment: segment(place.0),
+                slot: place.1,
+            },
         };
         self.sent.push(Sent {
             key: message.key,
@@ -200,28 +217,30 @@ impl Side {
             fate: None,
         });
         let mut settled = Vec::new();
-        let sent = (self.link).ring_send(words, &message, |key, fate| settled.push((key, fate)));
+        let sent = (self.link).send(words, message.clone(), |key, fate| {
+            settled.push((key, fate))
+        });
         self.sent_or_harvested(world, sent, &settled);
         self.send_due(words, world);
     }
 
-    fn send_due(&mut self, words: &impl Words, world: &World) {
-        while self.link.ring_is_due() {
+    fn send_due(&mut self, words: &impl RingMemory, world: &World) {
+        while self.link.is_due() {
             self.harvest_once(words, world);
         }
     }
 
-    pub(crate) fn harvest(&mut self, words: &impl Words, world: &World) {
+    pub(crate) fn harvest(&mut self, words: &impl RingMemory, world: &World) {
         self.harvest_once(words, world);
         self.send_due(words, world);
     }
 
-    fn harvest_once(&mut self, words: &impl Words, world: &World) {
+    fn harvest_once(&mut self, words: &impl RingMemory, world: &World) {
         if self.ended || !self.link.is_open() {
             return;
         }
         let mut settled = Vec::new();
-        let result = (self.link).ring_harvest(words, |key, fate| settled.push((key, fate)));
+        let result = (self.link).harvest(words, |key, fate| settled.push((key, fate)));
         self.sent_or_harvested(world, result, &settled);
     }
 
@@ -241,14 +260,14 @@ impl Side {
     }
 
     /// Whether there is a message in a segment that was not attached yet.
-    pub(crate) fn take(&mut self, words: &impl Words, world: &World) -> bool {
+    pub(crate) fn take(&mut self, words: &impl RingMemory, world: &World) -> bool {
         let from = 1 - self.end;
         let copy = |segment, offset, _| world.copy(from, segment, offset);
-        let taken = self.link.ring_take(words, copy);
+        let taken = self.link.take(&Lent::new(words, copy));
         match taken {
             Ok(Some(delivery)) => {
                 self.took(world, delivery);
-                if self.link.ring_made_room(words) {
+                if self.link.made_room(words) {
                     self.ring_the_bell(world);
                 }
             }
@@ -302,13 +321,13 @@ impl Side {
         assert_eq!(head[..8], delivery.id.to_le_bytes(), "{delivery:?}");
     }
 
-    pub(crate) fn release(&mut self, words: &impl Words, world: &World, pick: usize) {
+    pub(crate) fn release(&mut self, words: &impl RingMemory, world: &World, pick: usize) {
         if self.held.is_empty() {
             return;
         }
         let index = pick % self.held.len();
         let delivery = self.held.swap_remove(index);
-        match self.link.ring_release(words, delivery.sequence) {
+        match self.link.release(words, delivery.sequence) {
             Ok(true) => self.ring_the_bell(world),
             Ok(false) => {}
             Err(error) => assert!(self.ended, "{error}"),
@@ -379,9 +398,9 @@ impl Side {
         let (incoming, outgoing) = (&world.rings[self.end], &world.rings[1 - self.end]);
         let mut probe = (self.link.clone(), outgoing.clone());
         let before = probe.1.forward();
-        let _ = probe.0.ring_harvest(&probe.1, |_, _| {});
+        let _ = probe.0.harvest(&probe.1, |_, _| {});
         let put = (before.iter().zip(probe.1.forward())).any(|(a, b)| *a == EMPTY && b != EMPTY);
-        put || self.link.ring_ready(incoming)
+        put || self.link.is_ready(incoming)
     }
 
     pub(crate) fn in_flight(&self) -> usize {
@@ -467,7 +486,7 @@ impl Calls {
         if side.take(&world.rings[end], world) {
             assert!(side.ended, "attached before it is used");
             // What came by the socket after the end was not read.
-            side.link.ring_unknown_segment();
+            let _ = side.link.handle(NOW, Input::SegmentMissing);
             side.drain(world);
         }
     }

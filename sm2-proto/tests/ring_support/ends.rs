@@ -8,11 +8,11 @@ use std::{
 };
 
 use sm2_proto::{
-    FdFacts,
+    FdFacts, Instant,
     limits::SLOT_HEAD,
     link::{
-        Attachment, Delivery, Error, Fate, Input, Link, Misuse, NoDelivery, Output, Packet,
-        Payload, RingMessage, SegmentInfo, Word, Words, doorbell,
+        Attachment, Body, Delivery, Error, Fate, Input, Lent, Link, Misuse, NoDelivery,
+        OutboundMessage, Output, Packet, Payload, RingMemory, SegmentInfo, Status, Word, doorbell,
     },
 };
 
@@ -167,7 +167,7 @@ impl Sending {
     }
 
     /// Publishes one message, if the link takes it.
-    pub(crate) fn send(&mut self, words: &impl Words, shared: &Shared, within: u32) {
+    pub(crate) fn send(&mut self, words: &impl RingMemory, shared: &Shared, within: u32) {
         if self.at.ended || !self.at.link.is_open() {
             return;
         }
@@ -206,7 +206,7 @@ impl Sending {
                         self.at.link.handle(NOW, Input::Skip).unwrap();
                         self.skipped += 1;
                     } else {
-                        self.at.link.ring_pass_over().unwrap();
+                        self.at.link.handle(NOW, Input::PassOver).unwrap();
                         self.passed_over += 1;
                     }
                     return;
@@ -218,23 +218,28 @@ impl Sending {
 
     pub(crate) fn try_send(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         shared: &Shared,
         id: u64,
         place: (u32, u32),
     ) -> Result<bool, Error> {
         let head = head(id);
         shared.heads.borrow_mut().insert(place, head.to_bytes());
-        let message = RingMessage {
+        let message = OutboundMessage {
             key: id,
             id,
+            time: Instant(0),
+            status: Status::Ok,
             len: head.len,
-            segment: segment(place.0),
-            slot: place.1,
+            body: Body::Pooled {
+                segment: segment(place.0),
+                slot: place.1,
+            },
         };
         let mut settled = Vec::new();
-        let result =
-            (self.at.link).ring_send(words, &message, |key, fate| settled.push((key, fate)));
+        let result = (self.at.link).send(words, message.clone(), |key, fate| {
+            settled.push((key, fate))
+        });
         for (key, fate) in settled {
             self.settle(shared, key, fate);
         }
@@ -263,14 +268,18 @@ impl Sending {
             .heads
             .borrow_mut()
             .insert((0, slot), head(id).to_bytes());
-        let message = RingMessage {
+        let message = OutboundMessage {
             key: id,
             id,
+            time: Instant(0),
+            status: Status::Ok,
             len: head(id).len,
-            segment: segment(0),
-            slot,
+            body: Body::Pooled {
+                segment: segment(0),
+                slot,
+            },
         };
-        let _ = link.ring_send(dying, &message, |_, _| {});
+        let _ = link.send(dying, message.clone(), |_, _| {});
         let word = Word::new(0, slot, sequence).unwrap().to_bits();
         if shared.words.forward().contains(&word) {
             let fate = Some(Fate::Closed);
@@ -284,12 +293,12 @@ impl Sending {
         }
     }
 
-    pub(crate) fn harvest(&mut self, words: &impl Words, shared: &Shared) {
+    pub(crate) fn harvest(&mut self, words: &impl RingMemory, shared: &Shared) {
         if self.at.ended || !self.at.link.is_open() {
             return;
         }
         let mut settled = Vec::new();
-        let result = (self.at.link).ring_harvest(words, |key, fate| settled.push((key, fate)));
+        let result = (self.at.link).harvest(words, |key, fate| settled.push((key, fate)));
         assert_eq!(result, Ok(false), "nothing waits on a topic");
         for (key, fate) in settled {
             assert_eq!(fate, Fate::Delivered);
@@ -300,7 +309,7 @@ impl Sending {
 
 impl Receiving {
     /// Whether there is a message in a segment that was not attached yet.
-    pub(crate) fn take(&mut self, words: &impl Words, shared: &Shared) -> bool {
+    pub(crate) fn take(&mut self, words: &impl RingMemory, shared: &Shared) -> bool {
         if self.is_dead {
             return false;
         }
@@ -309,7 +318,7 @@ impl Receiving {
             let slot = u32::try_from(offset / stride).unwrap();
             shared.heads.borrow().get(&(segment, slot)).copied()
         };
-        match self.at.link.ring_take(words, copy) {
+        match self.at.link.take(&Lent::new(words, copy)) {
             Ok(Some(delivery)) => {
                 assert!(self.held.len() < limit);
                 let before = self.taken.last().copied();
@@ -318,7 +327,7 @@ impl Receiving {
                 assert!(before.is_none_or(|(sequence, _)| delivery.sequence > sequence));
                 self.taken.push((delivery.sequence, delivery.id));
                 self.held.push(delivery);
-                if self.at.link.ring_made_room(words) {
+                if self.at.link.made_room(words) {
                     self.at.ring_the_bell();
                 }
             }
@@ -331,14 +340,14 @@ impl Receiving {
         false
     }
 
-    pub(crate) fn release(&mut self, words: &impl Words, shared: &Shared, pick: usize) {
+    pub(crate) fn release(&mut self, words: &impl RingMemory, shared: &Shared, pick: usize) {
         if self.held.is_empty() || self.is_dead {
             return;
         }
         let index = pick % self.held.len();
         shared.check_head(&self.held[index]);
         let delivery = self.held.swap_remove(index);
-        match self.at.link.ring_release(words, delivery.sequence) {
+        match self.at.link.release(words, delivery.sequence) {
             Ok(true) => self.at.ring_the_bell(),
             Ok(false) => {}
             Err(error) => assert!(self.at.ended, "{error}"),

@@ -10,9 +10,9 @@ use sm2_proto::{
     Datagram, FdFacts, Instant,
     limits::SLOT_HEAD,
     link::{
-        At, Attachment, Config, Delivery, EMPTY, Error, Fate, FrameKind, Input, Link, NoDelivery,
-        Output, RingLayout, RingMessage, Role, SegmentInfo, SlotHead, Status, Word, Words,
-        wire::Frame,
+        At, Attachment, Body, Config, Delivery, EMPTY, Error, Fate, FrameKind, Input, Lent, Link,
+        NoDelivery, OutboundMessage, Output, RingLayout, RingMemory, Role, SegmentInfo, SlotHead,
+        Status, Word, wire::Frame,
     },
 };
 
@@ -78,7 +78,7 @@ impl Memory {
     }
 }
 
-impl Words for Memory {
+impl RingMemory for Memory {
     fn load(&self, at: At) -> u64 {
         self.count();
         self.read(at)
@@ -245,16 +245,18 @@ impl Rig {
     ) -> Result<bool, Error> {
         let head = head(id);
         self.heads.insert((segment.id, slot), head.to_bytes());
-        let message = RingMessage {
+        let message = OutboundMessage {
             key: 10 * id,
             id,
+            time: Instant(0),
+            status: Status::Ok,
             len: head.len,
-            segment,
-            slot,
+            body: Body::Pooled { segment, slot },
         };
         let settled = &mut self.settled;
-        let sent = self.ends[SENDER]
-            .ring_send(&self.words, &message, |key, fate| settled.push((key, fate)));
+        let sent = self.ends[SENDER].send(&self.words, message.clone(), |key, fate| {
+            settled.push((key, fate))
+        });
         self.drain(SENDER);
         sent
     }
@@ -262,17 +264,17 @@ impl Rig {
     pub(crate) fn harvest(&mut self) -> Result<bool, Error> {
         let settled = &mut self.settled;
         let harvested =
-            self.ends[SENDER].ring_harvest(&self.words, |key, fate| settled.push((key, fate)));
+            self.ends[SENDER].harvest(&self.words, |key, fate| settled.push((key, fate)));
         self.drain(SENDER);
         harvested
     }
 
     pub(crate) fn take(&mut self) -> Result<Option<Delivery>, NoDelivery> {
         let heads = &self.heads;
-        let taken = self.ends[RECEIVER].ring_take(&self.words, |segment, offset, stride| {
+        let taken = self.ends[RECEIVER].take(&Lent::new(&self.words, |segment, offset, stride| {
             let slot = u32::try_from(offset / stride).unwrap();
             Some(*heads.get(&(segment, slot)).expect("a slot with a head"))
-        });
+        }));
         self.drain(RECEIVER);
         taken
     }
@@ -283,7 +285,7 @@ impl Rig {
     }
 
     pub(crate) fn release(&mut self, sequence: u64) -> Result<bool, Error> {
-        let released = self.ends[RECEIVER].ring_release(&self.words, sequence);
+        let released = self.ends[RECEIVER].release(&self.words, sequence);
         self.drain(RECEIVER);
         released
     }
@@ -294,7 +296,7 @@ impl Rig {
     }
 
     pub(crate) fn room(&self) -> bool {
-        self.ends[SENDER].ring_has_room(&self.words)
+        self.ends[SENDER].has_room(&self.words)
     }
 
     /// The datagram of a peer, which the end must take.

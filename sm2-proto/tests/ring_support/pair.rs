@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use sm2_proto::{
     Datagram, Farewell,
-    link::{EMPTY, Error, Input, Link, Misuse, RingLayout, Role},
+    link::{EMPTY, Error, Input, Lent, Link, Misuse, RingLayout, Role},
 };
 
 use crate::{
@@ -259,11 +259,11 @@ impl Pair {
             return;
         }
         let words = &self.shared.words;
-        self.end_ref(end).link.ring_park(words);
+        self.end_ref(end).link.park(words);
         self.sending.harvest(words, &self.shared);
         let idle = self.is_idle(end);
         if !idle {
-            self.end_ref(end).link.ring_unpark(&self.shared.words);
+            self.end_ref(end).link.unpark(&self.shared.words);
         }
         self.end(end).asleep = idle;
     }
@@ -280,9 +280,9 @@ impl Pair {
         match end {
             0 => {
                 let is_back = words.back().iter().any(|it| *it != EMPTY);
-                !is_back && !self.sending.at.link.ring_has_room(words)
+                !is_back && !self.sending.at.link.has_room(words)
             }
-            _ => !self.receiving.at.link.ring_ready(words),
+            _ => !self.receiving.at.link.is_ready(words),
         }
     }
 
@@ -299,7 +299,7 @@ impl Pair {
             self.sending.die(&mut link, &dying, &self.shared);
         } else {
             let copy = |_, _, _| Some(head(1 << 60).to_bytes());
-            let _ = link.ring_take(&dying, copy);
+            let _ = link.take(&Lent::new(&dying, copy));
             self.receiving.is_dead = true;
         }
         drop(dying);

@@ -4,7 +4,7 @@ use sm2_proto::ViolationKind::{
     BadName, BadQos, FdCount, FrameTooLong, Malformed, NotCanonical, TrailingBytes, UnknownFrame,
 };
 
-use super::manager::{Rows, Rule, all};
+use super::manager_rows::{Rows, Rule, all};
 use crate::control::{self, Qos};
 
 /// The rows; each starts with a new connection that has not greeted.

@@ -11,7 +11,7 @@ use sm2_proto::{
     },
 };
 
-use super::Row;
+use super::manager_rows::{Rows, Rule, all};
 use crate::{
     control::{self, Fields, Qos},
     memory,
@@ -20,14 +20,6 @@ use crate::{
 
 /// Takes a name that is in use while the rows run.
 pub const TAKEN: &str = "bystander";
-
-pub(super) type Rows = Vec<Row<RawNode>>;
-pub(super) type Rule = super::Rule<RawNode>;
-
-/// The rows of several rules.
-pub(super) fn all<const N: usize>(rules: [Rule; N]) -> Rows {
-    rules.into_iter().flatten().collect()
-}
 
 /// The rows; each starts with a new connection that has not greeted.
 #[must_use]

@@ -8,6 +8,7 @@
 mod frames;
 pub mod link;
 pub mod manager;
+mod manager_rows;
 pub mod node;
 mod questions;
 pub mod spec;

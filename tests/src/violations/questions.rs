@@ -7,7 +7,7 @@ use sm2_proto::{
     ViolationKind::{BadSchema, BadSize, CountersTwice, NotAMemfd, SealsMissing, WatchTwice},
 };
 
-use super::manager::{Rows, Rule, all};
+use super::manager_rows::{Rows, Rule, all};
 use crate::{
     control::{self, type_id},
     memory,

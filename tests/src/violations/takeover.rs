@@ -5,7 +5,7 @@ use sm2_proto::{
     ViolationKind::{BadClaim, UnexpectedClaim, UnexpectedHello, UnknownInterface},
 };
 
-use super::manager::{Rows, Rule, all};
+use super::manager_rows::{Rows, Rule, all};
 use crate::{
     control::{self, Claim, Qos},
     raw::RawNode,

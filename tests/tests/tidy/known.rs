@@ -9,8 +9,6 @@ pub(crate) const FILES_IN_CYCLES: &[(&str, usize)] = &[
     ("sm2-node/src/lib.rs", 28),
     ("sm2-proto/src/lib.rs", 22),
     ("tests/src/lib.rs", 13),
-    ("verification/src/bin/check/main.rs", 6),
-    ("verification/src/lib.rs", 8),
 ];
 
 /// File, and how many of its lines, functions, or the file itself are too long at most.
@@ -54,7 +52,7 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
     ("sm2-proto/tests/support/takeover/nodes.rs", 1),
     ("tests/src/bin/sm2-test-actor/flow.rs", 1),
     ("verification/loom-models/tests/ring.rs", 1),
-    ("verification/src/clauses.rs", 1),
+    ("verification/src/clauses/gap.rs", 1),
     ("verification/src/model/domain/scope.rs", 1),
     ("verification/src/model/link/scope.rs", 1),
     ("verification/tests/properties.rs", 2),

@@ -11,6 +11,7 @@ mod choices;
 mod compare;
 mod faults;
 mod hand;
+mod kept;
 #[path = "../../../sm2-proto/tests/support/matching.rs"]
 mod matching;
 mod order;
@@ -25,9 +26,8 @@ mod world;
 pub use self::{
     action::Action,
     compare::Findings,
-    faults::Fault,
     hand::walk_by_hand,
-    scope::{Budget, Scope},
+    scope::{Budget, Fault, Scope},
     world::World,
 };
 use super::{Failure, Golden, System};

@@ -22,12 +22,12 @@ impl LinkDriver {
                     Output::Transmit(packet) => self.transmit(packet, epoll, outbox),
                     Output::Opened => {
                         if !self.has_ring() {
-                            self.ring = None;
+                            self.mapped.incoming = None;
                             self.ring_file = None;
                         }
                     }
                     // It is there since the beginning.
-                    Output::MakeRing(_) => debug_assert!(self.ring.is_some()),
+                    Output::MakeRing(_) => debug_assert!(self.mapped.incoming.is_some()),
                     Output::Ring(layout) => self.map_ring(layout, came.take_file()),
                     Output::Attach {
                         segment,
@@ -35,7 +35,7 @@ impl LinkDriver {
                         slots,
                     } => self.attach(segment, stride * u64::from(slots), came.take_file()),
                     Output::Detach { segment } => {
-                        self.segments.remove(&segment);
+                        self.mapped.segments.remove(&segment);
                     }
                     Output::Keep { sequence } => {
                         if let Some(fd) = came.take_file() {
@@ -130,7 +130,7 @@ impl LinkDriver {
             .and_then(|file| PooledMapping::new(&file, len, false));
         match mapped {
             Ok(mapping) => {
-                self.segments.insert(segment, Arc::new(mapping));
+                self.mapped.segments.insert(segment, Arc::new(mapping));
             }
             Err(error) => self.fail(Farewell::Resources, &error),
         }
@@ -170,7 +170,7 @@ impl LinkDriver {
         }
         self.unsent = None;
         self.failing = None;
-        self.ring_out = None;
+        self.mapped.outgoing = None;
         if let Some(socket) = self.socket.take() {
             let _ = epoll.remove(&socket);
             // A child process may have inherited it: the other side must learn of the end.
@@ -183,9 +183,9 @@ impl LinkDriver {
     pub(super) fn forget_unused(&mut self) {
         // The calls of a link that is over get what is left in their ring, or fail.
         if !self.is_ready() && self.calls() == 0 {
-            self.segments.clear();
+            self.mapped.segments.clear();
             self.kept.clear();
-            self.ring = None;
+            self.mapped.incoming = None;
             self.ring_file = None;
         }
     }

@@ -6,37 +6,20 @@ use std::os::unix::fs::FileExt;
 
 use sm2_io::Slot;
 use sm2_proto::limits::SLOT_HEAD;
-use sm2_proto::link::{RingMessage, SlotHead, Status};
+use sm2_proto::link::{Body, OutboundMessage, SlotHead, Status};
 
 use super::{Label, NoSlot, Outbox, info};
 use crate::pool::Lease;
 
 impl Outbox {
-    /// The message as a link of the ring lane sends it. It is copied to a slot, if no such link
-    /// was there when it was published.
-    pub(in crate::driver) fn ring_message(&mut self, key: u64) -> io::Result<RingMessage> {
-        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
-        if message.forms.pooled.is_none() {
-            self.copy_to_slot(key)?;
-        }
-        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
-        let lease = (message.forms.pooled.as_ref()).ok_or(io::ErrorKind::NotFound)?;
-        Ok(RingMessage {
-            key,
-            id: message.id,
-            len: message.len,
-            segment: info(lease),
-            slot: lease.slot,
-        })
-    }
-
-    /// The same of a request or a reply, which is sent on one link alone.
-    pub(in crate::driver) fn ring_call(
+    /// The message as a link sends it that needs it in a slot. It is copied to one, if no such link
+    /// was there when it was published. Only replies have a status, and go to one link alone.
+    pub(in crate::driver) fn message_in_slot(
         &mut self,
         key: u64,
         status: Status,
-    ) -> io::Result<RingMessage> {
-        let message = self.ring_message(key)?;
+    ) -> io::Result<OutboundMessage> {
+        let message = self.pooled_message(key, status)?;
         if status != Status::Ok
             && let Some(label) = self.label(key)
             && let Some(stored) = self.messages.get_mut(key)
@@ -45,6 +28,26 @@ impl Outbox {
             write_head(lease, label, status);
         }
         Ok(message)
+    }
+
+    fn pooled_message(&mut self, key: u64, status: Status) -> io::Result<OutboundMessage> {
+        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
+        if message.forms.pooled.is_none() {
+            self.copy_to_slot(key)?;
+        }
+        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
+        let lease = (message.forms.pooled.as_ref()).ok_or(io::ErrorKind::NotFound)?;
+        Ok(OutboundMessage {
+            key,
+            id: message.id,
+            time: message.time,
+            status,
+            len: message.len,
+            body: Body::Pooled {
+                segment: info(lease),
+                slot: lease.slot,
+            },
+        })
     }
 
     fn copy_to_slot(&mut self, key: u64) -> io::Result<()> {

@@ -8,6 +8,7 @@ mod hostile;
 mod peer;
 
 use alloc::{collections::BTreeSet, vec::Vec};
+use core::cell::Cell;
 
 use self::hostile::Hostile;
 use super::{super::wire::LANE_RING, LANE_SOCKET, LINK, World};
@@ -16,8 +17,8 @@ use crate::{
     fuzz::Script,
     limits::SLOT_HEAD,
     link::{
-        At, Config, Delivery, Error, Fate, Input, Misuse, NoDelivery, Payload, RingLayout,
-        RingMessage, Role, SegmentInfo, SlotHead, Status,
+        At, Body, Config, Delivery, Error, Fate, Input, Lent, Misuse, NoDelivery, OutboundMessage,
+        Payload, RingLayout, Role, SegmentInfo, SlotHead, Status,
         wire::{Frame, Open},
     },
 };
@@ -184,7 +185,7 @@ impl<'a> Ring<'a> {
             _ => match script.byte()? {
                 0xff => self.world.input(Input::Close(Code(0))),
                 0xfe => self.world.input(Input::Eof),
-                0xfd => self.world.link.ring_unknown_segment(),
+                0xfd => self.world.input(Input::SegmentMissing),
                 0xf0..=0xfc => self.cancel(script)?,
                 _ => self.world.frame(&Frame::Doorbell, &[]),
             },
@@ -207,7 +208,7 @@ impl<'a> Ring<'a> {
     fn take_all(&mut self) {
         let last = loop {
             for delivery in self.held.drain(..) {
-                let _ = (self.world.link).ring_release(&self.incoming, delivery.sequence);
+                let _ = (self.world.link).release(&self.incoming, delivery.sequence);
                 self.incoming.check_accesses(3);
             }
             let taken = self.take();
@@ -216,7 +217,7 @@ impl<'a> Ring<'a> {
             }
         };
         if last == Err(NoDelivery::UnknownSegment) {
-            self.world.link.ring_unknown_segment();
+            self.world.input(Input::SegmentMissing);
         }
         self.drain();
         if self.role() == Role::Caller {
@@ -254,21 +255,25 @@ impl<'a> Ring<'a> {
         self.world.own += 1;
         let key = self.world.own;
         let role = self.role();
-        let message = RingMessage {
+        let message = OutboundMessage {
             key,
             id: match role {
                 Role::Server => self.some_call(script)?,
                 _ => script.near(key)?,
             },
+            time: Instant(0),
+            status: Status::Ok,
             len: script.near(100)?,
-            segment: segment(script.below(3)? as u32),
-            slot: script.below(SLOTS as u8 + 1)? as u32,
+            body: Body::Pooled {
+                segment: segment(script.below(3)? as u32),
+                slot: script.below(SLOTS as u8 + 1)? as u32,
+            },
         };
         let before = self.world.link.clone();
         let most = self.most_to_send();
         let mut settled = Vec::new();
         let note = |key, fate| settled.push((key, fate));
-        let result = (self.world.link).ring_send(&self.outgoing, &message, note);
+        let result = (self.world.link).send(&self.outgoing, message.clone(), note);
         self.outgoing.check_accesses(most);
         let is_sent = match result {
             Ok(_) => true,
@@ -303,7 +308,7 @@ impl<'a> Ring<'a> {
         let most = self.most_to_send();
         let mut settled = Vec::new();
         let note = |key, fate| settled.push((key, fate));
-        let result = self.world.link.ring_harvest(&self.outgoing, note);
+        let result = self.world.link.harvest(&self.outgoing, note);
         assert!(!matches!(result, Err(Error::Misuse(_))));
         self.outgoing.check_accesses(most);
         assert!(settled.iter().all(|it| it.1 == Fate::Delivered));
@@ -323,9 +328,7 @@ impl<'a> Ring<'a> {
             0 => self.world.input(Input::Attach(segment(id))),
             1 => self.world.input(Input::Retire { segment: id }),
             2 => self.world.frame(&Frame::Detached { segment: id }, &[]),
-            _ => {
-                let _ = self.world.link.ring_pass_over();
-            }
+            _ => self.world.input(Input::PassOver),
         }
         Some(())
     }
@@ -361,14 +364,14 @@ impl<'a> Ring<'a> {
     fn take(&mut self) -> Result<bool, NoDelivery> {
         let before = self.world.link.clone();
         let next = self.next_head();
-        let mut copies = 0;
+        let copies = Cell::new(0);
         let head = |_, offset: u64, stride: u64| {
-            copies += 1;
+            copies.set(copies.get() + 1);
             assert!(stride == 4_096 && offset < 4_096 * u64::from(SLOTS));
             Some(next)
         };
-        let result = self.world.link.ring_take(&self.incoming, head);
-        assert!(copies <= 1, "the head is copied once");
+        let result = self.world.link.take(&Lent::new(&self.incoming, head));
+        assert!(copies.get() <= 1, "the head is copied once");
         self.incoming.check_accesses(6 * self.incoming.depth());
         let limit = usize::from(self.world.link.config().max_borrowed);
         match &result {
@@ -411,7 +414,7 @@ impl<'a> Ring<'a> {
         let right = self.held.get(pick).map_or(0, |it| it.sequence);
         let sequence = script.near(right)?;
         let at = self.held.iter().position(|it| it.sequence == sequence);
-        let result = (self.world.link).ring_release(&self.incoming, sequence);
+        let result = (self.world.link).release(&self.incoming, sequence);
         self.incoming.check_accesses(3);
         match result {
             Ok(_) => assert!(at.is_some()),
@@ -429,21 +432,21 @@ impl<'a> Ring<'a> {
     /// What changes nothing.
     fn look(&self) {
         let link = &self.world.link;
-        link.ring_has_room(&self.outgoing);
+        link.has_room(&self.outgoing);
         self.outgoing.check_accesses(1);
         let depth = self.incoming.depth();
-        link.ring_ready(&self.incoming);
+        link.is_ready(&self.incoming);
         self.incoming.check_accesses(2 * depth + 1);
-        assert!(link.ring_waiting(&self.incoming) as u64 <= depth);
+        assert!(link.ready(&self.incoming) as u64 <= depth);
         self.incoming.check_accesses(depth);
-        link.ring_made_room(&self.incoming);
+        link.made_room(&self.incoming);
         self.incoming.check_accesses(2);
         let parking = match self.role() {
             Role::Sender => &self.outgoing,
             _ => &self.incoming,
         };
-        link.ring_park(parking);
-        link.ring_unpark(parking);
+        link.park(parking);
+        link.unpark(parking);
         parking.check_accesses(2);
     }
 }

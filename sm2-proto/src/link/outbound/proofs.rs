@@ -6,8 +6,8 @@
 use alloc::vec::Vec;
 
 use super::{
-    Body, Config, Fate, Frame, Given, Message, Misuse, Outbound, Role, SegmentInfo, Slot, Status,
-    Unreleased,
+    Body, Config, Fate, Frame, Given, Misuse, Outbound, OutboundMessage, Role, SegmentInfo, Slot,
+    Status, Unreleased,
 };
 use crate::{
     Instant, LinkId, VERSION,
@@ -40,9 +40,9 @@ struct State {
     pooled: bool,
 }
 
-fn message(number: usize, pooled: bool) -> Message {
+fn message(number: usize, pooled: bool) -> OutboundMessage {
     let key = 10 * number as u64;
-    Message {
+    OutboundMessage {
         key,
         id: key + 1,
         time: Instant(0),
@@ -229,7 +229,7 @@ fn outstanding_slots_are_not_used_again() {
     } else {
         number <= SENT + admitted + waiting
     };
-    let next = Message {
+    let next = OutboundMessage {
         id: 100,
         ..message(number, true)
     };

@@ -1,34 +1,12 @@
 //! The ring lane of a link: SPEC section 8.5.
 //!
 //! A ring is a file of words that both ends map for writing. This module decides what is
-//! written where and judges all that is read; it reaches the words through [`Words`], three
+//! written where and judges all that is read; it reaches the words through [`RingMemory`], three
 //! atomic operations and a fence, which the driver lends for the time of a call. Whatever the
 //! other end writes there leads to a message, to nothing, or to a violation.
 //!
-//! A link of a topic has one ring. One of a service has two, and each call says which one it
-//! needs: *outgoing* carries what this end sends, *incoming* what it receives.
-//!
-//! | a sender's driver | calls, with the outgoing ring |
-//! | --- | --- |
-//! | before a segment's first message | [`Input::Attach`](super::Input::Attach), and drains |
-//! | for each message | [`Link::ring_send`], after writing payload and [`SlotHead`] |
-//! | to learn what came back | [`Link::ring_harvest`] |
-//! | before it waits for room | [`Link::ring_park`], and looks again |
-//!
-//! | a receiver's driver | calls, with the incoming ring |
-//! | --- | --- |
-//! | for the next message | [`Link::ring_take`]; [`Link::ring_peek`] before it says what to prefetch |
-//! | when the application gives one back | [`Link::ring_release`] |
-//! | before it sleeps | [`Link::ring_park`], and looks again |
-//!
-//! A caller's or server's driver does what a receiver's does, and what a sender's does, but for
-//! this: [`Link::ring_send`] takes every message, and attaches segments as need be. After it and
-//! after each other change the driver drains, and as long as [`Link::ring_is_due`] says so it
-//! harvests, which sends what waits, and drains. Nobody parks for room: the machine does, as long
-//! as there is none.
-//!
-//! Where a call says that the other end wants the bell, the driver sends [`doorbell`] and does
-//! not care whether the socket takes it.
+//! A link of a topic has one ring. One of a service has two: *outgoing* carries what this end
+//! sends, *incoming* what it receives. What a driver calls is in [`lane`](super::lane).
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -39,20 +17,18 @@ mod service;
 mod word;
 
 use self::rings::Outgoing;
+pub(super) use self::sender::RingMessage;
+pub use self::word::{At, EMPTY, NotAWord, RingLayout, SlotHead, Word};
 pub(super) use self::{
     receiver::{NotTaken, RingReceiver},
     rings::{Ring, receiver_of, sender_of},
     sender::{RingSender, Step, Unsent},
 };
-pub use self::{
-    sender::RingMessage,
-    word::{At, EMPTY, NotAWord, RingLayout, SlotHead, Word},
-};
 use super::{
-    Attachment, Delivery, End, Error, Fate, Frame, Head, Link, Misuse, Output, Packet, Role,
-    TooManyBorrowed, segments::Verified, wire::Carrier,
+    Attachment, Delivery, End, Error, Fate, Frame, Head, Link, LinkMemory, Misuse, NoDelivery,
+    Output, Packet, Role, segments::Verified, wire::Carrier,
 };
-use crate::{Farewell, FdFacts, Violation, limits::SLOT_HEAD};
+use crate::{Farewell, FdFacts, Violation};
 
 /// How many messages may be displaced in a row before the receiver counts as stopped. Then the
 /// low halves of sequence numbers still tell how often the sender went round.
@@ -64,7 +40,7 @@ const DISPLACED_MAX: u32 = 1 << 31;
 /// All of it is atomic. [`load`](Self::load) acquires; [`swap`](Self::swap) and
 /// [`take`](Self::take) acquire and release. What is not a word of the ring's
 /// [layout](RingLayout) is never asked for.
-pub trait Words {
+pub trait RingMemory {
     /// Reads a word.
     fn load(&self, at: At) -> u64;
     /// Writes a word, and gives the one that was there.
@@ -73,24 +49,6 @@ pub trait Words {
     fn take(&self, at: At, bits: u64) -> bool;
     /// A sequentially consistent fence.
     fn fence(&self);
-}
-
-/// Why [`Link::ring_take`] gives no message, although there may be one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoDelivery {
-    /// The application holds all that it may.
-    #[error(transparent)]
-    TooManyBorrowed(TooManyBorrowed),
-    /// The message is in a segment that is not attached: feed all datagrams that are there, and
-    /// try again. If none is there, close the link by [`Link::ring_unknown_segment`].
-    #[error("the message is in a segment that is not attached yet")]
-    UnknownSegment,
-    /// The link is over, perhaps by a violation that was just found.
-    #[error(transparent)]
-    Ended(End),
-    /// The link has no ring, or not this end of one.
-    #[error(transparent)]
-    Misuse(Misuse),
 }
 
 /// The datagram that wakes the other end.
@@ -103,32 +61,23 @@ pub fn doorbell() -> Head {
 /// Whether the other end, which has this parked word, has to be woken after a word that was put.
 //= SM2-RNG-009
 #[inline]
-fn wants_bell(words: &impl Words, parked: At) -> bool {
-    // Pairs with the fence of who parks: it sees our word when it looks again, or we see that it parked.
+fn wants_bell(words: &impl RingMemory, parked: At) -> bool {
+    // Pairs with the fence in `Link::park`: the other end sees our word when it looks again, or we
+    // see that it parked.
     words.fence();
     words.load(parked) != EMPTY && words.swap(parked, EMPTY) == 1
 }
 
 impl Link {
-    /// Sends a message on the ring lane; whether the receiver wants the bell. `settled` hears of
-    /// messages that are settled by this, as [`Output::Settled`] says it for the socket lane.
-    ///
-    /// # Errors
-    /// [`Error::Misuse`]: nothing was sent. [`Misuse::NoRoom`]: only reliable links, and all while
-    /// a packet is blocked. [`Error::Ended`]: if the link was over before, nothing was sent; else
-    /// it is over by this, since the receiver broke SPEC or does not run (SM2-RNG-011), and the
-    /// outputs settle also this message.
-    pub fn ring_send(
+    /// [`Link::send`] on the ring lane.
+    pub(super) fn send_by_ring(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         message: &RingMessage,
-        mut settled: impl FnMut(u64, Fate),
+        settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Error> {
-        if let Err(end) = self.state {
-            return Err(Error::Ended(end));
-        }
         if self.has_calls() {
-            return self.ring_queue(words, message, &mut settled);
+            return self.queue_for_ring(words, message, settled);
         }
         let Some(sender) = sender_of(&mut self.ring) else {
             return Err(Misuse::WrongLane.into());
@@ -136,7 +85,7 @@ impl Link {
         if self.blocked {
             return Err(Misuse::NoRoom.into());
         }
-        let result = match sender.send(words, message, &mut settled) {
+        match sender.send(words, message, settled) {
             Ok(bell) => Ok(bell),
             Err(Unsent::Misuse(misuse)) => Err(misuse.into()),
             Err(Unsent::Violation(violation)) => Err(self.violated(violation)),
@@ -145,37 +94,28 @@ impl Link {
                 self.finish(end);
                 Err(Error::Ended(end))
             }
-        };
-        self.invariants();
-        result
+        }
     }
 
-    /// Takes back what the receiver gave back, as far as it is there, and sends what waits, as far
-    /// as there is room; whether the receiver wants the bell.
-    ///
-    /// # Errors
-    /// As [`ring_send`](Self::ring_send).
-    pub fn ring_harvest(
+    /// [`Link::harvest`] on the ring lane.
+    pub(super) fn harvest_ring(
         &mut self,
-        words: &impl Words,
-        mut settled: impl FnMut(u64, Fate),
+        words: &impl RingMemory,
+        settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Error> {
-        if let Err(end) = self.state {
-            return Err(Error::Ended(end));
-        }
         let Some(sender) = sender_of(&mut self.ring) else {
             return Err(Misuse::WrongLane.into());
         };
-        let harvested = sender.harvest(words, &mut settled);
+        let harvested = sender.harvest(words, settled);
         let result = harvested
-            .and_then(|()| self.send_waiting(words, &mut settled))
+            .and_then(|()| self.send_waiting(words, settled))
             .map_err(|violation| self.violated(violation));
         self.invariants();
         result
     }
 
-    /// Whether one more message would neither displace another nor be refused.
-    pub fn ring_has_room(&self, words: &impl Words) -> bool {
+    /// [`Link::has_room`] on the ring lane.
+    pub(super) fn has_room_in_ring(&self, words: &impl RingMemory) -> bool {
         let room = |sender: &RingSender| match self.has_calls() {
             true => self.placed.check().is_ok(),
             false => !self.blocked && sender.has_room(words),
@@ -183,12 +123,8 @@ impl Link {
         self.state.is_ok() && self.ring.as_ref().and_then(Ring::sender).is_some_and(room)
     }
 
-    /// A publication goes without this link, which has no room for it at this moment: it counts
-    /// as [`Fate::Overwritten`].
-    ///
-    /// # Errors
-    /// [`Misuse::WrongLane`].
-    pub fn ring_pass_over(&mut self) -> Result<(), Misuse> {
+    /// [`Input::PassOver`](super::Input::PassOver) on the ring lane.
+    pub(super) fn pass_over_ring(&mut self) -> Result<(), Misuse> {
         match sender_of(&mut self.ring) {
             Some(sender) if self.config.role == Role::Sender => {
                 sender.skip(Fate::Overwritten);
@@ -198,21 +134,14 @@ impl Link {
         }
     }
 
-    /// The next message for the application, the oldest first; none if none is there. `head`
-    /// copies the last 64 bytes of a slot: it gets the segment's number, the slot's offset and
-    /// its length in bytes, and says none if it does not have the segment. The message is the
-    /// application's until [`ring_release`](Self::ring_release).
-    ///
-    /// # Errors
-    /// See [`NoDelivery`].
+    /// [`Link::take`] on the ring lane.
     #[inline]
-    pub fn ring_take(
+    pub(super) fn take_from_ring(
         &mut self,
-        words: &impl Words,
-        head: impl FnOnce(u32, u64, u64) -> Option<[u8; SLOT_HEAD]>,
+        memory: &impl LinkMemory,
     ) -> Result<Option<Delivery>, NoDelivery> {
         let is_awaited = self.is_ring_awaited();
-        let Some(receiver) = receiver_of(&mut self.ring) else {
+        let (Some(receiver), Some(words)) = (receiver_of(&mut self.ring), memory.incoming()) else {
             return Err(NoDelivery::Misuse(Misuse::WrongLane));
         };
         //= SM2-RNG-002
@@ -220,7 +149,11 @@ impl Link {
             return Ok(None);
         }
         let inbound = &self.inbound;
-        let taken = receiver.take(words, |segment| inbound.geometry(segment), head);
+        let taken = receiver.take(
+            words,
+            |segment| inbound.geometry(segment),
+            |segment, offset, stride| memory.slot_head(segment, offset, stride),
+        );
         let judged = taken.and_then(|taken| {
             self.note_call(taken.as_ref())?;
             Ok(taken)
@@ -234,22 +167,21 @@ impl Link {
         result
     }
 
-    /// Where the next message seems to be: its segment, the offset of its slot and that one's
-    /// length in bytes. Nothing is checked but that there is such a slot, and nothing follows from it:
-    /// it is for who wants to tell the processor what is read next.
+    /// [`Link::peek`].
     #[inline]
-    pub fn ring_peek(&self, words: &impl Words) -> Option<(u32, u64, u64)> {
+    pub(super) fn peek_into_ring(&self, words: &impl RingMemory) -> Option<(u32, u64, u64)> {
         let word = self.ring_receiver()?.peek(words)?;
         let geometry = self.inbound.geometry(word.segment.into())?;
         let offset = geometry.offset(word.slot.into())?;
         Some((word.segment.into(), offset, geometry.stride()))
     }
 
-    /// No datagram is there that could attach the segment of the message.
+    /// [`Input::SegmentMissing`](super::Input::SegmentMissing), on a link that is over or not.
     //= SM2-RNG-007
-    pub fn ring_unknown_segment(&mut self) {
-        let _ = self.ring_violated(violation!(UnknownSegment, "SM2-RNG-007"));
-        self.invariants();
+    pub(super) fn on_segment_missing(&mut self) {
+        if receiver_of(&mut self.ring).is_some() {
+            let _ = self.ring_violated(violation!(UnknownSegment, "SM2-RNG-007"));
+        }
     }
 
     /// What is left in the ring of a link that is over can be wrong as well: then nothing is left.
@@ -269,22 +201,23 @@ impl Link {
         }
     }
 
-    /// Whether [`ring_take`](Self::ring_take) may give a message.
-    pub fn ring_ready(&self, words: &impl Words) -> bool {
+    /// [`Link::is_ready`] on the ring lane.
+    pub(super) fn is_ring_ready(&self, words: &impl RingMemory) -> bool {
         let receiver = self.ring_receiver().filter(|_| !self.is_ring_awaited());
         receiver.is_some_and(|it| it.ready(words))
     }
 
-    /// How many messages are there to take, at most.
-    pub fn ring_waiting(&self, words: &impl Words) -> usize {
+    /// [`Link::ready`] on the ring lane.
+    pub(super) fn ready_in_ring(&self, words: &impl RingMemory) -> usize {
         self.ring_receiver().map_or(0, |it| it.waiting(words))
     }
 
-    /// The application gives back a message that it took; whether the sender wants the bell.
-    ///
-    /// # Errors
-    /// As [`handle`](Self::handle) of [`Input::Release`](super::Input::Release).
-    pub fn ring_release(&mut self, words: &impl Words, sequence: u64) -> Result<bool, Error> {
+    /// [`Link::release`] on the ring lane.
+    pub(super) fn release_to_ring(
+        &mut self,
+        words: &impl RingMemory,
+        sequence: u64,
+    ) -> Result<bool, Error> {
         let Some(receiver) = receiver_of(&mut self.ring) else {
             return Err(Misuse::WrongLane.into());
         };
@@ -304,40 +237,9 @@ impl Link {
         result
     }
 
-    /// After a reliable receiver took a message: whether the sender wants the bell.
-    pub fn ring_made_room(&self, words: &impl Words) -> bool {
-        self.config.reliable
-            && self.state.is_ok()
-            && self.ring_receiver().is_some()
-            && wants_bell(words, At::SenderParked)
-    }
-
-    /// This end is about to sleep until the bell rings. The driver looks at the ring once more
-    /// before it does.
-    //= SM2-RNG-009
-    pub fn ring_park(&self, words: &impl Words) {
-        if let Some(parked) = self.parked_word() {
-            words.swap(parked, 1);
-            // Pairs with the fence of who puts a word.
-            words.fence();
-        }
-    }
-
-    /// This end does not sleep any more, with none of its threads.
-    pub fn ring_unpark(&self, words: &impl Words) {
-        if let Some(parked) = self.parked_word() {
-            words.swap(parked, EMPTY);
-        }
-    }
-
-    /// Of a caller or server: in its incoming ring.
-    fn parked_word(&self) -> Option<At> {
-        match self.ring.as_ref()? {
-            Ring {
-                incoming: Some(_), ..
-            } => Some(At::ReceiverParked),
-            ring => ring.sender().map(|_| At::SenderParked),
-        }
+    /// [`Link::made_room`] on the ring lane.
+    pub(super) fn made_room_in_ring(&self, words: &impl RingMemory) -> bool {
+        self.state.is_ok() && self.ring_receiver().is_some() && wants_bell(words, At::SenderParked)
     }
 
     /// Whether the link's messages go through a ring, once it [is open](Self::is_open).

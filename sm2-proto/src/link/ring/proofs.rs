@@ -4,8 +4,8 @@ use alloc::vec::Vec;
 use core::cell::{Cell, RefCell};
 
 use super::{
-    At, EMPTY, NotAWord, NotTaken, RingLayout, RingMessage, RingReceiver, RingSender, SlotHead,
-    Unsent, Word, Words,
+    At, EMPTY, NotAWord, NotTaken, RingLayout, RingMemory, RingMessage, RingReceiver, RingSender,
+    SlotHead, Unsent, Word,
 };
 use crate::{
     Instant,
@@ -156,7 +156,7 @@ impl Memory {
     }
 }
 
-impl Words for Memory {
+impl RingMemory for Memory {
     fn load(&self, at: At) -> u64 {
         self.word(at).get()
     }

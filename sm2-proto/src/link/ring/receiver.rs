@@ -7,7 +7,7 @@ mod proofs;
 use self::borrowed::Borrowed;
 use super::{
     super::{Delivery, Payload, TooManyBorrowed, segments::Geometry, wire::Carrier},
-    At, DISPLACED_MAX, RingLayout, SlotHead, Word, Words,
+    At, DISPLACED_MAX, RingLayout, RingMemory, SlotHead, Word,
     word::EMPTY,
 };
 use crate::{
@@ -74,13 +74,13 @@ impl RingReceiver {
     }
 
     /// Whether there is a message, or a word that is not one.
-    pub(in crate::link) fn ready(&self, words: &impl Words) -> bool {
+    pub(in crate::link) fn ready(&self, words: &impl RingMemory) -> bool {
         self.left != Some(0) && words.load(self.layout.forward(self.oldest(words))) != EMPTY
     }
 
     /// The word that stands where the next message is expected.
     #[inline]
-    pub(in crate::link) fn peek(&self, words: &impl Words) -> Option<Word> {
+    pub(in crate::link) fn peek(&self, words: &impl RingMemory) -> Option<Word> {
         Word::from_bits(words.load(self.layout.forward(self.next))).ok()?
     }
 
@@ -88,7 +88,7 @@ impl RingReceiver {
     /// its oldest message had been: those behind it are still there.
     //= SM2-RNG-011
     #[inline]
-    fn oldest(&self, words: &impl Words) -> u64 {
+    fn oldest(&self, words: &impl RingMemory) -> u64 {
         if self.left.is_none() || !self.displaces {
             return self.next;
         }
@@ -100,7 +100,7 @@ impl RingReceiver {
     }
 
     /// How many words name a message.
-    pub(in crate::link) fn waiting(&self, words: &impl Words) -> usize {
+    pub(in crate::link) fn waiting(&self, words: &impl RingMemory) -> usize {
         if self.left == Some(0) {
             return 0;
         }
@@ -115,7 +115,7 @@ impl RingReceiver {
     #[inline]
     pub(in crate::link) fn take(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         geometry: impl Fn(u32) -> Option<Geometry>,
         head: impl FnOnce(u32, u64, u64) -> Option<[u8; SLOT_HEAD]>,
     ) -> Result<Option<Delivery>, NotTaken> {
@@ -228,7 +228,7 @@ impl RingReceiver {
     //= SM2-RNG-008, SM2-MSG-004
     pub(in crate::link) fn release(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         sequence: u64,
     ) -> Option<Result<bool, Violation>> {
         let word = self.borrowed.remove(sequence)?;

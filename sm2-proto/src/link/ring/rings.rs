@@ -2,7 +2,7 @@
 
 use super::{
     super::{Counters, Fate},
-    RingReceiver, RingSender,
+    At, RingReceiver, RingSender,
     service::Waiting,
 };
 
@@ -44,6 +44,16 @@ impl Ring {
         }
         if let Some(receiver) = &mut self.incoming {
             receiver.end(by_violation);
+        }
+    }
+
+    /// The word by which this end says that it sleeps. A caller or server: in its incoming ring.
+    pub(in crate::link) fn parked_word(&self) -> Option<At> {
+        match self {
+            Self {
+                incoming: Some(_), ..
+            } => Some(At::ReceiverParked),
+            ring => ring.sender().map(|_| At::SenderParked),
         }
     }
 

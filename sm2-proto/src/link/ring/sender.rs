@@ -6,8 +6,11 @@ mod proofs;
 use alloc::{collections::VecDeque, vec, vec::Vec};
 
 use super::{
-    super::{Counters, Fate, Misuse, SegmentInfo, segments::Geometry, wire::Carrier},
-    At, DISPLACED_MAX, RingLayout, Word, Words,
+    super::{
+        Body, Counters, Fate, Misuse, OutboundMessage, SegmentInfo, segments::Geometry,
+        wire::Carrier,
+    },
+    At, DISPLACED_MAX, RingLayout, RingMemory, Word,
     word::EMPTY,
 };
 use crate::{
@@ -77,11 +80,11 @@ pub(in crate::link) enum Step {
     Detach(u32),
 }
 
-/// One message to send on the ring lane. Its payload and its [head](super::SlotHead) are in the
-/// slot already.
+/// What the ring lane keeps of a message to send. Its payload and its [head](super::SlotHead) are
+/// in the slot already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct RingMessage {
-    /// As [`Message::key`](super::super::Message::key).
+pub(in crate::link) struct RingMessage {
+    /// As [`OutboundMessage::key`].
     pub key: u64,
     /// The publisher's count of its publications or the caller's of its calls, growing; of a
     /// reply the number of the call.
@@ -92,6 +95,23 @@ pub struct RingMessage {
     pub segment: SegmentInfo,
     /// The slot, from 0.
     pub slot: u32,
+}
+
+impl RingMessage {
+    /// None: the payload is not in a slot.
+    #[inline]
+    pub(in crate::link) const fn of(message: &OutboundMessage) -> Option<Self> {
+        let Body::Pooled { segment, slot } = message.body else {
+            return None;
+        };
+        Some(Self {
+            key: message.key,
+            id: message.id,
+            len: message.len,
+            segment,
+            slot,
+        })
+    }
 }
 
 /// Why a message is not sent.
@@ -229,6 +249,11 @@ impl RingSender {
         (self.segment(info.id)).is_some_and(|it| it.info == *info && it.state == State::Attached)
     }
 
+    /// Whether something has to be sent by the socket.
+    pub(in crate::link) fn has_steps(&self) -> bool {
+        !self.steps.is_empty()
+    }
+
     /// What has to be sent by the socket next. The caller sends it.
     pub(in crate::link) fn poll(&mut self) -> Option<Step> {
         let step = self.steps.pop_front()?;
@@ -242,7 +267,7 @@ impl RingSender {
     }
 
     /// Whether one more message would neither displace another nor be refused.
-    pub(in crate::link) fn has_room(&self, words: &impl Words) -> bool {
+    pub(in crate::link) fn has_room(&self, words: &impl RingMemory) -> bool {
         let at = self.layout.forward(self.sequence + 1);
         self.unreleased < self.layout.window() && words.load(at) == EMPTY
     }
@@ -251,7 +276,7 @@ impl RingSender {
     //= SM2-RNG-005, SM2-RNG-011
     pub(in crate::link) fn send(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         message: &RingMessage,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Unsent> {
@@ -276,7 +301,7 @@ impl RingSender {
     //= SM2-RNG-006
     fn make_room(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         at: At,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<(), Violation> {
@@ -344,7 +369,7 @@ impl RingSender {
     //= SM2-RNG-005, SM2-QOS-001
     fn put(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         at: At,
         bits: u64,
         settled: &mut impl FnMut(u64, Fate),
@@ -380,7 +405,7 @@ impl RingSender {
     //= SM2-RNG-008
     pub(in crate::link) fn harvest(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<(), Violation> {
         for _ in 0..self.layout.window() {

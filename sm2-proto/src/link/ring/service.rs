@@ -6,8 +6,8 @@
 use alloc::collections::VecDeque;
 
 use super::{
-    At, Delivery, Error, Fate, Link, Misuse, Outgoing, Output, Ring, RingMessage, RingReceiver,
-    Role, Unsent, Words, receiver_of, sender_of,
+    At, Delivery, Error, Fate, Link, Misuse, Outgoing, Output, Ring, RingMemory, RingMessage,
+    RingReceiver, Role, Unsent, receiver_of, sender_of,
 };
 use crate::{
     Violation, clause,
@@ -88,9 +88,9 @@ impl Link {
     }
 
     /// Caller or server: whether messages wait that nothing is known to hold up:
-    /// [`ring_harvest`](Self::ring_harvest) sends them, or finds out what does.
+    /// [`harvest`](Self::harvest) sends them, or finds out what does.
     #[must_use]
-    pub fn ring_is_due(&self) -> bool {
+    pub fn is_due(&self) -> bool {
         let is_due = |ring: &Ring| {
             let (sender, next) = (ring.sender(), ring.waiting.messages.front());
             let is_attached = |it: &RingMessage| sender.is_some_and(|s| s.is_attached(&it.segment));
@@ -101,14 +101,14 @@ impl Link {
 
     /// Caller or server: whether messages wait for room, or for a segment.
     #[must_use]
-    pub fn ring_is_waiting(&self) -> bool {
+    pub fn is_waiting(&self) -> bool {
         self.ring.as_ref().is_some_and(|it| it.waiting.len() > 0)
     }
 
     /// A caller's request or a server's reply; whether the other end wants the bell.
-    pub(super) fn ring_queue(
+    pub(super) fn queue_for_ring(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         message: &RingMessage,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Error> {
@@ -120,11 +120,8 @@ impl Link {
         if let Some(ring) = &mut self.ring {
             ring.waiting.push(*message);
         }
-        let result = self
-            .send_waiting(words, settled)
-            .map_err(|violation| self.violated(violation));
-        self.invariants();
-        result
+        self.send_waiting(words, settled)
+            .map_err(|violation| self.violated(violation))
     }
 
     //= SM2-SRV-002, SM2-SRV-003
@@ -148,7 +145,7 @@ impl Link {
     //= SM2-RNG-009
     pub(super) fn send_waiting(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Violation> {
         let first = self.put_waiting(words, settled)?;
@@ -168,7 +165,7 @@ impl Link {
 
     fn put_waiting(
         &mut self,
-        words: &impl Words,
+        words: &impl RingMemory,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<bool, Violation> {
         let mut bell = false;

@@ -10,7 +10,7 @@ mod layout;
 mod memory;
 mod opening;
 mod ring;
-mod words;
+mod ring_memory;
 
 use std::{
     cell::RefCell,
@@ -289,7 +289,7 @@ pub fn rows() -> Rows {
     rows.extend(memory::rows());
     rows.extend(flow::rows());
     rows.extend(ring::rows());
-    rows.extend(words::rows());
+    rows.extend(ring_memory::rows());
     rows.extend(calls::rows());
     rows
 }

@@ -1,12 +1,12 @@
-//! What the driver of `sm2-node` does with the machine of one end, in its order: `driver/ring.rs`,
+//! What the driver of `sm2-node` does with the machine of one end, in its order: `driver/lane.rs`,
 //! `publish.rs`, `take.rs`, and `wait.rs` as a thread goes through it that sleeps at once.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use sm2_proto::link::{
-    Attachment, Config, Delivery, End, Error, Fate, Input, Link, Misuse, NoDelivery, Output,
-    Payload, RingLayout, RingMessage, Role, SlotHead, Status, Words, doorbell,
+    Attachment, Body, Config, Delivery, End, Error, Fate, Input, Lent, Link, Misuse, NoDelivery,
+    OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead, Status, doorbell,
 };
 use sm2_proto::{Datagram, Farewell, FdFacts, Instant, LinkId, Seals, limits::SLOT_HEAD};
 
@@ -37,7 +37,7 @@ pub(crate) const NODE: Order = Order {
 };
 
 /// Words that may be cut off, because the process that uses them is killed.
-pub(crate) trait Mortal: Words {
+pub(crate) trait Mortal: RingMemory {
     /// One step more; whether it is done.
     fn step(&self) -> bool;
     fn is_dead(&self) -> bool;
@@ -168,7 +168,7 @@ impl<W: Mortal> Driver<W> {
                 }
             }
             if self.order.parks {
-                self.link.ring_park(&self.words);
+                self.link.park(&self.words);
                 if self.order.looks_again {
                     let found = look(self);
                     if found.is_some() || self.is_over() {
@@ -248,7 +248,7 @@ impl<W: Mortal> Driver<W> {
         let (slots, settled) = (&mut self.slots, &mut self.settled);
         let harvested = self
             .link
-            .ring_harvest(&self.words, |key, fate| settle(slots, settled, key, fate));
+            .harvest(&self.words, |key, fate| settle(slots, settled, key, fate));
         assert!(harvested.is_ok() || self.words.is_dead(), "{harvested:?}");
         self.drain();
     }
@@ -272,12 +272,12 @@ impl<W: Mortal> Driver<W> {
         };
         self.memory.slots[slot].write(payload_of(id), head.to_bytes());
         let reliable = self.link.config().reliable;
-        if !reliable || self.link.ring_has_room(&self.words) {
+        if !reliable || self.link.has_room(&self.words) {
             return self.send(id, slot);
         }
         let sent = self.wait(|it| {
             it.harvest();
-            (it.link.ring_has_room(&it.words)).then(|| it.send(id, slot))
+            (it.link.has_room(&it.words)).then(|| it.send(id, slot))
         });
         if sent.is_none() {
             self.slots[slot] = None;
@@ -285,16 +285,20 @@ impl<W: Mortal> Driver<W> {
     }
 
     fn send(&mut self, id: u64, slot: usize) {
-        let message = RingMessage {
+        let message = OutboundMessage {
             key: id,
             id,
+            time: Instant(0),
+            status: Status::Ok,
             len: 8,
-            segment: self.memory.segment(),
-            slot: slot as u32,
+            body: Body::Pooled {
+                segment: self.memory.segment(),
+                slot: slot as u32,
+            },
         };
         self.seen.push(id);
         let (slots, settled) = (&mut self.slots, &mut self.settled);
-        let sent = self.link.ring_send(&self.words, &message, |key, fate| {
+        let sent = self.link.send(&self.words, message.clone(), |key, fate| {
             settle(slots, settled, key, fate);
         });
         match sent {
@@ -340,7 +344,7 @@ impl<W: Mortal> Driver<W> {
         let head = |_, offset: u64, stride: u64| -> Option<[u8; SLOT_HEAD]> {
             slots.get((offset / stride) as usize)?.head()
         };
-        let taken = self.link.ring_take(&self.words, head);
+        let taken = self.link.take(&Lent::new(&self.words, head));
         if self.words.is_dead() {
             return None;
         }
@@ -349,7 +353,7 @@ impl<W: Mortal> Driver<W> {
             Ok(None) | Err(NoDelivery::TooManyBorrowed(_)) => return None,
             Err(error) => panic!("the other end broke the rules: {error}"),
         };
-        if self.order.tells_of_room && self.link.ring_made_room(&self.words) {
+        if self.order.tells_of_room && self.link.made_room(&self.words) {
             self.ring_the_bell();
         }
         let last = self.seen.last().copied().unwrap_or_default();
@@ -386,7 +390,7 @@ impl<W: Mortal> Driver<W> {
         };
         let slot = &self.memory.slots[(offset / self.memory.segment().stride) as usize];
         assert_eq!(slot.payload(), payload_of(delivery.id), "another payload");
-        match self.link.ring_release(&self.words, delivery.sequence) {
+        match self.link.release(&self.words, delivery.sequence) {
             Ok(true) => self.ring_the_bell(),
             Ok(false) | Err(Error::Ended(_)) => {}
             Err(Error::Misuse(misuse)) => {

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::sync::Arc;
 
 use loom::thread;
-use sm2_proto::link::{At, Fate, Words as _};
+use sm2_proto::link::{At, Fate, RingMemory as _};
 
 use crate::driver::{Driver, Mortal, NODE, Order, layout, links};
 use crate::memory::Memory;
@@ -13,7 +13,7 @@ use crate::socket::Socket;
 use super::atomic;
 
 /// One end's words, as [`sm2_io::Ring`] is, and what this end did with messages.
-pub(crate) struct Words {
+pub(crate) struct ModelRing {
     memory: Arc<Memory>,
     fences: bool,
     /// How many steps until it is killed.
@@ -23,7 +23,7 @@ pub(crate) struct Words {
     displaced: RefCell<Vec<u64>>,
 }
 
-impl sm2_proto::link::Words for Words {
+impl sm2_proto::link::RingMemory for ModelRing {
     fn load(&self, at: At) -> u64 {
         match self.step() {
             true => atomic::load(self.memory.word(at)),
@@ -37,7 +37,9 @@ impl sm2_proto::link::Words for Words {
         }
         let was = atomic::swap(self.memory.word(at), bits);
         if let At::Forward(_) = at {
-            self.put.borrow_mut().extend((bits != 0).then_some(bits >> 32));
+            self.put
+                .borrow_mut()
+                .extend((bits != 0).then_some(bits >> 32));
             (self.displaced.borrow_mut()).extend((was != 0).then_some(was >> 32));
         }
         was
@@ -54,7 +56,7 @@ impl sm2_proto::link::Words for Words {
     }
 }
 
-impl Mortal for Words {
+impl Mortal for ModelRing {
     fn step(&self) -> bool {
         match self.steps.get().checked_sub(1) {
             Some(left) => self.steps.set(left),
@@ -100,7 +102,7 @@ pub(crate) const ALL: Terms = Terms {
 /// Two forward words.
 pub(crate) const TWO: Terms = Terms { depth: 2, ..LAST };
 
-type End = Driver<Words>;
+type End = Driver<ModelRing>;
 
 /// The one thread that sets up makes no step that counts.
 fn pair(terms: Terms) -> (End, End) {
@@ -110,7 +112,7 @@ fn pair(terms: Terms) -> (End, End) {
     let [sender, receiver] = links(terms.reliable, terms.max_borrowed, &memory);
     let (one, other) = Socket::pair();
     let end = |link, socket, index: usize| {
-        let words = Words {
+        let words = ModelRing {
             memory: Arc::clone(&memory),
             fences: terms.fences[index],
             steps: Cell::new(u32::MAX),

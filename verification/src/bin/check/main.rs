@@ -12,6 +12,7 @@ mod run;
 mod screen;
 mod step;
 mod table;
+mod verdict;
 
 use std::collections::BTreeSet;
 use std::env;
@@ -27,10 +28,11 @@ use sm2_verification::properties::{
 };
 
 use self::args::Args;
-use self::plan::Plan;
+use self::plan::{Plan, target};
 use self::process::Interrupts;
-use self::run::{Ran, Verdict};
+use self::run::Ran;
 use self::screen::Screen;
+use self::verdict::Verdict;
 
 /// A check failed, or files and run do not agree, or nothing was run at all.
 const FAILED: u8 = 1;
@@ -245,10 +247,6 @@ fn properties(root: &Path) -> PathBuf {
 
 fn readme(root: &Path) -> PathBuf {
     root.join("README.md")
-}
-
-fn target(root: &Path) -> PathBuf {
-    env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |it| root.join(it))
 }
 
 /// Writes a file that is not so yet.

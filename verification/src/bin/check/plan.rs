@@ -4,13 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::env;
 use std::fs;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use sm2_verification::properties::Engine;
 
 use crate::process::{Ended, Interrupts};
 use crate::step::{Reports, Step};
-use crate::target;
 
 const FUZZ_SECONDS: &str = "SM2_CI_FUZZ_SECONDS";
 
@@ -206,4 +205,9 @@ fn test_line(root: &Path, name: &str) -> io::Result<String> {
         "" => all,
         test => format!("{all} -- --exact {test}"),
     })
+}
+
+/// Cargo's target folder.
+pub(crate) fn target(root: &Path) -> PathBuf {
+    env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |it| root.join(it))
 }

@@ -11,14 +11,7 @@ use sm2_verification::properties::{Engine, Extent, Outcome, outcomes};
 use crate::plan::Plan;
 use crate::process::{Ended, Interrupts};
 use crate::screen::Screen;
-
-/// How an engine's part of the run ended.
-#[derive(Debug)]
-pub(crate) enum Verdict {
-    Held,
-    Failed { why: String },
-    Skipped { why: String },
-}
+use crate::verdict::Verdict;
 
 /// What one engine did.
 #[derive(Debug)]
@@ -111,19 +104,6 @@ fn implausible(engine: Engine, reported: &[Outcome], nothing_to_run: bool) -> Op
             None
         }
     })
-}
-
-impl Verdict {
-    fn fail(&mut self, why: String) {
-        *self = Self::Failed { why };
-    }
-
-    /// What failed has failed.
-    fn skip(&mut self, why: String) {
-        if let Self::Held = self {
-            *self = Self::Skipped { why };
-        }
-    }
 }
 
 /// The last lines of a log.

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use sm2_verification::properties::Engine;
 
-use crate::run::Verdict;
+use crate::verdict::Verdict;
 
 /// How often a line that cannot be rewritten is written.
 const IN_A_LOG: Duration = Duration::from_secs(60);

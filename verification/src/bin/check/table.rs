@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use sm2_verification::properties::Register;
 
-use crate::run::{Ran, Verdict};
+use crate::run::Ran;
+use crate::verdict::Verdict;
 
 const HEADER: [&str; 6] = ["property", "engine", "check", "covered", "time", "verdict"];
 /// A cell that is longer does not widen its column.

@@ -7,41 +7,10 @@ use sm2_proto::{
     control::{ToManager, ToNode, encode_to_manager, encode_to_node},
 };
 
-use super::world::{Down, Frame};
-
-/// Each is found by a property: `tests/model.rs` says which one, in which scope.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Fault {
-    /// UNLINKED never reaches the Manager.
-    UnlinkedLost,
-    /// WITHDRAWN passes what was sent before it, as if there were no *dropping*.
-    WithdrawnOvertakes,
-    /// CLAIM carries another key than LINK did.
-    OtherKey,
-    /// The next Manager numbers from where the one before it began.
-    EpochAgain,
-    /// The Manager never sees the end of a connection.
-    EndUnseen,
-    /// LINK states terms that nobody asked for.
-    OtherTerms,
-    /// DECLARED comes twice.
-    DeclaredTwice,
-    /// CLAIMED never reaches the Manager.
-    ClaimedLost,
-    /// DECLARE never reaches the Manager.
-    DeclareLost,
-    /// The Manager's driver makes each link twice.
-    LinkTwice,
-    /// The last item of each page is lost.
-    ItemLost,
-    /// A connection gets the number of the one before it.
-    SessionAgain,
-    /// The Manager's driver does not take its outputs.
-    Unpolled,
-    /// A node's driver closes a link that ended at the other side, and does not tell its
-    /// machine.
-    HangUpUnsaid,
-}
+use super::{
+    Fault,
+    world::{Down, Frame},
+};
 
 /// Puts a frame into a node's queue.
 pub(super) fn send_down(

@@ -14,7 +14,7 @@ use super::{
     Fault, Scope,
     books::{Books, Side},
     faults,
-    print::Kept,
+    kept::Kept,
     world::{Connection, Down, End, Frame, Pair, Socket, World},
 };
 

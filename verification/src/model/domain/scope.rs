@@ -2,8 +2,6 @@
 
 use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
 
-use super::Fault;
-
 /// How often each thing may happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Budget {
@@ -19,6 +17,40 @@ pub struct Budget {
     pub stalls: u8,
     /// The Manager ends in good order, and another one takes its place.
     pub shutdowns: u8,
+}
+
+/// Each is found by a property: `tests/model.rs` says which one, in which scope.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fault {
+    /// UNLINKED never reaches the Manager.
+    UnlinkedLost,
+    /// WITHDRAWN passes what was sent before it, as if there were no *dropping*.
+    WithdrawnOvertakes,
+    /// CLAIM carries another key than LINK did.
+    OtherKey,
+    /// The next Manager numbers from where the one before it began.
+    EpochAgain,
+    /// The Manager never sees the end of a connection.
+    EndUnseen,
+    /// LINK states terms that nobody asked for.
+    OtherTerms,
+    /// DECLARED comes twice.
+    DeclaredTwice,
+    /// CLAIMED never reaches the Manager.
+    ClaimedLost,
+    /// DECLARE never reaches the Manager.
+    DeclareLost,
+    /// The Manager's driver makes each link twice.
+    LinkTwice,
+    /// The last item of each page is lost.
+    ItemLost,
+    /// A connection gets the number of the one before it.
+    SessionAgain,
+    /// The Manager's driver does not take its outputs.
+    Unpolled,
+    /// A node's driver closes a link that ended at the other side, and does not tell its
+    /// machine.
+    HangUpUnsaid,
 }
 
 /// The bounds of one search.

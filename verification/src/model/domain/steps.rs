@@ -12,7 +12,7 @@ use super::{
     super::{Failure, Property},
     Action, Fault, Scope,
     books::Books,
-    print::Kept,
+    kept::Kept,
     tape::BEGIN,
     world::{Down, End, Program, Socket, World},
 };

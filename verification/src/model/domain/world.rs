@@ -17,7 +17,7 @@ use super::{
     super::{Failure, Property},
     Budget, Scope,
     books::Books,
-    print::{Kept, Taped},
+    kept::{Kept, Taped},
     tape::{BEGIN, EPOCHS, Keys, NODE, SESSIONS},
 };
 

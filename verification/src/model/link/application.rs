@@ -2,7 +2,7 @@
 
 use sm2_proto::{
     Farewell,
-    link::{Body, Delivery, Input, Link, Message, Payload, Status},
+    link::{Body, Delivery, Input, Link, NoMemory, OutboundMessage, Payload, Status},
 };
 
 use super::{
@@ -92,7 +92,7 @@ impl World {
             fate: None,
         };
         self.flows[at].offered(entry, room);
-        let message = Message {
+        let message = OutboundMessage {
             key: id,
             id,
             time: NOW,
@@ -119,7 +119,7 @@ impl World {
 
     pub(super) fn take(&mut self, scope: &LinkScope, at: usize) -> Result<(), Failure> {
         let terms = Terms::new(scope, 1 - at);
-        let Ok(Some(delivery)) = self.end(at).link.take() else {
+        let Ok(Some(delivery)) = self.end(at).link.take(&NoMemory) else {
             return fail(Property::MessagesInOrder, "there is nothing to take");
         };
         let entry = self.flows[1 - at].taken(&delivery, &terms)?;

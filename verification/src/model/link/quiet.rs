@@ -2,7 +2,7 @@
 
 use sm2_proto::{
     Datagram, Farewell,
-    link::{Error, Input, Link, Role},
+    link::{Error, Input, Link, NoMemory, Role},
 };
 
 use super::{
@@ -49,13 +49,19 @@ impl World {
         }
         let sends = scope.config(at).role != Role::Receiver && end.over.is_none();
         let room = self.room(scope, at) == Room::Free;
-        if sends && link.has_room() != room {
-            let what = format!("end {at} has room: {}, not {room}", link.has_room());
+        if sends && link.has_room(&NoMemory) != room {
+            let what = format!(
+                "end {at} has room: {}, not {room}",
+                link.has_room(&NoMemory)
+            );
             return fail(Property::MessagesInOrder, what);
         }
         let ready = self.flows[1 - at].ready();
-        if link.ready() != ready {
-            let what = format!("at end {at} {} are ready, not {ready}", link.ready());
+        if link.ready(&NoMemory) != ready {
+            let what = format!(
+                "at end {at} {} are ready, not {ready}",
+                link.ready(&NoMemory)
+            );
             return fail(Property::MessagesInOrder, what);
         }
         let calls = end.calls.len() + self.replies_that_wait(at);
@@ -73,7 +79,7 @@ impl World {
         if flow.ready() == 0 || flow.may_take(&Terms::new(scope, 1 - at)) {
             return Ok(());
         }
-        match end.link.clone().take() {
+        match end.link.clone().take(&NoMemory) {
             Err(_) => Ok(()),
             Ok(more) => fail(Property::WithinWindow, format!("end {at} gives {more:?}")),
         }

@@ -7,7 +7,7 @@ use std::{
 
 use sm2_proto::{
     Instant,
-    link::{self, Link, Packet, Role, SegmentInfo},
+    link::{self, Link, NoMemory, Packet, Role, SegmentInfo},
 };
 
 use super::{
@@ -250,7 +250,7 @@ impl World {
         for at in [0, 1] {
             self.flows[at].forget();
             let end = &self.ends[at];
-            if end.over.is_some() && end.link.ready() == 0 {
+            if end.over.is_some() && end.link.ready(&NoMemory) == 0 {
                 let end = self.end(at);
                 end.mapped.clear();
                 end.files.clear();

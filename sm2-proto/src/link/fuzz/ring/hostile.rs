@@ -5,7 +5,7 @@ use core::cell::{Cell, RefCell};
 
 use crate::{
     fuzz::Script,
-    link::{At, EMPTY, RingLayout, Words},
+    link::{At, EMPTY, RingLayout, RingMemory},
 };
 
 /// Words that lie.
@@ -81,7 +81,7 @@ impl<'a> Hostile<'a> {
     }
 }
 
-impl Words for Hostile<'_> {
+impl RingMemory for Hostile<'_> {
     fn load(&self, at: At) -> u64 {
         let offset = self.offset(at);
         let right = self.memory.borrow().get(&offset).copied();

@@ -3,8 +3,8 @@
 use core::cell::Cell;
 
 use super::{
-    super::proofs::SEQUENCES, At, DISPLACED_MAX, EMPTY, NotTaken, RingLayout, RingReceiver,
-    SlotHead, Word, Words,
+    super::proofs::SEQUENCES, At, DISPLACED_MAX, EMPTY, NotTaken, RingLayout, RingMemory,
+    RingReceiver, SlotHead, Word,
 };
 use crate::{
     Instant,
@@ -101,7 +101,7 @@ fn numbers_end() {
     kani::cover!(matches!(taken, Ok(Some(_))), "one of the last");
 }
 
-/// Words that answer one of these to each access in turn.
+/// RingMemory that answer one of these to each access in turn.
 struct Answers {
     next: Cell<usize>,
     answers: [u64; 4],
@@ -122,7 +122,7 @@ impl Answers {
     }
 }
 
-impl Words for Answers {
+impl RingMemory for Answers {
     fn load(&self, at: At) -> u64 {
         self.answer(at)
     }

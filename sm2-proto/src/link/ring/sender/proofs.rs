@@ -4,8 +4,8 @@ use alloc::vec::Vec;
 use core::cell::Cell;
 
 use super::{
-    At, DISPLACED_MAX, EMPTY, Fate, RingLayout, RingMessage, RingSender, SegmentInfo, Unsent, Word,
-    Words,
+    At, DISPLACED_MAX, EMPTY, Fate, RingLayout, RingMemory, RingMessage, RingSender, SegmentInfo,
+    Unsent, Word,
 };
 use crate::{
     link::{Misuse, wire::Carrier},
@@ -18,7 +18,7 @@ const SEGMENT: SegmentInfo = SegmentInfo {
     slots: 8,
 };
 
-/// Words that answer right, and then these, and then nothing.
+/// RingMemory that answer right, and then these, and then nothing.
 struct Answers {
     right: [Cell<u64>; 7],
     answers: [u64; 5],
@@ -60,7 +60,7 @@ impl Answers {
     }
 }
 
-impl Words for Answers {
+impl RingMemory for Answers {
     fn load(&self, at: At) -> u64 {
         self.answer(self.right(at).get())
     }

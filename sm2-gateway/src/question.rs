@@ -1,7 +1,5 @@
-//! Availability requests: whether a peer offers a topic or service to a gateway.
-//!
-//! They go to the same service as [report requests](report). The gateway forwards the request to the
-//! peer (SPEC section 14.3, ASK).
+//! Whether a peer could give something: asked of the gateways of a domain, by the same service as
+//! [`report`], and by them of the peer (SPEC section 14.3, ASK).
 
 use std::{collections::BTreeSet, fmt, time::Duration};
 
@@ -14,42 +12,42 @@ use sm2_proto::{
 
 use crate::report::{self, ReportError};
 
-/// A request for the availability of a topic or service of a peer, as the service takes it in JSON.
+/// Could this gateway have that of a peer? As the service takes it, in JSON.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct AvailabilityRequest {
-    /// The name or id of the peer.
+pub struct Question {
+    /// The peer, by its name or its id.
     pub peer: String,
-    /// The kind of the name.
-    #[serde(with = "KindText")]
+    /// A topic or a service.
+    #[serde(with = "KindWord")]
     pub kind: SubjectKind,
-    /// The name of the topic or service.
+    /// Its name.
     pub name: Name,
 }
 
 /// `topic` or `service`.
 #[derive(Deserialize, Serialize)]
 #[serde(remote = "SubjectKind", rename_all = "lowercase")]
-enum KindText {
+enum KindWord {
     Topic,
     Service,
 }
 
-/// The answer to an [`AvailabilityRequest`], in JSON.
+/// The answer, as the service gives it, in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Availability {
-    /// The peer offers it to this gateway.
+    /// It offers it.
     Offered,
-    /// The rules of the peer deny it.
+    /// Its rules do not let it come.
     Denied,
-    /// The peer knows no such topic or service.
+    /// It knows of none.
     Absent,
-    /// No connection with the peer.
+    /// There is no connection with it.
     NotConnected,
-    /// The peer is connected and does not answer.
+    /// It is connected and does not answer.
     NoAnswer,
-    /// No trusted peer has this name or id.
+    /// No peer has this name or id.
     NoSuchPeer,
 }
 
@@ -67,7 +65,7 @@ impl fmt::Display for Availability {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Offered => "offered",
-            Self::Denied => "denied by the rules of the peer",
+            Self::Denied => "denied by the peer's rules",
             Self::Absent => "absent: the peer's domain has none",
             Self::NotConnected => "not connected",
             Self::NoAnswer => "the peer does not answer",
@@ -76,14 +74,14 @@ impl fmt::Display for Availability {
     }
 }
 
-/// Sends the request to the status services of gateways, at the same time, and collects the answers.
+/// Asks gateways by the names of their services, all at the same time: they have so long to answer.
 pub fn ask(
     node: &Node,
     services: BTreeSet<Name>,
-    request: &AvailabilityRequest,
-    timeout: Duration,
+    question: &Question,
+    patience: Duration,
 ) -> Vec<(Name, Result<Availability, ReportError>)> {
-    // Strings and names always encode.
-    let request = serde_json::to_vec(request).unwrap_or_default();
-    report::call(node, services, &request, timeout)
+    // Names and words are always JSON.
+    let request = serde_json::to_vec(question).unwrap_or_default();
+    report::call(node, services, &request, patience)
 }

@@ -5,7 +5,7 @@ use sm2_proto::{
         BadId, BadLength, BadSlot, BadWord, ReservedNotZero, SegmentBusy, SlotBusy, UnknownSegment,
         WindowExceeded,
     },
-    link::{At, Words},
+    link::{At, RingMemory},
 };
 
 use super::{

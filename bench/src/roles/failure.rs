@@ -1,0 +1,4 @@
+//! How a role fails.
+
+/// Any error that ends a role.
+pub(super) type Failure = Box<dyn std::error::Error>;

@@ -1,0 +1,22 @@
+//! How an engine's part of the run ended.
+
+/// How an engine's part of the run ended.
+#[derive(Debug)]
+pub(crate) enum Verdict {
+    Held,
+    Failed { why: String },
+    Skipped { why: String },
+}
+
+impl Verdict {
+    pub(crate) fn fail(&mut self, why: String) {
+        *self = Self::Failed { why };
+    }
+
+    /// What failed has failed.
+    pub(crate) fn skip(&mut self, why: String) {
+        if let Self::Held = self {
+            *self = Self::Skipped { why };
+        }
+    }
+}
