@@ -12,7 +12,7 @@ use std::{
 };
 
 use sm2_node::{Client, Node, Server};
-use sm2_proto::link::{At, Words};
+use sm2_proto::link::{At, RingMemory};
 use sm2_tests::{
     PATIENCE,
     control::{self, Qos},

@@ -11,7 +11,7 @@ use nix::fcntl::{FallocateFlags, fallocate};
 use sm2_io::SendError;
 use sm2_proto::{
     Seals, ViolationKind,
-    link::{At, Words},
+    link::{At, RingMemory},
 };
 use sm2_tests::{
     actor::{Actor, number},

@@ -16,6 +16,8 @@ mod made_up;
 mod modules;
 #[path = "tidy/packages.rs"]
 mod packages;
+#[path = "tidy/repetition.rs"]
+mod repetition;
 #[path = "tidy/sizes.rs"]
 mod sizes;
 #[path = "tidy/sources.rs"]
@@ -122,4 +124,18 @@ fn published_packages_describe_themselves() {
         wrong.is_empty(),
         "\n{wrong}Complete it, or set publish = false."
     );
+}
+
+#[test]
+fn nothing_is_written_twice() {
+    let repository = repository();
+    let mut offences = Offences::new();
+    for it in repetition::repetitions(repository.rust()) {
+        let (file, first) = (it.file.display(), it.first.0.display());
+        let (line, first_line, count) = (it.line, it.first.1, it.count);
+        let text = format!("{file}:{line}: {count} lines as at {first}:{first_line}");
+        note(&mut offences, &it.file, 1, &text);
+    }
+    let advice = "Let one piece of code serve both places.";
+    compare(offences, known::REPETITIONS, advice);
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{cycles, edges, modules, packages, sizes, sources::Sources};
+use super::{cycles, edges, modules, packages, repetition, sizes, sources::Sources};
 
 /// The edges of a crate of these files, as `from -> to`.
 fn edges_of(files: &[(&str, &str)]) -> Vec<String> {
@@ -170,4 +170,30 @@ fn a_package_that_lacks_metadata_is_found() {
     assert_eq!(missing, ["the field readme", "1 to 5 keywords", docs]);
     package["publish"] = json!([]);
     assert!(!packages::is_published(&package));
+}
+
+#[test]
+fn repeated_lines_are_found() {
+    let lines = |from: usize, to: usize| -> String {
+        (from..to)
+            .map(|it| format!("    let a{it} = {it};\n\n"))
+            .collect()
+    };
+    let uses = "use a::{\n    b,\n};\n// A comment.\n}\n".repeat(4);
+    let first = lines(0, 12);
+    let nine = lines(3, 12);
+    let (a, b) = (Path::new("a.rs"), Path::new("b.rs"));
+    let second = format!("{uses}{nine}");
+    assert_eq!(repetition::repetitions([(a, &*first), (b, &*second)]), []);
+    let second = format!("{uses}{}", first.replace("    ", ""));
+    let found = repetition::repetitions([(a, &*first), (b, &*second)]);
+    let expected = repetition::Repetition {
+        file: b.to_owned(),
+        line: 21,
+        first: (a.to_owned(), 1),
+        count: 12,
+    };
+    assert_eq!(found, [expected]);
+    let same_line = "    x();\n".repeat(19);
+    assert_eq!(repetition::repetitions([(a, &*same_line)]), []);
 }
