@@ -14,7 +14,7 @@ mod ops;
 #[path = "link_support/pair.rs"]
 mod pair;
 
-use ops::{Op, Terms, op, terms};
+use ops::{Op, PairConfig, op, pair_config};
 use pair::Pair;
 use proptest::prelude::*;
 
@@ -25,14 +25,14 @@ proptest! {
     //= SM2-PAY-002, SM2-PAY-005, SM2-SEG-004, SM2-SEG-005 test
     //= SM2-QOS-001, SM2-QOS-002, SM2-QOS-004 test
     #[test]
-    fn sender_and_receiver(terms in terms(), ops in prop::collection::vec(op(), 0..250)) {
-        run(Pair::topic(terms), &ops);
+    fn sender_and_receiver(config in pair_config(), ops in prop::collection::vec(op(), 0..250)) {
+        run(Pair::topic(config), &ops);
     }
 
     //= SM2-SRV-002, SM2-SRV-003, SM2-SRV-004, SM2-SRV-005 test
     #[test]
-    fn caller_and_server(terms in terms(), ops in prop::collection::vec(op(), 0..250)) {
-        run(Pair::service(terms), &ops);
+    fn caller_and_server(config in pair_config(), ops in prop::collection::vec(op(), 0..250)) {
+        run(Pair::service(config), &ops);
     }
 }
 
@@ -50,13 +50,13 @@ fn run(mut pair: Pair, ops: &[Op]) {
 /// Nobody takes anything: only the window and the queues hold messages back.
 #[test]
 fn a_subscriber_that_takes_nothing_holds_up_itself_alone() {
-    let terms = Terms {
+    let config = PairConfig {
         reliable: false,
         sealed: false,
         depth: [2, 2],
         max_borrowed: [1, 2],
     };
-    let mut pair = Pair::topic(terms);
+    let mut pair = Pair::topic(config);
     for _ in 0..100 {
         for op in [
             Op::Send {

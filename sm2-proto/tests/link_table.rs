@@ -125,12 +125,12 @@ fn line(name: &str, cells: [String; 4]) -> String {
     format!("{name:<13}  {cells}").trim_end().to_owned()
 }
 
-fn terms(ring: bool, role: Role) -> Config {
+fn config_on(ring: bool, role: Role) -> Config {
     if ring { with_ring(role) } else { config(role) }
 }
 
 fn cell(state: State, ring: bool, role: Role, kind: FrameKind) -> String {
-    let config = terms(ring, role);
+    let config = config_on(ring, role);
     let mut link = match state {
         State::Opening => Link::new(config),
         State::Open | State::Ended => opened_with(config, &open_to(&config)),
@@ -164,7 +164,7 @@ fn cell(state: State, ring: bool, role: Role, kind: FrameKind) -> String {
 fn a_lane_is_used_only_if_both_offer_it() {
     for role in Role::ALL {
         for (ours, theirs) in [(false, true), (true, false), (true, true)] {
-            let mut link = opened_with(terms(ours, role), &open_to(&terms(theirs, role)));
+            let mut link = opened_with(config_on(ours, role), &open_to(&config_on(theirs, role)));
             let has_ring = ours && theirs;
             assert_eq!(link.has_ring(), has_ring, "{role:?}");
             let doorbell = feed(&mut link, &Frame::Doorbell.to_vec(), &[]);

@@ -4,7 +4,7 @@ mod link_support;
 mod ring_support;
 
 use link_support::{NOW, RING, accept, drain, message, opened, reliable, sent, with_ring};
-use ring_support::{RECEIVER, Rig, SENDER, segment, terms, word};
+use ring_support::{RECEIVER, Rig, SENDER, ring_config, segment, word};
 use sm2_proto::{
     Instant,
     limits::{RING_SEGMENTS_MAX, SLOT_HEAD},
@@ -282,7 +282,7 @@ fn the_calls_of_the_other_lane_are_misuse() {
 fn the_ring_is_as_deep_as_the_receiver_says() {
     let config = Config {
         depth: 7,
-        ..terms(Role::Sender, false, 1, 1)
+        ..ring_config(Role::Sender, false, 1, 1)
     };
     let mut link = link_support::opened_with(config, &link_support::open_to(&config));
     let outputs = accept(&mut link, &RING);

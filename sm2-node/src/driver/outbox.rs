@@ -101,7 +101,7 @@ pub(crate) struct Outbox {
 }
 
 #[derive(Debug)]
-pub(super) struct Message {
+pub(super) struct StoredMessage {
     forms: Forms,
     len: u64,
     id: u64,
@@ -259,7 +259,7 @@ impl Outbox {
             ring::write_head(lease, label, Status::Ok);
         }
         let Label { id, time, len, .. } = label;
-        self.messages.insert(Message {
+        self.messages.insert(StoredMessage {
             forms,
             len,
             id,
@@ -271,7 +271,7 @@ impl Outbox {
 
     /// What stands in the header of a message.
     pub(super) fn label(&self, key: u64) -> Option<Label> {
-        let Message { id, time, len, .. } = *self.messages.get(key)?;
+        let StoredMessage { id, time, len, .. } = *self.messages.get(key)?;
         Some(Label { id, time, len })
     }
 
@@ -298,7 +298,7 @@ impl Outbox {
             return;
         }
         let message = self.messages.remove(key);
-        if let Some(Message {
+        if let Some(StoredMessage {
             forms: Forms { pooled, .. },
             orphaned,
             ..

@@ -1,7 +1,7 @@
 use sm2_proto::fuzz::Script;
 
 use crate::{
-    ops::{Op, Terms},
+    ops::{Op, PairConfig},
     pair::Pair,
 };
 
@@ -28,16 +28,16 @@ fn pair(script: &mut Script<'_>) -> Option<Pair> {
     let flags = script.byte()?;
     let sizes = script.byte()?;
     let [a, b, c, d] = [0, 2, 4, 6].map(|shift| 1 + u16::from(sizes >> shift & 3) % 3);
-    let terms = Terms {
+    let config = PairConfig {
         reliable: flags & 1 != 0,
         sealed: flags & 2 != 0,
         depth: [a, b],
         max_borrowed: [c, d],
     };
     Some(if flags & 4 == 0 {
-        Pair::topic(terms)
+        Pair::topic(config)
     } else {
-        Pair::service(terms)
+        Pair::service(config)
     })
 }
 

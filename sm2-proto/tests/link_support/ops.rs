@@ -3,17 +3,17 @@
 use proptest::prelude::*;
 
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Terms {
+pub(crate) struct PairConfig {
     pub(crate) reliable: bool,
     pub(crate) sealed: bool,
     pub(crate) depth: [u16; 2],
     pub(crate) max_borrowed: [u16; 2],
 }
 
-pub(crate) fn terms() -> impl Strategy<Value = Terms> {
+pub(crate) fn pair_config() -> impl Strategy<Value = PairConfig> {
     let small = || [1_u16..4, 1..4];
     (any::<bool>(), any::<bool>(), small(), small()).prop_map(
-        |(reliable, sealed, depth, max_borrowed)| Terms {
+        |(reliable, sealed, depth, max_borrowed)| PairConfig {
             reliable,
             sealed,
             depth,

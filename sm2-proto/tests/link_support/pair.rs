@@ -14,7 +14,7 @@ use sm2_proto::{
 use crate::{
     driver::{Driver, SLOTS, Sent, segment},
     link_support::{LINK, NOW},
-    ops::{Op, Terms},
+    ops::{Op, PairConfig},
 };
 
 pub(crate) struct Pair {
@@ -25,31 +25,31 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
-    pub(crate) fn topic(terms: Terms) -> Self {
-        Self::new(terms, [Role::Sender, Role::Receiver])
+    pub(crate) fn topic(config: PairConfig) -> Self {
+        Self::new(config, [Role::Sender, Role::Receiver])
     }
 
-    pub(crate) fn service(terms: Terms) -> Self {
+    pub(crate) fn service(config: PairConfig) -> Self {
         Self::new(
-            Terms {
+            PairConfig {
                 reliable: true,
-                ..terms
+                ..config
             },
             [Role::Caller, Role::Server],
         )
     }
 
-    fn new(terms: Terms, roles: [Role; 2]) -> Self {
+    fn new(config: PairConfig, roles: [Role; 2]) -> Self {
         let end = |at: usize| {
             let config = Config {
                 id: LINK,
                 version: 1,
                 role: roles[at],
-                reliable: terms.reliable,
-                sealed: terms.sealed,
+                reliable: config.reliable,
+                sealed: config.sealed,
                 ring: false,
-                depth: terms.depth[at],
-                max_borrowed: terms.max_borrowed[at],
+                depth: config.depth[at],
+                max_borrowed: config.max_borrowed[at],
             };
             Driver::new(Link::new(config))
         };

@@ -21,7 +21,7 @@ use sm2_proto::{
 pub(crate) use crate::world::segment;
 use crate::{
     link_support::NOW,
-    ring_support::{Memory, terms},
+    ring_support::{Memory, ring_config},
     world::{SLOTS, World},
 };
 
@@ -418,7 +418,7 @@ pub(crate) struct Calls {
 impl Calls {
     /// Before any frame was read.
     pub(crate) fn fresh(depth: [u16; 2], max_borrowed: [u16; 2]) -> Self {
-        let config = |end, role| terms(role, true, depth[end], max_borrowed[end]);
+        let config = |end, role| ring_config(role, true, depth[end], max_borrowed[end]);
         let configs = [config(CALLER, Role::Caller), config(SERVER, Role::Server)];
         let mut pair = Self {
             world: World {

@@ -132,7 +132,7 @@ pub(crate) struct Rig {
     strides: BTreeMap<u32, u64>,
 }
 
-pub(crate) fn terms(role: Role, reliable: bool, depth: u16, max_borrowed: u16) -> Config {
+pub(crate) fn ring_config(role: Role, reliable: bool, depth: u16, max_borrowed: u16) -> Config {
     Config {
         reliable,
         depth,
@@ -144,7 +144,7 @@ pub(crate) fn terms(role: Role, reliable: bool, depth: u16, max_borrowed: u16) -
 impl Rig {
     /// Both ends before any frame was read.
     pub(crate) fn fresh(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
-        let end = |role| Link::new(terms(role, reliable, depth, max_borrowed));
+        let end = |role| Link::new(ring_config(role, reliable, depth, max_borrowed));
         let layout = RingLayout::new(depth, u32::from(depth + max_borrowed)).unwrap();
         let mut rig = Self {
             ends: [end(Role::Sender), end(Role::Receiver)],

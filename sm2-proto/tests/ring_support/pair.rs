@@ -11,7 +11,7 @@ use crate::{
     between::Between,
     ends::{Driver, Receiving, Sending, Sent, Shared},
     link_support::NOW,
-    ring_support::{Memory, head, terms},
+    ring_support::{Memory, head, ring_config},
 };
 
 #[derive(Clone, Copy, Debug)]
@@ -77,7 +77,7 @@ pub(crate) struct Pair {
 
 impl Pair {
     pub(crate) fn new(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
-        let end = |role| Driver::new(Link::new(terms(role, reliable, depth, max_borrowed)));
+        let end = |role| Driver::new(Link::new(ring_config(role, reliable, depth, max_borrowed)));
         let layout = RingLayout::new(depth, u32::from(depth + max_borrowed)).unwrap();
         let mut pair = Self {
             shared: Shared {

@@ -1,73 +1,79 @@
 //! What stands for each message while somebody needs it, by a key.
 
-use super::Message;
+use super::StoredMessage;
 
 /// Messages, each under the key that it got.
 ///
-/// A key names a place and how often that was used before, so that a key that is kept for too
-/// long names nothing. Places are reused, the last one first: once there are as many as are needed
+/// A key names an entry and how often that was used before, so that a key that is kept for too
+/// long names nothing. Entries are reused, the last one first: once there are as many as are needed
 /// at a time, nothing is allocated.
 #[derive(Debug, Default)]
 pub(super) struct Messages {
-    places: Vec<Place>,
+    entries: Vec<Entry>,
     free: Vec<u32>,
 }
 
 #[derive(Debug)]
-struct Place {
+struct Entry {
     /// How often it was used, from 1 on: no key is 0.
-    turn: u32,
-    message: Option<Message>,
+    generation: u32,
+    message: Option<StoredMessage>,
 }
 
 impl Messages {
     /// Makes room for so many at a time.
     pub(super) fn reserve(&mut self, messages: usize) {
-        self.places.reserve(messages);
+        self.entries.reserve(messages);
         self.free.reserve(messages);
     }
 
     /// Keeps a message; its key, which is not 0.
-    pub(super) fn insert(&mut self, message: Message) -> u64 {
+    pub(super) fn insert(&mut self, message: StoredMessage) -> u64 {
         let index = self.free.pop().unwrap_or_else(|| {
-            self.places.push(Place {
-                turn: 0,
+            self.entries.push(Entry {
+                generation: 0,
                 message: None,
             });
             // Room for all to come back: then `remove` does not allocate.
-            self.free.reserve(self.places.len());
-            u32::try_from(self.places.len() - 1).expect("fewer messages than bytes of memory")
+            self.free.reserve(self.entries.len());
+            u32::try_from(self.entries.len() - 1).expect("fewer messages than bytes of memory")
         });
-        let place = &mut self.places[index as usize];
-        debug_assert!(place.message.is_none());
-        place.turn = place.turn.checked_add(1).unwrap_or(1);
-        place.message = Some(message);
-        u64::from(place.turn) << 32 | u64::from(index)
+        let entry = &mut self.entries[index as usize];
+        debug_assert!(entry.message.is_none());
+        entry.generation = entry.generation.checked_add(1).unwrap_or(1);
+        entry.message = Some(message);
+        u64::from(entry.generation) << 32 | u64::from(index)
     }
 
-    pub(super) fn get(&self, key: u64) -> Option<&Message> {
-        let (turn, index) = split(key);
-        let place = self.places.get(index)?;
-        place.message.as_ref().filter(|_| place.turn == turn)
+    pub(super) fn get(&self, key: u64) -> Option<&StoredMessage> {
+        let (generation, index) = split(key);
+        let entry = self.entries.get(index)?;
+        entry
+            .message
+            .as_ref()
+            .filter(|_| entry.generation == generation)
     }
 
-    pub(super) fn get_mut(&mut self, key: u64) -> Option<&mut Message> {
-        let (turn, index) = split(key);
-        let place = self.places.get_mut(index)?;
-        place.message.as_mut().filter(|_| place.turn == turn)
+    pub(super) fn get_mut(&mut self, key: u64) -> Option<&mut StoredMessage> {
+        let (generation, index) = split(key);
+        let entry = self.entries.get_mut(index)?;
+        entry
+            .message
+            .as_mut()
+            .filter(|_| entry.generation == generation)
     }
 
     /// Takes a message out; its key names nothing any more.
-    pub(super) fn remove(&mut self, key: u64) -> Option<Message> {
-        let (turn, index) = split(key);
-        let place = self.places.get_mut(index)?;
-        let message = place.message.take_if(|_| place.turn == turn)?;
+    pub(super) fn remove(&mut self, key: u64) -> Option<StoredMessage> {
+        let (generation, index) = split(key);
+        let entry = self.entries.get_mut(index)?;
+        let message = entry.message.take_if(|_| entry.generation == generation)?;
         self.free.push(key as u32);
         Some(message)
     }
 }
 
-/// How often the place of a key was used, and the place.
+/// How often the entry of a key was used, and the entry.
 const fn split(key: u64) -> (u32, usize) {
     ((key >> 32) as u32, key as u32 as usize)
 }
@@ -78,8 +84,8 @@ mod tests {
     use crate::driver::Forms;
     use sm2_proto::Instant;
 
-    fn message(id: u64) -> Message {
-        Message {
+    fn message(id: u64) -> StoredMessage {
+        StoredMessage {
             forms: Forms::default(),
             len: 0,
             id,
@@ -97,8 +103,8 @@ mod tests {
         assert!(first != second && first != 0 && second != 0);
         assert_eq!(messages.remove(first).unwrap().id, 1);
         let third = messages.insert(message(3));
-        assert_ne!(third, first, "the same place, and another key");
-        assert_eq!(messages.places.len(), 2);
+        assert_ne!(third, first, "the same entry, and another key");
+        assert_eq!(messages.entries.len(), 2);
         for gone in [0, first, third + 5] {
             assert!(messages.get(gone).is_none(), "{gone:x}");
             assert!(messages.get_mut(gone).is_none());
@@ -112,7 +118,7 @@ mod tests {
     fn nothing_is_allocated_once_there_is_room() {
         let mut messages = Messages::default();
         messages.reserve(8);
-        let room = |messages: &Messages| (messages.places.capacity(), messages.free.capacity());
+        let room = |messages: &Messages| (messages.entries.capacity(), messages.free.capacity());
         let before = room(&messages);
         for _ in 0..3 {
             let keys: Vec<u64> = (0..8).map(|id| messages.insert(message(id))).collect();
@@ -128,7 +134,7 @@ mod tests {
         let mut messages = Messages::default();
         let key = messages.insert(message(1));
         messages.remove(key).unwrap();
-        messages.places[0].turn = u32::MAX;
+        messages.entries[0].generation = u32::MAX;
         assert_eq!(messages.insert(message(2)), 1 << 32);
     }
 }

@@ -8,7 +8,7 @@ use sm2_proto::{
 use super::{
     super::{Failure, Property},
     Form, LinkScope, World,
-    books::{Entry, Place, Terms},
+    books::{Entry, FlowLimits, Stage},
     fail,
     pool::Slot,
     world::{Life, NOW, Source},
@@ -88,7 +88,7 @@ impl World {
             form,
             slot,
             status,
-            place: Place::Queued,
+            stage: Stage::Queued,
             fate: None,
         };
         self.flows[at].offered(entry, room);
@@ -118,11 +118,11 @@ impl World {
     }
 
     pub(super) fn take(&mut self, scope: &LinkScope, at: usize) -> Result<(), Failure> {
-        let terms = Terms::new(scope, 1 - at);
+        let limits = FlowLimits::new(scope, 1 - at);
         let Ok(Some(delivery)) = self.end(at).link.take(&NoMemory) else {
             return fail(Property::MessagesInOrder, "there is nothing to take");
         };
-        let entry = self.flows[1 - at].taken(&delivery, &terms)?;
+        let entry = self.flows[1 - at].taken(&delivery, &limits)?;
         let source = self.locate(at, &entry, &delivery)?;
         self.check_content(at, entry.id, source)?;
         let end = self.end(at);
@@ -177,7 +177,7 @@ impl World {
         sequence: u64,
     ) -> Result<(), Failure> {
         let mut entries = self.flows[1 - at].entries.iter();
-        let entry = entries.find(|it| it.place == Place::Held(sequence));
+        let entry = entries.find(|it| it.stage == Stage::Held(sequence));
         let id = entry.map_or(0, |it| it.id);
         if let Some(source) = self.end(at).held.remove(&sequence) {
             self.check_content(at, id, source)?;

@@ -12,7 +12,7 @@ use super::{
 
 /// What both ends of one direction have agreed on.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Terms {
+pub(super) struct FlowLimits {
     /// Whether replies go this way.
     pub(super) replies: bool,
     /// Whether publications do.
@@ -26,7 +26,7 @@ pub(super) struct Terms {
     window: usize,
 }
 
-impl Terms {
+impl FlowLimits {
     /// Those of what end `from` sends.
     pub(super) fn new(scope: &LinkScope, from: usize) -> Self {
         let [ours, theirs] = [scope.config(from), scope.config(1 - from)];
@@ -55,7 +55,7 @@ impl Terms {
 
 /// Where a message is, on its way and back. The number is its `sequence`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Place {
+pub(super) enum Stage {
     /// With the machine that sends it.
     Queued,
     /// With the driver, whose socket is full.
@@ -80,7 +80,7 @@ pub(super) struct Entry {
     pub(super) form: Form,
     pub(super) slot: Option<Slot>,
     pub(super) status: Status,
-    pub(super) place: Place,
+    pub(super) stage: Stage,
     /// What its sender knows.
     pub(super) fate: Option<Fate>,
 }
@@ -115,7 +115,7 @@ impl Flow {
     }
 
     pub(super) fn queued(&self) -> impl Iterator<Item = &Entry> {
-        self.unsettled().filter(|it| it.place == Place::Queued)
+        self.unsettled().filter(|it| it.stage == Stage::Queued)
     }
 
     /// How many the sender has sent and not got back.
@@ -125,15 +125,15 @@ impl Flow {
 
     /// Whether there is room at the sender, which knows the window or not.
     //= SM2-QOS-001, SM2-QOS-002 model
-    pub(super) fn room(&self, terms: &Terms, opened: bool) -> Room {
-        let window = if opened { terms.window } else { 0 };
+    pub(super) fn room(&self, limits: &FlowLimits, opened: bool) -> Room {
+        let window = if opened { limits.window } else { 0 };
         let admitted = window.saturating_sub(self.unreleased());
         let mut waiting = self.queued().skip(admitted);
         let oldest = waiting.next();
         let count = usize::from(oldest.is_some()) + waiting.count();
         match oldest {
-            _ if count < terms.waiting || self.unsettled().count() < window => Room::Free,
-            Some(oldest) if terms.displaces => Room::Displaces(oldest.id),
+            _ if count < limits.waiting || self.unsettled().count() < window => Room::Free,
+            Some(oldest) if limits.displaces => Room::Displaces(oldest.id),
             _ => Room::None,
         }
     }
@@ -158,32 +158,32 @@ impl Flow {
     pub(super) fn handed_out(
         &mut self,
         (sequence, id): (u64, u64),
-        terms: &Terms,
+        limits: &FlowLimits,
         opened: bool,
     ) -> Result<(), Failure> {
         let unreleased = self.unreleased();
-        if !opened || unreleased >= terms.window {
+        if !opened || unreleased >= limits.window {
             let what = format!("message {id} is sent, {unreleased} are unreleased");
             return fail(Property::WithinWindow, what);
         }
         self.sequence += 1;
         let next = self.sequence;
         let mut entries = self.entries.iter_mut();
-        match entries.find(|it| it.place == Place::Queued && it.fate.is_none()) {
-            Some(entry) if entry.id == id && next == sequence => entry.place = Place::Kept(next),
+        match entries.find(|it| it.stage == Stage::Queued && it.fate.is_none()) {
+            Some(entry) if entry.id == id && next == sequence => entry.stage = Stage::Kept(next),
             other => {
                 let what = format!("message {sequence} with id {id} is sent, not {other:?}");
-                return fail(terms.order(), what);
+                return fail(limits.order(), what);
             }
         }
         Ok(())
     }
 
     /// Where a message is now that was at `from`.
-    pub(super) fn moved(&mut self, from: Place, to: Place) {
+    pub(super) fn moved(&mut self, from: Stage, to: Stage) {
         let mut entries = self.entries.iter_mut();
-        if let Some(entry) = entries.find(|it| it.place == from) {
-            entry.place = to;
+        if let Some(entry) = entries.find(|it| it.stage == from) {
+            entry.stage = to;
         }
     }
 
@@ -192,27 +192,27 @@ impl Flow {
     pub(super) fn accepted(
         &mut self,
         (sequence, id): (u64, u64),
-        terms: &Terms,
+        limits: &FlowLimits,
     ) -> Result<(), Failure> {
-        let on_the_wire = |it: &&mut Entry| matches!(it.place, Place::OnTheWire(_));
+        let on_the_wire = |it: &&mut Entry| matches!(it.stage, Stage::OnTheWire(_));
         let next = self.entries.iter_mut().find(on_the_wire);
         match next {
-            Some(entry) if entry.place == Place::OnTheWire(sequence) && entry.id == id => {
-                entry.place = Place::Ready(sequence);
+            Some(entry) if entry.stage == Stage::OnTheWire(sequence) && entry.id == id => {
+                entry.stage = Stage::Ready(sequence);
             }
             other => {
                 let what = format!("message {sequence} with id {id} came, not {other:?}");
-                return fail(terms.order(), what);
+                return fail(limits.order(), what);
             }
         }
         self.next_id.get_or_insert(id);
-        if terms.displaces && self.ready() > terms.ready {
+        if limits.displaces && self.ready() > limits.ready {
             self.displace();
         }
         let here =
-            |it: &&Entry| matches!(it.place, Place::Ready(_) | Place::Held(_) | Place::Back(..));
+            |it: &&Entry| matches!(it.stage, Stage::Ready(_) | Stage::Held(_) | Stage::Back(..));
         match self.entries.iter().filter(here).count() {
-            count if count > terms.window => fail(
+            count if count > limits.window => fail(
                 Property::WithinWindow,
                 format!("{count} messages are with the reader"),
             ),
@@ -223,8 +223,8 @@ impl Flow {
     /// The oldest that was not taken goes back.
     fn displace(&mut self) {
         for entry in &mut self.entries {
-            if let Place::Ready(sequence) = entry.place {
-                entry.place = Place::Back(sequence, Given::Discarded);
+            if let Stage::Ready(sequence) = entry.stage {
+                entry.stage = Stage::Back(sequence, Given::Discarded);
                 self.discarded = Some(sequence);
                 return;
             }
@@ -233,44 +233,44 @@ impl Flow {
 
     /// How many wait to be taken.
     pub(super) fn ready(&self) -> usize {
-        let ready = |it: &&Entry| matches!(it.place, Place::Ready(_));
+        let ready = |it: &&Entry| matches!(it.stage, Stage::Ready(_));
         self.entries.iter().filter(ready).count()
     }
 
     /// What the application has.
     pub(super) fn held(&self) -> impl Iterator<Item = u64> {
-        self.entries.iter().filter_map(|it| match it.place {
-            Place::Held(sequence) => Some(sequence),
+        self.entries.iter().filter_map(|it| match it.stage {
+            Stage::Held(sequence) => Some(sequence),
             _ => None,
         })
     }
 
     /// Whether the application may take one more.
-    pub(super) fn may_take(&self, terms: &Terms) -> bool {
-        self.held().count() < terms.max_borrowed
+    pub(super) fn may_take(&self, limits: &FlowLimits) -> bool {
+        self.held().count() < limits.max_borrowed
     }
 
     /// The application took a message: the one that this gives.
     //= SM2-MSG-002, SM2-MSG-005 model
-    pub(super) fn taken(&mut self, it: &Delivery, terms: &Terms) -> Result<Entry, Failure> {
-        if !self.may_take(terms) {
+    pub(super) fn taken(&mut self, it: &Delivery, limits: &FlowLimits) -> Result<Entry, Failure> {
+        if !self.may_take(limits) {
             let what = format!("message {} is taken, one too many", it.sequence);
             return fail(Property::WithinWindow, what);
         }
         let lost = match self.next_id {
-            Some(next) if terms.data => it.id.saturating_sub(next),
+            Some(next) if limits.data => it.id.saturating_sub(next),
             _ => 0,
         };
         let mut entries = self.entries.iter_mut();
-        let oldest = entries.find(|it| matches!(it.place, Place::Ready(_)));
+        let oldest = entries.find(|it| matches!(it.stage, Stage::Ready(_)));
         let Some(entry) = oldest.filter(|entry| {
-            entry.place == Place::Ready(it.sequence)
+            entry.stage == Stage::Ready(it.sequence)
                 && (entry.id, entry.status) == (it.id, it.status)
                 && it.lost == lost
         }) else {
-            return fail(terms.order(), format!("{it:?} is taken, {lost} were lost"));
+            return fail(limits.order(), format!("{it:?} is taken, {lost} were lost"));
         };
-        entry.place = Place::Held(it.sequence);
+        entry.stage = Stage::Held(it.sequence);
         self.next_id = Some(it.id + 1);
         Ok(*entry)
     }
@@ -278,19 +278,19 @@ impl Flow {
     /// The application gave a message back, on a link that is `over` or not.
     pub(super) fn given_back(&mut self, sequence: u64, over: bool) {
         let to = match over {
-            true => Place::Gone,
-            false => Place::Back(sequence, Given::Consumed),
+            true => Stage::Gone,
+            false => Stage::Back(sequence, Given::Consumed),
         };
-        self.moved(Place::Held(sequence), to);
+        self.moved(Stage::Held(sequence), to);
     }
 
     /// A RELEASE left that names this message.
     //= SM2-MSG-004 model
     pub(super) fn named(&mut self, sequence: u64, given: Given) -> Result<(), Failure> {
-        let back = Place::Back(sequence, given);
+        let back = Stage::Back(sequence, given);
         let mut entries = self.entries.iter_mut();
-        match entries.find(|it| it.place == back) {
-            Some(entry) => entry.place = Place::Named(given),
+        match entries.find(|it| it.stage == back) {
+            Some(entry) => entry.stage = Stage::Named(given),
             None => {
                 let what = format!("{sequence} is released as {given:?}, which it is not");
                 return fail(Property::SlotsComeBack, what);
@@ -309,21 +309,21 @@ impl Flow {
             return fail(Property::FatesAreTrue, what);
         };
         entry.fate = Some(fate);
-        let (tally, place) = (&mut self.tally, entry.place);
+        let (tally, place) = (&mut self.tally, entry.stage);
         let is_true = match fate {
             Fate::Delivered => {
                 tally.delivered += 1;
-                place == Place::Named(Given::Consumed)
+                place == Stage::Named(Given::Consumed)
             }
             Fate::Discarded => {
                 tally.discarded += 1;
-                place == Place::Named(Given::Discarded)
+                place == Stage::Named(Given::Discarded)
             }
             Fate::Overwritten => {
                 tally.overwritten += 1;
                 let told = self.displaced.take();
-                entry.place = Place::Gone;
-                told == Some(id) && place == Place::Queued
+                entry.stage = Stage::Gone;
+                told == Some(id) && place == Stage::Queued
             }
             Fate::Closed => {
                 tally.closed += 1;
@@ -336,7 +336,7 @@ impl Flow {
         }
         let early = matches!(fate, Fate::Delivered | Fate::Discarded);
         let property = match place {
-            Place::Named(_) => Property::FatesAreTrue,
+            Stage::Named(_) => Property::FatesAreTrue,
             _ if early => Property::SlotsComeBack,
             _ => Property::FatesAreTrue,
         };
@@ -354,8 +354,8 @@ impl Flow {
     /// The sender's link is over: what its driver has, nobody gets.
     pub(super) fn sender_over(&mut self) {
         for entry in &mut self.entries {
-            if matches!(entry.place, Place::Queued | Place::Kept(_)) {
-                entry.place = Place::Gone;
+            if matches!(entry.stage, Stage::Queued | Stage::Kept(_)) {
+                entry.stage = Stage::Gone;
             }
         }
     }
@@ -371,8 +371,8 @@ impl Flow {
     /// The reader's link is over: what is there can be taken, nothing more comes.
     pub(super) fn reader_over(&mut self) {
         for entry in &mut self.entries {
-            if matches!(entry.place, Place::OnTheWire(_) | Place::Back(..)) {
-                entry.place = Place::Gone;
+            if matches!(entry.stage, Stage::OnTheWire(_) | Stage::Back(..)) {
+                entry.stage = Stage::Gone;
             }
         }
     }
@@ -381,18 +381,18 @@ impl Flow {
     pub(super) fn reader_dead(&mut self) {
         for entry in &mut self.entries {
             if !matches!(
-                entry.place,
-                Place::Queued | Place::Kept(_) | Place::Named(_)
+                entry.stage,
+                Stage::Queued | Stage::Kept(_) | Stage::Named(_)
             ) {
-                entry.place = Place::Gone;
+                entry.stage = Stage::Gone;
             }
         }
     }
 
     /// Forgets what both sides are done with.
     pub(super) fn forget(&mut self) {
-        let over = |place| matches!(place, Place::Gone | Place::Named(_));
+        let over = |place| matches!(place, Stage::Gone | Stage::Named(_));
         self.entries
-            .retain(|it| it.fate.is_none() || !over(it.place));
+            .retain(|it| it.fate.is_none() || !over(it.stage));
     }
 }

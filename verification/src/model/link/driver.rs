@@ -10,7 +10,7 @@ use sm2_proto::{
 use super::{
     super::{Failure, Property},
     Fault, LinkScope, World,
-    books::{Place, Terms},
+    books::{FlowLimits, Stage},
     fail,
     wire::{Descriptor, Parcel, carry, message},
     world::NOW,
@@ -63,17 +63,17 @@ impl World {
 
     /// The machine of an end has taken a message in.
     fn accepted(&mut self, scope: &LinkScope, at: usize, came: (u64, u64)) -> Result<(), Failure> {
-        let terms = Terms::new(scope, 1 - at);
-        self.flows[1 - at].accepted(came, &terms)?;
+        let limits = FlowLimits::new(scope, 1 - at);
+        self.flows[1 - at].accepted(came, &limits)?;
         let (sequence, id) = came;
         if scope.fault == Some(Fault::ReleaseEarly) {
             self.wires[at].queue.push_back(Parcel::release(sequence));
         }
-        if terms.data {
+        if limits.data {
             return Ok(());
         }
         let calls = &mut self.end(at).calls;
-        let as_it_was = match terms.replies {
+        let as_it_was = match limits.replies {
             true => calls.remove(&id),
             false => calls.insert(id),
         };
@@ -200,8 +200,8 @@ impl World {
             }
         }
         if let Some(leaves) = parcel.with_frame(|frame| message(&frame)).flatten() {
-            let (terms, opened) = (Terms::new(scope, at), self.ends[at].opened);
-            self.flows[at].handed_out(leaves, &terms, opened)?;
+            let (limits, opened) = (FlowLimits::new(scope, at), self.ends[at].opened);
+            self.flows[at].handed_out(leaves, &limits, opened)?;
         }
         if self.is_full(scope, at) {
             self.handle(at, Input::Blocked)?;
@@ -255,10 +255,10 @@ impl World {
         let lost = self.ends[1 - at].is_gone();
         if let Some((sequence, _)) = parcel.with_frame(|frame| message(&frame)).flatten() {
             let to = match lost {
-                true => Place::Gone,
-                false => Place::OnTheWire(sequence),
+                true => Stage::Gone,
+                false => Stage::OnTheWire(sequence),
             };
-            self.flows[at].moved(Place::Kept(sequence), to);
+            self.flows[at].moved(Stage::Kept(sequence), to);
         }
         if !lost {
             carry(parcel, scope.fault, &mut self.wires[at].queue);
@@ -284,9 +284,9 @@ impl World {
     fn detach(&mut self, at: usize, segment: u32) -> Result<(), Failure> {
         let mapped = self.end(at).mapped.remove(&segment);
         let mut entries = self.flows[1 - at].entries.iter();
-        let here = |place| matches!(place, Place::Ready(_) | Place::Held(_) | Place::Back(..));
+        let here = |place| matches!(place, Stage::Ready(_) | Stage::Held(_) | Stage::Back(..));
         let used =
-            entries.any(|it| here(it.place) && it.slot.is_some_and(|it| it.segment == segment));
+            entries.any(|it| here(it.stage) && it.slot.is_some_and(|it| it.segment == segment));
         if mapped.is_some() && !used {
             return Ok(());
         }
@@ -309,7 +309,7 @@ impl World {
         }
         let read_all = matches!(reason, Reason::Peer(_) | Reason::Eof);
         let mut entries = self.flows[1 - at].entries.iter();
-        let unread = entries.find(|it| matches!(it.place, Place::OnTheWire(_)));
+        let unread = entries.find(|it| matches!(it.stage, Stage::OnTheWire(_)));
         if let Some(unread) = unread.filter(|_| read_all) {
             let what = format!("{unread:?} was sent before the end");
             return fail(Property::MessagesInOrder, what);

@@ -8,7 +8,7 @@ use sm2_proto::{
 use super::{
     super::{Failure, Property},
     Action, LinkScope, World,
-    books::{Room, Terms},
+    books::{FlowLimits, Room},
     fail,
     world::{End, Life, NOW},
 };
@@ -76,7 +76,7 @@ impl World {
     //= SM2-MSG-005 model
     fn check_limit(&self, scope: &LinkScope, at: usize, end: &End) -> Result<(), Failure> {
         let flow = &self.flows[1 - at];
-        if flow.ready() == 0 || flow.may_take(&Terms::new(scope, 1 - at)) {
+        if flow.ready() == 0 || flow.may_take(&FlowLimits::new(scope, 1 - at)) {
             return Ok(());
         }
         match end.link.clone().take(&NoMemory) {

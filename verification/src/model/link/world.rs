@@ -13,7 +13,7 @@ use sm2_proto::{
 use super::{
     super::Failure,
     Action, Budget, LinkScope,
-    books::{Flow, Room, Terms},
+    books::{Flow, FlowLimits, Room},
     pool::{Pool, Slot},
     wire::Wire,
 };
@@ -170,8 +170,8 @@ impl World {
         if end.kept.is_some() && !self.is_full(scope, usize::from(at)) {
             actions.push(Action::Flushes(at));
         }
-        let terms = Terms::new(scope, from);
-        if flow.ready() > 0 && flow.may_take(&terms) {
+        let limits = FlowLimits::new(scope, from);
+        if flow.ready() > 0 && flow.may_take(&limits) {
             actions.push(Action::Takes(at));
         }
         actions.extend(flow.held().map(|it| Action::GivesBack(at, it)));
@@ -213,8 +213,8 @@ impl World {
     }
 
     pub(super) fn room(&self, scope: &LinkScope, at: usize) -> Room {
-        let terms = Terms::new(scope, at);
-        self.flows[at].room(&terms, self.ends[at].opened)
+        let limits = FlowLimits::new(scope, at);
+        self.flows[at].room(&limits, self.ends[at].opened)
     }
 
     /// The moment after `action`, which is one of [`World::actions`].
