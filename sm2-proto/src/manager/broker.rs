@@ -5,9 +5,10 @@ use alloc::{sync::Arc, vec::Vec};
 use super::{
     Manager, Output,
     links::{Agreed, Pair},
+    node_record::{Farewells, NodeRecord, Remains},
     phase::Phase,
     policy::{count, within},
-    session::{Farewells, Remains, Session},
+    session::Session,
 };
 use crate::{
     Code, Contract, EntityId, Farewell, InterfaceId, LinkId, LinkQos, NodeId, Quota, Refusal,
@@ -30,10 +31,11 @@ impl Manager {
         entity: EntityId,
         contract: Contract,
     ) -> Result<(), Violation> {
-        let Some(session) = self.sessions.get_mut(&entity.node) else {
+        let record = self.sessions.get_mut(&entity.node);
+        let Some(record) = record.and_then(Session::node_mut) else {
             return Ok(());
         };
-        session.number(entity.interface)?;
+        record.number(entity.interface)?;
         match self.admit(entity.node, &contract) {
             Ok(matches) => self.admitted(entity, contract, &matches),
             Err(reason) => self.refuse(entity, contract, reason),
@@ -47,9 +49,12 @@ impl Manager {
         let Some(session) = self.sessions.get(&id) else {
             return Ok(Matches::default());
         };
-        session.refuse_interface(&self.policy)?;
+        let Some(record) = session.node() else {
+            return Ok(Matches::default());
+        };
+        record.refuse_interface(&self.policy)?;
         self.users
-            .refuse_interface(session.credentials().uid, &self.policy)?;
+            .refuse_interface(record.credentials().uid, &self.policy)?;
         let Some(channel) = self.channels.get(contract) else {
             return Ok(Matches::default());
         };
@@ -102,20 +107,25 @@ impl Manager {
         Ok(admitted)
     }
 
+    fn node(&self, id: NodeId) -> Option<&NodeRecord> {
+        self.sessions.get(&id).and_then(Session::node)
+    }
+
     fn link_ends(&self, node: NodeId) -> usize {
-        self.sessions.get(&node).map_or(0, Session::link_ends)
+        self.node(node).map_or(0, NodeRecord::link_ends)
     }
 
     //= SM2-IFC-002, SM2-LNK-007
     fn admitted(&mut self, entity: EntityId, contract: Contract, matches: &Matches) {
-        let Some(session) = self.sessions.get_mut(&entity.node) else {
+        let record = self.sessions.get_mut(&entity.node);
+        let Some(record) = record.and_then(Session::node_mut) else {
             return;
         };
-        let superseded = session.supersede(&contract);
-        self.users.declare(session.credentials().uid);
+        let superseded = record.supersede(&contract);
+        self.users.declare(record.credentials().uid);
         let contract = Arc::new(contract);
         self.channels.insert(entity, &contract);
-        session.declare(entity.interface, Arc::clone(&contract));
+        record.declare(entity.interface, Arc::clone(&contract));
         for interface in superseded {
             self.member_changed(EntityId {
                 interface,
@@ -150,10 +160,11 @@ impl Manager {
     fn refuse(&mut self, entity: EntityId, contract: Contract, reason: Refusal) {
         let EntityId { node, interface } = entity;
         let limit = self.policy.refusals_per_session;
-        let Some(session) = self.sessions.get_mut(&node) else {
+        let record = self.sessions.get_mut(&node);
+        let Some(record) = record.and_then(Session::node_mut) else {
             return;
         };
-        let forgotten = session.refuse(interface, contract, reason.clone(), limit);
+        let forgotten = record.refuse(interface, contract, reason.clone(), limit);
         self.member_changed(entity);
         if let Some(interface) = forgotten {
             self.member_changed(EntityId {
@@ -185,7 +196,8 @@ impl Manager {
         let Some(session) = self.sessions.get(&entity.node) else {
             return left;
         };
-        let contract = session.contract(entity.interface).map(Arc::clone);
+        let contract = session.node().and_then(|it| it.contract(entity.interface));
+        let contract = contract.map(Arc::clone);
         let Some(contract) = contract else {
             return left;
         };
@@ -294,9 +306,10 @@ impl Manager {
     pub(super) fn record(&mut self, link: LinkId, pair: Pair, agreed: Agreed, frames: usize) {
         self.links.insert(link, pair, agreed);
         for entity in pair.entities() {
-            if let Some(session) = self.sessions.get_mut(&entity.node) {
-                session.link(entity.interface, link, pair);
-                session.ahead += frames;
+            let record = self.sessions.get_mut(&entity.node);
+            if let Some(record) = record.and_then(Session::node_mut) {
+                record.link(entity.interface, link, pair);
+                record.links_ahead += frames;
             }
         }
         self.mark_linked(pair);
@@ -316,24 +329,24 @@ impl Manager {
 
     /// An interface's user and contract.
     pub(super) fn whose(&self, entity: EntityId) -> Option<(u32, &Contract)> {
-        let (session, contract) = self.end(entity)?;
-        Some((session.credentials().uid, contract))
+        let (record, contract) = self.end(entity)?;
+        Some((record.credentials().uid, contract))
     }
 
-    fn end(&self, entity: EntityId) -> Option<(&Session, &Contract)> {
-        let session = self.sessions.get(&entity.node)?;
-        let contract = session.contract(entity.interface)?;
-        Some((session, contract))
+    fn end(&self, entity: EntityId) -> Option<(&NodeRecord, &Contract)> {
+        let record = self.node(entity.node)?;
+        let contract = record.contract(entity.interface)?;
+        Some((record, contract))
     }
 
     /// An interface as the other side of a link gets to know it.
     fn peer(&self, EntityId { node, interface }: EntityId) -> Option<Peer> {
-        let session = self.sessions.get(&node)?;
+        let record = self.node(node)?;
         Some(Peer {
             node,
-            name: session.name()?.clone(),
+            name: record.name().clone(),
             interface,
-            contract: Contract::clone(session.contract(interface)?),
+            contract: Contract::clone(record.contract(interface)?),
         })
     }
 
@@ -357,15 +370,17 @@ impl Manager {
 
     /// An end of a link that its session was never told of is gone.
     fn unlink(&mut self, entity: EntityId, link: LinkId) {
-        if let Some(session) = self.sessions.get_mut(&entity.node) {
-            session.unlink(entity.interface, link);
+        let record = self.sessions.get_mut(&entity.node);
+        if let Some(record) = record.and_then(Session::node_mut) {
+            record.unlink(entity.interface, link);
         }
     }
 
     //= SM2-IFC-003
     pub(super) fn withdraw(&mut self, entity: EntityId) -> Result<(), Violation> {
-        let session = self.sessions.get_mut(&entity.node);
-        let (uid, remains) = session
+        let record = self.sessions.get_mut(&entity.node);
+        let (uid, remains) = record
+            .and_then(Session::node_mut)
             .and_then(|it| Some((it.credentials().uid, it.withdraw(entity.interface)?)))
             .ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
         self.users.withdraw(uid, 1);
@@ -400,13 +415,13 @@ impl Manager {
         code: Code,
     ) -> Result<(), Violation> {
         let EntityId { node, interface } = entity;
-        let session = self.sessions.get_mut(&node);
-        let session = session.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
-        if self.pace.owes(node, link) && session.has_link(interface, link) == Some(true) {
+        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+        let record = record.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
+        if self.pace.owes(node, link) && record.has_link(interface, link) == Some(true) {
             // It was not told of it, so it can but guess.
             return Err(violation!(UnknownLink, "SM2-LNK-003"));
         }
-        match session.farewell(interface, link)? {
+        match record.farewell(interface, link)? {
             Farewells::Both => {}
             Farewells::First(pair) => {
                 self.send(

@@ -13,6 +13,7 @@ use core::ops::Bound;
 use super::{
     Cause, Manager,
     links::{Agreed, Pair},
+    session::Session,
 };
 use crate::{
     Code, EntityId, Farewell, Instant, LinkId, NodeId, VERSION, Violation,
@@ -50,7 +51,8 @@ impl Manager {
         let Some(session) = self.sessions.get_mut(&node) else {
             return Ok(());
         };
-        let known = session.has_link(interface, link);
+        let record = session.node();
+        let known = record.and_then(|it| it.has_link(interface, link));
         let known = known.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
         if known || link.epoch == self.links.epoch() || claim.agreed.version != VERSION {
             return Err(violation!(BadClaim, "SM2-RES-003"));
@@ -59,8 +61,10 @@ impl Manager {
             self.end_session(node, Cause::Farewell(Farewell::Resources));
             return Ok(());
         }
-        session.claim(interface, link);
-        if session.link_ends() > limit {
+        let record = session.node_mut();
+        let record = record.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
+        record.claim(interface, link);
+        if record.link_ends() > limit {
             self.tell(entity, link, Farewell::Resources.code());
             return Ok(());
         }
@@ -105,13 +109,14 @@ impl Manager {
     /// The session has claimed all that it has: now it is linked like any other.
     //= SM2-RES-006, SM2-RES-007, SM2-SES-004
     pub(super) fn claimed(&mut self, now: Instant, node: NodeId) {
-        let Some(session) = self.sessions.get_mut(&node) else {
+        let Some(session) = self.sessions.remove(&node) else {
             return;
         };
-        session.settle();
-        if session.half_claims().next().is_some() {
-            let until = now.after(self.policy.recovery);
-            session.claims_until = Some(until);
+        let record = session.node();
+        let has_half = record.is_some_and(|it| it.half_claims().next().is_some());
+        let until = has_half.then(|| now.after(self.policy.recovery));
+        self.sessions.insert(node, session.claimed(until));
+        if let Some(until) = until {
             self.claims.expiring.insert((until, node));
         }
         self.greeting.remove(&node);
@@ -129,8 +134,11 @@ impl Manager {
             let Some(session) = self.sessions.get_mut(&node) else {
                 continue;
             };
-            session.claims_until = None;
-            for (interface, link) in session.half_claims().collect::<Vec<_>>() {
+            session.claims_expired();
+            let half = session
+                .node()
+                .map(|it| it.half_claims().collect::<Vec<_>>());
+            for (interface, link) in half.unwrap_or_default() {
                 let entity = EntityId { node, interface };
                 self.give_up_claim(entity, link);
                 self.tell(entity, link, Farewell::PeerGone.code());
@@ -152,8 +160,9 @@ impl Manager {
         link: LinkId,
         code: Code,
     ) {
-        if let Some(session) = self.sessions.get_mut(&node) {
-            session.tell(interface, link);
+        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+        if let Some(record) = record {
+            record.tell(interface, link);
             self.send(
                 node,
                 &ToNode::Unlink {

@@ -1,7 +1,7 @@
 //! COUNTERS and INSPECT: whoever keeps counters hands over their file, and whoever wants
 //! to read them gets it (SM2-CNT-001, SM2-CNT-002).
 
-use super::{Manager, Output};
+use super::{Manager, Output, session::Session};
 use crate::{
     FdFacts, NodeId, Seals, Violation,
     control::{ToNode, encode_to_node},
@@ -15,10 +15,11 @@ impl Manager {
         node: NodeId,
         file: Option<&FdFacts>,
     ) -> Result<(), Violation> {
-        let Some(session) = self.sessions.get_mut(&node) else {
+        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+        let Some(record) = record else {
             return Ok(());
         };
-        if session.has_counters {
+        if record.has_counters {
             return Err(violation!(CountersTwice, "SM2-CNT-001"));
         }
         let file = file
@@ -28,7 +29,7 @@ impl Manager {
             return Err(violation!(SealsMissing, "SM2-CNT-001"));
         }
         entries_in(file.size_bytes).ok_or(violation!(BadSize, "SM2-CNT-001"))?;
-        session.has_counters = true;
+        record.has_counters = true;
         self.outputs
             .push_back(Output::KeepCounters { session: node });
         Ok(())
@@ -36,7 +37,11 @@ impl Manager {
 
     //= SM2-CNT-002
     pub(super) fn inspect(&mut self, session: NodeId, of: NodeId) {
-        let kept = self.sessions.get(&of).is_some_and(|it| it.has_counters);
+        let kept = self
+            .sessions
+            .get(&of)
+            .and_then(Session::node)
+            .is_some_and(|it| it.has_counters);
         if kept {
             let frame = encode_to_node(&ToNode::Inspected { node: of });
             self.outputs

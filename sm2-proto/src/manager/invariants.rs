@@ -1,6 +1,6 @@
 //! What must hold between the tables of a Manager after each input, in debug builds.
 
-use super::{Manager, links::Pair, phase::Phase, session::Session};
+use super::{Manager, links::Pair, node_record::NodeRecord, phase::Phase, session::Session};
 use crate::match_contracts;
 
 /// A domain with more interfaces and links than this is looked at once in [`SPACING`]
@@ -31,7 +31,8 @@ impl Manager {
                 "unlinked pairs match, are not linked, and are within their quota",
             ),
             (
-                self.schemas.are(self.each().flat_map(Session::schemas)),
+                self.schemas
+                    .are(self.each_node().flat_map(NodeRecord::schemas)),
                 "each schema is there as often as sessions registered it",
             ),
             (
@@ -51,13 +52,17 @@ impl Manager {
         self.sessions.values()
     }
 
+    fn each_node(&self) -> impl Iterator<Item = &NodeRecord> {
+        self.each().filter_map(Session::node)
+    }
+
     fn sessions_agree(&self) -> Result<(), &'static str> {
         let not_ready = self.sessions.iter();
         let not_ready = not_ready.filter(|(_, it)| it.phase() != Phase::Ready);
-        let until = |session: &Session| session.claims_until;
+        let until = Session::claims_until;
         rules(&[
             (
-                self.each().filter(|it| it.is_welcomed()).count() == self.names.len(),
+                self.each_node().count() == self.names.len(),
                 "each welcomed session has one name, and each name one",
             ),
             (
@@ -65,11 +70,11 @@ impl Manager {
                 "each session that is not ready has a deadline, and no other one",
             ),
             (
-                self.each().map(Session::interfaces).sum::<usize>() == self.channels.ends(),
+                self.each_node().map(NodeRecord::interfaces).sum::<usize>() == self.channels.ends(),
                 "each interface stands in one channel",
             ),
             (
-                self.each()
+                self.each_node()
                     .all(|it| it.refused().len() <= self.policy.refusals_per_session),
                 "refusals are remembered within their quota",
             ),
@@ -89,22 +94,22 @@ impl Manager {
     }
 
     fn links_agree(&self) -> Result<(), &'static str> {
-        let ends = || self.each().flat_map(Session::live_ends);
+        let ends = || self.each_node().flat_map(NodeRecord::live_ends);
         let claims = ends().filter(|(_, _, pair)| pair.is_none()).count();
         let made = self.links.iter().all(|(link, pair)| {
             let has = |entity: crate::EntityId| {
-                let session = self.sessions.get(&entity.node);
-                session.and_then(|it| it.live_link(entity.interface, link)) == Some(Some(pair))
+                let record = self.sessions.get(&entity.node).and_then(Session::node);
+                record.and_then(|it| it.live_link(entity.interface, link)) == Some(Some(pair))
             };
             pair.entities().into_iter().all(has) && self.is_match(pair)
         });
         let claimed = self.claims.iter().all(|(link, entity)| {
-            let session = self.sessions.get(&entity.node);
-            session.and_then(|it| it.live_link(entity.interface, link)) == Some(None)
+            let record = self.sessions.get(&entity.node).and_then(Session::node);
+            record.and_then(|it| it.live_link(entity.interface, link)) == Some(None)
         });
         rules(&[
             (
-                self.each().all(Session::counts_its_ends),
+                self.each_node().all(NodeRecord::counts_its_ends),
                 "each session knows how many ends of links it has",
             ),
             (

@@ -30,6 +30,7 @@ mod inspect;
 mod invariants;
 mod links;
 mod log;
+mod node_record;
 mod pace;
 mod page;
 mod phase;
@@ -51,6 +52,7 @@ use self::{
     claims::{Claim, Claims},
     links::{Agreed, Links},
     log::Log,
+    node_record::NodeRecord,
     pace::{Pace, Turns},
     policy::Users,
     schemas::Schemas,
@@ -311,7 +313,7 @@ impl Manager {
         let answer = match granted {
             Err(reason) => ToNode::HelloRefused { reason },
             Ok(()) => {
-                session.welcome(name.clone(), resuming);
+                session.welcome(name.clone(), resuming)?;
                 //= SM2-SES-004
                 if !resuming {
                     self.greeting.remove(&id);
@@ -332,37 +334,17 @@ impl Manager {
 
     //= SM2-SES-005, SM2-SES-006
     fn end_session(&mut self, id: NodeId, cause: Cause) {
-        let Some(mut session) = self.sessions.remove(&id) else {
+        let Some(session) = self.sessions.remove(&id) else {
             return;
         };
-        let uid = session.credentials().uid;
         self.greeting.remove(&id);
-        if let Some(until) = session.claims_until {
+        if let Some(until) = session.claims_until() {
             self.claims.forget(until, id);
         }
-        if let Some(name) = session.name() {
-            self.names.remove(name);
-            self.node_changed(id);
-        }
-        self.users
-            .leave(uid, session.is_welcomed(), session.interfaces());
-        for data in session.schemas() {
-            self.schemas.remove(data);
-        }
-        for interface in session.refused() {
-            let entity = EntityId {
-                node: id,
-                interface,
-            };
-            self.changed(Key::Member { entity });
-        }
-        for interface in session.interface_ids() {
-            let entity = EntityId {
-                node: id,
-                interface,
-            };
-            if let Some(remains) = session.withdraw(interface) {
-                self.end_interface(entity, remains, Farewell::PeerGone);
+        match session {
+            Session::Greeting(credentials) => self.users.leave(credentials.uid, false, 0),
+            Session::Resuming { node, .. } | Session::Ready { node, .. } => {
+                self.end_node(id, node);
             }
         }
         self.forget_pace(id);
@@ -374,6 +356,31 @@ impl Manager {
             goodbye,
             cause,
         });
+    }
+
+    /// A welcomed node is gone, and with it everything that it registered.
+    fn end_node(&mut self, id: NodeId, mut record: NodeRecord) {
+        self.names.remove(record.name());
+        self.node_changed(id);
+        self.users
+            .leave(record.credentials().uid, true, record.interfaces());
+        for data in record.schemas() {
+            self.schemas.remove(data);
+        }
+        let entity = |interface| EntityId {
+            node: id,
+            interface,
+        };
+        for interface in record.refused() {
+            let entity = entity(interface);
+            self.changed(Key::Member { entity });
+        }
+        for interface in record.interface_ids() {
+            let entity = entity(interface);
+            if let Some(remains) = record.withdraw(interface) {
+                self.end_interface(entity, remains, Farewell::PeerGone);
+            }
+        }
     }
 
     /// Every session is over. Nobody is told of the links: they live on.

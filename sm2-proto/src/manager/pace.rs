@@ -4,7 +4,7 @@
 use alloc::collections::BTreeSet;
 use core::ops::Bound;
 
-use super::{Manager, links::Pair, session::Session};
+use super::{Manager, links::Pair, node_record::NodeRecord, session::Session};
 use crate::{EntityId, LinkId, NodeId};
 
 /// Which links wait for their LINKs, and for whom.
@@ -31,13 +31,15 @@ impl Manager {
     pub fn awaits_room(&self, session: NodeId) -> bool {
         self.sessions
             .get(&session)
+            .and_then(Session::node)
             .is_some_and(|it| self.is_full(it))
     }
 
     //= SM2-LNK-007
     pub(super) fn drained(&mut self, session: NodeId) {
-        if let Some(it) = self.sessions.get_mut(&session) {
-            it.ahead = 0;
+        let record = self.sessions.get_mut(&session).and_then(Session::node_mut);
+        if let Some(record) = record {
+            record.links_ahead = 0;
             self.pace.invite(session);
         }
     }
@@ -45,22 +47,23 @@ impl Manager {
     /// Both LINKs of a link were not sent after all.
     pub(super) fn not_sent(&mut self, pair: Pair) {
         for EntityId { node, .. } in pair.entities() {
-            if let Some(session) = self.sessions.get_mut(&node) {
-                session.ahead = session.ahead.saturating_sub(1);
+            let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+            if let Some(record) = record {
+                record.links_ahead = record.links_ahead.saturating_sub(1);
                 self.pace.invite(node);
             }
         }
     }
 
-    const fn is_full(&self, session: &Session) -> bool {
-        session.ahead >= self.policy.links_ahead()
+    const fn is_full(&self, record: &NodeRecord) -> bool {
+        record.links_ahead >= self.policy.links_ahead()
     }
 
     /// Whether the LINK of a new link has to wait: the session has enough of them, or older ones
     /// to be told of first.
     //= SM2-LNK-007
-    pub(super) fn must_wait(&self, node: NodeId, session: &Session) -> bool {
-        self.is_full(session) || self.pace.roomy.contains(node)
+    pub(super) fn must_wait(&self, node: NodeId, record: &NodeRecord) -> bool {
+        self.is_full(record) || self.pace.roomy.contains(node)
     }
 
     /// A part of what was put off: one session's links that waited, which its quota of links
@@ -92,8 +95,9 @@ impl Manager {
             {
                 self.pace.cancel(pair, link);
                 for EntityId { node, .. } in pair.entities() {
-                    if let Some(session) = self.sessions.get_mut(&node) {
-                        session.ahead += 1;
+                    let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+                    if let Some(record) = record {
+                        record.links_ahead += 1;
                     }
                 }
                 let key = self.links.key(link);

@@ -43,7 +43,7 @@ impl Manager {
                 if entity == EntityId::node(entity.node) {
                     node(entity.node, session)
                 } else {
-                    session.member(entity)
+                    session.node()?.member(entity)
                 }
             }
             Key::Link { link, offering } => self.links.item(link, offering),
@@ -104,7 +104,10 @@ impl Manager {
             let within = id == after.node;
             let itself = if within { None } else { node(id, session) };
             let after = if within { after } else { EntityId::node(id) };
-            itself.into_iter().chain(session.members(after))
+            let record = session.node().into_iter();
+            itself
+                .into_iter()
+                .chain(record.flat_map(move |it| it.members(after)))
         })
     }
 
@@ -118,7 +121,7 @@ impl Manager {
 fn node(node: NodeId, session: &Session) -> Option<Item> {
     Some(Item::Node {
         node,
-        name: session.name()?.clone(),
+        name: session.node()?.name().clone(),
         uid: session.credentials().uid,
         pid: session.credentials().pid,
         resuming: session.phase() == Phase::Resuming,

@@ -174,12 +174,13 @@ impl Users {
         let mut recount: BTreeMap<u32, Usage> = BTreeMap::new();
         for session in sessions {
             let usage = recount.entry(session.credentials().uid).or_default();
-            if session.is_welcomed() {
-                usage.welcomed += 1;
-            } else {
-                usage.greeting += 1;
+            match session.node() {
+                Some(record) => {
+                    usage.welcomed += 1;
+                    usage.interfaces += record.interfaces();
+                }
+                None => usage.greeting += 1,
             }
-            usage.interfaces += session.interfaces();
         }
         recount == self.0
     }

@@ -3,7 +3,7 @@
 
 use alloc::{collections::BTreeMap, string::String};
 
-use super::Manager;
+use super::{Manager, session::Session};
 use crate::{NodeId, TypeId, Violation, control::ToNode, schema::Schema};
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -29,8 +29,8 @@ impl Manager {
             return Err(violation!(BadSchema, "SM2-SCH-001"));
         }
         let quota = self.policy.schema_bytes_per_session;
-        if let Some(session) = self.sessions.get_mut(&node)
-            && session.register(&data, cost_bytes(&data, &text), quota)
+        if let Some(record) = self.sessions.get_mut(&node).and_then(Session::node_mut)
+            && record.register(&data, cost_bytes(&data, &text), quota)
         {
             self.schemas.insert(data, text);
         }

@@ -1,0 +1,330 @@
+//! The Manager's record of a welcomed node: its interfaces, their ends of links, and what else it
+//! registered.
+
+#[cfg(any(kani, test))]
+mod proofs;
+
+use alloc::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+    vec::Vec,
+};
+use core::ops::Bound;
+
+use super::{Credentials, Policy, links::Pair, policy::within};
+use crate::{
+    Contract, EntityId, InterfaceId, LinkId, Name, Quota, Refusal, TypeId, Violation, control::Item,
+};
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct NodeRecord {
+    credentials: Credentials,
+    name: Name,
+    last_interface: u64,
+    interfaces: BTreeMap<InterfaceId, Interface>,
+    /// The latest refused interfaces, and why.
+    refused: BTreeMap<InterfaceId, (Contract, Refusal)>,
+    /// How many LINKs the node was sent since its socket last had taken all that was sent.
+    pub(super) links_ahead: usize,
+    /// How many ends of links all interfaces have together.
+    link_ends: usize,
+    /// Whether the driver keeps the file of its counters.
+    pub(super) has_counters: bool,
+    /// The types whose texts it registered, and what they cost.
+    schemas: BTreeSet<TypeId>,
+    schema_bytes: usize,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Interface {
+    /// Shared with its channel.
+    contract: Arc<Contract>,
+    /// The links of which nobody has taken leave, and whom each joins; none as long as
+    /// the other end has not claimed it.
+    live: BTreeMap<LinkId, Option<Pair>>,
+    /// Those for which UNLINK was sent and UNLINKED has not come.
+    told: BTreeSet<LinkId>,
+}
+
+/// What is left of an interface: its contract and its live links.
+pub(super) type Remains = (Arc<Contract>, BTreeMap<LinkId, Option<Pair>>);
+
+/// How far the farewells of a link's end have come when the node says its own
+/// (SM2-LNK-003).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Farewells {
+    /// The node is first and has to be answered. Whom the link joined.
+    First(Option<Pair>),
+    /// UNLINK was sent before: both are said.
+    Both,
+}
+
+impl NodeRecord {
+    pub(super) const fn new(credentials: Credentials, name: Name) -> Self {
+        Self {
+            credentials,
+            name,
+            last_interface: 0,
+            interfaces: BTreeMap::new(),
+            refused: BTreeMap::new(),
+            links_ahead: 0,
+            link_ends: 0,
+            has_counters: false,
+            schemas: BTreeSet::new(),
+            schema_bytes: 0,
+        }
+    }
+
+    pub(super) const fn credentials(&self) -> Credentials {
+        self.credentials
+    }
+
+    pub(super) const fn name(&self) -> &Name {
+        &self.name
+    }
+
+    /// The last number that an interface or a refusal has.
+    pub(super) const fn last_interface(&self) -> InterfaceId {
+        InterfaceId(self.last_interface)
+    }
+
+    /// The first interface from this number on.
+    pub(super) fn interface_from(&self, first: InterfaceId) -> Option<InterfaceId> {
+        let (&interface, _) = self.interfaces.range(first..).next()?;
+        Some(interface)
+    }
+
+    /// Spends an interface number.
+    //= SM2-IFC-001
+    pub(super) fn number(&mut self, interface: InterfaceId) -> Result<(), Violation> {
+        if interface.0 <= self.last_interface {
+            return Err(violation!(InterfaceNumber, "SM2-IFC-001"));
+        }
+        self.last_interface = interface.0;
+        Ok(())
+    }
+
+    pub(super) fn refuse_interface(&self, policy: &Policy) -> Result<(), Refusal> {
+        let limit = policy.interfaces_per_session;
+        within(limit, self.interfaces() + 1, Quota::InterfacesPerSession)
+    }
+
+    pub(super) fn interfaces(&self) -> usize {
+        self.interfaces.len()
+    }
+
+    pub(super) fn interface_ids(&self) -> Vec<InterfaceId> {
+        self.interfaces.keys().copied().collect()
+    }
+
+    pub(super) fn contract(&self, interface: InterfaceId) -> Option<&Arc<Contract>> {
+        Some(&self.interfaces.get(&interface)?.contract)
+    }
+
+    /// An interface or refusal as an item.
+    pub(super) fn member(&self, entity: EntityId) -> Option<Item> {
+        if let Some(contract) = self.contract(entity.interface) {
+            return Some(interface(entity, contract));
+        }
+        let refused = self.refused.get(&entity.interface)?;
+        Some(refusal(entity, refused))
+    }
+
+    /// The interfaces and refusals after an id, in ascending order.
+    pub(super) fn members(&self, after: EntityId) -> impl Iterator<Item = Item> {
+        let at = move |interface| EntityId { interface, ..after };
+        let rest = (Bound::Excluded(after.interface), Bound::Unbounded);
+        let mut granted = self.interfaces.range(rest).peekable();
+        let mut refused = self.refused.range(rest).peekable();
+        core::iter::from_fn(move || {
+            let granted_is_next = match (granted.peek(), refused.peek()) {
+                (Some((one, _)), Some((other, _))) => one < other,
+                (one, _) => one.is_some(),
+            };
+            if granted_is_next {
+                let (&id, it) = granted.next()?;
+                Some(interface(at(id), &it.contract))
+            } else {
+                let (&id, it) = refused.next()?;
+                Some(refusal(at(id), it))
+            }
+        })
+    }
+
+    pub(super) fn declare(&mut self, interface: InterfaceId, contract: Arc<Contract>) {
+        let interfaces = &mut self.interfaces;
+        interfaces.insert(
+            interface,
+            Interface {
+                contract,
+                live: BTreeMap::new(),
+                told: BTreeSet::new(),
+            },
+        );
+    }
+
+    /// Remembers a refusal. The one that is forgotten for it.
+    //= SM2-WCH-004
+    pub(super) fn refuse(
+        &mut self,
+        interface: InterfaceId,
+        contract: Contract,
+        reason: Refusal,
+        limit: usize,
+    ) -> Option<InterfaceId> {
+        self.refused.insert(interface, (contract, reason));
+        if self.refused.len() <= limit {
+            return None;
+        }
+        let (forgotten, _) = self.refused.pop_first()?;
+        Some(forgotten)
+    }
+
+    /// Forgets the refusals that an interface with this contract supersedes.
+    //= SM2-WCH-004
+    pub(super) fn supersede(&mut self, contract: &Contract) -> Vec<InterfaceId> {
+        let alike = |it: &Contract| it.kind() == contract.kind() && it.name() == contract.name();
+        let superseded = self.refused.iter().filter(|(_, (it, _))| alike(it));
+        let superseded: Vec<InterfaceId> = superseded.map(|(&id, _)| id).collect();
+        for id in &superseded {
+            self.refused.remove(id);
+        }
+        superseded
+    }
+
+    /// The numbers of what was refused and is remembered.
+    pub(super) fn refused(&self) -> impl ExactSizeIterator<Item = InterfaceId> {
+        self.refused.keys().copied()
+    }
+
+    /// What is left of an interface, which is gone from here.
+    pub(super) fn withdraw(&mut self, interface: InterfaceId) -> Option<Remains> {
+        let interface = self.interfaces.remove(&interface)?;
+        self.link_ends -= interface.live.len() + interface.told.len();
+        Some((interface.contract, interface.live))
+    }
+
+    /// How many ends of links have not been taken leave of on both sides.
+    pub(super) const fn link_ends(&self) -> usize {
+        self.link_ends
+    }
+
+    /// The live ends of links, and whom each joins.
+    pub(super) fn live_ends(&self) -> impl Iterator<Item = (InterfaceId, LinkId, Option<Pair>)> {
+        self.interfaces.iter().flat_map(|(&id, it)| {
+            let live = it.live.iter();
+            live.map(move |(&link, &pair)| (id, link, pair))
+        })
+    }
+
+    /// Whether a link is live, and whom it joins.
+    pub(super) fn live_link(&self, interface: InterfaceId, link: LinkId) -> Option<Option<Pair>> {
+        self.interfaces.get(&interface)?.live.get(&link).copied()
+    }
+
+    /// The ends of links that wait for a counterpart.
+    pub(super) fn half_claims(&self) -> impl Iterator<Item = (InterfaceId, LinkId)> {
+        let half = self.live_ends().filter(|(_, _, pair)| pair.is_none());
+        half.map(|(interface, link, _)| (interface, link))
+    }
+
+    /// Whether the count of ends is what a recount says.
+    pub(super) fn counts_its_ends(&self) -> bool {
+        let told: usize = self.interfaces.values().map(|it| it.told.len()).sum();
+        self.link_ends == self.live_ends().count() + told
+    }
+
+    /// Whether the interface has this link, at any stage; `None` without such an interface.
+    pub(super) fn has_link(&self, interface: InterfaceId, link: LinkId) -> Option<bool> {
+        let interface = self.interfaces.get(&interface)?;
+        Some(interface.live.contains_key(&link) || interface.told.contains(&link))
+    }
+
+    /// The interface has claimed a link.
+    pub(super) fn claim(&mut self, interface: InterfaceId, link: LinkId) {
+        self.insert_link(interface, link, None);
+    }
+
+    /// The interface has a link; if it has claimed it, it is adopted now.
+    pub(super) fn link(&mut self, interface: InterfaceId, link: LinkId, pair: Pair) {
+        self.insert_link(interface, link, Some(pair));
+    }
+
+    fn insert_link(&mut self, interface: InterfaceId, link: LinkId, pair: Option<Pair>) {
+        if let Some(interface) = self.interfaces.get_mut(&interface)
+            && interface.live.insert(link, pair).is_none()
+        {
+            self.link_ends += 1;
+        }
+    }
+
+    /// A link was never made.
+    pub(super) fn unlink(&mut self, interface: InterfaceId, link: LinkId) {
+        if let Some(interface) = self.interfaces.get_mut(&interface)
+            && interface.live.remove(&link).is_some()
+        {
+            self.link_ends -= 1;
+        }
+    }
+
+    /// UNLINK is sent for a live link.
+    pub(super) fn tell(&mut self, interface: InterfaceId, link: LinkId) {
+        if let Some(interface) = self.interfaces.get_mut(&interface)
+            && interface.live.remove(&link).is_some()
+        {
+            interface.told.insert(link);
+        }
+    }
+
+    /// UNLINKED has come: the end is never named again.
+    //= SM2-LNK-003
+    pub(super) fn farewell(
+        &mut self,
+        interface: InterfaceId,
+        link: LinkId,
+    ) -> Result<Farewells, Violation> {
+        let interface = self.interfaces.get_mut(&interface);
+        let interface = interface.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
+        let farewells = if let Some(pair) = interface.live.remove(&link) {
+            Farewells::First(pair)
+        } else if interface.told.remove(&link) {
+            Farewells::Both
+        } else {
+            return Err(violation!(UnknownLink, "SM2-LNK-003"));
+        };
+        self.link_ends -= 1;
+        Ok(farewells)
+    }
+
+    /// The session registers the text of a type. Whether it is to be kept: it is new
+    /// here, and within the quota.
+    //= SM2-SCH-001
+    pub(super) fn register(&mut self, data: &TypeId, cost_bytes: usize, quota: usize) -> bool {
+        let bytes = self.schema_bytes + cost_bytes;
+        if bytes > quota || !self.schemas.insert(data.clone()) {
+            return false;
+        }
+        self.schema_bytes = bytes;
+        true
+    }
+
+    /// The types whose texts it registered.
+    pub(super) fn schemas(&self) -> impl Iterator<Item = &TypeId> {
+        self.schemas.iter()
+    }
+}
+
+fn interface(entity: EntityId, contract: &Contract) -> Item {
+    Item::Interface {
+        entity,
+        contract: contract.clone(),
+    }
+}
+
+fn refusal(entity: EntityId, (contract, reason): &(Contract, Refusal)) -> Item {
+    Item::Refusal {
+        entity,
+        contract: contract.clone(),
+        reason: reason.clone(),
+    }
+}
