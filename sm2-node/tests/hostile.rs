@@ -13,7 +13,7 @@ use sm2_node::diagnostics::End;
 use sm2_node::domain::{Demand, LinkId, Offer};
 use sm2_node::{DeclareError, Message, Name, Publisher, Subscriber};
 use sm2_proto::node::{Input, Node, Output};
-use sm2_proto::{Contract, Datagram, ViolationKind, violation};
+use sm2_proto::{Contract, Datagram, Machine, ViolationKind, violation};
 
 const SENDER: u8 = 0;
 const RECEIVER: u8 = 1;

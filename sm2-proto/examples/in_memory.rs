@@ -11,8 +11,8 @@
 use std::{collections::VecDeque, fmt::Debug};
 
 use sm2_proto::{
-    Contract, Datagram, Demand, Farewell, FdFacts, Instant, InterfaceId, Name, NodeId, Offer,
-    TypeId, Violation,
+    Contract, Datagram, Demand, Farewell, FdFacts, Instant, InterfaceId, Machine, Name, NodeId,
+    Offer, TypeId, Violation,
     control::{decode_to_manager, decode_to_node},
     link::{
         self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Role, Status, wire::Frame,

@@ -8,7 +8,8 @@
 use std::time::{Duration, Instant as Clock};
 
 use sm2_proto::{
-    Code, Contract, Datagram, Demand, Instant, InterfaceId, LinkId, Name, NodeId, Offer, TypeId,
+    Code, Contract, Datagram, Demand, Instant, InterfaceId, LinkId, Machine, Name, NodeId, Offer,
+    TypeId,
     control::{ToManager, encode_to_manager},
     manager::{Credentials, Input, Manager, Output, Policy},
 };

@@ -7,15 +7,23 @@
 //!
 //! | machine | one for |
 //! | --- | --- |
-//! | [`manager::Manager`] | a domain: who is there, and who is linked with whom |
+//! | [`manager::Manager`] | a domain: its nodes, interfaces and links |
 //! | [`node::Node`] | a node's session with its Manager |
 //! | [`link::Link`] | one end of a link: topics and services alike |
+//! | [`gateway::session::Session`] | a gateway's session with a peer |
+//! | [`gateway::router::Router`] | the routes of a gateway: which peer offers what, and who wants it |
+//! | [`gateway::discovery::Discovery`] | the gateways on the local network |
+//! | [`gateway::schedule::Schedule`] | the messages that wait for a connection between gateways |
+//!
+//! The hub and the peer of `sm2-gateway` join these machines and are machines as well.
 //!
 //! # The contract, the same for all
 //!
+//! [`Machine`] states it. A driver repeats three steps:
+//!
 //! 1. `handle(now, input)` takes one input. Time is a value, [`Instant`].
-//! 2. `poll()` gives what is to be done; call it until it gives nothing.
-//! 3. `deadline()` says when to call again if nothing happens until then.
+//! 2. `poll()` returns the next output. The driver carries out each output until there is none.
+//! 3. `deadline()` is the time of the next call if nothing happens earlier.
 //!
 //! A received descriptor stays with the driver. The machine sees the kernel's
 //! [`FdFacts`] about it and answers with an output that asks for it, or not.

@@ -1,5 +1,6 @@
 //! The contract that every machine of this crate keeps: [`Machine`].
 
+use alloc::collections::VecDeque;
 use core::{convert::Infallible, fmt};
 
 use crate::Instant;
@@ -13,9 +14,10 @@ use crate::Instant;
 /// 3. Ask [`deadline`](Self::deadline) and sleep until then, or until something happens.
 ///
 /// All outputs of an input are drained before the next input is fed; a debug assertion in each
-/// machine checks this. Some inputs report that the output just polled could not be carried out,
-/// such as [`link::Input::Blocked`](crate::link::Input::Blocked): these may come while outputs
-/// wait. The documentation of each input enum names them.
+/// machine checks this. Some inputs may come while outputs wait: those that report that the output
+/// just polled could not be carried out, such as
+/// [`manager::Input::LinkFailed`](crate::manager::Input::LinkFailed), and commands that a driver
+/// gives while it carries out an output. The documentation of each input enum names them.
 pub trait Machine {
     /// Events from outside, and the commands of the machine's owner.
     type Input<'a>;
@@ -61,6 +63,16 @@ pub enum Error<E, M> {
 
 /// The error of a machine that never ends.
 pub type MisuseError<M> = Error<Infallible, M>;
+
+/// Checks in debug builds that the driver has drained the outputs of the input before. Each
+/// machine calls this at the start of [`Machine::handle`].
+#[track_caller]
+pub(crate) fn debug_assert_drained<Output>(outputs: &VecDeque<Output>) {
+    debug_assert!(
+        outputs.is_empty(),
+        "the outputs of the input before have to be polled first"
+    );
+}
 
 impl<E, M> From<M> for Error<E, M> {
     fn from(misuse: M) -> Self {

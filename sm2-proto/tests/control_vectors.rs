@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use sm2_proto::{
-    Code, Datagram, FdFacts, Instant, NodeId, Seals, Violation, ViolationKind,
+    Code, Datagram, FdFacts, Instant, Machine, NodeId, Seals, Violation, ViolationKind,
     control::{
         ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
     },

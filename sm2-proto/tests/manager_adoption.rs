@@ -12,7 +12,7 @@ use claims::{
     links_made, relations, wanted,
 };
 use sm2_proto::{
-    Code, Contract, InterfaceId, LinkId, NodeId,
+    Code, Contract, InterfaceId, LinkId, Machine, NodeId,
     control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Input, Policy},
 };

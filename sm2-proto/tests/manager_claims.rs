@@ -12,7 +12,7 @@ use claims::{
     violation, wanted,
 };
 use sm2_proto::{
-    Code, Farewell, InterfaceId, LinkId, Quota, Refusal,
+    Code, Farewell, InterfaceId, LinkId, Machine, Quota, Refusal,
     control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Cause, Input, Policy},
     violation,

@@ -5,7 +5,7 @@ mod support;
 use std::time::Duration;
 
 use sm2_proto::{
-    Code, Farewell, Instant, NodeId, Refusal,
+    Code, Farewell, Instant, Machine, NodeId, Refusal,
     control::ToNode,
     manager::{Cause, Credentials, Input, Manager, Misuse},
 };
@@ -102,7 +102,7 @@ fn session_numbers_grow() {
             },
         )
     };
-    let misuse = |session| Err(Misuse::SessionNumber(NodeId(session)));
+    let misuse = |session| Err(Misuse::SessionNumber(NodeId(session)).into());
     assert_eq!(connect(0), misuse(0));
     assert_eq!(connect(5), Ok(()));
     assert_eq!(connect(5), misuse(5));
@@ -129,7 +129,7 @@ fn a_misuse_changes_nothing() {
     };
     let late = bench.now.after(Duration::from_secs(60));
     let misuse = bench.manager.handle(late, connected);
-    assert_eq!(misuse, Err(Misuse::SessionNumber(session)));
+    assert_eq!(misuse, Err(Misuse::SessionNumber(session).into()));
     assert_eq!(bench.manager, before);
 }
 

@@ -6,7 +6,7 @@ mod support;
 use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::{
-    Datagram, InterfaceId, LinkId, NodeId,
+    Datagram, InterfaceId, LinkId, Machine, NodeId,
     control::{ToManager, ToNode, encode_to_manager},
     manager::{Cause, Input, Output, Policy},
     violation,

@@ -3,7 +3,7 @@
 mod support;
 
 use sm2_proto::{
-    NodeId, TypeId,
+    Machine, NodeId, TypeId,
     control::{ToManager, ToNode},
     node::{Input, Misuse, Output},
     violation,

@@ -3,7 +3,7 @@
 mod support;
 
 use sm2_proto::{
-    Code, InterfaceId, LinkId, NodeId, Refusal,
+    Code, InterfaceId, LinkId, Machine, NodeId, Refusal,
     control::{ToManager, ToNode},
     node::{End, Input, Misuse, Node, Output},
     violation,

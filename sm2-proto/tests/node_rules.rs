@@ -6,7 +6,7 @@ mod support;
 
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Code, Contract, Datagram, InterfaceId, NodeId, Refusal,
+    Code, Contract, Datagram, InterfaceId, Machine, NodeId, Refusal,
     control::{Peer, ToManager, ToNode},
     limits::LINKS_MAX,
     node::{End, Error, Input, Misuse, Node, Output},

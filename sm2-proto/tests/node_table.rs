@@ -3,7 +3,7 @@
 mod support;
 
 use sm2_proto::{
-    Code, InterfaceId, NodeId, Refusal,
+    Code, InterfaceId, Machine, NodeId, Refusal,
     control::{ToManager, ToNode},
     node::{End, Error, Input, Node, Output},
 };

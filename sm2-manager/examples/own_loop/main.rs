@@ -41,7 +41,7 @@ use nix::sys::{signalfd::SignalFd, time::TimeSpec};
 use sm2_io::{Claim, Endpoint, RecvError, SeqPacket, clock, memfd};
 use sm2_proto::limits::DATAGRAM_MAX;
 use sm2_proto::manager::{Cause, Credentials, Input, Manager, Output, Policy};
-use sm2_proto::{Datagram, FdFacts, Instant, NodeId};
+use sm2_proto::{Datagram, FdFacts, Instant, Machine, NodeId};
 
 use node::{Node, Sent};
 

@@ -15,9 +15,9 @@ use std::{
 
 use sm2_io::{Endpoint, Epoll, Event, Events, Interest, ReceivedFds, clock};
 use sm2_proto::{
-    Instant, NodeId,
+    Instant, Machine, NodeId,
     limits::DATAGRAM_MAX,
-    manager::{Input, Manager as Machine, Output},
+    manager::{self, Input, Output},
 };
 use tracing::{debug, info, warn};
 
@@ -39,7 +39,7 @@ const TURN: usize = 32;
 /// A domain's broker. Claims the socket when made, serves in [`run`](Manager::run).
 #[derive(Debug)]
 pub struct Manager {
-    machine: Machine,
+    machine: manager::Manager,
     door: Door,
     epoll: Epoll,
     handles: Handles,
@@ -102,7 +102,7 @@ impl Manager {
         // Whoever could guess the secret could claim the links of others.
         let (epoch, secret) = random().map_err(StartError::io("get random numbers"))?;
         Ok(Self {
-            machine: Machine::new(epoch, secret, options.policy),
+            machine: manager::Manager::new(epoch, secret, options.policy),
             door,
             epoll,
             handles: handles.clone(),

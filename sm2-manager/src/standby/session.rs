@@ -8,7 +8,7 @@ use std::{
 
 use sm2_io::{RecvError, SeqPacket, clock, wait_readable};
 use sm2_proto::{
-    Datagram, Farewell, Name, Refusal,
+    Datagram, Farewell, Machine, Name, Refusal,
     limits::DATAGRAM_MAX,
     manager::STANDBY_PREFIX,
     node::{Input, Node, Output},

@@ -19,7 +19,7 @@ use nix::{
 };
 use sm2_io::{RecvError, SeqPacket, clock, wait_readable};
 use sm2_proto::{
-    Datagram, Name, Refusal,
+    Datagram, Machine, Name, Refusal,
     control::Item,
     limits::DATAGRAM_MAX,
     node::{End, Input, Node, Output},

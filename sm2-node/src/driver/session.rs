@@ -6,7 +6,9 @@ use std::os::fd::{AsFd, OwnedFd};
 
 use sm2_io::{Epoll, Interest, RecvError, SendError, SeqPacket};
 use sm2_proto::node::{End, Error, Input, Node, Output};
-use sm2_proto::{Code, Contract, Datagram, Farewell, InterfaceId, LinkId, Name, NodeId, Refusal};
+use sm2_proto::{
+    Code, Contract, Datagram, Farewell, InterfaceId, LinkId, Machine, Name, NodeId, Refusal,
+};
 
 use super::SESSION;
 use super::datagram::{Incoming, receive};

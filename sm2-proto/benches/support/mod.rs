@@ -8,7 +8,7 @@ pub(crate) mod contracts;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use sm2_proto::{
-    Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId,
+    Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId,
     control::{Peer, ToManager, ToNode, encode_to_manager, encode_to_node},
     limits::SLOT_HEAD,
     link::{

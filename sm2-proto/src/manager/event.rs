@@ -16,7 +16,7 @@ pub struct Credentials {
     pub pid: i32,
 }
 
-/// What happens to a Manager.
+/// What happens to a Manager. Only `LinkFailed` may come while outputs wait.
 #[derive(Clone, Debug)]
 pub enum Input<'a> {
     /// A connection was accepted.

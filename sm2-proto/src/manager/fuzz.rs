@@ -9,7 +9,8 @@ use core::time::Duration;
 
 use super::{Credentials, Input, Manager, Output, Policy};
 use crate::{
-    Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, NodeId, Seals,
+    Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId,
+    Seals,
     control::{Key, ToManager, decode_to_node, encode_to_manager},
     fuzz::script::Script,
 };

@@ -2,9 +2,7 @@
 //!
 //! | to do | call |
 //! | --- | --- |
-//! | feed | [`Manager::handle`] |
-//! | drain | [`Manager::poll`] until it gives nothing, after every feed |
-//! | deadline | [`Manager::deadline`]: then feed [`Input::Tick`] |
+//! | feed, drain, deadline | [`Machine`]; at the deadline, feed [`Input::Tick`] |
 //! | inspect | [`Manager::revision`], [`Manager::sessions`], [`Manager::links`], [`Manager::awaits_room`] |
 //!
 //! One machine serves all sessions. The driver numbers the connections that it
@@ -46,6 +44,7 @@ use alloc::{
     collections::{BTreeMap, BTreeSet, VecDeque},
     vec::Vec,
 };
+use core::convert::Infallible;
 
 use self::{
     channel::Channels,
@@ -65,9 +64,10 @@ pub use self::{
     policy::Policy,
 };
 use crate::{
-    Datagram, EntityId, Farewell, FdFacts, Instant, LinkQos, Name, NodeId, Refusal, VERSION,
-    Violation,
+    Datagram, EntityId, Farewell, FdFacts, Instant, LinkQos, Machine, MisuseError, Name, NodeId,
+    Refusal, VERSION, Violation,
     control::{Key, ToManager, ToNode, decode_to_manager, encode_to_node},
+    machine::debug_assert_drained,
 };
 
 /// How the names of standby Managers begin (SM2-RES-010).
@@ -146,34 +146,25 @@ impl Manager {
     pub fn links(&self) -> usize {
         self.links.len()
     }
+}
 
-    /// When [`Input::Tick`] is due. A moment that has passed means: at once, but after
-    /// whatever else has come; a Tick does only a part of what there is to do.
-    #[must_use]
-    pub fn deadline(&self) -> Option<Instant> {
-        let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
-        [greeting, self.claims.deadline(), self.due]
-            .into_iter()
-            .flatten()
-            .min()
-    }
+impl Machine for Manager {
+    type Input<'a> = Input<'a>;
+    type Output = Output;
+    /// A violation ends the session that committed it, never the Manager.
+    type End = Infallible;
+    type Misuse = Misuse;
 
-    /// The next thing to do.
-    pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
-    }
-
-    /// Takes one input. Sessions that are over, or were never told of, are
-    /// ignored: their datagrams may still have been on the way.
-    pub fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Misuse> {
-        debug_assert!(
-            self.outputs.is_empty() || matches!(input, Input::LinkFailed { .. }),
-            "the outputs of the input before have to be polled first"
-        );
+    /// Takes one input. Inputs for sessions that have ended are ignored: their datagrams may
+    /// still have been on the way.
+    fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), MisuseError<Misuse>> {
+        if !matches!(input, Input::LinkFailed { .. }) {
+            debug_assert_drained(&self.outputs);
+        }
         if let Input::Connected { session, .. } = input
             && session.0 <= self.last_session
         {
-            return Err(Misuse::SessionNumber(session));
+            return Err(Misuse::SessionNumber(session).into());
         }
         let before = self.log.revision();
         self.expire_greetings(now);
@@ -200,6 +191,22 @@ impl Manager {
         Ok(())
     }
 
+    fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// The time of the next [`Input::Tick`]. A time in the past means: at once, but after all
+    /// other inputs that have come; a Tick does only a part of what there is to do.
+    fn deadline(&self) -> Option<Instant> {
+        let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
+        [greeting, self.claims.deadline(), self.due]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+}
+
+impl Manager {
     //= SM2-SES-007
     fn connect(&mut self, now: Instant, id: NodeId, who: Credentials) {
         self.last_session = id.0;

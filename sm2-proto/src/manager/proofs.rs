@@ -6,7 +6,8 @@ use super::{
     policy::{Policy, Users, within},
 };
 use crate::{
-    Code, Datagram, Farewell, FdFacts, Instant, Name, NodeId, Quota, Refusal, Seals, VERSION,
+    Code, Datagram, Farewell, FdFacts, Instant, Machine, Name, NodeId, Quota, Refusal, Seals,
+    VERSION,
     control::{ToNode, encode_to_node},
     limits::LINKS_MAX,
     proofs::{below, one_of},
@@ -188,11 +189,11 @@ fn session_numbers_are_fresh() {
         let again = manager.handle(NOW, connected);
         assert_eq!(
             again,
-            Err(Misuse::SessionNumber(session)),
+            Err(Misuse::SessionNumber(session).into()),
             "never used twice"
         );
     } else {
-        assert_eq!(verdict, Err(Misuse::SessionNumber(session)));
+        assert_eq!(verdict, Err(Misuse::SessionNumber(session).into()));
         assert!(manager == before);
     }
     kani::cover!(next > last && next == u64::MAX, "the last number");

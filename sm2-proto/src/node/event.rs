@@ -7,7 +7,8 @@ use crate::{
     control::{Change, Item, Key, Peer},
 };
 
-/// What happens to a node.
+/// What happens to a node. `Datagram` requires that the outputs of the input before are drained:
+/// its descriptor belongs to the next output. All other inputs may come while outputs wait.
 #[derive(Clone, Debug)]
 pub enum Input<'a> {
     /// The Manager sent a datagram.
@@ -189,16 +190,9 @@ pub enum End {
     Violation(Violation),
 }
 
-/// Why an input was not taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum Error {
-    /// The session is over.
-    #[error(transparent)]
-    Ended(#[from] End),
-    /// The caller did what this state does not allow.
-    #[error(transparent)]
-    Misuse(#[from] Misuse),
-}
+/// The reason why an input was not taken. `Ended` names the end of the latest session; while
+/// [`Node::is_away`](super::Node::is_away), another session may follow.
+pub type Error = crate::Error<End, Misuse>;
 
 /// What a caller did wrong. Nothing was sent and nothing has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
@@ -240,8 +234,8 @@ pub enum Misuse {
     },
 }
 
-impl From<QosError> for Error {
+impl From<QosError> for Misuse {
     fn from(QosError { field, value, .. }: QosError) -> Self {
-        Misuse::Qos { field, value }.into()
+        Self::Qos { field, value }
     }
 }

@@ -8,7 +8,7 @@ use alloc::{collections::BTreeSet, vec::Vec};
 
 use super::{End, Error, Input, Node, Output};
 use crate::{
-    Datagram, FdFacts, Instant, InterfaceId, LinkId, Name,
+    Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, Name,
     control::{Peer, ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_node},
     fuzz::script::Script,
     manager::{Phase, Request, legal},

@@ -2,9 +2,7 @@
 //!
 //! | to do | call |
 //! | --- | --- |
-//! | feed | [`Node::declare`], [`Node::handle`] |
-//! | drain | [`Node::poll`] until it gives nothing, after every feed |
-//! | deadline | [`Node::deadline`]: the machine has no timer in version 1 |
+//! | feed, drain, deadline | [`Machine`], and [`Node::declare`], which returns a number at once |
 //! | inspect | [`Node::id`], [`Node::epoch`], [`Node::is_ready`], [`Node::is_away`], [`Node::end`] |
 //!
 //! The machine never does I/O. The descriptor of a datagram stays with the driver, which closes
@@ -57,8 +55,9 @@ use self::{
     requests::{Requests, is_text_of},
 };
 use crate::{
-    Code, Contract, Instant, InterfaceId, LinkId, Name, NodeId,
+    Code, Contract, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
     control::{ToManager, encode_to_manager},
+    machine::debug_assert_drained,
 };
 
 /// How far the session has come: the rows of the tables in SPEC sections 4.2 and 11.
@@ -147,17 +146,6 @@ impl Node {
         }
     }
 
-    /// When the machine wants to be called again: never, in version 1.
-    #[must_use]
-    pub const fn deadline(&self) -> Option<Instant> {
-        None
-    }
-
-    /// The next thing to do.
-    pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
-    }
-
     /// Declares an interface and allots its number. Without a session, or while one
     /// is resumed, DECLARE goes out after CLAIMED.
     ///
@@ -169,7 +157,7 @@ impl Node {
     //= SM2-IFC-001, SM2-RES-002
     pub fn declare(&mut self, contract: Contract) -> Result<InterfaceId, Error> {
         self.check_welcomed_once()?;
-        contract.check_qos()?;
+        contract.check_qos().map_err(Misuse::from)?;
         let number = self.last_interface.checked_add(1);
         self.last_interface = number.ok_or(Misuse::NumbersSpent)?;
         let interface = InterfaceId(self.last_interface);
@@ -181,25 +169,27 @@ impl Node {
         self.interfaces.insert(interface, ours);
         Ok(interface)
     }
+}
 
-    /// Takes one input. A violation by the Manager ends the session: it is
-    /// returned here once, and by every later call that needs a session.
+impl Machine for Node {
+    type Input<'a> = Input<'a>;
+    type Output = Output;
+    type End = End;
+    type Misuse = Misuse;
+
+    /// Takes one input. A violation by the Manager ends the session: this call returns it, and so
+    /// does every later call that needs a session, until [`Input::Reconnected`] begins the next.
     ///
     /// # Errors
     ///
     /// [`Error::Misuse`] if this is no time for it: nothing has changed.
-    /// [`Error::Ended`] if there is no session, or none any more.
-    pub fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
+    /// [`Error::Ended`] if the session has ended, or the node has: see [`Node::is_away`].
+    fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
         match input {
             Input::Datagram(datagram) => {
-                let pending =
-                    |it: &Output| matches!(it, Output::Linked { .. } | Output::Inspected { .. });
-                debug_assert!(
-                    !self.outputs.iter().any(pending),
-                    "a descriptor goes with the datagram before: poll first"
-                );
+                debug_assert_drained(&self.outputs);
                 self.check_session()?;
-                self.receive(&datagram)?;
+                self.receive(&datagram).map_err(Error::Ended)?;
             }
             Input::Eof => {
                 self.check_session()?;
@@ -251,9 +241,20 @@ impl Node {
         Ok(())
     }
 
+    fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// Always `None`: the machine has no timer in version 1.
+    fn deadline(&self) -> Option<Instant> {
+        None
+    }
+}
+
+impl Node {
     /// Whether there is a connection with a Manager.
     fn check_session(&self) -> Result<(), Error> {
-        self.end().map_or(Ok(()), |end| Err(end.into()))
+        self.end().map_or(Ok(()), |end| Err(Error::Ended(end)))
     }
 
     /// Whether the Manager takes requests.
@@ -265,7 +266,7 @@ impl Node {
     /// Whether the machine has interfaces at all, with a session or without.
     fn check_welcomed_once(&self) -> Result<(), Error> {
         match self.phase {
-            Phase::Ended(end) => Err(end.into()),
+            Phase::Ended(end) => Err(Error::Ended(end)),
             _ if self.welcomed => Ok(()),
             _ => Err(Misuse::NotReady.into()),
         }
@@ -302,7 +303,7 @@ impl Node {
     //= SM2-LNK-004
     fn unlinked(&mut self, interface: InterfaceId, link: LinkId, code: Code) -> Result<(), Error> {
         if let Phase::Ended(end) = self.phase {
-            return Err(end.into());
+            return Err(Error::Ended(end));
         }
         let ours = self.interfaces.get_mut(&interface);
         if ours.is_some_and(|interface| interface.close_link(link)) {
@@ -317,7 +318,7 @@ impl Node {
 
     fn close(&mut self, code: Code) -> Result<(), Error> {
         match self.phase {
-            Phase::Ended(end) => return Err(end.into()),
+            Phase::Ended(end) => return Err(Error::Ended(end)),
             Phase::Away(_) => {}
             _ => self.send(&ToManager::Goodbye { code }),
         }

@@ -2,7 +2,7 @@
 
 use super::{End, Error, Input, Misuse, Node, Output, Phase};
 use crate::{
-    Code, Datagram, Farewell, Instant, InterfaceId, LinkId, Name, NodeId,
+    Code, Datagram, Farewell, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
     proofs::{below, one_of, subscriber},
 };
 
@@ -109,12 +109,19 @@ fn an_ended_node_is_silent() {
     let forgets = matches!(later, Input::Unlinked { .. }) && !is_final;
     let before = node.clone();
     let verdict = node.handle(NOW, later);
-    assert_eq!(verdict, if forgets { Ok(()) } else { Err(end.into()) });
+    assert_eq!(
+        verdict,
+        if forgets {
+            Ok(())
+        } else {
+            Err(Error::Ended(end))
+        }
+    );
     assert!(node == before && node.poll().is_none());
     if is_final {
-        assert_eq!(node.declare(subscriber()), Err(end.into()));
-        assert_eq!(node.handle(NOW, Input::Reconnected), Err(end.into()));
-        assert_eq!(node.handle(NOW, Input::Close(code)), Err(end.into()));
+        assert_eq!(node.declare(subscriber()), Err(Error::Ended(end)));
+        assert_eq!(node.handle(NOW, Input::Reconnected), Err(Error::Ended(end)));
+        assert_eq!(node.handle(NOW, Input::Close(code)), Err(Error::Ended(end)));
         assert!(node == before);
     }
     kani::cover!(is_final && was_away, "closed without a session");

@@ -11,7 +11,7 @@ impl Node {
     pub(super) fn reconnected(&mut self) -> Result<(), Error> {
         match self.phase {
             Phase::Away(_) | Phase::Refused => {}
-            Phase::Ended(end) => return Err(end.into()),
+            Phase::Ended(end) => return Err(Error::Ended(end)),
             Phase::Greeting | Phase::Resuming(..) | Phase::Ready(..) => {
                 return Err(Misuse::Connected.into());
             }

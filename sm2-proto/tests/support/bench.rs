@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use sm2_proto::{
-    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId,
+    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId,
     control::{ToManager, ToNode, decode_to_node, encode_to_manager},
     manager::{Cause, Credentials, Input, Manager, Output, Policy},
 };

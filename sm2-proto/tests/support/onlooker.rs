@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use sm2_proto::{
-    Datagram, Instant, NodeId,
+    Datagram, Instant, Machine, NodeId,
     control::{Change, Item, Key, Limits, ToManager, ToNode, encode_to_manager},
     manager::{Input, Manager},
 };

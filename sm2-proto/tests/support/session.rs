@@ -2,8 +2,8 @@
 #![allow(dead_code, reason = "each test uses a part")]
 
 use sm2_proto::{
-    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, NodeId, Refusal, TypeId,
-    Violation,
+    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId, Refusal,
+    TypeId, Violation,
     control::{Peer, ToManager, ToNode, decode_to_manager, encode_to_node},
     node::{End, Error, Input, Node, Output},
     schema::Schema,
@@ -25,8 +25,10 @@ pub(crate) fn receive(node: &mut Node, frame: &ToNode) -> Result<Vec<Output>, Er
         },
         ..Datagram::new(&bytes)
     };
+    let mut outputs = drain(node);
     node.handle(NOW, Input::Datagram(datagram))?;
-    Ok(drain(node))
+    outputs.extend(drain(node));
+    Ok(outputs)
 }
 
 pub(crate) fn drain(node: &mut Node) -> Vec<Output> {

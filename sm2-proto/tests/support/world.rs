@@ -6,7 +6,7 @@ mod checks;
 use std::collections::{BTreeMap, VecDeque};
 
 use sm2_proto::{
-    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Name, NodeId, Seals,
+    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, Name, NodeId, Seals,
     control::{Limits, decode_to_manager},
     manager::{Cause, Credentials, Input, Manager, Output, Policy},
     node::{self, Node},

@@ -6,7 +6,7 @@ mod nodes;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use sm2_proto::{
-    Code, Contract, Datagram, Farewell, FdFacts, Instant, InterfaceId, LinkId, NodeId,
+    Code, Contract, Datagram, Farewell, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId,
     control::{ToNode, decode_to_node},
     domain::Mirror,
     manager::{self, Cause, Credentials, Manager, Policy},

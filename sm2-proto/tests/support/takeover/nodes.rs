@@ -1,7 +1,7 @@
 //! What nodes read, and how their drivers carry out what comes of it.
 
 use sm2_proto::{
-    Datagram, FdFacts, LinkId,
+    Datagram, FdFacts, LinkId, Machine,
     node::{self, End},
 };
 

@@ -1,7 +1,7 @@
 //! What can happen in a moment.
 
 use sm2_proto::{
-    Datagram, InterfaceId,
+    Datagram, InterfaceId, Machine,
     manager::{self, Manager},
     node,
 };

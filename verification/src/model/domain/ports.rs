@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use sm2_proto::{
-    Code, Datagram, FdFacts, InterfaceId, LinkId, NodeId,
+    Code, Datagram, FdFacts, InterfaceId, LinkId, Machine, NodeId,
     control::{ToManager, ToNode, decode_to_manager, decode_to_node},
     manager::{self, Cause, Credentials},
     node::{self, End as SessionEnd},

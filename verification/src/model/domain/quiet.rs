@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use sm2_proto::{
-    Contract, Datagram, EntityId, LinkId,
+    Contract, Datagram, EntityId, LinkId, Machine,
     control::{Item, UnlinkedReason},
     domain::{Ask, Domain, Mirror},
     manager::{self, Manager},

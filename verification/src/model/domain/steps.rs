@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use sm2_proto::{
-    Code, Farewell, InterfaceId, LinkId,
+    Code, Farewell, InterfaceId, LinkId, Machine,
     manager::{self, Manager, Policy},
     node,
 };
