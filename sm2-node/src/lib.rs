@@ -174,7 +174,7 @@ mod publisher;
 mod sample;
 pub mod schema;
 mod server;
-mod stock;
+mod spare;
 mod subscriber;
 mod wait;
 

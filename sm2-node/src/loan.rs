@@ -13,7 +13,7 @@ use crate::plain::check;
 use crate::pool::Lease;
 use crate::published::Published;
 use crate::publisher::untyped::UntypedPublisher;
-use crate::stock;
+use crate::spare::{self, Fill};
 use crate::{Plain, PublishError, StoreError};
 
 /// One message being written in place. Dereferences to it.
@@ -48,8 +48,8 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             } else if len <= publisher.handle.inline_max {
                 Memory::Heap(AlignedBuffer::zeroed(len))
             } else {
-                let ready = publisher.ready(|stock, now| stock.for_loan(len, now));
-                Memory::Sealed(stock::lend(ready, len)?)
+                let spare = publisher.take_spare(len, Fill::InPlace);
+                Memory::Sealed(spare::lend(spare, len)?)
             };
         let loan = Self {
             publisher,

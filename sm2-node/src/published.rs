@@ -25,4 +25,10 @@ impl Published {
             Self { links, missed } => Err(PublishError::DeadlineExceeded { links, missed }),
         }
     }
+
+    /// Adds the result of the next message of the same call.
+    pub(crate) const fn add(&mut self, next: Self) {
+        self.links = next.links;
+        self.missed += next.missed;
+    }
 }

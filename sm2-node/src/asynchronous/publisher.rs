@@ -11,8 +11,9 @@ use futures_util::Sink;
 use tokio::time::Sleep;
 
 use super::{IntoAsync, Watched};
+use crate::driver::Offered;
 use crate::publisher::untyped::Publication;
-use crate::{Message, PublishError, Published, Publisher};
+use crate::{Message, PublishError, Published, Publisher, StoreError};
 
 /// A [`Publisher`] for futures, and a [`Sink`] of messages.
 ///
@@ -22,8 +23,8 @@ use crate::{Message, PublishError, Published, Publisher};
 #[derive(Debug)]
 pub struct AsyncPublisher<T: Message + ?Sized> {
     publisher: Watched<Publisher<T>>,
-    /// What some reliable subscriber had no room for, and when it has waited long enough.
-    under_way: Option<(Publication, Pin<Box<Sleep>>)>,
+    /// A message for which reliable subscribers have no room, and the timer of its deadline.
+    in_flight: Option<(Offered, Pin<Box<Sleep>>)>,
     /// What became of the last publication, until somebody asks.
     published: Option<Published>,
 }
@@ -38,11 +39,11 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
     ///
     /// See [`PublishError`].
     pub async fn publish(&mut self, message: &T) -> Result<Published, PublishError> {
-        poll_fn(|context| self.poll_under_way(context))
+        poll_fn(|context| self.poll_in_flight(context))
             .await
             .map_err(PublishError::Io)?;
         self.start(message)?;
-        poll_fn(|context| self.poll_under_way(context))
+        poll_fn(|context| self.poll_in_flight(context))
             .await
             .map_err(PublishError::Io)?;
         Ok(self.published.take().unwrap_or_default())
@@ -58,36 +59,37 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
     #[must_use]
     pub fn into_inner(self) -> Publisher<T> {
         let publisher = self.publisher.into_inner();
-        if let Some((publication, _)) = self.under_way {
-            publisher.core.finish(publication);
+        if let Some((offered, _)) = self.in_flight {
+            publisher.core.finish(offered);
         }
         publisher
     }
 
     fn start(&mut self, message: &T) -> Result<(), PublishError> {
         let core = &self.publisher.get().core;
-        let publication = core.start(message.bytes().map_err(crate::StoreError::Encode)?)?;
-        if publication.is_done() {
-            self.published = Some(core.finish(publication));
-        } else {
-            let remaining = publication.remaining();
-            self.under_way = Some((publication, Box::pin(tokio::time::sleep(remaining))));
+        let bytes = message.bytes().map_err(StoreError::Encode)?;
+        match core.start(bytes)? {
+            Publication::Done(published) => self.published = Some(published),
+            Publication::Waiting { offered, deadline } => {
+                let remaining = deadline.since(sm2_io::clock::now());
+                self.in_flight = Some((offered, Box::pin(tokio::time::sleep(remaining))));
+            }
         }
         Ok(())
     }
 
     /// Waits until nobody is waited for.
-    fn poll_under_way(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        let Some((publication, sleep)) = &mut self.under_way else {
+    fn poll_in_flight(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        let Some((offered, sleep)) = &mut self.in_flight else {
             return Poll::Ready(Ok(()));
         };
         if sleep.as_mut().poll(context).is_pending() {
             let publisher = &self.publisher;
-            let done = publisher.poll(context, |it| it.core.go_on(publication).then_some(()));
+            let done = publisher.poll(context, |it| it.core.send_more(offered).then_some(()));
             ready!(done)?;
         }
-        if let Some((publication, _)) = self.under_way.take() {
-            let published = self.publisher.get().core.finish(publication);
+        if let Some((offered, _)) = self.in_flight.take() {
+            let published = self.publisher.get().core.finish(offered);
             self.published = Some(published);
         }
         Poll::Ready(Ok(()))
@@ -100,7 +102,7 @@ impl<T: Message + ?Sized> IntoAsync for Publisher<T> {
     fn into_async(self) -> io::Result<AsyncPublisher<T>> {
         Ok(AsyncPublisher {
             publisher: Watched::new(self, Arc::default())?,
-            under_way: None,
+            in_flight: None,
             published: None,
         })
     }
@@ -113,7 +115,7 @@ impl<T: Message + ?Sized, M: Borrow<T>> Sink<M> for AsyncPublisher<T> {
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Result<(), PublishError>> {
-        ready!(self.poll_under_way(context)).map_err(PublishError::Io)?;
+        ready!(self.poll_in_flight(context)).map_err(PublishError::Io)?;
         let published = self.published.take().unwrap_or_default();
         Poll::Ready(published.complete().map(drop))
     }

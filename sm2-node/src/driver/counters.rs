@@ -59,15 +59,20 @@ impl Counting {
         }
     }
 
-    /// Notes something in an entry.
+    /// Begins to change an entry; the change is complete when the result is dropped.
     //= SM2-CNT-004
+    pub(super) fn update<'a>(&'a mut self, entry: Option<&'a CounterEntry>) -> Option<Update<'a>> {
+        Some(self.page.as_mut()?.update(entry?))
+    }
+
+    /// Changes an entry.
     pub(super) fn note(
         &mut self,
         entry: Option<&CounterEntry>,
         change: impl FnOnce(&mut Update<'_>),
     ) {
-        if let (Some(page), Some(entry)) = (&mut self.page, entry) {
-            change(&mut page.update(entry));
+        if let Some(mut update) = self.update(entry) {
+            change(&mut update);
         }
     }
 }
@@ -83,10 +88,10 @@ impl LinkDriver {
             Role::Sender | Role::Receiver => time,
         };
         self.noted = self.counters();
-        counting.note(self.entry.as_ref(), |entry| {
+        if let Some(mut entry) = counting.update(self.entry.as_ref()) {
             entry.published(at, len);
             entry.fates(&self.noted);
-        });
+        }
     }
 
     /// What became of messages is noted, if anything did.
@@ -94,7 +99,9 @@ impl LinkDriver {
         let counters = self.counters();
         if counters != self.noted {
             self.noted = counters;
-            counting.note(self.entry.as_ref(), |entry| entry.fates(&counters));
+            if let Some(mut entry) = counting.update(self.entry.as_ref()) {
+                entry.fates(&counters);
+            }
         }
     }
 }

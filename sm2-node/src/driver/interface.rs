@@ -202,9 +202,13 @@ impl Interface {
 
     /// Links that ended while they were sent to.
     pub(super) fn bury_ended(&mut self, tools: &mut Tools<'_>) {
-        let ended =
-            |link: &LinkDriver| (link.end().is_some() && !link.buried).then_some(link.token());
-        let tokens: Vec<u64> = self.links.iter().filter_map(ended).collect();
+        // Nothing is allocated unless a link ended.
+        let mut tokens = Vec::new();
+        for link in self.links.iter() {
+            if link.end().is_some() && !link.buried {
+                tokens.push(link.token());
+            }
+        }
         for token in tokens {
             self.settle_link(token, tools);
         }

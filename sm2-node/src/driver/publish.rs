@@ -1,12 +1,18 @@
 //! Publishing: one message, all links of a publisher, and what is kept for late ones.
 
+use std::borrow::Cow;
+
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant};
 
 use super::interface::Interface;
-use super::link::{LinkDriver, Tools};
+use super::link::Tools;
 use super::outbox::{Forms, Label, Needs};
 use crate::published::Published;
+
+/// Messages of up to this length are copied while the node is locked, because a second lock would
+/// take longer than the copy.
+const COPY_UNDER_LOCK_MAX: usize = 16 << 10;
 
 /// A message that was published, but not sent to all links yet.
 #[derive(Debug, Default)]
@@ -31,16 +37,37 @@ impl Interface {
         needs
     }
 
-    /// Publishes a message, if all open links are of the ring lane and none has to be waited for.
-    pub(crate) fn publish_short(
+    /// Publishes short messages in their order, as long as all open links are of the ring lane and
+    /// none has to be waited for. Returns how many it has published, and adds their results to
+    /// `sum`.
+    pub(crate) fn publish_to_rings(
+        &mut self,
+        messages: &[Cow<'_, [u8]>],
+        time: Instant,
+        tools: &mut Tools<'_>,
+        sum: &mut Published,
+    ) -> usize {
+        let mut count = 0;
+        for bytes in messages {
+            if bytes.len() > COPY_UNDER_LOCK_MAX || !self.has_room_in_rings() {
+                break;
+            }
+            let Some(published) = self.publish_to_slot(bytes, time, tools) else {
+                break;
+            };
+            sum.add(published);
+            count += 1;
+        }
+        count
+    }
+
+    /// Copies a message to a slot and publishes it; `None` without a slot.
+    fn publish_to_slot(
         &mut self,
         bytes: &[u8],
         time: Instant,
         tools: &mut Tools<'_>,
     ) -> Option<Published> {
-        if !self.has_room_in_rings() {
-            return None;
-        }
         let len = bytes.len() as u64;
         let mut lease = match self.outbox.ready(len) {
             Some(lease) => lease,
@@ -61,9 +88,17 @@ impl Interface {
 
     /// Whether some links are open, all of them of the ring lane and none to be waited for.
     fn has_room_in_rings(&self) -> bool {
-        let mut open = self.links().filter(|link| link.is_open()).peekable();
-        let room = |link: &LinkDriver| !link.is_reliable() || link.has_room();
-        open.peek().is_some() && open.all(|link| link.needs().ring && room(link))
+        let mut is_any_open = false;
+        for link in self.links() {
+            if !link.is_open() {
+                continue;
+            }
+            if !link.needs().ring || (link.is_reliable() && !link.has_room()) {
+                return false;
+            }
+            is_any_open = true;
+        }
+        is_any_open
     }
 
     fn latches(&self) -> usize {
@@ -84,7 +119,9 @@ impl Interface {
         self.published += 1;
         label.id = self.published;
         let (time, len) = (label.time, label.len);
-        (tools.counting).note(self.entry.as_ref(), |entry| entry.published(time, len));
+        if let Some(mut entry) = tools.counting.update(self.entry.as_ref()) {
+            entry.published(time, len);
+        }
         if forms.is_empty() {
             return Offered::default();
         }
@@ -141,13 +178,15 @@ impl Interface {
         }
     }
 
-    /// The waiting is over: links that are left go without this message.
+    /// Ends a publication: links that still have no room miss this message.
     pub(crate) fn finish(&mut self, mut offered: Offered, tools: &mut Tools<'_>) -> Published {
-        self.publish_more(&mut offered, tools);
-        for token in offered.waiting.drain(..) {
-            if let Some(link) = self.links.get_mut(token) {
-                link.skip(tools, &mut self.outbox);
-                offered.missed += 1;
+        if !offered.waiting.is_empty() {
+            self.publish_more(&mut offered, tools);
+            for token in offered.waiting.drain(..) {
+                if let Some(link) = self.links.get_mut(token) {
+                    link.skip(tools, &mut self.outbox);
+                    offered.missed += 1;
+                }
             }
         }
         self.outbox.release(offered.key);

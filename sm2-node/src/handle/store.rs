@@ -11,7 +11,6 @@ use super::Handle;
 use crate::StoreError;
 use crate::driver::{Forms, Interface, Needs, NoSlot, Tools};
 use crate::pool::Lease;
-use crate::stock;
 
 impl Handle {
     /// Puts a message where the links that need it can have it.
@@ -24,7 +23,7 @@ impl Handle {
         &self,
         bytes: Cow<'_, [u8]>,
         needs: Needs,
-        ready: impl FnOnce(usize) -> Option<Blank>,
+        spare: impl FnOnce(usize) -> Option<Blank>,
     ) -> Result<Forms, StoreError> {
         let mut forms = Forms::default();
         if needs.nobody() {
@@ -34,7 +33,7 @@ impl Handle {
         // First what can fail and needs no undoing.
         if needs.sealed && !short {
             check_len(bytes.len() as u64)?;
-            forms.sealed = Some(stock::seal(ready(bytes.len()), &bytes)?);
+            forms.sealed = Some(crate::spare::seal(spare(bytes.len()), &bytes)?);
         }
         if needs.ring || (needs.pooled && !short) {
             let mut lease = self.lease(bytes.len())?;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::sync::PoisonError;
 
 use super::Publisher;
-use super::untyped::{SHORT, UntypedPublisher};
+use super::untyped::UntypedPublisher;
 use crate::handle::Handle;
 use crate::published::Published;
 use crate::{Message, PublishError, StoreError};
@@ -48,13 +48,6 @@ impl<T: Message + ?Sized> Publisher<T> {
     }
 }
 
-impl Published {
-    fn add(&mut self, next: Self) {
-        self.links = next.links;
-        self.missed += next.missed;
-    }
-}
-
 impl UntypedPublisher {
     /// Publishes all of these, and leaves none.
     fn publish_run(
@@ -62,10 +55,10 @@ impl UntypedPublisher {
         run: &mut Vec<Cow<'_, [u8]>>,
         sum: &mut Published,
     ) -> Result<(), PublishError> {
-        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
         let mut rest = run.drain(..);
         loop {
-            let sent = self.publish_shorts(rest.as_slice(), sum);
+            let sent = self.publish_to_rings(rest.as_slice(), sum);
             // The next one is long, or has to wait for somebody.
             let Some(bytes) = rest.by_ref().nth(sent) else {
                 return Ok(());
@@ -75,22 +68,25 @@ impl UntypedPublisher {
         }
     }
 
-    /// Publishes as many of these as are short and find room at once; how many.
-    pub(super) fn publish_shorts(&self, run: &[Cow<'_, [u8]>], sum: &mut Published) -> usize {
+    /// Publishes as many of these as are short and have room in the rings of all links, under one
+    /// lock. Returns how many.
+    pub(super) fn publish_to_rings(
+        &self,
+        messages: &[Cow<'_, [u8]>],
+        sum: &mut Published,
+    ) -> usize {
         let Handle { shared, id, .. } = &self.handle;
         let now = sm2_io::clock::now();
         let mut inner = shared.lock();
-        let driven = inner.drive_if_due(now, &shared.epoll);
-        let sent = inner.with_as_is(*id, &shared.epoll, |interface, tools| {
-            // Else what came back is looked at when it is needed: a receiver that keeps up
-            // writes to the same memory all the time.
-            if driven {
+        let is_driven = inner.drive_if_due(now, &shared.epoll);
+        let published = inner.with_as_is(*id, &shared.epoll, |interface, tools| {
+            // At other times the publisher takes slots back when it needs one: a receiver that
+            // keeps up writes to the same memory all the time.
+            if is_driven {
                 interface.harvest(tools);
             }
-            let short = run.iter().take_while(|bytes| bytes.len() <= SHORT);
-            let published = short.map_while(|bytes| interface.publish_short(bytes, now, tools));
-            published.map(|it| sum.add(it)).count()
+            interface.publish_to_rings(messages, now, tools, sum)
         });
-        sent.unwrap_or(0)
+        published.unwrap_or(0)
     }
 }

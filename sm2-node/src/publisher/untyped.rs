@@ -12,12 +12,8 @@ use sm2_proto::Instant;
 use crate::driver::{Forms, Label, Offered, Topic};
 use crate::handle::{Handle, until};
 use crate::published::Published;
-use crate::stock::{self, Stock};
+use crate::spare::{self, Fill, SpareMemory};
 use crate::{PublishError, WaitError};
-
-/// Messages up to this length are copied while the node is locked: that is quicker than to lock
-/// it again.
-pub(super) const SHORT: usize = 16 << 10;
 
 /// How long a publication that has to wait spins before it sleeps: about as long as it takes to
 /// fall asleep and to wake up.
@@ -30,21 +26,21 @@ const PAUSES: u32 = 64;
 #[derive(Debug)]
 pub(crate) struct UntypedPublisher {
     pub(crate) handle: Handle,
-    /// Held while a message is published: on each link, publications come in their order.
-    pub(super) turn: Mutex<()>,
+    /// Held while a message is published, so that each link carries messages in their order.
+    pub(super) order: Mutex<()>,
     /// See [`PublisherBuilder::publish_timeout`].
     publish_timeout: Duration,
     /// Memory for the next sealed message.
-    stock: Mutex<Stock>,
+    spare: Mutex<SpareMemory>,
 }
 
 impl UntypedPublisher {
     pub(super) const fn new(handle: Handle, publish_timeout: Duration, idle: Duration) -> Self {
         Self {
             handle,
-            turn: Mutex::new(()),
+            order: Mutex::new(()),
             publish_timeout,
-            stock: Mutex::new(Stock::new(idle)),
+            spare: Mutex::new(SpareMemory::new(idle)),
         }
     }
 
@@ -60,43 +56,39 @@ impl UntypedPublisher {
     }
 
     pub(super) fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
-        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
         let mut published = Published::default();
-        if self.publish_shorts(std::slice::from_ref(&bytes), &mut published) == 1 {
+        if self.publish_to_rings(std::slice::from_ref(&bytes), &mut published) == 1 {
             return Ok(published);
         }
         let publication = self.start(bytes)?;
         self.wait_for_room(publication)
     }
 
-    /// Sends a message to all who have room now. It has to be [finished](Self::finish).
+    /// Sends a message to all links that have room now.
     pub(crate) fn start(&self, bytes: Cow<'_, [u8]>) -> Result<Publication, PublishError> {
         let needs = self.handle.with_due(|interface, _| interface.needs());
         let len = bytes.len() as u64;
-        let ready = |len| self.ready(|stock, now| stock.for_copy(len, now));
-        let forms = (self.handle).store_with(bytes, needs, ready)?;
+        let spare = |len| self.take_spare(len, Fill::Copy);
+        let forms = (self.handle).store_with(bytes, needs, spare)?;
         Ok(self.offer(forms, len))
     }
 
-    /// What the stock has.
-    pub(crate) fn ready(
-        &self,
-        take: impl FnOnce(&mut Stock, Instant) -> Option<Blank>,
-    ) -> Option<Blank> {
-        // While another thread fills it, it is as good as empty.
-        let mut stock = self.stock.try_lock().ok()?;
-        take(&mut stock, sm2_io::clock::now())
+    /// Takes memory for a sealed message of `len` bytes, if some is ready.
+    pub(crate) fn take_spare(&self, len: usize, fill: Fill) -> Option<Blank> {
+        // While another thread refills it, it is as good as empty.
+        let mut spare = self.spare.try_lock().ok()?;
+        spare.take(len, fill, sm2_io::clock::now())
     }
 
     /// A sealed copy.
     pub(crate) fn seal(&self, bytes: &[u8]) -> io::Result<OwnedFd> {
-        let ready = self.ready(|stock, now| stock.for_copy(bytes.len(), now));
-        stock::seal(ready, bytes)
+        spare::seal(self.take_spare(bytes.len(), Fill::Copy), bytes)
     }
 
     /// Publishes what a loan holds. Its caller drove the node.
     pub(crate) fn publish_forms(&self, forms: Forms, len: u64) -> Result<Published, PublishError> {
-        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
         let publication = self.offer(forms, len);
         self.wait_for_room(publication)
     }
@@ -108,98 +100,102 @@ impl UntypedPublisher {
             time: now,
             len,
         };
-        let offered = self.handle.with_idle(|interface, tools| {
+        let publication = self.handle.with_idle(|interface, tools| {
             let offered = interface.publish(forms, label, tools);
             interface.rest(now, tools);
-            offered
+            if offered.waiting.is_empty() {
+                return Publication::Done(interface.finish(offered, tools));
+            }
+            Publication::Waiting {
+                offered,
+                deadline: now.after(self.publish_timeout),
+            }
         });
-        Publication {
-            offered,
-            deadline: now.after(self.publish_timeout),
+        if let Publication::Done(_) = publication {
+            self.refill_spare();
         }
+        publication
     }
 
-    /// A subscriber that takes messages just now makes room sooner than this thread would be
-    /// awake again.
-    fn spin_for_room(&self, publication: &mut Publication) {
+    /// Waits actively for a moment: a subscriber that takes messages at this time makes room sooner
+    /// than this thread could fall asleep and wake up. Returns whether all links have the message.
+    fn spin_for_room(&self, offered: &mut Offered) -> bool {
         let until = sm2_io::clock::now().after(SPIN);
-        while !publication.is_done() && sm2_io::clock::now() < until {
+        while sm2_io::clock::now() < until {
             // Each look costs the subscriber, which writes to the same memory.
             for _ in 0..PAUSES {
                 std::hint::spin_loop();
             }
-            self.handle.with_idle(|interface, tools| {
-                interface.publish_more(&mut publication.offered, tools)
-            });
+            let is_done = self
+                .handle
+                .with_idle(|interface, tools| interface.publish_more(offered, tools));
+            if is_done {
+                return true;
+            }
         }
+        false
     }
 
     //= SM2-QOS-002
     pub(super) fn wait_for_room(
         &self,
-        mut publication: Publication,
+        publication: Publication,
     ) -> Result<Published, PublishError> {
+        let (mut offered, deadline) = match publication {
+            Publication::Done(published) => return Ok(published),
+            Publication::Waiting { offered, deadline } => (offered, deadline),
+        };
         let Handle { shared, id, .. } = &self.handle;
         let mut waited = Ok(None);
-        self.spin_for_room(&mut publication);
-        if !publication.is_done() {
-            let deadline = Some(publication.deadline);
-            waited = shared.wait(Topic::Interface(*id), deadline, |inner| {
-                let done = inner.with(*id, &shared.epoll, |interface, tools| {
-                    interface.publish_more(&mut publication.offered, tools)
+        if !self.spin_for_room(&mut offered) {
+            waited = shared.wait(Topic::Interface(*id), Some(deadline), |inner| {
+                let is_done = inner.with(*id, &shared.epoll, |interface, tools| {
+                    interface.publish_more(&mut offered, tools)
                 });
-                (done == Some(true)).then_some(())
+                (is_done == Some(true)).then_some(())
             });
         }
-        let published = self.finish(publication);
+        let published = self.finish(offered);
         waited.map_err(PublishError::Io)?;
         Ok(published)
     }
 
-    /// Drives the node, and sends to those who have room by now; whether nobody is left to wait
-    /// for. If somebody is, the descriptor is silent until something happens.
+    /// Drives the node, and sends to the links that have room by now. Returns whether none is left
+    /// without room; otherwise the descriptor is silent until something happens.
     #[cfg(feature = "tokio")]
-    pub(crate) fn go_on(&self, publication: &mut Publication) -> bool {
+    pub(crate) fn send_more(&self, offered: &mut Offered) -> bool {
         let Handle { shared, id, .. } = &self.handle;
         let done = self.handle.look(&mut shared.driven(), |inner| {
-            let done = inner.with(*id, &shared.epoll, |interface, tools| {
-                interface.publish_more(&mut publication.offered, tools)
+            let is_done = inner.with(*id, &shared.epoll, |interface, tools| {
+                interface.publish_more(offered, tools)
             });
-            (done == Some(true)).then_some(())
+            (is_done == Some(true)).then_some(())
         });
         done.is_some()
     }
 
-    /// The waiting is over: who has no room goes without this message.
-    pub(crate) fn finish(&self, publication: Publication) -> Published {
+    /// Ends the waiting: links that have no room miss this message.
+    pub(crate) fn finish(&self, offered: Offered) -> Published {
         let published = self
             .handle
-            .with_idle(|interface, tools| interface.finish(publication.offered, tools));
-        // Now that nobody waits for this message.
-        if let Ok(mut stock) = self.stock.try_lock() {
-            stock.refill(sm2_io::clock::now);
-        }
+            .with_idle(|interface, tools| interface.finish(offered, tools));
+        self.refill_spare();
         published
     }
+
+    /// Prepares memory for the next sealed message, after the last one was sent.
+    fn refill_spare(&self) {
+        if let Ok(mut spare) = self.spare.try_lock() {
+            spare.refill(sm2_io::clock::now);
+        }
+    }
 }
 
-/// A message that was published, but not sent to all links yet.
+/// A message that was published.
 #[derive(Debug)]
-pub(crate) struct Publication {
-    offered: Offered,
-    /// When those that have no room are not waited for any more.
-    deadline: Instant,
-}
-
-impl Publication {
-    /// Whether nobody is waited for.
-    pub(crate) fn is_done(&self) -> bool {
-        self.offered.waiting.is_empty()
-    }
-
-    /// Time until the deadline.
-    #[cfg(feature = "tokio")]
-    pub(crate) fn remaining(&self) -> Duration {
-        self.deadline.since(sm2_io::clock::now())
-    }
+pub(crate) enum Publication {
+    /// Each link has the message, or misses it.
+    Done(Published),
+    /// Reliable links have no room, and are waited for until the deadline.
+    Waiting { offered: Offered, deadline: Instant },
 }

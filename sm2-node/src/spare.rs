@@ -22,7 +22,7 @@ const SLACK_BYTES: usize = 4_096;
 
 /// At most one file that is ready.
 #[derive(Debug)]
-pub(crate) struct Stock {
+pub(crate) struct SpareMemory {
     ready: Option<Blank>,
     /// What the next message needs, as far as the last ones tell.
     next: Option<Need>,
@@ -34,17 +34,17 @@ pub(crate) struct Stock {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Need {
     capacity: usize,
-    way: Way,
+    fill: Fill,
 }
 
 /// How a message comes into its memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Way {
-    Copied,
+pub(crate) enum Fill {
+    Copy,
     InPlace,
 }
 
-impl Stock {
+impl SpareMemory {
     /// Nothing yet, and for messages that are more than `idle` apart nothing ever.
     pub(crate) const fn new(idle: Duration) -> Self {
         Self {
@@ -55,24 +55,15 @@ impl Stock {
         }
     }
 
-    /// What is ready for a message of `len` bytes that will be copied.
-    pub(crate) fn for_copy(&mut self, len: usize, now: Instant) -> Option<Blank> {
-        self.take(len, Way::Copied, now)
-    }
-
-    /// What is ready for a message of `len` bytes that will be written in place.
-    pub(crate) fn for_loan(&mut self, len: usize, now: Instant) -> Option<Blank> {
-        self.take(len, Way::InPlace, now)
-    }
-
-    fn take(&mut self, len: usize, way: Way, now: Instant) -> Option<Blank> {
+    /// Takes what is ready for a message of `len` bytes.
+    pub(crate) fn take(&mut self, len: usize, fill: Fill, now: Instant) -> Option<Blank> {
         let streams = self.last.is_some_and(|last| now.since(last) <= self.idle);
         self.last = Some(now);
         // Lengths that vary a little get what was enough for the longest of them.
         let known = self.next.map(|next| next.capacity);
         let capacity = known.filter(|&capacity| fits(len, capacity));
         let capacity = capacity.unwrap_or_else(|| len.next_multiple_of(SLACK_BYTES));
-        self.next = streams.then_some(Need { capacity, way });
+        self.next = streams.then_some(Need { capacity, fill });
         self.ready
             .take()
             .filter(|it| fits(len, it.capacity_bytes()))
@@ -87,10 +78,10 @@ impl Stock {
         if self.last.is_none_or(|last| now.since(last) > self.idle) {
             (self.ready, self.next) = (None, None);
         }
-        if let (None, Some(Need { capacity, way })) = (&self.ready, self.next) {
-            let made = match way {
-                Way::Copied => Blank::for_copies(capacity),
-                Way::InPlace => Blank::for_loans(capacity),
+        if let (None, Some(Need { capacity, fill })) = (&self.ready, self.next) {
+            let made = match fill {
+                Fill::Copy => Blank::for_copies(capacity),
+                Fill::InPlace => Blank::for_loans(capacity),
             };
             match made {
                 Ok(blank) => self.ready = Some(blank),
@@ -134,39 +125,51 @@ mod tests {
 
     const SECOND: u64 = 1_000_000_000;
 
-    fn refill(stock: &mut Stock, seconds: u64) -> Option<usize> {
-        stock.refill(|| Instant(seconds * SECOND));
-        stock.ready.as_ref().map(Blank::capacity_bytes)
+    fn refill(spare: &mut SpareMemory, seconds: u64) -> Option<usize> {
+        spare.refill(|| Instant(seconds * SECOND));
+        spare.ready.as_ref().map(Blank::capacity_bytes)
     }
 
     #[test]
     fn a_stream_finds_memory_ready_and_a_single_message_leaves_none() {
-        let mut stock = Stock::new(Duration::from_secs(5));
-        assert_eq!(refill(&mut stock, 0), None);
-        assert!(stock.for_copy(10_000, Instant(SECOND)).is_none());
-        assert_eq!(refill(&mut stock, 1), None, "perhaps it is the only one");
-        assert!(stock.for_copy(10_000, Instant(7 * SECOND)).is_none());
-        assert_eq!(refill(&mut stock, 7), None, "more than 5 s later");
-        assert!(stock.for_copy(10_000, Instant(8 * SECOND)).is_none());
-        assert_eq!(refill(&mut stock, 8), Some(12_288));
-        let blank = stock.for_copy(12_000, Instant(9 * SECOND)).unwrap();
+        let mut spare = SpareMemory::new(Duration::from_secs(5));
+        assert_eq!(refill(&mut spare, 0), None);
+        assert!(spare.take(10_000, Fill::Copy, Instant(SECOND)).is_none());
+        assert_eq!(refill(&mut spare, 1), None, "perhaps it is the only one");
+        assert!(
+            spare
+                .take(10_000, Fill::Copy, Instant(7 * SECOND))
+                .is_none()
+        );
+        assert_eq!(refill(&mut spare, 7), None, "more than 5 s later");
+        assert!(
+            spare
+                .take(10_000, Fill::Copy, Instant(8 * SECOND))
+                .is_none()
+        );
+        assert_eq!(refill(&mut spare, 8), Some(12_288));
+        let blank = spare.take(12_000, Fill::Copy, Instant(9 * SECOND)).unwrap();
         assert_eq!(seal(Some(blank), &[1; 12_000]).map(|_| ()).ok(), Some(()));
-        assert_eq!(refill(&mut stock, 9), Some(12_288));
-        assert_eq!(refill(&mut stock, 14), Some(12_288));
-        assert_eq!(refill(&mut stock, 15), None, "nobody needed it for long");
-        assert!(stock.for_loan(10_000, Instant(15 * SECOND)).is_none());
+        assert_eq!(refill(&mut spare, 9), Some(12_288));
+        assert_eq!(refill(&mut spare, 14), Some(12_288));
+        assert_eq!(refill(&mut spare, 15), None, "nobody needed it for long");
+        assert!(
+            spare
+                .take(10_000, Fill::InPlace, Instant(15 * SECOND))
+                .is_none()
+        );
     }
 
     #[test]
     fn what_is_ready_is_not_wasted_on_short_messages() {
-        let mut stock = Stock::new(Duration::MAX);
+        let mut spare = SpareMemory::new(Duration::MAX);
         for len in [1_000_000, 900_000, 100_000, 100_001, 1_000_000] {
-            let before = refill(&mut stock, 1);
-            let taken = stock.for_loan(len, Instant(SECOND));
+            let before = refill(&mut spare, 1);
+            let taken = spare.take(len, Fill::InPlace, Instant(SECOND));
             let expected = before.filter(|&capacity| fits(len, capacity));
             assert_eq!(taken.map(|it| it.capacity_bytes()), expected, "{len}");
         }
-        assert_eq!(refill(&mut stock, 1), Some(1_003_520));
+        assert_eq!(refill(&mut spare, 1), Some(1_003_520));
         assert!(fits(1, 4_097) && !fits(1, 4_098) && fits(9, 9) && !fits(9, 8));
         assert!(fits(1_000_000, 1_500_000) && !fits(1_000_000, 1_500_001));
     }
