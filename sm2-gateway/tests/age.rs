@@ -15,7 +15,7 @@ use sm2_io::quic::Congestion;
 use sm2_lossy_link::{HEADERS_BYTES, Profile};
 use sm2_proto::{
     Instant, Name, TypeId,
-    gateway::{OfferId, Subject},
+    gateway::{OfferId, Subject, session},
 };
 use world::World;
 
@@ -120,13 +120,13 @@ fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
         let until = next[0].min(next[1]).min(next[2]);
         for (at, event) in world.step(until) {
             match (at, event) {
-                (0, Event::Greeted { .. }) => {
+                (0, Event::Session(session::Event::Greeted { .. })) => {
                     is_greeted = true;
                     for topic in &TOPICS {
                         offer(&mut world, topic);
                     }
                 }
-                (1, Event::Offered { offer, .. }) => {
+                (1, Event::Session(session::Event::Offered { offer, .. })) => {
                     world.command(1, Command::Want { offer, depth: 1 });
                 }
                 (

@@ -6,7 +6,7 @@ use sm2_gateway::{
 };
 use sm2_proto::{
     Code, Instant, Name,
-    gateway::{GatewayId, Hop, PeerFarewell},
+    gateway::{GatewayId, Hop, PeerFarewell, session},
 };
 
 const SMALL: GatewayId = GatewayId([1; 32]);
@@ -19,7 +19,7 @@ fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, bool); 2]) -> (u64, Co
     let mut hub = Hub::new(Hop { gateway, epoch: 1 }, Policy::default());
     for (connection, (epoch, is_dialled)) in (1..).zip(greeted) {
         let name = Name::new("peer").unwrap();
-        let event = Event::Greeted { peer, epoch, name };
+        let event = Event::Session(session::Event::Greeted { peer, epoch, name });
         let input = Input::Peer {
             connection: ConnectionId(connection),
             is_dialled,

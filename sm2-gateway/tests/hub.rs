@@ -16,7 +16,7 @@ use sm2_proto::{
     Instant, Name, TypeId,
     gateway::{
         Action, AskId, Direction, GatewayId, Hop, OfferId, Pattern, PeerFarewell, Rule, Rules,
-        Subject, SubjectKind, Verdict, schedule::Terms,
+        Subject, SubjectKind, Verdict, schedule::Terms, session,
     },
 };
 
@@ -101,11 +101,11 @@ fn local(hub: &mut Hub, event: LocalEvent) -> Vec<Output> {
 }
 
 fn greet(hub: &mut Hub, connection: u64, peer: u8, epoch: u64) -> Vec<Output> {
-    let event = Event::Greeted {
+    let event = Event::Session(session::Event::Greeted {
         peer: hop(peer).gateway,
         epoch,
         name: name("peer"),
-    };
+    });
     tell(hub, connection, event)
 }
 
@@ -115,11 +115,11 @@ fn offered(hub: &mut Hub, connection: u64, offer: u64, subject: Subject, path: &
 }
 
 fn offered_by(hub: &mut Hub, connection: u64, offer: u64, subject: Subject, path: Vec<Hop>) {
-    let offered = Event::Offered {
+    let offered = Event::Session(session::Event::Offered {
         offer: OfferId(offer),
         subject,
         path,
-    };
+    });
     tell(hub, connection, offered);
 }
 
@@ -134,12 +134,12 @@ fn message(offer: u64, sequence: u64, age_ms: u64) -> Event {
 
 fn wanted(offer: u64, depth: u16) -> Event {
     let offer = OfferId(offer);
-    Event::Wanted { offer, depth }
+    Event::Session(session::Event::Wanted { offer, depth })
 }
 
 fn gone(offer: u64) -> Event {
     let offer = OfferId(offer);
-    Event::Gone { offer }
+    Event::Session(session::Event::Gone { offer })
 }
 
 fn published(outputs: &[Output]) -> usize {
@@ -178,11 +178,11 @@ fn of_two_connections_with_one_peer_one_stays() {
     }
     // Peer 3 has the smaller one: of equal epochs that which it opened.
     let mut hub = hub();
-    let event = Event::Greeted {
+    let event = Event::Session(session::Event::Greeted {
         peer: hop(3).gateway,
         epoch: 7,
         name: name("peer"),
-    };
+    });
     hub.handle(
         NOW,
         Input::Peer {
@@ -222,11 +222,11 @@ fn questions_have_answers() {
         local(&mut hub, LocalEvent::Present { subject, present });
     }
     let mut ask = |kind, text| {
-        let event = Event::Asked {
+        let event = Event::Session(session::Event::Asked {
             ask: AskId(1),
             kind,
             name: name(text),
-        };
+        });
         match tell(&mut hub, 1, event).as_slice() {
             [
                 Output::Peer {

@@ -15,7 +15,7 @@ use sm2_io::quic::Congestion;
 use sm2_lossy_link::Profile;
 use sm2_proto::{
     Name, TypeId,
-    gateway::{OfferId, Subject, SubjectKind},
+    gateway::{OfferId, Subject, SubjectKind, session},
     limits::OFFERS_MAX,
 };
 use world::World;
@@ -74,7 +74,7 @@ fn offer(world: &mut World, offer: u64) {
 /// The numbers of the offers that came, in their order.
 fn offered(world: &mut World) -> Vec<u64> {
     let offers = events(world).into_iter().filter_map(|it| match it {
-        Event::Offered { offer, .. } => Some(offer.0),
+        Event::Session(session::Event::Offered { offer, .. }) => Some(offer.0),
         Event::Ended(reason) => panic!("{reason}"),
         _ => None,
     });

@@ -16,7 +16,7 @@ use sm2_gateway::{
 };
 use sm2_proto::{
     Instant, Name, TypeId,
-    gateway::{Action, Direction, GatewayId, Hop, OfferId, Subject, SubjectKind},
+    gateway::{Action, Direction, GatewayId, Hop, OfferId, Subject, SubjectKind, session},
 };
 
 type Key = (SubjectKind, Name);
@@ -87,25 +87,25 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
         event,
     };
     for (connection, peer) in (1..).zip(0..PEERS.len()) {
-        let greeted = Event::Greeted {
+        let greeted = Event::Session(session::Event::Greeted {
             peer: id(peer),
             epoch: 1,
             name: Name::new(PEERS[peer]).unwrap(),
-        };
+        });
         inputs.push(tell(ConnectionId(connection), greeted));
         for (offer, key) in (1..).zip(&seen.offers[&id(peer)]) {
             offers.insert(
                 (ConnectionId(connection), OfferId(offer)),
                 (subject(key), id(peer)),
             );
-            let offered = Event::Offered {
+            let offered = Event::Session(session::Event::Offered {
                 offer: OfferId(offer),
                 subject: subject(key),
                 path: vec![Hop {
                     gateway: id(peer),
                     epoch: 1,
                 }],
-            };
+            });
             inputs.push(tell(ConnectionId(connection), offered));
         }
     }

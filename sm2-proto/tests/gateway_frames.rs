@@ -9,9 +9,10 @@ use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     gateway::{
         AskId, Carried, Frame, FrameReader, GatewayId, HEADER_LEN, Header, Hop, OfferId, Outcome,
-        PeerViolation, Subject, SubjectKind, Verdict,
+        PeerViolationKind, Subject, SubjectKind, Verdict,
     },
     limits::{GATEWAY_FRAME_MAX, HOPS_MAX, MESSAGE_MAX},
+    violation,
 };
 use support::{
     cases,
@@ -120,26 +121,27 @@ fn the_bytes_of_each_frame() {
 //= SM2-GWF-002, SM2-GWO-006, SM2-FRM-001, SM2-FRM-002, SM2-NAM-001 test
 #[test]
 fn bodies_that_are_refused() {
-    let table: [(&[u8], PeerViolation); 16] = [
-        (b"", PeerViolation::UnknownFrame),
-        (b"\x09\x01", PeerViolation::UnknownFrame),
-        (b"\x82", PeerViolation::UnknownFrame),
-        (b"\x02", PeerViolation::Malformed),
-        (b"\x08\x01\x03", PeerViolation::Malformed),
-        (b"\x07\x01\x02\x01a", PeerViolation::Malformed),
-        (b"\x07\x01\0\x01", PeerViolation::Malformed),
-        (b"\x02\x01\0", PeerViolation::TrailingBytes),
-        (b"\x02\x81\0", PeerViolation::NotCanonical),
-        (b"\x82\0\x01", PeerViolation::NotCanonical),
-        (b"\x07\x01\0\0", PeerViolation::BadName),
-        (b"\x07\x01\0\x01.", PeerViolation::BadName),
-        (b"\x07\x01\0\x02\xc3\xa4", PeerViolation::BadName),
-        (b"\x07\x01\0\x01\xff", PeerViolation::BadName),
-        (b"\x04\x01\0", PeerViolation::BadQos),
-        (b"\x04\x01\x81\x08", PeerViolation::BadQos),
+    let table: [(&[u8], &str); 16] = [
+        (b"", "unknown-frame (SM2-FRM-001)"),
+        (b"\x09\x01", "unknown-frame (SM2-FRM-001)"),
+        (b"\x82", "unknown-frame (SM2-FRM-001)"),
+        (b"\x02", "malformed (SM2-FRM-001)"),
+        (b"\x08\x01\x03", "malformed (SM2-FRM-001)"),
+        (b"\x07\x01\x02\x01a", "malformed (SM2-FRM-001)"),
+        (b"\x07\x01\0\x01", "malformed (SM2-FRM-001)"),
+        (b"\x02\x01\0", "trailing-bytes (SM2-FRM-001)"),
+        (b"\x02\x81\0", "not-canonical (SM2-FRM-002)"),
+        (b"\x82\0\x01", "not-canonical (SM2-FRM-002)"),
+        (b"\x07\x01\0\0", "bad-name (SM2-NAM-001)"),
+        (b"\x07\x01\0\x01.", "bad-name (SM2-NAM-001)"),
+        (b"\x07\x01\0\x02\xc3\xa4", "bad-name (SM2-NAM-001)"),
+        (b"\x07\x01\0\x01\xff", "bad-name (SM2-FRM-001)"),
+        (b"\x04\x01\0", "bad-qos (SM2-GWO-006)"),
+        (b"\x04\x01\x81\x08", "bad-qos (SM2-GWO-006)"),
     ];
     for (body, expected) in table {
-        assert_eq!(Frame::from_body(body), Err(expected), "{body:x?}");
+        let refused = Frame::from_body(body).expect_err("it is refused");
+        assert_eq!(refused.to_string(), expected, "{body:x?}");
     }
     let most = Frame::Want {
         offer: OfferId(1),
@@ -161,7 +163,7 @@ fn bodies_that_are_refused() {
         let expected = if is_legal {
             Ok(frame.clone())
         } else {
-            Err(PeerViolation::BadPath)
+            Err(violation!(PeerViolationKind::BadPath, "SM2-GWO-006"))
         };
         assert_eq!(Frame::from_body(&frame.to_bytes()[4..]), expected);
     }
@@ -175,16 +177,28 @@ fn lengths_of_frames() {
         reader.push(bytes);
         reader.next_frame()
     };
-    assert_eq!(read(&[0, 0, 0, 0]), Err(PeerViolation::Malformed));
+    assert_eq!(
+        read(&[0, 0, 0, 0]),
+        Err(violation!(PeerViolationKind::Malformed, "SM2-GWF-002"))
+    );
     // It is refused before any of it is there.
     let longest = GATEWAY_FRAME_MAX as u32;
     assert_eq!(read(&longest.to_le_bytes()), Ok(None));
     let too_long = (longest + 1).to_le_bytes();
-    assert_eq!(read(&too_long), Err(PeerViolation::FrameTooLong));
+    assert_eq!(
+        read(&too_long),
+        Err(violation!(PeerViolationKind::FrameTooLong, "SM2-GWF-002"))
+    );
     assert_eq!(read(&too_long[..3]), Ok(None));
     let body = vec![0; GATEWAY_FRAME_MAX + 1];
-    assert_eq!(Frame::from_body(&body), Err(PeerViolation::FrameTooLong));
-    assert_eq!(Frame::from_body(&body[1..]), Err(PeerViolation::BadName));
+    assert_eq!(
+        Frame::from_body(&body),
+        Err(violation!(PeerViolationKind::FrameTooLong, "SM2-GWF-002"))
+    );
+    assert_eq!(
+        Frame::from_body(&body[1..]),
+        Err(violation!(PeerViolationKind::BadName, "SM2-NAM-001"))
+    );
 }
 
 proptest! {
@@ -276,7 +290,7 @@ fn headers_that_are_refused() {
             let expected = if is_legal {
                 Ok(header)
             } else {
-                Err(PeerViolation::BadLength)
+                Err(violation!(PeerViolationKind::BadLength, "SM2-GWM-002"))
             };
             assert_eq!(Header::from_bytes(&bytes), expected, "{header:?}");
         }
@@ -284,21 +298,33 @@ fn headers_that_are_refused() {
     let longest = message(MESSAGE_MAX);
     assert_eq!(Header::from_bytes(&longest.to_bytes()), Ok(longest));
     let too_long = message(MESSAGE_MAX + 1).to_bytes();
-    assert_eq!(Header::from_bytes(&too_long), Err(PeerViolation::BadLength));
+    assert_eq!(
+        Header::from_bytes(&too_long),
+        Err(violation!(PeerViolationKind::BadLength, "SM2-GWM-002"))
+    );
     for (place, byte) in [(0, 0), (0, 4), (1, 1), (7, 128)] {
         let mut bytes = message(0).to_bytes();
         bytes[place] = byte;
-        assert_eq!(Header::from_bytes(&bytes), Err(PeerViolation::Malformed));
+        assert_eq!(
+            Header::from_bytes(&bytes),
+            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-002"))
+        );
     }
     // What says nothing has to be zero: of a request the number, of a reply what is left.
     let mut request = message(0).to_bytes();
     request[0] = 2;
-    assert_eq!(Header::from_bytes(&request), Err(PeerViolation::Malformed));
+    assert_eq!(
+        Header::from_bytes(&request),
+        Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-002"))
+    );
     for (place, byte) in [(16, 6), (17, 1), (24, 1), (31, 1)] {
         let mut reply = [0; HEADER_LEN];
         reply[0] = 3;
         assert!(Header::from_bytes(&reply).is_ok());
         reply[place] = byte;
-        assert_eq!(Header::from_bytes(&reply), Err(PeerViolation::Malformed));
+        assert_eq!(
+            Header::from_bytes(&reply),
+            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-002"))
+        );
     }
 }

@@ -7,8 +7,9 @@ use sm2_proto::{
     Name,
     gateway::{
         Action, AskId, Decision, Direction, Frame, GatewayId, GatewayIdError, Pattern,
-        PatternError, PeerViolation, Rule, Rules, SubjectKind,
+        PatternError, PeerViolationKind, Rule, Rules, SubjectKind,
     },
+    violation,
 };
 use support::{cases, contracts::name};
 
@@ -233,7 +234,7 @@ fn a_denied_name_has_no_other_spelling() {
         body[at..].copy_from_slice(text.as_bytes());
         assert_eq!(
             Frame::from_body(&body),
-            Err(PeerViolation::BadName),
+            Err(violation!(PeerViolationKind::BadName, "SM2-NAM-001")),
             "{text:?}"
         );
     }

@@ -15,10 +15,13 @@ use sm2_proto::{
     Instant,
     gateway::{
         AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
-        StreamToken, Subject, SubjectKind, Verdict,
-        session::{End, Input, Misuse, Output, Session, first_stays},
+        PeerViolationKind, StreamToken, Subject, SubjectKind, Verdict,
+        session::{
+            Carrier, Command, End, Event, Input, Misuse, Output, PeerEvent, Session, first_stays,
+        },
     },
     limits::QUESTIONS_MAX,
+    violation,
 };
 use support::contracts::{data, name};
 
@@ -80,7 +83,7 @@ impl Bench {
         let outputs = bench.frame(&hello(2));
         assert!(matches!(
             outputs[..],
-            [Output::Transmit(_), Output::Greeted { .. }]
+            [Output::Transmit(_), Output::Event(Event::Greeted { .. })]
         ));
         bench
     }
@@ -92,7 +95,7 @@ impl Bench {
     }
 
     fn frame(&mut self, frame: &Frame) -> Vec<Output> {
-        self.input(Input::Control(&frame.to_bytes()))
+        self.input(Input::Event(PeerEvent::Control(&frame.to_bytes())))
     }
 
     fn misuse(&mut self, input: Input<'_>) -> Misuse {
@@ -104,11 +107,11 @@ impl Bench {
 
     fn offer(&mut self, offer: OfferId, subject: Subject) {
         let path = vec![hop(1)];
-        let outputs = self.input(Input::Offer {
+        let outputs = self.input(Input::Command(Command::Offer {
             offer,
             subject: subject.clone(),
             path: path.clone(),
-        });
+        }));
         let frame = Frame::Offer {
             offer,
             subject,
@@ -124,11 +127,11 @@ impl Bench {
             subject: subject.clone(),
             path: path.clone(),
         };
-        let expected = Output::Offered {
+        let expected = Output::Event(Event::Offered {
             offer,
             subject,
             path,
-        };
+        });
         assert_eq!(self.frame(&frame), [expected]);
     }
 
@@ -138,10 +141,10 @@ impl Bench {
             offer,
             len: 0,
         };
-        self.input(Input::Stream {
-            stream: SEVEN,
+        self.input(Input::Event(PeerEvent::Header {
+            carrier: Carrier::Stream(SEVEN),
             header,
-        })
+        }))
     }
 }
 
@@ -164,7 +167,10 @@ fn transmit(frame: &Frame) -> Output {
 #[test]
 fn greetings() {
     for (frame, expected) in [
-        (Frame::Unwant { offer: ONE }, PeerViolation::ExpectedHello),
+        (
+            Frame::Unwant { offer: ONE },
+            violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"),
+        ),
         (
             Frame::Hello {
                 min_version: 0,
@@ -172,7 +178,7 @@ fn greetings() {
                 epoch: 1,
                 name: name("a"),
             },
-            PeerViolation::BadVersionRange,
+            violation!(PeerViolationKind::BadVersionRange, "SM2-GWF-001"),
         ),
         (
             Frame::Hello {
@@ -181,7 +187,7 @@ fn greetings() {
                 epoch: 1,
                 name: name("a"),
             },
-            PeerViolation::BadVersionRange,
+            violation!(PeerViolationKind::BadVersionRange, "SM2-GWF-001"),
         ),
     ] {
         let mut bench = Bench(session(1, 2));
@@ -201,16 +207,19 @@ fn greetings() {
     let mut twice = Bench::open();
     assert_eq!(
         twice.frame(&hello(2)),
-        ended(PeerViolation::UnexpectedHello)
+        ended(violation!(
+            PeerViolationKind::UnexpectedHello,
+            "SM2-GWF-001"
+        ))
     );
     // A stream that is there first is no better.
     let mut first = Bench(session(1, 2));
     first.0.poll();
     assert_eq!(
         first.stream(MESSAGE, ONE),
-        ended(PeerViolation::ExpectedHello)
+        ended(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"))
     );
-    let end = End::Violation(PeerViolation::ExpectedHello);
+    let end = End::Violation(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"));
     assert_eq!(first.0.end(), Some(end));
     assert_eq!(first.misuse(Input::Tick), Misuse::Ended);
 }
@@ -245,7 +254,8 @@ fn a_process_that_was_before() {
             assert_eq!(last, Output::Ended(End::Local(stale)));
         } else {
             let (epoch, name) = (72, name("peer"));
-            assert_eq!(last, Output::Greeted { epoch, name });
+            let peer = hop(2).gateway;
+            assert_eq!(last, Output::Event(Event::Greeted { peer, epoch, name }));
         }
     }
 }
@@ -279,59 +289,65 @@ fn questions() {
     let mut bench = Bench::open();
     // The peer numbers them as it likes.
     for number in [4, 1, 4] {
-        let asked = Output::Asked {
+        let asked = Output::Event(Event::Asked {
             ask: AskId(number),
             kind,
             name: name("a"),
-        };
+        });
         assert_eq!(bench.frame(&ask(AskId(number))), [asked]);
     }
     let verdict = Verdict::Denied;
-    let wrong = Input::Answer {
+    let wrong = Input::Command(Command::Answer {
         ask: AskId(1),
         verdict,
-    };
+    });
     assert_eq!(bench.misuse(wrong), Misuse::NotAsked);
     for number in [4, 1, 4] {
-        let outputs = bench.input(Input::Answer {
+        let outputs = bench.input(Input::Command(Command::Answer {
             ask: AskId(number),
             verdict,
-        });
+        }));
         assert_eq!(outputs, [transmit(&answer(AskId(number), verdict))]);
     }
     for number in 0..QUESTIONS_MAX as u64 {
         bench.frame(&ask(AskId(number)));
     }
-    assert_eq!(bench.frame(&ask(AskId(0))), ended(PeerViolation::Malformed));
+    assert_eq!(
+        bench.frame(&ask(AskId(0))),
+        ended(violation!(PeerViolationKind::Malformed, "SM2-GWO-005"))
+    );
     let mut bench = Bench::open();
     for number in 0..QUESTIONS_MAX as u64 {
         let name = name("a");
-        let asked = bench.input(Input::Ask {
+        let asked = bench.input(Input::Command(Command::Ask {
             ask: AskId(number),
             kind,
             name,
-        });
+        }));
         assert_eq!(asked, [transmit(&ask(AskId(number)))]);
     }
-    let one_more = Input::Ask {
+    let one_more = Input::Command(Command::Ask {
         ask: AskId(9),
         kind,
         name: name("a"),
-    };
+    });
     assert_eq!(bench.misuse(one_more), Misuse::TooManyQuestions);
-    let answered = Output::Answered {
+    let answered = Output::Event(Event::Answered {
         ask: AskId(0),
         verdict,
-    };
+    });
     assert_eq!(bench.frame(&answer(AskId(0), verdict)), [answered]);
-    let refused = ended(PeerViolation::UnexpectedAnswer);
+    let refused = ended(violation!(
+        PeerViolationKind::UnexpectedAnswer,
+        "SM2-GWO-005"
+    ));
     assert_eq!(bench.frame(&answer(AskId(0), verdict)), refused);
 }
 
 #[test]
 fn both_ways_to_end_it() {
     let code = PeerFarewell::ShuttingDown.code();
-    for input in [Input::Close(code), Input::Closed(None)] {
+    for input in [Input::Close(code), Input::Event(PeerEvent::Closed(None))] {
         let mut bench = Bench::open();
         let end = match input {
             Input::Close(code) => End::Local(code),
@@ -339,11 +355,20 @@ fn both_ways_to_end_it() {
         };
         assert_eq!(bench.input(input), [Output::Ended(end)]);
         assert_eq!(bench.0.end(), Some(end));
-        assert_eq!(bench.misuse(Input::Control(&[1])), Misuse::Ended);
+        assert_eq!(
+            bench.misuse(Input::Event(PeerEvent::Control(&[1]))),
+            Misuse::Ended
+        );
     }
     // What stands behind the frame that ended it is not read.
     let mut bench = Bench::open();
     let bytes = [hello(2).to_bytes(), hello(2).to_bytes()].concat();
-    let outputs = bench.input(Input::Control(&bytes));
-    assert_eq!(outputs, ended(PeerViolation::UnexpectedHello));
+    let outputs = bench.input(Input::Event(PeerEvent::Control(&bytes)));
+    assert_eq!(
+        outputs,
+        ended(violation!(
+            PeerViolationKind::UnexpectedHello,
+            "SM2-GWF-001"
+        ))
+    );
 }

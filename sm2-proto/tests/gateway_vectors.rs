@@ -17,9 +17,9 @@ use serde_json::Value;
 use sm2_proto::{
     Instant, Name, TypeId,
     gateway::{
-        Beacon, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
-        StreamToken, Subject,
-        session::{End, Input, Output, Session},
+        Beacon, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
+        PeerViolationKind, StreamToken, Subject,
+        session::{Carrier, Command, End, Input, Output, PeerEvent, Session},
     },
 };
 
@@ -103,7 +103,10 @@ impl Vector {
         for before in &self.before {
             let fed = match before.strip_prefix('>') {
                 Some(hex) => feed(&mut session, said(&bytes(hex))),
-                None => feed(&mut session, Input::Control(&bytes(before))),
+                None => feed(
+                    &mut session,
+                    Input::Event(PeerEvent::Control(&bytes(before))),
+                ),
             };
             fed.unwrap_or_else(|end| panic!("{}: {before}: {end:?}", self.name));
         }
@@ -121,17 +124,20 @@ impl Vector {
                 },
                 path: vec![PEER],
             };
-            let fed = feed(&mut session, Input::Control(&frame.to_bytes()));
+            let fed = feed(
+                &mut session,
+                Input::Event(PeerEvent::Control(&frame.to_bytes())),
+            );
             fed.unwrap_or_else(|end| panic!("{}: {offer}: {end:?}", self.name));
         }
         if let Some(offer) = self.call {
             let stream = STREAM;
             let fed = feed(
                 &mut session,
-                Input::Call {
+                Input::Command(Command::Call {
                     stream: StreamToken(stream),
                     offer: OfferId(offer),
-                },
+                }),
             );
             assert_eq!(fed, Ok(vec![]), "{}", self.name);
         }
@@ -153,7 +159,10 @@ impl Vector {
                 assert_eq!(*expected, words::frame(frame), "{name}");
             }
         }
-        let outcome = feed(&mut self.session(), Input::Control(&bytes));
+        let outcome = feed(
+            &mut self.session(),
+            Input::Event(PeerEvent::Control(&bytes)),
+        );
         match (&self.frame, outcome) {
             (Some(_), Ok(outputs)) => {
                 let sent = outputs.into_iter().filter_map(|output| match output {
@@ -184,10 +193,10 @@ impl Vector {
         let outcome = match read {
             Ok(header) => feed(
                 &mut session,
-                Input::Stream {
-                    stream: StreamToken(STREAM),
+                Input::Event(PeerEvent::Header {
+                    carrier: Carrier::Stream(StreamToken(STREAM)),
                     header,
-                },
+                }),
             ),
             Err(violation) => Err(End::Violation(violation)),
         };
@@ -196,10 +205,10 @@ impl Vector {
                 let stream = STREAM;
                 let expected = match self.stream.as_deref() {
                     Some("taken") => Output::Take {
-                        stream: StreamToken(stream),
+                        carrier: Carrier::Stream(StreamToken(stream)),
                     },
                     Some("discarded") => Output::Discard {
-                        stream: StreamToken(stream),
+                        carrier: Carrier::Stream(StreamToken(stream)),
                     },
                     Some("unreachable") => Output::Unreachable {
                         stream: StreamToken(stream),
@@ -216,18 +225,18 @@ impl Vector {
         let Self {
             violation, closed, ..
         } = self;
-        let expected = match (violation.as_deref(), closed.as_deref()) {
-            (Some(name), None) => {
-                let violation = PeerViolation::ALL.iter().find(|it| it.name() == name);
-                End::Violation(*violation.expect("SPEC names it"))
+        match (violation.as_deref(), closed.as_deref(), end) {
+            (Some(kind), None, End::Violation(found)) => {
+                let expected = format!("{kind} ({})", self.clause);
+                assert_eq!(found.to_string(), expected, "{}", self.name);
             }
-            (None, Some(name)) => {
+            (None, Some(name), _) => {
                 let farewell = PeerFarewell::ALL.iter().find(|it| it.name() == name);
-                End::Local(farewell.expect("SPEC names it").code())
+                let expected = End::Local(farewell.expect("SPEC names it").code());
+                assert_eq!(end, expected, "{}", self.name);
             }
-            other => panic!("{}: {end:?}, not {other:?}", self.name),
-        };
-        assert_eq!(end, expected, "{}", self.name);
+            other => panic!("{}: {other:?}", self.name),
+        }
     }
 
     fn check_beacon(&self) {
@@ -251,16 +260,16 @@ fn said(bytes: &[u8]) -> Input<'static> {
             offer,
             subject,
             path,
-        } => Input::Offer {
+        } => Input::Command(Command::Offer {
             offer,
             subject,
             path,
-        },
-        Frame::Unoffer { offer } => Input::Unoffer { offer },
-        Frame::Want { offer, depth } => Input::Want { offer, depth },
-        Frame::Unwant { offer } => Input::Unwant { offer },
-        Frame::Ask { ask, kind, name } => Input::Ask { ask, kind, name },
-        Frame::Answer { ask, verdict } => Input::Answer { ask, verdict },
+        }),
+        Frame::Unoffer { offer } => Input::Command(Command::Unoffer { offer }),
+        Frame::Want { offer, depth } => Input::Command(Command::Want { offer, depth }),
+        Frame::Unwant { offer } => Input::Command(Command::Unwant { offer }),
+        Frame::Ask { ask, kind, name } => Input::Command(Command::Ask { ask, kind, name }),
+        Frame::Answer { ask, verdict } => Input::Command(Command::Answer { ask, verdict }),
         other => panic!("{other:?} follows from what came"),
     }
 }
@@ -309,7 +318,7 @@ fn every_kind_and_violation_has_a_vector() {
     let streams = vectors.iter().filter_map(|it| it.stream.as_deref());
     assert_eq!(streams.collect::<BTreeSet<_>>().len(), 3);
     let violations = vectors.iter().filter_map(|it| it.violation.as_deref());
-    let all = PeerViolation::ALL.iter().map(|it| it.name());
+    let all = PeerViolationKind::ALL.iter().map(|it| it.name());
     assert_eq!(
         violations.collect::<BTreeSet<_>>(),
         all.collect::<BTreeSet<_>>()

@@ -18,7 +18,7 @@ use sm2_proto::{
         Direction, GatewayId, Hop, OfferId, PeerFarewell, Rules, Subject, SubjectKind, Verdict,
         router::{self, Router, Source},
         schedule::Terms,
-        session::first_stays,
+        session::{self, first_stays},
     },
 };
 
@@ -186,49 +186,17 @@ impl Hub {
 
     /// What happened on a connection.
     fn peer(&mut self, now: Instant, connection: ConnectionId, is_dialled: bool, event: Event) {
-        if let Event::Greeted { peer, epoch, name } = event {
+        if let Event::Session(session::Event::Greeted { peer, epoch, name }) = event {
             return self.greeted(connection, is_dialled, peer, epoch, name);
         }
         let Some(&peer) = self.connections.get(&connection) else {
             return;
         };
         match event {
-            // The latter is for whoever asked.
-            Event::Greeted { .. } | Event::Answered { .. } => {}
+            Event::Session(event) => self.session(peer, event),
+            // The connection's task answers whoever asked.
+            Event::NotAsked { .. } => {}
             Event::Ended(_) => self.ended(connection, peer),
-            Event::Offered {
-                offer,
-                subject,
-                path,
-            } => {
-                let Some(&origin) = path.first() else { return };
-                if let Some(it) = self.peers.get_mut(&peer) {
-                    it.tally.open(Whose::Theirs(offer), &subject);
-                    it.offers.insert(offer, (subject.clone(), origin));
-                }
-                self.route(router::Input::Offered {
-                    peer,
-                    offer,
-                    subject,
-                    path,
-                });
-            }
-            Event::Gone { offer } => {
-                self.route(router::Input::Gone { peer, offer });
-                if let Some(it) = self.peers.get_mut(&peer) {
-                    it.tally.close(Whose::Theirs(offer));
-                    it.offers.remove(&offer);
-                }
-            }
-            Event::Wanted { offer, depth } => {
-                self.route(router::Input::Wanted { peer, offer, depth });
-                self.replay(peer, offer);
-            }
-            Event::Unwanted { offer } => self.route(router::Input::Unwanted { peer, offer }),
-            Event::Asked { ask, kind, name } => {
-                let verdict = self.verdict(peer, kind, &name);
-                self.tell(peer, Command::Answer { ask, verdict });
-            }
             Event::Message {
                 offer,
                 sequence,
@@ -247,6 +215,49 @@ impl Hub {
                 outcome,
                 payload,
             } => self.replied(call, outcome, payload),
+        }
+    }
+
+    /// What a peer said on its control stream.
+    fn session(&mut self, peer: GatewayId, event: session::Event) {
+        match event {
+            // `peer` handles the first one; a connection's task handles the second.
+            session::Event::Greeted { .. } | session::Event::Answered { .. } => {}
+            session::Event::Offered {
+                offer,
+                subject,
+                path,
+            } => {
+                let Some(&origin) = path.first() else { return };
+                if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.open(Whose::Theirs(offer), &subject);
+                    it.offers.insert(offer, (subject.clone(), origin));
+                }
+                self.route(router::Input::Offered {
+                    peer,
+                    offer,
+                    subject,
+                    path,
+                });
+            }
+            session::Event::Gone { offer } => {
+                self.route(router::Input::Gone { peer, offer });
+                if let Some(it) = self.peers.get_mut(&peer) {
+                    it.tally.close(Whose::Theirs(offer));
+                    it.offers.remove(&offer);
+                }
+            }
+            session::Event::Wanted { offer, depth } => {
+                self.route(router::Input::Wanted { peer, offer, depth });
+                self.replay(peer, offer);
+            }
+            session::Event::Unwanted { offer } => {
+                self.route(router::Input::Unwanted { peer, offer })
+            }
+            session::Event::Asked { ask, kind, name } => {
+                let verdict = self.verdict(peer, kind, &name);
+                self.tell(peer, Command::Answer { ask, verdict });
+            }
         }
     }
 

@@ -6,7 +6,7 @@ use bytes::Bytes;
 use quinn_proto::{Connection, Dir, StreamId};
 use sm2_proto::{
     Instant,
-    gateway::{Carried, Header, OfferId, Outcome, StreamEnd, session::Input},
+    gateway::{Carried, Header, OfferId, Outcome, StreamEnd, session},
 };
 
 use super::{
@@ -109,7 +109,7 @@ impl Peer {
             return self.events.push_back(unreachable_call(call));
         };
         let stream = token(id);
-        if !self.session_takes(now, Input::Call { stream, offer }) {
+        if !self.session_command(now, session::Command::Call { stream, offer }) {
             self.end_sending(id, code_of(StreamEnd::Cancelled.code()));
             return self.events.push_back(unreachable_call(call));
         }
@@ -132,7 +132,8 @@ impl Peer {
     pub(super) fn forget(&mut self, now: Now, call: CallId) {
         let found = self.calls.ours.iter().find(|(_, it)| **it == call);
         if let Some((&id, _)) = found {
-            self.session_takes(now, Input::Forget { stream: token(id) });
+            let stream = token(id);
+            self.session_command(now, session::Command::Forget { stream });
             self.abandon(id);
         }
     }

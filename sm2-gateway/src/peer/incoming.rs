@@ -6,7 +6,8 @@ use bytes::Bytes;
 use quinn_proto::StreamId;
 use sm2_proto::{
     Instant,
-    gateway::{Carried, HEADER_LEN, Header, PeerViolation},
+    gateway::{Carried, HEADER_LEN, Header, PeerViolation, PeerViolationKind},
+    violation,
 };
 
 use super::Limits;
@@ -76,7 +77,7 @@ impl Incoming {
         };
         let len = (stream.body.len() + bytes.len()) as u64;
         if len > header.len {
-            return Err(PeerViolation::Malformed);
+            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"));
         }
         self.held_bytes += bytes.len() as u64;
         if header.len > limits.message_bytes || self.held_bytes > limits.memory_bytes {
@@ -90,10 +91,14 @@ impl Incoming {
     /// The stream has ended: what it carried.
     //= SM2-GWM-006
     pub(super) fn finish(&mut self, id: StreamId) -> Result<(Header, Bytes), PeerViolation> {
-        let stream = self.remove(id).ok_or(PeerViolation::Malformed)?;
-        let header = stream.header.ok_or(PeerViolation::Malformed)?;
+        let stream = self
+            .remove(id)
+            .ok_or(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))?;
+        let header = stream
+            .header
+            .ok_or(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))?;
         if stream.body.len() as u64 != header.len {
-            return Err(PeerViolation::Malformed);
+            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"));
         }
         Ok((header, stream.body.into()))
     }
@@ -174,15 +179,24 @@ mod tests {
         }
         let mut incoming = Incoming::default();
         let more = incoming.push(id(0), &stream(5, 6), Instant(0), &LIMITS);
-        assert_eq!(more, Err(PeerViolation::Malformed));
-        assert_eq!(incoming.finish(id(9)), Err(PeerViolation::Malformed));
+        assert_eq!(
+            more,
+            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))
+        );
+        assert_eq!(
+            incoming.finish(id(9)),
+            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))
+        );
         let mut incoming = Incoming::default();
         let head = &stream(5, 5)[..HEADER_LEN - 1];
         assert_eq!(
             incoming.push(id(0), head, Instant(0), &LIMITS),
             Ok(Progress::More)
         );
-        assert_eq!(incoming.finish(id(0)), Err(PeerViolation::Malformed));
+        assert_eq!(
+            incoming.finish(id(0)),
+            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))
+        );
     }
 
     #[test]

@@ -32,7 +32,7 @@ use sm2_proto::{
     gateway::{
         GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, StreamToken,
         SubjectKind,
-        session::{End, Input, Output, Session},
+        session::{self, Carrier, End, Input, Output, PeerEvent, Session},
     },
 };
 
@@ -243,19 +243,18 @@ impl Peer {
             Command::Unoffer { offer } => self.withdraw(now, offer),
             Command::Change { offer, terms } => self.change(now, offer, terms),
             Command::Want { offer, depth } => {
-                self.session_takes(now, Input::Want { offer, depth });
+                self.session_command(now, session::Command::Want { offer, depth });
             }
             Command::Unwant { offer } => {
-                self.session_takes(now, Input::Unwant { offer });
+                self.session_command(now, session::Command::Unwant { offer });
             }
             Command::Ask { ask, kind, name } => {
-                if !self.session_takes(now, Input::Ask { ask, kind, name }) {
-                    let verdict = None;
-                    self.events.push_back(Event::Answered { ask, verdict });
+                if !self.session_command(now, session::Command::Ask { ask, kind, name }) {
+                    self.events.push_back(Event::NotAsked { ask });
                 }
             }
             Command::Answer { ask, verdict } => {
-                self.session_takes(now, Input::Answer { ask, verdict });
+                self.session_command(now, session::Command::Answer { ask, verdict });
             }
             Command::Message {
                 offer,
@@ -296,6 +295,14 @@ impl Peer {
     fn session_takes(&mut self, now: Now, input: Input<'_>) -> bool {
         let session = self.session.as_mut();
         session.is_some_and(|it| it.handle(now.at, input).is_ok())
+    }
+
+    fn session_event(&mut self, now: Now, event: PeerEvent<'_>) -> bool {
+        self.session_takes(now, Input::Event(event))
+    }
+
+    fn session_command(&mut self, now: Now, command: session::Command) -> bool {
+        self.session_takes(now, Input::Command(command))
     }
 
     /// Does all that can be done now.
@@ -355,14 +362,14 @@ impl Peer {
             _ => None,
         };
         if self.session.is_some() {
-            self.session_takes(now, Input::Closed(code));
+            self.session_event(now, PeerEvent::Closed(code));
         } else {
             self.over(now, Reason::Handshake(reason.to_string()));
         }
     }
 
     fn violated(&mut self, now: Now, violation: PeerViolation) {
-        self.session_takes(now, Input::Violation(violation));
+        self.session_event(now, PeerEvent::Violation(violation));
         self.drain_session(now);
     }
 
@@ -375,57 +382,24 @@ impl Peer {
         while let Some(output) = self.session.as_mut().and_then(Session::poll) {
             match output {
                 Output::Transmit(bytes) => self.control_out.push_back(bytes.into()),
-                Output::Greeted { epoch, name } => {
-                    if let Some(peer) = self.peer {
-                        self.events.push_back(Event::Greeted { peer, epoch, name });
-                    }
-                }
-                Output::Offered {
-                    offer,
-                    subject,
-                    path,
-                } => {
-                    self.tally.open(Whose::Theirs(offer), &subject);
-                    self.events.push_back(Event::Offered {
-                        offer,
-                        subject,
-                        path,
-                    });
-                }
-                Output::Gone { offer } => {
-                    self.tally.close(Whose::Theirs(offer));
-                    self.events.push_back(Event::Gone { offer });
-                }
-                Output::Wanted { offer, depth } => {
-                    self.topics.wanted(now.at, offer, depth);
-                    self.events.push_back(Event::Wanted { offer, depth });
-                }
-                Output::Unwanted { offer } => {
-                    self.topics.unwanted(now.at, offer);
-                    self.events.push_back(Event::Unwanted { offer });
-                }
-                Output::Asked { ask, kind, name } => {
-                    self.events.push_back(Event::Asked { ask, kind, name });
-                }
-                Output::Answered { ask, verdict } => {
-                    let verdict = Some(verdict);
-                    self.events.push_back(Event::Answered { ask, verdict });
-                }
+                Output::Event(event) => self.session_said(now, event),
                 Output::Take {
-                    stream: StreamToken(u64::MAX),
+                    carrier: Carrier::Datagram,
                 } => {
                     if let Some((header, payload)) = datagram.take() {
-                        self.carried(StreamId::new(Side::Client, Dir::Uni, 0), &header, payload);
+                        self.datagram(&header, payload);
                     }
                 }
-                // Its bytes are kept from now on, as those of all that were not stopped.
-                Output::Take { .. } => {}
+                // The bytes of a stream are kept unless the stream was stopped.
+                Output::Take {
+                    carrier: Carrier::Stream(_),
+                } => {}
                 Output::Discard {
-                    stream: StreamToken(u64::MAX),
+                    carrier: Carrier::Datagram,
                 } => datagram = None,
-                Output::Discard { stream } => {
-                    self.stop(stream_id(stream), StreamEnd::Withdrawn.code());
-                }
+                Output::Discard {
+                    carrier: Carrier::Stream(stream),
+                } => self.stop(stream_id(stream), StreamEnd::Withdrawn.code()),
                 Output::Unreachable { stream } => {
                     let id = stream_id(stream);
                     self.stop(id, StreamEnd::Withdrawn.code());
@@ -439,6 +413,22 @@ impl Peer {
                 Output::Ended(end) => self.over(now, Reason::Said(end)),
             }
         }
+    }
+
+    /// Updates the topics and the counts, and passes the event up.
+    fn session_said(&mut self, now: Now, event: session::Event) {
+        match &event {
+            session::Event::Offered { offer, subject, .. } => {
+                self.tally.open(Whose::Theirs(*offer), subject);
+            }
+            session::Event::Gone { offer } => self.tally.close(Whose::Theirs(*offer)),
+            session::Event::Wanted { offer, depth } => self.topics.wanted(now.at, *offer, *depth),
+            session::Event::Unwanted { offer } => self.topics.unwanted(now.at, *offer),
+            session::Event::Greeted { .. }
+            | session::Event::Asked { .. }
+            | session::Event::Answered { .. } => {}
+        }
+        self.events.push_back(Event::Session(event));
     }
 
     /// The connection is over: the other side is told, and nothing is left but to do so.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use sm2_proto::gateway::{
     Hop, OfferId, Subject,
     schedule::Terms,
-    session::{Input, Misuse},
+    session::{self, Input, Misuse},
 };
 
 use super::Peer;
@@ -32,12 +32,15 @@ impl Peer {
     pub(super) fn make_offers(&mut self, now: Now) {
         while let Some(first) = self.waiting.0.first_entry() {
             let (offer, it) = (*first.key(), first.get());
-            let input = Input::Offer {
+            let command = session::Command::Offer {
                 offer,
                 subject: it.subject.clone(),
                 path: it.path.clone(),
             };
-            let taken = self.session.as_mut().map(|it| it.handle(now.at, input));
+            let taken = self
+                .session
+                .as_mut()
+                .map(|it| it.handle(now.at, Input::Command(command)));
             if taken == Some(Err(Misuse::TooManyOffers)) {
                 return;
             }
@@ -63,7 +66,7 @@ impl Peer {
         if self.waiting.0.remove(&offer).is_some() {
             return;
         }
-        self.session_takes(now, Input::Unoffer { offer });
+        self.session_command(now, session::Command::Unoffer { offer });
         self.topics.forget(now.at, offer);
         // What waited of it counts as its own.
         (self.topics).drain(&mut self.connection, &mut self.tally);

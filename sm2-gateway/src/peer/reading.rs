@@ -7,9 +7,10 @@ use quinn_proto::{Dir, ReadError, ReadableError, StreamId, VarInt};
 use sm2_proto::{
     Code,
     gateway::{
-        Carried, Header, OfferId, PeerFarewell, PeerViolation, StreamEnd, StreamToken,
-        session::Input,
+        Carried, Header, OfferId, PeerFarewell, PeerViolationKind, StreamEnd,
+        session::{self, Carrier, PeerEvent},
     },
+    violation,
 };
 
 use super::{Event, Peer, PeerCall, code_of, incoming::Progress, token, unreachable_call};
@@ -20,6 +21,10 @@ use crate::{
 
 /// What a read takes at a time.
 const PIECE_BYTES: usize = 64 << 10;
+
+const fn received(counts: &mut Counts) {
+    counts.received += 1;
+}
 
 impl Peer {
     /// The peer has opened streams: each is readable from now on.
@@ -54,7 +59,7 @@ impl Peer {
 
     pub(super) fn bytes(&mut self, now: Now, id: StreamId, bytes: &[u8]) {
         if self.control == Some(id) {
-            self.session_takes(now, Input::Control(bytes));
+            self.session_event(now, PeerEvent::Control(bytes));
             return self.drain_session(now);
         }
         match self.incoming.push(id, bytes, now.at, &self.limits) {
@@ -74,13 +79,14 @@ impl Peer {
             Carried::Reply { .. } => is_bidirectional && is_ours,
         };
         if !fits {
-            return self.violated(now, PeerViolation::Malformed);
+            let violation = violation!(PeerViolationKind::Malformed, "SM2-GWM-002");
+            return self.violated(now, violation);
         }
         if let Carried::Request { .. } = header.carried {
             self.calls.came(id, header.offer);
         }
-        let stream = token(id);
-        self.session_takes(now, Input::Stream { stream, header });
+        let carrier = Carrier::Stream(token(id));
+        self.session_event(now, PeerEvent::Header { carrier, header });
         self.drain_session(now);
     }
 
@@ -88,7 +94,7 @@ impl Peer {
     pub(super) fn ended(&mut self, now: Now, id: StreamId) {
         if self.control == Some(id) {
             //= SM2-GWF-001
-            self.session_takes(now, Input::Closed(None));
+            self.session_event(now, PeerEvent::Closed(None));
             return self.drain_session(now);
         }
         match self.incoming.finish(id) {
@@ -97,18 +103,12 @@ impl Peer {
         }
     }
 
+    /// The payload of a stream is whole.
     pub(super) fn carried(&mut self, id: StreamId, header: &Header, payload: Bytes) {
         let offer = header.offer;
-        let received = |it: &mut Counts| it.received += 1;
         let event = match header.carried {
             Carried::Message { sequence, age_ns } => {
-                self.tally.count(Whose::Theirs(offer), received);
-                Event::Message {
-                    offer,
-                    sequence,
-                    age: Duration::from_nanos(age_ns),
-                    payload,
-                }
+                return self.message(offer, sequence, age_ns, payload);
             }
             Carried::Request { left_ns } => {
                 self.tally.count(Whose::Ours(offer), received);
@@ -132,6 +132,23 @@ impl Peer {
             }
         };
         self.events.push_back(event);
+    }
+
+    /// A datagram that the session takes: it carries a message.
+    pub(super) fn datagram(&mut self, header: &Header, payload: Bytes) {
+        if let Carried::Message { sequence, age_ns } = header.carried {
+            self.message(header.offer, sequence, age_ns, payload);
+        }
+    }
+
+    fn message(&mut self, offer: OfferId, sequence: u64, age_ns: u64, payload: Bytes) {
+        self.tally.count(Whose::Theirs(offer), received);
+        self.events.push_back(Event::Message {
+            offer,
+            sequence,
+            age: Duration::from_nanos(age_ns),
+            payload,
+        });
     }
 
     /// The peer has reset a stream: it is no message, and no reply.
@@ -164,20 +181,19 @@ impl Peer {
     pub(super) fn datagrams(&mut self, now: Now) {
         while let Some(bytes) = self.connection.datagrams().recv() {
             let Some((head, _)) = bytes.split_first_chunk() else {
-                return self.violated(now, PeerViolation::Malformed);
+                return self.violated(now, violation!(PeerViolationKind::Malformed, "SM2-GWM-003"));
             };
             let payload = bytes.slice(head.len()..);
             match Header::from_bytes(head) {
-                Ok(header)
-                    if header.len == payload.len() as u64
-                        && matches!(header.carried, Carried::Message { .. }) =>
-                {
-                    // No stream has this number.
-                    let stream = StreamToken(u64::MAX);
-                    self.session_takes(now, Input::Stream { stream, header });
+                Ok(header) if header.len == payload.len() as u64 => {
+                    let carrier = Carrier::Datagram;
+                    self.session_event(now, PeerEvent::Header { carrier, header });
                     self.drain_session_for(now, Some((header, payload)));
                 }
-                Ok(_) => return self.violated(now, PeerViolation::Malformed),
+                Ok(_) => {
+                    let violation = violation!(PeerViolationKind::Malformed, "SM2-GWM-003");
+                    return self.violated(now, violation);
+                }
                 Err(violation) => return self.violated(now, violation),
             }
         }
@@ -213,7 +229,8 @@ impl Peer {
     /// If it is a call of this side: it gets no reply.
     pub(super) fn unanswered(&mut self, now: Now, id: StreamId) {
         if let Some(call) = self.calls.is_over(id) {
-            self.session_takes(now, Input::Forget { stream: token(id) });
+            let stream = token(id);
+            self.session_command(now, session::Command::Forget { stream });
             self.events.push_back(unreachable_call(call));
         }
     }

@@ -7,8 +7,10 @@ use bytes::Bytes;
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
-        AskId, GatewayId, Hop, OfferId, Outcome, PeerFarewell, PeerViolation, Subject, SubjectKind,
-        Verdict, schedule::Terms, session::End,
+        AskId, Hop, OfferId, Outcome, PeerFarewell, PeerViolationKind, Subject, SubjectKind,
+        Verdict,
+        schedule::Terms,
+        session::{self, End},
     },
 };
 
@@ -50,7 +52,7 @@ pub enum Command {
         /// Which.
         offer: OfferId,
     },
-    /// Ask whether this side could have that; the answer is [`Event::Answered`].
+    /// Ask whether this side could have that; the answer is [`session::Event::Answered`].
     Ask {
         /// The number of the question.
         ask: AskId,
@@ -109,56 +111,13 @@ pub enum Command {
 /// What happened on a connection.
 #[derive(Clone, Debug)]
 pub enum Event {
-    /// The handshake is done and the peer has greeted.
-    Greeted {
-        /// Who it is.
-        peer: GatewayId,
-        /// Of its process.
-        epoch: u64,
-        /// What people call it.
-        name: Name,
-    },
-    /// The peer offers this.
-    Offered {
-        /// The number of the offer.
-        offer: OfferId,
-        /// What it is.
-        subject: Subject,
-        /// From its origin to the peer.
-        path: Vec<Hop>,
-    },
-    /// It does not any more.
-    Gone {
-        /// Which.
-        offer: OfferId,
-    },
-    /// The peer wants what it was offered.
-    Wanted {
-        /// Which.
-        offer: OfferId,
-        /// How many messages wait for it at most.
-        depth: u16,
-    },
-    /// It does not any more.
-    Unwanted {
-        /// Which.
-        offer: OfferId,
-    },
-    /// The peer asks whether it could have that.
-    Asked {
+    /// What the peer said on the control stream.
+    Session(session::Event),
+    /// A question could not be asked: too many questions wait for an answer, or the connection is
+    /// not open.
+    NotAsked {
         /// The number of the question.
         ask: AskId,
-        /// A topic or a service.
-        kind: SubjectKind,
-        /// Its name.
-        name: Name,
-    },
-    /// The peer has answered a question of this side.
-    Answered {
-        /// Which.
-        ask: AskId,
-        /// What it said; nothing: it could not be asked.
-        verdict: Option<Verdict>,
     },
     /// A message came, whole.
     Message {
@@ -223,7 +182,7 @@ fn said(end: &End) -> String {
 
 fn name_of(code: Code) -> String {
     let farewell = PeerFarewell::from_code(code).map(PeerFarewell::name);
-    let violation = || PeerViolation::from_code(code).map(PeerViolation::name);
+    let violation = || PeerViolationKind::from_code(code).map(PeerViolationKind::name);
     let name = farewell.or_else(violation);
     name.map_or_else(|| format!("code {}", code.0), str::to_owned)
 }

@@ -2,7 +2,10 @@
 
 use bytes::Bytes;
 use quinn_proto::WriteError;
-use sm2_proto::gateway::{PeerFarewell, session::Input};
+use sm2_proto::gateway::{
+    PeerFarewell,
+    session::{Input, PeerEvent},
+};
 
 use super::Peer;
 use crate::clock::Now;
@@ -35,7 +38,7 @@ impl Peer {
                 }
                 Ok(_) | Err(WriteError::Blocked) => break,
                 Err(WriteError::Stopped(_) | WriteError::ClosedStream) => {
-                    self.session_takes(now, Input::Closed(None));
+                    self.session_event(now, PeerEvent::Closed(None));
                     return;
                 }
             }

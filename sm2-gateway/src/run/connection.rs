@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 use quinn_proto::{Connection, ConnectionEvent, ConnectionHandle, EndpointEvent};
 use sm2_proto::{
     Instant,
-    gateway::{AskId, GatewayId, Verdict},
+    gateway::{AskId, GatewayId, Verdict, session},
 };
 use tokio::sync::oneshot;
 
@@ -19,7 +19,7 @@ use crate::{
         hub::HubEvent,
         network::NetworkEvent,
     },
-    peer::{Command, ConnectionId, Event, Peer},
+    peer::{Command, ConnectionId, Event, Peer, Reason},
 };
 
 /// What is done in one turn, so that all that waits gets its own.
@@ -132,8 +132,18 @@ impl Task {
         }
     }
 
-    fn answered(&mut self, ask: AskId, verdict: Option<Verdict>) {
-        if let (Some(answer), Some(verdict)) = (self.asked.remove(&ask), verdict) {
+    fn ended(&mut self, reason: &Reason) {
+        // Nobody answers them any more.
+        self.asked.clear();
+        tracing::info!(address = %self.peer.address(), "{reason}");
+        self.has_ended = Some(sm2_io::clock::now());
+        if let Some(peer) = self.dialled {
+            self.shared.network.send(NetworkEvent::Failed { peer });
+        }
+    }
+
+    fn answered(&mut self, ask: AskId, verdict: Verdict) {
+        if let Some(answer) = self.asked.remove(&ask) {
             // Whoever asked may have gone.
             let _ = answer.send(verdict);
         }
@@ -149,18 +159,22 @@ impl Task {
     /// Does what follows from what happened; whether there may be more to be sent.
     async fn settle(&mut self, buffer: &mut Vec<u8>) -> bool {
         while let Some(event) = self.peer.poll() {
-            if let Event::Answered { ask, verdict } = event {
-                self.answered(ask, verdict);
-                continue;
-            }
-            if let Event::Ended(reason) = &event {
-                // Nobody answers them any more.
-                self.asked.clear();
-                tracing::info!(address = %self.peer.address(), "{reason}");
-                self.has_ended = Some(sm2_io::clock::now());
-                if let Some(peer) = self.dialled {
-                    self.shared.network.send(NetworkEvent::Failed { peer });
+            match &event {
+                Event::Session(session::Event::Answered { ask, verdict }) => {
+                    self.answered(*ask, *verdict);
+                    continue;
                 }
+                Event::NotAsked { ask } => {
+                    // The task that asked sees its channel closed.
+                    self.asked.remove(ask);
+                    continue;
+                }
+                Event::Ended(reason) => self.ended(reason),
+                Event::Session(_)
+                | Event::Message { .. }
+                | Event::Request { .. }
+                | Event::Cancelled { .. }
+                | Event::Reply { .. } => {}
             }
             let message = HubEvent::Peer {
                 connection: self.number,

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use sm2_proto::{
     Code, Name,
-    gateway::{GatewayId, PeerFarewell},
+    gateway::{GatewayId, PeerFarewell, session},
 };
 use tokio::sync::mpsc;
 
@@ -146,7 +146,7 @@ impl Task {
         };
         let is_dialled = it.is_dialled;
         // Whatever a peer calls itself: two of them may say the same.
-        if let Event::Greeted { peer, name, .. } = &mut event {
+        if let Event::Session(session::Event::Greeted { peer, name, .. }) = &mut event {
             match self.names.get(peer) {
                 Some(known) => *name = known.clone(),
                 // Not trusted any more since the handshake.
@@ -157,7 +157,10 @@ impl Task {
             }
         }
         let is_over = matches!(event, Event::Ended(_));
-        let is_offer = matches!(event, Event::Offered { .. } | Event::Gone { .. });
+        let is_offer = matches!(
+            event,
+            Event::Session(session::Event::Offered { .. } | session::Event::Gone { .. })
+        );
         self.revision += u64::from(is_over || is_offer);
         self.handle(Input::Peer {
             connection,

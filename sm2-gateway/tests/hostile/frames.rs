@@ -4,7 +4,7 @@ use quinn_proto::{ConnectionError, TransportConfig};
 use sm2_io::quic::{ALPN, SecretKey};
 use sm2_proto::{
     Name,
-    gateway::{AskId, Frame, OfferId, PeerFarewell, PeerViolation, Verdict},
+    gateway::{AskId, Frame, OfferId, PeerFarewell, PeerViolationKind, Verdict},
 };
 
 use crate::{
@@ -87,8 +87,8 @@ fn frames_that_are_not_legal_end_the_connection() {
             .collect::<Vec<u8>>()
     };
     let verdict = Verdict::Absent;
-    let violation = |it: PeerViolation| it.code();
-    use PeerViolation as V;
+    let violation = |it: PeerViolationKind| it.code();
+    use PeerViolationKind as V;
     let table = [
         (
             "OFFER before HELLO",

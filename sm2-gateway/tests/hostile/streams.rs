@@ -5,7 +5,7 @@ use std::time::Duration;
 use quinn_proto::Dir;
 use sm2_io::quic::CALLS_MAX;
 use sm2_proto::gateway::{
-    Carried, Frame, Header, OfferId, Outcome, PeerFarewell, PeerViolation, Subject,
+    Carried, Frame, Header, OfferId, Outcome, PeerFarewell, PeerViolationKind, Subject,
 };
 
 use crate::{
@@ -36,7 +36,7 @@ fn streams_that_are_not_legal_end_the_connection() {
     let whole = message(1, 3).to_bytes();
     let more = [&whole[..], b"four"].concat();
     let fewer = [&whole[..], b"to"].concat();
-    use PeerViolation as V;
+    use PeerViolationKind as V;
     let table = [
         ("no such type", Dir::Uni, other.to_vec(), V::Malformed),
         ("vast", Dir::Uni, vast.to_vec(), V::BadLength),

@@ -5,7 +5,7 @@ use sm2_gateway::{
     hub::{Hub, LATCHED_MAX, LocalEvent, Output},
     peer::{Command, Event},
 };
-use sm2_proto::gateway::{OfferId, Subject};
+use sm2_proto::gateway::{OfferId, Subject, session};
 
 use super::{NOW, bytes, greet, hub, local, message, name, offered, outputs, published, tell};
 
@@ -52,7 +52,11 @@ fn wanted(subject: &Subject) -> Hub {
 
 fn want(hub: &mut Hub, connection: u64) -> Vec<Output> {
     let (offer, depth) = (OfferId(1), 8);
-    tell(hub, connection, Event::Wanted { offer, depth })
+    tell(
+        hub,
+        connection,
+        Event::Session(session::Event::Wanted { offer, depth }),
+    )
 }
 
 //= SM2-GWM-008 test
@@ -68,7 +72,11 @@ fn a_peer_that_comes_later_gets_the_newest_of_what_is_latched() {
     assert!(sent(&said, 2).is_empty(), "it had them");
     // Nobody takes it for a while: what was kept may be stale by now.
     for connection in [2, 3] {
-        tell(&mut hub, connection, Event::Unwanted { offer: OfferId(1) });
+        tell(
+            &mut hub,
+            connection,
+            Event::Session(session::Event::Unwanted { offer: OfferId(1) }),
+        );
     }
     assert!(sent(&want(&mut hub, 2), 2).is_empty());
     // And nothing is kept of what is not latched.
@@ -109,7 +117,11 @@ fn what_is_latched_comes_again_when_it_is_wanted_again() {
     // The same number again, as long as it is taken: nothing.
     assert_eq!(published(&tell(&mut hub, 2, message(1, 9, 0))), 0);
     for connection in [3, 4] {
-        tell(&mut hub, connection, Event::Unwanted { offer: OfferId(1) });
+        tell(
+            &mut hub,
+            connection,
+            Event::Session(session::Event::Unwanted { offer: OfferId(1) }),
+        );
     }
     assert!(sent(&want(&mut hub, 3), 3).is_empty());
     let again = tell(&mut hub, 2, message(1, 9, 0));

@@ -84,16 +84,46 @@ pub(crate) fn encode<T: Serialize>(frame: &T) -> Vec<u8> {
     postcard::to_allocvec(frame).unwrap_or_default()
 }
 
+/// Why bytes are not exactly one frame in its only encoding (SM2-FRM-001, SM2-FRM-002).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum DecodeError {
+    /// No frame has this number.
+    UnknownFrame,
+    /// A field is not as the frame's definition says.
+    Malformed,
+    /// A text is not UTF-8.
+    BadUtf8,
+    /// A name breaks the rules of names.
+    BadName,
+    /// Bytes follow the frame.
+    TrailingBytes,
+    /// The frame has another, canonical encoding.
+    NotCanonical,
+}
+
+impl From<DecodeError> for Violation {
+    fn from(error: DecodeError) -> Self {
+        match error {
+            DecodeError::UnknownFrame => violation!(UnknownFrame, "SM2-FRM-001"),
+            DecodeError::Malformed => violation!(Malformed, "SM2-FRM-001"),
+            DecodeError::BadUtf8 => violation!(BadName, "SM2-FRM-001"),
+            DecodeError::BadName => violation!(BadName, "SM2-NAM-001"),
+            DecodeError::TrailingBytes => violation!(TrailingBytes, "SM2-FRM-001"),
+            DecodeError::NotCanonical => violation!(NotCanonical, "SM2-FRM-002"),
+        }
+    }
+}
+
 /// Reads one of so many frames: exactly one, in its only encoding.
 //= SM2-FRM-001, SM2-FRM-002
 pub(crate) fn decode<T: Serialize + DeserializeOwned>(
     bytes: &[u8],
     frames: u32,
-) -> Result<T, Violation> {
-    let (number, _) = postcard::take_from_bytes::<u32>(bytes)
-        .map_err(|_| violation!(UnknownFrame, "SM2-FRM-001"))?;
+) -> Result<T, DecodeError> {
+    let (number, _) =
+        postcard::take_from_bytes::<u32>(bytes).map_err(|_| DecodeError::UnknownFrame)?;
     if number >= frames {
-        return Err(violation!(UnknownFrame, "SM2-FRM-001"));
+        return Err(DecodeError::UnknownFrame);
     }
     let text = Rc::new(Cell::new(false));
     let mut deserializer = Deserializer::from_flavor(Cut {
@@ -101,20 +131,20 @@ pub(crate) fn decode<T: Serialize + DeserializeOwned>(
         text: Rc::clone(&text),
     });
     let frame = T::deserialize(&mut deserializer).map_err(|error| match error {
-        Error::DeserializeBadUtf8 => violation!(BadName, "SM2-FRM-001"),
+        Error::DeserializeBadUtf8 => DecodeError::BadUtf8,
         // A type refused the value just read. Of the texts in frames only
         // names are refused; all else that is refused is an enumeration's number.
-        Error::SerdeDeCustom if text.get() => violation!(BadName, "SM2-NAM-001"),
-        _ => violation!(Malformed, "SM2-FRM-001"),
+        Error::SerdeDeCustom if text.get() => DecodeError::BadName,
+        _ => DecodeError::Malformed,
     })?;
     let rest = deserializer
         .finalize()
-        .map_err(|_| violation!(Malformed, "SM2-FRM-001"))?;
+        .map_err(|_| DecodeError::Malformed)?;
     if !rest.is_empty() {
-        return Err(violation!(TrailingBytes, "SM2-FRM-001"));
+        return Err(DecodeError::TrailingBytes);
     }
     if encode(&frame) != bytes {
-        return Err(violation!(NotCanonical, "SM2-FRM-002"));
+        return Err(DecodeError::NotCanonical);
     }
     Ok(frame)
 }

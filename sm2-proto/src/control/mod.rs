@@ -6,7 +6,7 @@ mod items;
 #[cfg(any(kani, test))]
 mod proofs;
 
-pub(crate) use codec::{decode, encode};
+pub(crate) use codec::{DecodeError, decode, encode};
 pub use codec::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_node};
 pub use frames::{Peer, ToManager, ToNode};
 pub use items::{Change, Item, Key, Limits, UnlinkedReason};

@@ -1,29 +1,29 @@
 //! Why a connection of gateways ended, and a stream: SPEC section 14.8.
 
-use crate::{Violation, ViolationKind, code::codes};
+use crate::{Violation, code::codes, control::DecodeError};
 
 codes! {
-    /// A breach of SPEC by a peer: it ends the connection.
-    PeerViolation {
-        FrameTooLong = 16, "frame-too-long", "SM2-GWF-002";
-        UnknownFrame = 19, "unknown-frame", "SM2-FRM-001";
-        Malformed = 20, "malformed", "SM2-FRM-001";
-        TrailingBytes = 21, "trailing-bytes", "SM2-FRM-001";
-        NotCanonical = 22, "not-canonical", "SM2-FRM-002";
-        BadName = 23, "bad-name", "SM2-NAM-001";
-        BadQos = 24, "bad-qos", "SM2-GWO-006";
-        ExpectedHello = 32, "expected-hello", "SM2-GWF-001";
-        UnexpectedHello = 33, "unexpected-hello", "SM2-GWF-001";
-        BadVersionRange = 34, "bad-version-range", "SM2-GWF-001";
-        BadLength = 69, "bad-length", "SM2-GWM-002";
-        UnknownCall = 86, "unknown-call", "SM2-GWS-002";
-        BadOffer = 99, "bad-offer", "SM2-GWO-001";
-        OfferLimit = 100, "offer-limit", "SM2-GWO-001";
-        UnknownOffer = 101, "unknown-offer", "SM2-GWO-002";
-        BadWant = 102, "bad-want", "SM2-GWO-002";
-        BadPath = 103, "bad-path", "SM2-GWO-003";
-        UnexpectedAnswer = 104, "unexpected-answer", "SM2-GWO-005";
-        NotWanted = 105, "not-wanted", "SM2-GWM-001";
+    /// The kinds of [`PeerViolation`], by their codes on the wire.
+    PeerViolationKind {
+        FrameTooLong = 16, "frame-too-long";
+        UnknownFrame = 19, "unknown-frame";
+        Malformed = 20, "malformed";
+        TrailingBytes = 21, "trailing-bytes";
+        NotCanonical = 22, "not-canonical";
+        BadName = 23, "bad-name";
+        BadQos = 24, "bad-qos";
+        ExpectedHello = 32, "expected-hello";
+        UnexpectedHello = 33, "unexpected-hello";
+        BadVersionRange = 34, "bad-version-range";
+        BadLength = 69, "bad-length";
+        UnknownCall = 86, "unknown-call";
+        BadOffer = 99, "bad-offer";
+        OfferLimit = 100, "offer-limit";
+        UnknownOffer = 101, "unknown-offer";
+        BadWant = 102, "bad-want";
+        BadPath = 103, "bad-path";
+        UnexpectedAnswer = 104, "unexpected-answer";
+        NotWanted = 105, "not-wanted";
     }
 }
 
@@ -51,17 +51,20 @@ codes! {
     }
 }
 
-impl From<Violation> for PeerViolation {
-    /// Of the body of a frame.
-    fn from(violation: Violation) -> Self {
-        match violation.kind() {
-            ViolationKind::UnknownFrame => Self::UnknownFrame,
-            ViolationKind::TrailingBytes => Self::TrailingBytes,
-            ViolationKind::NotCanonical => Self::NotCanonical,
-            ViolationKind::BadName => Self::BadName,
-            _ => Self::Malformed,
+/// A breach of SPEC by a peer. It ends the connection.
+pub type PeerViolation = Violation<PeerViolationKind>;
+
+impl From<DecodeError> for PeerViolation {
+    fn from(error: DecodeError) -> Self {
+        match error {
+            DecodeError::UnknownFrame => violation!(PeerViolationKind::UnknownFrame, "SM2-FRM-001"),
+            DecodeError::Malformed => violation!(PeerViolationKind::Malformed, "SM2-FRM-001"),
+            DecodeError::BadUtf8 => violation!(PeerViolationKind::BadName, "SM2-FRM-001"),
+            DecodeError::BadName => violation!(PeerViolationKind::BadName, "SM2-NAM-001"),
+            DecodeError::TrailingBytes => {
+                violation!(PeerViolationKind::TrailingBytes, "SM2-FRM-001")
+            }
+            DecodeError::NotCanonical => violation!(PeerViolationKind::NotCanonical, "SM2-FRM-002"),
         }
     }
 }
-
-impl core::error::Error for PeerViolation {}

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use serde::{Deserialize, Serialize};
 
-use super::{AskId, GatewayId, OfferId, PeerViolation, SubjectKind};
+use super::{AskId, GatewayId, OfferId, PeerViolation, PeerViolationKind, SubjectKind};
 use crate::{
     Name, TypeId, control,
     limits::{GATEWAY_FRAME_MAX, HOPS_MAX, QOS_MAX},
@@ -171,7 +171,7 @@ impl Frame {
     //= SM2-GWF-002
     pub fn from_body(body: &[u8]) -> Result<Self, PeerViolation> {
         if body.len() > GATEWAY_FRAME_MAX {
-            return Err(PeerViolation::FrameTooLong);
+            return Err(violation!(PeerViolationKind::FrameTooLong, "SM2-GWF-002"));
         }
         let frame: Self = control::decode(body, Self::COUNT)?;
         frame.check()?;
@@ -182,12 +182,14 @@ impl Frame {
     pub(super) fn check(&self) -> Result<(), PeerViolation> {
         match self {
             Self::Want { depth, .. } if !(1..=QOS_MAX).contains(depth) => {
-                Err(PeerViolation::BadQos)
+                Err(violation!(PeerViolationKind::BadQos, "SM2-GWO-006"))
             }
             Self::Offer { subject, .. } if subject.latched() > QOS_MAX => {
-                Err(PeerViolation::BadQos)
+                Err(violation!(PeerViolationKind::BadQos, "SM2-GWO-006"))
             }
-            Self::Offer { path, .. } if !is_path(path) => Err(PeerViolation::BadPath),
+            Self::Offer { path, .. } if !is_path(path) => {
+                Err(violation!(PeerViolationKind::BadPath, "SM2-GWO-006"))
+            }
             _ => Ok(()),
         }
     }
@@ -228,10 +230,10 @@ impl FrameReader {
         };
         let len = u32::from_le_bytes(*len) as usize;
         if len > GATEWAY_FRAME_MAX {
-            return Err(PeerViolation::FrameTooLong);
+            return Err(violation!(PeerViolationKind::FrameTooLong, "SM2-GWF-002"));
         }
         if len == 0 {
-            return Err(PeerViolation::Malformed);
+            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWF-002"));
         }
         let Some(body) = rest.get(..len) else {
             self.compact();

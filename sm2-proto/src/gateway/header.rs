@@ -1,6 +1,6 @@
 //! What stands before the payload of a message, a request and a reply: SPEC sections 14.4, 14.5.
 
-use super::{OfferId, PeerViolation};
+use super::{OfferId, PeerViolation, PeerViolationKind};
 use crate::limits::MESSAGE_MAX;
 
 /// The bytes of a [`Header`].
@@ -108,16 +108,17 @@ impl Header {
             (2, 0, left_ns) => Carried::Request { left_ns },
             (3, number, 0) => {
                 let status = Outcome::ALL.into_iter().find(|it| *it as u64 == number);
-                let status = status.ok_or(PeerViolation::Malformed)?;
+                let status =
+                    status.ok_or(violation!(PeerViolationKind::Malformed, "SM2-GWM-002"))?;
                 if len > 0 && !status.has_payload() {
-                    return Err(PeerViolation::BadLength);
+                    return Err(violation!(PeerViolationKind::BadLength, "SM2-GWM-002"));
                 }
                 Carried::Reply { status }
             }
-            _ => return Err(PeerViolation::Malformed),
+            _ => return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-002")),
         };
         if len > MESSAGE_MAX {
-            return Err(PeerViolation::BadLength);
+            return Err(violation!(PeerViolationKind::BadLength, "SM2-GWM-002"));
         }
         Ok(Self {
             carried,

@@ -26,7 +26,7 @@ pub mod session;
 
 pub use self::{
     beacon::{BEACON_LEN, Beacon, NoBeacon},
-    code::{PeerFarewell, PeerViolation, StreamEnd},
+    code::{PeerFarewell, PeerViolation, PeerViolationKind, StreamEnd},
     frames::{Frame, FrameReader, Hop, Subject, Verdict},
     header::{Carried, HEADER_LEN, Header, Outcome},
     id::{AskId, GatewayId, GatewayIdError, OfferId, StreamToken},

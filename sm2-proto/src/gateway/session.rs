@@ -14,11 +14,11 @@ use alloc::{
 };
 use core::time::Duration;
 
-pub use self::input::{End, Input, Misuse, Output};
+pub use self::input::{Carrier, Command, End, Event, Input, Misuse, Output, PeerEvent};
 use self::offers::{Ours, Theirs};
 use super::{
     AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
-    PeerViolation, StreamToken, Subject,
+    PeerViolation, PeerViolationKind, StreamToken, Subject,
 };
 use crate::{Instant, Name, limits::QUESTIONS_MAX};
 
@@ -90,31 +90,28 @@ impl Session {
         if self.state.is_err() {
             return Err(Misuse::Ended);
         }
-        let judged = match input {
-            Input::Control(bytes) => {
+        match input {
+            Input::Event(event) => self.event(event),
+            Input::Command(command) => return self.command(command),
+            Input::Close(code) => self.finish(End::Local(code)),
+            Input::Tick => self.check_greeting(now),
+        }
+        Ok(())
+    }
+
+    fn event(&mut self, event: PeerEvent<'_>) {
+        let judged = match event {
+            PeerEvent::Control(bytes) => {
                 self.reader.push(bytes);
                 self.read()
             }
-            Input::Stream { stream, header } => self.stream(stream, &header),
-            Input::Violation(violation) => Err(violation),
-            Input::Closed(code) => {
-                self.finish(End::Closed(code));
-                Ok(())
-            }
-            Input::Close(code) => {
-                self.finish(End::Local(code));
-                Ok(())
-            }
-            Input::Tick => {
-                self.check_greeting(now);
-                Ok(())
-            }
-            other => return self.ask_for(other),
+            PeerEvent::Header { carrier, header } => self.header(carrier, &header),
+            PeerEvent::Violation(violation) => Err(violation),
+            PeerEvent::Closed(code) => return self.finish(End::Closed(code)),
         };
         if let Err(violation) = judged {
             self.finish(End::Violation(violation));
         }
-        Ok(())
     }
 
     /// The next thing to do.
@@ -147,49 +144,48 @@ impl Session {
         }
     }
 
-    /// What the gateway wants.
-    fn ask_for(&mut self, input: Input<'_>) -> Result<(), Misuse> {
+    fn command(&mut self, command: Command) -> Result<(), Misuse> {
         if !matches!(self.state, Ok(Phase::Open { .. })) {
             return Err(Misuse::NotOpen);
         }
-        let frame = match input {
-            Input::Offer {
+        let frame = match command {
+            Command::Offer {
                 offer,
                 subject,
                 path,
             } => self.offer(offer, subject, path)?,
-            Input::Unoffer { offer } => {
+            Command::Unoffer { offer } => {
                 self.ours.withdraw(offer)?;
                 Frame::Unoffer { offer }
             }
-            Input::Want { offer, depth } => {
+            Command::Want { offer, depth } => {
                 if !self.theirs.want(offer, depth)? {
                     return Ok(());
                 }
                 Frame::Want { offer, depth }
             }
-            Input::Unwant { offer } => {
+            Command::Unwant { offer } => {
                 if !self.theirs.unwant(offer)? {
                     return Ok(());
                 }
                 self.fail_calls(|it| it == offer);
                 Frame::Unwant { offer }
             }
-            Input::Ask { ask, kind, name } => {
+            Command::Ask { ask, kind, name } => {
                 if self.asked.len() >= QUESTIONS_MAX {
                     return Err(Misuse::TooManyQuestions);
                 }
                 self.asked.push_back(ask);
                 Frame::Ask { ask, kind, name }
             }
-            Input::Answer { ask, verdict } => {
+            Command::Answer { ask, verdict } => {
                 if self.owed.front() != Some(&ask) {
                     return Err(Misuse::NotAsked);
                 }
                 self.owed.pop_front();
                 Frame::Answer { ask, verdict }
             }
-            Input::Call { stream, offer } => {
+            Command::Call { stream, offer } => {
                 if self.calls.contains_key(&stream) {
                     return Err(Misuse::StreamInUse);
                 }
@@ -197,16 +193,10 @@ impl Session {
                 self.calls.insert(stream, offer);
                 return Ok(());
             }
-            Input::Forget { stream } => {
+            Command::Forget { stream } => {
                 let call = self.calls.remove(&stream);
                 return call.map(|_| ()).ok_or(Misuse::NoCall);
             }
-            Input::Control(_)
-            | Input::Stream { .. }
-            | Input::Violation(_)
-            | Input::Closed(_)
-            | Input::Close(_)
-            | Input::Tick => return Ok(()),
         };
         self.outputs.push_back(Output::Transmit(frame.to_bytes()));
         Ok(())
@@ -252,10 +242,13 @@ impl Session {
             name,
         } = frame
         else {
-            return Err(PeerViolation::ExpectedHello);
+            return Err(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"));
         };
         if min_version == 0 || min_version > max_version {
-            return Err(PeerViolation::BadVersionRange);
+            return Err(violation!(
+                PeerViolationKind::BadVersionRange,
+                "SM2-GWF-001"
+            ));
         }
         if min_version > VERSION {
             self.finish(End::Local(PeerFarewell::Version.code()));
@@ -263,14 +256,21 @@ impl Session {
             self.finish(End::Local(PeerFarewell::Stale.code()));
         } else {
             self.state = Ok(Phase::Open { epoch });
-            self.outputs.push_back(Output::Greeted { epoch, name });
+            let peer = self.peer;
+            let greeted = Event::Greeted { peer, epoch, name };
+            self.outputs.push_back(Output::Event(greeted));
         }
         Ok(())
     }
 
     fn frame(&mut self, frame: Frame, epoch: u64) -> Result<(), PeerViolation> {
-        let output = match frame {
-            Frame::Hello { .. } => return Err(PeerViolation::UnexpectedHello),
+        let event = match frame {
+            Frame::Hello { .. } => {
+                return Err(violation!(
+                    PeerViolationKind::UnexpectedHello,
+                    "SM2-GWF-001"
+                ));
+            }
             Frame::Offer {
                 offer,
                 subject,
@@ -278,7 +278,7 @@ impl Session {
             } => {
                 self.check_path(&path, epoch)?;
                 self.theirs.offered(offer, subject.kind())?;
-                Output::Offered {
+                Event::Offered {
                     offer,
                     subject,
                     path,
@@ -289,14 +289,14 @@ impl Session {
                 self.fail_calls(|it| it == offer);
                 let answer = Frame::Unoffered { offer };
                 self.outputs.push_back(Output::Transmit(answer.to_bytes()));
-                Output::Gone { offer }
+                Event::Gone { offer }
             }
             Frame::Unoffered { offer } => return self.ours.gone(offer),
             Frame::Want { offer, depth } => {
                 if !self.ours.wanted(offer)? {
                     return Ok(());
                 }
-                Output::Wanted { offer, depth }
+                Event::Wanted { offer, depth }
             }
             Frame::Unwant { offer } => {
                 if !self.ours.unwanted(offer)? {
@@ -304,32 +304,47 @@ impl Session {
                 }
                 let answer = Frame::Unwanted { offer };
                 self.outputs.push_back(Output::Transmit(answer.to_bytes()));
-                Output::Unwanted { offer }
+                Event::Unwanted { offer }
             }
             Frame::Unwanted { offer } => {
                 let Some(depth) = self.theirs.unwanted(offer)? else {
                     return Ok(());
                 };
                 let again = Frame::Want { offer, depth };
-                Output::Transmit(again.to_bytes())
+                self.outputs.push_back(Output::Transmit(again.to_bytes()));
+                return Ok(());
             }
-            //= SM2-GWO-005
             Frame::Ask { ask, kind, name } => {
-                if self.owed.len() >= QUESTIONS_MAX {
-                    return Err(PeerViolation::Malformed);
-                }
-                self.owed.push_back(ask);
-                Output::Asked { ask, kind, name }
+                self.asked_by_peer(ask)?;
+                Event::Asked { ask, kind, name }
             }
             Frame::Answer { ask, verdict } => {
-                if self.asked.front() != Some(&ask) {
-                    return Err(PeerViolation::UnexpectedAnswer);
-                }
-                self.asked.pop_front();
-                Output::Answered { ask, verdict }
+                self.answered_by_peer(ask)?;
+                Event::Answered { ask, verdict }
             }
         };
-        self.outputs.push_back(output);
+        self.outputs.push_back(Output::Event(event));
+        Ok(())
+    }
+
+    //= SM2-GWO-005
+    fn asked_by_peer(&mut self, ask: AskId) -> Result<(), PeerViolation> {
+        if self.owed.len() >= QUESTIONS_MAX {
+            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWO-005"));
+        }
+        self.owed.push_back(ask);
+        Ok(())
+    }
+
+    //= SM2-GWO-005
+    fn answered_by_peer(&mut self, ask: AskId) -> Result<(), PeerViolation> {
+        if self.asked.front() != Some(&ask) {
+            return Err(violation!(
+                PeerViolationKind::UnexpectedAnswer,
+                "SM2-GWO-005"
+            ));
+        }
+        self.asked.pop_front();
         Ok(())
     }
 
@@ -341,30 +356,35 @@ impl Session {
         };
         let comes_back = path.iter().any(|it| it.gateway == self.me.gateway);
         if comes_back || path.last() != Some(&sender) {
-            return Err(PeerViolation::BadPath);
+            return Err(violation!(PeerViolationKind::BadPath, "SM2-GWO-003"));
         }
         Ok(())
     }
 
-    /// The header of a stream is there.
-    //= SM2-GWM-001, SM2-GWS-001
-    fn stream(&mut self, stream: StreamToken, header: &Header) -> Result<(), PeerViolation> {
+    /// A header has arrived, with a stream or in a datagram.
+    //= SM2-GWM-001, SM2-GWM-003, SM2-GWS-001
+    fn header(&mut self, carrier: Carrier, header: &Header) -> Result<(), PeerViolation> {
         if !matches!(self.state, Ok(Phase::Open { .. })) {
-            return Err(PeerViolation::ExpectedHello);
+            return Err(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"));
         }
         let offer = header.offer;
-        let output = match header.carried {
-            Carried::Message { .. } if self.theirs.admit(offer)? => Output::Take { stream },
-            Carried::Message { .. } => Output::Discard { stream },
-            Carried::Request { .. } if self.ours.admit(offer)? => Output::Take { stream },
-            Carried::Request { .. } => Output::Unreachable { stream },
-            Carried::Reply { .. } => {
-                // One that it does not answer still waits, and has to fail.
+        let output = match (header.carried, carrier) {
+            (Carried::Message { .. }, _) if self.theirs.admit(offer)? => Output::Take { carrier },
+            (Carried::Message { .. }, _) => Output::Discard { carrier },
+            (Carried::Request { .. }, Carrier::Stream(_)) if self.ours.admit(offer)? => {
+                Output::Take { carrier }
+            }
+            (Carried::Request { .. }, Carrier::Stream(stream)) => Output::Unreachable { stream },
+            (Carried::Reply { .. }, Carrier::Stream(stream)) => {
+                // A call that this reply does not answer still waits, and has to fail.
                 if self.calls.get(&stream) != Some(&offer) {
-                    return Err(PeerViolation::UnknownCall);
+                    return Err(violation!(PeerViolationKind::UnknownCall, "SM2-GWS-002"));
                 }
                 self.calls.remove(&stream);
-                Output::Take { stream }
+                Output::Take { carrier }
+            }
+            (Carried::Request { .. } | Carried::Reply { .. }, Carrier::Datagram) => {
+                return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-003"));
             }
         };
         self.outputs.push_back(output);

@@ -3,7 +3,7 @@
 use sm2_proto::{
     gateway::{
         Hop, OfferId,
-        session::{Input, Misuse},
+        session::{Command, Input, Misuse},
     },
     limits::OFFERS_MAX,
 };
@@ -12,10 +12,12 @@ use super::{Bench, ONE, hop, session, topic};
 
 #[test]
 fn what_a_driver_may_not_do() {
-    let offer = |offer, path| Input::Offer {
-        offer,
-        subject: topic(),
-        path,
+    let offer = |offer, path| {
+        Input::Command(Command::Offer {
+            offer,
+            subject: topic(),
+            path,
+        })
     };
     let mut early = Bench(session(1, 2));
     early.0.poll();
@@ -36,46 +38,52 @@ fn what_a_driver_may_not_do() {
             Misuse::WrongPath,
         ),
         (offer(OfferId(3), long), Misuse::WrongPath),
-        (Input::Unoffer { offer: ONE }, Misuse::WrongOffer),
         (
-            Input::Want {
-                offer: OfferId(2),
-                depth: 1,
-            },
+            Input::Command(Command::Unoffer { offer: ONE }),
             Misuse::WrongOffer,
         ),
         (
-            Input::Want {
+            Input::Command(Command::Want {
+                offer: OfferId(2),
+                depth: 1,
+            }),
+            Misuse::WrongOffer,
+        ),
+        (
+            Input::Command(Command::Want {
                 offer: ONE,
                 depth: 0,
-            },
+            }),
             Misuse::WrongDepth,
         ),
         (
-            Input::Want {
+            Input::Command(Command::Want {
                 offer: ONE,
                 depth: 1_025,
-            },
+            }),
             Misuse::WrongDepth,
         ),
-        (Input::Unwant { offer: ONE }, Misuse::WrongOffer),
+        (
+            Input::Command(Command::Unwant { offer: ONE }),
+            Misuse::WrongOffer,
+        ),
     ];
     for (input, expected) in table {
         assert_eq!(bench.misuse(input.clone()), expected, "{input:?}");
     }
-    bench.input(Input::Unoffer { offer: OfferId(2) });
+    bench.input(Input::Command(Command::Unoffer { offer: OfferId(2) }));
     assert_eq!(
-        bench.misuse(Input::Unoffer { offer: OfferId(2) }),
+        bench.misuse(Input::Command(Command::Unoffer { offer: OfferId(2) })),
         Misuse::WrongOffer
     );
-    bench.input(Input::Want {
+    bench.input(Input::Command(Command::Want {
+        offer: ONE,
+        depth: 1,
+    }));
+    let again = Input::Command(Command::Want {
         offer: ONE,
         depth: 1,
     });
-    let again = Input::Want {
-        offer: ONE,
-        depth: 1,
-    };
     assert_eq!(bench.misuse(again), Misuse::WrongOffer);
     for offer in 3..=OFFERS_MAX as u64 + 1 {
         bench.offer(OfferId(offer), topic());

@@ -2,10 +2,11 @@
 
 use sm2_proto::{
     gateway::{
-        Frame, Hop, OfferId, PeerViolation,
-        session::{Input, Misuse, Output},
+        Frame, Hop, OfferId, PeerViolationKind,
+        session::{Carrier, Command, Event, Input, Misuse, Output},
     },
     limits::OFFERS_MAX,
+    violation,
 };
 
 use super::{Bench, MESSAGE, ONE, SEVEN, ended, hop, service, topic, transmit};
@@ -19,23 +20,30 @@ fn what_the_peer_says_of_our_offers() {
     };
     let unwant = Frame::Unwant { offer: ONE };
     let unoffered = Frame::Unoffered { offer: ONE };
-    let unknown = || ended(PeerViolation::UnknownOffer);
+    let unknown = || ended(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
     let wanted = || {
-        vec![Output::Wanted {
+        vec![Output::Event(Event::Wanted {
             offer: ONE,
             depth: 3,
-        }]
+        })]
     };
     let unwanted = || {
         let answer = Frame::Unwanted { offer: ONE };
-        vec![transmit(&answer), Output::Unwanted { offer: ONE }]
+        vec![
+            transmit(&answer),
+            Output::Event(Event::Unwanted { offer: ONE }),
+        ]
     };
     let none = || unknown();
     let table: [(&str, [Vec<Output>; 3]); 4] = [
         ("offered", [wanted(), unknown(), unknown()]),
         (
             "wanted",
-            [ended(PeerViolation::BadWant), unwanted(), unknown()],
+            [
+                ended(violation!(PeerViolationKind::BadWant, "SM2-GWO-002")),
+                unwanted(),
+                unknown(),
+            ],
         ),
         ("withdrawing", [vec![], vec![], vec![]]),
         ("gone", [none(), none(), none()]),
@@ -48,7 +56,7 @@ fn what_the_peer_says_of_our_offers() {
                 bench.frame(&want);
             }
             if ["withdrawing", "gone"].contains(&state) {
-                let outputs = bench.input(Input::Unoffer { offer: ONE });
+                let outputs = bench.input(Input::Command(Command::Unoffer { offer: ONE }));
                 assert_eq!(outputs, [transmit(&Frame::Unoffer { offer: ONE })]);
             }
             if state == "gone" {
@@ -67,14 +75,15 @@ fn what_the_peer_says_of_our_offers() {
 fn what_the_peer_says_of_its_offers() {
     let unoffer = Frame::Unoffer { offer: ONE };
     let unwanted = Frame::Unwanted { offer: ONE };
-    let unknown = || ended(PeerViolation::UnknownOffer);
-    let not_wanted = || ended(PeerViolation::NotWanted);
+    let unknown = || ended(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
+    let not_wanted = || ended(violation!(PeerViolationKind::NotWanted, "SM2-GWM-001"));
     let gone = || {
         let answer = Frame::Unoffered { offer: ONE };
-        vec![transmit(&answer), Output::Gone { offer: ONE }]
+        vec![transmit(&answer), Output::Event(Event::Gone { offer: ONE })]
     };
-    let take = || vec![Output::Take { stream: SEVEN }];
-    let discard = || vec![Output::Discard { stream: SEVEN }];
+    let carrier = Carrier::Stream(SEVEN);
+    let take = || vec![Output::Take { carrier }];
+    let discard = || vec![Output::Discard { carrier }];
     let table: [(&str, [Vec<Output>; 3]); 5] = [
         ("known", [gone(), unknown(), not_wanted()]),
         ("wanting", [gone(), unknown(), take()]),
@@ -91,14 +100,14 @@ fn what_the_peer_says_of_its_offers() {
                     offer: ONE,
                     depth: 2,
                 };
-                let outputs = bench.input(Input::Want {
+                let outputs = bench.input(Input::Command(Command::Want {
                     offer: ONE,
                     depth: 2,
-                });
+                }));
                 assert_eq!(outputs, [transmit(&frame)]);
             }
             if ["unwanting", "known again"].contains(&state) {
-                let outputs = bench.input(Input::Unwant { offer: ONE });
+                let outputs = bench.input(Input::Command(Command::Unwant { offer: ONE }));
                 assert_eq!(outputs, [transmit(&Frame::Unwant { offer: ONE })]);
             }
             match state {
@@ -126,18 +135,18 @@ fn what_the_peer_says_of_its_offers() {
     // Nobody sends messages of a service.
     let mut bench = Bench::open();
     bench.offered(ONE, service());
-    bench.input(Input::Want {
+    bench.input(Input::Command(Command::Want {
         offer: ONE,
         depth: 1,
-    });
+    }));
     assert_eq!(bench.stream(MESSAGE, ONE), not_wanted());
 }
 
 //= SM2-GWO-002 test
 #[test]
 fn wanted_again_before_its_end_is_confirmed() {
-    let want = |depth| Input::Want { offer: ONE, depth };
-    let unwant = || Input::Unwant { offer: ONE };
+    let want = |depth| Input::Command(Command::Want { offer: ONE, depth });
+    let unwant = || Input::Command(Command::Unwant { offer: ONE });
     let unwanted = Frame::Unwanted { offer: ONE };
     let mut bench = Bench::open();
     bench.offered(ONE, topic());
@@ -146,10 +155,17 @@ fn wanted_again_before_its_end_is_confirmed() {
     assert_eq!(bench.misuse(unwant()), Misuse::WrongOffer);
     assert_eq!(
         bench.stream(MESSAGE, ONE),
-        [Output::Discard { stream: SEVEN }]
+        [Output::Discard {
+            carrier: Carrier::Stream(SEVEN)
+        }]
     );
     assert_eq!(bench.input(want(3)), []);
-    assert_eq!(bench.stream(MESSAGE, ONE), [Output::Take { stream: SEVEN }]);
+    assert_eq!(
+        bench.stream(MESSAGE, ONE),
+        [Output::Take {
+            carrier: Carrier::Stream(SEVEN)
+        }]
+    );
     assert_eq!(bench.misuse(want(3)), Misuse::WrongOffer);
     let mut changed = Bench(bench.0.clone());
     let again = Frame::Want {
@@ -157,12 +173,19 @@ fn wanted_again_before_its_end_is_confirmed() {
         depth: 3,
     };
     assert_eq!(bench.frame(&unwanted), [transmit(&again)]);
-    assert_eq!(bench.stream(MESSAGE, ONE), [Output::Take { stream: SEVEN }]);
+    assert_eq!(
+        bench.stream(MESSAGE, ONE),
+        [Output::Take {
+            carrier: Carrier::Stream(SEVEN)
+        }]
+    );
     assert_eq!(changed.input(unwant()), []);
     assert_eq!(changed.frame(&unwanted), []);
     assert_eq!(
         changed.stream(MESSAGE, ONE),
-        [Output::Discard { stream: SEVEN }]
+        [Output::Discard {
+            carrier: Carrier::Stream(SEVEN)
+        }]
     );
 }
 
@@ -176,17 +199,29 @@ fn offers_that_are_refused() {
     };
     let wrong_epoch = Hop { epoch: 1, ..hop(2) };
     for (frame, expected) in [
-        (offer(OfferId(5), vec![hop(2)]), PeerViolation::BadOffer),
-        (offer(OfferId(4), vec![hop(2)]), PeerViolation::BadOffer),
-        (offer(OfferId(6), vec![hop(3)]), PeerViolation::BadPath),
+        (
+            offer(OfferId(5), vec![hop(2)]),
+            violation!(PeerViolationKind::BadOffer, "SM2-GWO-001"),
+        ),
+        (
+            offer(OfferId(4), vec![hop(2)]),
+            violation!(PeerViolationKind::BadOffer, "SM2-GWO-001"),
+        ),
+        (
+            offer(OfferId(6), vec![hop(3)]),
+            violation!(PeerViolationKind::BadPath, "SM2-GWO-003"),
+        ),
         (
             offer(OfferId(6), vec![hop(2), hop(3)]),
-            PeerViolation::BadPath,
+            violation!(PeerViolationKind::BadPath, "SM2-GWO-003"),
         ),
-        (offer(OfferId(6), vec![wrong_epoch]), PeerViolation::BadPath),
+        (
+            offer(OfferId(6), vec![wrong_epoch]),
+            violation!(PeerViolationKind::BadPath, "SM2-GWO-003"),
+        ),
         (
             offer(OfferId(6), vec![hop(1), hop(2)]),
-            PeerViolation::BadPath,
+            violation!(PeerViolationKind::BadPath, "SM2-GWO-003"),
         ),
     ] {
         let mut bench = Bench::open();
@@ -195,7 +230,10 @@ fn offers_that_are_refused() {
     }
     let mut zero = Bench::open();
     let first = offer(OfferId(0), vec![hop(2)]);
-    assert_eq!(zero.frame(&first), ended(PeerViolation::BadOffer));
+    assert_eq!(
+        zero.frame(&first),
+        ended(violation!(PeerViolationKind::BadOffer, "SM2-GWO-001"))
+    );
     let mut many = Bench::open();
     for offer in 1..=OFFERS_MAX as u64 {
         many.offered(OfferId(offer), topic());
@@ -203,7 +241,10 @@ fn offers_that_are_refused() {
     let mut full = Bench(many.0.clone());
     let one_more = OFFERS_MAX as u64 + 1;
     let frame = offer(OfferId(one_more), vec![hop(2)]);
-    assert_eq!(full.frame(&frame), ended(PeerViolation::OfferLimit));
+    assert_eq!(
+        full.frame(&frame),
+        ended(violation!(PeerViolationKind::OfferLimit, "SM2-GWO-001"))
+    );
     many.frame(&Frame::Unoffer { offer: OfferId(9) });
     many.offered(OfferId(one_more), topic());
 }

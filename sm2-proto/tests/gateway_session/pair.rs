@@ -7,7 +7,7 @@ use sm2_proto::{
     Instant,
     gateway::{
         Carried, Header, OfferId, Outcome, StreamToken, SubjectKind,
-        session::{Input, Output, Session},
+        session::{Carrier, Command, Event, Input, Output, PeerEvent, Session},
     },
 };
 
@@ -50,17 +50,23 @@ impl Pair {
         while let Some(output) = self.sides[side].poll() {
             match output {
                 Output::Transmit(bytes) => self.control[1 - side].extend(bytes),
-                Output::Greeted { epoch, .. } => assert_eq!(epoch, hop(2 - side as u8).epoch),
-                Output::Offered { offer, subject, .. } => {
+                Output::Event(Event::Greeted { epoch, .. }) => {
+                    assert_eq!(epoch, hop(2 - side as u8).epoch)
+                }
+                Output::Event(Event::Offered { offer, subject, .. }) => {
                     let before = self.known[side].insert(offer, subject.kind());
                     assert_eq!(before, None);
                 }
-                Output::Gone { offer } => {
+                Output::Event(Event::Gone { offer }) => {
                     assert!(self.known[side].remove(&offer).is_some());
                     self.wanting[side].remove(&offer);
                 }
-                Output::Wanted { offer, .. } => assert!(self.wanted[side].insert(offer)),
-                Output::Unwanted { offer } => assert!(self.wanted[side].remove(&offer)),
+                Output::Event(Event::Wanted { offer, .. }) => {
+                    assert!(self.wanted[side].insert(offer))
+                }
+                Output::Event(Event::Unwanted { offer }) => {
+                    assert!(self.wanted[side].remove(&offer))
+                }
                 Output::CallFailed { stream } => assert!(self.calls[side].remove(&stream)),
                 Output::Ended(end) => panic!("an honest pair: {end:?}"),
                 other => panic!("{other:?}"),
@@ -78,7 +84,7 @@ impl Pair {
     fn read(&mut self, side: usize, most: usize) {
         let count = most.min(self.control[side].len());
         let bytes: Vec<u8> = self.control[side].drain(..count).collect();
-        assert!(self.input(side, Input::Control(&bytes)));
+        assert!(self.input(side, Input::Event(PeerEvent::Control(&bytes))));
     }
 
     /// A stream arrives. Of a request: the reply sets out.
@@ -92,15 +98,25 @@ impl Pair {
         if is_reply && !self.calls[side].remove(&stream) {
             return;
         }
-        let judged = self.sides[side].handle(Instant(0), Input::Stream { stream, header });
+        let judged = self.sides[side].handle(
+            Instant(0),
+            Input::Event(PeerEvent::Header {
+                carrier: Carrier::Stream(stream),
+                header,
+            }),
+        );
         judged.unwrap();
         let output = self.sides[side].poll().unwrap();
         let offer = header.offer;
         match header.carried {
             Carried::Message { .. } => {
                 let expected = match self.wanting[side].contains(&offer) {
-                    true => Output::Take { stream },
-                    false => Output::Discard { stream },
+                    true => Output::Take {
+                        carrier: Carrier::Stream(stream),
+                    },
+                    false => Output::Discard {
+                        carrier: Carrier::Stream(stream),
+                    },
                 };
                 assert_eq!(output, expected);
             }
@@ -111,12 +127,20 @@ impl Pair {
                     true => Outcome::Ok,
                     false => Outcome::Unreachable,
                 };
-                let is_taken = output == Output::Take { stream };
+                let is_taken = output
+                    == Output::Take {
+                        carrier: Carrier::Stream(stream),
+                    };
                 assert_eq!(is_taken, status == Outcome::Ok, "{output:?}");
                 let carried = Carried::Reply { status };
                 self.streams[1 - side].push((stream, Header { carried, ..header }));
             }
-            Carried::Reply { .. } => assert_eq!(output, Output::Take { stream }),
+            Carried::Reply { .. } => assert_eq!(
+                output,
+                Output::Take {
+                    carrier: Carrier::Stream(stream)
+                }
+            ),
         }
         self.drain(side);
     }
@@ -134,7 +158,7 @@ impl Pair {
             (_, 0) => (MESSAGE, messages[pick % messages.len()]),
             (_, count) => {
                 let offer = calls[pick % count];
-                if !self.input(side, Input::Call { stream, offer }) {
+                if !self.input(side, Input::Command(Command::Call { stream, offer })) {
                     // Wanted again, and the peer has not confirmed yet that it was not.
                     return;
                 }
@@ -160,11 +184,11 @@ impl Pair {
                 let subject = subject(kind);
                 let made = self.input(
                     side,
-                    Input::Offer {
+                    Input::Command(Command::Offer {
                         offer,
                         subject,
                         path,
-                    },
+                    }),
                 );
                 if made {
                     self.offers[side].insert(offer, kind);
@@ -172,7 +196,7 @@ impl Pair {
             }
             1 => {
                 if let Some(offer) = some(self.offers[side].keys().copied().collect()) {
-                    assert!(self.input(side, Input::Unoffer { offer }));
+                    assert!(self.input(side, Input::Command(Command::Unoffer { offer })));
                     self.offers[side].remove(&offer);
                     self.wanted[side].remove(&offer);
                 }
@@ -182,13 +206,13 @@ impl Pair {
                 if let Some(offer) =
                     some(self.known[side].keys().filter(is_free).copied().collect())
                 {
-                    assert!(self.input(side, Input::Want { offer, depth: 1 }));
+                    assert!(self.input(side, Input::Command(Command::Want { offer, depth: 1 })));
                     self.wanting[side].insert(offer);
                 }
             }
             3 => {
                 if let Some(offer) = some(self.wanting[side].iter().copied().collect()) {
-                    assert!(self.input(side, Input::Unwant { offer }));
+                    assert!(self.input(side, Input::Command(Command::Unwant { offer })));
                     self.wanting[side].remove(&offer);
                 }
             }

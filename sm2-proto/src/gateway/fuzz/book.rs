@@ -9,8 +9,8 @@ use alloc::{
 
 use super::super::{
     AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
-    StreamToken, SubjectKind,
-    session::{End, Input, Output},
+    PeerViolationKind, StreamToken, SubjectKind,
+    session::{Carrier, Command, End, Event, Output},
 };
 
 /// Everything that both sides have said, as far as it still counts.
@@ -77,7 +77,10 @@ impl Book {
                 },
             ) => {
                 if min_version < 1 || max_version < min_version {
-                    return Err(End::Violation(PeerViolation::BadVersionRange));
+                    return Err(End::Violation(violation!(
+                        PeerViolationKind::BadVersionRange,
+                        "SM2-GWF-001"
+                    )));
                 }
                 if min_version > 1 {
                     return Err(End::Local(PeerFarewell::Version.code()));
@@ -86,16 +89,23 @@ impl Book {
                     return Err(End::Local(PeerFarewell::Stale.code()));
                 }
                 self.greeted = Some(epoch);
-                Ok(vec![Output::Greeted { epoch, name }])
+                let peer = self.peer;
+                Ok(vec![Output::Event(Event::Greeted { peer, epoch, name })])
             }
-            (None, _) => Err(End::Violation(PeerViolation::ExpectedHello)),
+            (None, _) => Err(End::Violation(violation!(
+                PeerViolationKind::ExpectedHello,
+                "SM2-GWF-001"
+            ))),
             (Some(epoch), frame) => self.judges(frame, epoch).map_err(End::Violation),
         }
     }
 
     fn judges(&mut self, frame: Frame, epoch: u64) -> Result<Vec<Output>, PeerViolation> {
         match frame {
-            Frame::Hello { .. } => Err(PeerViolation::UnexpectedHello),
+            Frame::Hello { .. } => Err(violation!(
+                PeerViolationKind::UnexpectedHello,
+                "SM2-GWF-001"
+            )),
             Frame::Offer { .. } | Frame::Unoffer { .. } | Frame::Unwanted { .. } => {
                 self.judges_theirs(frame, epoch)
             }
@@ -104,17 +114,20 @@ impl Book {
             }
             Frame::Ask { ask, kind, name } => {
                 if self.owed.len() == 64 {
-                    return Err(PeerViolation::Malformed);
+                    return Err(violation!(PeerViolationKind::Malformed, "SM2-GWO-005"));
                 }
                 self.owed.push_back(ask);
-                Ok(vec![Output::Asked { ask, kind, name }])
+                Ok(vec![Output::Event(Event::Asked { ask, kind, name })])
             }
             Frame::Answer { ask, verdict } => {
                 if self.asked.front() != Some(&ask) {
-                    return Err(PeerViolation::UnexpectedAnswer);
+                    return Err(violation!(
+                        PeerViolationKind::UnexpectedAnswer,
+                        "SM2-GWO-005"
+                    ));
                 }
                 self.asked.pop_front();
-                Ok(vec![Output::Answered { ask, verdict }])
+                Ok(vec![Output::Event(Event::Answered { ask, verdict })])
             }
         }
     }
@@ -130,36 +143,36 @@ impl Book {
                 let gateway = self.peer;
                 let passed_here = path.iter().any(|hop| hop.gateway == self.me.gateway);
                 if passed_here || path.last() != Some(&Hop { gateway, epoch }) {
-                    return Err(PeerViolation::BadPath);
+                    return Err(violation!(PeerViolationKind::BadPath, "SM2-GWO-003"));
                 }
                 if offer <= self.last_known {
-                    return Err(PeerViolation::BadOffer);
+                    return Err(violation!(PeerViolationKind::BadOffer, "SM2-GWO-001"));
                 }
                 if self.known.len() == 4_096 {
-                    return Err(PeerViolation::OfferLimit);
+                    return Err(violation!(PeerViolationKind::OfferLimit, "SM2-GWO-001"));
                 }
                 self.last_known = offer;
                 self.known.insert(offer, subject.kind());
-                vec![Output::Offered {
+                vec![Output::Event(Event::Offered {
                     offer,
                     subject,
                     path,
-                }]
+                })]
             }
             Frame::Unoffer { offer } => {
                 if self.known.remove(&offer).is_none() {
-                    return Err(PeerViolation::UnknownOffer);
+                    return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
                 }
                 self.said.remove(&offer);
                 self.wishes.remove(&offer);
                 let mut outputs = self.fail_calls(Some(offer));
                 outputs.push(transmit(&Frame::Unoffered { offer }));
-                outputs.push(Output::Gone { offer });
+                outputs.push(Output::Event(Event::Gone { offer }));
                 outputs
             }
             Frame::Unwanted { offer } => {
                 if self.said.get(&offer) != Some(&false) {
-                    return Err(PeerViolation::UnknownOffer);
+                    return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
                 }
                 self.said.remove(&offer);
                 let again = self.wishes.get(&offer).copied();
@@ -178,7 +191,7 @@ impl Book {
         Ok(match frame {
             Frame::Unoffered { offer } => {
                 if !self.withdrawn.remove(&offer) {
-                    return Err(PeerViolation::UnknownOffer);
+                    return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
                 }
                 self.offered.remove(&offer);
                 vec![]
@@ -190,19 +203,19 @@ impl Book {
             }
             Frame::Want { offer, depth } => {
                 if !self.offered.contains_key(&offer) {
-                    return Err(PeerViolation::UnknownOffer);
+                    return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
                 }
                 if !self.wanted.insert(offer) {
-                    return Err(PeerViolation::BadWant);
+                    return Err(violation!(PeerViolationKind::BadWant, "SM2-GWO-002"));
                 }
-                vec![Output::Wanted { offer, depth }]
+                vec![Output::Event(Event::Wanted { offer, depth })]
             }
             Frame::Unwant { offer } => {
                 if !self.wanted.remove(&offer) {
-                    return Err(PeerViolation::UnknownOffer);
+                    return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
                 }
                 let answer = transmit(&Frame::Unwanted { offer });
-                vec![answer, Output::Unwanted { offer }]
+                vec![answer, Output::Event(Event::Unwanted { offer })]
             }
             other => unreachable!("{other:?} says nothing of this side's offers"),
         })
@@ -211,52 +224,60 @@ impl Book {
     /// The header of a stream: what becomes of the stream.
     pub(super) fn sees(
         &mut self,
-        stream: StreamToken,
+        carrier: Carrier,
         header: &Header,
     ) -> Result<Output, PeerViolation> {
         let offer = header.offer;
         if self.greeted.is_none() {
-            return Err(PeerViolation::ExpectedHello);
+            return Err(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"));
         }
+        let stream = match (header.carried, carrier) {
+            (_, Carrier::Stream(stream)) => stream,
+            // What is carried by a datagram has no number of a stream.
+            (Carried::Message { .. }, Carrier::Datagram) => StreamToken(0),
+            (Carried::Request { .. } | Carried::Reply { .. }, Carrier::Datagram) => {
+                return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-003"));
+            }
+        };
         Ok(match header.carried {
             Carried::Message { .. } => {
                 let is_gone = offer <= self.last_known && !self.known.contains_key(&offer);
                 let is_topic = self.known.get(&offer) == Some(&SubjectKind::Topic);
                 if self.wishes.contains_key(&offer) && is_topic {
-                    Output::Take { stream }
+                    Output::Take { carrier }
                 } else if offer.0 > 0 && (is_gone || (is_topic && self.wished.contains(&offer))) {
-                    Output::Discard { stream }
+                    Output::Discard { carrier }
                 } else {
-                    return Err(PeerViolation::NotWanted);
+                    return Err(violation!(PeerViolationKind::NotWanted, "SM2-GWM-001"));
                 }
             }
             Carried::Request { .. } => {
                 let is_gone = offer <= self.last_offered && !self.offered.contains_key(&offer);
                 let is_service = self.offered.get(&offer) == Some(&SubjectKind::Service);
                 if offer.0 == 0 || !(is_gone || is_service) {
-                    return Err(PeerViolation::UnknownOffer);
+                    return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWS-001"));
                 }
                 if self.wanted.contains(&offer) {
-                    Output::Take { stream }
+                    Output::Take { carrier }
                 } else {
                     Output::Unreachable { stream }
                 }
             }
             Carried::Reply { .. } => {
                 if self.calls.get(&stream) != Some(&offer) {
-                    return Err(PeerViolation::UnknownCall);
+                    return Err(violation!(PeerViolationKind::UnknownCall, "SM2-GWS-002"));
                 }
                 self.calls.remove(&stream);
-                Output::Take { stream }
+                Output::Take { carrier }
             }
         })
     }
 
     /// What the driver asks for: what comes of it; none if it may not.
-    pub(super) fn asks(&mut self, input: Input<'_>) -> Option<Vec<Output>> {
+    pub(super) fn asks(&mut self, command: &Command) -> Option<Vec<Output>> {
         self.greeted?;
-        let frame = match input {
-            Input::Offer {
+        let frame = match command.clone() {
+            Command::Offer {
                 offer,
                 subject,
                 path,
@@ -277,14 +298,14 @@ impl Book {
                     path,
                 }
             }
-            Input::Unoffer { offer } => {
+            Command::Unoffer { offer } => {
                 if !self.offered.contains_key(&offer) || !self.withdrawn.insert(offer) {
                     return None;
                 }
                 self.wanted.remove(&offer);
                 Frame::Unoffer { offer }
             }
-            Input::Want { offer, depth } => {
+            Command::Want { offer, depth } => {
                 let is_free = self.known.contains_key(&offer) && !self.wishes.contains_key(&offer);
                 if !is_free || !(1..=1_024).contains(&depth) {
                     return None;
@@ -297,7 +318,7 @@ impl Book {
                 self.said.insert(offer, true);
                 Frame::Want { offer, depth }
             }
-            Input::Unwant { offer } => {
+            Command::Unwant { offer } => {
                 self.wishes.remove(&offer)?;
                 if self.said.insert(offer, false) == Some(false) {
                     return Some(vec![]);
@@ -306,19 +327,19 @@ impl Book {
                 outputs.push(Output::Transmit(Frame::Unwant { offer }.to_bytes()));
                 return Some(outputs);
             }
-            Input::Ask { ask, kind, name } => {
+            Command::Ask { ask, kind, name } => {
                 if self.asked.len() == 64 {
                     return None;
                 }
                 self.asked.push_back(ask);
                 Frame::Ask { ask, kind, name }
             }
-            Input::Answer { ask, verdict } => {
+            Command::Answer { ask, verdict } => {
                 self.owed.front().filter(|it| **it == ask)?;
                 self.owed.pop_front();
                 Frame::Answer { ask, verdict }
             }
-            Input::Call { stream, offer } => {
+            Command::Call { stream, offer } => {
                 let is_service = self.known.get(&offer) == Some(&SubjectKind::Service);
                 let is_wanted = self.said.get(&offer) == Some(&true);
                 let is_free = !self.calls.contains_key(&stream);
@@ -327,8 +348,7 @@ impl Book {
                     vec![]
                 });
             }
-            Input::Forget { stream } => return self.calls.remove(&stream).map(|_| vec![]),
-            other => unreachable!("{other:?} is not asked for"),
+            Command::Forget { stream } => return self.calls.remove(&stream).map(|_| vec![]),
         };
         Some(vec![Output::Transmit(frame.to_bytes())])
     }

@@ -14,7 +14,7 @@ use super::{
     super::{
         AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, Outcome, PeerFarewell,
         StreamToken, Subject, SubjectKind, Verdict,
-        session::{End, Input, Misuse, Output, Session},
+        session::{Carrier, Command, End, Input, Misuse, Output, PeerEvent, Session},
     },
     book::Book,
 };
@@ -89,8 +89,8 @@ impl World<'_> {
                 self.control(len);
             }
             6..=10 => {
-                let input = self.wish()?;
-                self.ask(input);
+                let command = self.wish()?;
+                self.command(command);
             }
             11..=14 => self.stream()?,
             _ => self.moment()?,
@@ -158,38 +158,38 @@ impl World<'_> {
     }
 
     /// What the driver asks for, mostly what it may.
-    fn wish(&mut self) -> Option<Input<'static>> {
+    fn wish(&mut self) -> Option<Command> {
         let script = &mut self.script;
         Some(match script.byte()? % 9 {
-            0 => Input::Offer {
+            0 => Command::Offer {
                 offer: OfferId(script.near(self.book.last_offered.0.saturating_add(1))?),
                 subject: subject(script)?,
                 path: path(script, &[3, 1])?,
             },
-            1 => Input::Unoffer {
+            1 => Command::Unoffer {
                 offer: key(script, &self.book.offered)?,
             },
-            2 | 3 => Input::Want {
+            2 | 3 => Command::Want {
                 offer: key(script, &self.book.known)?,
                 depth: script.near(4)? as u16,
             },
-            4 => Input::Unwant {
+            4 => Command::Unwant {
                 offer: key(script, &self.book.wishes)?,
             },
-            5 => Input::Ask {
+            5 => Command::Ask {
                 ask: AskId(script.number()?),
                 kind: kind(script)?,
                 name: script.name()?,
             },
-            6 => Input::Answer {
+            6 => Command::Answer {
                 ask: AskId(script.near(self.book.owed.front().map_or(1, |it| it.0))?),
                 verdict: verdict(script)?,
             },
-            7 => Input::Call {
+            7 => Command::Call {
                 stream: StreamToken(script.number()?),
                 offer: key(script, &self.book.said)?,
             },
-            _ => Input::Forget {
+            _ => Command::Forget {
                 stream: key(script, &self.book.calls)?,
             },
         })
@@ -244,12 +244,18 @@ impl World<'_> {
             offer,
             len: 0,
         };
-        let expected = match self.book.sees(stream, &header) {
+        // One in eight comes in a datagram.
+        let carrier = match self.script.below(8)? {
+            0 => Carrier::Datagram,
+            _ => Carrier::Stream(stream),
+        };
+        let expected = match self.book.sees(carrier, &header) {
             Ok(output) => vec![output],
             Err(violation) => self.over(End::Violation(violation)),
         };
         let is_reply = matches!(carried, Carried::Reply { .. });
-        self.feed(Input::Stream { stream, header }, &expected);
+        let event = PeerEvent::Header { carrier, header };
+        self.feed(Input::Event(event), &expected);
         if is_reply && self.session.end().is_none() {
             assert!(self.calls.remove(&stream), "{stream:?} waited");
         }
@@ -261,8 +267,14 @@ impl World<'_> {
         let code = Code(self.script.byte()?.into());
         let (input, end) = match self.script.byte()? {
             0xff => (Input::Close(code), Some(End::Local(code))),
-            0xfe => (Input::Closed(Some(code)), Some(End::Closed(Some(code)))),
-            0xfd => (Input::Closed(None), Some(End::Closed(None))),
+            0xfe => (
+                Input::Event(PeerEvent::Closed(Some(code))),
+                Some(End::Closed(Some(code))),
+            ),
+            0xfd => (
+                Input::Event(PeerEvent::Closed(None)),
+                Some(End::Closed(None)),
+            ),
             ms => {
                 self.now = self.now.after(Duration::from_millis(ms.into()));
                 let is_late = self.book.greeted.is_none() && self.now >= Instant(0).after(GREETING);
@@ -295,22 +307,24 @@ impl World<'_> {
                 }
             }
         }
-        self.feed(Input::Control(&bytes), &expected);
+        self.feed(Input::Event(PeerEvent::Control(&bytes)), &expected);
     }
 
-    fn ask(&mut self, input: Input<'static>) {
-        if let Some(expected) = self.book.asks(input.clone()) {
-            if let Input::Call { stream, .. } = input {
+    fn command(&mut self, command: Command) {
+        if let Some(expected) = self.book.asks(&command) {
+            if let Command::Call { stream, .. } = command {
                 assert!(self.calls.insert(stream), "{stream:?} is free");
             }
-            if let Input::Forget { stream } = input {
+            if let Command::Forget { stream } = command {
                 assert!(self.calls.remove(&stream), "{stream:?} waited");
             }
-            self.feed(input, &expected);
+            self.feed(Input::Command(command), &expected);
         } else {
             let before = self.session.clone();
-            let taken = self.session.handle(self.now, input.clone());
-            assert!(taken.is_err(), "{input:?}");
+            let taken = self
+                .session
+                .handle(self.now, Input::Command(command.clone()));
+            assert!(taken.is_err(), "{command:?}");
             assert_eq!(self.session, before, "misuse changes nothing");
         }
     }
@@ -357,17 +371,17 @@ impl World<'_> {
         assert!(self.calls.is_empty(), "{:?} are not settled", self.calls);
         let end = self.session.end();
         for input in [
-            Input::Control(&[1]),
-            Input::Closed(None),
+            Input::Event(PeerEvent::Control(&[1])),
+            Input::Event(PeerEvent::Closed(None)),
             Input::Close(code),
-            Input::Unoffer { offer: OfferId(1) },
-            Input::Want {
+            Input::Command(Command::Unoffer { offer: OfferId(1) }),
+            Input::Command(Command::Want {
                 offer: OfferId(1),
                 depth: 1,
-            },
-            Input::Forget {
+            }),
+            Input::Command(Command::Forget {
                 stream: StreamToken(1),
-            },
+            }),
             Input::Tick,
         ] {
             assert_eq!(self.session.handle(self.now, input), Err(Misuse::Ended));

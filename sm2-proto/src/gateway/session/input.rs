@@ -3,28 +3,54 @@
 use alloc::vec::Vec;
 
 use super::super::{
-    AskId, Header, Hop, OfferId, PeerViolation, StreamToken, Subject, SubjectKind, Verdict,
+    AskId, GatewayId, Header, Hop, OfferId, PeerViolation, StreamToken, Subject, SubjectKind,
+    Verdict,
 };
 use crate::{Code, Name};
 
-/// What happened, or is wanted.
+/// An input of a session.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
+    /// Something happened on the connection.
+    Event(PeerEvent<'a>),
+    /// Our side asks for something. Legal once the peer has greeted.
+    Command(Command),
+    /// End the connection.
+    Close(Code),
+    /// Time has passed.
+    Tick,
+}
+
+/// What carries a message, a request or a reply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Carrier {
+    /// A stream of its own.
+    Stream(StreamToken),
+    /// A QUIC datagram: a message alone can come this way.
+    Datagram,
+}
+
+/// Something that happened on the connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PeerEvent<'a> {
     /// Bytes of the control stream, in any pieces.
     Control(&'a [u8]),
-    /// The header of a stream of the peer's is there, or that of a reply.
-    Stream {
-        /// The driver's name for the stream.
-        stream: StreamToken,
+    /// The header of a message, a request or a reply has arrived.
+    Header {
+        /// What carries it.
+        carrier: Carrier,
         /// What it says.
         header: Header,
     },
-    /// The connection is over; the peer's code, if it said one. Also if the control stream ended.
+    /// The connection is over, or the control stream has ended; with the peer's code, if it sent one.
     Closed(Option<Code>),
-    /// The peer broke SPEC in what never comes here: the payload of a stream.
+    /// The peer broke SPEC in bytes that the session does not see, such as the payload of a stream.
     Violation(PeerViolation),
-    /// End the connection.
-    Close(Code),
+}
+
+/// What our side asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Command {
     /// The peer may have this.
     Offer {
         /// Greater than all before.
@@ -80,17 +106,46 @@ pub enum Input<'a> {
         /// The stream.
         stream: StreamToken,
     },
-    /// Time has passed.
-    Tick,
 }
 
-/// What is to be done, or known.
+/// What the driver does next.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Output {
     /// Write these bytes to the control stream.
     Transmit(Vec<u8>),
+    /// Read the payload behind this header.
+    Take {
+        /// What carries it.
+        carrier: Carrier,
+    },
+    /// Discard the payload of a message that our side does not want any more; stop its stream.
+    Discard {
+        /// What carries it.
+        carrier: Carrier,
+    },
+    /// Reply to the call of this stream that the server cannot be reached.
+    Unreachable {
+        /// Which.
+        stream: StreamToken,
+    },
+    /// No reply to the call of this stream counts any more: reset it, and feed nothing of it.
+    CallFailed {
+        /// Which.
+        stream: StreamToken,
+    },
+    /// News for the session's owner.
+    Event(Event),
+    /// The connection is over: close it with the code of this. Nothing comes after.
+    Ended(End),
+}
+
+/// News for the owner of a session. Drivers pass it up unchanged.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Event {
     /// The peer has greeted.
     Greeted {
+        /// Its id.
+        peer: GatewayId,
         /// Of its process.
         epoch: u64,
         /// What people call it.
@@ -138,28 +193,6 @@ pub enum Output {
         /// What it said.
         verdict: Verdict,
     },
-    /// Read what this stream carries.
-    Take {
-        /// Which.
-        stream: StreamToken,
-    },
-    /// Stop this stream: nobody wants what it carries.
-    Discard {
-        /// Which.
-        stream: StreamToken,
-    },
-    /// Reply to the call of this stream that the server cannot be reached.
-    Unreachable {
-        /// Which.
-        stream: StreamToken,
-    },
-    /// No reply to the call of this stream counts any more: reset it, and feed nothing of it.
-    CallFailed {
-        /// Which.
-        stream: StreamToken,
-    },
-    /// The connection is over: close it with the code of this. Nothing comes after.
-    Ended(End),
 }
 
 /// Why a connection is over.

@@ -3,7 +3,7 @@
 use alloc::collections::BTreeMap;
 
 use super::{
-    super::{OfferId, PeerViolation, SubjectKind},
+    super::{OfferId, PeerViolation, PeerViolationKind, SubjectKind},
     Misuse,
 };
 use crate::limits::{OFFERS_MAX, QOS_MAX};
@@ -76,7 +76,7 @@ impl Ours {
     fn state(&mut self, offer: OfferId) -> Result<&mut Our, PeerViolation> {
         let it = self.offers.get_mut(&offer);
         it.map(|(_, state)| state)
-            .ok_or(PeerViolation::UnknownOffer)
+            .ok_or(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))
     }
 
     /// WANT came: whether that means anything.
@@ -85,7 +85,7 @@ impl Ours {
         let state = self.state(offer)?;
         match state {
             Our::Offered => *state = Our::Wanted,
-            Our::Wanted => return Err(PeerViolation::BadWant),
+            Our::Wanted => return Err(violation!(PeerViolationKind::BadWant, "SM2-GWO-002")),
             Our::Withdrawing => return Ok(false),
         }
         Ok(true)
@@ -96,7 +96,7 @@ impl Ours {
     pub(super) fn unwanted(&mut self, offer: OfferId) -> Result<bool, PeerViolation> {
         let state = self.state(offer)?;
         match state {
-            Our::Offered => return Err(PeerViolation::UnknownOffer),
+            Our::Offered => return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002")),
             Our::Wanted => *state = Our::Offered,
             Our::Withdrawing => return Ok(false),
         }
@@ -111,7 +111,9 @@ impl Ours {
                 self.offers.remove(&offer);
                 Ok(())
             }
-            Our::Offered | Our::Wanted => Err(PeerViolation::UnknownOffer),
+            Our::Offered | Our::Wanted => {
+                Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))
+            }
         }
     }
 
@@ -121,7 +123,9 @@ impl Ours {
         match self.offers.get(&offer) {
             Some((SubjectKind::Service, state)) => Ok(*state == Our::Wanted),
             None if (OfferId(1)..=self.last).contains(&offer) => Ok(false),
-            Some((SubjectKind::Topic, _)) | None => Err(PeerViolation::UnknownOffer),
+            Some((SubjectKind::Topic, _)) | None => {
+                Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWS-001"))
+            }
         }
     }
 }
@@ -135,10 +139,10 @@ impl Theirs {
         kind: SubjectKind,
     ) -> Result<(), PeerViolation> {
         if offer <= self.last {
-            return Err(PeerViolation::BadOffer);
+            return Err(violation!(PeerViolationKind::BadOffer, "SM2-GWO-001"));
         }
         if self.offers.len() >= OFFERS_MAX {
-            return Err(PeerViolation::OfferLimit);
+            return Err(violation!(PeerViolationKind::OfferLimit, "SM2-GWO-001"));
         }
         self.last = offer;
         let their = Their {
@@ -188,16 +192,17 @@ impl Theirs {
     //= SM2-GWO-002
     pub(super) fn gone(&mut self, offer: OfferId) -> Result<(), PeerViolation> {
         let gone = self.offers.remove(&offer);
-        gone.map(|_| ()).ok_or(PeerViolation::UnknownOffer)
+        gone.map(|_| ())
+            .ok_or(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))
     }
 
     /// UNWANTED came. How it is wanted again, if it is.
     //= SM2-GWO-002
     pub(super) fn unwanted(&mut self, offer: OfferId) -> Result<Option<u16>, PeerViolation> {
         let their = self.offers.get_mut(&offer);
-        let their = their.ok_or(PeerViolation::UnknownOffer)?;
+        let their = their.ok_or(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))?;
         let Interest::Unwanting { again } = their.interest else {
-            return Err(PeerViolation::UnknownOffer);
+            return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
         };
         their.interest = again.map_or(Interest::None, |_| Interest::Wanting);
         Ok(again)
@@ -218,7 +223,7 @@ impl Theirs {
             }
             // Streams and frames have no common order.
             None if (OfferId(1)..=self.last).contains(&offer) => Ok(false),
-            _ => Err(PeerViolation::NotWanted),
+            _ => Err(violation!(PeerViolationKind::NotWanted, "SM2-GWM-001")),
         }
     }
 

@@ -15,7 +15,7 @@ pub(crate) fn body(bytes: &[u8]) {
         assert_eq!(&frame.to_bytes()[4..], bytes, "one encoding");
     }
     let meaning = frame.as_ref().map(words::frame);
-    let meaning = meaning.map_err(|violation| violation.name());
+    let meaning = meaning.map_err(|violation| violation.kind().name());
     assert_eq!(meaning, naive::body(bytes), "{bytes:02x?}");
 }
 
@@ -28,7 +28,7 @@ pub(crate) fn stream(bytes: &[u8], pieces: &[usize]) {
     let meaning: Vec<Value> = frames.iter().map(words::frame).collect();
     assert_eq!(meaning, naive, "{bytes:02x?}");
     let could_end = left.map(|left| left == 0);
-    assert_eq!(end.map_err(PeerViolation::name), could_end);
+    assert_eq!(end.map_err(|it| it.kind().name()), could_end);
     let again: Vec<u8> = frames.iter().flat_map(Frame::to_bytes).collect();
     assert!(bytes.starts_with(&again), "one encoding");
     if let Ok(left) = left {
@@ -65,7 +65,7 @@ pub(crate) fn header(bytes: &[u8; HEADER_LEN]) {
         assert_eq!(&header.to_bytes(), bytes, "one encoding");
     }
     let meaning = header.as_ref().map(words::header);
-    let meaning = meaning.map_err(|violation| violation.name());
+    let meaning = meaning.map_err(|violation| violation.kind().name());
     assert_eq!(meaning, naive::header(bytes), "{bytes:02x?}");
 }
 
