@@ -1,20 +1,20 @@
-//! How fast a connection sends: as fast as bytes arrive, and little faster.
+//! The congestion controller for radio links: it sends at the delivery rate, and little faster.
 //!
-//! Radio links lose datagrams at random. A controller that takes each loss for a queue that is full
-//! (RFC 9002, RFC 9438) stands still on them. This one measures, as BBR does, how many bytes arrive in a
-//! second and how long the way takes when nobody waits on it, and keeps as much under way as those two
-//! say, and a short queue more. What is different from BBR: it never waits for a probe to end that the link
-//! does not answer, and the queue that it makes is bounded by time, so that what is newest can be sent
-//! soon. What is lost while there is no queue is lost by chance: so much more is kept under way.
+//! Radio links lose datagrams at random. A controller that treats each loss as a full queue (RFC 9002,
+//! RFC 9438) stalls on them. This one measures the delivery rate and the minimum RTT, as BBR does, and keeps
+//! their product in flight plus a short queue. It differs from BBR in two ways: it never waits for a probe
+//! that the link does not answer, and it bounds its queue by time, so that the newest data can be sent soon.
+//! Loss that occurs while there is no queue is random loss: the window grows by the same share.
 //!
 //! | phase | window | until |
 //! | --- | --- | --- |
-//! | start | doubles with each round | it was no faster for three rounds, or half was lost |
-//! | cruise | rate x (shortest way + queue) | eight rounds |
+//! | start | doubles with each round | three rounds were no faster, or half was lost |
+//! | cruise | rate x (min RTT + queue) | eight rounds |
 //! | probe | a quarter more | one round |
-//! | drain | rate x shortest way x 3/4 | one round |
+//! | drain | rate x min RTT x 3/4 | one round |
 //!
-//! A round is a round trip, 10 ms at least. What was sent in one is acknowledged, or lost, in the next.
+//! A round is a round trip, 10 ms at least. Data that is sent in one round is acknowledged, or lost, in the
+//! next.
 
 use std::{
     any::Any,
@@ -28,26 +28,26 @@ use quinn_proto::{
     congestion::{Controller, ControllerFactory},
 };
 
-/// The queue that it makes on the way, so that the link is never idle.
+/// The queue at the bottleneck, which keeps the link busy.
 const QUEUE: Duration = Duration::from_millis(8);
 /// The shortest round.
-const ROUND: Duration = Duration::from_millis(10);
-/// How many rounds the fastest of them counts.
+const ROUND_MIN: Duration = Duration::from_millis(10);
+/// The delivery rate is the maximum of this many rounds.
 const RATE_ROUNDS: usize = 12;
-/// How long the shortest way counts.
-const WAY: Duration = Duration::from_secs(10);
+/// The minimum RTT is that of this time.
+const MIN_RTT_WINDOW: Duration = Duration::from_secs(10);
 /// Rounds between two probes.
-const CRUISE: u32 = 8;
-/// Rounds of the start that were no faster: the link is full.
-const FULL: u32 = 3;
-/// More than this part of what was sent in a round was lost, beside chance: it is a queue.
-const QUEUE_LOSS: f64 = 0.2;
-/// More is never chance.
-const CHANCE_MAX: f64 = 0.5;
-/// What a measured chance weighs beside those before.
-const CHANCE_WEIGHT: f64 = 0.25;
-/// Never less is under way, in datagrams.
-const LEAST: u64 = 8;
+const CRUISE_ROUNDS: u32 = 8;
+/// After this many rounds of the start that were no faster, the link is full.
+const FULL_ROUNDS: u32 = 3;
+/// A greater share of loss than this, beyond random loss, means a full queue.
+const CONGESTION_LOSS: f64 = 0.2;
+/// A greater share of loss than this is never random.
+const RANDOM_LOSS_MAX: f64 = 0.5;
+/// The weight of a new sample of random loss in the average.
+const RANDOM_LOSS_WEIGHT: f64 = 0.25;
+/// The smallest window, in datagrams.
+const WINDOW_MIN: u64 = 8;
 
 /// Makes controllers of this kind.
 #[derive(Clone, Copy, Debug, Default)]
@@ -66,14 +66,14 @@ struct Steady {
     window: u64,
     phase: Phase,
     round: Round,
-    /// Bytes each second, of the last rounds, the newest last.
+    /// The delivery rates of the last rounds in bytes per second, the newest last.
     rates: VecDeque<u64>,
-    /// The shortest ways of the last halves of [`WAY`], the newest last.
-    ways: VecDeque<(Instant, Duration)>,
-    /// The last that was measured.
+    /// The minima of the last halves of [`MIN_RTT_WINDOW`] and when each half began, the newest last.
+    min_rtts: VecDeque<(Instant, Duration)>,
+    /// The newest RTT sample.
     rtt: Duration,
-    /// Which part of what is sent is lost by chance, as far as it was measured.
-    chance: Option<f64>,
+    /// The share of data that is lost without a queue; `None` before the first sample.
+    random_loss: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,14 +84,14 @@ enum Phase {
     Drain,
 }
 
-/// What was seen since it began.
+/// What the connection reported since the round began.
 #[derive(Clone, Copy, Debug)]
 struct Round {
     begin: Instant,
     acked: u64,
     lost: u64,
-    /// Whether there was less to be sent than might have been.
-    idle: bool,
+    /// Whether the application had less to send than the window allowed.
+    app_limited: bool,
 }
 
 impl Round {
@@ -100,7 +100,7 @@ impl Round {
             begin,
             acked: 0,
             lost: 0,
-            idle: false,
+            app_limited: false,
         }
     }
 }
@@ -114,47 +114,49 @@ impl Steady {
             phase: Phase::Start { best: 0, slow: 0 },
             round: Round::new(now),
             rates: VecDeque::new(),
-            ways: VecDeque::new(),
-            rtt: ROUND,
-            chance: None,
+            min_rtts: VecDeque::new(),
+            rtt: ROUND_MIN,
+            random_loss: None,
         }
     }
 
-    /// Bytes each second.
+    /// The delivery rate in bytes per second.
     fn rate(&self) -> u64 {
         self.rates.iter().copied().max().unwrap_or(0)
     }
 
-    /// When nobody waits on it.
-    fn way(&self) -> Duration {
-        let shortest = self.ways.iter().map(|(_, way)| *way).min();
-        shortest.unwrap_or(self.rtt)
+    /// The minimum round-trip time, measured with an empty queue.
+    fn min_rtt(&self) -> Duration {
+        let min_rtt = self.min_rtts.iter().map(|(_, min_rtt)| *min_rtt).min();
+        min_rtt.unwrap_or(self.rtt)
     }
 
-    fn note_way(&mut self, now: Instant, way: Duration) {
-        self.rtt = way;
-        match self.ways.back_mut() {
-            Some((since, shortest)) if now - *since < WAY / 2 => *shortest = way.min(*shortest),
-            _ => self.ways.push_back((now, way)),
+    fn add_rtt_sample(&mut self, now: Instant, rtt: Duration) {
+        self.rtt = rtt;
+        match self.min_rtts.back_mut() {
+            Some((since, min_rtt)) if now - *since < MIN_RTT_WINDOW / 2 => {
+                *min_rtt = rtt.min(*min_rtt);
+            }
+            _ => self.min_rtts.push_back((now, rtt)),
         }
-        while self.ways.len() > 2 {
-            self.ways.pop_front();
+        while self.min_rtts.len() > 2 {
+            self.min_rtts.pop_front();
         }
     }
 
-    /// What is under way if the queue takes so long, with what will not arrive.
-    fn under_way(&self, queue: Duration) -> u64 {
-        let time = (self.way() + queue).as_secs_f64();
-        let arriving = 1.0 - self.chance.unwrap_or(0.0);
-        // Not above what a rate and a time of this world make.
+    /// The bytes in flight that make a queue of this length, including those that random loss takes.
+    fn in_flight(&self, queue: Duration) -> u64 {
+        let time = (self.min_rtt() + queue).as_secs_f64();
+        let arriving = 1.0 - self.random_loss.unwrap_or(0.0);
+        // The conversion saturates; no real rate and time come close to that.
         (self.rate() as f64 * time / arriving) as u64
     }
 
-    /// In a round that tells what became of what was sent without a queue.
-    fn note_chance(&mut self, lost: f64) {
-        let lost = lost.min(CHANCE_MAX);
-        let chance = self.chance.get_or_insert(lost);
-        *chance += (lost - *chance) * CHANCE_WEIGHT;
+    /// Adds the share of loss of a round that reports on data sent without a queue.
+    fn add_random_loss_sample(&mut self, lost: f64) {
+        let lost = lost.min(RANDOM_LOSS_MAX);
+        let random_loss = self.random_loss.get_or_insert(lost);
+        *random_loss += (lost - *random_loss) * RANDOM_LOSS_WEIGHT;
     }
 
     fn end_round(&mut self, now: Instant) {
@@ -162,17 +164,23 @@ impl Steady {
             begin,
             acked,
             lost,
-            idle,
+            app_limited,
         } = self.round;
         let rate = (acked as f64 / (now - begin).as_secs_f64()) as u64;
         self.round = Round::new(now);
         let lost = lost as f64 / (acked + lost).max(1) as f64;
-        if matches!(self.phase, Phase::Cruise { left: CRUISE }) {
-            self.note_chance(lost);
+        if matches!(
+            self.phase,
+            Phase::Cruise {
+                left: CRUISE_ROUNDS
+            }
+        ) {
+            // Reports on the data of the drain phase, which left no queue.
+            self.add_random_loss_sample(lost);
         }
-        let is_congested = lost > self.chance.unwrap_or(0.0) + QUEUE_LOSS;
-        // What was not asked of the link says nothing of it, unless it was more than before.
-        if !idle || rate > self.rate() {
+        let is_congested = lost > self.random_loss.unwrap_or(0.0) + CONGESTION_LOSS;
+        // App-limited rounds give no bandwidth sample, unless they were faster than all others.
+        if !app_limited || rate > self.rate() {
             self.rates.push_back(rate);
         }
         let kept = if is_congested { 2 } else { RATE_ROUNDS };
@@ -184,9 +192,9 @@ impl Steady {
                 best: rate,
                 slow: 0,
             },
-            Phase::Start { .. } if lost > CHANCE_MAX => Phase::Drain,
-            start @ Phase::Start { .. } if idle => start,
-            Phase::Start { best, slow } if slow + 1 < FULL => Phase::Start {
+            Phase::Start { .. } if lost > RANDOM_LOSS_MAX => Phase::Drain,
+            start @ Phase::Start { .. } if app_limited => start,
+            Phase::Start { best, slow } if slow + 1 < FULL_ROUNDS => Phase::Start {
                 best,
                 slow: slow + 1,
             },
@@ -194,19 +202,21 @@ impl Steady {
             Phase::Cruise { left: 0 } => Phase::Probe,
             Phase::Cruise { left } => Phase::Cruise { left: left - 1 },
             Phase::Probe => Phase::Drain,
-            Phase::Drain => Phase::Cruise { left: CRUISE },
+            Phase::Drain => Phase::Cruise {
+                left: CRUISE_ROUNDS,
+            },
         };
         let window = match self.phase {
-            Phase::Start { slow: 0, .. } if !idle => self.window.saturating_mul(2),
+            Phase::Start { slow: 0, .. } if !app_limited => self.window.saturating_mul(2),
             Phase::Start { .. } => self.window,
-            Phase::Cruise { .. } => self.under_way(QUEUE),
+            Phase::Cruise { .. } => self.in_flight(QUEUE),
             Phase::Probe => {
-                let more = self.under_way(QUEUE);
-                more + more / 4
+                let in_flight = self.in_flight(QUEUE);
+                in_flight + in_flight / 4
             }
-            Phase::Drain => self.under_way(Duration::ZERO) * 3 / 4,
+            Phase::Drain => self.in_flight(Duration::ZERO) * 3 / 4,
         };
-        self.window = window.max(LEAST * self.mtu);
+        self.window = window.max(WINDOW_MIN * self.mtu);
     }
 }
 
@@ -219,9 +229,9 @@ impl Controller for Steady {
         app_limited: bool,
         _rtt: &RttEstimator,
     ) {
-        self.note_way(now, now.saturating_duration_since(sent));
+        self.add_rtt_sample(now, now.saturating_duration_since(sent));
         self.round.acked += bytes;
-        self.round.idle |= app_limited;
+        self.round.app_limited |= app_limited;
     }
 
     fn on_end_acks(
@@ -231,7 +241,7 @@ impl Controller for Steady {
         _app_limited: bool,
         _largest: Option<u64>,
     ) {
-        let length = self.rtt.max(ROUND);
+        let length = self.rtt.max(ROUND_MIN);
         if now.saturating_duration_since(self.round.begin) >= length {
             self.end_round(now);
         }
@@ -246,14 +256,14 @@ impl Controller for Steady {
     ) {
         self.round.lost += lost_bytes;
         if is_persistent_congestion {
-            // Nothing arrived for long: the way is another one, or was gone.
+            // Nothing arrived for a long time: the path has changed, or was interrupted.
             *self = Self::new(now, u16::try_from(self.mtu).unwrap_or(u16::MAX));
         }
     }
 
     fn on_mtu_update(&mut self, new_mtu: u16) {
         self.mtu = u64::from(new_mtu);
-        self.window = self.window.max(LEAST * self.mtu);
+        self.window = self.window.max(WINDOW_MIN * self.mtu);
     }
 
     fn window(&self) -> u64 {
