@@ -1,4 +1,8 @@
 //! Ctrl-C and SIGTERM: asked for, seen in a wait, obeyed at the next step.
+#![allow(
+    clippy::disallowed_types,
+    reason = "the signal handlers of signal-hook write these types"
+)]
 
 use std::{
     io,

@@ -10,6 +10,7 @@
 //! `view` (what there is), `names` (what a person means), `sampling` (counters of nodes),
 //! `output` and `columns`.
 #![forbid(unsafe_code)]
+#![deny(clippy::disallowed_types)]
 
 #[macro_use]
 mod say;

@@ -1,4 +1,8 @@
 //! Datagrams from one end of a bad link to the other, in their time and order.
+#![allow(
+    clippy::disallowed_types,
+    reason = "settings between two threads; no process shares this memory"
+)]
 
 use std::{
     io,

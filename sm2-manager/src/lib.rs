@@ -28,6 +28,7 @@
 //!
 //! In each case links go on, and nodes come back by themselves (SPEC section 11).
 #![forbid(unsafe_code)]
+#![deny(clippy::disallowed_types)]
 
 mod background;
 mod connection;

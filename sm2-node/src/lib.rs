@@ -143,6 +143,7 @@
 //! [`Node`], [`Publisher`], [`Subscriber`], [`Server`], [`Client`] and their builders;
 //! [`mod@domain`] and [`diagnostics`] for tools; the examples; `SPEC.md` for the protocol, whose clauses are named here as `SM2-QOS-002`.
 #![deny(unsafe_code)]
+#![deny(clippy::disallowed_types)]
 
 // For the derive macros, which speak of `::sm2_node`.
 extern crate self as sm2_node;

@@ -42,6 +42,7 @@
 //! peer can make a machine keep is bounded by [`limits`].
 #![no_std]
 #![forbid(unsafe_code)]
+#![deny(clippy::disallowed_types)]
 
 extern crate alloc;
 

@@ -1,4 +1,8 @@
 //! Who publishes and who receives.
+#![allow(
+    clippy::disallowed_types,
+    reason = "a flag between two threads; no process shares this memory"
+)]
 
 use std::{
     collections::BTreeMap,
