@@ -45,7 +45,7 @@ impl Session {
     ///
     /// # Errors
     ///
-    /// [`CliError::NoManager`], [`CliError::Connect`], [`CliError::Endpoint`],
+    /// [`CliError::NoManager`], [`CliError::Connect`], [`CliError::DomainSocket`],
     /// [`CliError::Stopped`] by a signal while it waits for a Manager.
     pub(crate) fn open(domain: &Domain, role: &str) -> Result<Self, CliError> {
         let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
@@ -163,7 +163,7 @@ impl Domain {
     ///
     /// # Errors
     ///
-    /// [`CliError::Endpoint`].
+    /// [`CliError::DomainSocket`].
     pub(crate) fn path(&self) -> Result<PathBuf, CliError> {
         match &self.socket {
             Some(path) => Ok(path.clone()),

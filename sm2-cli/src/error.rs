@@ -7,7 +7,7 @@ use std::{
 
 use nix::libc;
 use sm2_demo::DemoError;
-use sm2_io::EndpointError;
+use sm2_io::DomainSocketError;
 use sm2_node::domain::QueryError;
 use sm2_node::schema::SchemaError;
 use sm2_node::{
@@ -129,7 +129,7 @@ pub(crate) enum CliError {
     NoTerminal,
     /// The domain's socket cannot be named.
     #[error(transparent)]
-    Endpoint(#[from] EndpointError),
+    DomainSocket(#[from] DomainSocketError),
     /// The Manager does not take the command's node.
     #[error(transparent)]
     Connect(#[from] ConnectError),
@@ -242,7 +242,7 @@ impl CliError {
             | Self::NoTerminal
             | Self::Json(_)
             | Self::SchemaHash { .. }
-            | Self::Endpoint(EndpointError::DomainName { .. }) => WRONG_USAGE,
+            | Self::DomainSocket(DomainSocketError::DomainName { .. }) => WRONG_USAGE,
             _ => 1,
         }
     }

@@ -2,7 +2,7 @@
 //! `cargo run --release -p sm2-io --example memory`.
 //!
 //! Medians in microseconds. `ready`: from the moment that the bytes are known to the sealed
-//! descriptor; `before`: what a blank takes, off that path; `read`: mapping it, reading
+//! descriptor; `before`: what a preallocated takes, off that path; `read`: mapping it, reading
 //! every word, and unmapping it; `free`: closing the last descriptor. Of a pooled slot, `first` is
 //! writing to it for the first time, and `again` for the second.
 
@@ -12,7 +12,7 @@ use std::os::fd::OwnedFd;
 use std::time::Instant;
 
 use sm2_io::memfd::{sealed_from_bytes, sealed_from_parts};
-use sm2_io::{Blank, InspectedFd, SealedLoan, SealedMapping, Segment};
+use sm2_io::{InspectedFd, Preallocated, SealedLoan, SealedMapping, Segment};
 
 const LENGTHS: [usize; 6] = [4_096, 65_536, 262_144, 1_000_000, 10_000_000, 10_485_760];
 const TIMES: usize = 101;
@@ -27,18 +27,18 @@ const WAYS: [(&str, Way); 5] = [
     ("copy, as the library does", |bytes| {
         sealed_from_bytes(bytes).map(|fd| (0.0, fd))
     }),
-    ("copy into a blank", |bytes| {
-        let (before, blank) = timed(|| Blank::for_copies(bytes.len()))?;
-        Ok((before, blank.fill(bytes)?))
+    ("copy into a preallocated", |bytes| {
+        let (before, preallocated) = timed(|| Preallocated::for_copies(bytes.len()))?;
+        Ok((before, preallocated.fill(bytes)?))
     }),
     ("loan", |bytes| {
         let mut loan = SealedLoan::new(bytes.len() as u64)?;
         loan.as_mut_slice().copy_from_slice(bytes);
         Ok((0.0, loan.seal()?))
     }),
-    ("loan of a blank", |bytes| {
-        let (before, blank) = timed(|| Blank::for_loans(bytes.len()))?;
-        let mut loan = blank.lend(bytes.len())?;
+    ("loan of a preallocated", |bytes| {
+        let (before, preallocated) = timed(|| Preallocated::for_loans(bytes.len()))?;
+        let mut loan = preallocated.lend(bytes.len())?;
         loan.as_mut_slice().copy_from_slice(bytes);
         Ok((before, loan.seal()?))
     }),

@@ -1,51 +1,59 @@
-//! SM2's adapters to the operating system: seqpacket sockets that carry
-//! descriptors, sealed memory files, mappings, epoll, the claim on a domain's socket.
+//! SM2's adapters to the operating system: seqpacket sockets that carry descriptors, sealed memory
+//! files, mappings, epoll, the socket of a domain, QUIC.
 //!
-//! Each adapter does one thing the kernel offers, and turns its answers into
-//! types. There is no policy here and no protocol: what a datagram means, whether a
-//! descriptor may be mapped, and what to do with a slow peer is decided by the
-//! machines of [`sm2_proto`]. The drivers in `sm2-node` and `sm2-manager` are who
-//! calls. Linux only.
+//! Each adapter wraps one service of the kernel, and turns the kernel's answers into types. The
+//! crate decides no policy and knows no protocol: the machines of [`sm2_proto`] decide what a
+//! datagram means, whether a descriptor may be mapped, and what to do with a slow peer. The callers
+//! are the drivers in `sm2-node`, `sm2-manager` and `sm2-gateway`. Linux only.
 //!
-//! | module | what |
+//! | module | content |
 //! | --- | --- |
 //! | [`socket`] | [`SeqPacket`], [`Listener`]: datagrams with descriptors |
-//! | [`endpoint`] | [`socket_path`]: where a domain's socket is |
-//! | [`claim`] | [`Claim`]: owning that place, alone |
-//! | [`memfd`] | [`facts`](memfd::facts), [`SealedLoan`], [`Blank`], [`Segment`]: memory to share |
-//! | [`slots`] | [`Slot`]: a segment's slots, each with one owner |
-//! | [`mapping`] | [`Mapping`]: looking at shared memory |
+//! | [`domain_socket`] | [`socket_path`], [`BindOptions`], [`DomainSocket`]: the socket of a domain and its one owner |
+//! | [`memfd`] | [`SealedLoan`], [`Preallocated`], [`Segment`]: memory to share |
+//! | [`memfd::verify`] | [`InspectedFd`]: proofs about the memory of other processes |
+//! | [`slots`] | [`Slot`]: the slots of a segment, each with one owner |
+//! | [`mapping`] | [`SealedMapping`], [`PooledMapping`]: reading shared memory |
 //! | [`ring`] | [`Ring`]: words that two processes write |
-//! | [`counters`] | [`CounterPage`], [`CounterView`]: what a node counts, for tools to look at |
-//! | [`epoll`] | [`Epoll`], [`wait_readable`]: waiting |
+//! | [`counters`] | [`CounterPage`], [`CounterView`]: the counters of a node, readable by tools |
+//! | [`epoll`] | [`Epoll`], [`wait_readable`]: waiting for descriptors |
 //! | [`waker`] | [`Waker`]: waking a loop from another thread |
-//! | [`timer`] | [`Timer`]: waking a loop at a moment |
+//! | [`timer`] | [`Timer`]: waking a loop at a given time |
 //! | [`clock`] | [`now`](clock::now) |
 //! | `quic` | QUIC between gateways (feature `quic`) |
 //!
-//! # Where `unsafe` lives
+//! # Memory that other processes can change
 //!
-//! All of it that SM2 has is in this crate. Every block says what makes it true.
+//! No safe function here returns a reference to memory that another process can change or shrink.
+//! A file of another process is mapped only with a proof of its seals and size, and the mapping
+//! offers what that proof allows: see [`memfd::verify`]. The programs in `tests/compile_fail` are
+//! the ways around that, none of which compiles.
+//!
+//! # Where `unsafe` is
+//!
+//! All `unsafe` code of SM2 is in this crate, except for one constructor in `sm2-node`
+//! (`src/pooled.rs`). Every block says what makes it sound.
 //!
 //! - `socket`, `listener`: `sendmsg`, `recvmsg`, `ioctl(SIOCOUTQ)`, and owning the descriptors that
-//!   `recvmsg` and `accept4` return. (Control messages are built and parsed in
-//!   safe code.)
+//!   `recvmsg` and `accept4` return. (Control messages are built and parsed in safe code.)
 //! - `epoll`: `epoll_pwait2`.
-//! - `mapping`: `mmap`, `munmap`, `madvise`, `mlock`, prefetching, slices over read-only and private
-//!   mappings, and atomic words over those that change.
-//! - `loan`: slices over a memfd that nobody else has.
-//! - `segment`: slots, whose exclusive use the caller promises.
+//! - `runtime`: registering a descriptor with tokio.
+//! - `mapping::region`: `mmap`, `munmap`, `madvise`, `mlock`, and atomic words over a mapping.
+//! - `mapping::read_only`: slices over sealed files, copies from pooled ones, prefetching.
+//! - `mapping::scratch`: slices over private memory.
+//! - `memfd::loan`: slices over a memfd that no other process has.
+//! - `memfd::segment`: slots, whose exclusive use the caller promises.
 //! - `slots`: keeping that promise by ownership.
+#![deny(clippy::disallowed_types)]
 
 #[cfg(not(target_os = "linux"))]
 compile_error!("sm2-io is written for Linux: it needs memfd seals, epoll and SOCK_SEQPACKET");
 
-pub mod claim;
 pub mod clock;
-mod control;
+mod cmsg;
 pub mod counters;
 mod datagram;
-pub mod endpoint;
+pub mod domain_socket;
 pub mod epoll;
 mod huge;
 mod listener;
@@ -62,12 +70,13 @@ mod sync;
 pub mod timer;
 pub mod waker;
 
-pub use claim::{Claim, DomainLock, Endpoint, HandOver, NotReclaimed};
 pub use counters::{CounterEntry, CounterPage, CounterView};
-pub use endpoint::{EndpointError, socket_path};
+pub use domain_socket::{
+    BindOptions, DomainLock, DomainSocket, DomainSocketError, HandOver, NotReclaimed, socket_path,
+};
 pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
 pub use mapping::{PooledMapping, Scratch, SealedMapping};
-pub use memfd::{Blank, InspectedFd, SealedLoan, Segment, VerifyError};
+pub use memfd::{InspectedFd, Preallocated, SealedLoan, Segment, VerifyError};
 pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;

@@ -13,7 +13,7 @@ pub use self::copy::sealed_from_parts;
 pub use self::facts::facts;
 pub use self::file::locked_bytes_max;
 pub use self::loan::SealedLoan;
-pub use self::preallocated::Blank;
+pub use self::preallocated::Preallocated;
 pub use self::sealed::sealed_from_bytes;
 pub use self::segment::Segment;
 pub use self::verify::{InspectedFd, PooledFile, RingFile, SealedFile, VerifyError};

@@ -12,7 +12,7 @@ use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
 use nix::libc;
 use nix::sys::socket::{self, AddressFamily, SockFlag, SockType, UnixAddr, sockopt};
 
-use crate::control::{Control, Message};
+use crate::cmsg::{ControlBuffer, ControlMessage};
 pub use crate::datagram::{Received, ReceivedFds, RecvError, SendError};
 pub use crate::listener::Listener;
 
@@ -149,8 +149,8 @@ impl SeqPacket {
 
         let mut control;
         if !fds.is_empty() {
-            let (rights, len) =
-                Control::rights(fds).ok_or(SendError::Io(io::ErrorKind::InvalidInput.into()))?;
+            let (rights, len) = ControlBuffer::rights(fds)
+                .ok_or(SendError::Io(io::ErrorKind::InvalidInput.into()))?;
             control = rights;
             header.msg_control = control.as_mut_ptr();
             header.msg_controllen = len as _;
@@ -181,7 +181,7 @@ impl SeqPacket {
     ///
     /// See [`RecvError`]. An empty datagram counts as `Closed`.
     pub fn recv(&self, buffer: &mut [u8]) -> Result<Received, RecvError> {
-        let mut control = Control::empty();
+        let mut control = ControlBuffer::empty();
         let mut part = libc::iovec {
             iov_base: buffer.as_mut_ptr().cast(),
             iov_len: buffer.len(),
@@ -192,7 +192,7 @@ impl SeqPacket {
         let flags = libc::MSG_DONTWAIT | libc::MSG_CMSG_CLOEXEC;
         let len = loop {
             header.msg_control = control.as_mut_ptr();
-            header.msg_controllen = Control::ROOM as _;
+            header.msg_controllen = ControlBuffer::ROOM as _;
             // SAFETY: `header` names `buffer` and `control` with their true sizes; both are
             // borrowed exclusively here and outlive the call.
             let got = unsafe { libc::recvmsg(self.fd.as_raw_fd(), &raw mut header, flags) };
@@ -229,8 +229,8 @@ impl SeqPacket {
 /// Takes ownership of every descriptor in `control`. Those that the sender
 /// passed are returned; one that the kernel added by itself (a pidfd, if whoever
 /// made the socket asked for it) is closed.
-fn own_fds(control: &Control, len: usize) -> ReceivedFds {
-    let count = |message: Message<'_>| message.is_rights().then(|| message.fds().len());
+fn own_fds(control: &ControlBuffer, len: usize) -> ReceivedFds {
+    let count = |message: ControlMessage<'_>| message.is_rights().then(|| message.fds().len());
     let room = control.messages(len).filter_map(count).sum();
     let mut fds = Vec::with_capacity(room);
     for message in control.messages(len) {

@@ -5,7 +5,7 @@ use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use sm2_io::{Claim, DomainLock, EndpointError, Listener, SeqPacket};
+use sm2_io::{BindOptions, DomainLock, DomainSocketError, Listener, SeqPacket};
 use tempfile::TempDir;
 
 fn place() -> (TempDir, PathBuf) {
@@ -34,7 +34,7 @@ fn is_served(path: &Path) -> bool {
 #[test]
 fn an_owner_listens_and_leaves_nothing() {
     let (_guard, path) = place();
-    let endpoint = Claim::acquire(&path).unwrap();
+    let endpoint = BindOptions::acquire(&path).unwrap();
     let directory = path.parent().unwrap();
     assert_eq!(endpoint.path(), path);
     assert_eq!((mode(directory), mode(&path)), (0o700, 0o600));
@@ -49,16 +49,16 @@ fn an_owner_listens_and_leaves_nothing() {
 
     endpoint.close();
     assert!(names_in(directory).is_empty());
-    drop(Claim::acquire(&path).unwrap());
+    drop(BindOptions::acquire(&path).unwrap());
     assert!(names_in(directory).is_empty());
 }
 
 #[test]
 fn the_second_is_told_that_it_is_busy() {
     let (_guard, path) = place();
-    let first = Claim::acquire(&path).unwrap();
+    let first = BindOptions::acquire(&path).unwrap();
     for _ in 0..2 {
-        let Err(EndpointError::Busy { path: busy }) = Claim::acquire(&path) else {
+        let Err(DomainSocketError::Busy { path: busy }) = BindOptions::acquire(&path) else {
             panic!("two owners");
         };
         assert_eq!(busy, path);
@@ -66,7 +66,7 @@ fn the_second_is_told_that_it_is_busy() {
     assert!(is_served(&path));
     drop(first);
     assert!(!is_served(&path));
-    let second = Claim::acquire(&path).unwrap();
+    let second = BindOptions::acquire(&path).unwrap();
     assert!(is_served(second.path()));
 }
 
@@ -81,7 +81,7 @@ fn what_a_dead_owner_left_is_replaced() {
     let stale = fs::metadata(&path).unwrap().ino();
     assert!(!is_served(&path));
 
-    let endpoint = Claim::acquire(&path).unwrap();
+    let endpoint = BindOptions::acquire(&path).unwrap();
     assert!(is_served(&path));
     assert_ne!(fs::metadata(&path).unwrap().ino(), stale);
     drop(endpoint);
@@ -95,8 +95,8 @@ fn a_file_that_is_not_a_socket_is_left_alone() {
     fs::create_dir(directory).unwrap();
     fs::write(&path, "precious").unwrap();
     assert!(matches!(
-        Claim::acquire(&path),
-        Err(EndpointError::NotASocket { .. })
+        BindOptions::acquire(&path),
+        Err(DomainSocketError::NotASocket { .. })
     ));
     assert_eq!(fs::read(&path).unwrap(), b"precious");
     assert_eq!(names_in(directory), ["default.sock"]);
@@ -105,7 +105,7 @@ fn a_file_that_is_not_a_socket_is_left_alone() {
 #[test]
 fn only_what_is_ours_is_removed() {
     let (_guard, path) = place();
-    let endpoint = Claim::acquire(&path).unwrap();
+    let endpoint = BindOptions::acquire(&path).unwrap();
     fs::remove_file(&path).unwrap();
     let _theirs = Listener::bind(&path, 1).unwrap();
     drop(endpoint);
@@ -116,9 +116,9 @@ fn only_what_is_ours_is_removed() {
 #[test]
 fn the_mode_is_the_operators_choice() {
     let (_guard, path) = place();
-    let claim = Claim {
+    let claim = BindOptions {
         mode: 0o666,
-        ..Claim::default()
+        ..BindOptions::default()
     };
     let _endpoint = claim.acquire_at(&path).unwrap();
     // Whatever the umask.
@@ -133,15 +133,15 @@ fn places_that_others_control_are_refused() {
     fs::create_dir(directory).unwrap();
     let set_mode = |mode| fs::set_permissions(directory, Permissions::from_mode(mode)).unwrap();
     set_mode(0o777);
-    let result = Claim::acquire(&path);
+    let result = BindOptions::acquire(&path);
     assert!(matches!(
         result,
-        Err(EndpointError::DirectoryWritable { mode: 0o777, .. })
+        Err(DomainSocketError::DirectoryWritable { mode: 0o777, .. })
     ));
     assert!(names_in(directory).is_empty());
     for fine in [0o1777, 0o770, 0o755] {
         set_mode(fine);
-        drop(Claim::acquire(&path).unwrap());
+        drop(BindOptions::acquire(&path).unwrap());
         assert_eq!(
             mode(directory),
             fine,
@@ -150,10 +150,10 @@ fn places_that_others_control_are_refused() {
     }
     // Only root can give a directory away.
     if std::os::unix::fs::chown(directory, Some(12345), None).is_ok() {
-        let result = Claim::acquire(&path);
+        let result = BindOptions::acquire(&path);
         assert!(matches!(
             result,
-            Err(EndpointError::DirectoryOwner { uid: 12345, .. })
+            Err(DomainSocketError::DirectoryOwner { uid: 12345, .. })
         ));
     }
 }
@@ -162,7 +162,7 @@ fn places_that_others_control_are_refused() {
 fn only_the_last_directory_is_created() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("missing/sm2/default.sock");
-    let Err(EndpointError::Io { action, source, .. }) = Claim::acquire(&path) else {
+    let Err(DomainSocketError::Io { action, source, .. }) = BindOptions::acquire(&path) else {
         panic!("created the directory above");
     };
     assert_eq!(
@@ -171,8 +171,8 @@ fn only_the_last_directory_is_created() {
     );
     let long = directory.path().join("x".repeat(107));
     assert!(matches!(
-        Claim::acquire(&long),
-        Err(EndpointError::PathTooLong { .. })
+        BindOptions::acquire(&long),
+        Err(DomainSocketError::PathTooLong { .. })
     ));
 }
 
@@ -181,10 +181,10 @@ fn a_lock_can_be_held_without_a_socket() {
     let (_guard, path) = place();
     let lock = DomainLock::acquire(&path).unwrap();
     assert!(matches!(
-        Claim::acquire(&path),
-        Err(EndpointError::Busy { .. })
+        BindOptions::acquire(&path),
+        Err(DomainSocketError::Busy { .. })
     ));
-    let endpoint = lock.bind(Claim::default()).unwrap();
+    let endpoint = lock.bind(BindOptions::default()).unwrap();
     assert!(is_served(endpoint.path()));
 }
 
@@ -206,7 +206,7 @@ fn never_two_owners() {
                             owners.fetch_sub(1, Ordering::SeqCst);
                             drop(lock);
                         }
-                        Err(EndpointError::Busy { .. }) => {}
+                        Err(DomainSocketError::Busy { .. }) => {}
                         Err(error) => panic!("{error}"),
                     }
                 }

@@ -3,10 +3,10 @@
 use std::ffi::OsString;
 use std::os::unix::ffi::OsStringExt;
 
-use sm2_io::EndpointError;
-use sm2_io::endpoint::{MAX_PATH_BYTES, socket_path_in};
+use sm2_io::DomainSocketError;
+use sm2_io::domain_socket::{MAX_PATH_BYTES, socket_path_in};
 
-fn path(domain: Option<&str>, environment: &[(&str, &str)]) -> Result<String, EndpointError> {
+fn path(domain: Option<&str>, environment: &[(&str, &str)]) -> Result<String, DomainSocketError> {
     let variable = |name: &str| {
         let found = environment.iter().find(|(variable, _)| *variable == name);
         found.map(|(_, value)| OsString::from(value))
@@ -72,18 +72,19 @@ fn names_of_domains() {
         "", ".", "..", "a/b", "a b", "a.b", "é", "a\0", "a\n", &too_long,
     ] {
         let result = path(Some(illegal), &[]);
-        let refused = matches!(&result, Err(EndpointError::DomainName { name }) if name == illegal);
+        let refused =
+            matches!(&result, Err(DomainSocketError::DomainName { name }) if name == illegal);
         assert!(refused, "{illegal:?}: {result:?}");
     }
     assert!(matches!(
         path(None, &[("SM2_DOMAIN", "a/b")]),
-        Err(EndpointError::DomainName { .. })
+        Err(DomainSocketError::DomainName { .. })
     ));
     let not_utf8 =
         |name: &str| (name == "SM2_DOMAIN").then(|| OsString::from_vec(vec![b'a', 0xff]));
     assert!(matches!(
         socket_path_in(None, not_utf8),
-        Err(EndpointError::DomainName { .. })
+        Err(DomainSocketError::DomainName { .. })
     ));
 }
 
@@ -97,7 +98,7 @@ fn paths_fit_an_address() {
     };
     assert!(matches!(
         &error,
-        EndpointError::PathTooLong { len_bytes: 107, .. }
+        DomainSocketError::PathTooLong { len_bytes: 107, .. }
     ));
     assert!(
         error.to_string().contains("SM2_SOCKET"),
@@ -106,6 +107,6 @@ fn paths_fit_an_address() {
     let deep = format!("/{}", "d".repeat(100));
     assert!(matches!(
         path(Some("arm"), &[("XDG_RUNTIME_DIR", &deep)]),
-        Err(EndpointError::PathTooLong { .. })
+        Err(DomainSocketError::PathTooLong { .. })
     ));
 }

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use nix::sys::socket::{self, AddressFamily, SockFlag, SockType, UnixAddr};
-use sm2_io::{Claim, DomainLock, Endpoint, EndpointError, HandOver, Listener, SeqPacket};
+use sm2_io::{
+    BindOptions, DomainLock, DomainSocket, DomainSocketError, HandOver, Listener, SeqPacket,
+};
 use tempfile::TempDir;
 
 fn place() -> (TempDir, PathBuf) {
@@ -30,12 +32,12 @@ fn arrives_at(listener: &Listener, path: &Path) -> bool {
     listener.accept().unwrap().is_some()
 }
 
-fn busy<T>(result: Result<T, EndpointError>) -> bool {
-    matches!(result, Err(EndpointError::Busy { .. }))
+fn busy<T>(result: Result<T, DomainSocketError>) -> bool {
+    matches!(result, Err(DomainSocketError::Busy { .. }))
 }
 
 /// That it is not taken back, and why not.
-fn refused(hand_over: HandOver) -> (HandOver, EndpointError) {
+fn refused(hand_over: HandOver) -> (HandOver, DomainSocketError) {
     let not = *hand_over.reclaim().unwrap_err();
     (not.hand_over, not.reason)
 }
@@ -45,7 +47,7 @@ fn refused(hand_over: HandOver) -> (HandOver, EndpointError) {
 #[test]
 fn a_successor_replaces_the_socket_in_one_step() {
     let (_guard, path) = place();
-    let old = Claim::acquire(&path).unwrap();
+    let old = BindOptions::acquire(&path).unwrap();
     assert!(busy(DomainLock::acquire(&path)));
     let old = old.hand_over();
     assert_eq!(old.path(), path);
@@ -55,7 +57,7 @@ fn a_successor_replaces_the_socket_in_one_step() {
     assert!(busy(DomainLock::acquire(&path)), "one successor");
     assert!(!old.is_replaced() && arrives_at(old.listener(), &path));
     let waiting = SeqPacket::connect(&path).unwrap();
-    let new = lock.bind(Claim::default()).unwrap();
+    let new = lock.bind(BindOptions::default()).unwrap();
     assert!(old.is_replaced() && arrives_at(new.listener(), &path));
     assert!(old.listener().accept().unwrap().is_some(), "who waited");
     drop((waiting, old));
@@ -69,7 +71,7 @@ fn a_successor_replaces_the_socket_in_one_step() {
 #[test]
 fn what_nobody_took_is_taken_back() {
     let (_guard, path) = place();
-    let mut endpoint = Claim::acquire(&path).unwrap();
+    let mut endpoint = BindOptions::acquire(&path).unwrap();
     for _ in 0..3 {
         endpoint = endpoint.hand_over().reclaim().unwrap();
         assert!(busy(DomainLock::acquire(&path)));
@@ -90,17 +92,17 @@ fn what_nobody_took_is_taken_back() {
 #[test]
 fn what_was_replaced_is_not_taken_back() {
     let (_guard, path) = place();
-    let old = Claim::acquire(&path).unwrap().hand_over();
-    let new = Claim::acquire(&path).unwrap();
+    let old = BindOptions::acquire(&path).unwrap().hand_over();
+    let new = BindOptions::acquire(&path).unwrap();
     let (old, reason) = refused(old);
     assert!(busy::<()>(Err(reason)));
     // The successor has ended; a second one would find a free place.
     drop(new);
     assert!(old.is_replaced());
     let (old, reason) = refused(old);
-    assert!(matches!(reason, EndpointError::Replaced { path: of } if of == path));
+    assert!(matches!(reason, DomainSocketError::Replaced { path: of } if of == path));
     assert!(names_in(path.parent().unwrap()).is_empty());
-    let new = Claim::acquire(&path).unwrap();
+    let new = BindOptions::acquire(&path).unwrap();
     drop(old);
     assert!(arrives_at(new.listener(), &path));
 }
@@ -110,18 +112,18 @@ fn an_end_in_the_middle_leaves_nothing_that_is_ours() {
     let (_guard, path) = place();
     let directory = path.parent().unwrap();
     // Nobody came.
-    drop(Claim::acquire(&path).unwrap().hand_over());
+    drop(BindOptions::acquire(&path).unwrap().hand_over());
     assert!(names_in(directory).is_empty());
     // Somebody is about to bind: there is never a moment without a socket.
-    let old = Claim::acquire(&path).unwrap().hand_over();
+    let old = BindOptions::acquire(&path).unwrap().hand_over();
     let lock = DomainLock::acquire(&path).unwrap();
     drop(old);
     assert_eq!(names_in(directory), ["default.sock", "default.sock.lock"]);
-    let new = lock.bind(Claim::default()).unwrap();
+    let new = lock.bind(BindOptions::default()).unwrap();
     assert!(arrives_at(new.listener(), &path));
     drop(new);
     // The folder is gone, and does not come back.
-    let old = Claim::acquire(&path).unwrap().hand_over();
+    let old = BindOptions::acquire(&path).unwrap().hand_over();
     fs::remove_dir_all(directory).unwrap();
     drop(old);
     assert!(!directory.exists());
@@ -140,20 +142,24 @@ fn a_socket_from_outside_is_used_and_left() {
     let socket = activated(&path);
     let kept = socket.try_clone().unwrap();
     let early = SeqPacket::connect(&path).unwrap();
-    let endpoint = Claim::default().adopt(socket).unwrap();
+    let endpoint = BindOptions::default().adopt(socket).unwrap();
     assert_eq!(endpoint.path(), path);
-    assert!(busy(Claim::acquire(&path)));
+    assert!(busy(BindOptions::acquire(&path)));
     let accepted = endpoint.listener().accept().unwrap();
     assert!(accepted.is_some(), "came before us");
     drop((early, accepted));
     assert!(arrives_at(endpoint.listener(), &path));
-    assert!(busy(Claim::default().adopt(kept.try_clone().unwrap())));
+    assert!(busy(
+        BindOptions::default().adopt(kept.try_clone().unwrap())
+    ));
 
     // Also by way of a hand-over, whether somebody comes or not.
     let endpoint = endpoint.hand_over().reclaim().unwrap();
     drop(endpoint);
     assert_eq!(names_in(path.parent().unwrap()), ["default.sock"]);
-    let again = Claim::default().adopt(kept.try_clone().unwrap()).unwrap();
+    let again = BindOptions::default()
+        .adopt(kept.try_clone().unwrap())
+        .unwrap();
     drop(again.hand_over());
     assert_eq!(names_in(path.parent().unwrap()), ["default.sock"]);
     assert!(arrives_at(&Listener::from_fd(kept).unwrap(), &path));
@@ -161,7 +167,7 @@ fn a_socket_from_outside_is_used_and_left() {
 
 #[test]
 fn descriptors_that_are_no_socket_of_a_domain() {
-    let adopt = |fd: OwnedFd| Claim::default().adopt(fd).unwrap_err();
+    let adopt = |fd: OwnedFd| BindOptions::default().adopt(fd).unwrap_err();
     let (_guard, path) = place();
     let directory = path.parent().unwrap();
     let listener = activated(&path);
@@ -172,7 +178,7 @@ fn descriptors_that_are_no_socket_of_a_domain() {
     for fd in [connected, pair.into(), stream.into(), not_a_socket.into()] {
         let error = adopt(fd);
         assert!(
-            matches!(error, EndpointError::NotAListener { .. }),
+            matches!(error, DomainSocketError::NotAListener { .. }),
             "{error}"
         );
     }
@@ -185,13 +191,16 @@ fn descriptors_that_are_no_socket_of_a_domain() {
     let name = format!("sm2-io-test-{}", std::process::id());
     socket::bind(number, &UnixAddr::new_abstract(name.as_bytes()).unwrap()).unwrap();
     socket::listen(&without_path, backlog()).unwrap();
-    assert!(matches!(adopt(without_path), EndpointError::NoPath));
+    assert!(matches!(adopt(without_path), DomainSocketError::NoPath));
 
     fs::remove_file(&path).unwrap();
     let error = adopt(listener.try_clone().unwrap());
-    assert!(matches!(error, EndpointError::Io { .. }), "{error}");
+    assert!(matches!(error, DomainSocketError::Io { .. }), "{error}");
     fs::write(&path, "precious").unwrap();
-    assert!(matches!(adopt(listener), EndpointError::NotASocket { .. }));
+    assert!(matches!(
+        adopt(listener),
+        DomainSocketError::NotASocket { .. }
+    ));
     assert_eq!(names_in(directory), ["default.sock", "stream"]);
 }
 
@@ -208,7 +217,7 @@ fn never_two_owners() {
             let (owners, path) = (&owners, &path);
             scope.spawn(move || {
                 for round in 0..1_500 {
-                    match Claim::acquire(path) {
+                    match BindOptions::acquire(path) {
                         Ok(endpoint) => owners.own(endpoint, (thread + round) % 4),
                         Err(error) => assert!(busy::<()>(Err(error))),
                     }
@@ -236,7 +245,7 @@ impl Owners {
         std::thread::yield_now();
     }
 
-    fn own(&self, endpoint: Endpoint, way: u32) {
+    fn own(&self, endpoint: DomainSocket, way: u32) {
         self.enter();
         self.now.fetch_sub(1, Ordering::SeqCst);
         if way == 0 {

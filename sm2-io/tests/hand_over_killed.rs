@@ -9,7 +9,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use sm2_io::{Claim, Endpoint, EndpointError, Listener, SeqPacket};
+use sm2_io::{BindOptions, DomainSocket, DomainSocketError, Listener, SeqPacket};
 
 const PATH: &str = "SM2_IO_TEST_HAND_OVER";
 const KILLS: usize = 200;
@@ -64,7 +64,7 @@ fn never_two_owners() {
         assert!(contender.0.wait().unwrap().success());
     }
     // What the last ones left, if they were killed, is no obstacle.
-    let endpoint = Claim::acquire(&path).unwrap();
+    let endpoint = BindOptions::acquire(&path).unwrap();
     assert!(SeqPacket::connect(&path).is_ok());
     drop(endpoint);
     let left = path.parent().unwrap().read_dir().unwrap();
@@ -90,13 +90,13 @@ fn a_contender() {
         let (mut random, mut owned, late) = (seed, 0, Instant::now() + LONG);
         while !stop.load(Ordering::Relaxed) {
             random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            match Claim::acquire(&path) {
+            match BindOptions::acquire(&path) {
                 Ok(endpoint) => {
                     owned += 1;
                     // Once, as nobody may read more.
                     contend(endpoint, &token, random >> 30, &stop, owned == 1 + seed % 5);
                 }
-                Err(EndpointError::Busy { .. }) if owned > 0 || Instant::now() < late => {
+                Err(DomainSocketError::Busy { .. }) if owned > 0 || Instant::now() < late => {
                     std::thread::yield_now();
                 }
                 Err(error) => fail(&error.to_string()),
@@ -105,7 +105,7 @@ fn a_contender() {
     });
 }
 
-fn contend(endpoint: Endpoint, token: &Path, way: u32, stop: &AtomicBool, tell: bool) {
+fn contend(endpoint: DomainSocket, token: &Path, way: u32, stop: &AtomicBool, tell: bool) {
     own(token);
     if tell {
         println!("owned");
@@ -195,8 +195,8 @@ fn who_takes_over_a_listening_socket_is_who_listens() {
     assert!(until(&mut lines, "adopted"));
     assert_eq!(listens(), child.0.id());
     assert!(matches!(
-        Claim::acquire(&path),
-        Err(EndpointError::Busy { .. })
+        BindOptions::acquire(&path),
+        Err(DomainSocketError::Busy { .. })
     ));
 }
 
@@ -207,7 +207,7 @@ fn an_activated_one() {
         return;
     }
     let socket = std::os::fd::AsFd::as_fd(&std::io::stdin()).try_clone_to_owned();
-    let _endpoint = Claim::default().adopt(socket.unwrap()).unwrap();
+    let _endpoint = BindOptions::default().adopt(socket.unwrap()).unwrap();
     println!("adopted");
     loop {
         std::thread::park();

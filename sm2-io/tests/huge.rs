@@ -9,7 +9,7 @@ use std::os::unix::fs::MetadataExt;
 
 use common::{map_pooled, map_sealed};
 use sm2_io::memfd::{facts, sealed_from_bytes};
-use sm2_io::{Blank, SealedLoan, Segment};
+use sm2_io::{Preallocated, SealedLoan, Segment};
 use sm2_proto::Seals;
 
 const HUGE: usize = 2 << 20;
@@ -39,7 +39,7 @@ fn assert_message(fd: BorrowedFd<'_>, bytes: &[u8]) {
 }
 
 #[test]
-fn blanks_hold_all_that_fits() {
+fn preallocated_files_hold_all_that_fits() {
     for capacity in [
         0,
         1,
@@ -52,10 +52,10 @@ fn blanks_hold_all_that_fits() {
     ] {
         for len in [0, 1, capacity / 4, capacity - capacity.min(1), capacity] {
             let bytes = pattern(len.min(capacity));
-            let blank = Blank::for_copies(capacity).unwrap();
-            assert_eq!(blank.capacity_bytes(), capacity);
-            assert_message(blank.fill(&bytes).unwrap().as_fd(), &bytes);
-            for made in [Blank::for_loans, Blank::for_copies] {
+            let preallocated = Preallocated::for_copies(capacity).unwrap();
+            assert_eq!(preallocated.capacity_bytes(), capacity);
+            assert_message(preallocated.fill(&bytes).unwrap().as_fd(), &bytes);
+            for made in [Preallocated::for_loans, Preallocated::for_copies] {
                 let mut loan = made(capacity).unwrap().lend(bytes.len()).unwrap();
                 assert_eq!(loan.len(), bytes.len());
                 assert!(loan.as_slice().iter().all(|&byte| byte == 0));
@@ -67,15 +67,15 @@ fn blanks_hold_all_that_fits() {
 }
 
 #[test]
-#[should_panic(expected = "2 bytes in a blank of 1")]
-fn a_blank_that_is_too_small() {
-    let _ = Blank::for_copies(1).unwrap().fill(b"ab");
+#[should_panic(expected = "2 bytes in a preallocated file of 1")]
+fn a_preallocated_file_that_is_too_small() {
+    let _ = Preallocated::for_copies(1).unwrap().fill(b"ab");
 }
 
 #[test]
 fn what_a_message_does_not_need_is_given_back() {
     for capacity in [1 << 18, 4 * HUGE] {
-        let fd = Blank::for_copies(capacity)
+        let fd = Preallocated::for_copies(capacity)
             .unwrap()
             .fill(&[1; 5000])
             .unwrap();

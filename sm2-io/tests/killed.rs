@@ -4,7 +4,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
-use sm2_io::{Claim, EndpointError, SeqPacket};
+use sm2_io::{BindOptions, DomainSocketError, SeqPacket};
 
 const PATH_OF_VICTIM: &str = "SM2_IO_TEST_VICTIM";
 
@@ -22,15 +22,15 @@ fn an_owner_that_is_killed_gives_way() {
     assert!(lines.any(|line| line.unwrap().ends_with("claimed")));
     assert!(SeqPacket::connect(&path).is_ok());
     assert!(matches!(
-        Claim::acquire(&path),
-        Err(EndpointError::Busy { .. })
+        BindOptions::acquire(&path),
+        Err(DomainSocketError::Busy { .. })
     ));
 
     victim.kill().unwrap(); // SIGKILL: nothing is cleaned up.
     victim.wait().unwrap();
     assert!(path.exists());
     assert!(SeqPacket::connect(&path).is_err());
-    let endpoint = Claim::acquire(&path).unwrap();
+    let endpoint = BindOptions::acquire(&path).unwrap();
     assert!(SeqPacket::connect(&path).is_ok());
     drop(endpoint);
     let left = path.parent().unwrap().read_dir().unwrap();
@@ -43,7 +43,7 @@ fn the_victim() {
     let Some(path) = std::env::var_os(PATH_OF_VICTIM) else {
         return;
     };
-    let _endpoint = Claim::acquire(path.as_ref()).unwrap();
+    let _endpoint = BindOptions::acquire(path.as_ref()).unwrap();
     println!("claimed");
     loop {
         std::thread::park();

@@ -8,7 +8,7 @@ use std::os::fd::AsFd;
 
 use nix::libc;
 use sm2_io::memfd::{facts, sealed_from_bytes};
-use sm2_io::{Blank, SealedLoan, Segment};
+use sm2_io::{Preallocated, SealedLoan, Segment};
 use sm2_proto::Seals;
 
 const NUMBER: u32 = 0;
@@ -70,12 +70,15 @@ fn everything_works_with_small_pages() {
         let bytes: Vec<u8> = (0..len).map(|at| (at % 251) as u8).collect();
         let mut loan = SealedLoan::new(len as u64).unwrap();
         loan.as_mut_slice().copy_from_slice(&bytes);
-        let mut lent = Blank::for_loans(len + 5_000).unwrap().lend(len).unwrap();
+        let mut lent = Preallocated::for_loans(len + 5_000)
+            .unwrap()
+            .lend(len)
+            .unwrap();
         lent.as_mut_slice().copy_from_slice(&bytes);
         let messages = [
             sealed_from_bytes(&bytes).unwrap(),
             loan.seal().unwrap(),
-            Blank::for_copies(len).unwrap().fill(&bytes).unwrap(),
+            Preallocated::for_copies(len).unwrap().fill(&bytes).unwrap(),
             lent.seal().unwrap(),
         ];
         for fd in messages {

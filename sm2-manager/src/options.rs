@@ -2,7 +2,7 @@
 
 use std::{io, path::PathBuf};
 
-use sm2_io::{Claim, EndpointError};
+use sm2_io::{BindOptions, DomainSocketError};
 
 use crate::Policy;
 
@@ -29,10 +29,10 @@ impl Default for Options {
 }
 
 impl Options {
-    pub(crate) fn claim(&self) -> Claim {
-        Claim {
+    pub(crate) fn bind_options(&self) -> BindOptions {
+        BindOptions {
             mode: self.socket_mode,
-            ..Claim::default()
+            ..BindOptions::default()
         }
     }
 }
@@ -43,7 +43,7 @@ impl Options {
 pub enum StartError {
     /// The domain's socket cannot be claimed.
     #[error(transparent)]
-    Endpoint(#[from] EndpointError),
+    DomainSocket(#[from] DomainSocketError),
     /// A standby met somebody who has the lock of the domain, and whom nobody can connect to.
     #[error(
         "cannot connect to the Manager that holds {path:?}, and cannot take its place: {source}"

@@ -8,7 +8,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use sm2_io::EndpointError;
+use sm2_io::DomainSocketError;
 use sm2_io::counters::CounterError;
 use sm2_proto::domain::Nonsense;
 use sm2_proto::limits::MESSAGE_MAX;
@@ -32,7 +32,7 @@ pub enum ConnectError {
     },
     /// The domain or its socket cannot be named.
     #[error(transparent)]
-    Endpoint(#[from] EndpointError),
+    DomainSocket(#[from] DomainSocketError),
     /// The node's own Manager cannot run, and cannot stand by either.
     #[cfg(feature = "embedded-manager")]
     #[error(transparent)]

@@ -14,7 +14,7 @@ use std::os::fd::OwnedFd;
 use std::time::Duration;
 
 use sm2_io::memfd::sealed_from_bytes;
-use sm2_io::{Blank, SealedLoan};
+use sm2_io::{Preallocated, SealedLoan};
 use sm2_proto::Instant;
 
 /// How much longer than the message a file may be that is taken for it: by a half, or by this.
@@ -23,7 +23,7 @@ const SLACK_BYTES: usize = 4_096;
 /// At most one file that is ready.
 #[derive(Debug)]
 pub(crate) struct SpareMemory {
-    ready: Option<Blank>,
+    ready: Option<Preallocated>,
     /// What the next message needs, as far as the last ones tell.
     next: Option<Need>,
     /// When the last sealed message was made.
@@ -56,7 +56,7 @@ impl SpareMemory {
     }
 
     /// Takes what is ready for a message of `len` bytes.
-    pub(crate) fn take(&mut self, len: usize, fill: Fill, now: Instant) -> Option<Blank> {
+    pub(crate) fn take(&mut self, len: usize, fill: Fill, now: Instant) -> Option<Preallocated> {
         let streams = self.last.is_some_and(|last| now.since(last) <= self.idle);
         self.last = Some(now);
         // Lengths that vary a little get what was enough for the longest of them.
@@ -80,11 +80,11 @@ impl SpareMemory {
         }
         if let (None, Some(Need { capacity, fill })) = (&self.ready, self.next) {
             let made = match fill {
-                Fill::Copy => Blank::for_copies(capacity),
-                Fill::InPlace => Blank::for_loans(capacity),
+                Fill::Copy => Preallocated::for_copies(capacity),
+                Fill::InPlace => Preallocated::for_loans(capacity),
             };
             match made {
-                Ok(blank) => self.ready = Some(blank),
+                Ok(preallocated) => self.ready = Some(preallocated),
                 // The next message tries again, and says so if it has no better luck.
                 Err(error) => tracing::debug!(%error, "no memory ahead of the next message"),
             }
@@ -104,17 +104,17 @@ const fn fits(len: usize, capacity: usize) -> bool {
 }
 
 /// A sealed copy of `bytes`, in what is ready if anything is.
-pub(crate) fn seal(ready: Option<Blank>, bytes: &[u8]) -> io::Result<OwnedFd> {
+pub(crate) fn seal(ready: Option<Preallocated>, bytes: &[u8]) -> io::Result<OwnedFd> {
     match ready {
-        Some(blank) => blank.fill(bytes),
+        Some(preallocated) => preallocated.fill(bytes),
         None => sealed_from_bytes(bytes),
     }
 }
 
 /// A loan of `len` bytes, in what is ready if anything is.
-pub(crate) fn lend(ready: Option<Blank>, len: usize) -> io::Result<SealedLoan> {
+pub(crate) fn lend(ready: Option<Preallocated>, len: usize) -> io::Result<SealedLoan> {
     match ready {
-        Some(blank) => blank.lend(len),
+        Some(preallocated) => preallocated.lend(len),
         None => SealedLoan::new(len as u64),
     }
 }
@@ -127,7 +127,7 @@ mod tests {
 
     fn refill(spare: &mut SpareMemory, seconds: u64) -> Option<usize> {
         spare.refill(|| Instant(seconds * SECOND));
-        spare.ready.as_ref().map(Blank::capacity_bytes)
+        spare.ready.as_ref().map(Preallocated::capacity_bytes)
     }
 
     #[test]
@@ -148,8 +148,11 @@ mod tests {
                 .is_none()
         );
         assert_eq!(refill(&mut spare, 8), Some(12_288));
-        let blank = spare.take(12_000, Fill::Copy, Instant(9 * SECOND)).unwrap();
-        assert_eq!(seal(Some(blank), &[1; 12_000]).map(|_| ()).ok(), Some(()));
+        let preallocated = spare.take(12_000, Fill::Copy, Instant(9 * SECOND)).unwrap();
+        assert_eq!(
+            seal(Some(preallocated), &[1; 12_000]).map(|_| ()).ok(),
+            Some(())
+        );
         assert_eq!(refill(&mut spare, 9), Some(12_288));
         assert_eq!(refill(&mut spare, 14), Some(12_288));
         assert_eq!(refill(&mut spare, 15), None, "nobody needed it for long");
@@ -176,8 +179,8 @@ mod tests {
 
     #[test]
     fn a_loan_from_what_is_ready_is_empty_and_as_long_as_asked() {
-        let blank = Blank::for_loans(8_192).unwrap();
-        let loan = lend(Some(blank), 5_000).unwrap();
+        let preallocated = Preallocated::for_loans(8_192).unwrap();
+        let loan = lend(Some(preallocated), 5_000).unwrap();
         assert_eq!(loan.as_slice(), [0; 5_000]);
         assert_eq!(lend(None, 7).unwrap().len(), 7);
     }

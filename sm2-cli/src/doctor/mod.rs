@@ -51,7 +51,7 @@ struct Report {
 ///
 /// # Errors
 ///
-/// [`CliError::Output`], [`CliError::Endpoint`] if there is no such domain.
+/// [`CliError::Output`], [`CliError::DomainSocket`] if there is no such domain.
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
     let path = arguments.domain.path()?;

@@ -7,7 +7,7 @@ use std::{
 };
 
 use clap::error::ErrorKind;
-use sm2_io::endpoint::{EndpointError, MAX_DOMAIN_BYTES, MAX_PATH_BYTES, socket_path_in};
+use sm2_io::domain_socket::{DomainSocketError, MAX_DOMAIN_BYTES, MAX_PATH_BYTES, socket_path_in};
 use sm2_proto::limits::{MESSAGE_MAX, NAME_MAX};
 
 use crate::{
@@ -112,8 +112,8 @@ fn environment(words: &[&[u8]]) {
     for domain in [None, option] {
         match socket_path_in(domain, variable) {
             Ok(path) => path_is_as_said(&path, domain, variable),
-            Err(EndpointError::DomainName { name }) => assert!(!is_domain(&name), "{name:?}"),
-            Err(EndpointError::PathTooLong { len_bytes, .. }) => {
+            Err(DomainSocketError::DomainName { name }) => assert!(!is_domain(&name), "{name:?}"),
+            Err(DomainSocketError::PathTooLong { len_bytes, .. }) => {
                 assert!(len_bytes > MAX_PATH_BYTES);
             }
             Err(other) => panic!("{other}"),

@@ -16,10 +16,10 @@ use crate::mapping::writable::MappingMut;
 /// [`capacity_bytes`](Self::capacity_bytes).
 ///
 /// What takes long in making a sealed message is getting and zeroing its pages, in
-/// particular where there are no huge ones. With a blank at hand that is done before: what is left
+/// particular where there are no huge ones. With a preallocated at hand that is done before: what is left
 /// is one copy, or none for a [loan](Self::lend).
 #[derive(Debug)]
-pub struct Blank(Form);
+pub struct Preallocated(Form);
 
 #[derive(Debug)]
 enum Form {
@@ -31,7 +31,7 @@ enum Form {
     Mapped(SealedLoan),
 }
 
-impl Blank {
+impl Preallocated {
     /// For a message that will be [copied](Self::fill) from somewhere else.
     ///
     /// # Errors
@@ -120,7 +120,10 @@ impl Blank {
 
     fn check(&self, len: usize) {
         let capacity = self.capacity_bytes();
-        assert!(len <= capacity, "{len} bytes in a blank of {capacity}");
+        assert!(
+            len <= capacity,
+            "{len} bytes in a preallocated file of {capacity}"
+        );
     }
 }
 

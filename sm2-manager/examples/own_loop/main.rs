@@ -38,7 +38,7 @@ use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::signal::{SigSet, Signal};
 use nix::sys::{signalfd::SignalFd, time::TimeSpec};
-use sm2_io::{Claim, Endpoint, RecvError, SeqPacket, clock, memfd};
+use sm2_io::{BindOptions, DomainSocket, RecvError, SeqPacket, clock, memfd};
 use sm2_proto::limits::DATAGRAM_MAX;
 use sm2_proto::manager::{Cause, Credentials, Input, Manager, Output, Policy};
 use sm2_proto::{Datagram, FdFacts, Instant, Machine, NodeId};
@@ -71,7 +71,7 @@ fn serve() -> Result<(), Box<dyn Error>> {
         Some(path) => path.into(),
         None => sm2_io::socket_path(None)?,
     };
-    let mut broker = Broker::new(Claim::acquire(&path)?)?;
+    let mut broker = Broker::new(BindOptions::acquire(&path)?)?;
     say(format_args!("serving {}", path.display()));
     while broker.turn(&interrupts)? {}
     broker.feed(Input::Shutdown);
@@ -80,7 +80,7 @@ fn serve() -> Result<(), Box<dyn Error>> {
 
 struct Broker {
     machine: Manager,
-    endpoint: Endpoint,
+    endpoint: DomainSocket,
     nodes: BTreeMap<NodeId, Node>,
     last_session: u64,
     /// Found not to read, while outputs were carried out.
@@ -94,7 +94,7 @@ struct Broker {
 }
 
 impl Broker {
-    fn new(endpoint: Endpoint) -> io::Result<Self> {
+    fn new(endpoint: DomainSocket) -> io::Result<Self> {
         let (mut epoch, mut secret) = ([0; 8], [0; 16]);
         getrandom::fill(&mut epoch)?;
         getrandom::fill(&mut secret)?;

@@ -6,7 +6,9 @@ use std::{
     time::Duration,
 };
 
-use sm2_io::{Endpoint, EndpointError, Epoll, HandOver, Interest, Listener, SeqPacket, clock};
+use sm2_io::{
+    DomainSocket, DomainSocketError, Epoll, HandOver, Interest, Listener, SeqPacket, clock,
+};
 use sm2_proto::Instant;
 use tracing::{info, warn};
 
@@ -35,7 +37,7 @@ pub(super) struct Door {
 
 #[derive(Debug)]
 enum Place {
-    Ours(Endpoint),
+    Ours(DomainSocket),
     Offered(Offer),
 }
 
@@ -59,7 +61,7 @@ pub(super) enum Found {
 }
 
 impl Door {
-    pub(super) fn new(endpoint: Endpoint, adopted: bool) -> Self {
+    pub(super) fn new(endpoint: DomainSocket, adopted: bool) -> Self {
         Self {
             path: endpoint.path().to_owned(),
             place: Some(Place::Ours(endpoint)),
@@ -180,7 +182,7 @@ impl Door {
                 }
                 Err(not) => {
                     // Somebody has the lock, and is about to replace the socket.
-                    if !matches!(not.reason, EndpointError::Busy { .. }) {
+                    if !matches!(not.reason, DomainSocketError::Busy { .. }) {
                         warn!(reason = %not.reason, "cannot take the domain back yet");
                     }
                     offer.place = not.hand_over;

@@ -13,7 +13,7 @@ use std::{
     time::Duration,
 };
 
-use sm2_io::{Endpoint, Epoll, Event, Events, Interest, ReceivedFds, clock};
+use sm2_io::{DomainSocket, Epoll, Event, Events, Interest, ReceivedFds, clock};
 use sm2_proto::{
     Instant, Machine, NodeId,
     limits::DATAGRAM_MAX,
@@ -60,7 +60,7 @@ impl Manager {
     ///
     /// # Errors
     ///
-    /// [`StartError::Endpoint`] if another Manager holds the domain, or the place is not
+    /// [`StartError::DomainSocket`] if another Manager holds the domain, or the place is not
     /// fit; [`StartError::Io`] if descriptors ran out.
     //= SM2-TRN-001, SM2-TRN-008
     pub fn bind(path: &Path, options: Options) -> Result<Self, StartError> {
@@ -78,7 +78,7 @@ impl Manager {
     /// with a path. The socket is closed then.
     //= SM2-TRN-008
     pub fn adopt(socket: OwnedFd, options: Options) -> Result<Self, StartError> {
-        let endpoint = options.claim().adopt(socket)?;
+        let endpoint = options.bind_options().adopt(socket)?;
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         Self::at(Door::new(endpoint, true), &options, &handles)
     }
@@ -88,7 +88,7 @@ impl Manager {
         options: &Options,
         handles: &Handles,
     ) -> Result<Self, StartError> {
-        let endpoint: Endpoint = options.claim().acquire_at(path)?;
+        let endpoint: DomainSocket = options.bind_options().acquire_at(path)?;
         Self::at(Door::new(endpoint, false), options, handles)
     }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use sm2_io::{EndpointError, endpoint::MAX_PATH_BYTES};
+use sm2_io::{DomainSocketError, domain_socket::MAX_PATH_BYTES};
 
 use super::Arguments;
 use crate::StartError;
@@ -26,8 +26,8 @@ pub fn check(arguments: &Arguments) {
             }
         }
         // A path that is too long is refused where it is bound, as any socket's is.
-        Err(StartError::Endpoint(
-            EndpointError::DomainName { .. } | EndpointError::PathTooLong { .. },
+        Err(StartError::DomainSocket(
+            DomainSocketError::DomainName { .. } | DomainSocketError::PathTooLong { .. },
         )) => {}
         Err(other) => panic!("{other}"),
     }

@@ -25,7 +25,7 @@ use signal_hook::{
     consts::{SIGINT, SIGTERM, SIGUSR2},
     iterator::Signals,
 };
-use sm2_io::EndpointError;
+use sm2_io::DomainSocketError;
 
 pub use self::{activation::ActivationError, arguments::Arguments, replace::ReplaceError};
 use crate::{HandOver, Manager, Outcome, Role, RunError, Standby, StartError, Stopper};
@@ -96,7 +96,7 @@ pub enum ProgramError {
 impl From<StartError> for ProgramError {
     fn from(error: StartError) -> Self {
         match error {
-            StartError::Endpoint(EndpointError::Busy { path }) => Self::Busy { path },
+            StartError::DomainSocket(DomainSocketError::Busy { path }) => Self::Busy { path },
             error => Self::Start(error),
         }
     }

@@ -12,7 +12,7 @@ use nix::{
     sys::signal::{Signal, kill},
     unistd::Pid,
 };
-use sm2_io::{EndpointError, SeqPacket};
+use sm2_io::{DomainSocketError, SeqPacket};
 use tracing::info;
 
 use crate::{Manager, Options, StartError};
@@ -88,7 +88,7 @@ pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, Replac
     let mut asked = None;
     loop {
         match Manager::bind(path, options) {
-            Err(StartError::Endpoint(EndpointError::Busy { .. })) => {}
+            Err(StartError::DomainSocket(DomainSocketError::Busy { .. })) => {}
             result => return Ok(result?),
         }
         if Instant::now() >= look_at {

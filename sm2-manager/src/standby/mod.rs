@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sm2_io::{EndpointError, SeqPacket, wait_readable};
+use sm2_io::{DomainSocketError, SeqPacket, wait_readable};
 use tracing::{info, warn};
 
 use self::session::{Over, Session};
@@ -64,7 +64,7 @@ impl Standby {
     ///
     /// # Errors
     ///
-    /// [`StartError::Endpoint`] if the place is not fit; [`StartError::NobodyServes`] if
+    /// [`StartError::DomainSocket`] if the place is not fit; [`StartError::NobodyServes`] if
     /// somebody holds the domain, and is not to be connected to for 5 s;
     /// [`StartError::Io`] if descriptors ran out.
     pub fn start(path: &Path, options: Options) -> Result<Self, StartError> {
@@ -176,7 +176,7 @@ fn take(
 ) -> Result<io::Result<Place>, StartError> {
     match Manager::bind_with(path, options, handles) {
         Ok(manager) => return Ok(Ok(Place::Serving(Box::new(manager)))),
-        Err(StartError::Endpoint(EndpointError::Busy { .. })) => {}
+        Err(StartError::DomainSocket(DomainSocketError::Busy { .. })) => {}
         Err(error) => return Err(error),
     }
     let connected = SeqPacket::connect(path).map(Session::new);

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use bytes::Bytes;
-use sm2_io::Blank;
+use sm2_io::Preallocated;
 use sm2_proto::Instant;
 use sm2_proto::limits::MESSAGE_MAX;
 
@@ -23,7 +23,7 @@ impl Handle {
         &self,
         bytes: Cow<'_, [u8]>,
         needs: Needs,
-        spare: impl FnOnce(usize) -> Option<Blank>,
+        spare: impl FnOnce(usize) -> Option<Preallocated>,
     ) -> Result<Forms, StoreError> {
         let mut forms = Forms::default();
         if needs.nobody() {

@@ -6,7 +6,7 @@ use std::os::fd::OwnedFd;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use sm2_io::Blank;
+use sm2_io::Preallocated;
 use sm2_proto::Instant;
 
 use crate::driver::{Forms, Label, Offered, Topic};
@@ -75,7 +75,7 @@ impl UntypedPublisher {
     }
 
     /// Takes memory for a sealed message of `len` bytes, if some is ready.
-    pub(crate) fn take_spare(&self, len: usize, fill: Fill) -> Option<Blank> {
+    pub(crate) fn take_spare(&self, len: usize, fill: Fill) -> Option<Preallocated> {
         // While another thread refills it, it is as good as empty.
         let mut spare = self.spare.try_lock().ok()?;
         spare.take(len, fill, sm2_io::clock::now())

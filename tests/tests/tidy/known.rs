@@ -4,7 +4,6 @@
 pub(crate) const FILES_IN_CYCLES: &[(&str, usize)] = &[
     ("bench/src/main.rs", 32),
     ("sm2-gateway/src/lib.rs", 10),
-    ("sm2-io/src/lib.rs", 2),
     ("sm2-manager/src/lib.rs", 4),
     ("sm2-node/src/lib.rs", 16),
     ("sm2-proto/src/lib.rs", 23),
@@ -22,8 +21,6 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
     ("sm2-gateway/tests/hostile/frames.rs", 1),
     ("sm2-gateway/tests/hostile/streams.rs", 2),
     ("sm2-gateway/tests/simulation/link.rs", 1),
-    ("sm2-io/src/endpoint.rs", 5),
-    ("sm2-io/src/memfd/verify.rs", 2),
     ("sm2-manager/src/driver/sessions.rs", 1),
     ("sm2-manager/src/lib.rs", 1),
     ("sm2-manager/src/program/activation.rs", 1),
@@ -32,7 +29,6 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
     ("sm2-node/src/error.rs", 11),
     ("sm2-node/src/lib.rs", 4),
     ("sm2-node/src/node.rs", 1),
-    ("sm2-node/src/pool.rs", 1),
     ("sm2-node/tests/schema.rs", 1),
     ("sm2-proto/src/domain/text.rs", 1),
     ("sm2-proto/src/gateway/fuzz/book.rs", 1),
@@ -72,7 +68,6 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
 /// File, and how many of its runs of ten lines or more stand elsewhere, too, at most.
 pub(crate) const REPETITIONS: &[(&str, usize)] = &[
     ("sm2-demo/src/error.rs", 1),
-    ("sm2-io/src/quic/tls.rs", 1),
     ("sm2-node/examples/loop_io_uring.rs", 1),
     ("sm2-node/examples/loop_mio.rs", 1),
     ("sm2-node/tests/lock.rs", 1),

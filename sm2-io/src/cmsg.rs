@@ -35,9 +35,9 @@ const ROOM: usize = space(MAX_FDS * size_of::<RawFd>()) + 256;
 /// A buffer for control messages. Zeroed, so that padding which the kernel
 /// skips is initialised too.
 #[repr(C, align(8))]
-pub(crate) struct Control([u8; ROOM]);
+pub(crate) struct ControlBuffer([u8; ROOM]);
 
-impl Control {
+impl ControlBuffer {
     pub(crate) const ROOM: usize = ROOM;
 
     /// A buffer to receive into.
@@ -72,8 +72,8 @@ impl Control {
     }
 
     /// The messages in the first `len` bytes, as the kernel reported it.
-    pub(crate) fn messages(&self, len: usize) -> Messages<'_> {
-        Messages {
+    pub(crate) fn messages(&self, len: usize) -> ControlMessages<'_> {
+        ControlMessages {
             rest: &self.0[..len.min(ROOM)],
         }
     }
@@ -108,12 +108,12 @@ impl Header {
 }
 
 /// The descriptors' numbers of one control message, and what message it was.
-pub(crate) struct Message<'a> {
+pub(crate) struct ControlMessage<'a> {
     kind: libc::c_int,
     data: &'a [u8],
 }
 
-impl Message<'_> {
+impl ControlMessage<'_> {
     /// `SCM_PIDFD` (Linux 6.5), which libc does not name yet.
     const SCM_PIDFD: libc::c_int = 4;
 
@@ -135,21 +135,21 @@ impl Message<'_> {
 }
 
 /// Walks the control messages of level `SOL_SOCKET`.
-pub(crate) struct Messages<'a> {
+pub(crate) struct ControlMessages<'a> {
     rest: &'a [u8],
 }
 
-impl<'a> Iterator for Messages<'a> {
-    type Item = Message<'a>;
+impl<'a> Iterator for ControlMessages<'a> {
+    type Item = ControlMessage<'a>;
 
-    fn next(&mut self) -> Option<Message<'a>> {
+    fn next(&mut self) -> Option<ControlMessage<'a>> {
         loop {
             let header = Header::read(self.rest)?;
             let data = self.rest.get(HEADER..header.len)?;
             self.rest = self.rest.get(align(header.len)..).unwrap_or_default();
             if header.level == libc::SOL_SOCKET {
                 let kind = header.kind;
-                return Some(Message { kind, data });
+                return Some(ControlMessage { kind, data });
             }
         }
     }

@@ -1,0 +1,75 @@
+//! The files beside a domain's socket, and its directory.
+
+use std::ffi::OsString;
+use std::fs::{self, DirBuilder, Metadata};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::{Path, PathBuf};
+
+use super::error::DomainSocketError;
+
+/// Which file it is, whatever its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Identity {
+    device: u64,
+    inode: u64,
+}
+
+impl Identity {
+    pub(super) fn of(metadata: &Metadata) -> Self {
+        Self {
+            device: metadata.dev(),
+            inode: metadata.ino(),
+        }
+    }
+}
+
+/// Whether `path` is a name of that file.
+pub(super) fn names(path: &Path, identity: Identity) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|found| Identity::of(&found) == identity)
+}
+
+pub(super) fn directory_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// Creates it, or checks that nobody can replace what we put there.
+pub(super) fn prepare_directory(path: &Path) -> Result<(), DomainSocketError> {
+    match DirBuilder::new().mode(0o700).create(path) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
+            return Err(failed("create directory", path)(error));
+        }
+        _ => {}
+    }
+    let found = fs::metadata(path).map_err(failed("look at directory", path))?;
+    let (mode, uid) = (found.mode() & 0o7777, found.uid());
+    let path = path.to_owned();
+    let sticky = mode & 0o1000 != 0;
+    if mode & 0o002 != 0 && !sticky {
+        return Err(DomainSocketError::DirectoryWritable { path, mode });
+    }
+    if uid != 0 && uid != nix::unistd::geteuid().as_raw() {
+        return Err(DomainSocketError::DirectoryOwner { path, uid });
+    }
+    Ok(())
+}
+
+pub(super) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(suffix);
+    name.into()
+}
+
+pub(super) fn failed(
+    action: &'static str,
+    path: &Path,
+) -> impl FnOnce(io::Error) -> DomainSocketError {
+    move |source| DomainSocketError::Io {
+        action,
+        path: path.to_owned(),
+        source,
+    }
+}

@@ -1,0 +1,88 @@
+//! The lock that makes one process the owner of a domain's socket.
+
+use std::fs::{self, File, OpenOptions};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+use nix::errno::Errno;
+use nix::fcntl::{Flock, FlockArg};
+use nix::libc;
+
+use super::error::DomainSocketError;
+use super::files::{Identity, directory_of, failed, names, prepare_directory, with_suffix};
+use super::path::check_path;
+
+/// The right to bind a domain's socket. Held by at most one process.
+#[derive(Debug)]
+pub struct DomainLock {
+    socket_path: PathBuf,
+    lock_path: PathBuf,
+    /// `None` while this is dropped without removing the file.
+    lock: Option<Flock<File>>,
+}
+
+impl DomainLock {
+    /// Takes the lock for the socket at `path`; does not wait for it.
+    ///
+    /// # Errors
+    ///
+    /// [`DomainSocketError::Busy`] if it is taken; the other kinds say what is wrong with the
+    /// place.
+    pub fn acquire(path: &Path) -> Result<Self, DomainSocketError> {
+        check_path(path)?;
+        prepare_directory(directory_of(path))?;
+        let lock_path = with_suffix(path, ".lock");
+        loop {
+            let file = OpenOptions::new()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(false)
+                .mode(0o600)
+                .custom_flags(libc::O_NOFOLLOW | libc::O_CLOEXEC)
+                .open(&lock_path)
+                .map_err(failed("open", &lock_path))?;
+            let lock = match Flock::lock(file, FlockArg::LockExclusiveNonblock) {
+                Ok(lock) => lock,
+                Err((_, Errno::EWOULDBLOCK)) => {
+                    let path = path.to_owned();
+                    return Err(DomainSocketError::Busy { path });
+                }
+                Err((_, Errno::EINTR)) => continue,
+                Err((_, errno)) => return Err(failed("lock", &lock_path)(errno.into())),
+            };
+            // Between our `open` and our lock its holder may have removed the file. Then this
+            // is a lock on nothing, and another process may hold the real one.
+            let ours = lock.metadata().map_err(failed("look at", &lock_path))?;
+            if names(&lock_path, Identity::of(&ours)) {
+                return Ok(Self {
+                    socket_path: path.to_owned(),
+                    lock_path,
+                    lock: Some(lock),
+                });
+            }
+        }
+    }
+
+    /// The path of the socket that this lock is for.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.socket_path
+    }
+
+    /// Gives the lock up, and leaves its file for whoever takes it next.
+    pub(super) fn leave(mut self) {
+        // Unlocks, not only closes: a child that is about to start a program has a copy.
+        drop(self.lock.take());
+    }
+}
+
+impl Drop for DomainLock {
+    fn drop(&mut self) {
+        if self.lock.is_some() {
+            // Still locked: whoever opened this file before will find, once it gets the lock,
+            // that the name is gone, and try again.
+            let _ = fs::remove_file(&self.lock_path);
+        }
+    }
+}
