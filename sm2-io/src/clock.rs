@@ -1,9 +1,9 @@
-//! The one clock of a host.
+//! The monotonic clock of the host.
 
 use nix::time::{ClockId, clock_gettime};
 use sm2_proto::Instant;
 
-/// The current moment of `CLOCK_MONOTONIC`, in nanoseconds.
+/// The current time of `CLOCK_MONOTONIC`, in nanoseconds.
 ///
 /// All processes of a host read the same clock; it does not count time
 /// during which the host is suspended.
@@ -15,6 +15,6 @@ use sm2_proto::Instant;
 #[inline]
 pub fn now() -> Instant {
     let time = clock_gettime(ClockId::CLOCK_MONOTONIC).expect("Linux has a monotonic clock");
-    // Starts near zero at boot: neither is negative, and 64 bits last for 584 years.
+    // The clock starts near zero at boot, so neither part is negative; 64 bits last for 584 years.
     Instant(time.tv_sec().cast_unsigned() * 1_000_000_000 + time.tv_nsec().cast_unsigned())
 }

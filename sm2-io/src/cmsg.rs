@@ -10,7 +10,7 @@ use std::os::fd::{AsRawFd, BorrowedFd, RawFd};
 
 use nix::libc;
 
-/// What the kernel passes in one datagram at most (`SCM_MAX_FD`).
+/// The most descriptors that the kernel passes with one datagram (`SCM_MAX_FD`).
 pub(crate) const MAX_FDS: usize = 253;
 
 /// The kernel aligns headers and data to this many bytes (`CMSG_ALIGN`).
@@ -22,18 +22,18 @@ const fn align(len: usize) -> usize {
     (len + ALIGN - 1) & !(ALIGN - 1)
 }
 
-/// How many bytes a control message with `len` bytes of data takes.
+/// The bytes that a control message with `len` bytes of data takes.
 const fn space(len: usize) -> usize {
     HEADER + align(len)
 }
 
-/// Room for the most descriptors that a datagram can carry, and for the small
-/// other messages (credentials, pidfd, time stamps) that options of a
-/// socket which somebody else made may add. So nothing is cut off here.
+/// Bytes for the most descriptors that a datagram can carry, and for the small other messages
+/// (credentials, pidfd, time stamps) that the options of a foreign socket may add. The kernel
+/// therefore never truncates the control data for lack of space.
 const ROOM: usize = space(MAX_FDS * size_of::<RawFd>()) + 256;
 
-/// A buffer for control messages. Zeroed, so that padding which the kernel
-/// skips is initialised too.
+/// A buffer for control messages. It starts zeroed, so that padding which the kernel skips is
+/// initialised too.
 #[repr(C, align(8))]
 pub(crate) struct ControlBuffer([u8; ROOM]);
 
@@ -71,7 +71,7 @@ impl ControlBuffer {
         self.0.as_mut_ptr().cast()
     }
 
-    /// The messages in the first `len` bytes, as the kernel reported it.
+    /// The messages in the first `len` bytes, the length that the kernel reported.
     pub(crate) fn messages(&self, len: usize) -> ControlMessages<'_> {
         ControlMessages {
             rest: &self.0[..len.min(ROOM)],
@@ -107,7 +107,7 @@ impl Header {
     }
 }
 
-/// The descriptors' numbers of one control message, and what message it was.
+/// One control message: its type and its data.
 pub(crate) struct ControlMessage<'a> {
     kind: libc::c_int,
     data: &'a [u8],
@@ -117,13 +117,12 @@ impl ControlMessage<'_> {
     /// `SCM_PIDFD` (Linux 6.5), which libc does not name yet.
     const SCM_PIDFD: libc::c_int = 4;
 
-    /// Whether these are the descriptors that the sender passed.
+    /// Whether it carries the descriptors that the sender passed.
     pub(crate) const fn is_rights(&self) -> bool {
         self.kind == libc::SCM_RIGHTS
     }
 
-    /// The descriptors that came with this message; none for a message of a
-    /// kind that carries no descriptors.
+    /// The descriptors of this message; none for a type that carries no descriptors.
     pub(crate) fn fds(&self) -> impl ExactSizeIterator<Item = RawFd> {
         let data = match self.kind {
             libc::SCM_RIGHTS | Self::SCM_PIDFD => self.data,
@@ -134,7 +133,7 @@ impl ControlMessage<'_> {
     }
 }
 
-/// Walks the control messages of level `SOL_SOCKET`.
+/// Iterates over the control messages of level `SOL_SOCKET`.
 pub(crate) struct ControlMessages<'a> {
     rest: &'a [u8],
 }

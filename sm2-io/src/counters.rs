@@ -1,18 +1,18 @@
-//! Counters in shared memory: a node writes, tools look, and looking costs the node nothing.
+//! Counters in shared memory: a node writes them, and tools read them at no cost for the node.
 //!
 //! The format is SPEC section 12; the fields and the arithmetic are
-//! [`sm2_proto::counters`]. [`CounterPage`] is the one writer of a file,
-//! [`CounterView`] one of its readers, in other processes as a rule.
+//! [`sm2_proto::counters`]. [`CounterPage`] is the one writer of a file. [`CounterView`] is a reader,
+//! usually in another process.
 //!
-//! # How a consistent copy comes about
+//! # Consistent copies
 //!
-//! Each entry is a seqlock (`seqlock.rs`): a reader copies the words of an entry and takes
-//! them only if nothing changed meanwhile, which its `turn` says. The writer never waits.
-//! Turns count for the whole file, so that an entry that is freed and used again never has
-//! an old one.
+//! Each entry is a seqlock (`seqlock.rs`): a reader copies the words of an entry, and accepts the
+//! copy only if the entry's `turn` shows that nothing changed meanwhile. The writer never waits.
+//! Turns count for the whole file, so that an entry that is freed and used again never repeats an
+//! old turn.
 //!
-//! Who wrote the file is not trusted: its seals make reading safe (no fault, no other
-//! size), each word is copied before anybody looks at it, and the attempts are bounded.
+//! Readers do not trust the writer of the file: the seals fix its size (no fault), a reader copies
+//! each word before it interprets it, and the number of attempts is bounded.
 //!
 //! Reading a shared mapping with atomics is defined by Rust for targets of 64 bits.
 
@@ -39,16 +39,16 @@ use self::seqlock::Change;
 
 /// A file of counters, which only this value can write.
 ///
-/// It has room for [`MAX_ENTRIES`] entries, but takes memory only for those
-/// that were used: 4 KiB for each eight of them.
+/// The file has room for [`MAX_ENTRIES`] entries, but takes memory only for entries that were used:
+/// 4 KiB for each eight of them.
 #[derive(Debug)]
 pub struct CounterPage {
     mapping: MappingMut,
     file: File,
-    /// Entries from here on were never used.
+    /// Entries with this number and higher ones were never used.
     fresh: u32,
     freed: Vec<u32>,
-    /// Of the last change of any entry.
+    /// The turn of the last change of any entry.
     turn: u64,
 }
 
@@ -67,7 +67,7 @@ impl CounterEntry {
 }
 
 impl CounterPage {
-    /// A file with no entry in use.
+    /// Creates a file without entries in use.
     ///
     /// # Errors
     ///
@@ -81,7 +81,7 @@ impl CounterPage {
         for (word, value) in mapping.words().iter().zip(header(MAX_ENTRIES)) {
             word.store(value.to_le(), Ordering::Relaxed);
         }
-        // After mapping: no writable mapping can be made from here on.
+        // After mapping: the seals forbid new writable mappings.
         add_seals(&file, Seals::POOLED)?;
         Ok(Self {
             mapping,
@@ -92,8 +92,8 @@ impl CounterPage {
         })
     }
 
-    /// An entry for an interface as a whole, or for its end of a link, with all counts zero.
-    /// `None` if all [`MAX_ENTRIES`] are in use.
+    /// Allocates an entry for an interface as a whole, or for its end of a link, with all counts
+    /// zero. `None` if all [`MAX_ENTRIES`] are in use.
     pub fn allocate(
         &mut self,
         interface: InterfaceId,
@@ -122,15 +122,15 @@ impl CounterPage {
         Some(entry)
     }
 
-    /// Ends the use of an entry. Readers see it no more; another may get its place.
+    /// Frees an entry. Readers no longer see it; a later allocation may reuse it.
     //= SM2-CNT-005
     pub fn free(&mut self, entry: CounterEntry) {
         seqlock::free(entry_words(self.mapping.words(), entry.0));
         self.freed.push(entry.0);
     }
 
-    /// Starts a change of an entry, which ends when the result is dropped. Readers have to
-    /// wait that long: do nothing else in between.
+    /// Starts a change of an entry, which ends when the result is dropped. Readers retry until
+    /// then: do nothing else in between.
     //= SM2-CNT-005
     #[inline]
     pub fn update(&mut self, entry: &CounterEntry) -> Update<'_> {
@@ -141,14 +141,14 @@ impl CounterPage {
     }
 }
 
-/// The descriptor to hand to readers: it cannot be written through.
+/// The descriptor for readers, which forbids writing.
 impl AsFd for CounterPage {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.file.as_fd()
     }
 }
 
-/// The words of entry number `index` of a file, which has that many.
+/// The words of entry `index`, which must be within the file.
 #[inline]
 fn entry_words(file: &[AtomicU64], index: u32) -> &[AtomicU64; ENTRY_FIELDS] {
     // The header is as long as an entry.
@@ -158,9 +158,9 @@ fn entry_words(file: &[AtomicU64], index: u32) -> &[AtomicU64; ENTRY_FIELDS] {
         .expect("entries are numbered within the file")
 }
 
-/// A change of one entry; it ends, and readers see it, when this is dropped.
+/// A change of one entry. It ends, and readers see it, when this value is dropped.
 ///
-/// Writes words that changed and no others; allocates nothing, makes no system call.
+/// Writes only words that differ; does not allocate and makes no system call.
 /// Sums wrap around at 2^64.
 #[derive(Debug)]
 pub struct Update<'a> {
@@ -169,17 +169,17 @@ pub struct Update<'a> {
 
 //= SM2-CNT-004
 impl Update<'_> {
-    /// A sending side: one more message (or call) of `len_bytes` was published `at` this moment.
+    /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]
     pub fn published(&mut self, at: Instant, len_bytes: u64) {
         self.count(at, len_bytes, at.0);
     }
 
-    /// A receiving side: the application took one more message (or request) of `len_bytes`
-    /// `at` this moment, which was `published` at that one.
+    /// Receiving side: counts a message (or request) of `len_bytes` that the application took `at`
+    /// this time, and that was `published` at that time.
     #[inline]
     pub fn taken(&mut self, at: Instant, published: Instant, len_bytes: u64) {
-        // What the other side says is published later than now was not delayed.
+        // A publication time in the future counts as no delay.
         let delay_ns = at.0.saturating_sub(published.0);
         self.count(at, len_bytes, delay_ns);
         self.add(field::DELAY_SUM, delay_ns);
@@ -188,13 +188,13 @@ impl Update<'_> {
         }
     }
 
-    /// So many more messages were gone before the application saw them.
+    /// Counts messages that were lost before the application saw them.
     #[inline]
     pub fn lost(&mut self, messages: u64) {
         self.add(field::LOST, messages);
     }
 
-    /// What became of a link's messages so far, on its sending side.
+    /// Sending side: the fates of the link's messages so far.
     #[inline]
     pub fn fates(&mut self, fates: &Counters) {
         self.set(field::OFFERED, fates.offered);
@@ -214,7 +214,7 @@ impl Update<'_> {
         self.set(field::RECENT + recent_index(message), recent);
     }
 
-    /// Nobody else writes, so that reading and writing need not be one step.
+    /// This process is the only writer, so reading and writing need not be one atomic step.
     #[inline]
     fn add(&mut self, field: usize, more: u64) -> u64 {
         let sum = self.get(field).wrapping_add(more);

@@ -1,25 +1,24 @@
-//! What comes of sending or receiving one datagram.
+//! The results of sending and receiving one datagram.
 
 use std::io;
 use std::os::fd::OwnedFd;
 
 use nix::errno::Errno;
 
-/// One datagram, received.
+/// A received datagram.
 #[derive(Debug)]
 pub struct Received {
     /// How many bytes of the buffer were filled.
     pub len: usize,
     /// The descriptors that came along, in the sender's order.
     pub fds: ReceivedFds,
-    /// The datagram was longer than the buffer; the rest is lost.
+    /// Whether the datagram was longer than the buffer; the rest is lost.
     pub data_truncated: bool,
-    /// Some descriptors could not be delivered, because this process has
-    /// too many open already.
+    /// Whether the kernel dropped descriptors, because this process has too many open already.
     pub control_truncated: bool,
 }
 
-/// Received descriptors: owned, so dropping them closes them.
+/// The descriptors that came with a datagram. Dropping the value closes them.
 #[derive(Debug, Default)]
 pub struct ReceivedFds(Vec<OwnedFd>);
 
@@ -28,24 +27,24 @@ impl ReceivedFds {
         Self(fds)
     }
 
-    /// How many there are.
+    /// The number of descriptors.
     #[must_use]
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether none came.
+    /// Whether no descriptor came.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// To look at them before deciding to keep them.
+    /// Iterates over the descriptors without taking them.
     pub fn iter(&self) -> std::slice::Iter<'_, OwnedFd> {
         self.0.iter()
     }
 
-    /// Takes them all.
+    /// Takes all descriptors.
     #[must_use]
     pub fn into_vec(self) -> Vec<OwnedFd> {
         self.0
@@ -70,17 +69,17 @@ impl<'a> IntoIterator for &'a ReceivedFds {
     }
 }
 
-/// Why a datagram was not sent. Nothing of it was.
+/// Why a datagram was not sent. No part of the datagram was sent.
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
-    /// No room right now; wait until the socket is writable.
+    /// The queue is full: wait until the socket is writable.
     #[error("the socket is full: wait until it is writable")]
     WouldBlock,
-    /// The peer is gone, or stopped reading for good.
+    /// The peer has closed the connection, or will never read again.
     #[error("the peer has closed the connection")]
     Closed,
-    /// Too many descriptors of this user are in flight, because a receiver does
-    /// not fetch them. Not a fault of the sender: disconnect that receiver.
+    /// Too many descriptors of this user are in flight, because a receiver does not read them. The
+    /// sender is not at fault: disconnect that receiver.
     #[error("too many descriptors in flight: the receiver does not read")]
     TooManyInFlight,
     /// The datagram is larger than the socket's send buffer can ever hold, or
@@ -99,8 +98,8 @@ impl From<Errno> for SendError {
             Errno::EPIPE | Errno::ECONNRESET | Errno::ENOTCONN => Self::Closed,
             Errno::ETOOMANYREFS => Self::TooManyInFlight,
             Errno::EMSGSIZE => Self::TooLong,
-            // ENOBUFS and ENOMEM are not `WouldBlock`: the kernel is short of memory while
-            // the socket may well be writable, so waiting for that would spin.
+            // ENOBUFS and ENOMEM are not `WouldBlock`: the socket may be writable while the kernel
+            // is short of memory, so a caller that waits until it is writable would spin.
             other => Self::Io(other.into()),
         }
     }
@@ -109,10 +108,10 @@ impl From<Errno> for SendError {
 /// Why no datagram was received.
 #[derive(Debug, thiserror::Error)]
 pub enum RecvError {
-    /// Nothing there right now; wait until the socket is readable.
+    /// No datagram is queued: wait until the socket is readable.
     #[error("no datagram is waiting")]
     WouldBlock,
-    /// The peer is gone, and all that it had sent has been received.
+    /// The peer has closed the connection, and every datagram that it sent has been received.
     #[error("the peer has closed the connection")]
     Closed,
     /// Anything else.

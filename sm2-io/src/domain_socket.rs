@@ -1,13 +1,12 @@
-//! Owning a domain's socket: at most one process at a time.
+//! The socket of a domain: where it is, and owning it. At most one process owns it at a time.
 //!
-//! A file beside the socket, `<path>.lock`, is locked (`flock(2)`) for as long as the
-//! owner lives; the kernel lets go of it when the owner dies, however it dies. Whoever
-//! holds the lock may replace what a dead owner left behind. Both files are removed
-//! by an owner that ends in an orderly way.
+//! The owner holds a lock (`flock(2)`) on a file beside the socket, `<path>.lock`. The kernel releases
+//! the lock when the owner dies. The holder of the lock may replace the files that a dead owner left
+//! behind. An owner that exits cleanly removes both files.
 //!
-//! Nobody removes or replaces a file here without holding the lock, and a lock counts
-//! only while `<path>.lock` names the file that is locked. So it does not matter who
-//! removed that file, or left it, or when: there is never more than one owner.
+//! A process removes or replaces a file only while it holds the lock, and a lock counts only while
+//! `<path>.lock` names the locked file. So there is never more than one owner, whichever process
+//! removed or left that file.
 
 mod bind;
 mod error;

@@ -1,4 +1,4 @@
-//! Waiting for many descriptors.
+//! Waiting until one of many descriptors is ready.
 
 use std::io;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
@@ -10,17 +10,17 @@ use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::epoll::{self, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::time::TimeSpec;
 
-/// Longer waits are cut to this (34 years), which the kernel can represent.
+/// Upper bound for a timeout (34 years), which the kernel can represent.
 const LONGEST: Duration = Duration::from_secs(1 << 30);
 
-/// What to wait for. A hang-up or an error is always reported.
+/// The events to wait for. Hang-ups and errors are always reported.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Interest {
-    /// Something can be read, or the peer has closed.
+    /// A read does not block: there is data, or the peer has closed.
     pub readable: bool,
-    /// Something can be written.
+    /// A write does not block.
     pub writable: bool,
-    /// Report a change once (`EPOLLET`), not for as long as it lasts.
+    /// Edge-triggered (`EPOLLET`): reports a change once.
     pub edge: bool,
 }
 
@@ -84,12 +84,12 @@ impl Epoll {
         Ok(Self { epoll })
     }
 
-    /// Watches `fd`; its events carry `token`.
+    /// Watches `fd`, whose events carry `token`.
     ///
     /// # Errors
     ///
-    /// `AlreadyExists` if it is watched already, `PermissionDenied` if it is of a
-    /// kind that cannot be waited for (a regular file), out of memory.
+    /// `AlreadyExists` if `fd` is watched already, `PermissionDenied` if epoll does not support its
+    /// kind (a regular file), out of memory.
     pub fn add(&self, fd: impl AsFd, token: u64, interest: Interest) -> io::Result<()> {
         let event = EpollEvent::new(interest.flags(), token);
         Ok(self.epoll.add(fd, event)?)
@@ -105,7 +105,7 @@ impl Epoll {
         Ok(self.epoll.modify(fd, &mut event)?)
     }
 
-    /// Watches `fd` no longer.
+    /// Stops watching `fd`.
     ///
     /// # Errors
     ///
@@ -114,14 +114,13 @@ impl Epoll {
         Ok(self.epoll.delete(fd)?)
     }
 
-    /// Waits until something happens or `timeout` is over (`None`: no limit),
-    /// and replaces the content of `events`. Never returns before the time
-    /// is over without an event, except that a signal ends the wait
-    /// with zero events, so that the caller can look what it was.
+    /// Waits for an event for at most `timeout` (`None`: no limit), and replaces the content of
+    /// `events`. Returns early without an event only after a signal, so that the caller can handle
+    /// the signal.
     ///
     /// # Errors
     ///
-    /// None are expected with a set and a buffer that exist.
+    /// None are expected: the descriptor and the buffer are valid.
     pub fn wait(&self, events: &mut Events, timeout: Option<Duration>) -> io::Result<()> {
         events.filled = 0;
         let result = match self.wait_exactly(events, timeout) {
@@ -146,9 +145,9 @@ impl Epoll {
             .as_ref()
             .map_or(std::ptr::null(), std::ptr::from_ref);
         let room = libc::c_int::try_from(events.buffer.len()).unwrap_or(libc::c_int::MAX);
-        // SAFETY: the buffer has `room` elements that have the layout of `epoll_event`
-        // (`EpollEvent` is transparent) and is borrowed exclusively; `timeout` is null or
-        // points to a live value in the kernel's layout; a null signal mask is left alone.
+        // SAFETY: the buffer has `room` elements with the layout of `epoll_event` (`EpollEvent` is
+        // transparent), and this function borrows it exclusively; `timeout` is null or points to a
+        // live `KernelTimespec`, which has the kernel's layout; the kernel ignores a null mask.
         let count = unsafe {
             libc::syscall(
                 libc::SYS_epoll_pwait2,
@@ -186,7 +185,7 @@ impl From<Duration> for KernelTimespec {
     }
 }
 
-/// Rounded up, since waking early would only make the caller wait again.
+/// The timeout rounded up: a caller that wakes early would have to wait again.
 fn whole_millis(timeout: Option<Duration>) -> EpollTimeout {
     let Some(timeout) = timeout else {
         return EpollTimeout::NONE;
@@ -195,8 +194,8 @@ fn whole_millis(timeout: Option<Duration>) -> EpollTimeout {
     EpollTimeout::try_from(millis).unwrap_or(EpollTimeout::MAX)
 }
 
-/// Room for the events of one [wait](Epoll::wait). What does not fit is
-/// reported by the next one.
+/// A buffer for the events of one [wait](Epoll::wait). The next wait reports the events that do
+/// not fit.
 #[derive(Debug)]
 pub struct Events {
     buffer: Vec<EpollEvent>,
@@ -204,7 +203,7 @@ pub struct Events {
 }
 
 impl Events {
-    /// Room for `capacity` events, at least one.
+    /// A buffer for `capacity` events, at least one.
     #[must_use]
     pub fn with_capacity(capacity: usize) -> Self {
         Self {
@@ -213,36 +212,35 @@ impl Events {
         }
     }
 
-    /// What the last wait found.
+    /// The events of the last wait.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = Event> + '_ {
         self.buffer[..self.filled].iter().map(Event::from)
     }
 
-    /// How many events the last wait found.
+    /// The number of events of the last wait.
     #[must_use]
     pub const fn len(&self) -> usize {
         self.filled
     }
 
-    /// Whether the last wait found none.
+    /// Whether the last wait ended without an event.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.filled == 0
     }
 }
 
-/// What happened to one descriptor.
+/// The state of one descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Event {
     /// As given to [`Epoll::add`].
     pub token: u64,
-    /// Reading does not block. Also set on a hang-up or an error, since
-    /// reading is how one learns about them.
+    /// Reading does not block. Also set after a hang-up or an error, which a read reports.
     pub readable: bool,
     /// Writing does not block.
     pub writable: bool,
-    /// The peer has closed, or will send no more, or there is an error. What it
-    /// sent before can still be read.
+    /// The peer has closed, or will send no more, or there is an error. Data that the peer sent
+    /// before can still be read.
     pub hangup: bool,
 }
 
@@ -260,11 +258,11 @@ impl From<&EpollEvent> for Event {
     }
 }
 
-/// Waits until at least one of `fds` is readable or hung up, or `timeout`
-/// is over (`None`: no limit). For callers that must not hold a set, or a lock,
-/// while they wait. Allocates only for more than eight descriptors.
+/// Waits until at least one of `fds` is readable or hung up, for at most `timeout` (`None`: no
+/// limit). For callers without an [`Epoll`] of their own. Allocates only for more than eight
+/// descriptors.
 ///
-/// `false`: the time is over, or a signal came; look at the clock.
+/// Returns `false` after the timeout or a signal; the clock tells which.
 ///
 /// # Errors
 ///

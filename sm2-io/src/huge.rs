@@ -1,39 +1,37 @@
-//! Huge pages for the memory of messages, where the kernel gives them.
+//! Huge pages for the memory of messages, where the kernel provides them.
 //!
-//! A page of 2 MiB is zeroed, mapped, and given back as one, while its 512 small pages cost a fault
-//! or a look-up each, and that on both sides: they are what a new sealed message of
-//! some megabytes spends its time on. There are two ways to get them:
+//! The kernel zeroes, maps and frees a page of 2 MiB as one, while 512 small pages cost a fault or a
+//! look-up each on both sides. A new sealed message of some megabytes spends most of its time on
+//! that. There are two ways to get huge pages:
 //!
-//! - The operator allows them for shared memory (`shmem_enabled`): `MADV_HUGEPAGE`, and every
-//!   fault brings a whole one.
-//! - The operator says nothing (`never`, the default of most distributions): `MADV_COLLAPSE`
-//!   (Linux 6.1) asks for one range, now. Only `deny` forbids that as well.
+//! - The operator allows them for shared memory (`shmem_enabled`). After `MADV_HUGEPAGE` every fault
+//!   provides a huge page.
+//! - The setting is `never`, the default of most distributions. `MADV_COLLAPSE` (Linux 6.1) asks for
+//!   the huge pages of one range at once. Only the setting `deny` forbids that as well.
 //!
-//! The second way has a price on machines with real-time threads: the kernel waits until every
-//! processor has put away the pages that it was about to list, and one that a thread never
-//! leaves does not get to it. Memory that is made ready before it matters does not depend on that,
-//! and `deny` rules it out.
+//! The second way has a price on machines with real-time threads: the kernel drains the page lists of
+//! every processor, and waits for a processor that a real-time thread never leaves. Memory that is
+//! preallocated before it is needed avoids the wait, and `deny` rules it out.
 //!
-//! Whoever gets none goes on with small ones: nothing depends on them but time.
+//! Without huge pages the same code uses small ones: the difference is only time.
 
 use std::sync::OnceLock;
 
 use crate::sync::{AtomicU64, Ordering};
 
-/// What the kernel can map with a single page-table entry on the machines that
-/// matter here.
+/// The size of a huge page on the supported machines.
 pub(crate) const HUGE_PAGE_BYTES: usize = 2 << 20;
 
-/// From this length on, a sealed message is worth a huge page of its own: it costs less time on
-/// both sides from 256 KiB on, and at this length no more than four times the memory, as long as
-/// the message lives.
+/// From this length on, a sealed message gets a huge page of its own. It saves time on both sides
+/// from 256 KiB on, and at this length it costs at most four times the memory while the message
+/// exists.
 pub(crate) const HUGE_LEAST_BYTES: usize = HUGE_PAGE_BYTES / 4;
 
-/// How many times huge pages are not asked for after the kernel had none. Looking for one in
+/// Requests for huge pages that are skipped after one failed: the search for a huge page in
 /// fragmented memory takes long.
 const PAUSE: u64 = 256;
 
-/// How many times are left.
+/// The requests that are still to be skipped.
 static PAUSED: AtomicU64 = AtomicU64::new(0);
 
 /// Whether large shared mappings get huge pages on request, by the setting in
@@ -47,7 +45,7 @@ pub fn huge_pages_allowed() -> bool {
     })
 }
 
-/// Reads the kernel's way of writing a choice: `always within_size [advise] never`.
+/// Parses the kernel's notation for a choice: `always within_size [advise] never`.
 #[doc(hidden)]
 #[must_use]
 pub fn huge_pages_allowed_by(setting: &str) -> bool {
@@ -56,16 +54,16 @@ pub fn huge_pages_allowed_by(setting: &str) -> bool {
     (setting.split_whitespace().find(chosen)).is_some_and(|word| allowed.contains(&word))
 }
 
-/// Whether it is time to ask for huge pages.
+/// Whether to ask for huge pages this time.
 pub(crate) fn may_ask() -> bool {
-    // Two threads that count at the same time may count once: that does no harm, and nothing
-    // else depends on this number.
+    // Relaxed, and not one atomic step: two threads that count at the same time may count once. No
+    // other memory depends on this number.
     let paused = PAUSED.load(Ordering::Relaxed);
     PAUSED.store(paused.saturating_sub(1), Ordering::Relaxed);
     paused == 0
 }
 
-/// The kernel had none.
+/// Records that the kernel had no huge page.
 pub(crate) fn pause() {
     PAUSED.store(PAUSE, Ordering::Relaxed);
 }

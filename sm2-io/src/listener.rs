@@ -1,4 +1,4 @@
-//! Where connections arrive.
+//! Listening sockets.
 
 use std::io;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
@@ -18,11 +18,10 @@ pub struct Listener {
 
 impl Listener {
     /// Binds `path`, which must not exist yet, and listens with room for
-    /// `backlog` connections that were not accepted yet (at most
-    /// `net.core.somaxconn`).
+    /// `backlog` connections that are not accepted yet (at most `net.core.somaxconn`).
     ///
-    /// The socket's file stays when the listener is dropped: see
-    /// [`Claim`](crate::Claim) for a path that is cleaned up.
+    /// The socket's file stays when the listener is dropped:
+    /// [`BindOptions`](crate::BindOptions) bind a path that is cleaned up.
     ///
     /// # Errors
     ///
@@ -37,8 +36,8 @@ impl Listener {
         Ok(listener)
     }
 
-    /// Listens with that backlog from now on. Whoever calls this is whom peers see as the
-    /// one that listens: the kernel notes it here.
+    /// Listens with this backlog from now on. The kernel records the calling process as the one
+    /// that peers see in `SO_PEERCRED`.
     pub(crate) fn listen(&self, backlog: u32) -> io::Result<()> {
         let most = u32::try_from(libc::SOMAXCONN).unwrap_or(0);
         let backlog = i32::try_from(backlog.min(most)).unwrap_or(libc::SOMAXCONN);
@@ -52,7 +51,7 @@ impl Listener {
         address.path().map(Path::to_owned)
     }
 
-    /// Takes over a listening socket, such as one from socket activation.
+    /// Takes ownership of a listening socket, such as one from socket activation.
     ///
     /// # Errors
     ///
@@ -67,13 +66,13 @@ impl Listener {
         }
     }
 
-    /// The next connection; `None` if nobody is waiting.
+    /// Accepts the next connection; `None` if the backlog is empty.
     ///
     /// # Errors
     ///
-    /// Whatever `accept(2)` says. Too many open descriptors is one: the
-    /// connection stays in the backlog and the listener readable, so an
-    /// event loop should stop listening until it has closed something.
+    /// Any error of `accept(2)`. After `EMFILE` (too many open descriptors) the connection stays in
+    /// the backlog and the listener stays readable, so an event loop should stop watching the
+    /// listener until it has closed a descriptor.
     pub fn accept(&self) -> io::Result<Option<SeqPacket>> {
         let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
         loop {

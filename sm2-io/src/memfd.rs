@@ -1,4 +1,4 @@
-//! Memory that is shared by handing over a descriptor, and the seals on it.
+//! Memory files (`memfd_create(2)`): making, sealing and verifying them.
 
 mod copy;
 mod facts;

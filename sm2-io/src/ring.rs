@@ -1,7 +1,7 @@
 //! The file of a ring: words that two processes write (SPEC section 8.5).
 //!
-//! Here are the memory and its atomic operations. What is written where, and what is believed of
-//! what is read, is decided by [`sm2_proto::link`], to which a [`Ring`] is lent as [`RingMemory`].
+//! This module provides the memory and its atomic operations. The machine of [`sm2_proto::link`]
+//! decides which words to write and which values to accept; it borrows a [`Ring`] as [`RingMemory`].
 
 mod atomic;
 
@@ -18,9 +18,9 @@ use crate::sync::AtomicU64;
 
 /// One side's mapping of a ring.
 ///
-/// The other side can write any of its words at any time, and can make no access here fault: the
-/// size of the file is sealed. (If the machine is out of memory, a page that it punched out may
-/// not come back; then this process is killed as after any other write to new memory.)
+/// The other side can write any word at any time, but cannot make an access here fault: the size of
+/// the file is sealed. (It can punch a page out of the file. If the machine is out of memory when
+/// this side writes there again, the kernel kills this process as after any write to new memory.)
 #[derive(Debug)]
 pub struct Ring {
     mapping: MappingMut,
@@ -28,7 +28,7 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// A new ring, all zero, and the descriptor to hand to the other side.
+    /// Creates a ring of zeroes, and returns it with the descriptor for the other side.
     ///
     /// # Errors
     ///

@@ -1,12 +1,12 @@
-//! Descriptors that a tokio runtime watches (feature `tokio`).
+//! Watching a descriptor with a tokio runtime (feature `tokio`).
 
 use std::io;
 use std::os::fd::{BorrowedFd, OwnedFd};
 
 use tokio::io::{Interest, unix::AsyncFd};
 
-/// Has the runtime watch whether a descriptor is readable: a duplicate of it, so that it stays
-/// open for as long as it is watched.
+/// Registers a duplicate of `fd` with the runtime, which watches whether it is readable. The
+/// duplicate stays open for as long as it is watched.
 ///
 /// # Errors
 ///

@@ -1,8 +1,7 @@
 //! The slots of a segment, each with one owner.
 //!
-//! [`Segment`] leaves it to its caller who uses which slot. Here that question is
-//! answered by ownership: a segment is split once, and each [`Slot`] is the only
-//! right to its bytes in this process.
+//! A [`Segment`] does not track which slot is in use. This module tracks that by ownership: a segment
+//! is split once, and each [`Slot`] is the only access to its bytes in this process.
 
 use std::fmt;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -10,26 +9,26 @@ use std::sync::Arc;
 
 use crate::memfd::Segment;
 
-/// The exclusive right to one slot of a segment. The segment lives as long as
-/// any of its slots, or a [`SegmentFd`] of it.
+/// The exclusive right to one slot of a segment. The segment exists as long as any of its slots, or a
+/// [`SegmentFd`] of it.
 ///
-/// Receivers are other processes and map the segment for reading only. An owner
-/// that lends a slot to them must not write again until they have given it back:
-/// see [`mapping`](crate::mapping) for what they see otherwise. Keeping the slot in a
-/// place from which nobody writes, until then, is all that it takes.
+/// Receivers map the segment for reading only. An owner that sends a message in a slot must not write to
+/// the slot until all receivers have released the message (SM2-PAY-005):
+/// [`mapping`](crate::mapping) says what they see otherwise. `sm2-node` keeps such slots where no code
+/// writes to them.
 pub struct Slot {
     segment: Arc<Segment>,
     index: u32,
-    /// How many bytes were made ready for writing.
+    /// The number of bytes that were warmed.
     warm: usize,
 }
 
-/// The descriptor of a split segment, to hand to receivers.
+/// The descriptor of a split segment, for receivers.
 #[derive(Clone, Debug)]
 pub struct SegmentFd(Arc<Segment>);
 
 impl Segment {
-    /// Gives every slot an owner. Slots come in the order of their numbers.
+    /// Makes an owner of each slot, in the order of their numbers.
     #[must_use]
     pub fn split(self) -> (SegmentFd, Vec<Slot>) {
         let warm = if self.is_present() { usize::MAX } else { 0 };
@@ -60,9 +59,9 @@ impl Slot {
         self.segment.stride_bytes()
     }
 
-    /// Gets the memory for the first `len` bytes in huge pages, if they are many, there are such
-    /// pages, and this was not done before. What the bytes are does not change, and nothing else
-    /// depends on it: without it, they come when they are written, one small page at a time.
+    /// Makes the first `len` bytes present in huge pages, if they are many, the kernel has huge pages,
+    /// and this was not done before. No byte changes. Otherwise each small page appears when it is first
+    /// written.
     pub fn warm(&mut self, len: usize) {
         if len > self.warm {
             self.warm = len;
@@ -78,9 +77,9 @@ impl Slot {
     #[must_use]
     #[inline]
     pub fn bytes(&self, len: usize) -> &[u8] {
-        // SAFETY: `split` took the segment by value and made one `Slot` for each number, which
-        // cannot be cloned; nothing else calls `slot_mut` on it. A writer needs `&mut` of this
-        // value, so none exists while `self` is borrowed.
+        // SAFETY: `split` took the segment by value and made one `Slot` for each number, which cannot
+        // be cloned, and only `bytes_mut` calls `slot_mut` on a split segment. A writer needs `&mut` of
+        // this value, so none exists while `self` is borrowed.
         unsafe { self.segment.slot(self.index, len) }
     }
 
@@ -92,10 +91,10 @@ impl Slot {
     #[must_use]
     #[inline]
     pub fn bytes_mut(&mut self, len: usize) -> &mut [u8] {
-        // SAFETY: as in `bytes`, and `self` is borrowed exclusively: no other reference to this
-        // slot's bytes exists in this process. That no receiver holds the slot is the protocol's
-        // promise that every reader of shared memory depends on (`mapping`): the owner does not
-        // write while the slot is lent.
+        // SAFETY: as in `bytes`, and `self` is borrowed exclusively: no other reference to the bytes of
+        // this slot exists that this crate made, since it gives out foreign mappings of them as copies
+        // and raw pointers alone. Receivers never write. A receiver that makes a slice of the slot in
+        // `unsafe` code relies on the owner to keep SM2-PAY-005, and answers for that.
         unsafe { self.segment.slot_mut(self.index, len) }
     }
 }

@@ -1,7 +1,7 @@
-//! Unix seqpacket sockets: one datagram with the descriptors that belong to it.
+//! Unix seqpacket sockets: datagrams with the descriptors that belong to them.
 //!
-//! Not here: frames, queues, retries after a full buffer. Callers are the
-//! drivers of `sm2-node` and `sm2-manager`.
+//! Frames, queues and retries after a full buffer belong to the callers, the drivers of `sm2-node`
+//! and `sm2-manager`.
 
 use std::io::{self, IoSlice};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
@@ -25,17 +25,16 @@ pub struct SeqPacket {
 }
 
 impl SeqPacket {
-    /// Connects to the listener at `path`. Never blocks: it is connected at once, before
-    /// the listener has accepted it, or not at all.
+    /// Connects to the listener at `path`. Never blocks: the kernel completes the connection before
+    /// the listener accepts it, or refuses it at once.
     ///
     /// # Errors
     ///
     /// Whatever `socket(2)` and `connect(2)` say, among them `NotFound` (no such
     /// path), `ConnectionRefused` (nobody listens there any more),
     /// `PermissionDenied`, and `WouldBlock`: the listener's backlog is
-    /// full. Nothing is under way then, and nothing tells when there is room: try
-    /// again after some time. `InvalidInput` for a path that is empty or too
-    /// long for a socket address.
+    /// full. No connection is pending then, and no event announces room: try again later.
+    /// `InvalidInput` for a path that is empty or too long for a socket address.
     pub fn connect(path: &Path) -> io::Result<Self> {
         let address = address(path)?;
         let fd = new_socket()?;
@@ -43,7 +42,7 @@ impl SeqPacket {
         Ok(Self { fd })
     }
 
-    /// Two sockets that are connected with each other.
+    /// Makes two sockets that are connected with each other.
     ///
     /// # Errors
     ///
@@ -58,26 +57,25 @@ impl SeqPacket {
         Ok((Self { fd: a }, Self { fd: b }))
     }
 
-    /// Takes over a descriptor, such as one that came with a message.
+    /// Takes ownership of a descriptor, such as one that came with a message.
     ///
     /// # Errors
     ///
     /// `InvalidInput` if it is not an `AF_UNIX` `SOCK_SEQPACKET` socket; it
-    /// is closed then. Whether it is connected shows when it is used: one that
-    /// is not answers `Closed`.
+    /// is closed then. A socket that is not connected answers `Closed` when it is used.
     pub fn from_fd(fd: OwnedFd) -> io::Result<Self> {
         Ok(Self { fd: adopt(fd)? })
     }
 
-    /// What a listener has just accepted, with both flags set.
+    /// A connection that a listener has just accepted, with both flags set.
     pub(crate) const fn accepted(fd: OwnedFd) -> Self {
         Self { fd }
     }
 
-    /// Who was at the other end when the connection was made (`SO_PEERCRED`).
+    /// The process at the other end when the connection was made (`SO_PEERCRED`).
     ///
-    /// For who connected, that is the process that listened last on the socket it connected
-    /// to, and not whoever accepts. For a [pair](Self::pair) it is whoever made the pair.
+    /// The side that connected sees the process that called `listen(2)` last, which need not be the
+    /// one that accepts. Both ends of a [pair](Self::pair) see the process that made the pair.
     ///
     /// # Errors
     ///
@@ -91,7 +89,7 @@ impl SeqPacket {
         })
     }
 
-    /// Asks for `bytes` of room for datagrams in flight from here (`SO_SNDBUF`).
+    /// Asks for `bytes` of send buffer for datagrams that the peer has not read (`SO_SNDBUF`).
     ///
     /// The kernel doubles the number for its own bookkeeping, and caps it
     /// at `net.core.wmem_max` without an error.
@@ -103,23 +101,23 @@ impl SeqPacket {
         Ok(socket::setsockopt(&self.fd, sockopt::SndBuf, &bytes)?)
     }
 
-    /// How much of what was sent here the peer has not read, in the kernel's own
-    /// bytes (`SIOCOUTQ`): several hundred for each datagram, 0 if all is read.
+    /// The memory of sent datagrams that the peer has not read (`SIOCOUTQ`): several hundred bytes
+    /// of overhead for each datagram, 0 if the peer has read all of them.
     ///
     /// # Errors
     ///
     /// None is expected of a connected socket.
     pub fn unread_bytes(&self) -> io::Result<usize> {
         let mut bytes: libc::c_int = 0;
-        // SAFETY: the request writes one int, to a place that outlives the call; the
-        // descriptor is open as long as `self` lives.
+        // SAFETY: the request writes one `int`, and `bytes` is one that outlives the call; `self`
+        // owns the descriptor, so it is open.
         let result = unsafe { libc::ioctl(self.fd.as_raw_fd(), libc::TIOCOUTQ, &raw mut bytes) };
         Errno::result(result)?;
         Ok(usize::try_from(bytes).unwrap_or(0))
     }
 
     /// Ends the connection in both directions, also for duplicates of this
-    /// descriptor elsewhere. What is queued for the peer is still delivered.
+    /// descriptor elsewhere. Queued datagrams are still delivered to the peer.
     ///
     /// # Errors
     ///
@@ -129,16 +127,15 @@ impl SeqPacket {
         Ok(socket::shutdown(number, socket::Shutdown::Both)?)
     }
 
-    /// Sends `parts`, one after the other, as one datagram with `fds`.
+    /// Sends the concatenation of `parts` as one datagram with `fds`.
     ///
-    /// All or nothing; never blocks and never raises `SIGPIPE`. Allocates nothing.
-    /// The descriptors are duplicated: the caller keeps its own.
+    /// Sends all of it or nothing; never blocks, never raises `SIGPIPE`, and does not allocate. The
+    /// kernel duplicates the descriptors: the caller keeps its own.
     ///
     /// # Errors
     ///
-    /// See [`SendError`]. A datagram without any byte is refused with
-    /// `InvalidInput`, since the receiver could not tell it from the end of the
-    /// connection; so are more than 253 descriptors.
+    /// See [`SendError`]. `InvalidInput` for a datagram without any byte, since the receiver could
+    /// not tell it from the end of the connection, and for more than 253 descriptors.
     pub fn send(&self, parts: &[IoSlice<'_>], fds: &[BorrowedFd<'_>]) -> Result<(), SendError> {
         if parts.iter().all(|part| part.is_empty()) {
             return Err(SendError::Io(io::ErrorKind::InvalidInput.into()));
@@ -157,9 +154,9 @@ impl SeqPacket {
         }
         let flags = libc::MSG_NOSIGNAL | libc::MSG_DONTWAIT;
         loop {
-            // SAFETY: `header` names `parts.len()` iovecs (`IoSlice` has the layout of
-            // `iovec`, as std promises) and `len` initialised bytes of `control`. All of
-            // them outlive the call, and `sendmsg` only reads them.
+            // SAFETY: `header` points to `parts.len()` iovecs (std promises that `IoSlice` has the
+            // layout of `iovec`) and to `len` initialised bytes of `control`, or to no control
+            // data. All of them outlive the call, and `sendmsg` only reads them.
             let sent = unsafe { libc::sendmsg(self.fd.as_raw_fd(), &raw const header, flags) };
             match Errno::result(sent) {
                 Ok(_) => return Ok(()),
@@ -169,13 +166,13 @@ impl SeqPacket {
         }
     }
 
-    /// Receives one datagram into `buffer`, with the descriptors that came along.
+    /// Receives one datagram into `buffer`, with its descriptors.
     ///
-    /// Never blocks. Every descriptor that the kernel installed is owned by the
-    /// result (close-on-exec), so dropping the result closes it, also when
-    /// the datagram was truncated. Allocates only if descriptors came.
+    /// Never blocks. The result owns every descriptor that the kernel installed (close-on-exec), so
+    /// dropping the result closes them, also if the datagram was truncated. Allocates only if
+    /// descriptors came.
     ///
-    /// What a peer sent before it went away is delivered, then `Closed`.
+    /// Datagrams that a peer sent before it closed are delivered first, then `Closed`.
     ///
     /// # Errors
     ///
@@ -193,15 +190,15 @@ impl SeqPacket {
         let len = loop {
             header.msg_control = control.as_mut_ptr();
             header.msg_controllen = ControlBuffer::ROOM as _;
-            // SAFETY: `header` names `buffer` and `control` with their true sizes; both are
-            // borrowed exclusively here and outlive the call.
+            // SAFETY: `header` points to `buffer` and `control` with their true sizes; this function
+            // borrows both exclusively, and they outlive the call.
             let got = unsafe { libc::recvmsg(self.fd.as_raw_fd(), &raw mut header, flags) };
             match Errno::result(got) {
                 Ok(len) => break len.cast_unsigned(),
                 Err(Errno::EINTR) => {}
-                // The peer closed without having read all that we sent. The kernel says so
-                // once, *before* it hands out what the peer had sent to us. Ask on: data that
-                // is queued, or end of file, is what follows.
+                // The peer closed without having read all datagrams from this side. The kernel
+                // reports that once, *before* it delivers the datagrams of the peer. The next call
+                // returns one of those, or the end of the stream.
                 Err(Errno::ECONNRESET) => {}
                 Err(errno) => return Err(errno.into()),
             }
@@ -211,7 +208,7 @@ impl SeqPacket {
             reason = "the type differs between C libraries"
         )]
         let control_len = header.msg_controllen as usize;
-        // Before anything else: whatever came must have an owner.
+        // Before any return: every installed descriptor needs an owner.
         let fds = own_fds(&control, control_len);
         let data_truncated = header.msg_flags & libc::MSG_TRUNC != 0;
         if len == 0 && !data_truncated {
@@ -226,9 +223,8 @@ impl SeqPacket {
     }
 }
 
-/// Takes ownership of every descriptor in `control`. Those that the sender
-/// passed are returned; one that the kernel added by itself (a pidfd, if whoever
-/// made the socket asked for it) is closed.
+/// Takes ownership of every descriptor in `control`. Returns those that the sender passed, and
+/// closes one that the kernel added (a pidfd, if the maker of the socket asked for it).
 fn own_fds(control: &ControlBuffer, len: usize) -> ReceivedFds {
     let count = |message: ControlMessage<'_>| message.is_rights().then(|| message.fds().len());
     let room = control.messages(len).filter_map(count).sum();
@@ -236,9 +232,8 @@ fn own_fds(control: &ControlBuffer, len: usize) -> ReceivedFds {
     for message in control.messages(len) {
         let passed = message.is_rights();
         for number in message.fds().filter(|&number| number >= 0) {
-            // SAFETY: the kernel wrote this number into the control buffer in the one `recvmsg`
-            // call that filled it: it is a new, open descriptor that nothing else
-            // owns, and each number is visited once.
+            // SAFETY: the one `recvmsg` call that filled this buffer wrote the number: it is a new,
+            // open descriptor that nothing else owns, and the loop visits each number once.
             let fd = unsafe { OwnedFd::from_raw_fd(number) };
             if passed {
                 fds.push(fd);
@@ -249,8 +244,8 @@ fn own_fds(control: &ControlBuffer, len: usize) -> ReceivedFds {
 }
 
 fn empty_header() -> libc::msghdr {
-    // SAFETY: `msghdr` is a plain C struct of integers and pointers (with private padding
-    // on some targets); all zero is a valid value: no name, no data, no control.
+    // SAFETY: `msghdr` is a C struct of integers and pointers (with private padding on some
+    // targets); all zeroes are a valid value: no name, no data, no control data.
     unsafe { std::mem::zeroed() }
 }
 
@@ -268,10 +263,10 @@ pub(crate) fn address(path: &Path) -> io::Result<UnixAddr> {
     UnixAddr::new(path).map_err(|_| io::ErrorKind::InvalidInput.into())
 }
 
-/// Checks the kind of socket, and sets the two flags.
+/// Checks that `fd` is a Unix seqpacket socket, and sets the two flags.
 pub(crate) fn adopt(fd: OwnedFd) -> io::Result<OwnedFd> {
     let seqpacket = socket::getsockopt(&fd, sockopt::SockType) == Ok(SockType::SeqPacket);
-    // Fails for an address of any other family.
+    // `getsockname` fails here for an address of any other family.
     let unix = socket::getsockname::<UnixAddr>(fd.as_raw_fd()).is_ok();
     if !(seqpacket && unix) {
         return Err(io::ErrorKind::InvalidInput.into());
@@ -294,7 +289,7 @@ impl From<SeqPacket> for OwnedFd {
     }
 }
 
-/// Who a peer is, by the kernel's word.
+/// The credentials of a peer, as the kernel recorded them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PeerCredentials {
     /// Effective user id; 65534 if it has no meaning in our user namespace.

@@ -1,4 +1,4 @@
-//! Waking an event loop at a moment.
+//! Waking an event loop at a given time.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -9,18 +9,18 @@ use nix::sys::time::TimeSpec;
 use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
 use sm2_proto::Instant;
 
-/// A `timerfd` on the clock of [`now`](crate::clock::now): readable from the moment it is
+/// A `timerfd` on the clock of [`now`](crate::clock::now): readable from the time that it is
 /// [set](Self::set) to, until [`drain`](Self::drain) or the next `set`.
 ///
-/// For those who put one descriptor into an event loop of their own, and cannot give that
-/// loop a deadline. Close-on-exec, non-blocking.
+/// Lets a program whose event loop takes no deadline watch one descriptor instead. Close-on-exec,
+/// non-blocking.
 #[derive(Debug)]
 pub struct Timer {
     timer: TimerFd,
 }
 
 impl Timer {
-    /// A timer that is not set.
+    /// Makes a timer that is not set.
     ///
     /// # Errors
     ///
@@ -31,8 +31,8 @@ impl Timer {
         Ok(Self { timer })
     }
 
-    /// Sets the moment, in place of any before; `None`: never. A moment that has passed makes
-    /// it readable at once.
+    /// Sets the time at which the timer becomes readable, in place of any earlier setting; `None`
+    /// clears it. A time in the past makes the timer readable at once.
     ///
     /// # Errors
     ///
@@ -41,15 +41,15 @@ impl Timer {
         let Some(Instant(at_ns)) = at else {
             return Ok(self.timer.unset()?);
         };
-        // To the kernel, zero means never.
+        // Zero would clear the timer.
         let at = TimeSpec::from_duration(Duration::from_nanos(at_ns.max(1)));
         let flags = TimerSetTimeFlags::TFD_TIMER_ABSTIME;
         Ok(self.timer.set(Expiration::OneShot(at), flags)?)
     }
 
-    /// Makes the timer unreadable; whether it was readable.
+    /// Makes the timer unreadable. Returns whether it was readable.
     pub fn drain(&self) -> bool {
-        // Never waits. Interrupted calls are repeated inside.
+        // Does not block, and repeats interrupted calls.
         match self.timer.wait() {
             Ok(()) => true,
             Err(errno) => {

@@ -9,14 +9,14 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 /// An `eventfd`: readable from the first [`wake`](Self::wake) until
 /// [`drain`](Self::drain).
 ///
-/// Wake-ups that were not drained yet merge into one.
+/// Several wake-ups before a drain count as one.
 #[derive(Debug)]
 pub struct Waker {
     event: EventFd,
 }
 
 impl Waker {
-    /// A waker that nobody has woken.
+    /// Makes a waker that is not readable.
     ///
     /// # Errors
     ///
@@ -29,12 +29,12 @@ impl Waker {
 
     /// Makes the waker readable. Never blocks.
     pub fn wake(&self) {
-        // EAGAIN says that the counter is full, so it is awake already. Nothing else can
-        // go wrong with an eventfd that is open.
+        // EAGAIN means that the counter is full, so the waker is readable already. An open eventfd
+        // reports no other error.
         while self.event.write(1) == Err(Errno::EINTR) {}
     }
 
-    /// Makes the waker unreadable; whether it was readable.
+    /// Makes the waker unreadable. Returns whether it was readable.
     pub fn drain(&self) -> bool {
         loop {
             match self.event.read() {

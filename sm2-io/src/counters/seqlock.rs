@@ -1,18 +1,18 @@
-//! Words that one writer changes and readers copy, as they were between two changes.
+//! A seqlock: one writer changes words, and readers copy them as they were between two changes.
 //!
-//! The first word is the `turn`: odd while the others are written, 0 if nobody uses them. A
-//! reader takes what it copied only if the turn was the same even number before and
-//! after. The writer never waits. `turn` must never be one that these words had before.
+//! The first word is the `turn`: odd while the writer changes the others, 0 while they are unused. A
+//! reader accepts its copy only if the turn was the same even number before and after the copy. The
+//! writer never waits. A turn never repeats for the same words.
 //!
 //! Words are little-endian. `verification/loom` runs this file, as it is, through many
 //! executions that the memory model allows.
 
 use crate::sync::{AtomicU64, Ordering, fence};
 
-/// Where the turn stands.
+/// The index of the turn.
 const TURN: usize = 0;
 
-/// A change of the words; it ends, and readers see it, when this is dropped.
+/// A change of the words. It ends, and readers see it, when this value is dropped.
 #[derive(Debug)]
 pub(super) struct Change<'a, const N: usize> {
     words: &'a [AtomicU64; N],
@@ -20,27 +20,27 @@ pub(super) struct Change<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Change<'a, N> {
-    /// Starts a change. `turn` is that of the last change of any words that these ever were,
-    /// and of no one else: what it becomes is the greatest that there was.
+    /// Starts a change. `turn` is the turn of the last change of any words of the file; the change
+    /// raises it, so that it is greater than every turn before.
     //= SM2-CNT-005
     #[inline]
     pub(super) fn begin(words: &'a [AtomicU64; N], turn: &'a mut u64) -> Self {
-        // Odd, and greater than before, also if the last one was never dropped.
+        // Odd, and greater than before, even if the last change was never dropped.
         *turn = (*turn + 1) | 1;
         words[TURN].store(turn.to_le(), Ordering::Relaxed);
-        // Pairs with the second fence of a reader: one that copied any word of what follows
-        // sees this turn, or a later one, when it looks at the turn again.
+        // Pairs with the second acquire fence in `copy`: a reader that copied any word which this
+        // change writes sees this turn, or a later one, when it loads the turn again.
         fence(Ordering::Release);
         Self { words, turn }
     }
 
-    /// What stands there. Nobody else writes, so that it needs no order.
+    /// The value of a word. Relaxed: this process is the only writer.
     #[inline]
     pub(super) fn get(&self, index: usize) -> u64 {
         u64::from_le(self.words[index].load(Ordering::Relaxed))
     }
 
-    /// Writes a word, if it is another.
+    /// Writes a word if its value differs. Relaxed: the turn orders it.
     #[inline]
     pub(super) fn set(&mut self, index: usize, value: u64) {
         if self.get(index) != value {
@@ -54,20 +54,21 @@ impl<const N: usize> Drop for Change<'_, N> {
     #[inline]
     fn drop(&mut self) {
         *self.turn += 1;
-        // Pairs with the first fence of a reader: one that sees this turn sees all words
-        // that were written before.
+        // Pairs with the first acquire fence in `copy`: a reader that sees this turn sees all words
+        // that the change wrote.
         self.words[TURN].store(self.turn.to_le(), Ordering::Release);
     }
 }
 
-/// Ends the use of the words.
+/// Marks the words as unused.
 //= SM2-CNT-005
 pub(super) fn free<const N: usize>(words: &[AtomicU64; N]) {
-    // The other words stay: who reads them sees that the turn has changed.
+    // The other words stay: a reader that is copying them sees that the turn has changed. Relaxed:
+    // nothing else has to be visible with it.
     words[TURN].store(0, Ordering::Relaxed);
 }
 
-/// Copies the words, if they belong together and the copy was not disturbed.
+/// Copies the words; `None` if a change was going on.
 //= SM2-CNT-005
 pub(super) fn copy<const N: usize>(words: &[AtomicU64; N]) -> Option<[u64; N]> {
     // Relaxed: the only ordering that Rust promises for read-only memory.
@@ -76,15 +77,17 @@ pub(super) fn copy<const N: usize>(words: &[AtomicU64; N]) -> Option<[u64; N]> {
     if turn % 2 == 1 {
         return None;
     }
-    // Pairs with the end of a change: who sees its turn sees what it wrote.
+    // Pairs with the release store in `Change::drop`: the words of the change with this turn are
+    // visible.
     fence(Ordering::Acquire);
     let mut copied: [u64; N] = std::array::from_fn(word);
-    // Pairs with the start of a change: who saw any of it sees its turn.
+    // Pairs with the release fence in `Change::begin`: if the copy has a word of a later change, the
+    // next load sees the turn of that change.
     fence(Ordering::Acquire);
     if word(TURN) != turn {
         return None;
     }
-    // The copy in between is another reading, which a hostile writer can make differ.
+    // The copy read the turn once more, and a hostile writer can make that reading differ.
     copied[TURN] = turn;
     Some(copied)
 }

@@ -1,4 +1,4 @@
-//! Looking at the counters of another process.
+//! Reading the counters of another process.
 
 use std::fs::File;
 use std::hint;
@@ -17,17 +17,16 @@ use crate::memfd::{InspectedFd, VerifyError};
 
 use super::{entry_words, seqlock};
 
-/// How often an entry is read that changes meanwhile. A change takes some nanoseconds; one
-/// that outlasts this many attempts has a writer that was stopped, or that wants it so.
+/// Attempts to read an entry that changes meanwhile. A change takes some nanoseconds; if one
+/// outlasts this many attempts, its writer was stopped or is hostile.
 const TRIES: u32 = 24;
-/// How many attempts beyond the first all entries together are worth: a file full of such
-/// entries must not cost a reader much.
+/// Attempts beyond the first for all entries together: bounds the cost of a hostile file.
 const TRIES_FOR_ALL: u32 = 240;
-/// Attempts before the writer is given the processor, in case it waits for this one. Each
-/// attempt beyond may take as long as other programs want to run.
+/// Attempts before the reader yields the processor, in case the writer waits for it. Each further
+/// attempt may take as long as other programs want to run.
 const TRIES_AT_ONCE: u32 = 20;
 
-/// A file of counters, opened for looking.
+/// A file of counters, opened for reading.
 #[derive(Debug)]
 pub struct CounterView {
     mapping: PooledMapping,
@@ -36,7 +35,7 @@ pub struct CounterView {
 }
 
 impl CounterView {
-    /// Checks a descriptor that came from somewhere, and maps it.
+    /// Verifies a descriptor from another process, and maps it.
     ///
     /// # Errors
     ///
@@ -61,16 +60,16 @@ impl CounterView {
         })
     }
 
-    /// How many entries the file has room for. Their numbers are below.
+    /// The number of entries that the file has room for; entry numbers are smaller.
     #[must_use]
     pub const fn capacity(&self) -> u32 {
         self.capacity
     }
 
-    /// Copies entry number `index`. `None` if it is not in use.
+    /// Copies entry `index`. `None` if it is not in use.
     ///
-    /// Reading a part of the file that was never written makes the kernel add a page of
-    /// zeros to it; [`entries`](Self::entries) leaves out such parts.
+    /// Reading a hole of the file makes the kernel add a page of zeroes to it;
+    /// [`entries`](Self::entries) skips holes.
     ///
     /// # Errors
     ///
@@ -87,7 +86,7 @@ impl CounterView {
         self.read_within(index, &mut spare)
     }
 
-    /// As [`read`](Self::read), with at most so many attempts more than the first.
+    /// As [`read`](Self::read), with at most `spare` attempts beyond the first.
     fn read_within(&self, index: u32, spare: &mut u32) -> Result<Option<Entry>, Unreadable> {
         let words = entry_words(self.mapping.words(), index);
         for tried in 1..=TRIES {
@@ -108,7 +107,7 @@ impl CounterView {
 
     /// All entries in use, with their numbers, in ascending order.
     ///
-    /// One that is taken or freed meanwhile may be there or not.
+    /// An entry that is allocated or freed meanwhile may be among them or not.
     #[must_use]
     pub const fn entries(&self) -> Entries<'_> {
         Entries {
@@ -119,12 +118,12 @@ impl CounterView {
         }
     }
 
-    /// The numbers of the first entries from `index` on that are not in a hole of the file:
-    /// the first, and the one after the last.
+    /// The first range of entries from `index` on that is not in a hole of the file: its first
+    /// number, and the one after its last.
     fn written_from(&self, index: u32) -> Option<(u32, u32)> {
         let seek = |to: u64, whence| {
             let to = i64::try_from(to).map_err(|_| Errno::EINVAL)?;
-            // Everybody with this descriptor shares the position, and nobody uses it.
+            // All holders of this descriptor share the position, and none depends on it.
             lseek(&self.file, to, whence).map(i64::cast_unsigned)
         };
         let offset = (u64::from(index) + 1) * ENTRY_BYTES;
@@ -132,15 +131,15 @@ impl CounterView {
             .and_then(|start| Ok((start, seek(start, Whence::SeekHole)?)));
         match extent {
             Ok((start, end)) => {
-                // Where pages end, entries do.
+                // A page boundary is an entry boundary.
                 let entry_at = |offset: u64| u32::try_from(offset / ENTRY_BYTES).ok();
                 let start = entry_at(start.max(offset))? - 1;
                 let end = entry_at(end)?.saturating_sub(1).min(self.capacity);
                 Some((start, end.max(start + 1)))
             }
-            // Nothing but a hole to the end.
+            // The rest of the file is a hole.
             Err(Errno::ENXIO) => None,
-            // Not to be expected of memory files; then all of it must be read.
+            // Not expected of a memfd: read everything.
             Err(_) => Some((index, self.capacity)),
         }
     }
@@ -151,9 +150,9 @@ impl CounterView {
 pub struct Entries<'a> {
     view: &'a CounterView,
     next: u32,
-    /// Up to here the file has content.
+    /// The end of the current range without holes.
     end: u32,
-    /// Attempts that are left beyond the first of each entry.
+    /// Remaining attempts beyond the first of each entry.
     spare: u32,
 }
 
@@ -177,13 +176,13 @@ impl Iterator for Entries<'_> {
     }
 }
 
-/// Why an entry gives nothing.
+/// Why an entry cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Unreadable {
-    /// It changed during each attempt, or its writer was stopped in the middle of a change.
-    #[error("the entry is being written all the time: try again, or look what its node does")]
+    /// The entry changed during each attempt, or its writer was stopped during a change.
+    #[error("the entry changed during every attempt to read it: try again, or check its node")]
     Torn,
-    /// It is complete, but not as SM2-CNT-004 says.
+    /// The entry breaks SM2-CNT-004.
     #[error("the entry has a kind or fields that this version does not know")]
     Malformed,
 }
@@ -192,16 +191,16 @@ pub enum Unreadable {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CounterError {
-    /// Not a regular file in memory.
+    /// The descriptor is not a memfd.
     #[error("counters: the descriptor is not a memfd")]
     NotAMemfd,
-    /// Seals are missing: its author could cut it short, or others could write.
+    /// Seals are missing: the author could shrink the file, or others could write to it.
     #[error("counters: the memfd has the seals {:#x}, and needs {:#x}", seals.0, Seals::POOLED.0)]
     Seals {
-        /// Those that it has.
+        /// The seals of the file.
         seals: Seals,
     },
-    /// No file of counters has this size.
+    /// The size is not legal for a file of counters.
     #[error(
         "counters: a memfd of {size_bytes} bytes; it must be a multiple of 512 from 1,024 to 4,194,304"
     )]
@@ -209,15 +208,15 @@ pub enum CounterError {
         /// The size.
         size_bytes: u64,
     },
-    /// The first 512 bytes are not those of a file of this version and size.
-    #[error("counters: the file does not begin like one of version 1 and its size")]
+    /// The header does not match this version and the size of the file.
+    #[error("counters: the header is not that of a version 1 file of this size")]
     Header,
     /// The operating system refused.
     #[error("counters: cannot {action} the memfd: {source}")]
     Io {
-        /// What was tried.
+        /// The operation that failed.
         action: &'static str,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }

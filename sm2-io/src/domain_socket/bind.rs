@@ -13,13 +13,13 @@ use super::owned::DomainSocket;
 use super::socket_file::{SocketFile, Whose};
 use crate::socket::Listener;
 
-/// How to claim a domain's socket.
+/// How to bind a domain's socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BindOptions {
-    /// Permission bits of the socket: who may connect needs to write. The
-    /// umask does not count. 0600 by default.
+    /// Permission bits of the socket: a peer needs write permission to connect. The umask does not
+    /// apply. 0600 by default.
     pub mode: u32,
-    /// How many connections may wait to be accepted. 128 by default.
+    /// The number of connections that may wait to be accepted. 128 by default.
     pub backlog: u32,
 }
 
@@ -33,7 +33,7 @@ impl Default for BindOptions {
 }
 
 impl BindOptions {
-    /// Claims `path` with the defaults. See [`acquire_at`](Self::acquire_at).
+    /// Binds `path` with the defaults. See [`acquire_at`](Self::acquire_at).
     ///
     /// # Errors
     ///
@@ -44,22 +44,22 @@ impl BindOptions {
 
     /// Becomes the owner of `path`, and listens there.
     ///
-    /// Creates the directory (0700) if it does not exist, but not the one above it.
-    /// Replaces a socket that a dead owner left, without a moment in which there is none.
+    /// Creates the directory (0700) if it does not exist, but not its parent. Atomically replaces a
+    /// socket that a dead owner left.
     ///
     /// # Errors
     ///
-    /// [`DomainSocketError::Busy`] if somebody else owns it; the other kinds say what is
-    /// wrong with the place.
+    /// [`DomainSocketError::Busy`] if another process owns it; the other kinds say what is wrong with
+    /// the path.
     pub fn acquire_at(self, path: &Path) -> Result<DomainSocket, DomainSocketError> {
         DomainLock::acquire(path)?.bind(self)
     }
 
-    /// Becomes the owner of the path to which a listening socket is bound, and listens
-    /// there with it: socket activation.
+    /// Becomes the owner of the path to which a listening socket is bound, and listens with that socket:
+    /// socket activation.
     ///
-    /// Whoever made the socket owns its file: neither its mode is changed, nor is it removed
-    /// in the end. From now on, peers that connect see this process as the one that listens
+    /// The process that made the socket owns its file, so this one neither changes its mode nor removes
+    /// it. From now on, peers that connect see this process as the listener
     /// ([`SeqPacket::peer_credentials`](crate::SeqPacket::peer_credentials)).
     ///
     /// # Errors
@@ -104,8 +104,8 @@ impl DomainLock {
             }
             _ => {}
         }
-        // Bound under another name, and renamed when it is ready: nobody meets a socket that
-        // does not listen yet, or whose permissions are not set yet.
+        // Bound under a temporary name and renamed when it is ready: no peer finds a socket that does
+        // not listen yet, or whose permissions are not set yet.
         let fresh = with_suffix(path, "~");
         match fs::remove_file(&fresh) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {

@@ -1,15 +1,15 @@
-//! What can be wrong with a domain's socket.
+//! Errors of a domain's socket.
 
 use std::io;
 use std::path::PathBuf;
 
 use super::limits::{MAX_DOMAIN_BYTES, MAX_PATH_BYTES};
 
-/// Why a domain's socket cannot be named or claimed. Each says what to do.
+/// Why a domain's socket cannot be named or bound. Each text says what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DomainSocketError {
-    /// The domain's name breaks the grammar.
+    /// The name of the domain breaks the grammar.
     #[error(
         "domain name {name:?}: use 1 to {MAX_DOMAIN_BYTES} letters, digits, '_' or '-' (from --domain or SM2_DOMAIN)"
     )]
@@ -19,7 +19,8 @@ pub enum DomainSocketError {
     },
     /// The path does not fit a socket address.
     #[error(
-        "socket path {path:?} has {len_bytes} bytes, {MAX_PATH_BYTES} are possible: set SM2_SOCKET or XDG_RUNTIME_DIR to something shorter"
+        "socket path {path:?} has {len_bytes} bytes, {MAX_PATH_BYTES} are possible: \
+         set SM2_SOCKET or XDG_RUNTIME_DIR to something shorter"
     )]
     PathTooLong {
         /// The path.
@@ -27,7 +28,7 @@ pub enum DomainSocketError {
         /// Its length.
         len_bytes: usize,
     },
-    /// Another Manager holds this domain.
+    /// Another Manager owns the socket of this domain.
     #[error(
         "another Manager serves {path:?}: stop it, or choose another domain (--domain or SM2_DOMAIN)"
     )]
@@ -37,7 +38,8 @@ pub enum DomainSocketError {
     },
     /// Any user could replace the socket.
     #[error(
-        "directory {path:?} is writable for everybody (mode {mode:04o}): run 'chmod o-w' on it, or choose another place with SM2_SOCKET"
+        "directory {path:?} is writable for all users (mode {mode:04o}): \
+         run 'chmod o-w' on it, or choose another path with SM2_SOCKET"
     )]
     DirectoryWritable {
         /// The directory.
@@ -47,7 +49,8 @@ pub enum DomainSocketError {
     },
     /// Another user could replace the socket.
     #[error(
-        "directory {path:?} belongs to user {uid}, not to root or this process' user: choose another place with SM2_SOCKET"
+        "directory {path:?} belongs to user {uid}, not to root or the user of this process: \
+         choose another path with SM2_SOCKET"
     )]
     DirectoryOwner {
         /// The directory.
@@ -55,7 +58,7 @@ pub enum DomainSocketError {
         /// Its owner.
         uid: u32,
     },
-    /// There is a file where the socket should be.
+    /// The path names a file that is not a socket.
     #[error(
         "{path:?} exists and is not a socket: remove it, or choose another path with SM2_SOCKET"
     )]
@@ -63,21 +66,23 @@ pub enum DomainSocketError {
         /// The path.
         path: PathBuf,
     },
-    /// What was handed over does not listen for connections.
+    /// The descriptor that was passed is not a listening socket.
     #[error(
-        "the descriptor is not a listening AF_UNIX seqpacket socket: with systemd, use ListenSequentialPacket= in the socket unit"
+        "the descriptor is not a listening AF_UNIX seqpacket socket: \
+         with systemd, use ListenSequentialPacket= in the socket unit"
     )]
     NotAListener {
-        /// What the check said.
+        /// The error of the check.
         source: io::Error,
     },
-    /// A listening socket that was handed over has no path.
+    /// The listening socket that was passed has no path.
     #[error(
-        "the listening socket is not bound to an absolute path: with systemd, use ListenSequentialPacket= with one that begins with '/'"
+        "the listening socket is not bound to an absolute path: \
+         with systemd, use ListenSequentialPacket= with one that begins with '/'"
     )]
     NoPath,
-    /// A socket that was handed over is not there any more.
-    #[error("another Manager has replaced the socket at {path:?}: this one can only end")]
+    /// A successor has replaced the socket.
+    #[error("another Manager has replaced the socket at {path:?}: this one can only exit")]
     Replaced {
         /// The socket's path.
         path: PathBuf,
@@ -85,20 +90,20 @@ pub enum DomainSocketError {
     /// The operating system refused.
     #[error("cannot {action} {path:?}: {source}{}", advice(source))]
     Io {
-        /// What was tried.
+        /// The operation that failed.
         action: &'static str,
-        /// On what.
+        /// The path of the operation.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
 
-/// What to do about an error of the operating system, where one can know that.
+/// Advice for an error of the operating system, if there is any.
 fn advice(source: &io::Error) -> &'static str {
     match source.kind() {
         io::ErrorKind::PermissionDenied => {
-            "; choose a place of this user's: set XDG_RUNTIME_DIR, or SM2_SOCKET to a path in a folder of its own"
+            "; choose a directory of this user: set XDG_RUNTIME_DIR, or SM2_SOCKET to a path in a directory of its own"
         }
         _ => "",
     }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::DomainSocketError;
 
-/// Which file it is, whatever its name.
+/// The identity of a file, independent of its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Identity {
     device: u64,
@@ -24,7 +24,7 @@ impl Identity {
     }
 }
 
-/// Whether `path` is a name of that file.
+/// Whether `path` names that file.
 pub(super) fn names(path: &Path, identity: Identity) -> bool {
     fs::symlink_metadata(path).is_ok_and(|found| Identity::of(&found) == identity)
 }
@@ -36,7 +36,7 @@ pub(super) fn directory_of(path: &Path) -> &Path {
     }
 }
 
-/// Creates it, or checks that nobody can replace what we put there.
+/// Creates the directory, or checks that no other user can replace files in it.
 pub(super) fn prepare_directory(path: &Path) -> Result<(), DomainSocketError> {
     match DirBuilder::new().mode(0o700).create(path) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {

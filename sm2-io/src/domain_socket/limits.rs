@@ -1,7 +1,7 @@
-//! How long the name of a domain and the path of its socket may be.
+//! The limits of names and paths.
 
-/// The longest path of a domain's socket, in bytes: a socket address has room for
-/// 107, and one is needed for the temporary name in [`BindOptions`](crate::Claim).
+/// The longest path of a domain's socket, in bytes: a socket address has room for 107, and the
+/// temporary name in [`DomainLock::bind`](crate::DomainLock::bind) needs one more byte.
 pub const MAX_PATH_BYTES: usize = 106;
 
 /// The longest name of a domain, in bytes.

@@ -12,22 +12,22 @@ use super::error::DomainSocketError;
 use super::files::{Identity, directory_of, failed, names, prepare_directory, with_suffix};
 use super::path::check_path;
 
-/// The right to bind a domain's socket. Held by at most one process.
+/// The right to bind a domain's socket. At most one process holds it.
 #[derive(Debug)]
 pub struct DomainLock {
     socket_path: PathBuf,
     lock_path: PathBuf,
-    /// `None` while this is dropped without removing the file.
+    /// `None` while the value is dropped without removing the file.
     lock: Option<Flock<File>>,
 }
 
 impl DomainLock {
-    /// Takes the lock for the socket at `path`; does not wait for it.
+    /// Takes the lock for the socket at `path` without waiting.
     ///
     /// # Errors
     ///
-    /// [`DomainSocketError::Busy`] if it is taken; the other kinds say what is wrong with the
-    /// place.
+    /// [`DomainSocketError::Busy`] if it is held; the other kinds say what is wrong with the
+    /// path.
     pub fn acquire(path: &Path) -> Result<Self, DomainSocketError> {
         check_path(path)?;
         prepare_directory(directory_of(path))?;
@@ -51,8 +51,8 @@ impl DomainLock {
                 Err((_, Errno::EINTR)) => continue,
                 Err((_, errno)) => return Err(failed("lock", &lock_path)(errno.into())),
             };
-            // Between our `open` and our lock its holder may have removed the file. Then this
-            // is a lock on nothing, and another process may hold the real one.
+            // The last holder may have removed the file between `open` and `lock`. Then this lock is on
+            // an unlinked file, and another process may hold the lock on the current one.
             let ours = lock.metadata().map_err(failed("look at", &lock_path))?;
             if names(&lock_path, Identity::of(&ours)) {
                 return Ok(Self {
@@ -64,15 +64,15 @@ impl DomainLock {
         }
     }
 
-    /// The path of the socket that this lock is for.
+    /// The path of the socket.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.socket_path
     }
 
-    /// Gives the lock up, and leaves its file for whoever takes it next.
+    /// Releases the lock, and leaves its file for the next holder.
     pub(super) fn leave(mut self) {
-        // Unlocks, not only closes: a child that is about to start a program has a copy.
+        // Unlocks explicitly: a child process that is about to call `exec` has a copy of the descriptor.
         drop(self.lock.take());
     }
 }
@@ -80,8 +80,8 @@ impl DomainLock {
 impl Drop for DomainLock {
     fn drop(&mut self) {
         if self.lock.is_some() {
-            // Still locked: whoever opened this file before will find, once it gets the lock,
-            // that the name is gone, and try again.
+            // Still locked: a process that has opened this file will find, once it gets the lock, that
+            // the name is gone, and try again.
             let _ = fs::remove_file(&self.lock_path);
         }
     }

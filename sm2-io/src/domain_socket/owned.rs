@@ -7,30 +7,30 @@ use super::lock::DomainLock;
 use super::socket_file::SocketFile;
 use crate::socket::Listener;
 
-/// A domain's socket, owned and listening. Dropping it removes its files.
+/// A domain's socket that this process owns and listens on. Dropping it removes its files.
 #[derive(Debug)]
 pub struct DomainSocket {
     pub(super) file: SocketFile,
     pub(super) listener: Listener,
-    /// Last, so that it is given up when all else is gone.
+    /// Last, so that the lock is released after the other fields are dropped.
     pub(super) lock: DomainLock,
 }
 
 impl DomainSocket {
-    /// Where connections arrive.
+    /// The listener that accepts connections.
     #[must_use]
     pub const fn listener(&self) -> &Listener {
         &self.listener
     }
 
-    /// Where the socket is.
+    /// The path of the socket.
     #[must_use]
     pub fn path(&self) -> &Path {
         self.lock.path()
     }
 
-    /// Gives up the lock, so that a successor can take it and replace the socket; until
-    /// it does, the socket stays where it is and this process goes on listening.
+    /// Releases the lock, so that a successor can take it and replace the socket. Until then the socket
+    /// stays in place and this process keeps listening.
     //= SM2-RES-010
     #[must_use = "dropping it ends listening"]
     pub fn hand_over(self) -> HandOver {
@@ -48,15 +48,14 @@ impl DomainSocket {
     pub fn close(self) {}
 }
 
-/// A domain's socket whose lock was given up, and that goes on listening until somebody
-/// takes its place.
+/// A domain's socket without its lock, which keeps listening until a successor replaces it.
 ///
-/// The successor takes the lock, and then replaces the socket in one step. Before that,
-/// connections arrive here, also while the successor has the lock already; after it,
-/// those that wait in the backlog are still to be accepted here.
+/// The successor takes the lock, and then replaces the socket in one step. Until that step, connections
+/// arrive here, also while the successor holds the lock; after it, this process still has to accept the
+/// connections in the backlog.
 ///
-/// Dropping it ends listening. If nobody has come, it removes its files like an
-/// [`DomainSocket`]; it leaves alone what a successor has, or is about to replace.
+/// Dropping it ends listening. If no successor has come, that removes the files as for a
+/// [`DomainSocket`]; it leaves the files of a successor alone, and those that a successor is about to replace.
 #[derive(Debug)]
 pub struct HandOver {
     file: SocketFile,
@@ -64,39 +63,39 @@ pub struct HandOver {
 }
 
 impl HandOver {
-    /// Before the lock is given up.
+    /// Called before the lock is released.
     fn new(file: SocketFile, listener: Listener) -> Self {
         let file = file.unlocked();
         Self { file, listener }
     }
 
-    /// Where connections arrive until the socket is replaced.
+    /// The listener that accepts connections until the socket is replaced.
     #[must_use]
     pub const fn listener(&self) -> &Listener {
         &self.listener
     }
 
-    /// Where the socket was when it was handed over.
+    /// The path of the socket when it was handed over.
     #[must_use]
     pub fn path(&self) -> &Path {
         self.file.path()
     }
 
-    /// Whether the path names this socket no longer: a successor has put its own there, or
-    /// has even removed that since. No new connection can arrive then.
+    /// Whether the path no longer names this socket: a successor has replaced it, and may have removed
+    /// its own since. No new connection can arrive then.
     //= SM2-RES-010
     #[must_use]
     pub fn is_replaced(&self) -> bool {
         !self.file.is_there()
     }
 
-    /// Takes the lock again and is what it was before, if nobody has come.
+    /// Takes the lock again and owns the socket as before, if no successor has come.
     ///
     /// # Errors
     ///
     /// [`NotReclaimed`], which gives the hand-over back. Its reason is
-    /// [`DomainSocketError::Busy`] while somebody has the lock,
-    /// [`DomainSocketError::Replaced`] if somebody had it: see
+    /// [`DomainSocketError::Busy`] while another process holds the lock,
+    /// [`DomainSocketError::Replaced`] if another process has held it: see
     /// [`is_replaced`](Self::is_replaced). Others as [`DomainLock::acquire`].
     //= SM2-RES-010
     pub fn reclaim(self) -> Result<DomainSocket, Box<NotReclaimed>> {
@@ -105,7 +104,7 @@ impl HandOver {
             Ok(lock) => lock,
             Err(reason) => return not(self, reason),
         };
-        // Nobody else can change that any more.
+        // With the lock held, no other process can change that.
         if self.is_replaced() {
             let path = self.path().to_owned();
             return not(self, DomainSocketError::Replaced { path });
@@ -118,12 +117,12 @@ impl HandOver {
     }
 }
 
-/// Why a domain's socket was not taken back.
+/// Why a domain's socket was not reclaimed.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot take the socket back: {reason}")]
 pub struct NotReclaimed {
-    /// As it was before: still listening.
+    /// The hand-over as it was before, still listening.
     pub hand_over: HandOver,
-    /// What was in the way.
+    /// The reason.
     pub reason: DomainSocketError,
 }

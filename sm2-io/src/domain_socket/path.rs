@@ -1,4 +1,4 @@
-//! Where a domain's socket is.
+//! The path of a domain's socket.
 
 use std::ffi::OsString;
 use std::os::unix::ffi::OsStrExt;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::error::DomainSocketError;
 use super::limits::{MAX_DOMAIN_BYTES, MAX_PATH_BYTES};
 
-/// The domain where none is named.
+/// The domain if none is named.
 pub const DEFAULT_DOMAIN: &str = "default";
 
 /// The path of a domain's socket, from the environment of this process.
@@ -17,8 +17,7 @@ pub const DEFAULT_DOMAIN: &str = "default";
 /// | given | `$XDG_RUNTIME_DIR/sm2/<domain>.sock`, else `/run/sm2/<domain>.sock` |
 /// | `None` | `$SM2_SOCKET`, else as above with `$SM2_DOMAIN`, else `default` |
 ///
-/// A variable that is empty counts as not set, and so does an `XDG_RUNTIME_DIR` that
-/// is not absolute.
+/// An empty variable counts as not set, and so does an `XDG_RUNTIME_DIR` that is not absolute.
 ///
 /// # Errors
 ///
@@ -43,7 +42,7 @@ pub fn socket_path_in(
         (Some(domain), _) => in_directory(domain, variable("XDG_RUNTIME_DIR"))?,
         (None, None) => {
             let domain = variable("SM2_DOMAIN").unwrap_or_else(|| DEFAULT_DOMAIN.into());
-            // What is not UTF-8 keeps a replacement character, which no name has.
+            // Invalid UTF-8 becomes a replacement character, which the grammar of names rejects.
             in_directory(&domain.to_string_lossy(), variable("XDG_RUNTIME_DIR"))?
         }
     };
@@ -68,7 +67,7 @@ fn in_directory(domain: &str, runtime: Option<OsString>) -> Result<PathBuf, Doma
     Ok(path)
 }
 
-/// That a socket address can hold the path.
+/// Checks that a socket address can hold the path.
 pub(crate) fn check_path(path: &Path) -> Result<(), DomainSocketError> {
     let len_bytes = path.as_os_str().as_bytes().len();
     if len_bytes > MAX_PATH_BYTES {

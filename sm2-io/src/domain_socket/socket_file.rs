@@ -6,27 +6,27 @@ use std::path::{Path, PathBuf};
 use super::files::{Identity, names};
 use super::lock::DomainLock;
 
-/// A domain's socket in the file system. Dropping it removes it, if that is ours to do.
+/// A domain's socket in the file system. Dropping it removes the file if this process made it.
 #[derive(Debug)]
 pub(super) struct SocketFile {
     path: PathBuf,
     identity: Identity,
     whose: Whose,
-    /// Nobody here holds the lock now.
+    /// Whether this process has released the lock.
     unlocked: bool,
 }
 
-/// Who removes a socket's file in the end.
+/// Which process removes a socket's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Whose {
-    /// This value.
+    /// This process made the socket, and removes it.
     Ours,
-    /// Whoever made the socket, and handed it to us.
+    /// Another process made the socket and passed it on: it removes it.
     SomebodyElses,
 }
 
 impl SocketFile {
-    /// The one at `path`, whose lock is held for as long as this lives, or until
+    /// The socket at `path`, whose lock is held as long as the result exists, or until
     /// [`unlocked`](Self::unlocked).
     pub(super) fn new(path: &Path, identity: Identity, whose: Whose) -> Self {
         Self {
@@ -37,12 +37,12 @@ impl SocketFile {
         }
     }
 
-    /// From now on the lock may be somebody else's.
+    /// From now on another process may hold the lock.
     pub(super) fn unlocked(self) -> Self {
         self.with(true)
     }
 
-    /// The lock is held again.
+    /// From now on this process holds the lock again.
     pub(super) fn locked(self) -> Self {
         self.with(false)
     }
@@ -56,7 +56,7 @@ impl SocketFile {
         &self.path
     }
 
-    /// Whether the path still names it.
+    /// Whether the path still names this socket.
     pub(super) fn is_there(&self) -> bool {
         names(&self.path, self.identity)
     }
@@ -64,13 +64,13 @@ impl SocketFile {
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        // If somebody has put something else there, it is theirs.
+        // Another file at the path belongs to another process.
         if !self.is_there() {
             return;
         }
         let lock = self.unlocked.then(|| DomainLock::acquire(&self.path));
-        // Without the lock, somebody is about to replace it. With it, look again. The lock's
-        // own file goes with the lock, whosever the socket is.
+        // If another process holds the lock, it is about to replace the socket. With the lock, check the
+        // path again. Dropping the lock removes the lock's own file in any case.
         let alone = !matches!(lock, Some(Err(_)));
         if alone && self.whose == Whose::Ours && self.is_there() {
             let _ = fs::remove_file(&self.path);

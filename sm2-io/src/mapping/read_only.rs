@@ -1,4 +1,4 @@
-//! Read-only mappings of what other processes made.
+//! Read-only mappings of files that other processes made.
 
 use std::io;
 use std::ops::Deref;
@@ -90,8 +90,8 @@ impl PooledMapping {
 
     /// The address of `len` bytes from `start` on; `None` if they are not all inside.
     ///
-    /// It is valid for reads as long as the mapping exists. What a reader finds there can change
-    /// between two reads, unless the reader knows that the author does not write.
+    /// The address is valid for reads as long as the mapping exists. The bytes can change between two
+    /// reads, unless the reader knows that the author does not write.
     #[must_use]
     #[inline]
     pub fn range(&self, start: u64, len: u64) -> Option<NonNull<[u8]>> {
@@ -142,7 +142,7 @@ impl PooledMapping {
         Some(copy)
     }
 
-    /// Tells the processor that the bytes from `start` on are read soon: a cache line of them.
+    /// Prefetches the cache line at `start`, which is about to be read.
     #[inline]
     pub fn prefetch(&self, start: u64) {
         #[cfg(target_arch = "x86_64")]
@@ -153,15 +153,15 @@ impl PooledMapping {
         }
     }
 
-    /// The whole aligned words, which another process may be changing. Only for relaxed
-    /// loads: Rust promises no others for read-only memory, and a store would fault.
+    /// The whole aligned words, which another process may be changing. Only for relaxed loads: Rust
+    /// promises no other atomic operation for read-only memory, and a store would fault.
     #[inline]
     pub(crate) fn words(&self) -> &[AtomicU64] {
         self.region.words()
     }
 }
 
-/// Maps the first `len` bytes of a file that has `size_bytes` for ever.
+/// Maps the first `len` bytes of a file whose size is `size_bytes` for ever.
 fn map(fd: BorrowedFd<'_>, size_bytes: u64, len: u64, populate: bool) -> io::Result<Region> {
     if len > size_bytes {
         return Err(io::ErrorKind::InvalidInput.into());

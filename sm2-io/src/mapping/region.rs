@@ -1,4 +1,4 @@
-//! Address ranges: all that this crate asks `mmap(2)` and `madvise(2)` for.
+//! Address ranges: all calls of `mmap(2)`, `munmap(2)`, `madvise(2)` and `mlock(2)`.
 
 use std::io;
 use std::num::NonZeroUsize;
@@ -12,25 +12,25 @@ use nix::sys::mman::{self, MapFlags, MmapAdvise, ProtFlags};
 use crate::huge::{self, HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::sync::AtomicU64;
 
-/// The advice that puts a range into huge pages, whatever the setting for page faults. The
-/// number is the same on all machines.
+/// The advice that moves a range into huge pages, whatever the setting for page faults. The number
+/// is the same on all architectures.
 const MADV_COLLAPSE: c_int = 25;
 
-/// A range of addresses that this value owns; empty if `len` is 0, and then
-/// nothing is mapped.
+/// A mapped range of addresses that this value owns; nothing is mapped if `len` is 0.
 #[derive(Debug)]
 pub(super) struct Region {
     start: NonNull<u8>,
-    /// How many bytes may be used.
+    /// The number of usable bytes.
     len: usize,
-    /// How many are mapped: what is beyond `len` is there for the kernel alone.
+    /// The number of mapped bytes: those beyond `len` only complete the last huge page.
     mapped: usize,
 }
 
-// SAFETY: a region is memory, not tied to the thread that mapped it. It hands out only
-// its address; the types around it say what may be done with that.
+// SAFETY: a mapping belongs to the process, not to the thread that made it. A region gives out its
+// address and atomic words; the types around it justify every other access.
 unsafe impl Send for Region {}
-// SAFETY: as above; through a shared reference nothing can be changed.
+// SAFETY: as above; a shared reference allows changes through atomic words alone, and `advise` and
+// its like are system calls that the kernel serialises.
 unsafe impl Sync for Region {}
 
 impl Region {
@@ -40,8 +40,8 @@ impl Region {
         mapped: 0,
     };
 
-    /// Large regions take up whole huge pages, where they can; those whose pages are made present
-    /// at once begin to be large earlier.
+    /// Maps `fd`. Large regions cover whole huge pages where possible; a populated region counts as
+    /// large from a smaller length on.
     pub(super) fn map(
         fd: BorrowedFd<'_>,
         len: u64,
@@ -56,7 +56,7 @@ impl Region {
         Self::map_whole_pages(fd, len, prot, flags, huge_from)
     }
 
-    /// From `huge_from` bytes on the region takes up whole huge pages, where it can.
+    /// Maps `fd`. From `huge_from` bytes on the region covers whole huge pages where possible.
     pub(super) fn map_whole_pages(
         fd: BorrowedFd<'_>,
         len: u64,
@@ -64,7 +64,7 @@ impl Region {
         flags: MapFlags,
         huge_from: usize,
     ) -> io::Result<Self> {
-        // A slice may not be longer than `isize::MAX`.
+        // `slice::from_raw_parts` requires at most `isize::MAX` bytes.
         let len = isize::try_from(len).map_err(|_| io::ErrorKind::InvalidInput)?;
         let Some(size) = NonZeroUsize::new(len.cast_unsigned()) else {
             return Ok(Self::EMPTY);
@@ -75,7 +75,8 @@ impl Region {
             .flatten();
         let size = whole.and_then(NonZeroUsize::new).unwrap_or(size);
         let hint = whole.and_then(|_| Self::aligned_hint(size));
-        // SAFETY: without MAP_FIXED the kernel chooses addresses that nothing uses.
+        // SAFETY: without MAP_FIXED the kernel chooses a range that overlaps no mapping, so no memory
+        // of this process changes; the hint does not affect that.
         let start = unsafe { mman::mmap(hint, size, prot, flags, fd, 0)? };
         Ok(Self {
             start: start.cast(),
@@ -88,7 +89,7 @@ impl Region {
     pub(super) fn private(len: usize) -> io::Result<Self> {
         let size = NonZeroUsize::new(len).ok_or(io::ErrorKind::InvalidInput)?;
         let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
-        // SAFETY: without MAP_FIXED the kernel chooses addresses that nothing uses.
+        // SAFETY: without MAP_FIXED the kernel chooses a range that overlaps no mapping.
         let start = unsafe { mman::mmap_anonymous(None, size, prot, MapFlags::MAP_PRIVATE)? };
         Ok(Self {
             start: start.cast(),
@@ -102,24 +103,24 @@ impl Region {
         self.start.as_ptr()
     }
 
-    /// How many bytes may be used.
+    /// The number of usable bytes.
     #[inline]
     pub(super) const fn len(&self) -> usize {
         self.len
     }
 
-    /// How many bytes are mapped.
+    /// The number of mapped bytes.
     pub(super) const fn mapped_len(&self) -> usize {
         self.mapped
     }
 
-    /// An address, a multiple of 2 MiB, at which `size` bytes were free a moment ago: only
-    /// there can the kernel use huge pages. As a hint it cannot do harm: if another
-    /// thread is quicker, the kernel chooses another place.
+    /// A multiple of 2 MiB at which `size` bytes of addresses were free just now: the kernel maps huge
+    /// pages only there. A hint does no harm: if another thread takes the range first, the kernel
+    /// chooses another one.
     fn aligned_hint(size: NonZeroUsize) -> Option<NonZeroUsize> {
         let flags = MapFlags::MAP_PRIVATE | MapFlags::MAP_NORESERVE;
         let len = size.checked_add(HUGE_PAGE_BYTES)?;
-        // SAFETY: without MAP_FIXED the kernel chooses addresses that nothing uses.
+        // SAFETY: without MAP_FIXED the kernel chooses a range that overlaps no mapping.
         let start = unsafe { mman::mmap_anonymous(None, len, ProtFlags::PROT_NONE, flags) };
         let room = Self {
             start: start.ok()?.cast(),
@@ -130,17 +131,19 @@ impl Region {
         NonZeroUsize::new(start.next_multiple_of(HUGE_PAGE_BYTES))
     }
 
-    /// The region as words that may change at any time. Nobody may write through the result
-    /// if the region was mapped for reading.
+    /// The region as words that may change at any time. If the region is mapped for reading, the
+    /// caller must not store: that would fault.
     #[inline]
     pub(super) fn words(&self) -> &[AtomicU64] {
         if self.len == 0 {
             return &[];
         }
         let words = self.start.cast::<AtomicU64>();
-        // SAFETY: what `mmap` returns is aligned to a page, and the pages stay mapped while
-        // `self` is borrowed; `AtomicU64` has the layout of `u64`, is valid for all bits, and
-        // may change under a shared reference.
+        // SAFETY: `mmap` returns a page-aligned address, and the pages stay mapped while `self` is
+        // borrowed. `AtomicU64` has the layout of `u64`, every bit pattern is valid, and it may change
+        // under a shared reference. The file cannot shrink under the region: the callers of `map` are
+        // `read_only::map` and `Ring::map`, which take a proof of that, and the makers of files that no
+        // other process has yet or that are sealed already.
         unsafe { std::slice::from_raw_parts(words.as_ptr(), self.len / 8) }
     }
 
@@ -149,7 +152,7 @@ impl Region {
         if self.len == 0 {
             return Ok(());
         }
-        // SAFETY: the range is ours. What the bytes are does not change, nor who may use them.
+        // SAFETY: `self` owns the range. Locking changes neither the bytes nor the access rights.
         unsafe { mman::mlock(self.start.cast::<c_void>(), self.len)? };
         Ok(())
     }
@@ -159,8 +162,8 @@ impl Region {
             return Ok(());
         }
         let start = self.start.cast::<c_void>();
-        // SAFETY: the range is ours. The kinds of advice used here change neither the
-        // content of the pages nor what this process may do with them.
+        // SAFETY: `self` owns the range. The kinds of advice that callers pass (HUGEPAGE, NOHUGEPAGE,
+        // DONTFORK) change neither the bytes nor the access rights of this process.
         unsafe { mman::madvise(start, self.mapped, advice)? };
         Ok(())
     }
@@ -171,23 +174,23 @@ impl Region {
         if from == to {
             return Ok(());
         }
-        // SAFETY: the range is inside of ours, so the address is too. What the bytes are does
-        // not change: it is as if each page were read and written back by the kernel. Other
-        // threads' accesses are not disturbed by that.
+        // SAFETY: the assertion keeps the range inside the one that `self` owns. The kernel faults the
+        // pages in for writing, which changes no byte and disturbs no access of other threads.
         unsafe {
             let start = self.start.add(from).cast::<c_void>();
             mman::madvise(start, to - from, MmapAdvise::MADV_POPULATE_WRITE)
         }
     }
 
-    /// Puts the bytes from `from` to `to`, multiples of 2 MiB, into huge pages. `false`: not all.
+    /// Moves the bytes from `from` to `to`, multiples of 2 MiB, into huge pages. Returns whether all
+    /// are in huge pages.
     pub(super) fn gather(&self, from: usize, to: usize) -> bool {
         assert!(from <= to && to <= self.mapped);
         let all = if huge_pages_allowed() {
-            // Each fault brings one. Beyond the end of the file there is nothing to bring.
+            // Each fault provides one. Beyond the end of the file there are no pages.
             self.populate(from, to.min(self.len)).is_ok()
         } else {
-            // A range without any page is none that the kernel would collapse.
+            // The kernel does not collapse a range without any page.
             let first = |at: usize| self.populate(at, (at + 1).min(self.len)).is_ok();
             (from..to.min(self.len)).step_by(HUGE_PAGE_BYTES).all(first)
                 && self.collapse(from, to).is_ok()
@@ -200,8 +203,8 @@ impl Region {
 
     fn collapse(&self, from: usize, to: usize) -> io::Result<()> {
         assert!(from <= to && to <= self.mapped);
-        // SAFETY: the range is inside of ours, so the address is too. The kernel moves the
-        // pages, and whoever has them mapped sees the same bytes at the same addresses.
+        // SAFETY: the assertion keeps the range inside the one that `self` owns. The kernel moves the
+        // bytes to other pages; all mappings see the same bytes at the same addresses.
         let result = unsafe {
             let start = self.start.as_ptr().add(from).cast::<c_void>();
             libc::madvise(start, to - from, MADV_COLLAPSE)
@@ -213,8 +216,9 @@ impl Region {
 impl Drop for Region {
     fn drop(&mut self) {
         if self.len > 0 {
-            // SAFETY: the pages are owned by this value, and every reference into them borrows
-            // from it. Fails only for arguments that were never mapped.
+            // SAFETY: `self` owns the range, and every reference into it borrows from `self` (or from
+            // the value that owns `self`), so none is left. The call fails only for a range that was
+            // never mapped.
             let result = unsafe { mman::munmap(self.start.cast(), self.mapped) };
             debug_assert_eq!(result, Ok(()));
         }

@@ -5,16 +5,16 @@ use std::ops::{Deref, DerefMut};
 
 use crate::mapping::region::Region;
 
-/// Private memory, all zero at first, of which only those pages exist that were written: room for what
-/// may be long and mostly is not. (An allocator clears what it had used before, and with that makes it
-/// exist.) Dereferences to its bytes.
+/// Private memory that starts as zeroes, and takes memory only for the pages that were written. For
+/// large buffers of which most uses need a small part: an allocator would clear recycled memory and
+/// thereby make all its pages present. Dereferences to its bytes.
 #[derive(Debug)]
 pub struct Scratch {
     region: Region,
 }
 
 impl Scratch {
-    /// So many bytes.
+    /// Maps `len` bytes of zeroes.
     ///
     /// # Errors
     ///
@@ -29,16 +29,16 @@ impl Deref for Scratch {
     type Target = [u8];
 
     fn deref(&self) -> &[u8] {
-        // SAFETY: the region is `len` readable bytes, zero or what was written there, and stays
-        // mapped while `self` is borrowed. It is private: nobody else writes, and who writes by
-        // `deref_mut` has borrowed `self` exclusively.
+        // SAFETY: the region is `len` readable, initialised bytes, and stays mapped while `self` is
+        // borrowed. It is a private mapping: no other process writes to it, and a writer in this
+        // process needs `deref_mut`, which borrows `self` exclusively.
         unsafe { std::slice::from_raw_parts(self.region.as_ptr(), self.region.len()) }
     }
 }
 
 impl DerefMut for Scratch {
     fn deref_mut(&mut self) -> &mut [u8] {
-        // SAFETY: as in `deref`; the bytes are writable, and `self` is borrowed exclusively.
+        // SAFETY: as in `deref`; the region is writable, and `self` is borrowed exclusively.
         unsafe { std::slice::from_raw_parts_mut(self.region.as_ptr(), self.region.len()) }
     }
 }

@@ -1,4 +1,4 @@
-//! Mappings of what this process makes for others.
+//! Writable mappings of files that this process makes, and of rings.
 
 use std::io;
 use std::os::fd::BorrowedFd;
@@ -19,20 +19,19 @@ pub(crate) struct MappingMut {
 impl MappingMut {
     /// Maps the first `len` bytes of `fd` for reading and writing.
     ///
-    /// With `huge`, asks for huge pages where the mapping is large enough.
+    /// With `huge`, asks for huge pages if the mapping is large enough.
     pub(crate) fn new(fd: BorrowedFd<'_>, len: u64, huge: bool) -> io::Result<Self> {
         let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
         let region = Region::map(fd, len, prot, MapFlags::MAP_SHARED)?;
         if huge && region.len() >= HUGE_PAGE_BYTES {
-            // A kernel without huge pages refuses: small pages are as correct.
+            // A kernel without huge pages refuses; small pages work as well.
             let _ = region.advise(MmapAdvise::MADV_HUGEPAGE);
         }
         Ok(Self { region })
     }
 
-    /// Maps a file of `len` bytes for reading and writing, all of it in huge pages, the last one
-    /// too even if the file does not fill it. `None`: it is too short for that, or there are no
-    /// such pages.
+    /// Maps a file of `len` bytes for reading and writing, all in huge pages, also if the file does
+    /// not fill the last one. `None` if the file is too short, or there are no huge pages.
     pub(crate) fn of_huge_pages(fd: BorrowedFd<'_>, len: u64) -> io::Result<Option<Self>> {
         if len < HUGE_LEAST_BYTES as u64 || !huge::may_ask() {
             return Ok(None);
@@ -47,9 +46,9 @@ impl MappingMut {
         Ok(huge.then_some(Self { region }))
     }
 
-    /// Puts the bytes from `start` to `end` into huge pages, as far as these lie within the
-    /// mapping, and makes them present. What the bytes are does not change. `false`: not all
-    /// are, and some may not be present.
+    /// Moves the bytes from `start` to `end` into huge pages, as far as these lie within the mapping,
+    /// and makes them present; no byte changes. Returns `false` if not all are in huge pages, and then
+    /// some may not be present.
     pub(crate) fn gather(&self, start: usize, end: usize) -> bool {
         let start = start / HUGE_PAGE_BYTES * HUGE_PAGE_BYTES;
         let most = self.region.mapped_len() / HUGE_PAGE_BYTES * HUGE_PAGE_BYTES;
@@ -57,7 +56,7 @@ impl MappingMut {
         start < end && huge::may_ask() && self.region.gather(start, end)
     }
 
-    /// Makes all pages present, in the file and in the page table.
+    /// Makes all pages present in the file and in the page table.
     ///
     /// `Unsupported` before Linux 5.14.
     pub(crate) fn populate(&self) -> io::Result<()> {
@@ -67,25 +66,25 @@ impl MappingMut {
         }
     }
 
-    /// Keeps all pages in memory, present or not by now, for as long as the mapping exists.
+    /// Makes all pages present, and keeps them in memory for as long as the mapping exists.
     pub(crate) fn lock(&self) -> io::Result<()> {
         self.region.lock()
     }
 
-    /// Asks for small pages even where all shared memory gets huge ones: of a large, sparse
-    /// file, only what is used shall cost memory.
+    /// Asks for small pages even if all shared memory gets huge ones, so that a large sparse file
+    /// takes memory only for the parts that are used.
     pub(crate) fn keep_sparse(&self) {
-        // A kernel without huge pages refuses: then there is nothing to ask for.
+        // A kernel without huge pages refuses; then all pages are small anyway.
         let _ = self.region.advise(MmapAdvise::MADV_NOHUGEPAGE);
     }
 
-    /// The whole aligned words, for who shares them with readers all the time.
+    /// The whole aligned words, which other processes read or write at the same time.
     #[inline]
     pub(crate) fn words(&self) -> &[AtomicU64] {
         self.region.words()
     }
 
-    /// Keeps the mapping out of child processes.
+    /// Excludes the mapping from child processes.
     pub(crate) fn keep_from_children(&self) -> io::Result<()> {
         self.region.advise(MmapAdvise::MADV_DONTFORK)
     }

@@ -1,4 +1,4 @@
-//! Sealed copies, made by `pwrite(2)`.
+//! Sealed copies by `pwrite(2)`.
 
 use std::io::{self, IoSlice};
 use std::os::fd::OwnedFd;
@@ -8,8 +8,8 @@ use sm2_proto::Seals;
 
 use super::file::{add_seals, create};
 
-/// A sealed memfd with a copy of `parts`, one after the other: nobody can
-/// change its bytes or its size any more. No bytes at all is fine.
+/// Creates a sealed memfd with the concatenation of `parts`, which may be empty. No process can change
+/// its bytes or its size.
 ///
 /// # Errors
 ///
@@ -23,7 +23,7 @@ pub fn sealed_from_parts(parts: &[IoSlice<'_>]) -> io::Result<OwnedFd> {
     let file = create(c"sm2-message", len)?;
     let mut offset = 0;
     for part in parts {
-        // Goes on after a short write: the kernel writes at most 2 GiB - 4 KiB at once.
+        // `write_all_at` repeats short writes: the kernel writes at most 2 GiB - 4 KiB at once.
         file.write_all_at(part, offset)?;
         offset += part.len() as u64;
     }

@@ -1,4 +1,4 @@
-//! What the kernel says about a descriptor.
+//! The kernel's facts about a descriptor.
 
 use std::io;
 use std::os::fd::BorrowedFd;
@@ -9,14 +9,14 @@ use nix::sys::stat::{SFlag, fstat};
 use nix::sys::statfs::{TMPFS_MAGIC, fstatfs};
 use sm2_proto::{FdFacts, Seals};
 
-/// Asks the kernel what `fd` is, before anybody maps it.
+/// Asks the kernel about the type, the size and the seals of `fd`.
 ///
-/// `regular` is only true for a regular file of the kernel's memory file
-/// system, as a memfd is. Two kinds of regular files are left out on purpose:
+/// `regular` is true only for a regular file of tmpfs, as a memfd is. It is false for two kinds of
+/// regular files:
 ///
-/// - those that cannot have seals. They are not even asked for their size, since they may
-///   be on a file system (FUSE) whose owner never answers. All facts are zero then.
-/// - those of `hugetlbfs`, whose mappings cannot be unmapped by the length of the message.
+/// - files that cannot have seals. All their facts are zero: asking for the size could block, since the
+///   file may be on a FUSE file system whose server never answers.
+/// - files of `hugetlbfs`, whose mappings cannot be unmapped by the length of the message.
 ///
 /// # Errors
 ///
@@ -24,11 +24,11 @@ use sm2_proto::{FdFacts, Seals};
 pub fn facts(fd: BorrowedFd<'_>) -> io::Result<FdFacts> {
     let seals = match fcntl(fd, FcntlArg::F_GET_SEALS) {
         Ok(bits) => Seals(bits.cast_unsigned()),
-        // EBADF comes for an O_PATH descriptor: a borrowed one is open.
+        // The kernel answers EBADF for an O_PATH descriptor.
         Err(Errno::EINVAL | Errno::EBADF) => return Ok(FdFacts::default()),
         Err(errno) => return Err(errno.into()),
     };
-    // After the seals: only once SHRINK and GROW are set is a size the last one.
+    // After the seals: a size is final only if SHRINK and GROW were set before it was read.
     let stat = fstat(fd)?;
     let kind = SFlag::from_bits_truncate(stat.st_mode) & SFlag::S_IFMT;
     Ok(FdFacts {

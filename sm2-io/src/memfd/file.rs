@@ -1,4 +1,4 @@
-//! Memory files: making them, giving them pages, sealing them.
+//! System calls on memory files: creating, allocating, sealing.
 
 use std::fs::File;
 use std::io;
@@ -11,8 +11,8 @@ use nix::sys::memfd::{MFdFlags, memfd_create};
 use nix::sys::resource::{Resource, getrlimit};
 use sm2_proto::Seals;
 
-/// How much memory this process may keep from being swapped out, in bytes: `RLIMIT_MEMLOCK`.
-/// Without a limit, `u64::MAX`. A process with `CAP_IPC_LOCK` is not bound by it.
+/// The limit of locked memory of this process in bytes (`RLIMIT_MEMLOCK`); `u64::MAX` without a
+/// limit. It does not bind a process with `CAP_IPC_LOCK`.
 ///
 /// # Errors
 ///
@@ -21,7 +21,7 @@ pub fn locked_bytes_max() -> io::Result<u64> {
     Ok(getrlimit(Resource::RLIMIT_MEMLOCK)?.0)
 }
 
-/// A memfd of `len` zeroes that can be sealed.
+/// Creates a memfd of `len` zeroes that can be sealed.
 pub(crate) fn create(name: &std::ffi::CStr, len: u64) -> io::Result<File> {
     let flags = MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING;
     let not_executable = MFdFlags::from_bits_retain(libc::MFD_NOEXEC_SEAL);
@@ -35,14 +35,14 @@ pub(crate) fn create(name: &std::ffi::CStr, len: u64) -> io::Result<File> {
     Ok(file)
 }
 
-/// Gives a file all its pages.
+/// Allocates all pages of a file.
 pub(crate) fn allocate(file: &File, len: usize) -> io::Result<()> {
     if len == 0 {
         return Ok(());
     }
     let len = off_t::try_from(len).map_err(|_| io::ErrorKind::InvalidInput)?;
     loop {
-        // Large files take long, and a signal interrupts it.
+        // A signal interrupts the allocation of a large file.
         match fallocate(file, FallocateFlags::empty(), 0, len) {
             Err(Errno::EINTR) => {}
             result => return result.map_err(io::Error::from),
@@ -50,9 +50,9 @@ pub(crate) fn allocate(file: &File, len: usize) -> io::Result<()> {
     }
 }
 
-/// How often a seal is tried that the kernel refuses with `EBUSY`, where there is no other way.
-/// Each time it waits up to 150 ms for whoever holds on to pages: compaction, or a tool that
-/// walks a process' memory.
+/// Attempts to add a seal that the kernel refuses with `EBUSY`. The kernel waits up to 150 ms in each
+/// of them for the holder of a page reference: compaction, or a tool that walks the memory of a
+/// process.
 const SEAL_TRIES: u32 = 4;
 
 /// Adds `seals` in one step.
@@ -68,7 +68,7 @@ pub(crate) fn add_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
     result
 }
 
-/// Adds `seals` in one step, unless that is refused for the moment: `ResourceBusy`.
+/// Adds `seals` in one step. `ResourceBusy` means that the kernel refuses for the moment.
 pub(crate) fn try_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
     let flags = SealFlag::from_bits_retain(seals.0.cast_signed());
     fcntl(file.as_fd(), FcntlArg::F_ADD_SEALS(flags))?;

@@ -1,4 +1,4 @@
-//! A message that is written in place and then sealed.
+//! Messages that are written in place and then sealed.
 
 use std::fs::File;
 use std::io::{self, IoSlice};
@@ -11,18 +11,18 @@ use super::file::{create, try_seals};
 use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::mapping::writable::MappingMut;
 
-/// A new memfd, mapped for writing in place, zeroed; [`seal`](Self::seal) makes
-/// it a message. Dropping it instead frees the memory.
+/// A new memfd of zeroes that is mapped for writing. [`seal`](Self::seal) makes it a message; dropping
+/// it frees the memory.
 #[derive(Debug)]
 pub struct SealedLoan {
     mapping: MappingMut,
     file: File,
     len: usize,
-    /// The mapping may be of more than the message.
+    /// The mapping may be longer than the message.
     pages: Pages,
 }
 
-/// What the memory of a loan is made of.
+/// The pages of a loan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Pages {
     Small,
@@ -30,8 +30,7 @@ pub(crate) enum Pages {
 }
 
 impl SealedLoan {
-    /// A loan of `len` bytes, all zero. From 512 KiB on it is made of huge pages where
-    /// there are some.
+    /// Creates a loan of `len` zeroes, in huge pages from 512 KiB on if the kernel has them.
     ///
     /// # Errors
     ///
@@ -47,7 +46,8 @@ impl SealedLoan {
         Self::of(file, mapping, size, Pages::Small)
     }
 
-    /// A loan of `len` bytes, present in huge pages, if it is large and there are some.
+    /// Creates a loan of `len` bytes that are present in huge pages; `None` if it is too short or
+    /// the kernel has no huge pages.
     pub(crate) fn of_huge_pages(len: usize) -> io::Result<Option<Self>> {
         if len < HUGE_LEAST_BYTES {
             return Ok(None);
@@ -66,8 +66,8 @@ impl SealedLoan {
         pages: Pages,
     ) -> io::Result<Self> {
         assert!(len <= mapping.len());
-        // A child process would inherit the writable mapping, and while it exists the
-        // kernel refuses F_SEAL_WRITE: a fork on another thread must not fail us.
+        // A child process would inherit the writable mapping, and the kernel refuses F_SEAL_WRITE
+        // while one exists: a fork on another thread must not break sealing.
         mapping.keep_from_children()?;
         Ok(Self {
             mapping,
@@ -89,45 +89,45 @@ impl SealedLoan {
         self.len == 0
     }
 
-    /// What was written so far.
+    /// The bytes of the message.
     #[must_use]
     pub const fn as_slice(&self) -> &[u8] {
-        // SAFETY: the mapping is `len` readable bytes, or more, of a memfd that this value's
-        // maker created and has shown to nobody, so nobody else can write; it lives as long
-        // as `self`.
+        // SAFETY: the mapping has at least `len` readable bytes (`of` asserts that) and lives as long
+        // as `self`. The file is a memfd that this crate created and whose descriptor it gives out
+        // only after sealing (`seal`), when this value is gone: so no other process can write to the
+        // bytes or shrink the file.
         unsafe { std::slice::from_raw_parts(self.mapping.as_ptr(), self.len) }
     }
 
-    /// Where to write.
+    /// The bytes of the message, for writing.
     #[must_use]
     pub const fn as_mut_slice(&mut self) -> &mut [u8] {
         // SAFETY: as in `as_slice`, and `self` is borrowed exclusively.
         unsafe { std::slice::from_raw_parts_mut(self.mapping.as_ptr(), self.len) }
     }
 
-    /// The same memory for a message of `len` bytes, which is no longer than it was.
+    /// The same memory for a message of `len` bytes, which must not be longer than the loan.
     pub(crate) fn shortened(mut self, len: usize) -> Self {
         assert!(len <= self.len);
         self.len = len;
         self
     }
 
-    /// Sealed with a copy of `bytes`, which are as long as the loan.
+    /// Copies `bytes`, which must be as long as the loan, and seals the loan.
     pub(crate) fn filled(mut self, bytes: &[u8]) -> io::Result<OwnedFd> {
         self.as_mut_slice().copy_from_slice(bytes);
         self.seal()
     }
 
-    /// Ends the writing for good: nobody can change the bytes or the size any more.
+    /// Seals the message: no process can change its bytes or its size any more.
     ///
-    /// While the kernel holds on to pages (`EBUSY`), which others on the machine can
-    /// cause, the bytes are copied into new memory instead, which was never mapped. The
-    /// kernel waits for 150 ms before it says so, and is asked once.
+    /// The kernel refuses (`EBUSY`, after 150 ms) while something holds a reference to a page, which
+    /// other programs on the machine can cause. The bytes are then copied into a new file that was never
+    /// mapped, without a second attempt.
     ///
     /// # Errors
     ///
-    /// Whatever `memfd_create(2)` and `pwrite(2)` say of that copy. The message is lost
-    /// then.
+    /// Any error of `memfd_create(2)` and `pwrite(2)` for that copy. The message is lost then.
     pub fn seal(self) -> io::Result<OwnedFd> {
         let Self {
             mapping,
@@ -135,14 +135,14 @@ impl SealedLoan {
             len,
             pages,
         } = self;
-        // What the message does not need goes, but no huge page is split for that: a
-        // sealed file may be longer than its message (SM2-SEG-002).
+        // Frees the pages that the message does not need without splitting a huge page: a sealed file
+        // may be longer than its message (SM2-SEG-002).
         let needed = match pages {
             Pages::Small => len,
             Pages::Huge => len.next_multiple_of(HUGE_PAGE_BYTES),
         };
         let surplus = needed < mapping.len();
-        // F_SEAL_WRITE is refused while a writable mapping exists.
+        // The kernel refuses F_SEAL_WRITE while a writable mapping exists.
         drop(mapping);
         if surplus {
             file.set_len(needed as u64)?;
@@ -150,7 +150,7 @@ impl SealedLoan {
         match try_seals(&file, Seals::SEALED) {
             Ok(()) => Ok(file.into()),
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {
-                // Still nobody else's: mapped again, it is a loan again.
+                // No other process has the file yet: mapped again, it is a loan again.
                 let mapping = MappingMut::new(file.as_fd(), len as u64, false)?;
                 let written = Self::of(file, mapping, len, pages)?;
                 sealed_from_parts(&[IoSlice::new(written.as_slice())])

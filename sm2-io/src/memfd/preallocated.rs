@@ -1,4 +1,4 @@
-//! Memory for a sealed message that is there before the message is.
+//! Memory for a sealed message, allocated before the message exists.
 
 use std::fs::File;
 use std::io;
@@ -12,18 +12,17 @@ use super::loan::{Pages, SealedLoan};
 use crate::huge::huge_pages_allowed;
 use crate::mapping::writable::MappingMut;
 
-/// A new memfd whose pages are present, for one message of up to
+/// A new memfd with all its pages, for one message of up to
 /// [`capacity_bytes`](Self::capacity_bytes).
 ///
-/// What takes long in making a sealed message is getting and zeroing its pages, in
-/// particular where there are no huge ones. With a preallocated at hand that is done before: what is left
-/// is one copy, or none for a [loan](Self::lend).
+/// Most of the time for a sealed message goes into getting and zeroing its pages, in particular
+/// without huge pages. With preallocated memory one copy is left, or none for a [loan](Self::lend).
 #[derive(Debug)]
 pub struct Preallocated(Form);
 
 #[derive(Debug)]
 enum Form {
-    /// Without a mapping: where pages are small, `pwrite(2)` is the fastest way to fill them.
+    /// Without a mapping: `pwrite(2)` is the fastest way to fill small pages.
     File {
         file: File,
         capacity: usize,
@@ -32,7 +31,7 @@ enum Form {
 }
 
 impl Preallocated {
-    /// For a message that will be [copied](Self::fill) from somewhere else.
+    /// Allocates memory for a message that will be [copied](Self::fill) into it.
     ///
     /// # Errors
     ///
@@ -50,7 +49,7 @@ impl Preallocated {
         }))
     }
 
-    /// For a message that will be [written in place](Self::lend).
+    /// Allocates memory for a message that will be [written in place](Self::lend).
     ///
     /// # Errors
     ///
@@ -67,7 +66,7 @@ impl Preallocated {
         Ok(Self(Form::Mapped(loan)))
     }
 
-    /// The longest message that it has room for.
+    /// The length of the longest message that fits.
     #[must_use]
     pub const fn capacity_bytes(&self) -> usize {
         match &self.0 {
@@ -76,7 +75,7 @@ impl Preallocated {
         }
     }
 
-    /// A sealed file with a copy of `bytes`. It may be longer than they are, and is zero there.
+    /// Seals a copy of `bytes`. The file may be longer; its rest is zero.
     ///
     /// # Errors
     ///
@@ -84,7 +83,7 @@ impl Preallocated {
     ///
     /// # Panics
     ///
-    /// If the bytes are more than there is room for.
+    /// If `bytes` is longer than the capacity.
     pub fn fill(self, bytes: &[u8]) -> io::Result<OwnedFd> {
         self.check(bytes.len());
         match self.0 {
@@ -100,15 +99,15 @@ impl Preallocated {
         }
     }
 
-    /// A loan of `len` bytes, all zero.
+    /// Makes a loan of `len` zeroes.
     ///
     /// # Errors
     ///
-    /// Whatever `mmap(2)` says, if it was not made for loans.
+    /// Any error of `mmap(2)`, if the memory was allocated for copies.
     ///
     /// # Panics
     ///
-    /// If there is no room for so many.
+    /// If `len` is greater than the capacity.
     pub fn lend(self, len: usize) -> io::Result<SealedLoan> {
         self.check(len);
         let loan = match self.0 {
@@ -130,7 +129,7 @@ impl Preallocated {
 fn map(file: File, len: usize) -> io::Result<SealedLoan> {
     let mapping = MappingMut::new(file.as_fd(), len as u64, huge_pages_allowed())?;
     match mapping.populate() {
-        // An older kernel: the pages are there, and come into the page table one by one.
+        // An older kernel: the pages exist, and page faults map them one by one.
         Err(error) if error.kind() == io::ErrorKind::Unsupported => {}
         result => result?,
     }

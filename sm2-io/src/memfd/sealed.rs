@@ -1,4 +1,4 @@
-//! Sealed copies, made in the fastest way.
+//! Sealed copies by the fastest method.
 
 use std::io::{self, IoSlice};
 use std::os::fd::OwnedFd;
@@ -6,9 +6,8 @@ use std::os::fd::OwnedFd;
 use super::copy::sealed_from_parts;
 use super::loan::SealedLoan;
 
-/// A sealed memfd with a copy of `bytes`, made in the way that is fastest here: through a
-/// mapping of huge pages if it is large and there are some, else as [`sealed_from_parts`]. The
-/// file is as long as `bytes`.
+/// Creates a sealed memfd with a copy of `bytes`: through a mapping of huge pages if `bytes` is long and
+/// the kernel has huge pages, else as [`sealed_from_parts`]. The file is as long as `bytes`.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! A segment of equal slots that its author reuses.
+//! Segments of equal slots that their author reuses.
 
 use std::fs::File;
 use std::io;
@@ -10,29 +10,28 @@ use super::file::{add_seals, allocate, create};
 use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::mapping::writable::MappingMut;
 
-/// A memfd of equal slots, which only this value can write.
+/// A memfd of equal slots, to which only this value can write.
 ///
-/// Sealed `FUTURE_WRITE|SHRINK|GROW|SEAL`: whoever gets the descriptor can map it
-/// for reading only, and its size is fixed; the mapping made here, before the
-/// seals, stays writable. Slots are zero at first.
+/// The seals `FUTURE_WRITE|SHRINK|GROW|SEAL` fix the size, and allow other processes to map the file
+/// only for reading; the mapping made here before the seals stays writable. Slots start as zeroes.
 ///
-/// The segment knows nothing about who uses which slot. That is why access
-/// to slots is `unsafe`.
+/// The segment does not track which slot is in use, so access to slots is `unsafe`.
+/// [`split`](Self::split) makes a safe owner of each slot.
 #[derive(Debug)]
 pub struct Segment {
     mapping: MappingMut,
     file: File,
     stride: usize,
     slots: u32,
-    /// Whether all pages are.
+    /// Whether all pages are present.
     present: bool,
 }
 
 impl Segment {
-    /// A segment of `slots` slots, `stride_bytes` apart.
+    /// Creates a segment of `slots` slots, `stride_bytes` apart.
     ///
     /// From 2 MiB on the mapping starts at a multiple of 2 MiB and asks for huge pages
-    /// where [they are allowed](crate::memfd::huge_pages_allowed). No memory is taken before it is
+    /// where [they are allowed](crate::memfd::huge_pages_allowed). A page takes memory once it is
     /// written. A product of 0 makes an empty segment.
     ///
     /// # Errors
@@ -45,7 +44,7 @@ impl Segment {
             (stride_bytes.checked_mul(u64::from(slots))).ok_or(io::ErrorKind::InvalidInput)?;
         let file = create(c"sm2-segment", len)?;
         let mapping = MappingMut::new(file.as_fd(), len, huge_pages_allowed())?;
-        // After mapping: no writable mapping can be made from here on.
+        // After mapping: the seals forbid new writable mappings.
         add_seals(&file, Seals::POOLED)?;
         Ok(Self {
             mapping,
@@ -56,18 +55,18 @@ impl Segment {
         })
     }
 
-    /// Makes all pages present, in huge ones where there are some: from then on, writing
-    /// to a slot for the first time costs no more than any other time.
+    /// Makes all pages present, in huge pages where the kernel has them. The first write to a slot then
+    /// costs no more than later ones.
     ///
     /// # Errors
     ///
     /// Whatever `madvise(2)` and `fallocate(2)` say: no memory.
     pub fn prefault(&mut self) -> io::Result<()> {
         self.present = true;
-        // Without huge pages small ones are as present.
+        // Without huge pages, `populate` makes small ones present.
         let _ = self.mapping.gather(0, self.mapping.len());
         match self.mapping.populate() {
-            // An older kernel: the pages are there, and come into the page table one by one.
+            // An older kernel: the pages exist, and page faults map them one by one.
             Err(error) if error.kind() == io::ErrorKind::Unsupported => {
                 allocate(&self.file, self.mapping.len())
             }
@@ -75,8 +74,8 @@ impl Segment {
         }
     }
 
-    /// Keeps all pages in memory for as long as this value exists: they are present, and never
-    /// swapped out, whoever has them mapped.
+    /// Makes all pages present and keeps them in memory for as long as this value exists: the kernel
+    /// does not swap them out.
     ///
     /// # Errors
     ///
@@ -87,25 +86,25 @@ impl Segment {
         self.mapping.lock()
     }
 
-    /// Whether no slot has to be made ready for writing.
+    /// Whether all pages are present, so that no slot has to be warmed.
     pub(crate) const fn is_present(&self) -> bool {
         self.present
     }
 
-    /// Puts the first `len` bytes of slot `index` into huge pages, as far as they can be without
-    /// taking memory for other slots: for a slot that is about to be written for the first time.
+    /// Moves the first `len` bytes of slot `index` into huge pages, as far as that takes no memory for
+    /// other slots. For a slot that is about to be written for the first time.
     pub(crate) fn warm(&self, index: u32, len: usize) {
-        // The last of them only if enough of it is needed.
+        // The last huge page only if enough of it is needed.
         let whole = (len.min(self.stride) + HUGE_PAGE_BYTES - HUGE_LEAST_BYTES) / HUGE_PAGE_BYTES
             * HUGE_PAGE_BYTES;
         if whole > 0 && self.stride.is_multiple_of(HUGE_PAGE_BYTES) {
             let start = self.stride * index as usize;
-            // Without huge pages small ones are as correct.
+            // Without huge pages, small ones work as well.
             let _ = self.mapping.gather(start, start + whole);
         }
     }
 
-    /// The descriptor to hand to receivers.
+    /// The descriptor for receivers.
     #[must_use]
     pub fn fd(&self) -> BorrowedFd<'_> {
         self.file.as_fd()
@@ -145,8 +144,8 @@ impl Segment {
             self.slots
         );
         let offset = self.stride * index as usize;
-        // SAFETY: `offset` is at most (slots - 1) * stride, so inside the mapping of
-        // slots * stride bytes, or equal to its end where the stride is 0.
+        // SAFETY: the assertion bounds `offset` by (slots - 1) * stride, so it is inside the mapping of
+        // slots * stride bytes, or at its end if the stride is 0.
         unsafe { self.mapping.as_ptr().add(offset) }
     }
 
@@ -154,9 +153,8 @@ impl Segment {
     ///
     /// # Safety
     ///
-    /// While the result lives, nothing else may read or write these bytes: no other
-    /// reference to the slot in this process, and no receiver to whom the slot
-    /// was lent and who has not given it back.
+    /// While the result exists, nothing else may read or write these bytes: no other reference to the
+    /// slot in this process, and no receiver that has not released a message in the slot.
     ///
     /// # Panics
     ///
@@ -169,8 +167,9 @@ impl Segment {
     #[inline]
     pub unsafe fn slot_mut(&self, index: u32, len: usize) -> &mut [u8] {
         self.check_len(len);
-        // SAFETY: `slot_ptr` is valid for a stride, and `len` is at most that; the borrow of
-        // `self` keeps the mapping; that nobody else uses the bytes is the caller's promise.
+        // SAFETY: `slot_ptr` is valid for a stride, and `check_len` bounds `len` by it; the borrow of
+        // `self` keeps the mapping, and the seals of `create` keep the file's size. The caller promises
+        // that nothing else uses the bytes.
         unsafe { std::slice::from_raw_parts_mut(self.slot_ptr(index), len) }
     }
 
@@ -178,8 +177,8 @@ impl Segment {
     ///
     /// # Safety
     ///
-    /// While the result lives, nothing may write these bytes. Receivers cannot; so
-    /// it is enough that no [`slot_mut`](Self::slot_mut) of this slot is alive.
+    /// While the result exists, nothing may write these bytes. Receivers cannot write, so it is enough
+    /// that no [`slot_mut`](Self::slot_mut) of this slot exists.
     ///
     /// # Panics
     ///
@@ -188,7 +187,7 @@ impl Segment {
     #[inline]
     pub unsafe fn slot(&self, index: u32, len: usize) -> &[u8] {
         self.check_len(len);
-        // SAFETY: as in `slot_mut`; that nobody writes is the caller's promise.
+        // SAFETY: as in `slot_mut`; the caller promises that nothing writes the bytes.
         unsafe { std::slice::from_raw_parts(self.slot_ptr(index), len) }
     }
 

@@ -7,15 +7,19 @@
 //! with the seals `SHRINK` and `GROW` does not change.
 //!
 //! [`InspectedFd`] keeps a descriptor together with these answers, and hands them to the protocol,
-//! which decides by [SM2-SEG-001](sm2_proto) whether the file is legal. The next types prove what
+//! which decides by SM2-SEG-001 whether the file is legal. The next types prove what
 //! memory safety needs. Their fields are private and only [`InspectedFd`] makes them, so that no
 //! mapping exists without its proof:
 //!
-//! | proof | seals | proves | maps it |
+//! | proof | seals beside `SEAL`, `SHRINK`, `GROW` | what never changes | mapping |
 //! | --- | --- | --- | --- |
-//! | [`SealedFile`] | `SEAL`, `SHRINK`, `GROW`, `WRITE` | bytes and size never change | [`SealedMapping`](crate::SealedMapping): slices |
-//! | [`PooledFile`] | `SEAL`, `SHRINK`, `GROW`, `FUTURE_WRITE` | the size never changes; only mappings that existed before the seal write | [`PooledMapping`](crate::PooledMapping): copies and raw pointers |
-//! | [`RingFile`] | `SEAL`, `SHRINK`, `GROW` | the size never changes | [`Ring`](crate::Ring): atomic words |
+//! | [`SealedFile`] | `WRITE` | size and bytes | [`SealedMapping`]: slices |
+//! | [`PooledFile`] | `FUTURE_WRITE` | size; the set of writable mappings | [`PooledMapping`]: copies, raw pointers |
+//! | [`RingFile`] | none | size | [`Ring`]: atomic words |
+//!
+//! [`SealedMapping`]: crate::SealedMapping
+//! [`PooledMapping`]: crate::PooledMapping
+//! [`Ring`]: crate::Ring
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 

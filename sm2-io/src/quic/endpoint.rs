@@ -1,4 +1,4 @@
-//! All connections of one gateway: which datagram is whose.
+//! All connections of one gateway: assigns datagrams to connections.
 
 use std::{net::SocketAddr, sync::Arc, time::Instant};
 
@@ -12,7 +12,7 @@ use sm2_proto::gateway::GatewayId;
 
 use super::{Congestion, SecretKey, Trusted, key::from_spki, tls, transport};
 
-/// How many handshakes that others began may be under way.
+/// The most incoming handshakes in flight.
 const HANDSHAKES_MAX: usize = 64;
 
 /// The connections of one gateway. Does no I/O.
@@ -24,22 +24,22 @@ pub struct Endpoint {
     transport: Arc<TransportConfig>,
 }
 
-/// What a datagram brought.
+/// The result of a received datagram.
 #[derive(Debug)]
 pub enum Arrival {
-    /// Somebody opens a connection.
+    /// A peer opens a connection.
     New(ConnectionHandle, Box<Connection>),
-    /// It is for this connection.
+    /// The datagram belongs to this connection.
     Event(ConnectionHandle, ConnectionEvent),
-    /// It has to be answered, with the bytes in the buffer.
+    /// The bytes in the buffer have to be sent in answer.
     Answer(Transmit),
 }
 
 impl Endpoint {
-    /// An endpoint of the gateway that has this key. `seed`: for tests that are to be repeatable.
+    /// Creates the endpoint of the gateway with this key. Tests pass a `seed` to be repeatable.
     ///
     /// # Errors
-    /// TLS does not take the key.
+    /// TLS rejects the key.
     pub fn new(
         key: SecretKey,
         trusted: Trusted,
@@ -63,10 +63,10 @@ impl Endpoint {
         })
     }
 
-    /// Opens a connection with `peer`, and nobody else, at `address`.
+    /// Opens a connection to `address`, which fails unless `peer` answers there.
     ///
     /// # Errors
-    /// There is no way to such an address, or there are too many connections.
+    /// The address is not valid for this socket, or there are too many connections.
     pub fn connect(
         &mut self,
         now: Instant,
@@ -76,17 +76,17 @@ impl Endpoint {
         let crypto = tls::client(&self.key, peer, &self.trusted).map_err(|it| it.to_string())?;
         let mut config = ClientConfig::new(Arc::new(crypto));
         config.transport_config(Arc::clone(&self.transport));
-        // Nobody looks at the name: the key says who it is.
+        // The verifier ignores the name: the key identifies the peer.
         let connected = self.quic.connect(now, config, address, "gateway.invalid");
         connected.map_err(|error| error.to_string())
     }
 
-    /// Takes no more connections that others open.
+    /// Refuses new connections from peers.
     pub fn close(&mut self) {
         self.quic.set_server_config(None);
     }
 
-    /// Takes a datagram. What is to be sent in answer is put into `buffer`.
+    /// Handles a received datagram. Writes the bytes of an answer into `buffer`.
     pub fn handle(
         &mut self,
         now: Instant,
@@ -108,7 +108,7 @@ impl Endpoint {
         }
     }
 
-    /// Takes what a connection says to its endpoint; what the endpoint says to it.
+    /// Handles an event from a connection. Returns the event for the connection that follows.
     pub fn event(
         &mut self,
         handle: ConnectionHandle,
@@ -118,7 +118,7 @@ impl Endpoint {
     }
 }
 
-/// Who is at the other end, once the handshake is done.
+/// The gateway at the other end, once the handshake has completed.
 #[must_use]
 pub fn peer_of(connection: &Connection) -> Option<GatewayId> {
     let identity = connection.crypto_session().peer_identity()?;

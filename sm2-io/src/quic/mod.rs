@@ -1,8 +1,7 @@
-//! QUIC between gateways (SPEC section 14.1): who is who, what is agreed on, and the UDP socket.
+//! QUIC between gateways (SPEC section 14.1): keys, TLS, transport parameters and the UDP socket.
 //!
-//! The protocol itself is [`quinn_proto`], which does no I/O and reads no clock. What a gateway
-//! says by it is decided by the machines of [`sm2_proto::gateway`]; the driver that feeds both is
-//! in `sm2-gateway`.
+//! [`quinn_proto`] implements the protocol; it does no I/O and reads no clock. The machines of
+//! [`sm2_proto::gateway`] decide what a gateway sends, and the driver in `sm2-gateway` feeds both.
 
 mod congestion;
 mod endpoint;

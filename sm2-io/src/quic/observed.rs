@@ -1,7 +1,7 @@
-//! A congestion controller, and how often its connection had nothing to send.
+//! A congestion controller that counts app-limited acknowledgements.
 //!
-//! QUIC does not say how much of what it was given has not been sent yet. It does tell its controller, with
-//! each acknowledgement, when that is nothing.
+//! quinn-proto does not report how much of the data that it was given is still unsent. It does tell its
+//! controller, with each batch of acknowledgements, that the connection is app-limited: all data was sent.
 
 use std::{any::Any, sync::Arc, time::Instant};
 
@@ -10,7 +10,7 @@ use quinn_proto::{
     congestion::{Controller, ControllerFactory, ControllerMetrics},
 };
 
-/// Makes controllers as `F` does, and observes them.
+/// Makes the controllers of `F`, and observes them.
 pub(super) struct ObservedConfig<F>(pub(super) Arc<F>);
 
 impl<F: ControllerFactory + Send + Sync + 'static> ControllerFactory for ObservedConfig<F> {
@@ -22,13 +22,13 @@ impl<F: ControllerFactory + Send + Sync + 'static> ControllerFactory for Observe
     }
 }
 
-/// A controller that is observed.
+/// An observed controller.
 struct Observed {
     controller: Box<dyn Controller>,
     idle_acks: u64,
 }
 
-/// How many batches of acknowledgements came while all that the connection was given had been sent.
+/// The number of batches of acknowledgements that arrived while the connection had no unsent data.
 #[must_use]
 pub fn idle_acks(connection: &Connection) -> u64 {
     let controller = connection.congestion_state().clone_box().into_any();

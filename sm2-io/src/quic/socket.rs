@@ -1,4 +1,4 @@
-//! The UDP socket, many datagrams at a time where the kernel can (GSO, GRO).
+//! The UDP socket, with many datagrams per system call where the kernel supports it (GSO, GRO).
 
 use std::{
     io::{self, IoSliceMut},
@@ -9,9 +9,9 @@ use quinn_proto::EcnCodepoint;
 use quinn_udp::{BATCH_SIZE, RecvMeta, UdpSocketState};
 use tokio::{io::Interest, net::UdpSocket};
 
-/// What the kernel keeps for a gateway that is busy.
+/// The size of the kernel's buffers, for times at which the gateway is busy.
 const KERNEL_BUFFER_BYTES: usize = 4 << 20;
-/// What one datagram, or several that were put together, can take.
+/// The longest datagram, or several that the kernel coalesced.
 const SLOT_BYTES: usize = 65_536;
 
 /// A UDP socket for QUIC.
@@ -21,7 +21,7 @@ pub struct Socket {
     state: UdpSocketState,
 }
 
-/// Room for what is read at a time.
+/// A buffer for the datagrams of one system call.
 #[derive(Debug)]
 pub struct Batch {
     bytes: Vec<u8>,
@@ -30,17 +30,17 @@ pub struct Batch {
 }
 
 impl Socket {
-    /// Listens at `address`; `[::]` takes IPv4 too.
+    /// Binds `address`; `[::]` receives IPv4 as well.
     ///
     /// # Errors
-    /// The address is taken, not of this machine, or not allowed.
+    /// The address is in use, does not belong to this machine, or is not allowed.
     ///
     /// # Panics
     /// Outside of a tokio runtime with I/O enabled.
     pub fn bind(address: SocketAddr) -> io::Result<Self> {
         let socket = std::net::UdpSocket::bind(address)?;
         let state = UdpSocketState::new((&socket).into())?;
-        // A system that gives less is slower, not wrong.
+        // Smaller buffers are slower, but correct.
         let _ = state.set_recv_buffer_size((&socket).into(), KERNEL_BUFFER_BYTES);
         let _ = state.set_send_buffer_size((&socket).into(), KERNEL_BUFFER_BYTES);
         socket.set_nonblocking(true)?;
@@ -48,25 +48,25 @@ impl Socket {
         Ok(Self { socket, state })
     }
 
-    /// Where it listens.
+    /// The local address.
     ///
     /// # Errors
-    /// What `getsockname(2)` says.
+    /// Any error of `getsockname(2)`.
     pub fn local_addr(&self) -> io::Result<SocketAddr> {
         self.socket.local_addr()
     }
 
-    /// How many datagrams can be sent at a time.
+    /// The number of datagrams that one system call can send.
     #[must_use]
     pub fn max_segments(&self) -> usize {
         self.state.max_gso_segments()
     }
 
-    /// Sends what a connection wants to be sent. A datagram that the kernel does not take is lost,
-    /// as it may be anywhere on its way.
+    /// Sends the datagrams of a connection. A datagram that the kernel refuses counts as lost, like one
+    /// that the network drops.
     ///
     /// # Errors
-    /// The runtime is gone.
+    /// The runtime has shut down.
     pub async fn send(&self, transmit: &quinn_proto::Transmit, bytes: &[u8]) -> io::Result<()> {
         let transmit = quinn_udp::Transmit {
             destination: transmit.destination,
@@ -84,7 +84,7 @@ impl Socket {
             });
             match sent {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                // Unreachable, too big, no such network: the connection finds out by itself.
+                // Unreachable, too big, no such network: the connection detects the loss.
                 Ok(()) | Err(_) => return Ok(()),
             }
         }
@@ -93,7 +93,7 @@ impl Socket {
     /// Waits for datagrams.
     ///
     /// # Errors
-    /// The socket is broken.
+    /// Any other error of `recvmmsg(2)`.
     pub async fn recv(&self, batch: &mut Batch) -> io::Result<()> {
         loop {
             self.socket.readable().await?;
@@ -111,7 +111,7 @@ impl Socket {
                     return Ok(());
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                // What an earlier datagram met on its way.
+                // An ICMP error for an earlier datagram.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
                 Err(error) => return Err(error),
             }
@@ -120,7 +120,7 @@ impl Socket {
 }
 
 impl Batch {
-    /// Room for as many datagrams as the kernel gives at a time.
+    /// A buffer for the most datagrams that one system call returns.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -130,7 +130,7 @@ impl Batch {
         }
     }
 
-    /// Each datagram, where it came from, and its mark of congestion.
+    /// Each datagram with its source address and ECN mark.
     pub fn datagrams(&self) -> impl Iterator<Item = (SocketAddr, Option<EcnCodepoint>, &[u8])> {
         let slots = self.bytes.chunks(SLOT_BYTES).zip(&self.metas);
         slots.take(self.count).flat_map(|(slot, meta)| {

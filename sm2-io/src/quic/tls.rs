@@ -1,5 +1,5 @@
-//! TLS 1.3 with raw public keys: each side shows its key, proves that it has the private one, and
-//! takes no other kind of certificate.
+//! TLS 1.3 with raw public keys: each side presents its public key, proves that it holds the private
+//! key, and accepts no other kind of certificate.
 
 use std::{
     collections::BTreeSet,
@@ -36,12 +36,12 @@ use super::{
     transport::ALPN,
 };
 
-/// Whose keys are trusted, now: it is asked in each handshake.
+/// The gateways whose keys are trusted now. Each handshake consults the current set.
 #[derive(Clone, Debug, Default)]
 pub struct Trusted(Arc<RwLock<BTreeSet<GatewayId>>>);
 
 impl Trusted {
-    /// These, and nobody else, from now on.
+    /// Replaces the set: only these gateways are trusted from now on.
     pub fn set(&self, peers: impl IntoIterator<Item = GatewayId>) {
         *self.0.write().unwrap_or_else(PoisonError::into_inner) = peers.into_iter().collect();
     }
@@ -52,12 +52,12 @@ impl Trusted {
     }
 }
 
-/// Who may be at the other end.
+/// The gateways that may be at the other end.
 #[derive(Debug)]
 enum Expected {
-    /// The one that was dialled, if it is trusted.
+    /// The gateway that this side dialled, if it is trusted.
     One(GatewayId, Trusted),
-    /// Whoever is trusted.
+    /// Any trusted gateway.
     Any(Trusted),
 }
 
@@ -103,7 +103,7 @@ impl Verifier {
     }
 }
 
-/// What TLS 1.2 would need; it is never agreed on.
+/// The answer to signatures of TLS 1.2, which is never negotiated.
 fn no_tls12() -> Result<HandshakeSignatureValid, Error> {
     Err(Error::PeerIncompatible(PeerIncompatible::Tls12NotOffered))
 }
@@ -188,7 +188,7 @@ fn certified(key: &SecretKey) -> Result<Arc<CertifiedKey>, Error> {
     Ok(Arc::new(CertifiedKey::new(vec![shown], signing)))
 }
 
-/// For connections that others open.
+/// The configuration for incoming connections.
 pub(super) fn server(key: &SecretKey, trusted: &Trusted) -> Result<QuicServerConfig, Error> {
     let mut config = ServerConfig::builder_with_provider(provider())
         .with_protocol_versions(&[&TLS13])?
@@ -198,12 +198,12 @@ pub(super) fn server(key: &SecretKey, trusted: &Trusted) -> Result<QuicServerCon
         )?)));
     config.alpn_protocols = vec![ALPN.to_vec()];
     config.max_early_data_size = 0;
-    // Nothing is kept of a session: each handshake proves the keys anew.
+    // No session resumption: each handshake proves the keys again.
     config.send_tls13_tickets = 0;
     QuicServerConfig::try_from(config).map_err(|error| Error::General(error.to_string()))
 }
 
-/// For a connection that this side opens, to `peer`.
+/// The configuration for a connection that this side opens to `peer`.
 pub(super) fn client(
     key: &SecretKey,
     peer: GatewayId,

@@ -1,4 +1,4 @@
-//! What both sides say of themselves when a connection begins, and how it is sent.
+//! The transport parameters, ALPN and congestion control of a connection.
 
 use std::{sync::Arc, time::Duration};
 
@@ -10,30 +10,30 @@ use sm2_proto::limits::MESSAGES_IN_THE_MAKING_MAX;
 
 use super::{congestion::SteadyConfig, observed::ObservedConfig};
 
-/// The name of what is spoken (RFC 7301).
+/// The application protocol (ALPN, RFC 7301).
 //= SM2-GWC-002
 pub const ALPN: &[u8] = b"sm2-gateway/1";
-/// A connection on which nothing came for so long is lost.
+/// A connection that receives nothing for this time is lost.
 //= SM2-GWC-003
 pub const IDLE: Duration = Duration::from_secs(5);
-/// Something is sent as often.
+/// An idle connection sends a packet after this time.
 //= SM2-GWC-003
 pub const KEEP_ALIVE: Duration = Duration::from_secs(1);
-/// How many calls of a peer have no reply yet.
+/// The most calls of a peer without a reply.
 //= SM2-GWS-004
 pub const CALLS_MAX: u32 = 256;
-/// What may come on one stream before it is read.
+/// Flow control: unread bytes on one stream.
 const STREAM_WINDOW_BYTES: u32 = 8 << 20;
-/// What may come on all streams of a connection before it is read.
+/// Flow control: unread bytes on all streams of a connection.
 const WINDOW_BYTES: u32 = 32 << 20;
 
-/// How fast a connection sends.
+/// The congestion controller of a connection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Congestion {
-    /// By the rate at which bytes arrive, with a short queue: loss alone does not slow it down.
+    /// By delivery rate, with a short queue: random loss does not slow it down.
     #[default]
     Steady,
-    /// The same with longer queues (quinn-proto's, which is experimental).
+    /// BBR of quinn-proto, which is experimental: by delivery rate, with longer queues.
     Bbr,
     /// By loss (RFC 9438).
     Cubic,
@@ -53,9 +53,9 @@ pub(super) fn config(congestion: Congestion) -> Arc<TransportConfig> {
         .max_concurrent_uni_streams(VarInt::from_u32(messages))
         .stream_receive_window(VarInt::from_u32(STREAM_WINDOW_BYTES))
         .receive_window(VarInt::from_u32(WINDOW_BYTES))
-        // How much it is given at a time is decided by who gives it.
+        // The writer (`sm2-gateway`) bounds the unsent data itself.
         .send_window(WINDOW_BYTES.into())
-        // By priorities alone: without it a stream that has begun keeps those before it waiting.
+        // Without it, a stream that was started holds up streams of equal priority.
         .send_fairness(true);
     match congestion {
         Congestion::Steady => observe(&mut config, SteadyConfig),

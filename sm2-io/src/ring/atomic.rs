@@ -1,4 +1,4 @@
-//! What two processes do with one word that both can write.
+//! The operations on one word that two processes write.
 //!
 //! `verification/loom` runs this file, as it is, through many executions that the memory
 //! model allows. Words are little-endian.
@@ -8,27 +8,36 @@ use crate::sync::{AtomicU64, Ordering, fence};
 /// Reads a word.
 #[inline]
 pub(super) fn load(word: &AtomicU64) -> u64 {
-    // Pairs with the release of who wrote it: what it wrote before is seen.
+    // Acquire: pairs with the release of the `swap` or `take` that wrote this word, so that the
+    // writes before that are visible.
     u64::from_le(word.load(Ordering::Acquire))
 }
 
-/// Writes a word, and gives the one that was there.
+/// Writes a word, and returns the one that it replaces.
 #[inline]
 pub(super) fn swap(word: &AtomicU64, bits: u64) -> u64 {
-    // Release: whoever takes it sees the message. Acquire: who took out a word before has read
-    // what it named, so that it can be written again.
+    // Release: pairs with the acquire of the `take` or `load` of the other side, which then sees
+    // the message that the word names. Acquire: pairs with the release of the `swap` or `take` by
+    // which the other side wrote the replaced word; its reads of the named slot are over then, so
+    // that the slot can be written again.
     u64::from_le(word.swap(bits.to_le(), Ordering::AcqRel))
 }
 
-/// Writes 0 if `bits` are still there; whether they were.
+/// Replaces the word by 0 if it is `bits`. Returns whether it was.
 #[inline]
 pub(super) fn take(word: &AtomicU64, bits: u64) -> bool {
+    // Acquire: pairs with the release of the `swap` that wrote `bits`, so that the message is
+    // visible. Release: pairs with the acquire of the next `swap` of this word. A failed exchange
+    // reads nothing that the caller uses, so it is relaxed.
     let taken = word.compare_exchange(bits.to_le(), 0, Ordering::AcqRel, Ordering::Relaxed);
     taken.is_ok()
 }
 
-/// Orders what was written before against what is read after, for all threads alike.
+/// Orders the writes before it against the reads after it, for all threads alike.
 #[inline]
 pub(super) fn order() {
+    // Pairs with the same fence on the other side: one side writes a message word and then reads the
+    // parked word, the other writes the parked word and then reads the message word. At least one of
+    // them sees the write of the other, so that no wake-up is lost (SM2-RNG-009).
     fence(Ordering::SeqCst);
 }
