@@ -1,8 +1,8 @@
-//! Private memory with an alignment that plain old data can have.
+//! Private memory that is aligned for plain old data.
 
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
-/// Bytes that start at a multiple of 64.
+/// Bytes that are aligned to 64.
 pub(crate) struct AlignedBuffer {
     lines: Vec<Line>,
     len: usize,
@@ -13,7 +13,7 @@ pub(crate) struct AlignedBuffer {
 struct Line([u8; 64]);
 
 impl AlignedBuffer {
-    /// `len` bytes, all zero.
+    /// Allocates `len` zeroes.
     pub(crate) fn zeroed(len: usize) -> Self {
         let lines = vec![Line([0; 64]); len.div_ceil(size_of::<Line>())];
         Self { lines, len }

@@ -18,21 +18,21 @@ use crate::{Plain, PublishError, StoreError};
 
 /// One message being written in place. Dereferences to it.
 ///
-/// What it holds at first is unspecified: zero, or what an earlier message of this publisher
-/// left there. [`publish`](Self::publish) sends it; dropping it instead gives the memory back.
+/// The initial value is unspecified: zeroes, or the bytes of an earlier message of this publisher.
+/// [`publish`](Self::publish) sends the message; dropping the loan releases its memory.
 pub struct Loan<'p, T: Plain + ?Sized> {
     publisher: &'p UntypedPublisher,
-    /// None only when it is spent.
+    /// `None` once the loan is published.
     memory: Option<Memory>,
     len: usize,
     holds: PhantomData<T>,
 }
 
 enum Memory {
-    /// So short that it will travel in the datagram.
+    /// The message is short enough to travel in the datagram.
     Heap(AlignedBuffer),
     Slot(Lease<Slot>),
-    /// All links are sealed.
+    /// A file of its own: all links are sealed.
     Sealed(SealedLoan),
 }
 
@@ -61,8 +61,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
         Ok(loan)
     }
 
-    /// Sends the message. If a link needs it in another form than the one it was written in,
-    /// since that link opened meanwhile, this costs a copy.
+    /// Sends the message. Copies it if a link that opened meanwhile needs another form.
     ///
     /// # Errors
     ///
@@ -80,7 +79,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             Memory::Heap(buffer) => forms.inline = Some(Bytes::from_owner(buffer)),
             Memory::Slot(lease) => {
                 let bytes = lease.memory.bytes(self.len);
-                // Better here than under the node's lock.
+                // Sealed here, because it takes long and the node's lock is not held.
                 let sealed = needs.sealed.then(|| self.publisher.seal(bytes)).transpose();
                 forms.pooled = Some(lease);
                 match sealed {

@@ -20,8 +20,8 @@
 //!   read it. Its segment then serves no further message, and is over when the last of its
 //!   slots is back.
 //! - A segment can be *reserved*: it is there from the beginning, beyond the limit, for messages
-//!   of any length that fits, and never goes for being idle. If a slot of it is abandoned, that one is lost alone, and made up for
-//!   when it is missed.
+//!   of any length that fits, and is never freed for being idle. An abandoned slot of it is lost alone, and
+//!   replaced when it is missed.
 
 use std::time::Duration;
 
@@ -37,13 +37,13 @@ pub(crate) const HEAD_BYTES: u64 = sm2_proto::limits::SLOT_HEAD as u64;
 /// How long a segment is kept that nobody uses, unless a builder says otherwise.
 pub(crate) const IDLE_DEFAULT: Duration = Duration::from_secs(5);
 
-/// What a number of a segment is less than: 15 bits.
+/// The upper bound of segment numbers, which have 15 bits (SM2-RNG-003).
 const IDS: u32 = 1 << 15;
 
 /// The size of the smallest slot: two cache lines that come together.
 const STRIDE_MIN: u64 = 128;
 
-/// What the size of a slot is a multiple of that is not smaller.
+/// Slots of at least this size are a multiple of it.
 const PAGE: u64 = 4 << 10;
 
 /// The same of a large slot.

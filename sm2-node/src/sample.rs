@@ -10,14 +10,15 @@ use sm2_proto::{Contract, Instant, Name, TypeId};
 use crate::handle::receive::{Receipt, Received};
 use crate::{Message, RecvError};
 
-/// One received message. Dereferences to it; dropping it gives it back.
+/// A received message. Dereferences to it; dropping it releases the message.
 ///
-/// Nobody writes to its memory as long as it lives, also when its subscriber, its node, the
-/// publisher or the Manager are gone: a publisher that follows the specification never
-/// writes again to what a link ended with. Against one that does not, demand
+/// Its memory does not change as long as it exists, also after the subscriber, the node, the publisher or
+/// the Manager have ended: the publisher must not write to a slot that is not released (SM2-PAY-005,
+/// SM2-OPN-008). A subscriber that cannot rely on the publisher demands
 /// [sealed](crate::SubscriberBuilder::sealed) messages.
 pub struct Sample<T: Message + ?Sized> {
-    /// Before the receipt: what is given back is not looked at any more.
+    /// Before the receipt, so that it is dropped first: the view may refer to the slot that the receipt
+    /// releases.
     view: T::View,
     sequence: u64,
     time: Instant,
@@ -52,21 +53,19 @@ impl<T: Message + ?Sized> Sample<T> {
         })
     }
 
-    /// The publisher's count of its publications, from 1: the same for every subscriber.
+    /// The number of the publication, from 1: the same for every subscriber.
     #[must_use]
     pub const fn sequence(&self) -> u64 {
         self.sequence
     }
 
-    /// When it was published, in nanoseconds of the host's monotonic clock
-    /// ([`now`](crate::now)).
+    /// The time of publication, in nanoseconds of the host's monotonic clock ([`now`](crate::now)).
     #[must_use]
     pub const fn source_time(&self) -> Instant {
         self.time
     }
 
-    /// How many publications of this publisher were lost between the message that was
-    /// taken before and this one.
+    /// The number of this publisher's messages that were lost between the previous sample and this one.
     #[must_use]
     pub const fn lost(&self) -> u64 {
         self.lost
@@ -78,7 +77,7 @@ impl<T: Message + ?Sized> Sample<T> {
         &self.peer.name
     }
 
-    /// The type that the publisher declared: the subscriber's own, unless that takes any type.
+    /// The type that the publisher declared: the type of the subscriber, unless that accepts any type.
     #[must_use]
     pub fn type_id(&self) -> Option<&TypeId> {
         match &self.peer.contract {
