@@ -8,6 +8,7 @@ use std::{
 
 use clap::{Args, Command};
 use clap_mangen::Man;
+use roff::{Roff, bold, roman};
 
 use crate::{ended::Ended, error::CliError, output::Output};
 
@@ -97,29 +98,28 @@ fn page(command: &Command) -> io::Result<Vec<u8>> {
     man.render_synopsis_section(&mut page)?;
     man.render_description_section(&mut page)?;
     man.render_options_section(&mut page)?;
+    let mut rest = Roff::new();
     if visible(&command).next().is_some() {
-        writeln!(page, ".SH COMMANDS")?;
+        rest.control("SH", ["COMMANDS"]);
         for it in visible(&command) {
             let about = it.get_about().map(ToString::to_string).unwrap_or_default();
-            writeln!(page, ".TP\n\\fB{}\\fR(1)", escaped(&full_name(it)))?;
-            writeln!(page, "{}", escaped(&about))?;
+            rest.control("TP", []);
+            rest.text([bold(full_name(it)), roman("(1)")]);
+            rest.text([roman(about)]);
         }
     }
     let after = command.get_after_help().map(ToString::to_string);
     let mut section = "";
     for paragraph in after.unwrap_or_default().split("\n\n") {
-        section = write_paragraph(&mut page, paragraph, section)?;
+        section = add_paragraph(&mut rest, paragraph, section);
     }
+    rest.to_writer(&mut page)?;
     Ok(page)
 }
 
-/// A paragraph of help, after those of `section`; its own section. `Examples:` and `Exit status:`
-/// begin one.
-fn write_paragraph(
-    page: &mut Vec<u8>,
-    paragraph: &str,
-    section: &'static str,
-) -> io::Result<&'static str> {
+/// Adds a paragraph of help below those of `section`, and returns the section that the paragraph belongs to.
+/// A paragraph that starts with a known heading, such as `Examples:`, begins that section.
+fn add_paragraph(page: &mut Roff, paragraph: &str, section: &'static str) -> &'static str {
     const HEADINGS: [(&str, &str); 4] = [
         ("Exit status:", "EXIT STATUS"),
         ("Environment:", "ENVIRONMENT"),
@@ -132,27 +132,16 @@ fn write_paragraph(
     let (heading, text) = known.unwrap_or(("NOTES", paragraph));
     let text = text.trim_matches('\n');
     if text.is_empty() {
-        return Ok(section);
+        return section;
     }
     match heading == section {
-        true => writeln!(page, ".PP")?,
-        false => writeln!(page, ".SH {heading}")?,
-    }
-    let text = escaped(text);
+        true => page.control("PP", []),
+        false => page.control("SH", heading.split(' ')),
+    };
     match heading {
-        // Lines that stay lines.
-        "EXAMPLES" | "FORMAT" => writeln!(page, ".nf\n{text}\n.fi")?,
-        _ => writeln!(page, "{}", text.trim_start())?,
-    }
-    Ok(heading)
-}
-
-/// As roff takes it: no line starts with a control character, backslashes and hyphens are themselves.
-fn escaped(text: &str) -> String {
-    let lines = text.lines().map(|line| {
-        let line = line.replace('\\', "\\e").replace('-', "\\-");
-        let control = line.starts_with(['.', '\'']);
-        format!("{}{line}", if control { "\\&" } else { "" })
-    });
-    lines.collect::<Vec<_>>().join("\n")
+        // Keeps the line breaks and the indentation.
+        "EXAMPLES" | "FORMAT" => page.control("nf", []).text([roman(text)]).control("fi", []),
+        _ => page.text([roman(text.trim_start())]),
+    };
+    heading
 }

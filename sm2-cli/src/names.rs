@@ -35,37 +35,14 @@ pub(crate) fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a Name>) ->
     }
 }
 
-/// How far two names are from each other; none if nobody takes one for the other.
+/// The edit distance of two names; `None` if they are not similar.
 fn similarity(typed: &str, known: &str) -> Option<usize> {
     let last = |name: &str| name.rsplit('/').next().map(str::to_lowercase);
     if last(typed) == last(known) {
         return Some(0);
     }
-    let distance = distance(&typed.to_lowercase(), &known.to_lowercase());
+    let distance = strsim::osa_distance(&typed.to_lowercase(), &known.to_lowercase());
     (distance <= 2.min(typed.len() / 2)).then_some(distance)
-}
-
-/// The number of bytes to insert, remove, replace, or swap with the next one.
-fn distance(one: &str, other: &str) -> usize {
-    let (one, other) = (one.as_bytes(), other.as_bytes());
-    let mut rows = vec![vec![0_usize; other.len() + 1]; one.len() + 1];
-    for (at, row) in rows.iter_mut().enumerate() {
-        row[0] = at;
-    }
-    rows[0] = (0..=other.len()).collect();
-    for i in 1..=one.len() {
-        for j in 1..=other.len() {
-            let differs = usize::from(one[i - 1] != other[j - 1]);
-            let mut least = (rows[i - 1][j - 1] + differs)
-                .min(rows[i - 1][j] + 1)
-                .min(rows[i][j - 1] + 1);
-            if i > 1 && j > 1 && one[i - 1] == other[j - 2] && one[i - 2] == other[j - 1] {
-                least = least.min(rows[i - 2][j - 2] + 1);
-            }
-            rows[i][j] = least;
-        }
-    }
-    rows[one.len()][other.len()]
 }
 
 /// What stands for one or more interfaces on a command line: `talker:scan`, `talker`, `scan`.

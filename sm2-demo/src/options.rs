@@ -2,9 +2,7 @@
 
 use std::time::Duration;
 
-use bytesize::ByteSize;
-
-use crate::{error::DemoError, pattern, procfs, statistics};
+use crate::{error::DemoError, pattern, process_cost, statistics};
 
 /// The length of the shortest message that the demo can check, in bytes.
 pub const SIZE_MIN_BYTES: u64 = pattern::MIN_BYTES;
@@ -67,7 +65,7 @@ impl Options {
     /// Refuses a size that would drive the machine out of memory.
     pub(crate) fn check_memory(&self) -> Result<(), DemoError> {
         let needed_bytes = self.size_bytes.saturating_mul(SLOTS);
-        match procfs::available_bytes() {
+        match process_cost::available_bytes() {
             Some(available_bytes) if needed_bytes > available_bytes => Err(DemoError::TooLarge {
                 size_bytes: self.size_bytes,
                 needed_bytes,
@@ -81,15 +79,4 @@ impl Options {
     pub(crate) fn period(&self) -> Duration {
         Duration::try_from_secs_f64(1.0 / self.rate_hz).unwrap_or(Duration::MAX)
     }
-}
-
-/// The name of an integrity in reports and on command lines.
-pub(crate) const fn integrity(is_sealed: bool) -> &'static str {
-    if is_sealed { "sealed" } else { "pooled" }
-}
-
-/// A size for people: `10 MB`, `1.5 kB`.
-pub(crate) fn size_text(bytes: u64) -> String {
-    let text = ByteSize(bytes).display().si().to_string();
-    text.replace(".0 ", " ")
 }

@@ -21,7 +21,8 @@ use super::{
 use crate::{
     error::DemoError,
     folder,
-    options::{self, Ending, Options, size_text},
+    options::{Ending, Options},
+    output::{integrity, size_text},
     waiting::readable,
 };
 
@@ -100,7 +101,7 @@ impl Director<'_> {
             "1 publisher, {subscribers} subscribers: {} at {rate_hz} Hz for {seconds} s, {}; \
              every byte is checked",
             size_text(*size_bytes),
-            options::integrity(*is_sealed),
+            integrity(*is_sealed),
         ))?;
         for number in 1..=*subscribers {
             self.start(Part::Subscriber(number))?;

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::procfs;
+use crate::process_cost;
 
 /// What one process costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -62,7 +62,7 @@ impl Meter {
                 *before = used;
                 Cost {
                     cpu_percent,
-                    pss_bytes: procfs::pss_bytes(pid),
+                    pss_bytes: process_cost::pss_bytes(pid),
                 }
             })
             .collect();
@@ -93,7 +93,7 @@ impl Meter {
 
 /// A process that is gone keeps the time that it had.
 fn cpu_time(pid: u32, before: Option<Duration>) -> Duration {
-    procfs::cpu_time(pid).or(before).unwrap_or_default()
+    process_cost::cpu_time(pid).or(before).unwrap_or_default()
 }
 
 fn percent(used: Duration, of: Duration) -> f64 {

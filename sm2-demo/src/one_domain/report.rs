@@ -1,7 +1,5 @@
 //! What the demo found: the object that `--json` prints, and the verdict.
 
-use std::io::Write;
-
 use serde::Serialize;
 
 use super::{
@@ -11,7 +9,7 @@ use super::{
 };
 use crate::{
     error::DemoError,
-    options,
+    output,
     statistics::{Percentiles, hundredths},
 };
 
@@ -70,7 +68,7 @@ impl Report {
         Self {
             published,
             size_bytes,
-            integrity: options::integrity(is_sealed),
+            integrity: output::integrity(is_sealed),
             interrupted,
             subscribers,
             cpu_percent_total: hundredths(total.cpu_percent),
@@ -92,13 +90,6 @@ impl Subscriber {
             latency_us: figures.latency_us,
         }
     }
-}
-
-/// Writes a report as one line of JSON.
-pub(crate) fn write_json(out: &mut dyn Write, report: &impl Serialize) -> Result<(), DemoError> {
-    serde_json::to_writer(&mut *out, report).map_err(std::io::Error::from)?;
-    writeln!(out)?;
-    Ok(out.flush()?)
 }
 
 /// Whether the run is a success: nothing was damaged, every process came to its end, and every

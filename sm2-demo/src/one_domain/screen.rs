@@ -5,10 +5,10 @@ use std::io::Write;
 use super::{
     child::Child,
     meter::{Cost, Meter},
-    report::{self, Report},
+    report::Report,
     table::{self, Row},
 };
-use crate::{error::DemoError, options::Format};
+use crate::{error::DemoError, options::Format, output::write_json};
 
 /// With more lines than this a table may not fit a terminal, and could not be redrawn.
 const REDRAWN_LINES: usize = 20;
@@ -69,7 +69,7 @@ impl<'a> Screen<'a> {
     /// The end.
     pub(crate) fn report(&mut self, report: &Report) -> Result<(), DemoError> {
         if self.format == Format::Json {
-            return report::write_json(self.out, report);
+            return write_json(self.out, report);
         }
         self.erase()?;
         for line in table::summary(report) {

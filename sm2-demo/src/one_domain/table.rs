@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use super::{child::Part, meter::Cost, part::Figures, report::Report};
-use crate::options::size_text;
+use crate::output::size_text;
 
 /// One process: what it counted and what it costs.
 #[derive(Clone, Debug, PartialEq)]

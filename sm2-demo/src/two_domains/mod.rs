@@ -31,8 +31,8 @@ use self::{
 use crate::{
     error::DemoError,
     folder,
-    one_domain::report::write_json,
-    options::{Ending, Format, Options, size_text},
+    options::{Ending, Format, Options},
+    output::{size_text, write_json},
     waiting::pause,
 };
 
