@@ -182,9 +182,7 @@ impl Domain {
         role: &str,
         interrupt: &Interrupt,
     ) -> Result<Node, CliError> {
-        let mut until = self
-            .wait_manager
-            .map(|patience| clock::now().after(patience));
+        let mut until = self.wait_manager.map(|timeout| clock::now().after(timeout));
         let mut said = false;
         loop {
             let left = until.map(|until| until.since(clock::now()).min(STEP));
@@ -197,9 +195,9 @@ impl Domain {
                 Err(ConnectError::NoManager { .. }) if waiting && is_absent_or_socket(path) => {
                     if !said {
                         said = true;
-                        let patience = Span(self.wait_manager.unwrap_or_default());
+                        let timeout = Span(self.wait_manager.unwrap_or_default());
                         let path = path.display();
-                        say!("sm2: waiting {patience} for a Manager at {path} (Ctrl-C ends)");
+                        say!("sm2: waiting {timeout} for a Manager at {path} (Ctrl-C ends)");
                     }
                 }
                 Err(error) => return Err(self.explain(path, error)),
@@ -216,15 +214,15 @@ impl Domain {
         &self,
         path: &Path,
         role: &str,
-        patience: Option<Duration>,
+        timeout: Option<Duration>,
     ) -> Result<Node, ConnectError> {
         let name = format!("sm2-{role}-{}", process::id());
         let connect = |name: &str| {
             let builder = Node::builder(name)
                 .socket(path)
                 .manager_timeout(self.connect_timeout);
-            match patience {
-                Some(patience) => builder.startup_timeout(patience).connect(),
+            match timeout {
+                Some(timeout) => builder.startup_timeout(timeout).connect(),
                 None => builder.connect(),
             }
         };

@@ -24,15 +24,15 @@ pub(crate) struct Woken {
 }
 
 impl<'a> Follow<'a> {
-    /// Reads the domain as it is now, which may take as long as `patience`.
+    /// Reads the domain as it is now, which may take as long as `timeout`.
     ///
     /// # Errors
     ///
     /// [`CliError::Query`].
-    pub(crate) fn new(session: &'a Session, patience: Duration) -> Result<Self, CliError> {
+    pub(crate) fn new(session: &'a Session, timeout: Duration) -> Result<Self, CliError> {
         let mut watch = session.node.watch();
         // There is always something: this node itself.
-        if watch.wait_timeout(patience)?.is_empty() {
+        if watch.wait_timeout(timeout)?.is_empty() {
             return Err(QueryError::TimedOut.into());
         }
         Ok(Self { session, watch })

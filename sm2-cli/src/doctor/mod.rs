@@ -1,13 +1,13 @@
 //! `sm2 doctor`: what is right and wrong with this machine, the Manager and the domain, and what
 //! to do about it. It changes nothing.
 //!
-//! [`place`]: the socket and its folder. [`manager`]: who answers there, and what the domain says.
+//! [`socket`]: the socket and its folder. [`manager`]: who answers there, and what the domain says.
 //! [`machine`]: what the kernel allows.
 
 mod check;
 mod machine;
 mod manager;
-mod place;
+mod socket;
 
 use clap::Args;
 use serde::Serialize;
@@ -55,7 +55,7 @@ struct Report {
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
     let path = arguments.domain.path()?;
-    let mut checks = place::checks(&arguments.domain, &path);
+    let mut checks = socket::checks(&arguments.domain, &path);
     let (found, nodes) = manager::checks(&arguments.domain, &path, &interrupt);
     checks.extend(found);
     checks.extend(machine::checks(nodes));

@@ -1,7 +1,7 @@
 use super::*;
 use crate::{
     doctor::machine::version,
-    doctor::place::{is_locked, rule},
+    doctor::socket::{is_locked, rule},
 };
 
 #[test]

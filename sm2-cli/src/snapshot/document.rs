@@ -5,7 +5,7 @@ use sm2_proto::{control::Item, domain::LinkView};
 
 use super::{
     gateways::{self, Gateway},
-    thing::{Limits, Link, Node, Thing, link_text},
+    named_item::{Limits, Link, NamedItem, Node, link_text},
 };
 use crate::{
     columns::Columns,
@@ -30,7 +30,7 @@ pub(super) struct Document {
     interfaces: Vec<Interface>,
     links: Vec<CountedLink>,
     /// Claims, and pairs that are not linked.
-    open: Vec<Thing>,
+    open: Vec<NamedItem>,
     quotas: Vec<Quota>,
     /// Nodes that keep no counters.
     without_counters: Vec<String>,
@@ -93,12 +93,14 @@ impl Document {
             gateways,
         };
         for item in items.filter(|item| !matches!(item, Item::Link { .. })) {
-            match Thing::new(view, item) {
-                thing if thing.belongs_to(itself) => {}
-                Thing::Node(node) => document.nodes.push(node),
-                Thing::Interface(interface) => document.interfaces.push(interface),
-                thing @ (Thing::Claim { .. } | Thing::Unlinked { .. }) => document.open.push(thing),
-                Thing::Domain(_) | Thing::Link(_) => {}
+            match NamedItem::new(view, item) {
+                named if named.belongs_to(itself) => {}
+                NamedItem::Node(node) => document.nodes.push(node),
+                NamedItem::Interface(interface) => document.interfaces.push(interface),
+                named @ (NamedItem::Claim { .. } | NamedItem::Unlinked { .. }) => {
+                    document.open.push(named)
+                }
+                NamedItem::Domain(_) | NamedItem::Link(_) => {}
             }
         }
         let silent = sample.silent.iter().filter(|node| *node != itself);
@@ -152,9 +154,9 @@ impl Document {
         if !self.gateways.is_empty() {
             out.line(format_args!("\n{}", gateways::table(&self.gateways)))?;
         }
-        for (at, thing) in self.open.iter().enumerate() {
+        for (at, named) in self.open.iter().enumerate() {
             let line_break = if at == 0 { "\n" } else { "" };
-            out.line(format_args!("{line_break}{thing}"))?;
+            out.line(format_args!("{line_break}{named}"))?;
         }
         Ok(())
     }

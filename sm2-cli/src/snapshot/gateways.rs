@@ -12,7 +12,7 @@ use sm2_proto::domain::Domain as Mirror;
 use crate::{columns::Columns, connect::Session};
 
 /// How long gateways may take to answer, all together.
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// A gateway, and what it says.
 #[derive(Serialize)]
@@ -28,7 +28,7 @@ pub(super) struct Gateway {
 /// Asks the gateways of a domain. One that does not answer is part of the picture.
 pub(super) fn ask(session: &Session, domain: &Mirror) -> Vec<Gateway> {
     let services = report::gateways(domain);
-    let answers = report::ask(&session.node, services, PATIENCE).into_iter();
+    let answers = report::ask(&session.node, services, TIMEOUT).into_iter();
     let gateways = answers.map(|(service, report)| {
         let (report, error) = match report {
             Ok(report) => (Some(report), None),

@@ -2,7 +2,7 @@
 
 pub(crate) mod document;
 mod gateways;
-mod thing;
+mod named_item;
 
 use std::{collections::BTreeMap, os::fd::AsFd};
 
@@ -13,7 +13,7 @@ use sm2_proto::{
     domain::Domain as Mirror,
 };
 
-use self::{document::Document, thing::Thing};
+use self::{document::Document, named_item::NamedItem};
 use crate::{
     args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow, output::Output,
     sampling::Sampler, view::View, wait::For,
@@ -80,7 +80,7 @@ struct Line<'a> {
     /// `set` or `removed`.
     change: &'static str,
     #[serde(flatten)]
-    thing: &'a Thing,
+    named: &'a NamedItem,
 }
 
 fn watch(arguments: &Arguments, session: &Session) -> Result<Ended, CliError> {
@@ -107,7 +107,7 @@ struct Writer {
     json: bool,
     out: Output,
     /// What was there last: of what is gone, only its key is told.
-    known: BTreeMap<Key, Thing>,
+    known: BTreeMap<Key, NamedItem>,
 }
 
 impl Writer {
@@ -122,16 +122,16 @@ impl Writer {
         for change in changes {
             match change {
                 Change::Set { item } => {
-                    let thing = Thing::new(&view, item);
-                    if !thing.belongs_to(itself) {
-                        self.line(domain.revision(), "set", &thing)?;
+                    let named = NamedItem::new(&view, item);
+                    if !named.belongs_to(itself) {
+                        self.line(domain.revision(), "set", &named)?;
                     }
-                    self.known.insert(item.key(), thing);
+                    self.known.insert(item.key(), named);
                 }
                 Change::Removed { key } => {
                     let gone = self.known.remove(key);
-                    if let Some(thing) = gone.filter(|it| !it.belongs_to(itself)) {
-                        self.line(domain.revision(), "removed", &thing)?;
+                    if let Some(named) = gone.filter(|it| !it.belongs_to(itself)) {
+                        self.line(domain.revision(), "removed", &named)?;
                     }
                 }
             }
@@ -139,15 +139,20 @@ impl Writer {
         self.out.flush()
     }
 
-    fn line(&mut self, revision: u64, change: &'static str, thing: &Thing) -> Result<(), CliError> {
+    fn line(
+        &mut self,
+        revision: u64,
+        change: &'static str,
+        named: &NamedItem,
+    ) -> Result<(), CliError> {
         if self.json {
             return self.out.json(&Line {
                 revision,
                 change,
-                thing,
+                named,
             });
         }
         let sign = if change == "set" { '+' } else { '-' };
-        self.out.line(format_args!("{sign} {thing}"))
+        self.out.line(format_args!("{sign} {named}"))
     }
 }

@@ -1,4 +1,4 @@
-//! `sm2 topic delay`: how long messages are under way.
+//! `sm2 topic delay`: how long messages take from publishing to receiving.
 
 use clap::Args;
 use serde::Serialize;

@@ -8,7 +8,7 @@ use sm2_io::clock;
 use sm2_node::{Sample, Subscriber};
 use sm2_proto::{Kind, Name};
 
-use super::{folder::Folder, hint};
+use super::{folder::Folder, wait_hint};
 use crate::{
     args::{Domain, name},
     connect::Session,
@@ -95,7 +95,7 @@ fn echo(
     sink: &mut Sink<'_>,
     tally: &mut Tally,
 ) -> Result<Option<Stopped>, CliError> {
-    let mut hint_at = Some(clock::now().after(hint::AFTER));
+    let mut hint_at = Some(clock::now().after(wait_hint::DELAY));
     while arguments.count.is_none_or(|count| tally.messages < count) {
         if let Some(signal) = session.stopped() {
             return Ok(Some(signal));
@@ -111,7 +111,7 @@ fn echo(
             hint_at = None;
             let links = subscriber.links();
             if !links.iter().any(|link| link.open) {
-                hint::say(session, &arguments.topic, Kind::Publisher, 1, &links);
+                wait_hint::print(session, &arguments.topic, Kind::Publisher, 1, &links);
             }
         }
         let others = [

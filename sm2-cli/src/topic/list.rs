@@ -32,12 +32,12 @@ Examples:
 struct Topics {
     /// The domain's revision.
     revision: u64,
-    topics: Vec<Topic>,
+    topics: Vec<TopicRow>,
 }
 
 /// A topic.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-struct Topic {
+struct TopicRow {
     name: String,
     /// None if nobody has stated one.
     #[serde(rename = "type")]
@@ -65,8 +65,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 }
 
 /// The topics in the order of their names.
-fn topics(view: &View<'_>) -> Vec<Topic> {
-    let mut topics: BTreeMap<&Name, Topic> = BTreeMap::new();
+fn topics(view: &View<'_>) -> Vec<TopicRow> {
+    let mut topics: BTreeMap<&Name, TopicRow> = BTreeMap::new();
     for it in view.granted() {
         let (data, publishes) = match it.contract {
             Contract::Publisher { data, .. } => (Some(data), true),
@@ -74,7 +74,7 @@ fn topics(view: &View<'_>) -> Vec<Topic> {
             Contract::Server { .. } | Contract::Client { .. } => continue,
         };
         let name = it.contract.name();
-        let topic = topics.entry(name).or_insert_with(|| Topic {
+        let topic = topics.entry(name).or_insert_with(|| TopicRow {
             name: name.to_string(),
             data: None,
             publishers: 0,
@@ -93,7 +93,7 @@ fn topics(view: &View<'_>) -> Vec<Topic> {
     topics.into_values().collect()
 }
 
-fn table(topics: &[Topic]) -> Columns<5> {
+fn table(topics: &[TopicRow]) -> Columns<5> {
     let mut table = Columns::new(["TOPIC", "TYPE", "PUBLISHERS", "SUBSCRIBERS", "LINKS"]);
     for topic in topics {
         let data = topic.data.as_ref();

@@ -4,7 +4,6 @@ mod bw;
 mod delay;
 mod echo;
 mod folder;
-mod hint;
 mod hz;
 mod info;
 mod list;
@@ -13,6 +12,7 @@ mod measure;
 mod publish;
 mod room;
 mod source;
+mod wait_hint;
 
 use clap::Subcommand;
 
@@ -34,7 +34,7 @@ pub(crate) enum Command {
     Hz(hz::Arguments),
     /// Measure how many bytes are published
     Bw(bw::Arguments),
-    /// Measure how long messages are under way
+    /// Measure how long messages take from publishing to receiving
     Delay(delay::Arguments),
     /// Show what became of messages, for each link
     Loss(loss::Arguments),

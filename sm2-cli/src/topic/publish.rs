@@ -1,7 +1,7 @@
 //! `sm2 topic pub`: files or standard input as messages.
 
 mod arguments;
-mod kind;
+mod payload;
 mod summary;
 
 use std::{os::fd::BorrowedFd, time::Duration};
@@ -12,13 +12,13 @@ use sm2_proto::{Instant, Kind};
 
 pub(crate) use self::arguments::Arguments;
 use self::{
-    kind::Message,
+    payload::Payload,
     summary::{Summary, Tally},
 };
 use super::{
-    hint,
-    room::{DEPTH, PATIENCE, Room},
+    room::{DEPTH, Room, TIMEOUT},
     source::{Gate, Input, Messages},
+    wait_hint,
 };
 use crate::{
     args::Integrity,
@@ -42,13 +42,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if arguments.again && arguments.from == Some(Input::StandardInput) {
         return Err(CliError::LoopOfInput);
     }
-    let value = kind::value(arguments)?;
+    let value = payload::value(arguments)?;
     let inputs = match &arguments.from {
         Some(input) => input.inputs()?,
         None => Vec::new(),
     };
     let session = Session::open(&arguments.domain, "pub")?;
-    let message = Message::new(arguments, &session, value.as_ref())?;
+    let message = Payload::new(arguments, &session, value.as_ref())?;
     let publisher = declare(arguments, &session, &message)?;
     let mut feed = Feed {
         arguments,
@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         Some(_) => Ok(Ended::Done),
         None if missed > 0 => Err(CliError::TooSlow {
             messages: missed,
-            seconds: PATIENCE.as_secs(),
+            seconds: TIMEOUT.as_secs(),
         }),
         None => Ok(Ended::Done),
     }
@@ -88,7 +88,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 fn declare(
     arguments: &Arguments,
     session: &Session,
-    message: &Message,
+    message: &Payload,
 ) -> Result<Publisher<[u8]>, CliError> {
     let topic = arguments.topic.as_str();
     let builder = session
@@ -133,7 +133,7 @@ impl Feed<'_> {
     /// Whether they came; else there was a signal.
     fn wait_for_subscribers(&self) -> Result<bool, CliError> {
         let count = self.arguments.wait;
-        let mut hint_at = Some(clock::now().after(hint::AFTER));
+        let mut hint_at = Some(clock::now().after(wait_hint::DELAY));
         while self.session.stopped().is_none() {
             match self.publisher.wait_for_subscribers_timeout(count, STEP) {
                 Ok(()) => return Ok(true),
@@ -143,7 +143,7 @@ impl Feed<'_> {
             if hint_at.is_some_and(|at| at <= clock::now()) {
                 hint_at = None;
                 let links = self.publisher.links();
-                hint::say(
+                wait_hint::print(
                     self.session,
                     &self.arguments.topic,
                     Kind::Subscriber,
@@ -231,7 +231,7 @@ impl Feed<'_> {
     fn flush(&self) -> Result<bool, CliError> {
         let mut seen = self.publisher.counters();
         let mut until = clock::now().after(if self.arguments.reliable {
-            PATIENCE
+            TIMEOUT
         } else {
             FAREWELL
         });
@@ -243,7 +243,7 @@ impl Feed<'_> {
                 stopping = true;
                 until = until.min(now.after(FAREWELL));
             } else if self.arguments.reliable && !stopping && counters != seen {
-                until = now.after(PATIENCE);
+                until = now.after(TIMEOUT);
             }
             seen = counters;
             if now >= until {

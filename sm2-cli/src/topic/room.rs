@@ -1,18 +1,18 @@
 //! Waiting for subscribers that want every message, in steps that a signal can end.
 //!
-//! A publisher's own wait for room ends with room or with its patience. A command has to end when
-//! a person wants it to: it looks before it publishes, and publishes without patience.
+//! A publisher's own wait for room ends with room or at its timeout. A command must end as soon as a signal
+//! comes: it checks for room before it publishes, and publishes with a timeout of zero.
 
 use std::{collections::HashMap, time::Duration};
 
 use sm2_proto::{Instant, LinkId, link::Counters};
 
-/// How many messages one link may have under way. A publisher of this depth has room on it then,
-/// however little the subscriber's window admits.
+/// The number of messages that one link may have in flight. A publisher of this depth then has room for them,
+/// however small the window of the subscriber is.
 pub(super) const DEPTH: u16 = 64;
 
 /// How long a subscriber may take nothing, before the others go on without it.
-pub(super) const PATIENCE: Duration = Duration::from_secs(10);
+pub(super) const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// What is known of links without room.
 #[derive(Clone, Debug, Default)]
@@ -56,7 +56,7 @@ impl Room {
             let known = before.get(&id).filter(|it| it.delivered == delivered);
             let since = known.map_or(now, |known| known.since);
             self.full.insert(id, Full { delivered, since });
-            if now.since(since) < PATIENCE {
+            if now.since(since) < TIMEOUT {
                 least = 0;
             }
         }

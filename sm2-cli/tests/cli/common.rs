@@ -18,7 +18,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 /// Nothing here takes long; a test that waits so long has failed.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// The `sm2` command, in an environment without a domain.
 pub(crate) fn sm2(arguments: &[&str]) -> Command {
@@ -105,7 +105,7 @@ impl Domain {
     /// A node of this process.
     pub(crate) fn node(&self, name: &str) -> sm2_node::Node {
         let builder = sm2_node::Node::builder(name).socket(self.path("sm2.sock"));
-        builder.manager_timeout(PATIENCE).connect().unwrap()
+        builder.manager_timeout(TIMEOUT).connect().unwrap()
     }
 
     pub(crate) fn stop_manager(&mut self) {
@@ -292,7 +292,7 @@ impl Reader {
 
 /// Waits until something is true.
 pub(crate) fn until(what: &str, mut is: impl FnMut() -> bool) {
-    let end = Instant::now() + PATIENCE;
+    let end = Instant::now() + TIMEOUT;
     while !is() {
         assert!(Instant::now() < end, "waited in vain until {what}");
         thread::sleep(Duration::from_millis(5));

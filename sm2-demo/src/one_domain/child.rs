@@ -11,8 +11,8 @@ use std::{
 
 use super::part::{Figures, START, Said};
 
-/// How long a process may take to end that has nothing to do any more.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// The time that a process has to end after it was told to.
+const TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Which part a process plays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -171,7 +171,7 @@ impl Child {
     /// Its exit status; none if it does not end, and was killed for that.
     fn wait(&mut self) -> Option<ExitStatus> {
         self.end();
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + TIMEOUT;
         while Instant::now() < until {
             match self.process.try_wait() {
                 Ok(None) => thread::sleep(Duration::from_millis(2)),

@@ -27,7 +27,7 @@ use crate::{
 };
 
 /// How long starting all processes, and ending them, may take.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// How often figures are shown.
 const TICK: Duration = Duration::from_secs(1);
@@ -136,7 +136,7 @@ impl Director<'_> {
     }
 
     fn await_ready(&mut self) -> Result<(), DemoError> {
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + TIMEOUT;
         while !self.is_stopped && self.any(|stage| *stage == Stage::Starting) {
             self.listen(until)?;
             let late = Instant::now() >= until;
@@ -184,7 +184,7 @@ impl Director<'_> {
 
     /// Ends the subscribers, who then report.
     fn dismiss(&mut self) -> Result<(), DemoError> {
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + TIMEOUT;
         self.children.iter_mut().for_each(Child::end);
         while self.any(|stage| *stage == Stage::Ready) && Instant::now() < until {
             self.listen(until)?;

@@ -41,7 +41,7 @@ const LOCAL_DEPTH: u16 = 4;
 /// A second is left out after something has begun.
 const SETTLING: Duration = Duration::from_secs(1);
 /// How long until the gateways know each other.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// One of the two domains.
 struct Side {
@@ -130,7 +130,7 @@ fn wait_for_peers(runtime: &Runtime, side: &Side) -> Result<(), DemoError> {
         }
     };
     runtime
-        .block_on(async { tokio::time::timeout(PATIENCE, connected).await })
+        .block_on(async { tokio::time::timeout(TIMEOUT, connected).await })
         .map_err(|_| DemoError::Gateway("the gateways did not find each other".to_owned()))
 }
 

@@ -1,4 +1,4 @@
-//! What to say to somebody who waits, and nothing comes.
+//! The line that explains why a command still waits for a publisher or subscriber.
 
 use std::time::Duration;
 
@@ -7,12 +7,12 @@ use sm2_proto::{Kind, Name, domain::nearest};
 
 use crate::connect::Session;
 
-/// How long nothing has to happen before it is worth a line.
-pub(super) const AFTER: Duration = Duration::from_secs(1);
+/// The wait after which the line is printed.
+pub(super) const DELAY: Duration = Duration::from_secs(1);
 
-/// Says on standard error what `session` waits for with its interface on `topic`, whose links
+/// Prints on standard error what `session` waits for with its interface on `topic`, whose links
 /// these are, and why a node that is there does not do.
-pub(super) fn say(
+pub(super) fn print(
     session: &Session,
     topic: &Name,
     wanted: Kind,

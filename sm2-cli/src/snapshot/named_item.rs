@@ -1,4 +1,4 @@
-//! One thing in a domain, for people and as JSON.
+//! One item of a domain, with names in place of numbers, for people and as JSON.
 
 use std::fmt;
 
@@ -13,7 +13,7 @@ use crate::{interfaces::Interface, view::View};
 /// An item, with names in place of numbers. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "item", rename_all = "snake_case")]
-pub(super) enum Thing {
+pub(super) enum NamedItem {
     /// What the operator allows.
     Domain(Limits),
     Node(Node),
@@ -67,7 +67,7 @@ pub(super) struct Link {
     pub(super) sealed: bool,
 }
 
-impl Thing {
+impl NamedItem {
     pub(super) fn new(view: &View<'_>, item: &Item) -> Self {
         match *item {
             Item::Domain { limits } => Self::Domain((&limits).into()),
@@ -168,7 +168,7 @@ fn reason_text(view: &View<'_>, reason: UnlinkedReason) -> String {
     }
 }
 
-impl fmt::Display for Thing {
+impl fmt::Display for NamedItem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Domain(limits) => write!(

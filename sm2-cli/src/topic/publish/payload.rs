@@ -1,4 +1,4 @@
-//! The type of what is published, and a value as a message of it.
+//! The type of the published messages, and the bytes of a value that is given as JSON.
 
 use serde_json::Value;
 use sm2_proto::{Name, TypeId, schema::Schema};
@@ -11,8 +11,8 @@ use crate::{
     view::View,
 };
 
-/// What to declare, and what to publish if that is given as a value.
-pub(super) struct Message {
+/// The type to declare, and the bytes to publish if `--value` gives them.
+pub(super) struct Payload {
     pub(super) data: TypeId,
     pub(super) bytes: Option<Vec<u8>>,
 }
@@ -27,7 +27,7 @@ pub(super) fn value(arguments: &Arguments) -> Result<Option<Value>, CliError> {
     value.transpose().map_err(CliError::Json)
 }
 
-impl Message {
+impl Payload {
     /// # Errors
     ///
     /// [`CliError::Query`], [`CliError::NoSchema`], [`CliError::Encode`].
