@@ -1,8 +1,8 @@
 //! What other threads tell a Manager's loop.
 
-use std::{io, sync::Arc};
+use std::{io, os::fd::AsFd, sync::Arc, time::Duration};
 
-use sm2_io::Waker;
+use sm2_io::{Waker, wait_readable};
 
 /// Ends a Manager's loop, from any thread; also while it stands by.
 ///
@@ -42,6 +42,11 @@ pub(crate) struct Handles {
 }
 
 impl Handles {
+    /// Whether the loop is to end.
+    pub(crate) fn is_stopped(&self) -> io::Result<bool> {
+        wait_readable(&[self.stop.as_fd()], Some(Duration::ZERO))
+    }
+
     pub(crate) fn new() -> io::Result<Self> {
         Ok(Self {
             stop: Arc::new(Waker::new()?),

@@ -12,7 +12,8 @@ use sm2_io::{
 use sm2_proto::Instant;
 use tracing::{info, warn};
 
-use super::LISTENER;
+/// The epoll token of the listening socket; connections use their session's number, from 1 on.
+pub(super) const LISTENER: u64 = u64::MAX;
 
 /// How long accepting pauses when the process has no descriptor to spare.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);

@@ -21,14 +21,13 @@ use sm2_proto::{
 };
 use tracing::{debug, info, warn};
 
-use self::door::{Door, Found};
+use self::door::{Door, Found, LISTENER};
 use crate::{
     HandOver, Options, Outcome, RunError, StartError, Stopper, connection::Connection,
     handles::Handles,
 };
 
 /// Tokens of the epoll set; connections use their session's number, from 1 on.
-const LISTENER: u64 = u64::MAX;
 const STOP: u64 = u64::MAX - 1;
 const HAND_OVER: u64 = u64::MAX - 2;
 

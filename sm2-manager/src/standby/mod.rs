@@ -154,7 +154,7 @@ impl Standby {
     /// Tries until somebody serves; none if it is stopped before.
     fn take(&self, pause: &mut Pause) -> io::Result<Option<Place>> {
         loop {
-            if is_stopped(&self.handles)? {
+            if self.handles.is_stopped()? {
                 return Ok(None);
             }
             match take(&self.path, &self.options, &self.handles) {
@@ -216,9 +216,4 @@ impl Pause {
             self.warned = Some(text);
         }
     }
-}
-
-/// Whether the standby is to stop.
-fn is_stopped(handles: &Handles) -> io::Result<bool> {
-    wait_readable(&[handles.stop.as_fd()], Some(Duration::ZERO))
 }

@@ -15,7 +15,6 @@ use sm2_proto::{
 };
 use tracing::debug;
 
-use super::is_stopped;
 use crate::handles::Handles;
 
 /// A node that asks for nothing.
@@ -60,7 +59,7 @@ impl Session {
             wait_readable(&[self.socket.as_fd(), wakers[0], wakers[1]], None)?;
             // There is nothing to hand over.
             handles.hand_over.drain();
-            if is_stopped(handles)? {
+            if handles.is_stopped()? {
                 self.feed(Input::Close(Farewell::Done.code()));
                 return Ok(Over::Stopped);
             }

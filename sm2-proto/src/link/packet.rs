@@ -24,7 +24,7 @@ pub struct Packet {
 pub enum Attachment {
     /// That of the segment with this number.
     Segment(u32),
-    /// That of the sealed message with this [`Message::key`](super::Message::key).
+    /// That of the sealed message with this [`OutboundMessage::key`](super::OutboundMessage::key).
     Message(u64),
     /// That of the ring which [`Output::MakeRing`](super::Output::MakeRing) asked for.
     Ring,

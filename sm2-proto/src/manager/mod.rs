@@ -62,6 +62,7 @@ pub use self::{
     event::{Cause, Credentials, Input, Misuse, Output},
     phase::{PHASES, Phase, REQUESTS, Request, legal},
     policy::Policy,
+    session::STANDBY_PREFIX,
 };
 use crate::{
     Datagram, EntityId, Farewell, FdFacts, Instant, LinkQos, Machine, MisuseError, Name, NodeId,
@@ -69,9 +70,6 @@ use crate::{
     control::{Key, ToManager, ToNode, decode_to_manager, encode_to_node},
     machine::debug_assert_drained,
 };
-
-/// How the names of standby Managers begin (SM2-RES-010).
-pub const STANDBY_PREFIX: &str = "sm2/standby/";
 
 /// The machine. See the [module](self) for the order of calls.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]

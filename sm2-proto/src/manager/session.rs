@@ -5,8 +5,11 @@ mod proofs;
 
 use alloc::collections::BTreeSet;
 
-use super::{Credentials, STANDBY_PREFIX, links::Pair, node_record::NodeRecord, phase::Phase};
+use super::{Credentials, links::Pair, node_record::NodeRecord, phase::Phase};
 use crate::{EntityId, Instant, InterfaceId, Name, NodeId, Violation, limits::LINKS_MAX};
+
+/// How the names of standby Managers begin (SM2-RES-010).
+pub const STANDBY_PREFIX: &str = "sm2/standby/";
 
 /// | state | leads to | by |
 /// | --- | --- | --- |
