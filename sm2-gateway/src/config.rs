@@ -1,9 +1,9 @@
-//! The configuration file: TOML, in which every key is known.
+//! The configuration file of a gateway: TOML without unknown keys.
 
 use std::{
     collections::BTreeMap,
     fs, io,
-    net::SocketAddr,
+    net::{IpAddr, Ipv6Addr, SocketAddr},
     num::{NonZeroU32, NonZeroU64},
     ops::Range,
     path::{Path, PathBuf},
@@ -13,84 +13,158 @@ use std::{
 use serde::Deserialize;
 use sm2_io::quic::Congestion;
 use sm2_proto::{
-    Name,
+    Name, NameError,
     gateway::{
-        Action, Direction, GatewayId, Pattern, Rule, Rules, SubjectKind,
+        Action, Direction, GatewayId, GatewayIdError, Pattern, PatternError, Rule, Rules,
+        SubjectKind,
         schedule::{PRIORITY_MAX, Terms},
     },
 };
 use toml::Spanned;
 
 use crate::{
-    address::Address,
+    address::{Address, AddressError},
     domain::DomainLocation,
     hub::{DEFAULT_TERMS, Policy},
     peer::Limits,
     shadow::RuleSet,
 };
 
-/// Where a gateway listens if nothing else is said.
-const LISTEN: &str = "[::]:7633";
+/// The default of `listen`: every address of the machine.
+const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V6(Ipv6Addr::UNSPECIFIED), 7633);
 
-/// A configuration that was checked.
+/// A checked configuration.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// Which file it is of.
+    /// The path of the file.
     pub path: PathBuf,
-    /// What people call this gateway.
+    /// The name of this gateway.
     pub name: Name,
-    /// Where QUIC listens.
+    /// The address of the UDP socket.
     pub listen: SocketAddr,
-    /// Where the key is.
+    /// The path of the key file.
     pub key: PathBuf,
     /// The domain that it connects to its peers.
     pub domain: DomainLocation,
-    /// On which interfaces it sends and hears beacons.
+    /// The network interfaces for beacons.
     pub discovery: Vec<String>,
-    /// How fast connections send.
+    /// The congestion controller of all connections.
     pub congestion: Congestion,
-    /// How much is kept of a peer.
+    /// The limits of each connection.
     pub limits: Limits,
-    /// Who is trusted.
+    /// The trusted peers.
     pub peers: Vec<PeerConfig>,
-    /// What goes where, and how.
+    /// The rules and the parameters of what they allow.
     pub policy: Policy,
-    /// The line of each rule.
+    /// The line of each rule in the file.
     pub rule_lines: Vec<usize>,
 }
 
-/// A peer that is trusted.
+/// A trusted peer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PeerConfig {
-    /// What this file calls it.
+    /// Its name in this file.
     pub name: Name,
-    /// Who it is.
+    /// Its id: the public key.
     pub id: GatewayId,
-    /// Where it may be.
+    /// The addresses to try.
     pub addresses: Vec<Address>,
 }
 
-/// Why a configuration is of no use.
+/// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
     #[error("{path}: {source}")]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// Something in it is not as it should be.
-    #[error("{path}:{line}: {what}")]
-    Wrong {
-        /// Which file.
+    /// The file is not TOML, or a key is unknown, missing or of the wrong type.
+    #[error("{path}:{line}: {}", .source.message())]
+    Toml {
+        /// The file.
         path: PathBuf,
-        /// Which line, from 1.
+        /// The line, from 1.
         line: usize,
-        /// What is wrong, and what would not be.
-        what: String,
+        /// The error of the parser.
+        source: Box<toml::de::Error>,
     },
+    /// A value is not allowed.
+    #[error("{path}:{line}: {source}")]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong with the value.
+        source: ValueError,
+    },
+}
+
+/// Why a value of a configuration was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ValueError {
+    /// `name` is not a name.
+    #[error("`{text}`: {source}")]
+    Name {
+        /// The text.
+        text: String,
+        /// The rule that it breaks.
+        source: NameError,
+    },
+    /// `listen` is not an address with a port.
+    #[error("`{text}` is not an address with a port, such as 192.0.2.1:7633 or [fe80::1%2]:7633")]
+    Listen {
+        /// The text.
+        text: String,
+    },
+    /// The file has both `domain` and `socket`.
+    #[error("`domain` and `socket` exclude each other: remove one of them")]
+    DomainAndSocket,
+    /// Two peers have the same name.
+    #[error("there are two peers of the name {name}: rename one of them")]
+    DuplicateName {
+        /// The name.
+        name: Name,
+    },
+    /// Two peers have the same id.
+    #[error("{other} has the same id: remove one of the two peers")]
+    DuplicateId {
+        /// The name of the other peer.
+        other: Name,
+    },
+    /// The id of a peer is not an id.
+    #[error("{0}; `sm2 gateway id` prints it at the peer")]
+    Id(#[from] GatewayIdError),
+    /// An address of a peer is neither an address nor the name of a host.
+    #[error("`{text}` {source}")]
+    Address {
+        /// The text.
+        text: String,
+        /// What it should be.
+        source: AddressError,
+    },
+    /// `names` of a rule is not a pattern.
+    #[error("`{text}`: {source}")]
+    Names {
+        /// The text.
+        text: String,
+        /// The rule that it breaks.
+        source: PatternError,
+    },
+    /// A rule names a peer that no `[[peer]]` before it has.
+    #[error("no [[peer]] before this rule has the name `{text}`: add it with `sm2 gateway trust`")]
+    UnknownPeer {
+        /// The text.
+        text: String,
+    },
+    /// The priority of a rule is too high.
+    #[error("a priority is 0 to {PRIORITY_MAX}")]
+    Priority,
 }
 
 #[derive(Deserialize)]
@@ -188,20 +262,24 @@ impl Config {
         Self::parse(path, &text)
     }
 
-    /// Checks a text; `path` is where paths in it start from.
+    /// Checks the text of a file. Relative paths in it start at the folder of `path`.
     ///
     /// # Errors
     /// See [`ConfigError`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
-        let at = At { path, text };
+        let at = Source { path, text };
         let file: File = toml::from_str(text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
-            at.wrong(&span, error.message().to_owned())
+            ConfigError::Toml {
+                path: path.into(),
+                line: at.line(&span),
+                source: Box::new(error),
+            }
         })?;
         let name = at.name(&file.name)?;
         let listen = match &file.listen {
             Some(listen) => at.address(listen)?,
-            None => at.address(&Spanned::new(0..0, LISTEN.to_owned()))?,
+            None => LISTEN,
         };
         let folder = path.parent().unwrap_or(Path::new(""));
         let domain = match (file.domain, file.socket) {
@@ -209,8 +287,7 @@ impl Config {
             (Some(name), None) => DomainLocation::Name(name),
             (None, Some(socket)) => DomainLocation::Socket(folder.join(socket.into_inner())),
             (Some(_), Some(socket)) => {
-                let what = "`domain` and `socket` exclude each other: remove one of them";
-                return Err(at.wrong(&socket.span(), what.to_owned()));
+                return Err(at.error(&socket.span(), ValueError::DomainAndSocket));
             }
         };
         let mut peers = Vec::new();
@@ -218,12 +295,12 @@ impl Config {
         for table in &file.peer {
             let peer = at.peer(table)?;
             if ids.insert(peer.name.clone(), peer.id).is_some() {
-                let what = format!("there are two peers of the name {}", peer.name);
-                return Err(at.wrong(&table.name.span(), what));
+                let error = ValueError::DuplicateName { name: peer.name };
+                return Err(at.error(&table.name.span(), error));
             }
             if let Some(twin) = peers.iter().find(|it: &&PeerConfig| it.id == peer.id) {
-                let what = format!("this is the id of {} too", twin.name);
-                return Err(at.wrong(&table.id.span(), what));
+                let other = twin.name.clone();
+                return Err(at.error(&table.id.span(), ValueError::DuplicateId { other }));
             }
             peers.push(peer);
         }
@@ -259,7 +336,7 @@ impl Config {
         })
     }
 
-    /// The peer of this name, or of this id.
+    /// The peer with this name or id.
     #[must_use]
     pub fn peer(&self, text: &str) -> Option<&PeerConfig> {
         let id = text.parse().ok();
@@ -267,7 +344,7 @@ impl Config {
         self.peers.iter().find(is_it)
     }
 
-    /// The rules, and the peers that they are for.
+    /// The rules and the peers that they apply to.
     #[must_use]
     pub fn rule_set(&self) -> RuleSet {
         RuleSet {
@@ -276,7 +353,7 @@ impl Config {
         }
     }
 
-    /// The keys of the file that `new` has otherwise, and that only a gateway that is started anew takes.
+    /// The keys whose value differs in `new` and that take effect only at the next start.
     #[must_use]
     pub fn fixed_keys(&self, new: &Self) -> Vec<&'static str> {
         let domains = [self, new].map(|it| match &it.domain {
@@ -301,7 +378,8 @@ impl Config {
         changed.map(|(key, _)| key).collect()
     }
 
-    /// The rule that decides about a name, as it stands in the file; none: the answer is no.
+    /// The decision about a name, and the line of the rule that makes it. Without a matching rule the
+    /// name is denied.
     #[must_use]
     pub fn explain(
         &self,
@@ -317,51 +395,59 @@ impl Config {
     }
 }
 
-/// Where something stands.
-struct At<'a> {
+/// The text of a configuration, to turn positions into lines.
+struct Source<'a> {
     path: &'a Path,
     text: &'a str,
 }
 
-impl At<'_> {
+impl Source<'_> {
     fn line(&self, span: &Range<usize>) -> usize {
         let before = self.text.get(..span.start).unwrap_or("");
         before.matches('\n').count() + 1
     }
 
-    fn wrong(&self, span: &Range<usize>, what: String) -> ConfigError {
-        ConfigError::Wrong {
+    fn error(&self, span: &Range<usize>, source: ValueError) -> ConfigError {
+        ConfigError::Value {
             path: self.path.into(),
             line: self.line(span),
-            what,
+            source,
         }
     }
 
     fn name(&self, text: &Spanned<String>) -> Result<Name, ConfigError> {
-        Name::new(text.get_ref())
-            .map_err(|error| self.wrong(&text.span(), format!("`{}`: {error}", text.get_ref())))
+        Name::new(text.get_ref()).map_err(|source| {
+            let value = text.get_ref().clone();
+            let error = ValueError::Name {
+                text: value,
+                source,
+            };
+            self.error(&text.span(), error)
+        })
     }
 
     fn address(&self, text: &Spanned<String>) -> Result<SocketAddr, ConfigError> {
         text.get_ref().parse().map_err(|_| {
-            let what = format!(
-                "`{}` is no address with a port, such as 192.0.2.1:7633 or [fe80::1%2]:7633",
-                text.get_ref()
-            );
-            self.wrong(&text.span(), what)
+            let error = ValueError::Listen {
+                text: text.get_ref().clone(),
+            };
+            self.error(&text.span(), error)
         })
     }
 
     fn peer(&self, table: &PeerTable) -> Result<PeerConfig, ConfigError> {
         let id = table.id.get_ref().parse();
-        let id = id.map_err(|error| {
-            let what = format!("{error}; `sm2 gateway id` prints it at the peer");
-            self.wrong(&table.id.span(), what)
-        })?;
+        let id = id.map_err(|error| self.error(&table.id.span(), ValueError::Id(error)))?;
         let addresses = table.addresses.iter().map(|text| {
             let address = text.get_ref().parse();
-            address
-                .map_err(|error| self.wrong(&text.span(), format!("`{}` {error}", text.get_ref())))
+            address.map_err(|source| {
+                let value = text.get_ref().clone();
+                let error = ValueError::Address {
+                    text: value,
+                    source,
+                };
+                self.error(&text.span(), error)
+            })
         });
         Ok(PeerConfig {
             name: self.name(&table.name)?,
@@ -376,27 +462,26 @@ impl At<'_> {
         ids: &BTreeMap<Name, GatewayId>,
     ) -> Result<(Rule, Terms), ConfigError> {
         let names = Pattern::new(table.names.get_ref());
-        let names = names.map_err(|error| {
-            self.wrong(
-                &table.names.span(),
-                format!("`{}`: {error}", table.names.get_ref()),
-            )
+        let names = names.map_err(|source| {
+            let text = table.names.get_ref().clone();
+            self.error(&table.names.span(), ValueError::Names { text, source })
         })?;
         let known = |text: &Spanned<String>| {
             let id = Name::new(text.get_ref())
                 .ok()
                 .and_then(|it| ids.get(&it).copied());
             id.ok_or_else(|| {
-                let what = format!("no [[peer]] before this has the name `{}`", text.get_ref());
-                self.wrong(&text.span(), what)
+                let error = ValueError::UnknownPeer {
+                    text: text.get_ref().clone(),
+                };
+                self.error(&text.span(), error)
             })
         };
         let peers = table.peers.as_ref();
         let peers = peers.map(|it| it.iter().map(known).collect::<Result<Vec<_>, _>>());
         let priority = match &table.priority {
             Some(it) if *it.get_ref() > PRIORITY_MAX => {
-                let what = format!("a priority is 0 to {PRIORITY_MAX}");
-                return Err(self.wrong(&it.span(), what));
+                return Err(self.error(&it.span(), ValueError::Priority));
             }
             Some(it) => *it.get_ref(),
             None => DEFAULT_TERMS.priority,

@@ -1,4 +1,4 @@
-//! Key files: PKCS#8 in PEM, as other tools write them, for the eyes of their owner only.
+//! Key files: an Ed25519 private key as PKCS#8 in PEM, readable only by its owner.
 
 use std::{
     fs::{self, OpenOptions},
@@ -7,55 +7,69 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use pem::Pem;
+use pem::{Pem, PemError};
 use sm2_io::quic::{KeyError, SecretKey};
 
 const TAG: &str = "PRIVATE KEY";
 
-/// Why there is no key.
+/// Why a key cannot be made or read.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyFileError {
-    /// The file is not there, or cannot be read or written.
+    /// The file cannot be read or written.
     #[error("{path}: {source}; `sm2 gateway keygen {path}` makes a key")]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// The file is there already.
-    #[error(
-        "{path} is there already: a key is never overwritten; remove it first if it is not needed"
-    )]
+    /// The file exists already.
+    #[error("{path} exists already and a key is never overwritten: remove it if it is not needed")]
     Exists {
-        /// Which file.
+        /// The file.
         path: PathBuf,
     },
-    /// Others can read the file.
-    #[error("{path} can be read by others (mode {mode:03o}): `chmod 600 {path}`")]
+    /// Other users can read the file.
+    #[error("{path} can be read by other users (mode {mode:03o}): `chmod 600 {path}`")]
     Readable {
-        /// Which file.
+        /// The file.
         path: PathBuf,
         /// Its permissions.
         mode: u32,
     },
-    /// It holds something else.
-    #[error("{path} is no key of a gateway: {reason}")]
-    NoKey {
-        /// Which file.
+    /// The file is not PEM.
+    #[error("{path} is not a key file: {source}; `sm2 gateway keygen` makes one")]
+    NotPem {
+        /// The file.
         path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
+        /// The error of the parser.
+        source: PemError,
     },
-    /// The system has no random numbers.
-    #[error(transparent)]
-    Key(#[from] KeyError),
+    /// The file is PEM, but holds something else than a private key.
+    #[error("{path} is not a key file: it holds a {tag}, not a {TAG}")]
+    WrongTag {
+        /// The file.
+        path: PathBuf,
+        /// The PEM tag of the file.
+        tag: String,
+    },
+    /// The file holds a private key of another kind.
+    #[error("{path} is not the key of a gateway: {source}")]
+    WrongKey {
+        /// The file.
+        path: PathBuf,
+        /// Why the key was refused.
+        source: KeyError,
+    },
+    /// No key can be generated.
+    #[error("cannot generate a key: {0}")]
+    Generate(#[from] KeyError),
 }
 
-/// Makes a key, in a file that only its owner can read.
+/// Generates a key and writes it to a new file that only its owner can read.
 ///
 /// # Errors
-/// See [`KeyFileError`]; no file is left behind then.
+/// See [`KeyFileError`]. No file is left behind.
 pub fn generate(path: &Path) -> Result<SecretKey, KeyFileError> {
     let key = SecretKey::generate()?;
     let text = pem::encode(&Pem::new(TAG, key.to_pkcs8()));
@@ -72,7 +86,7 @@ pub fn generate(path: &Path) -> Result<SecretKey, KeyFileError> {
         .write_all(text.as_bytes())
         .and_then(|()| file.sync_all());
     if let Err(source) = written {
-        // A file that is half a key helps nobody.
+        // Best effort: the file may hold a part of the key.
         let _ = fs::remove_file(path);
         return Err(io_error(path, source));
     }
@@ -90,15 +104,20 @@ pub fn load(path: &Path) -> Result<SecretKey, KeyFileError> {
         return Err(KeyFileError::Readable { path, mode });
     }
     let text = fs::read(path).map_err(|it| io_error(path, it))?;
-    let no_key = |reason: String| KeyFileError::NoKey {
+    let pem = pem::parse(text).map_err(|source| KeyFileError::NotPem {
         path: path.into(),
-        reason,
-    };
-    let pem = pem::parse(text).map_err(|error| no_key(error.to_string()))?;
+        source,
+    })?;
     if pem.tag() != TAG {
-        return Err(no_key(format!("it holds a {}, not a {TAG}", pem.tag())));
+        return Err(KeyFileError::WrongTag {
+            path: path.into(),
+            tag: pem.tag().to_owned(),
+        });
     }
-    SecretKey::from_pkcs8(pem.contents()).map_err(|error| no_key(error.to_string()))
+    SecretKey::from_pkcs8(pem.contents()).map_err(|source| KeyFileError::WrongKey {
+        path: path.into(),
+        source,
+    })
 }
 
 fn io_error(path: &Path, source: io::Error) -> KeyFileError {

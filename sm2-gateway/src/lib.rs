@@ -37,7 +37,7 @@ mod tally;
 
 pub use self::{
     address::{Address, AddressError},
-    config::{Config, ConfigError},
+    config::{Config, ConfigError, ValueError},
     domain::DomainLocation,
     local::LocalError,
     names::{is_remote, status_service},

@@ -213,7 +213,7 @@ proptest! {
         let (text, at) = file(&lines);
         let config = match parse(&text) {
             Ok(config) => config,
-            Err(ConfigError::Wrong { line, .. }) => {
+            Err(ConfigError::Toml { line, .. } | ConfigError::Value { line, .. }) => {
                 prop_assert!(!is_good(&lines));
                 let wrong = text.lines().nth(line - 1).unwrap();
                 let wrong = wrong.strip_prefix("names = \"").and_then(|it| it.strip_suffix('"'));
