@@ -1,35 +1,35 @@
-//! What a gateway's nodes are called.
+//! The names of a gateway's nodes and of its status service.
 
 use sm2_proto::{Name, NameError};
 
-const OWN: &str = "gateway";
+const GATEWAY: &str = "gateway";
 const REMOTE: &str = "remote";
 
-/// The gateway's own node.
+/// The name of the gateway's own node.
 pub(crate) fn own_node(gateway: &Name) -> Result<Name, NameError> {
-    Name::new(&format!("{OWN}/{gateway}"))
+    Name::new(&format!("{GATEWAY}/{gateway}"))
 }
 
-/// The node that stands for a peer.
+/// The name of the node whose publishers and servers stand for those of a peer.
 pub(crate) fn remote_node(peer: &Name) -> Result<Name, NameError> {
     Name::new(&format!("{REMOTE}/{peer}"))
 }
 
-/// The service that tells how a gateway is.
+/// The name of the service that answers status requests of a gateway.
 ///
 /// # Errors
 /// The name is too long.
 pub fn status_service(gateway: &Name) -> Result<Name, NameError> {
-    Name::new(&format!("{OWN}/{gateway}/status"))
+    Name::new(&format!("{GATEWAY}/{gateway}/status"))
 }
 
-/// Whether a node of this name stands for somebody outside of the domain.
+/// True if a node of this name stands for a peer of a gateway.
 #[must_use]
 pub fn is_remote(node: &Name) -> bool {
     node.as_str().starts_with("remote/")
 }
 
-/// Whether it is a gateway's own: neither what it has nor what it wants is the domain's.
-pub(crate) fn is_gateways(node: &Name) -> bool {
+/// True if a gateway created the node. Its interfaces are never carried to peers.
+pub(crate) fn is_of_gateway(node: &Name) -> bool {
     is_remote(node) || node.as_str().starts_with("gateway/")
 }

@@ -1,4 +1,4 @@
-//! Calls of the domain's servers, for peers.
+//! Calls of the domain's servers on behalf of peers.
 
 use std::{collections::BTreeMap, sync::Arc, time::Duration};
 
@@ -13,10 +13,10 @@ use crate::{
     peer::CallId,
 };
 
-/// A call without a deadline is given up after so long: a peer is not to collect them here.
-const LONGEST: Duration = Duration::from_secs(600);
+/// Upper bound of a call without a deadline, so that a peer cannot accumulate calls here.
+const TIMEOUT_MAX: Duration = Duration::from_secs(600);
 
-/// The calls that wait for a reply.
+/// The tasks of the calls without a reply.
 #[derive(Debug, Default)]
 pub(super) struct Calls(BTreeMap<CallId, AbortHandle>);
 
@@ -32,7 +32,7 @@ impl Calls {
         self.0.retain(|_, task| !task.is_finished());
         let task = tokio::spawn(async move {
             let (outcome, payload) = match client {
-                Some(client) => ask(&client, deadline, &payload).await,
+                Some(client) => call_server(&client, deadline, &payload).await,
                 None => (Outcome::Unreachable, Bytes::new()),
             };
             let event = LocalEvent::Replied {
@@ -52,13 +52,13 @@ impl Calls {
     }
 }
 
-async fn ask(
+async fn call_server(
     client: &AsyncClient<[u8], [u8]>,
     deadline: Option<Instant>,
     payload: &[u8],
 ) -> (Outcome, Bytes) {
     let now = sm2_io::clock::now();
-    let timeout = deadline.map_or(LONGEST, |it| it.since(now).min(LONGEST));
+    let timeout = deadline.map_or(TIMEOUT_MAX, |it| it.since(now).min(TIMEOUT_MAX));
     let outcome = match client.call_timeout(payload, timeout).await {
         Ok(reply) => return (Outcome::Ok, Bytes::copy_from_slice(&reply)),
         Err(CallError::Failed { reason, .. }) => return (Outcome::Failed, reason.into()),

@@ -1,11 +1,12 @@
-//! The domain's side of a gateway: ordinary nodes.
+//! The nodes of a gateway in its domain.
 //!
-//! One node, `gateway/NAME`, subscribes to what peers want and calls the domain's servers; for each
-//! peer there is a node `remote/PEER` whose publishers and servers stand for those behind it,
-//! so that everybody in the domain sees where they come from. What such nodes have is never
-//! taken for the domain's own, by no gateway: nothing goes round in circles.
+//! The node `gateway/NAME` subscribes to topics that peers want, and calls servers for peers. For each
+//! peer, a node `remote/PEER` has the publishers and servers that stand for those of the peer, so that
+//! tools show where they come from. No gateway carries interfaces of these nodes to peers, which
+//! excludes loops through a domain.
 
 mod calls;
+mod error;
 mod requests;
 mod topics;
 mod watch;
@@ -16,16 +17,17 @@ use std::{
 };
 
 use sm2_node::{
-    Client, ConnectError, DeclareError, Node, Publisher,
+    Client, Node, Publisher,
     asynchronous::{AsyncClient, IntoAsync},
 };
 use sm2_proto::{
-    Name, NameError,
+    Name,
     gateway::{GatewayId, Subject},
 };
 use tokio::task::AbortHandle;
 
-use self::{calls::Calls, requests::Requests, topics::Subscription, watch::Shown};
+pub use self::error::LocalError;
+use self::{calls::Calls, requests::Requests, topics::Subscription, watch::RemoteTopics};
 use crate::{
     channel::hub::HubHandle,
     domain::DomainLocation,
@@ -33,60 +35,44 @@ use crate::{
     names::{is_remote, own_node, remote_node},
 };
 
-/// A client of the domain's servers of one service.
+/// A client of one service of the domain.
 type RawClient = AsyncClient<[u8], [u8]>;
 
-/// Why there is no way into the domain.
-#[derive(Debug, thiserror::Error)]
-pub enum LocalError {
-    /// No Manager, or it does not want this node.
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
-    /// The Manager does not want the gateway's status service.
-    #[error(transparent)]
-    Declare(#[from] DeclareError),
-    /// The system has no more descriptors or threads.
-    #[error("cannot watch the domain: {0}")]
-    Io(#[from] std::io::Error),
-    /// The gateway's name makes no name of a node.
-    #[error("{0}")]
-    Name(#[from] NameError),
-}
-
-/// A gateway's nodes.
+/// The nodes of a gateway.
 #[derive(Debug)]
 pub(crate) struct Local {
     location: DomainLocation,
     node: Node,
     hub: HubHandle,
-    /// One for each peer that something was ever shown of. It stays: its name is not free at once
-    /// when it goes, and then nothing could be shown when the peer is back.
+    /// The node of each peer that ever had an interface here. A node stays when its last interface
+    /// goes: the Manager frees a name late, and the peer may return before that.
     remotes: BTreeMap<Name, Node>,
     topics: BTreeMap<Subject, Subscription>,
     clients: BTreeMap<Subject, Arc<RawClient>>,
-    shown: BTreeMap<(Subject, GatewayId), Show>,
-    shown_topics: Shown,
+    interfaces: BTreeMap<(Subject, GatewayId), RemoteInterface>,
+    remote_topics: RemoteTopics,
     calls: Calls,
     requests: Arc<Mutex<Requests>>,
 }
 
-/// What stands for something remote.
+/// A publisher or server that stands for remote ones.
 #[derive(Debug)]
-enum Show {
-    Topic(Box<Publisher<[u8]>>),
-    Service(AbortHandle),
+enum RemoteInterface {
+    Publisher(Box<Publisher<[u8]>>),
+    /// The task that serves requests.
+    Server(AbortHandle),
 }
 
-impl Drop for Show {
+impl Drop for RemoteInterface {
     fn drop(&mut self) {
-        if let Self::Service(serving) = self {
-            serving.abort();
+        if let Self::Server(task) = self {
+            task.abort();
         }
     }
 }
 
 impl Local {
-    /// Joins the domain, and follows it from now on. Events go to `hub`.
+    /// Joins the domain and starts to follow it. Events go to `hub`.
     ///
     /// # Errors
     /// See [`LocalError`].
@@ -96,8 +82,8 @@ impl Local {
         hub: HubHandle,
     ) -> Result<Self, LocalError> {
         let node = location.connect(own_node(gateway)?.as_str())?;
-        let shown_topics = Shown::default();
-        watch::start(&node, shown_topics.clone(), hub.clone())?;
+        let remote_topics = RemoteTopics::default();
+        watch::start(&node, remote_topics.clone(), hub.clone())?;
         Ok(Self {
             location,
             node,
@@ -105,21 +91,21 @@ impl Local {
             remotes: BTreeMap::new(),
             topics: BTreeMap::new(),
             clients: BTreeMap::new(),
-            shown: BTreeMap::new(),
-            shown_topics,
+            interfaces: BTreeMap::new(),
+            remote_topics,
             calls: Calls::default(),
             requests: Arc::default(),
         })
     }
 
-    /// The node that is the gateway's own.
+    /// The node `gateway/NAME`.
     #[must_use]
     pub(crate) const fn node(&self) -> &Node {
         &self.node
     }
 
-    /// Does what the hub wants. What the Manager does not grant is logged: the gateway goes on
-    /// with the rest.
+    /// Executes a command of the hub. If the Manager refuses an interface, the refusal is logged and
+    /// the gateway continues without that interface.
     pub(crate) fn handle(&mut self, command: LocalCommand) {
         match command {
             LocalCommand::Subscribe { subject, .. } => self.subscribe(subject),
@@ -138,10 +124,11 @@ impl Local {
                 origin,
                 payload,
             } => {
-                if let Some(Show::Topic(publisher)) = self.shown.get(&(subject, origin))
+                if let Some(RemoteInterface::Publisher(publisher)) =
+                    self.interfaces.get(&(subject, origin))
                     && let Err(error) = publisher.publish(&payload)
                 {
-                    tracing::warn!(%error, "a remote message was not published");
+                    tracing::warn!(%error, "cannot publish a remote message");
                 }
             }
             LocalCommand::Call {
@@ -164,7 +151,7 @@ impl Local {
     }
 
     fn subscribe(&mut self, subject: Subject) {
-        // Peers want it otherwise than before: it is taken in the same way.
+        // Another depth: the subscription does not depend on it (see `topics::DEPTH_IN`).
         if self.topics.contains_key(&subject) || self.clients.contains_key(&subject) {
             return;
         }
@@ -182,7 +169,7 @@ impl Local {
             }),
         };
         if let Err(error) = done {
-            tracing::warn!(name = %subject.name(), error, "the domain's side is not there");
+            tracing::warn!(name = %subject.name(), %error, "cannot subscribe to a topic or call a service");
         }
     }
 
@@ -191,15 +178,14 @@ impl Local {
         name: &Name,
         request: &sm2_proto::TypeId,
         reply: &sm2_proto::TypeId,
-    ) -> Result<RawClient, String> {
+    ) -> Result<RawClient, LocalError> {
         let client: Client<[u8], [u8]> = (self.node)
             .client_builder(name.as_str())
             .type_ids(request.clone(), reply.clone())
             .servers(|node| !is_remote(node))
             .max_borrowed(256)
-            .declare()
-            .map_err(|error| error.to_string())?;
-        client.into_async().map_err(|error| error.to_string())
+            .declare()?;
+        Ok(client.into_async()?)
     }
 
     fn show(&mut self, subject: Subject, origin: GatewayId, peer: Name) {
@@ -210,9 +196,9 @@ impl Local {
                 reliable,
                 latched,
             } => {
-                self.shown_topics.insert(&subject, origin);
+                self.remote_topics.insert(&subject, origin);
                 let publisher = topics::publisher(&node, name, data, *reliable, *latched);
-                publisher.map(|it| Show::Topic(Box::new(it)))
+                publisher.map(|it| RemoteInterface::Publisher(Box::new(it)))
             }
             Subject::Service {
                 name,
@@ -222,41 +208,38 @@ impl Local {
                 let requests = Arc::clone(&self.requests);
                 let server = requests::server(&node, name, request, reply)?;
                 let hub = self.hub.clone();
-                let serving = tokio::spawn(requests::serve(
+                let task = tokio::spawn(requests::serve(
                     server,
                     subject.clone(),
                     origin,
                     requests,
                     hub,
                 ));
-                Ok(Show::Service(serving.abort_handle()))
+                Ok(RemoteInterface::Server(task.abort_handle()))
             }
         });
         match done {
-            Ok(show) => drop(self.shown.insert((subject, origin), show)),
+            Ok(interface) => drop(self.interfaces.insert((subject, origin), interface)),
             Err(error) => {
-                tracing::warn!(name = %subject.name(), %peer, error, "a remote interface is not shown");
+                tracing::warn!(name = %subject.name(), %peer, %error, "cannot declare a remote interface");
             }
         }
     }
 
     /// The node that stands for a peer.
-    fn remote(&mut self, peer: &Name) -> Result<Node, String> {
+    fn remote(&mut self, peer: &Name) -> Result<Node, LocalError> {
         if let Some(node) = self.remotes.get(peer) {
             return Ok(node.clone());
         }
-        let name = remote_node(peer).map_err(|error| error.to_string())?;
-        let node = self
-            .location
-            .connect(name.as_str())
-            .map_err(|error| error.to_string())?;
+        let name = remote_node(peer)?;
+        let node = self.location.connect(name.as_str())?;
         tokio::spawn(sm2_node::asynchronous::drive(node.clone()));
         self.remotes.insert(peer.clone(), node.clone());
         Ok(node)
     }
 
-    fn hide(&mut self, what: &(Subject, GatewayId)) {
-        self.shown_topics.remove(what);
-        self.shown.remove(what);
+    fn hide(&mut self, key: &(Subject, GatewayId)) {
+        self.remote_topics.remove(key);
+        self.interfaces.remove(key);
     }
 }

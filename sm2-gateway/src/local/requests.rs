@@ -1,4 +1,4 @@
-//! Requests of the domain's programs to servers that stand for remote ones.
+//! Requests of the domain's clients to servers that stand for remote ones.
 
 use std::{
     collections::BTreeMap,
@@ -17,15 +17,16 @@ use sm2_proto::{
 };
 use tokio::sync::oneshot;
 
+use super::error::LocalError;
 use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::{LocalEvent, RequestId},
 };
 
-/// How often it is asked whether the caller still waits.
-const LOOK: Duration = Duration::from_millis(50);
+/// Interval of the checks for cancelled requests and free request slots.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// The requests that wait for a reply.
+/// The requests without a reply.
 #[derive(Debug, Default)]
 pub(super) struct Requests {
     last: RequestId,
@@ -46,17 +47,16 @@ pub(super) fn server(
     name: &Name,
     request: &TypeId,
     reply: &TypeId,
-) -> Result<AsyncServer<[u8], [u8]>, String> {
+) -> Result<AsyncServer<[u8], [u8]>, LocalError> {
     let server: Server<[u8], [u8]> = node
         .server_builder(name.as_str())
         .type_ids(request.clone(), reply.clone())
         .max_borrowed(256)
-        .declare()
-        .map_err(|error| error.to_string())?;
-    server.into_async().map_err(|error| error.to_string())
+        .declare()?;
+    Ok(server.into_async()?)
 }
 
-/// Hands on each request, for as long as it is polled.
+/// Forwards each request to the hub, until the task is aborted.
 pub(super) async fn serve(
     server: AsyncServer<[u8], [u8]>,
     subject: Subject,
@@ -70,9 +70,9 @@ pub(super) async fn serve(
                 let (subject, requests) = (subject.clone(), Arc::clone(&requests));
                 tokio::spawn(forward(request, subject, origin, requests, hub.clone()));
             }
-            // As many as may be wait for a reply.
-            Err(RecvError::TooManyBorrowed { .. }) => tokio::time::sleep(LOOK).await,
-            Err(error) => tracing::warn!(name = %subject.name(), %error, "a request was not taken"),
+            // `max_borrowed` requests are in flight: retries until one has its reply.
+            Err(RecvError::TooManyBorrowed { .. }) => tokio::time::sleep(POLL_INTERVAL).await,
+            Err(error) => tracing::warn!(name = %subject.name(), %error, "cannot take a request"),
         }
     }
 }
@@ -96,7 +96,7 @@ async fn forward(
     let answer = loop {
         tokio::select! {
             answer = &mut answered => break answer.ok(),
-            () = tokio::time::sleep(LOOK) => if request.is_cancelled() {
+            () = tokio::time::sleep(POLL_INTERVAL) => if request.is_cancelled() {
                 lock(&requests).open.remove(&id);
                 let event = LocalEvent::Dropped { request: id };
                 let _ = hub.send(HubEvent::Local(event)).await;
@@ -111,11 +111,11 @@ async fn forward(
         Some((Outcome::DeadlinePassed, _)) => request.fail("the deadline passed at a gateway"),
         Some((Outcome::Cancelled, _)) => request.fail("cancelled at a gateway"),
         Some((Outcome::Unreachable, _)) | None => {
-            request.fail("unreachable: a gateway has no way to the server any more")
+            request.fail("unreachable: a gateway has no route to the server")
         }
     };
     if let Err(error) = done {
-        tracing::debug!(%error, "a reply was not wanted any more");
+        tracing::debug!(%error, "the caller did not wait for its reply");
     }
 }
 
@@ -125,9 +125,9 @@ pub(super) fn answer(
     outcome: Outcome,
     payload: Bytes,
 ) {
-    if let Some(waiting) = lock(requests).open.remove(&request) {
-        // Who does not wait any more needs none.
-        let _ = waiting.send((outcome, payload));
+    if let Some(caller) = lock(requests).open.remove(&request) {
+        // The receiver is gone if the caller has cancelled.
+        let _ = caller.send((outcome, payload));
     }
 }
 

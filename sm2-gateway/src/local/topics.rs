@@ -1,4 +1,4 @@
-//! Messages from the domain, and for it.
+//! Messages from the domain and for the domain.
 
 use std::time::Duration;
 
@@ -10,21 +10,22 @@ use sm2_node::{
 use sm2_proto::{Name, TypeId, gateway::Subject};
 use tokio::task::AbortHandle;
 
+use super::error::LocalError;
 use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::{LATCHED_MAX, LocalEvent},
     names::is_remote,
 };
 
-/// Shorter messages are copied: their slots are free again at once.
-const COPIED_BYTES: usize = 16 << 10;
-/// How many longer ones are held until they have arrived, or newer ones took their place.
-const HELD: u16 = 16;
-/// How many messages wait for the gateway, whatever its peers want: with another depth it would be
-/// another subscriber, and what is published meanwhile would be lost for all of them.
-const WAITING: u16 = 64;
-/// How many messages a publisher that stands for a remote one keeps for a slow subscriber.
-const DEPTH: u16 = 64;
+/// Messages up to this size are copied, which frees their slots at once.
+const COPY_MAX_BYTES: usize = 16 << 10;
+/// How many longer messages are borrowed until they are sent or superseded.
+const BORROWED: u16 = 16;
+/// Depth of subscriptions, whatever depth the peers want. Another depth would need another
+/// subscriber, and messages published in between would be lost for all peers.
+const DEPTH_IN: u16 = 64;
+/// Depth of publishers that stand for remote ones.
+const DEPTH_OUT: u16 = 64;
 
 /// A subscription, until it is dropped.
 #[derive(Debug)]
@@ -36,10 +37,10 @@ impl Drop for Subscription {
     }
 }
 
-/// Memory of the domain that nobody writes to as long as it is held.
-struct Held(Sample<[u8]>);
+/// A borrowed sample. Its slot is not written again before the sample is dropped.
+struct Borrowed(Sample<[u8]>);
 
-impl AsRef<[u8]> for Held {
+impl AsRef<[u8]> for Borrowed {
     fn as_ref(&self) -> &[u8] {
         &self.0
     }
@@ -51,31 +52,30 @@ pub(super) fn subscribe(
     name: &Name,
     data: &TypeId,
     hub: HubHandle,
-) -> Result<Subscription, String> {
+) -> Result<Subscription, LocalError> {
     let builder = node.subscriber_builder::<[u8]>(name.as_str());
     let subscriber: Subscriber<[u8]> = builder
         .type_id(data.clone())
-        .depth(WAITING)
-        .max_borrowed(HELD)
-        .declare()
-        .map_err(|error| error.to_string())?;
-    let subscriber = subscriber.into_async().map_err(|error| error.to_string())?;
+        .depth(DEPTH_IN)
+        .max_borrowed(BORROWED)
+        .declare()?;
+    let subscriber = subscriber.into_async()?;
     let task = tokio::spawn(take(subscriber, subject.clone(), hub));
     Ok(Subscription(task.abort_handle()))
 }
 
-/// Hands on what the domain's own publishers publish, without a copy.
+/// Forwards messages of the domain's own publishers to the hub; long ones without a copy.
 async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, hub: HubHandle) {
     loop {
         let sample = match subscriber.recv().await {
             Ok(sample) => sample,
-            // As many as may be are under way: the next ones are newer.
+            // All `BORROWED` samples are in flight; resumes with newer ones.
             Err(RecvError::TooManyBorrowed { .. }) => {
                 tokio::time::sleep(Duration::from_millis(1)).await;
                 continue;
             }
             Err(error) => {
-                tracing::warn!(name = %subject.name(), %error, "a message was not taken");
+                tracing::warn!(name = %subject.name(), %error, "cannot take a message");
                 continue;
             }
         };
@@ -83,10 +83,10 @@ async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, hub: HubHandl
             continue;
         }
         let published = sample.source_time();
-        // What is latched is kept for long.
-        let payload = match sample.len() <= COPIED_BYTES || subject.latched() > 0 {
+        // The hub keeps latched messages, so borrowing them would use up the slots.
+        let payload = match sample.len() <= COPY_MAX_BYTES || subject.latched() > 0 {
             true => Bytes::copy_from_slice(&sample),
-            false => Bytes::from_owner(Held(sample)),
+            false => Bytes::from_owner(Borrowed(sample)),
         };
         let event = LocalEvent::Message {
             subject: subject.clone(),
@@ -99,21 +99,21 @@ async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, hub: HubHandl
     }
 }
 
-/// A publisher that stands for remote ones.
+/// Declares a publisher that stands for remote ones.
 pub(super) fn publisher(
     node: &Node,
     name: &Name,
     data: &TypeId,
     reliable: bool,
     latched: u16,
-) -> Result<Publisher<[u8]>, String> {
+) -> Result<Publisher<[u8]>, LocalError> {
     let builder = node.publisher_builder::<[u8]>(name.as_str());
     let builder = builder
         .type_id(data.clone())
-        .depth(DEPTH)
+        .depth(DEPTH_OUT)
         .latched(latched.min(LATCHED_MAX))
         .reliable(reliable)
         // A subscriber without room misses the message: it must not delay what arrives here.
         .publish_timeout(Duration::ZERO);
-    builder.declare().map_err(|error| error.to_string())
+    Ok(builder.declare()?)
 }

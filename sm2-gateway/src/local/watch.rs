@@ -1,4 +1,4 @@
-//! What the domain has, and what it takes of what is shown.
+//! Follows the domain: its own publishers and servers, and its subscribers of remote topics.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,35 +19,37 @@ use sm2_proto::{
 use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::LocalEvent,
-    names::is_gateways,
+    names::is_of_gateway,
 };
 
-/// How long the end of a gateway may go unnoticed here.
-const LOOK: Duration = Duration::from_secs(1);
-/// Where there is no Manager, waiting for one takes no time.
-const PAUSE: Duration = Duration::from_millis(100);
+/// Interval at which the thread checks that the hub still runs.
+const STOP_CHECK_INTERVAL: Duration = Duration::from_secs(1);
+/// Pause after a wait that returned without changes, which happens at once without a Manager.
+const RETRY_DELAY: Duration = Duration::from_millis(100);
 
-/// The topics that are shown.
+/// The remote topics that have a publisher in the domain.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Shown(Arc<Mutex<Topics>>);
+pub(super) struct RemoteTopics(Arc<Mutex<Topics>>);
 
 #[derive(Debug, Default)]
 struct Topics {
-    /// Each with a number of its own: one that is hidden and shown again is another.
-    numbers: BTreeMap<(Subject, GatewayId), u64>,
+    /// The generation of each topic: a topic that is removed and inserted again has another one.
+    generations: BTreeMap<(Subject, GatewayId), u64>,
     last: u64,
 }
 
-impl Shown {
+impl RemoteTopics {
     pub(super) fn insert(&self, subject: &Subject, origin: GatewayId) {
         let mut topics = self.lock();
         topics.last += 1;
-        let number = topics.last;
-        topics.numbers.insert((subject.clone(), origin), number);
+        let generation = topics.last;
+        topics
+            .generations
+            .insert((subject.clone(), origin), generation);
     }
 
-    pub(super) fn remove(&self, what: &(Subject, GatewayId)) {
-        self.lock().numbers.remove(what);
+    pub(super) fn remove(&self, key: &(Subject, GatewayId)) {
+        self.lock().generations.remove(key);
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Topics> {
@@ -55,61 +57,62 @@ impl Shown {
     }
 }
 
-/// What is known of the domain.
+/// The part of the domain that concerns the gateway.
 #[derive(Debug, Default, PartialEq, Eq)]
-struct View {
+struct DomainState {
+    /// The topics and services with publishers or servers of the domain itself.
     present: BTreeSet<Subject>,
-    /// How many messages wait at most, and the number of what is shown: what is shown anew is not
-    /// taken until the hub hears so.
+    /// The greatest subscriber depth and the generation of each remote topic. The generation makes a
+    /// re-inserted topic a difference, which the hub must learn.
     taken: BTreeMap<(Subject, GatewayId), (u16, u64)>,
 }
 
-/// Follows the domain on a thread of its own, as long as somebody wants to know.
-pub(super) fn start(node: &Node, shown: Shown, hub: HubHandle) -> io::Result<()> {
+/// Follows the domain on a thread of its own until the hub task ends.
+pub(super) fn start(node: &Node, remote: RemoteTopics, hub: HubHandle) -> io::Result<()> {
     let mut watch = node.watch();
     let follow = move || {
-        let mut view = View::default();
+        let mut state = DomainState::default();
         while !hub.is_closed() {
-            match watch.wait_timeout(LOOK) {
-                Ok(changes) if changes.is_empty() => thread::sleep(PAUSE),
+            match watch.wait_timeout(STOP_CHECK_INTERVAL) {
+                Ok(changes) if changes.is_empty() => thread::sleep(RETRY_DELAY),
                 Ok(_) => {}
                 Err(error) => {
-                    tracing::warn!(%error, "cannot follow the domain");
-                    thread::sleep(PAUSE);
+                    tracing::warn!(%error, "cannot follow the domain; retries");
+                    thread::sleep(RETRY_DELAY);
                     continue;
                 }
             }
-            let now = View::of(watch.domain(), &shown.lock().numbers);
-            for event in view.difference(&now) {
+            let now = DomainState::of(watch.domain(), &remote.lock().generations);
+            for event in state.difference(&now) {
                 if hub.blocking_send(HubEvent::Local(event)).is_err() {
                     return;
                 }
             }
-            view = now;
+            state = now;
         }
     };
     let thread = thread::Builder::new().name("watch".to_owned());
     thread.spawn(follow).map(drop)
 }
 
-impl View {
-    fn of(domain: &Domain, shown: &BTreeMap<(Subject, GatewayId), u64>) -> Self {
-        let is_own = |it: &InterfaceView<'_>| {
+impl DomainState {
+    fn of(domain: &Domain, remote: &BTreeMap<(Subject, GatewayId), u64>) -> Self {
+        let is_of_domain = |it: &InterfaceView<'_>| {
             let node = domain.node(it.entity.node);
-            it.refused.is_none() && node.is_some_and(|node| !is_gateways(node.name))
+            it.refused.is_none() && node.is_some_and(|node| !is_of_gateway(node.name))
         };
         let contracts: Vec<&Contract> = (domain.interfaces())
-            .filter(is_own)
+            .filter(is_of_domain)
             .map(|it| it.contract)
             .collect();
-        let mut view = Self::default();
+        let mut state = Self::default();
         let mut topics = BTreeMap::new();
         for contract in &contracts {
             match contract {
                 Contract::Publisher { topic, data, offer } => {
                     let (reliable, latched) = topics.entry((topic, data)).or_insert((false, 0));
                     *reliable |= offer.reliable;
-                    // Each of the publishers keeps so many.
+                    // Each publisher keeps its own latched messages.
                     *latched = QOS_MAX.min(*latched + offer.latched);
                 }
                 Contract::Server {
@@ -118,7 +121,7 @@ impl View {
                     reply,
                     ..
                 } => {
-                    view.present.insert(Subject::Service {
+                    state.present.insert(Subject::Service {
                         name: service.clone(),
                         request: request.clone(),
                         reply: reply.clone(),
@@ -134,15 +137,15 @@ impl View {
             reliable,
             latched,
         };
-        view.present.extend(topics.map(topic));
-        for ((subject, origin), number) in shown {
+        state.present.extend(topics.map(topic));
+        for ((subject, origin), generation) in remote {
             let takes = |contract: &&Contract| depth(contract, subject);
             if let Some(depth) = contracts.iter().filter_map(takes).max() {
-                let taken = (depth, *number);
-                view.taken.insert((subject.clone(), *origin), taken);
+                let taken = (depth, *generation);
+                state.taken.insert((subject.clone(), *origin), taken);
             }
         }
-        view
+        state
     }
 
     fn difference(&self, now: &Self) -> Vec<LocalEvent> {
@@ -167,7 +170,7 @@ impl View {
     }
 }
 
-/// How many messages wait for this subscriber, if it takes that topic.
+/// The depth of a subscriber that matches the topic.
 fn depth(contract: &Contract, subject: &Subject) -> Option<u16> {
     match (contract, subject) {
         (
