@@ -1,9 +1,8 @@
-//! Where a peer may be, as configurations say it.
+//! Addresses of peers in configurations.
 
 use std::{fmt, net::SocketAddr, str::FromStr};
 
-/// An address with a port, or the name of a host with one, which is looked up at each attempt to
-/// connect.
+/// An address with a port, or a host name with a port, which is looked up at each attempt to connect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Address {
     /// `192.0.2.1:7633`, `[fe80::1%2]:7633`.
@@ -12,7 +11,7 @@ pub enum Address {
     Host(String),
 }
 
-/// Why a text is no [`Address`].
+/// The text is not an [`Address`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "is neither an address with a port, such as 192.0.2.1:7633 or [fe80::1%2]:7633, nor the name of a \
@@ -20,9 +19,9 @@ pub enum Address {
 )]
 pub struct AddressError;
 
-/// The longest name that the DNS has.
+/// Length limit of a DNS name.
 const HOST_MAX: usize = 253;
-/// The longest part of one.
+/// Length limit of a label of a DNS name.
 const LABEL_MAX: usize = 63;
 
 impl FromStr for Address {
@@ -50,7 +49,7 @@ fn is_host(text: &str) -> bool {
             && !it.starts_with('-')
             && !it.ends_with('-')
     };
-    // An address that is written wrongly is no name: no last label is a number.
+    // A numeric last label is a mistyped IPv4 address.
     let last = name.rsplit('.').next().unwrap_or(name);
     let is_number = last.bytes().all(|it| it.is_ascii_digit());
     name.len() <= HOST_MAX && name.split('.').all(is_label) && !is_number

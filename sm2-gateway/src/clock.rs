@@ -1,10 +1,10 @@
-//! One moment, as the machines and as QUIC count it.
+//! The time of the machines and of QUIC.
 
 use std::time;
 
 use sm2_proto::Instant;
 
-/// A moment.
+/// A point in time, in both representations.
 #[derive(Clone, Copy, Debug)]
 pub struct Now {
     /// For the machines.
@@ -13,18 +13,18 @@ pub struct Now {
     pub quic: time::Instant,
 }
 
-/// What belongs together of the two.
+/// Converts between both representations of time.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock(Now);
 
 impl Clock {
-    /// From one moment on.
+    /// A clock that starts at `start`.
     #[must_use]
     pub const fn new(start: Now) -> Self {
         Self(start)
     }
 
-    /// The clock of this machine.
+    /// The monotonic clock of the system.
     #[must_use]
     pub fn of_the_machine() -> Self {
         Self(Now {
@@ -33,7 +33,7 @@ impl Clock {
         })
     }
 
-    /// The same moment for both.
+    /// Converts a machine's time.
     #[must_use]
     pub fn at(&self, at: Instant) -> Now {
         let Now {
@@ -46,13 +46,13 @@ impl Clock {
         }
     }
 
-    /// The current moment of this machine.
+    /// The current time of the system.
     #[must_use]
     pub fn now(&self) -> Now {
         self.at(sm2_io::clock::now())
     }
 
-    /// What QUIC calls so, for the machines.
+    /// Converts a time of QUIC.
     #[must_use]
     pub fn of(&self, quic: time::Instant) -> Instant {
         let since = quic.saturating_duration_since(self.0.quic);

@@ -2,20 +2,22 @@
 //!
 //! | to do | see |
 //! | --- | --- |
-//! | run one in a program | [`Config`], [`Gateway`] |
-//! | make and read keys | [`keys`] |
-//! | ask those of a domain how they are | [`report`] |
-//! | ask whether a peer could give something | [`question`] |
-//! | compare rules with others | [`shadow`] |
-//! | count for Prometheus | `metrics`, with the feature of that name |
+//! | run a gateway in a program | [`Config`], [`Gateway`] |
+//! | generate and read keys | [`keys`] |
+//! | request reports from the gateways of a domain | [`report`] |
+//! | ask whether a peer offers a topic or service | [`availability`] |
+//! | compare rules with other rules | [`shadow`] |
+//! | export metrics to Prometheus | `metrics`, with the feature of that name |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
-//! | the same for all that is between domain and peers | [`hub`] |
-//! | try all that over a link that loses, delays and stands still | the unpublished crate `sm2-lossy-link` |
+//! | drive the routes and calls between domain and peers likewise | [`hub`] |
+//! | run gateways over a lossy link | the unpublished crate `sm2-lossy-link` |
 //!
-//! What is decided is decided by the machines of `sm2_proto::gateway`; [`peer`] and [`hub`] join them
-//! without I/O; `run` has the tasks, `local` the domain's nodes.
+//! From the bottom up: the machines of `sm2_proto::gateway` decide; [`peer`] and [`hub`] combine them
+//! without I/O; `channel` has the queues between tasks, `local` the nodes in the domain, `run` the tasks,
+//! and `program` the command line.
 
 mod address;
+pub mod availability;
 mod channel;
 pub mod clock;
 pub mod config;
@@ -29,7 +31,6 @@ mod names;
 pub mod peer;
 #[cfg(feature = "program")]
 pub mod program;
-pub mod question;
 pub mod report;
 mod run;
 pub mod shadow;

@@ -1,5 +1,5 @@
-//! How a gateway is, as it says itself: the answer of its service `gateway/NAME/status`, in JSON, to an
-//! empty request. Other requests are [questions](crate::question).
+//! Status reports: the answer of the service `gateway/NAME/status` to an empty request, in JSON. Other
+//! requests are [availability requests](crate::availability).
 //!
 //! Field names are part of the interface of `sm2 gateway peers --json` and `sm2 snapshot --json`.
 
@@ -24,28 +24,28 @@ use crate::{
     tally::Counts,
 };
 
-/// How long one is waited for before the next is looked at.
-const STEP: Duration = Duration::from_millis(10);
+/// Wait for one client before the next client is checked.
+const LINK_INTERVAL: Duration = Duration::from_millis(10);
 
-/// How a gateway is.
+/// The status of a gateway.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Report {
-    /// What people call it.
+    /// The name of the gateway.
     pub name: String,
-    /// Who it is.
+    /// The id of the gateway.
     pub id: String,
-    /// The peers that there is a connection with.
+    /// The connected peers.
     pub peers: Vec<PeerReport>,
-    /// Those that are trusted, and not connected.
+    /// The trusted peers without a connection.
     pub absent: Vec<String>,
-    /// What the rules in its shadow would change, if it has such.
+    /// What the shadow configuration would change, if there is one.
     pub shadow: Option<Vec<ShadowReport>>,
 }
 
-/// What other rules would change.
+/// A change that another configuration would make.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 pub struct ShadowReport {
-    /// What the configuration calls the peer.
+    /// The name of the peer.
     pub peer: String,
     /// `topic` or `service`.
     pub kind: String,
@@ -53,12 +53,12 @@ pub struct ShadowReport {
     pub name: String,
     /// `be offered`, `no longer be offered`, `come in`, `no longer come in`.
     pub would: String,
-    /// `line 12` of the other file, `no rule fits`, `no peer of the file`.
+    /// `line 12` of the other file, `no rule matches`, `not a peer of the file`.
     pub because: String,
 }
 
 impl ShadowReport {
-    /// `names`: of all peers; `config`: the other file.
+    /// `names` has the peers of both configurations; `config` is the other one.
     pub(crate) fn new(change: &Change, names: &BTreeMap<GatewayId, Name>, config: &Config) -> Self {
         let (kind, name) = &change.of;
         let peer = names.get(&change.peer);
@@ -73,12 +73,12 @@ impl ShadowReport {
                 Some(line) => format!("line {line}"),
                 None => format!("rule {rule}"),
             },
-            Because::NoRule => "no rule fits".to_owned(),
-            Because::NoPeer => "no peer of the file".to_owned(),
+            Because::NoRule => "no rule matches".to_owned(),
+            Because::NoPeer => "not a peer of the file".to_owned(),
         };
         Self {
             peer: peer.map_or_else(|| change.peer.to_string(), Name::to_string),
-            kind: word(*kind).to_owned(),
+            kind: kind_name(*kind).to_owned(),
             name: name.to_string(),
             would: would.to_owned(),
             because,
@@ -99,78 +99,78 @@ impl fmt::Display for ShadowReport {
     }
 }
 
-/// A peer that there is a connection with.
+/// A connected peer.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct PeerReport {
-    /// What the configuration calls it.
+    /// Its name in the configuration.
     pub name: String,
-    /// Who it is.
+    /// Its id.
     pub id: String,
-    /// Where it is; none, here and below: the connection had no time to say.
+    /// Its address; `None`, as below, if the connection did not report in time.
     pub address: Option<String>,
-    /// The time that it takes there and back, in milliseconds.
+    /// The round-trip time in milliseconds.
     pub rtt_ms: Option<f64>,
-    /// What it offers.
+    /// The topics and services that it offers.
     pub offers: Vec<String>,
-    /// What it was offered.
+    /// The topics and services that it is offered.
     pub offered: Vec<String>,
-    /// Messages, requests and replies, since there is this connection.
+    /// Counts of messages, requests and replies since the start of the connection.
     pub messages: Counts,
-    /// Of these, what is known to be of a topic or a service.
+    /// The counts of each topic and service.
     pub subjects: Vec<SubjectReport>,
-    /// How many topics and services the rules deny now: those of the domain that are not offered to
-    /// the peer, and those that it offers and that are not taken.
+    /// The number of denied topics and services: those of the domain that the rules do not let out to
+    /// the peer, and those of the peer that the rules do not let in.
     pub denied: u64,
-    /// Which.
+    /// The denied topics and services.
     pub denials: Vec<DenialReport>,
 }
 
-/// What became of the messages of a topic, or of the requests and replies of a service.
+/// The counts of a topic or service.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct SubjectReport {
     /// `topic` or `service`.
     pub kind: String,
     /// Its name.
     pub name: String,
-    /// In both directions.
+    /// The counts of both directions.
     #[serde(flatten)]
     pub counts: Counts,
 }
 
-/// What the rules deny.
+/// A denied topic or service.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct DenialReport {
     /// `topic` or `service`.
     pub kind: String,
     /// Its name.
     pub name: String,
-    /// `out`: from the domain to the peer; `in`: the other way.
+    /// `out`: from the domain to the peer; `in`: from the peer to the domain.
     pub direction: String,
-    /// Where the rule stands that says so; none: no rule fits.
+    /// The line of the rule; `None` if no rule matches.
     pub line: Option<usize>,
 }
 
-/// Why a gateway does not say how it is.
+/// Why a status request failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// The domain does not let it be asked.
+    /// The Manager refuses the client.
     #[error(transparent)]
     Declare(#[from] DeclareError),
-    /// It does not answer.
+    /// The gateway does not answer.
     #[error(transparent)]
     Call(#[from] CallError),
-    /// It answers with something else.
-    #[error("{gateway} answers with what is no report: {source}")]
-    NoReport {
-        /// Which.
+    /// The answer cannot be decoded.
+    #[error("cannot decode the answer of {gateway}: {source}; it may be of another version")]
+    Decode {
+        /// The status service.
         gateway: Name,
-        /// What is wrong with it.
+        /// The error of the decoder.
         source: serde_json::Error,
     },
 }
 
-/// The status services of a domain's gateways.
+/// The status services of the gateways of a domain.
 #[must_use]
 pub fn gateways(domain: &Domain) -> BTreeSet<Name> {
     let services = domain.interfaces().filter_map(|it| match it.contract {
@@ -186,44 +186,44 @@ fn is_status(service: &Name) -> bool {
     gateway.is_some_and(|it| status_service(&it).as_ref() == Ok(service))
 }
 
-/// Asks gateways by the names of their services, all at the same time: they have so long to answer.
+/// Requests reports from the status services of gateways, at the same time.
 pub fn ask(
     node: &Node,
     services: BTreeSet<Name>,
-    patience: Duration,
+    timeout: Duration,
 ) -> Vec<(Name, Result<Report, ReportError>)> {
-    call(node, services, &[], patience)
+    call(node, services, &[], timeout)
 }
 
-/// The same with any question: an empty one is about the report.
+/// Sends the same request to several status services and collects the answers.
 pub(crate) fn call<T: DeserializeOwned>(
     node: &Node,
     services: BTreeSet<Name>,
-    question: &[u8],
-    patience: Duration,
+    request: &[u8],
+    timeout: Duration,
 ) -> Vec<(Name, Result<T, ReportError>)> {
-    let until = Instant::now() + patience;
+    let deadline = Instant::now() + timeout;
     let clients = services.into_iter().map(|service| {
         let client = node.client::<[u8], [u8]>(service.as_str());
         (service, client)
     });
-    let clients: Vec<(Name, Result<Raw, DeclareError>)> = clients.collect();
-    link(&clients, until - patience / 2);
+    let clients: Vec<(Name, Result<RawClient, DeclareError>)> = clients.collect();
+    link(&clients, deadline - timeout / 2);
     let calls = clients.into_iter().map(|(service, client)| {
-        let left = until.saturating_duration_since(Instant::now());
+        let left = deadline.saturating_duration_since(Instant::now());
         let call = client.map_err(ReportError::from).and_then(|client| {
-            let call = client.send_timeout(question, left)?;
-            // The client stays as long as its call.
+            let call = client.send_timeout(request, left)?;
+            // Dropping the client would cancel its call.
             Ok((client, call))
         });
         (service, call)
     });
-    // Each call sets out before the first one is waited for.
+    // Sends every request before it waits for the first reply.
     let calls: Vec<_> = calls.collect();
     let answers = calls.into_iter().map(|(service, call)| {
         let report = call.and_then(|(_client, call)| {
             let bytes = call.wait()?;
-            serde_json::from_slice(&bytes).map_err(|source| ReportError::NoReport {
+            serde_json::from_slice(&bytes).map_err(|source| ReportError::Decode {
                 gateway: service.clone(),
                 source,
             })
@@ -233,26 +233,26 @@ pub(crate) fn call<T: DeserializeOwned>(
     answers.collect()
 }
 
-type Raw = Client<[u8], [u8]>;
+type RawClient = Client<[u8], [u8]>;
 
-/// Waits until each has its server: whether it has one the call says.
-fn link(clients: &[(Name, Result<Raw, DeclareError>)], until: Instant) {
-    let mut clients: Vec<&Raw> = clients
+/// Waits until each client has a link to its server. Calls without one fail later.
+fn link(clients: &[(Name, Result<RawClient, DeclareError>)], deadline: Instant) {
+    let mut clients: Vec<&RawClient> = clients
         .iter()
         .filter_map(|(_, it)| it.as_ref().ok())
         .collect();
-    while !clients.is_empty() && Instant::now() < until {
-        // One that is stuck does not use up the time of the others.
-        clients.retain(|it| it.wait_for_servers_timeout(1, STEP).is_err());
+    while !clients.is_empty() && Instant::now() < deadline {
+        // Short waits in turn, so that one gateway without a link does not delay the others.
+        clients.retain(|it| it.wait_for_servers_timeout(1, LINK_INTERVAL).is_err());
     }
 }
 
-/// What a subject is called in reports.
-pub(crate) fn label(subject: &Subject) -> String {
-    format!("{} {}", word(subject.kind()), subject.name())
+/// The kind and name of a subject, as reports show them.
+pub(crate) fn subject_label(subject: &Subject) -> String {
+    format!("{} {}", kind_name(subject.kind()), subject.name())
 }
 
-pub(crate) const fn word(kind: SubjectKind) -> &'static str {
+pub(crate) const fn kind_name(kind: SubjectKind) -> &'static str {
     match kind {
         SubjectKind::Topic => "topic",
         SubjectKind::Service => "service",

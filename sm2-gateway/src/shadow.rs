@@ -1,4 +1,4 @@
-//! What another set of rules would change: decided by the rules alone, of what is there.
+//! The differences between two sets of rules, for given topics and services.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,16 +6,16 @@ use sm2_proto::gateway::{Action, Direction, GatewayId, Rules};
 
 use crate::tally::Key;
 
-/// Rules, and the peers that they are for: others are not trusted.
+/// Rules, and the peers that they apply to.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RuleSet {
     /// The rules.
     pub rules: Rules,
-    /// Who is trusted.
+    /// The trusted peers.
     pub peers: BTreeSet<GatewayId>,
 }
 
-/// The topics and services that are there, by kind and name.
+/// The known topics and services, by kind and name.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
     /// In the domain.
@@ -24,36 +24,36 @@ pub struct Seen {
     pub offers: BTreeMap<GatewayId, BTreeSet<Key>>,
 }
 
-/// What would not be as it is.
+/// A topic or service that would start or stop to be carried.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Change {
-    /// To whom, or from whom.
+    /// The peer.
     pub peer: GatewayId,
-    /// Which of both.
+    /// From or to the peer.
     pub direction: Direction,
-    /// What.
+    /// The topic or service.
     pub of: Key,
-    /// Whether it would go; otherwise it goes now.
+    /// True if it would start to be carried, false if it would stop.
     pub would_go: bool,
-    /// What says so in the other rules.
+    /// The reason in the other rules.
     pub because: Because,
 }
 
-/// What decides.
+/// The reason of a decision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Because {
-    /// The rule of this index.
+    /// The rule with this index.
     Rule(usize),
-    /// No rule fits: the answer is no.
+    /// No rule matches, so the name is denied.
     NoRule,
     /// The peer is not trusted.
     NoPeer,
 }
 
-/// All that would change if `then` were in the place of `now`, in a fixed order.
+/// The differences if `then` replaced `now`, in a fixed order.
 ///
-/// What the domain has goes out if the rules let it; what one peer offers comes in from it, and goes out
-/// to each other one that may have it.
+/// A subject of the domain goes out to each peer that the rules allow. A subject of a peer comes in from
+/// that peer, and goes out to each other peer that the rules allow.
 #[must_use]
 pub fn changes(now: &RuleSet, then: &RuleSet, seen: &Seen) -> Vec<Change> {
     let mut changes = Vec::new();
@@ -93,7 +93,7 @@ impl RuleSet {
         (decision.action == Action::Allow, because)
     }
 
-    /// It has to be there: from the domain, or from another peer that it may come in from.
+    /// A subject goes out only if the domain has it, or if it may come in from another peer.
     fn goes_out(&self, of: &Key, peer: GatewayId, seen: &Seen) -> (bool, Because) {
         let out = self.decide(of, Direction::Out, peer);
         if !out.0 || seen.local.contains(of) {
@@ -102,7 +102,7 @@ impl RuleSet {
         let others = seen.offers.iter().filter(|(it, _)| **it != peer);
         let has = others.filter(|(_, offers)| offers.contains(of));
         let mut comes = has.map(|(it, _)| self.decide(of, Direction::In, *it));
-        // Without one that may come in, the first one that may not says why.
+        // If it may come in from none of them, the decision about the first one is the reason.
         let Some(first) = comes.next() else {
             return (false, Because::NoRule);
         };

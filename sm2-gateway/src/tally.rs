@@ -1,7 +1,7 @@
-//! What is counted of the messages and calls of a connection: in all, and of each topic and service.
+//! Counts of the messages and calls of a connection: in total, and for each topic and service.
 //!
-//! A connection and the hub each count what they see; a report adds up what both have. What a name has counted stays when its offer goes and
-//! comes again, so that counters of a connection only grow.
+//! A connection and the hub each count what they see; a report adds both up. A name keeps its counts
+//! when its offer is withdrawn and offered again, so that the counters of a connection only grow.
 
 use std::{collections::BTreeMap, ops::AddAssign};
 
@@ -11,36 +11,35 @@ use sm2_proto::{
     limits::OFFERS_MAX,
 };
 
-/// So many names are remembered, at least those that are offered: twice as many as both sides may
-/// offer at a time.
+/// Limit of names without an offer: twice as many as both sides may offer at a time.
 const NAMES_MAX: usize = 4 * OFFERS_MAX;
 
-/// What became of messages; of a service, of requests and replies.
+/// Counts of messages; for a service, of requests and replies.
 ///
-/// Of what is for the peer, each one counted in `offered` ends up in one of `sent`, `superseded`,
-/// `expired` and `withdrawn`, or waits. What is in `lost` never got as far.
+/// Each message for the peer that is counted in `offered` is later counted in one of `sent`,
+/// `superseded`, `expired` and `withdrawn`, or is still queued. A message counted in `lost` is not
+/// counted in `offered`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 pub struct Counts {
-    /// For the peer: given to its schedule, since the peer wants it.
+    /// For the peer: given to the scheduler, since the peer wants the topic.
     pub offered: u64,
-    /// Of these: wholly handed to QUIC.
+    /// Of these: completely written to QUIC.
     pub sent: u64,
-    /// Of these: dropped by the schedule, since newer ones took their place.
+    /// Of these: dropped by the scheduler in favour of newer ones.
     pub superseded: u64,
-    /// Of these: dropped by the schedule, since they were too old before their turn came.
+    /// Of these: dropped by the scheduler because they exceeded their maximum age.
     pub expired: u64,
-    /// Of these: nobody wanted them any more.
+    /// Of these: dropped because the peer no longer wants the topic.
     pub withdrawn: u64,
-    /// From the peer: came, whole.
+    /// From the peer: received completely.
     pub received: u64,
-    /// From the peer: not taken, since they were too long, too many at a time, or stuck.
+    /// From the peer: refused, since they were too long, too many at a time, or stuck.
     pub refused: u64,
-    /// Found no room in this gateway's own queues, on their way to the peer's connection or from it
-    /// into the domain.
+    /// Dropped because a queue of this gateway was full: the queue of the peer's connection or the
+    /// queue of the domain's side.
     pub lost: u64,
-    /// From the peer: numbers of the origin that were left out, while the topic was wanted. They were
-    /// superseded or expired on the way, overtaken by a newer one, or lost elsewhere: from
-    /// here these look alike.
+    /// From the peer: gaps in the numbers of the origin while the topic was wanted. This gateway cannot
+    /// tell whether the missing messages were superseded, expired, overtaken or lost.
     pub skipped: u64,
 }
 
@@ -65,7 +64,7 @@ impl AddAssign for Counts {
         self.received += received;
         self.refused += refused;
         self.lost += lost;
-        // A peer can number its messages as it likes.
+        // Saturates, since the peer chooses the numbers.
         self.skipped = self.skipped.saturating_add(skipped);
     }
 }
@@ -80,7 +79,7 @@ pub(crate) enum Whose {
 /// A topic or a service by its name, whatever its types.
 pub(crate) type Key = (SubjectKind, Name);
 
-/// The counts of a connection.
+/// The counters of a connection.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tally {
     total: Counts,
@@ -91,12 +90,12 @@ pub(crate) struct Tally {
 #[derive(Clone, Copy, Debug, Default)]
 struct Named {
     counts: Counts,
-    /// How many offers it has.
+    /// The number of its current offers.
     offers: usize,
 }
 
 impl Tally {
-    /// There is an offer: what is counted of it is counted of its name.
+    /// Starts to count an offer under its name.
     pub(crate) fn open(&mut self, offer: Whose, subject: &Subject) {
         let key = (subject.kind(), subject.name().clone());
         if self.names.len() >= NAMES_MAX && !self.names.contains_key(&key) {
@@ -107,13 +106,13 @@ impl Tally {
         self.is_closed(before);
     }
 
-    /// The offer is gone; its name keeps what it has counted.
+    /// The offer is withdrawn. Its name keeps its counts.
     pub(crate) fn close(&mut self, offer: Whose) {
         let gone = self.offers.remove(&offer);
         self.is_closed(gone);
     }
 
-    /// Counts something of an offer. If it is none, it counts in all only.
+    /// Counts an event of an offer. An unknown offer counts only in the total.
     pub(crate) fn count(&mut self, offer: Whose, what: impl Fn(&mut Counts)) {
         what(&mut self.total);
         let key = self.offers.get(&offer);
@@ -126,7 +125,7 @@ impl Tally {
         self.total
     }
 
-    /// The names that something was counted of, or that are offered.
+    /// The names that have counts or a current offer.
     pub(crate) fn names(&self) -> impl Iterator<Item = (&Key, Counts)> {
         let is_of_use = |(_, it): &(&Key, &Named)| it.offers > 0 || it.counts != Counts::default();
         let names = self.names.iter().filter(is_of_use);

@@ -107,7 +107,7 @@ fn two_domains_as_the_readme_says() {
         &far,
         "secret/chatter",
         "near",
-        (1, "denied by the peer's rules"),
+        (1, "denied by the rules of the peer"),
     );
     asks(&far, "silence", &near.id, (1, "absent"));
     asks(&far, "chatter", "nobody", (1, "no such peer"));
@@ -167,7 +167,7 @@ fn snapshots_show_gateways(near: &Side) {
     let file = near.domain.path("second.toml");
     fs::write(&file, second).unwrap();
     let stuck = Running::start(sm2(&["gateway", "run"]).arg(&file));
-    stuck.await_stderr("the gateway is there");
+    stuck.await_stderr("gateway started");
     stuck.signal(Signal::SIGSTOP);
     let snapshot = near.domain.json(&["snapshot"]);
     stuck.signal(Signal::SIGCONT);
@@ -215,7 +215,7 @@ fn explain_names_the_rule() {
     );
     let unknown = explain("camera", "nobody");
     assert!(
-        unknown.stderr().contains("no peer nobody: it knows far"),
+        unknown.stderr().contains("no peer nobody; its peers: far"),
         "{unknown:?}"
     );
 }
@@ -237,7 +237,7 @@ fn what_is_wrong_is_one_line_and_starts_nothing() {
     say(
         "127.0.0.1:0",
         "here",
-        "wrong.toml:2: `here` is no address with a port",
+        "wrong.toml:2: `here` is not an address with a port",
     );
     say(
         "127.0.0.1:0",
@@ -255,7 +255,7 @@ fn what_is_wrong_is_one_line_and_starts_nothing() {
     let run = side.gateway("run", &["--metrics", &taken]).finish();
     let said = run.stderr();
     assert_eq!((run.code(), said.lines().count()), (1, 1), "{said}");
-    let expected = format!("cannot answer for metrics at {taken}: ");
+    let expected = format!("cannot serve metrics at {taken}: ");
     assert!(said.contains(&expected), "{said}");
     let key = side.domain.path("gateway.key");
     fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
@@ -323,7 +323,7 @@ fn a_shadow_says_what_other_rules_would_change_and_reloads() {
     let (_first, _) = talker(&near.domain, "camera");
     let shadow_name = shadow.to_str().unwrap();
     let running = near.gateway("run", &["--shadow", shadow_name]);
-    let no_longer = "far: topic camera would no longer be offered (no rule fits)";
+    let no_longer = "far: topic camera would no longer be offered (no rule matches)";
     running.await_stderr(no_longer);
     let check = near.gateway("check", &["--shadow", shadow_name]).finish();
     assert!(check.stdout().contains(no_longer), "{check:?}");
@@ -348,10 +348,10 @@ fn a_shadow_says_what_other_rules_would_change_and_reloads() {
     let other = rules.replace("127.0.0.1", "127.0.0.2") + "\n";
     fs::write(&file, other.replace("key =", "discovery = [\"lo\"]\nkey =")).unwrap();
     running.signal(Signal::SIGHUP);
-    running.await_stderr("the shadow stays as it was");
+    running.await_stderr("cannot reload the shadow configuration");
     let stderr = running.stderr();
     for key in ["`listen`", "`discovery`"] {
-        let warning = format!("{key} is another one now: restart to use it");
+        let warning = format!("{key} has changed: restart to use it");
         assert!(stderr.contains(&warning), "{stderr}");
     }
     assert_eq!(stderr.matches("restart to use it").count(), 2, "{stderr}");

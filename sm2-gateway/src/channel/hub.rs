@@ -10,9 +10,9 @@ use tokio::sync::{mpsc, oneshot};
 
 use super::connection::PeerHandle;
 use crate::{
+    availability::AvailabilityRequest,
     hub::{LocalEvent, Policy},
     peer::{ConnectionId, Event},
-    question::Question,
     report::Report,
     shadow::{RuleSet, Seen},
 };
@@ -45,7 +45,7 @@ pub(crate) enum HubEvent {
     Report(oneshot::Sender<Report>),
     /// Requests that a peer is asked for a topic or service.
     AskPeer {
-        question: Question,
+        request: AvailabilityRequest,
         answer: oneshot::Sender<PeerLookup>,
     },
     /// Requests a snapshot of rules and subjects, unless revision `known` is still current.
@@ -66,7 +66,7 @@ pub(crate) struct ConfigLabels {
     pub(crate) rule_lines: Vec<usize>,
 }
 
-/// The peer of a question, looked up.
+/// The result of the lookup of a peer to ask.
 #[derive(Debug)]
 pub(crate) enum PeerLookup {
     /// No trusted peer has this name or id.
@@ -130,8 +130,11 @@ impl HubHandle {
     }
 
     /// Asks a peer for a topic or service.
-    pub(crate) async fn ask_peer(&self, question: Question) -> Result<PeerLookup, HubStopped> {
-        self.request(|answer| HubEvent::AskPeer { question, answer })
+    pub(crate) async fn ask_peer(
+        &self,
+        request: AvailabilityRequest,
+    ) -> Result<PeerLookup, HubStopped> {
+        self.request(|answer| HubEvent::AskPeer { request, answer })
             .await
     }
 

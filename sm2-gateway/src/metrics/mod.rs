@@ -1,21 +1,20 @@
-//! What a gateway counts, for Prometheus: `GET /metrics` over HTTP, in the OpenMetrics text format.
+//! Metrics of a gateway for Prometheus: `GET /metrics` over HTTP, in the OpenMetrics text format.
 //!
 //! | metric | labels | |
 //! | --- | --- | --- |
-//! | `sm2_gateway_peer_connected` | `peer` | 1 or 0, for each peer that is trusted |
-//! | `sm2_gateway_peer_rtt_seconds` | `peer` | the time that it takes there and back |
-//! | `sm2_gateway_peer_denied` | `peer` | how many names the rules deny now |
-//! | `sm2_gateway_peer_COUNT_total` | `peer` | of all messages, requests and replies |
-//! | `sm2_gateway_COUNT_total` | `peer`, `kind`, `name` | of those of a topic or a service |
+//! | `sm2_gateway_peer_connected` | `peer` | 1 or 0 for each trusted peer |
+//! | `sm2_gateway_peer_rtt_seconds` | `peer` | round-trip time |
+//! | `sm2_gateway_peer_denied` | `peer` | number of denied names |
+//! | `sm2_gateway_peer_COUNT_total` | `peer` | messages, requests and replies in total |
+//! | `sm2_gateway_COUNT_total` | `peer`, `kind`, `name` | the same for one topic or service |
 //!
-//! `COUNT` is each field of [`Counts`](crate::Counts). All of them are of the current connection: they
-//! start again with the next one, as Prometheus expects of counters. A name that nothing was counted of
-//! is left out, so that no peer can fill a database by offering names.
+//! `COUNT` is each field of [`Counts`](crate::Counts). Counters belong to the
+//! current connection and start at zero with the next one, as Prometheus expects of counters. Names
+//! without counts are left out, so that no peer can fill a database by offering names.
 //!
-//! There is no TLS, and whoever connects may read: the names of topics among other things. So listen at
-//! a loopback address. A scraper that is slow or hostile harms nothing: there are 8
-//! connections at a time with 5 s each, of the hub no more is asked than 10 times in a second, and what is
-//! sent to all of them is in memory once.
+//! There is no TLS and no authentication: every client can read the names of topics. So listen at a
+//! loopback address. The cost of slow or hostile scrapers is bounded: 8 connections at a time with 5 s
+//! each, 10 reports of the hub per second, and one copy of the text in memory.
 
 mod text;
 
@@ -43,41 +42,41 @@ use tokio::{
 
 use crate::channel::hub::HubHandle;
 
-/// How many connections there are at a time: others wait to be accepted.
+/// Limit of concurrent connections; further ones wait to be accepted.
 const CONNECTIONS: usize = 8;
-/// How long one may take, from its first byte to the last one of the answer.
-const LONGEST: Duration = Duration::from_secs(5);
-/// How long its request may take.
-const REQUEST: Duration = Duration::from_secs(2);
-/// The longest head of a request.
+/// Timeout of a connection.
+const CONNECTION_TIMEOUT: Duration = Duration::from_secs(5);
+/// Timeout of the head of a request.
+const HEAD_TIMEOUT: Duration = Duration::from_secs(2);
+/// Size limit of the head of a request.
 const HEAD_BYTES: usize = 8 << 10;
-/// How long the gateway may take to say how it is.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// An answer is given again for so long.
-const FRESH: Duration = Duration::from_millis(100);
-/// How long to wait where the system has no descriptors.
-const PAUSE: Duration = Duration::from_millis(100);
+/// Timeout of a report.
+const REPORT_TIMEOUT: Duration = Duration::from_secs(2);
+/// How long a text is reused.
+const CACHE_TIME: Duration = Duration::from_millis(100);
+/// Pause after an error of `accept`, such as a lack of descriptors.
+const RETRY_DELAY: Duration = Duration::from_millis(100);
 
 const OPEN_METRICS: HeaderValue =
     HeaderValue::from_static("application/openmetrics-text; version=1.0.0; charset=utf-8");
 
-/// What all connections share.
+/// State that all connections share.
 #[derive(Debug)]
 struct Source {
     hub: HubHandle,
-    /// The last answer, and when it was made.
+    /// The last text and its time.
     last: Mutex<Option<(Instant, Bytes)>>,
 }
 
-/// Answers for as long as there is a hub.
+/// Accepts connections until the hub task ends.
 pub(crate) async fn serve(listener: TcpListener, hub: HubHandle) {
-    let places = Arc::new(Semaphore::new(CONNECTIONS));
+    let permits = Arc::new(Semaphore::new(CONNECTIONS));
     let source = Arc::new(Source {
         hub: hub.clone(),
         last: Mutex::default(),
     });
     loop {
-        let Ok(place) = Arc::clone(&places).acquire_owned().await else {
+        let Ok(permit) = Arc::clone(&permits).acquire_owned().await else {
             return;
         };
         let accepted = tokio::select! {
@@ -88,20 +87,20 @@ pub(crate) async fn serve(listener: TcpListener, hub: HubHandle) {
             Ok((stream, _)) => {
                 let source = Arc::clone(&source);
                 tokio::spawn(async move {
-                    // One that takes longer has its answer, or needs none.
-                    let _ = timeout(LONGEST, answer(stream, source)).await;
-                    drop(place);
+                    // A connection that exceeds the timeout is closed.
+                    let _ = timeout(CONNECTION_TIMEOUT, answer(stream, source)).await;
+                    drop(permit);
                 });
             }
             Err(error) => {
-                tracing::debug!(%error, "a connection for metrics was not accepted");
-                tokio::time::sleep(PAUSE).await;
+                tracing::debug!(%error, "cannot accept a connection for metrics");
+                tokio::time::sleep(RETRY_DELAY).await;
             }
         }
     }
 }
 
-/// One connection: one request, and its answer.
+/// Serves one request.
 async fn answer(stream: TcpStream, source: Arc<Source>) {
     let service = service_fn(|request| {
         let source = Arc::clone(&source);
@@ -109,7 +108,7 @@ async fn answer(stream: TcpStream, source: Arc<Source>) {
     });
     let served = http1::Builder::new()
         .timer(TokioTimer::new())
-        .header_read_timeout(REQUEST)
+        .header_read_timeout(HEAD_TIMEOUT)
         .max_buf_size(HEAD_BYTES)
         .keep_alive(false)
         .serve_connection(TokioIo::new(stream), service)
@@ -122,10 +121,13 @@ async fn answer(stream: TcpStream, source: Arc<Source>) {
 impl Source {
     async fn respond(&self, request: &Request<Incoming>) -> Response<Full<Bytes>> {
         if request.uri().path() != "/metrics" {
-            return plain(StatusCode::NOT_FOUND, "there is only /metrics\n");
+            return plain(
+                StatusCode::NOT_FOUND,
+                "not found: the only path is /metrics\n",
+            );
         }
         if !matches!(*request.method(), Method::GET | Method::HEAD) {
-            let mut response = plain(StatusCode::METHOD_NOT_ALLOWED, "GET it\n");
+            let mut response = plain(StatusCode::METHOD_NOT_ALLOWED, "use GET\n");
             let allow = HeaderValue::from_static("GET, HEAD");
             response.headers_mut().insert(ALLOW, allow);
             return response;
@@ -143,15 +145,18 @@ impl Source {
         }
     }
 
-    /// Whoever comes while it is made waits for it, and has the same.
+    /// The metrics as text. Concurrent requests wait for the same text.
     async fn text(&self) -> Option<Bytes> {
         let mut last = self.last.lock().await;
         if let Some((at, text)) = &*last
-            && at.elapsed() < FRESH
+            && at.elapsed() < CACHE_TIME
         {
             return Some(text.clone());
         }
-        let report = timeout(PATIENCE, self.hub.report()).await.ok()?.ok()?;
+        let report = timeout(REPORT_TIMEOUT, self.hub.report())
+            .await
+            .ok()?
+            .ok()?;
         let text = Bytes::from(text::text(&report).ok()?);
         *last = Some((Instant::now(), text.clone()));
         Some(text)

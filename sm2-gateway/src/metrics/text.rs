@@ -1,4 +1,4 @@
-//! A report as metrics.
+//! The OpenMetrics text of a report.
 
 use std::{fmt, sync::atomic::AtomicU64};
 
@@ -13,22 +13,36 @@ use crate::{Counts, Report};
 type Labels = Vec<(&'static str, String)>;
 type Counters = Family<Labels, Counter>;
 
-/// What a count is called, what it is of, and which one it is.
+/// The name of a count, its help, and its field.
 type Count = (&'static str, &'static str, fn(&Counts) -> u64);
 
 const COUNTS: [Count; 9] = [
-    ("offered", "given to the schedule", |it| it.offered),
+    ("offered", "given to the scheduler", |it| it.offered),
     ("sent", "wholly handed to QUIC", |it| it.sent),
-    ("superseded", "dropped for newer ones", |it| it.superseded),
-    ("expired", "dropped, too old", |it| it.expired),
-    ("withdrawn", "not wanted any more", |it| it.withdrawn),
-    ("received", "came whole", |it| it.received),
-    ("refused", "came and not taken", |it| it.refused),
-    ("lost", "without room in this gateway", |it| it.lost),
-    ("skipped", "left out on the way here", |it| it.skipped),
+    (
+        "superseded",
+        "dropped by the scheduler for newer ones",
+        |it| it.superseded,
+    ),
+    ("expired", "dropped by the scheduler as too old", |it| {
+        it.expired
+    }),
+    ("withdrawn", "dropped because no longer wanted", |it| {
+        it.withdrawn
+    }),
+    ("received", "received completely", |it| it.received),
+    ("refused", "refused on arrival", |it| it.refused),
+    (
+        "lost",
+        "dropped because a queue of this gateway was full",
+        |it| it.lost,
+    ),
+    ("skipped", "missing between the origin and here", |it| {
+        it.skipped
+    }),
 ];
 
-/// In the OpenMetrics text format.
+/// Encodes a report in the OpenMetrics text format.
 pub(super) fn text(report: &Report) -> Result<String, fmt::Error> {
     let gateway = ("gateway".into(), report.name.clone().into());
     let mut registry = Registry::with_labels([gateway].into_iter());
@@ -60,7 +74,7 @@ fn peers(report: &Report, registry: &mut Registry) {
     registry.register("peer_connected", help, connected);
     let help = "Topics and services that the rules deny";
     registry.register("peer_denied", help, denied);
-    let help = "The time that it takes there and back";
+    let help = "Round-trip time";
     registry.register_with_unit("peer_rtt", help, Unit::Seconds, rtt);
 }
 

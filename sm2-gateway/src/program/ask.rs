@@ -11,12 +11,12 @@ use super::{
     output::write_line,
 };
 use crate::{
-    question::{self, Availability, Question},
+    availability::{self, Availability, AvailabilityRequest},
     report,
 };
 
-/// How long gateways, and through them the peer, may take to answer.
-const PATIENCE: Duration = Duration::from_secs(3);
+/// Timeout of the gateways, including the answer of the peer.
+const TIMEOUT: Duration = Duration::from_secs(3);
 
 /// `sm2 gateway ask`.
 #[derive(Args, Debug)]
@@ -27,14 +27,14 @@ pub struct Arguments {
     /// The peer, by its name or its id
     #[arg(long, value_name = "PEER")]
     peer: String,
-    /// What the name is of
+    /// The kind of the name
     #[arg(long, value_enum, default_value_t = Kind::Topic)]
     kind: Kind,
     #[command(flatten)]
     domain: Domain,
 }
 
-/// Whether a gateway of the domain is offered it.
+/// Prints the answers. True if the peer offers it to a gateway of the domain.
 pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, ProgramError> {
     let name = format!("sm2-gateway-ask-{}", std::process::id());
     let node = arguments.domain.location().connect(&name)?;
@@ -42,20 +42,20 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
     if services.is_empty() {
         return Err(ProgramError::NoGateway);
     }
-    let question = Question {
+    let request = AvailabilityRequest {
         peer: arguments.peer.clone(),
         kind: arguments.kind.into(),
         name: arguments.name.clone(),
     };
     let mut is_offered = false;
-    let (mut answers, mut silent) = (Vec::new(), None);
-    for (_, answer) in question::ask(&node, services, &question, PATIENCE) {
+    let (mut answers, mut failed) = (Vec::new(), None);
+    for (_, answer) in availability::ask(&node, services, &request, TIMEOUT) {
         match answer {
             Ok(answer) => answers.push(answer),
-            Err(error) => silent = Some(error),
+            Err(error) => failed = Some(error),
         }
     }
-    // Of several gateways those count that know the peer.
+    // Of several gateways, only those that know the peer count.
     if answers.iter().any(|it| *it != Availability::NoSuchPeer) {
         answers.retain(|it| *it != Availability::NoSuchPeer);
     }
@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
             format!("{} of {}: {answer}", arguments.name, arguments.peer),
         )?;
     }
-    match silent {
+    match failed {
         Some(error) => Err(error.into()),
         None => Ok(is_offered),
     }

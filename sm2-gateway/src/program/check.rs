@@ -15,7 +15,7 @@ use sm2_proto::{
 use super::{error::ProgramError, output::write_line};
 use crate::{
     Config, is_remote, keys,
-    report::{ShadowReport, word},
+    report::{ShadowReport, kind_name},
     shadow::{Seen, changes},
     tally::Key,
 };
@@ -26,7 +26,7 @@ pub struct Arguments {
     /// The configuration
     #[arg(value_name = "FILE")]
     config: PathBuf,
-    /// List what this configuration's rules and peers would change of that
+    /// List what the rules and peers of this configuration would change
     #[arg(long, value_name = "FILE")]
     shadow: Option<PathBuf>,
 }
@@ -46,16 +46,15 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
         ),
     )?;
     if config.peers.iter().any(|it| it.id == id) {
-        return Err(ProgramError::Wrong(format!(
-            "{}: a peer has the id of this gateway itself",
-            config.path.display()
-        )));
+        return Err(ProgramError::OwnId {
+            config: config.path,
+        });
     }
     let name = format!("sm2-gateway-check-{}", std::process::id());
     let node = match config.domain.connect(&name) {
         Ok(node) => node,
-        // A file can be checked on another machine.
-        Err(error) => return write_line(out, format!("what it would carry is not known: {error}")),
+        // The file may be checked on a machine without the domain.
+        Err(error) => return write_line(out, format!("cannot list what it would carry: {error}")),
     };
     let domain = node.snapshot()?;
     let own = domain.interfaces().filter(|it| {
@@ -71,11 +70,11 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
     for peer in &config.peers {
         for (kind, name) in &subjects {
             let (action, rule) = config.explain(*kind, name, Direction::Out, &peer.id);
-            let word = word(*kind);
+            let kind_name = kind_name(*kind);
             if let (Action::Allow, Some(at)) = (action, rule) {
                 write_line(
                     out,
-                    format!("{} may have {word} {name} (line {at})", peer.name),
+                    format!("{} may have {kind_name} {name} (line {at})", peer.name),
                 )?;
             }
         }
@@ -86,7 +85,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
     }
 }
 
-/// Of what the domain has: what peers offer only a gateway that runs knows.
+/// Compares both files for what the domain has. Only a running gateway knows what peers offer.
 fn compare(
     config: &Config,
     shadow: &Config,
@@ -104,7 +103,7 @@ fn compare(
     if changes.is_empty() {
         return write_line(
             out,
-            "shadow: nothing that the domain has now would change".to_owned(),
+            "shadow: no change for what the domain has now".to_owned(),
         );
     }
     for change in changes {

@@ -1,4 +1,4 @@
-//! The errors of the commands.
+//! The errors of commands.
 
 use std::{io, net::SocketAddr, path::PathBuf};
 
@@ -19,47 +19,50 @@ pub enum ProgramError {
     /// The gateway.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// The runtime, signals, or a file.
+    /// A system call for the runtime, signals or a file.
     #[error("cannot {what}: {source}")]
     System {
-        /// What was to be done.
+        /// The attempted action.
         what: String,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// A name of the command line is not in the configuration.
-    #[error("{config} has no peer {peer}: it knows {known}")]
+    /// A peer on the command line is not in the configuration.
+    #[error("{config} has no peer {peer}; its peers: {known}")]
     NoPeer {
-        /// Which file.
+        /// The configuration.
         config: PathBuf,
-        /// What was asked for.
+        /// The name or id on the command line.
         peer: String,
-        /// Those that are there.
+        /// The names of the peers in the configuration.
         known: String,
     },
-    /// The domain.
+    /// The connection to the domain.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// The domain.
+    /// A query of the domain.
     #[error(transparent)]
     Query(#[from] QueryError),
-    /// A gateway does not say how it is.
+    /// A status request.
     #[error(transparent)]
     Report(#[from] ReportError),
-    /// The address for metrics is taken, or not of this machine.
-    #[error("cannot answer for metrics at {address}: {source}; `--metrics` says where")]
+    /// The address for metrics is in use, or does not belong to this machine.
+    #[error("cannot serve metrics at {address}: {source}; choose another address with `--metrics`")]
     Metrics {
-        /// Which.
+        /// The address.
         address: SocketAddr,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// No gateway is there.
+    /// The domain has no gateway.
     #[error("this domain has no gateway: start one with `sm2 gateway run FILE`")]
     NoGateway,
-    /// What was to be added is not right.
-    #[error("{0}")]
-    Wrong(String),
+    /// A peer has the id of the gateway itself.
+    #[error("{config}: a peer has the id of this gateway itself: remove that [[peer]]")]
+    OwnId {
+        /// The configuration.
+        config: PathBuf,
+    },
 }
 
 impl ProgramError {

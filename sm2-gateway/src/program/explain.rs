@@ -26,7 +26,7 @@ pub struct Arguments {
     /// From this domain to the peer, or from the peer to this domain
     #[arg(long, value_enum)]
     direction: DirectionOption,
-    /// What the name is of
+    /// The kind of the name
     #[arg(long, value_enum, default_value_t = Kind::Topic)]
     kind: Kind,
 }
@@ -37,7 +37,7 @@ enum DirectionOption {
     Out,
 }
 
-/// Whether it is allowed.
+/// Prints the decision. True if the name is allowed.
 pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, ProgramError> {
     let config = Config::load(&arguments.config)?;
     let peer = config.peer(&arguments.peer).ok_or_else(|| {
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
         out,
         match rule {
             Some(at) => format!("{name}: {word} by the rule at {path}:{at}"),
-            None => format!("{name}: {word}: no rule of {path} fits"),
+            None => format!("{name}: {word}: no rule of {path} matches"),
         },
     )?;
     Ok(action == Action::Allow)

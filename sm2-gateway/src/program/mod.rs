@@ -2,8 +2,8 @@
 //!
 //! | exit status | |
 //! | --- | --- |
-//! | 0 | done; `run`: stopped by SIGINT or SIGTERM |
-//! | 1 | it did not start, or could not go on, or the answer is no: standard error says why |
+//! | 0 | success; `run`: stopped by SIGINT or SIGTERM |
+//! | 1 | an error, described on standard error, or the answer no |
 //! | 2 | wrong usage |
 
 mod ask;
@@ -26,15 +26,15 @@ use clap::Subcommand;
 
 pub use self::{error::ProgramError, options::Domain};
 
-/// What the help ends with. `command` is what it is called: `sm2-gateway`, `sm2 gateway`.
+/// The end of the help. `command` is the name of the program: `sm2-gateway` or `sm2 gateway`.
 #[must_use]
 pub fn examples(command: &str) -> String {
     format!(
         "\
-A gateway is its key: whoever has the key file is the gateway, and its id, the public key, is
-what others trust. Nothing goes anywhere but what a rule of both sides allows.
-SM2_LOG (error, warn, info, debug) says what `run` logs on standard error; SIGHUP makes it read its
-file again: a bad one changes nothing.
+The key file identifies a gateway: peers trust its public key, the id. A gateway carries only what the
+rules of both sides allow.
+SM2_LOG (error, warn, info, debug) sets the level of the log of `run` on standard error. On SIGHUP, `run`
+reads its configuration again; a bad configuration is logged and changes nothing.
 
 Examples:
   {command} keygen robot.key
@@ -48,7 +48,7 @@ Examples:
     )
 }
 
-/// What can be done.
+/// A command.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Carry topics and services between this domain and those of peers
@@ -63,13 +63,13 @@ pub enum Command {
     /// Add a peer to a configuration
     #[command(after_help = TRUST)]
     Trust(trust::Arguments),
-    /// Show the peers of the gateways of a domain, and what goes to and fro
+    /// Show the peers of the gateways of a domain, with counts of messages
     #[command(after_help = PEERS)]
     Peers(peers::Arguments),
-    /// Ask a peer whether it has something for this domain
+    /// Ask a peer whether it offers a topic or service to this domain
     #[command(after_help = ASK)]
     Ask(ask::Arguments),
-    /// Say which rule decides about a name
+    /// Show which rule decides about a name
     #[command(after_help = EXPLAIN)]
     Explain(explain::Arguments),
     /// Check a configuration, and list what it would carry now
@@ -107,7 +107,7 @@ Examples:
   sm2 gateway check robot.toml
   sm2 gateway check robot.toml --shadow stricter.toml";
 
-/// Does what a command line says.
+/// Executes a command. False if the answer is no.
 ///
 /// # Errors
 /// See [`ProgramError`].
@@ -124,8 +124,8 @@ pub fn execute(command: &Command, out: &mut impl Write) -> Result<bool, ProgramE
     }
 }
 
-/// As [`execute`], with logs and errors on standard error, and an exit status. `program`: what it is
-/// called.
+/// [`execute`] with logs and errors on standard error, and an exit status. `program` is the name of the
+/// program.
 #[must_use]
 pub fn main(command: &Command, program: &str) -> ExitCode {
     let default = match command {
@@ -138,7 +138,7 @@ pub fn main(command: &Command, program: &str) -> ExitCode {
         .with_env_filter(filter)
         .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr);
-    // A program that has its own goes on with that.
+    // Fails if the program has installed a subscriber of its own, which then stays.
     let _ = logs.try_init();
     match execute(command, &mut io::stdout().lock()) {
         Ok(true) => ExitCode::SUCCESS,
@@ -147,7 +147,7 @@ pub fn main(command: &Command, program: &str) -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(error) => {
-            // Nobody is left to tell if standard error is closed.
+            // Standard error may be closed.
             let _ = writeln!(io::stderr(), "{program}: {error}");
             ExitCode::FAILURE
         }

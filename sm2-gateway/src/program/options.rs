@@ -7,7 +7,7 @@ use sm2_proto::gateway::SubjectKind;
 
 use crate::domain::DomainLocation;
 
-/// Which domain to ask.
+/// The domain of a command.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Domain")]
 pub struct Domain {

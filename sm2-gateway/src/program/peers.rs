@@ -11,8 +11,8 @@ use crate::{
     tally::Counts,
 };
 
-/// How long gateways may take to answer.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// Timeout of the gateways.
+const TIMEOUT: Duration = Duration::from_secs(2);
 
 /// `sm2 gateway peers`.
 #[derive(Args, Debug)]
@@ -31,16 +31,16 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
     if services.is_empty() {
         return Err(ProgramError::NoGateway);
     }
-    // Those that answer are shown, whatever becomes of the others.
-    let mut silent = None;
-    for (_, report) in report::ask(&node, services, PATIENCE) {
+    // Shows the reports of those that answer, then fails if another one did not.
+    let mut failed = None;
+    for (_, report) in report::ask(&node, services, TIMEOUT) {
         match report {
             Ok(report) if arguments.json => write_line(out, serde_json::json!(report))?,
             Ok(report) => table(&report, out)?,
-            Err(error) => silent = Some(error),
+            Err(error) => failed = Some(error),
         }
     }
-    silent.map_or(Ok(()), |error| Err(error.into()))
+    failed.map_or(Ok(()), |error| Err(error.into()))
 }
 
 fn table(report: &Report, out: &mut impl Write) -> Result<(), ProgramError> {
@@ -61,10 +61,10 @@ fn table(report: &Report, out: &mut impl Write) -> Result<(), ProgramError> {
 }
 
 fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
-    let at = peer.address.as_deref().unwrap_or("an address not said");
+    let at = peer.address.as_deref().unwrap_or("an unknown address");
     let rtt = peer.rtt_ms.unwrap_or(f64::NAN);
     let name = &peer.name;
-    write_line(out, format!("  {name} at {at}, {rtt:.1} ms there and back"))?;
+    write_line(out, format!("  {name} at {at}, RTT {rtt:.1} ms"))?;
     let m = &peer.messages;
     for text in [
         format!(
@@ -85,13 +85,13 @@ fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
         }
     }
     for it in &peer.subjects {
-        let counts = words(&it.counts);
+        let counts = nonzero_counts(&it.counts);
         write_line(out, format!("    {} {}: {counts}", it.kind, it.name))?;
     }
     for it in &peer.denials {
         let why = match it.line {
             Some(at) => format!("line {at}"),
-            None => "no rule fits".to_owned(),
+            None => "no rule matches".to_owned(),
         };
         let (kind, name, direction) = (&it.kind, &it.name, &it.direction);
         write_line(
@@ -102,9 +102,9 @@ fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
     Ok(())
 }
 
-/// Those that are not zero.
-fn words(counts: &Counts) -> String {
-    let words = [
+/// The counts that are not zero.
+fn nonzero_counts(counts: &Counts) -> String {
+    let counts = [
         (counts.offered, "offered"),
         (counts.sent, "sent"),
         (counts.superseded, "superseded"),
@@ -115,12 +115,12 @@ fn words(counts: &Counts) -> String {
         (counts.lost, "lost here"),
         (counts.skipped, "skipped"),
     ];
-    let words = words.iter().filter(|(count, _)| *count > 0);
-    let words: Vec<_> = words
+    let counts = counts.iter().filter(|(count, _)| *count > 0);
+    let counts: Vec<_> = counts
         .map(|(count, word)| format!("{count} {word}"))
         .collect();
-    match words.is_empty() {
-        true => "nothing yet".to_owned(),
-        false => words.join(", "),
+    match counts.is_empty() {
+        true => "no messages yet".to_owned(),
+        false => counts.join(", "),
     }
 }

@@ -18,10 +18,10 @@ pub struct Arguments {
     /// The configuration
     #[arg(value_name = "FILE")]
     config: PathBuf,
-    /// Log what this configuration's rules and peers would change, and change nothing
+    /// Log what the rules and peers of this configuration would change, without effect
     #[arg(long, value_name = "FILE")]
     shadow: Option<PathBuf>,
-    /// Answer Prometheus there, over HTTP at /metrics; best at a loopback address: whoever connects may read
+    /// Serve metrics for Prometheus at http://ADDRESS/metrics. Use a loopback address: every client may read them
     #[cfg(feature = "metrics")]
     #[arg(long, value_name = "ADDRESS")]
     metrics: Option<SocketAddr>,
@@ -33,7 +33,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
     let shadow = shadow.map(Config::load).transpose()?;
     let runtime = tokio::runtime::Builder::new_multi_thread();
     let runtime = { runtime }
-        // One for what waits for the Manager, one for the rest: a gateway is no user of all cores.
+        // One thread for calls of the Manager, which block, and one for all other tasks.
         .worker_threads(2)
         .enable_all()
         .build()
@@ -52,7 +52,7 @@ async fn serve(
     let mut hang_up = catch(SignalKind::hangup())?;
     let mut interrupt = catch(SignalKind::interrupt())?;
     let mut terminate = catch(SignalKind::terminate())?;
-    // What cannot be had is known before anything is started.
+    // Binds before anything starts, so that an address in use has no side effects.
     #[cfg(feature = "metrics")]
     let metrics = metrics(arguments).await?;
     let mut gateway = Gateway::start(config).await?;
@@ -64,7 +64,7 @@ async fn serve(
         gateway.set_shadow(shadow);
     }
     if config.policy.rules.0.is_empty() {
-        tracing::warn!("there is no [[rule]]: nothing goes anywhere");
+        tracing::warn!("there is no [[rule]]: the gateway carries nothing");
     }
     loop {
         tokio::select! {
@@ -78,22 +78,26 @@ async fn serve(
     Ok(())
 }
 
-/// Takes both files again, each by itself: a bad one changes nothing.
+/// Reads both files again, independently of each other. A bad file changes nothing.
 async fn reload(gateway: &Gateway, started: &Config, arguments: &Arguments) {
     match Config::load(&arguments.config) {
         Ok(new) => {
             gateway.reload(&new).await;
             let file = new.path.display();
-            tracing::info!(%file, "rules and peers are those of the file again");
+            tracing::info!(%file, "reloaded rules and peers");
             for key in started.fixed_keys(&new) {
-                tracing::warn!(%file, "`{key}` is another one now: restart to use it");
+                tracing::warn!(%file, "`{key}` has changed: restart to use it");
             }
         }
-        Err(error) => tracing::error!(%error, "the file was not taken: all goes on as before"),
+        Err(error) => {
+            tracing::error!(%error, "cannot reload the configuration: the rules and peers stay as they were")
+        }
     }
     match arguments.shadow.as_deref().map(Config::load) {
         Some(Ok(new)) => gateway.set_shadow(new),
-        Some(Err(error)) => tracing::error!(%error, "the shadow stays as it was"),
+        Some(Err(error)) => {
+            tracing::error!(%error, "cannot reload the shadow configuration: it stays as it was")
+        }
         None => {}
     }
 }
@@ -106,6 +110,6 @@ async fn metrics(arguments: &Arguments) -> Result<Option<TcpListener>, ProgramEr
     let listener = TcpListener::bind(address).await;
     let listener = listener.map_err(|source| ProgramError::Metrics { address, source })?;
     let address = listener.local_addr().unwrap_or(address);
-    tracing::info!("metrics are at http://{address}/metrics");
+    tracing::info!("serving metrics at http://{address}/metrics");
     Ok(Some(listener))
 }

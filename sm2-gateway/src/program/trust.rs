@@ -14,12 +14,12 @@ pub struct Arguments {
     /// The configuration
     #[arg(value_name = "FILE")]
     config: PathBuf,
-    /// What to call the peer
+    /// The name for the peer
     #[arg(value_parser = Name::new)]
     name: Name,
     /// Its id, as `sm2 gateway id` prints it there
     id: GatewayId,
-    /// Where it is, such as 192.0.2.1:7633 or robot.local:7633
+    /// An address of the peer, such as 192.0.2.1:7633 or robot.local:7633
     #[arg(value_name = "ADDRESS")]
     addresses: Vec<Address>,
 }
@@ -30,7 +30,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
     let text = read.map_err(ProgramError::system(format!("read {}", path.display())))?;
     Config::parse(path, &text)?;
     let peer = entry(arguments);
-    // Peers stand before rules, which name them; the rest of the file stays as it is.
+    // Inserts before the first rule, since rules refer to peers above them.
     let at = text.find("[[rule]]").unwrap_or(text.len());
     let (before, after) = text.split_at(at);
     let gap = if before.ends_with('\n') { "" } else { "\n" };
@@ -48,13 +48,13 @@ fn entry(arguments: &Arguments) -> String {
     )
 }
 
-/// Whole or not at all.
+/// Replaces the file atomically.
 fn replace(path: &PathBuf, text: &str) -> Result<(), ProgramError> {
     let new = path.with_extension("toml.new");
     let failed = || ProgramError::system(format!("write {}", path.display()));
     fs::write(&new, text).map_err(failed())?;
     fs::rename(&new, path).map_err(|error| {
-        // What is left of it is of no use.
+        // Best effort: removes the incomplete copy.
         let _ = fs::remove_file(&new);
         failed()(error)
     })

@@ -1,4 +1,4 @@
-//! Beacons: datagrams to a group of IPv6, on the interfaces that the configuration names.
+//! Beacons: multicast datagrams over IPv6 on the configured interfaces.
 
 use std::{
     io,
@@ -10,43 +10,43 @@ use sm2_proto::gateway::Beacon;
 use socket2::{Domain, Protocol, Type};
 use tokio::net::UdpSocket;
 
-/// Where beacons go to.
+/// The multicast group of beacons.
 //= SM2-GWD-005
 const GROUP: Ipv6Addr = Ipv6Addr::new(0xff12, 0, 0, 0, 0, 0, 0x534d, 0x3247);
 const PORT: u16 = 7632;
 
-/// The group, on some interfaces.
+/// The socket that sends and receives beacons.
 #[derive(Debug)]
 pub(super) struct Beacons {
     socket: UdpSocket,
     interfaces: Vec<u32>,
 }
 
-/// Why no beacons can be sent or heard.
+/// Why beacons cannot be sent or received.
 #[derive(Debug, thiserror::Error)]
 pub enum BeaconsError {
-    /// There is no such interface.
+    /// The interface does not exist.
     #[error(
-        "`discovery` names the interface {name}, which is not there: `ip link` shows those that are"
+        "`discovery` names the interface {name}, which does not exist: `ip link` lists the interfaces"
     )]
     NoInterface {
         /// Its name.
         name: String,
     },
-    /// The system does not allow it.
+    /// The system refuses multicast on the interface.
     #[error(
-        "no beacons on {name}: {source}; without `discovery` peers are found at their `addresses`"
+        "cannot use beacons on {name}: {source}; without `discovery`, peers are found at their `addresses`"
     )]
     Io {
         /// The interface.
         name: String,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
 }
 
 impl Beacons {
-    /// Joins the group on these interfaces; none: there are no beacons.
+    /// Joins the group on these interfaces. Without interfaces there are no beacons.
     pub(super) fn open(names: &[String]) -> Result<Option<Self>, BeaconsError> {
         let Some(first) = names.first() else {
             return Ok(None);
@@ -68,17 +68,17 @@ impl Beacons {
         Ok(Some(Self { socket, interfaces }))
     }
 
-    /// Sends one on each interface. A network that is down hears none.
+    /// Sends a beacon on each interface. Errors are logged: a network may be down for a while.
     pub(super) async fn send(&self, beacon: &Beacon) {
         for interface in &self.interfaces {
             let group = SocketAddrV6::new(GROUP, PORT, 0, *interface);
             if let Err(error) = self.socket.send_to(&beacon.to_bytes(), group).await {
-                tracing::debug!(%error, interface, "a beacon was not sent");
+                tracing::debug!(%error, interface, "cannot send a beacon");
             }
         }
     }
 
-    /// The next datagram; without beacons there is none.
+    /// The next datagram. Without beacons it never completes.
     pub(super) async fn recv(beacons: Option<&Self>, buffer: &mut [u8]) -> (SocketAddr, usize) {
         let Some(it) = beacons else {
             return std::future::pending().await;
@@ -86,8 +86,8 @@ impl Beacons {
         loop {
             match it.socket.recv_from(buffer).await {
                 Ok((len, from)) => return (from, len),
-                // What an earlier one met on its way.
-                Err(error) => tracing::debug!(%error, "a beacon was not received"),
+                // A deferred error of a datagram sent before.
+                Err(error) => tracing::debug!(%error, "cannot receive a beacon"),
             }
         }
     }
@@ -95,7 +95,7 @@ impl Beacons {
 
 fn bind() -> io::Result<UdpSocket> {
     let socket = socket2::Socket::new(Domain::IPV6, Type::DGRAM, Some(Protocol::UDP))?;
-    // Several gateways of one machine hear the same beacons.
+    // Several gateways on one machine receive the same beacons.
     socket.set_reuse_address(true)?;
     socket.set_only_v6(true)?;
     socket.set_multicast_loop_v6(true)?;

@@ -22,12 +22,12 @@ use crate::{
     peer::{Command, ConnectionId, Event, Peer, Reason},
 };
 
-/// What is done in one turn, so that all that waits gets its own.
+/// Upper bound of datagrams per iteration, so that the other queues are served in between.
 const BURST: usize = 64;
-/// How long a connection that is over goes on answering.
-const DRAIN: Duration = Duration::from_secs(3);
+/// How long an ended connection still answers datagrams.
+const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// One connection, from its first datagram to its last.
+/// The state of a connection task.
 pub(super) struct Task {
     shared: Arc<Shared>,
     handle: ConnectionHandle,
@@ -35,10 +35,10 @@ pub(super) struct Task {
     number: ConnectionId,
     dialled: Option<GatewayId>,
     peer: Peer,
-    /// Who waits for an answer of the peer, by the number of the question.
-    asked: BTreeMap<AskId, oneshot::Sender<Verdict>>,
-    last_question: AskId,
-    has_ended: Option<Instant>,
+    /// The pending questions to the peer.
+    pending_asks: BTreeMap<AskId, oneshot::Sender<Verdict>>,
+    last_ask: AskId,
+    ended_at: Option<Instant>,
 }
 
 impl Task {
@@ -63,22 +63,22 @@ impl Task {
             number,
             dialled,
             peer,
-            asked: BTreeMap::new(),
-            last_question: AskId(0),
-            has_ended: None,
+            pending_asks: BTreeMap::new(),
+            last_ask: AskId(0),
+            ended_at: None,
         }
     }
 
     pub(super) async fn run(mut self, mut inbox: PeerInbox) {
         let mut buffer = Vec::new();
         loop {
-            let has_more = self.settle(&mut buffer).await;
+            let has_more = self.drain(&mut buffer).await;
             if self.peer.is_drained() || self.has_drained() {
                 break;
             }
-            let drained = self.has_ended.map(|it| it.after(DRAIN));
-            let at_once = has_more.then(sm2_io::clock::now);
-            let deadlines = [self.peer.deadline(), drained, at_once];
+            let drained = self.ended_at.map(|it| it.after(DRAIN_TIMEOUT));
+            let immediately = has_more.then(sm2_io::clock::now);
+            let deadlines = [self.peer.deadline(), drained, immediately];
             let wait = sleep_until(deadlines.into_iter().flatten().min());
             tokio::select! {
                 biased;
@@ -105,8 +105,8 @@ impl Task {
     }
 
     fn has_drained(&self) -> bool {
-        let ended = self.has_ended;
-        ended.is_some_and(|it| sm2_io::clock::now().since(it) >= DRAIN)
+        let ended = self.ended_at;
+        ended.is_some_and(|it| sm2_io::clock::now().since(it) >= DRAIN_TIMEOUT)
     }
 
     fn event(&mut self, event: ConnectionEvent) {
@@ -120,44 +120,43 @@ impl Task {
     fn query(&mut self, query: PeerQuery) {
         match query {
             PeerQuery::Report(answer) => {
-                // Whoever asked may have gone.
+                // The asker may have timed out.
                 let _ = answer.send(self.report());
             }
             PeerQuery::AskPeer { kind, name, answer } => {
-                self.last_question.0 += 1;
-                let ask = self.last_question;
-                self.asked.insert(ask, answer);
+                self.last_ask.0 += 1;
+                let ask = self.last_ask;
+                self.pending_asks.insert(ask, answer);
                 self.command(Command::Ask { ask, kind, name });
             }
         }
     }
 
     fn ended(&mut self, reason: &Reason) {
-        // Nobody answers them any more.
-        self.asked.clear();
+        // Dropping the senders tells the askers that no answer comes.
+        self.pending_asks.clear();
         tracing::info!(address = %self.peer.address(), "{reason}");
-        self.has_ended = Some(sm2_io::clock::now());
+        self.ended_at = Some(sm2_io::clock::now());
         if let Some(peer) = self.dialled {
             self.shared.network.send(NetworkEvent::Failed { peer });
         }
     }
 
     fn answered(&mut self, ask: AskId, verdict: Verdict) {
-        if let Some(answer) = self.asked.remove(&ask) {
-            // Whoever asked may have gone.
+        if let Some(answer) = self.pending_asks.remove(&ask) {
+            // The asker may have timed out.
             let _ = answer.send(verdict);
         }
     }
 
-    /// Without a network nobody needs to know.
     fn tell_endpoint(&self, event: EndpointEvent) {
         let handle = self.handle;
         let network = &self.shared.network;
         network.send(NetworkEvent::Endpoint { handle, event });
     }
 
-    /// Does what follows from what happened; whether there may be more to be sent.
-    async fn settle(&mut self, buffer: &mut Vec<u8>) -> bool {
+    /// Drains the outputs of the connection. True if more datagrams may be ready to send.
+    async fn drain(&mut self, buffer: &mut Vec<u8>) -> bool {
         while let Some(event) = self.peer.poll() {
             match &event {
                 Event::Session(session::Event::Answered { ask, verdict }) => {
@@ -166,7 +165,7 @@ impl Task {
                 }
                 Event::NotAsked { ask } => {
                     // The task that asked sees its channel closed.
-                    self.asked.remove(ask);
+                    self.pending_asks.remove(ask);
                     continue;
                 }
                 Event::Ended(reason) => self.ended(reason),
@@ -176,11 +175,11 @@ impl Task {
                 | Event::Cancelled { .. }
                 | Event::Reply { .. } => {}
             }
-            let message = HubEvent::Peer {
+            let event = HubEvent::Peer {
                 connection: self.number,
                 event,
             };
-            let _ = self.shared.hub.send(message).await;
+            let _ = self.shared.hub.send(event).await;
         }
         while let Some(event) = self.peer.poll_endpoint() {
             self.tell_endpoint(event);

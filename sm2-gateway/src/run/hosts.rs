@@ -1,4 +1,4 @@
-//! Names of hosts that peers may be at: looked up at each attempt, since a robot's address changes.
+//! Host names of peers. Each attempt to connect looks the name up again, since addresses change.
 
 use std::{
     collections::BTreeMap,
@@ -11,12 +11,12 @@ use tokio::net::lookup_host;
 
 use crate::channel::network::{NetworkEvent, NetworkHandle};
 
-/// The names of each peer's hosts.
+/// The host names of each peer.
 #[derive(Debug, Default)]
 pub(super) struct Hosts {
     names: BTreeMap<GatewayId, Vec<String>>,
-    /// How many addresses were chosen so far: of several ones each has its turn.
-    turn: usize,
+    /// Counts the choices: the addresses of a host are tried round robin.
+    choices: usize,
 }
 
 impl Hosts {
@@ -32,12 +32,12 @@ impl Hosts {
         self.names.get(&peer).map_or(0, Vec::len)
     }
 
-    /// Asks the system, which may take its time: the answer is a message. There is one for each
-    /// question, so that no more than one is open of a peer.
+    /// Starts a lookup. Each lookup leads to exactly one event, so that at most one lookup of a peer
+    /// is in flight.
     pub(super) fn look_up(&self, peer: GatewayId, host: usize, network: NetworkHandle) {
         let host = self.names.get(&peer).and_then(|it| it.get(host));
         let Some(host) = host.cloned() else {
-            // It has other names since.
+            // A reload has removed the name.
             network.send(NetworkEvent::Failed { peer });
             return;
         };
@@ -51,7 +51,7 @@ impl Hosts {
         });
     }
 
-    /// Where to try: one of the addresses that a socket can reach that listens at `local`.
+    /// Chooses one of the addresses that a socket bound to `local` can reach.
     pub(super) fn choose(
         &mut self,
         peer: GatewayId,
@@ -68,23 +68,23 @@ impl Hosts {
                 .filter(|it| can_reach(local, *it))
                 .collect(),
             Err(error) => {
-                tracing::warn!(%peer, host, %error, "the host of a peer was not found");
+                tracing::warn!(%peer, host, %error, "cannot look up the host of a peer");
                 return None;
             }
         };
         if addresses.is_empty() {
             tracing::warn!(
                 %peer, host, listen = %local,
-                "the host of a peer has no address that can be reached from where `listen` is"
+                "the host of a peer has no address that a socket at `listen` can reach"
             );
             return None;
         }
-        self.turn = self.turn.wrapping_add(1);
-        addresses.get(self.turn % addresses.len()).copied()
+        self.choices = self.choices.wrapping_add(1);
+        addresses.get(self.choices % addresses.len()).copied()
     }
 }
 
-/// A socket of IPv6 can reach IPv4 if it listens everywhere.
+/// An IPv6 socket reaches IPv4 addresses only if it is bound to the unspecified address.
 const fn can_reach(local: IpAddr, address: SocketAddr) -> bool {
     match local {
         IpAddr::V4(_) => address.is_ipv4(),

@@ -1,4 +1,4 @@
-//! The task of the hub.
+//! The hub task: drives the [`Hub`] and executes its outputs.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -13,6 +13,7 @@ use super::{
     status,
 };
 use crate::{
+    availability::AvailabilityRequest,
     channel::{
         connection::PeerHandle,
         hub::{ConfigLabels, HubEvent, PeerLookup, PolicySnapshot},
@@ -21,21 +22,20 @@ use crate::{
     },
     hub::{Hub, Input, LocalCommand, LocalEvent, NoRoom, Output},
     peer::{Command, ConnectionId, Event},
-    question::Question,
     shadow::RuleSet,
 };
 
 /// The code that closes a connection when this gateway stops, or stops trusting the peer.
 const SHUTTING_DOWN: Code = PeerFarewell::ShuttingDown.code();
 
-/// The hub, and the ways to all others.
+/// The state of the hub task.
 struct Task {
     hub: Hub,
-    /// What the configuration calls peers.
+    /// The name of each trusted peer.
     names: BTreeMap<GatewayId, Name>,
     /// The line of each rule.
-    lines: Vec<usize>,
-    /// How often what is there has changed, or the rules.
+    rule_lines: Vec<usize>,
+    /// Counts changes of rules and subjects.
     revision: u64,
     shared: Arc<Shared>,
     local: LocalHandle,
@@ -57,7 +57,7 @@ pub(super) async fn run(
     let mut task = Task {
         hub,
         names: peers,
-        lines: rule_lines,
+        rule_lines,
         revision: 1,
         shared,
         local,
@@ -92,7 +92,7 @@ impl Task {
                     .filter(|it| !peers.contains_key(it))
                     .copied()
                     .collect();
-                (self.names, self.lines) = (peers, rule_lines);
+                (self.names, self.rule_lines) = (peers, rule_lines);
                 self.revision += 1;
                 for peer in gone {
                     self.handle(Input::Distrust(peer));
@@ -105,19 +105,19 @@ impl Task {
                     let answer = connection.map(|it| it.handle.report());
                     (peer, answer)
                 });
-                let draft = status::Draft {
+                let pending = status::PendingReport {
                     me: self.shared.me.clone(),
                     names: self.names.clone(),
-                    lines: self.lines.clone(),
+                    rule_lines: self.rule_lines.clone(),
                     shadow: lock(&self.shared.shadow).clone(),
                     peers: asked.collect(),
                 };
-                // The hub waits for no connection.
-                tokio::spawn(draft.complete(answer));
+                // A task of its own, so that the hub does not wait for connections.
+                tokio::spawn(pending.complete(answer));
             }
-            HubEvent::AskPeer { question, answer } => {
-                // Whoever asked may have gone.
-                let _ = answer.send(self.ask_peer(question));
+            HubEvent::AskPeer { request, answer } => {
+                // The asker may have timed out.
+                let _ = answer.send(self.ask_peer(request));
             }
             HubEvent::Snapshot { known, answer } => {
                 let snapshot = (known != self.revision).then(|| PolicySnapshot {
@@ -129,7 +129,7 @@ impl Task {
                     names: self.names.clone(),
                     seen: self.hub.seen(),
                 });
-                // Whoever asked may have gone.
+                // The asker may have timed out.
                 let _ = answer.send(snapshot);
             }
             HubEvent::Stop => {
@@ -145,11 +145,11 @@ impl Task {
             return;
         };
         let is_dialled = it.is_dialled;
-        // Whatever a peer calls itself: two of them may say the same.
+        // Replaces the name that the peer gave itself, which need not be unique.
         if let Event::Session(session::Event::Greeted { peer, name, .. }) = &mut event {
             match self.names.get(peer) {
                 Some(known) => *name = known.clone(),
-                // Not trusted any more since the handshake.
+                // A reload has removed the peer since the handshake.
                 None => {
                     it.handle.command(Command::Close(SHUTTING_DOWN));
                     return;
@@ -181,37 +181,37 @@ impl Task {
                     command,
                 } => {
                     let it = self.connections.get(&connection);
-                    let back = it.and_then(|it| it.handle.command(command));
-                    if let Some(Command::Message { offer, .. }) = back {
+                    let rejected = it.and_then(|it| it.handle.command(command));
+                    if let Some(Command::Message { offer, .. }) = rejected {
                         self.no_room(NoRoom::ForPeer { connection, offer });
                     }
                 }
                 Output::Local(command) => {
-                    let back = self.local.send(command);
+                    let rejected = self.local.send(command);
                     if let Some(LocalCommand::Publish {
                         subject, origin, ..
-                    }) = back
+                    }) = rejected
                     {
                         self.no_room(NoRoom::ForDomain { subject, origin });
                     }
                 }
                 Output::Connected { peer, epoch, name } => {
-                    tracing::info!(%name, id = %peer, "connected");
+                    tracing::info!(%name, id = %peer, "peer connected");
                     lock(&self.shared.epochs).insert(peer, epoch);
                     self.shared
                         .network
                         .send(NetworkEvent::Connected { peer, epoch });
                 }
                 Output::Lost { peer } => {
-                    tracing::info!(name = self.names.get(&peer).map(Name::as_str), id = %peer, "lost");
+                    tracing::info!(name = self.names.get(&peer).map(Name::as_str), id = %peer, "peer disconnected");
                     self.shared.network.send(NetworkEvent::Lost { peer });
                 }
             }
         }
     }
 
-    fn ask_peer(&self, question: Question) -> PeerLookup {
-        let Question { peer, kind, name } = question;
+    fn ask_peer(&self, request: AvailabilityRequest) -> PeerLookup {
+        let AvailabilityRequest { peer, kind, name } = request;
         let is_it = |(id, name): &(&GatewayId, &Name)| {
             name.as_str() == peer.as_str() || id.to_string() == peer
         };

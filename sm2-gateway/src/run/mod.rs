@@ -1,14 +1,16 @@
-//! A gateway at work: tasks, and what goes between them.
+//! A running gateway: its tasks.
 //!
-//! | task | what it has |
+//! | task | owns |
 //! | --- | --- |
-//! | `network` | the UDP socket, the endpoint, beacons, whom to dial |
+//! | `network` | the UDP socket, the QUIC endpoint, discovery and beacons |
 //! | `connection`, one for each | QUIC, the session, the schedule and the memory of one peer |
-//! | `hub` | routes, calls |
-//! | `local` | the domain's nodes |
+//! | `hub` | routes and calls |
+//! | `local` | the nodes in the domain |
+//! | `shadow` | the comparison with another configuration |
 //!
-//! Nobody waits for a connection: what it does not take in time is dropped, if it is a message, or
-//! a datagram. So a peer that is slow, stuck or hostile harms nobody but itself.
+//! The tasks talk through the queues of `channel`. No task waits for a connection: a message or
+//! datagram that finds the queue of a connection full is dropped. So a slow, stuck or hostile peer
+//! affects no other peer.
 
 mod beacons;
 mod connection;
@@ -28,7 +30,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-use sm2_io::quic::{Endpoint, Socket, Trusted};
+use sm2_io::quic::{Endpoint, Socket, TlsError, Trusted};
 use sm2_proto::gateway::{GatewayId, Hop};
 use tokio::sync::watch;
 
@@ -49,40 +51,40 @@ use crate::{
     report::Report,
 };
 
-/// How long connections have to say goodbye.
-const GOODBYE: Duration = Duration::from_millis(500);
+/// Time for the connection tasks to send their close frames.
+const CLOSE_DELAY: Duration = Duration::from_millis(500);
 
-/// Why a gateway did not start, or ended.
+/// Why a gateway did not start or stopped by itself.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// Its key.
+    /// The key file.
     #[error(transparent)]
     Key(#[from] KeyFileError),
-    /// Its domain.
+    /// The domain.
     #[error(transparent)]
     Local(#[from] LocalError),
-    /// The address is taken, or not of this machine.
-    #[error("cannot listen at {address}: {source}; `listen` in {config} says where")]
+    /// The address is in use, or does not belong to this machine.
+    #[error("cannot listen at {address}: {source}; change `listen` in {config}")]
     Listen {
-        /// Which.
+        /// The address.
         address: SocketAddr,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
-        /// Where it is said.
+        /// The path of the configuration.
         config: String,
     },
-    /// Its beacons.
+    /// Beacons.
     #[error(transparent)]
     Beacons(#[from] BeaconsError),
-    /// TLS does not take the key.
-    #[error("the key is of no use: {0}")]
-    Tls(String),
-    /// The socket broke.
-    #[error("the network is gone: {0}")]
+    /// TLS refuses the key.
+    #[error("TLS refuses the key: {0}")]
+    Tls(#[from] TlsError),
+    /// The UDP socket failed.
+    #[error("the UDP socket failed: {0}")]
     Network(io::Error),
 }
 
-/// A gateway that runs.
+/// A running gateway.
 #[derive(Debug)]
 pub struct Gateway {
     hub: HubHandle,
@@ -95,7 +97,7 @@ pub struct Gateway {
 }
 
 impl Gateway {
-    /// Starts all of it, or nothing.
+    /// Starts the tasks of a gateway.
     ///
     /// # Errors
     /// See [`RunError`].
@@ -115,7 +117,7 @@ impl Gateway {
         let trusted = Trusted::default();
         trusted.set(config.peers.iter().map(|it| it.id));
         let endpoint = Endpoint::new(key, trusted.clone(), config.congestion, None);
-        let endpoint = endpoint.map_err(|error| RunError::Tls(error.to_string()))?;
+        let endpoint = endpoint?;
         let hop = Hop {
             gateway: id,
             epoch: epoch(),
@@ -157,7 +159,7 @@ impl Gateway {
             let error = network.run(network_inbox).await;
             let _ = ending.send(error.err().map(Arc::new));
         });
-        tracing::info!(%id, %address, name = %config.name, "the gateway is there");
+        tracing::info!(%id, %address, name = %config.name, "gateway started");
         Ok(Self {
             hub,
             network,
@@ -169,48 +171,48 @@ impl Gateway {
         })
     }
 
-    /// Where QUIC listens.
+    /// The address of the UDP socket.
     #[must_use]
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Who it is.
+    /// The id of the gateway: its public key.
     #[must_use]
     pub const fn id(&self) -> GatewayId {
         self.id
     }
 
-    /// Takes rules and peers of another configuration; its name, key, domain and addresses stay.
+    /// Replaces rules and peers by those of `config`. Other keys of `config` have no effect.
     //= SM2-GWR-004
     pub async fn reload(&self, config: &Config) {
         self.trusted.set(config.peers.iter().map(|it| it.id));
-        // Whoever is gone meanwhile needs to be told nothing.
+        // The hub needs no rules once it has ended.
         self.network.send(NetworkEvent::Peers(config.peers.clone()));
         let policy = config.policy.clone();
         let labels = labels(config);
         let _ = self.hub.send(HubEvent::Reload { policy, labels }).await;
     }
 
-    /// From now on logs what these rules and peers would change, and has it in reports: now, and
-    /// when something comes that they would treat otherwise. It changes nothing.
+    /// Logs and reports from now on what the rules and peers of `config` would change: at once, and
+    /// when a new topic or service makes a difference. Has no effect on messages.
     pub fn set_shadow(&self, config: Config) {
         self.shadow.send_replace(Some(Arc::new(config)));
     }
 
-    /// Who is connected, and what goes to and fro.
+    /// A status report; `None` if the gateway has stopped.
     pub async fn report(&self) -> Option<Report> {
         self.hub.report().await.ok()
     }
 
-    /// Answers those who ask by HTTP for `/metrics`, as long as the gateway runs: see
+    /// Serves `/metrics` over HTTP as long as the gateway runs: see
     /// [`metrics`](crate::metrics).
     #[cfg(feature = "metrics")]
     pub fn serve_metrics(&self, listener: tokio::net::TcpListener) {
         tokio::spawn(crate::metrics::serve(listener, self.hub.clone()));
     }
 
-    /// Waits until it has ended by itself: the network is gone.
+    /// Completes when the gateway has stopped by itself, with the reason.
     pub async fn ended(&mut self) -> RunError {
         let ended = self.ended.wait_for(Option::is_some).await;
         let error = ended.ok().and_then(|it| it.clone());
@@ -221,12 +223,12 @@ impl Gateway {
         RunError::Network(error)
     }
 
-    /// Says goodbye to peers and the domain.
+    /// Closes all connections and leaves the domain.
     pub async fn stop(self) {
         self.network.send(NetworkEvent::Stop);
         let _ = self.hub.send(HubEvent::Stop).await;
-        // The datagrams that say so are sent by the connections' own tasks.
-        tokio::time::sleep(GOODBYE).await;
+        // The connection tasks send the close frames meanwhile.
+        tokio::time::sleep(CLOSE_DELAY).await;
     }
 }
 
@@ -238,7 +240,7 @@ fn labels(config: &Config) -> ConfigLabels {
     }
 }
 
-/// Greater than that of any process before, as long as the clock is not set back.
+/// Greater than the epoch of any earlier process, unless the clock was set back.
 //= SM2-GWC-004
 fn epoch() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);

@@ -1,4 +1,4 @@
-//! The task of the UDP socket: datagrams to their connections, whom to dial, beacons.
+//! The network task: receives datagrams, dials peers, sends and receives beacons.
 
 use std::{collections::BTreeMap, io, net::SocketAddr, sync::Arc};
 
@@ -22,16 +22,16 @@ use crate::{
     peer::ConnectionId,
 };
 
-/// What the task of the network has.
+/// The state of the network task.
 pub(super) struct Network {
     endpoint: Endpoint,
     beacons: Option<Beacons>,
     shared: Arc<Shared>,
-    /// Where the socket listens.
+    /// The address of the socket.
     local: SocketAddr,
     discovery: Discovery,
     peers: Vec<GatewayId>,
-    /// The names of hosts that they may be at.
+    /// Their host names.
     hosts: Hosts,
     connections: BTreeMap<ConnectionHandle, PeerHandle>,
     /// The number of the last connection.
@@ -73,7 +73,7 @@ impl Network {
         let mut answer = Vec::new();
         let mut beacon = vec![0; 512];
         loop {
-            self.discover().await;
+            self.drain_discovery().await;
             let wait = sleep_until(self.discovery.deadline());
             tokio::select! {
                 received = shared.socket.recv(&mut batch) => {
@@ -172,8 +172,8 @@ impl Network {
         }
     }
 
-    /// Does what discovery says.
-    async fn discover(&mut self) {
+    /// Executes the outputs of discovery.
+    async fn drain_discovery(&mut self) {
         while let Some(output) = self.discovery.poll() {
             match output {
                 Output::Dial { peer, address } => self.dial(peer, address).await,
@@ -200,7 +200,7 @@ impl Network {
         match self.endpoint.connect(now, peer, address) {
             Ok((handle, connection)) => self.open(handle, Some(peer), connection).await,
             Err(error) => {
-                tracing::warn!(%peer, %address, error, "cannot connect");
+                tracing::warn!(%peer, %address, error, "cannot dial a peer");
                 let now = sm2_io::clock::now();
                 self.discovery.handle(now, Input::Failed { peer });
             }
@@ -228,8 +228,8 @@ impl Network {
     }
 }
 
-/// Where datagrams of that address come from, at a socket of this one: to a socket of IPv6 all
-/// addresses are of IPv6, and QUIC takes no answer from another address than it sent to.
+/// The form in which a socket at `local` reports `address` as a source. An IPv6 socket reports IPv4
+/// sources as mapped addresses, and QUIC ignores answers from an address that it did not send to.
 fn as_seen_from(local: SocketAddr, address: SocketAddr) -> SocketAddr {
     match (local, address) {
         (SocketAddr::V6(_), SocketAddr::V4(it)) => {

@@ -1,4 +1,4 @@
-//! The task that says what another configuration would change. It changes nothing.
+//! The shadow task: logs and reports what another configuration would change, without effect.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -15,13 +15,13 @@ use crate::{
     shadow::{Change, changes},
 };
 
-/// How often it is looked whether there is something new.
-const LOOK: Duration = Duration::from_millis(500);
+/// Interval of the checks for changed rules and subjects.
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Says what each configuration that comes would change, and what changes with what is there.
+/// Compares each configuration with the current state: at once, and again when the state changes.
 pub(super) async fn run(mut configs: watch::Receiver<Option<Arc<Config>>>, shared: Arc<Shared>) {
     let mut revision = 0;
-    let mut told = BTreeSet::new();
+    let mut logged = BTreeSet::new();
     loop {
         let config = configs.borrow_and_update().clone();
         let Some(config) = config else {
@@ -40,22 +40,22 @@ pub(super) async fn run(mut configs: watch::Receiver<Option<Arc<Config>>>, share
             let changes =
                 block_in_place(|| changes(&snapshot.rules, &config.rule_set(), &snapshot.seen));
             let report = |it: &Change| ShadowReport::new(it, &names, &config);
-            for change in changes.iter().filter(|it| !told.contains(*it)) {
+            for change in changes.iter().filter(|it| !logged.contains(*it)) {
                 tracing::info!("shadow: {}", report(change));
             }
             let reports = changes.iter().map(report);
             *lock(&shared.shadow) = Some(reports.collect());
-            told = changes.into_iter().collect();
+            logged = changes.into_iter().collect();
         }
         tokio::select! {
-            () = tokio::time::sleep(LOOK) => {}
+            () = tokio::time::sleep(POLL_INTERVAL) => {}
             changed = configs.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                // All of it is said again: lines may be others.
+                // Compares and logs everything again: the lines of rules may differ.
                 revision = 0;
-                told.clear();
+                logged.clear();
             }
         }
     }

@@ -1,4 +1,4 @@
-//! How a gateway is: for whoever asks the service `gateway/NAME/status` of its domain.
+//! Status reports, and the service `gateway/NAME/status` that gives them to the domain.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,6 +13,7 @@ use sm2_proto::{
 use tokio::{sync::oneshot, time::timeout};
 
 use crate::{
+    availability::{Availability, AvailabilityRequest},
     channel::{
         connection::ConnectionReport,
         hub::{HubHandle, HubStopped, PeerLookup},
@@ -21,30 +22,31 @@ use crate::{
     local::{Local, LocalError},
     names::status_service,
     peer::Me,
-    question::{Availability, Question},
-    report::{DenialReport, PeerReport, Report, ShadowReport, SubjectReport, label, word},
+    report::{
+        DenialReport, PeerReport, Report, ShadowReport, SubjectReport, kind_name, subject_label,
+    },
 };
 
-/// How long connections have to say how they are.
-const PATIENCE: Duration = Duration::from_millis(250);
+/// Timeout of the connections' part of a report.
+const CONNECTION_TIMEOUT: Duration = Duration::from_millis(250);
 
-/// How long a peer has to answer a question.
-const PEER_PATIENCE: Duration = Duration::from_secs(1);
+/// Timeout of the answer of a peer.
+const PEER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// A report to which the connections have not said their part.
+/// A report that lacks the parts of the connections.
 #[derive(Debug)]
-pub(super) struct Draft {
+pub(super) struct PendingReport {
     pub(super) me: Me,
-    /// Of the peers that are trusted.
+    /// The name of each trusted peer.
     pub(super) names: BTreeMap<GatewayId, Name>,
     /// The line of each rule.
-    pub(super) lines: Vec<usize>,
+    pub(super) rule_lines: Vec<usize>,
     pub(super) shadow: Option<Vec<ShadowReport>>,
     pub(super) peers: Vec<(PeerStatus, Option<oneshot::Receiver<ConnectionReport>>)>,
 }
 
-impl Draft {
-    /// Waits for the connections, all at the same time, and answers.
+impl PendingReport {
+    /// Waits for all connections at the same time, then answers.
     pub(super) async fn complete(self, answer: oneshot::Sender<Report>) {
         let connected: BTreeSet<GatewayId> = self.peers.iter().map(|(it, _)| it.id).collect();
         let absent = self.names.iter().filter(|(id, _)| !connected.contains(id));
@@ -55,28 +57,30 @@ impl Draft {
             absent: absent.map(|(_, name)| name.to_string()).collect(),
             shadow: self.shadow,
         };
-        let deadline = tokio::time::Instant::now() + PATIENCE;
-        for (status, said) in self.peers {
-            let said = match said {
-                Some(said) => {
+        let deadline = tokio::time::Instant::now() + CONNECTION_TIMEOUT;
+        for (status, pending) in self.peers {
+            let connection = match pending {
+                Some(pending) => {
                     let left = deadline.saturating_duration_since(tokio::time::Instant::now());
-                    timeout(left, said).await.ok().and_then(Result::ok)
+                    timeout(left, pending).await.ok().and_then(Result::ok)
                 }
                 None => None,
             };
-            report.peers.push(peer(status, said, &self.lines));
+            report
+                .peers
+                .push(peer(status, connection, &self.rule_lines));
         }
-        // Whoever asked may have gone.
+        // The asker may have timed out.
         let _ = answer.send(report);
     }
 }
 
-fn peer(status: PeerStatus, said: Option<ConnectionReport>, lines: &[usize]) -> PeerReport {
+fn peer(status: PeerStatus, connection: Option<ConnectionReport>, lines: &[usize]) -> PeerReport {
     let mut messages = status.counts;
     let mut subjects = status.counts_by_name;
-    if let Some(said) = &said {
-        messages += said.counts;
-        subjects.extend(said.counts_by_name.iter().cloned());
+    if let Some(connection) = &connection {
+        messages += connection.counts;
+        subjects.extend(connection.counts_by_name.iter().cloned());
     }
     let mut by_name = BTreeMap::new();
     for (key, counts) in subjects {
@@ -85,7 +89,7 @@ fn peer(status: PeerStatus, said: Option<ConnectionReport>, lines: &[usize]) -> 
     let subjects = by_name
         .into_iter()
         .map(|((kind, name), counts)| SubjectReport {
-            kind: word(kind).to_owned(),
+            kind: kind_name(kind).to_owned(),
             name: name.to_string(),
             counts,
         });
@@ -94,10 +98,10 @@ fn peer(status: PeerStatus, said: Option<ConnectionReport>, lines: &[usize]) -> 
     PeerReport {
         name: status.name.to_string(),
         id: status.id.to_string(),
-        address: said.as_ref().map(|it| it.address.to_string()),
-        rtt_ms: said.as_ref().map(|it| it.rtt.as_secs_f64() * 1e3),
-        offers: status.offers.iter().map(label).collect(),
-        offered: status.offered.iter().map(label).collect(),
+        address: connection.as_ref().map(|it| it.address.to_string()),
+        rtt_ms: connection.as_ref().map(|it| it.rtt.as_secs_f64() * 1e3),
+        offers: status.offers.iter().map(subject_label).collect(),
+        offered: status.offered.iter().map(subject_label).collect(),
         messages,
         subjects: subjects.collect(),
         denied: denials.len() as u64,
@@ -107,7 +111,7 @@ fn peer(status: PeerStatus, said: Option<ConnectionReport>, lines: &[usize]) -> 
 
 fn denial(it: &Denial, lines: &[usize]) -> DenialReport {
     DenialReport {
-        kind: word(it.subject.kind()).to_owned(),
+        kind: kind_name(it.subject.kind()).to_owned(),
         name: it.subject.name().to_string(),
         direction: match it.direction {
             Direction::In => "in".to_owned(),
@@ -117,7 +121,7 @@ fn denial(it: &Denial, lines: &[usize]) -> DenialReport {
     }
 }
 
-/// Answers whoever asks, in JSON.
+/// Declares the status service and starts the task that answers requests, in JSON.
 pub(super) fn serve(local: &Local, gateway: &Name, hub: HubHandle) -> Result<(), LocalError> {
     let service = status_service(gateway)?;
     let server: Server<[u8], [u8]> = local.node().server(service.as_str())?;
@@ -127,19 +131,19 @@ pub(super) fn serve(local: &Local, gateway: &Name, hub: HubHandle) -> Result<(),
             let request = match server.recv().await {
                 Ok(request) => request,
                 Err(error) => {
-                    tracing::warn!(%error, "a question about the gateway was not taken");
+                    tracing::warn!(%error, "cannot take a status request");
                     continue;
                 }
             };
             let hub = hub.clone();
-            // A peer that is slow to answer keeps nobody else waiting.
+            // A task for each request, so that a slow peer delays no other request.
             tokio::spawn(async move {
                 let done = match answer(&hub, &request).await {
                     Ok(answer) => request.reply(&answer),
-                    Err(reason) => request.fail(&reason),
+                    Err(error) => request.fail(&error.to_string()),
                 };
                 if let Err(error) = done {
-                    tracing::debug!(%error, "nobody waits for the answer any more");
+                    tracing::debug!(%error, "the caller did not wait for the status");
                 }
             });
         }
@@ -147,27 +151,38 @@ pub(super) fn serve(local: &Local, gateway: &Name, hub: HubHandle) -> Result<(),
     Ok(())
 }
 
-/// In JSON, or why there is none.
-async fn answer(hub: &HubHandle, request: &[u8]) -> Result<Vec<u8>, String> {
-    let ended = |error: HubStopped| error.to_string();
-    let json = if request.is_empty() {
-        let report = hub.report().await.map_err(ended)?;
-        serde_json::to_vec(&report)
-    } else {
-        let question = serde_json::from_slice(request).map_err(|error| {
-            format!("this is no question: {error}; an empty request is about all")
-        })?;
-        let available = availability(hub, question).await.map_err(ended)?;
-        serde_json::to_vec(&available)
-    };
-    json.map_err(|error| error.to_string())
+/// Why a status request failed.
+#[derive(Debug, thiserror::Error)]
+enum StatusError {
+    #[error("the request is not valid: {0}; an empty request is answered with a report")]
+    Request(serde_json::Error),
+    #[error("cannot encode the answer: {0}")]
+    Answer(serde_json::Error),
+    #[error(transparent)]
+    Stopped(#[from] HubStopped),
 }
 
-async fn availability(hub: &HubHandle, question: Question) -> Result<Availability, HubStopped> {
-    Ok(match hub.ask_peer(question).await? {
+/// The answer in JSON.
+async fn answer(hub: &HubHandle, request: &[u8]) -> Result<Vec<u8>, StatusError> {
+    let json = if request.is_empty() {
+        let report = hub.report().await?;
+        serde_json::to_vec(&report)
+    } else {
+        let request = serde_json::from_slice(request).map_err(StatusError::Request)?;
+        let available = availability(hub, request).await?;
+        serde_json::to_vec(&available)
+    };
+    json.map_err(StatusError::Answer)
+}
+
+async fn availability(
+    hub: &HubHandle,
+    request: AvailabilityRequest,
+) -> Result<Availability, HubStopped> {
+    Ok(match hub.ask_peer(request).await? {
         PeerLookup::Unknown => Availability::NoSuchPeer,
         PeerLookup::NotConnected => Availability::NotConnected,
-        PeerLookup::Asked(verdict) => match timeout(PEER_PATIENCE, verdict).await {
+        PeerLookup::Asked(verdict) => match timeout(PEER_TIMEOUT, verdict).await {
             Ok(Ok(verdict)) => verdict.into(),
             Ok(Err(_)) | Err(_) => Availability::NoAnswer,
         },

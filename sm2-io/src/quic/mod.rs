@@ -20,3 +20,5 @@ pub use self::{
     tls::Trusted,
     transport::{ALPN, CALLS_MAX, Congestion, IDLE, KEEP_ALIVE},
 };
+/// An error of TLS, as [`Endpoint::new`] returns it.
+pub use rustls::Error as TlsError;

@@ -1,5 +1,7 @@
-//! Whether a peer could give something: asked of the gateways of a domain, by the same service as
-//! [`report`], and by them of the peer (SPEC section 14.3, ASK).
+//! Availability requests: whether a peer offers a topic or service to a gateway.
+//!
+//! They go to the same service as [report requests](report). The gateway forwards the request to the
+//! peer (SPEC section 14.3, ASK).
 
 use std::{collections::BTreeSet, fmt, time::Duration};
 
@@ -12,42 +14,42 @@ use sm2_proto::{
 
 use crate::report::{self, ReportError};
 
-/// Could this gateway have that of a peer? As the service takes it, in JSON.
+/// A request for the availability of a topic or service of a peer, as the service takes it in JSON.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct Question {
-    /// The peer, by its name or its id.
+pub struct AvailabilityRequest {
+    /// The name or id of the peer.
     pub peer: String,
-    /// A topic or a service.
-    #[serde(with = "KindWord")]
+    /// The kind of the name.
+    #[serde(with = "KindText")]
     pub kind: SubjectKind,
-    /// Its name.
+    /// The name of the topic or service.
     pub name: Name,
 }
 
 /// `topic` or `service`.
 #[derive(Deserialize, Serialize)]
 #[serde(remote = "SubjectKind", rename_all = "lowercase")]
-enum KindWord {
+enum KindText {
     Topic,
     Service,
 }
 
-/// The answer, as the service gives it, in JSON.
+/// The answer to an [`AvailabilityRequest`], in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Availability {
-    /// It offers it.
+    /// The peer offers it to this gateway.
     Offered,
-    /// Its rules do not let it come.
+    /// The rules of the peer deny it.
     Denied,
-    /// It knows of none.
+    /// The peer knows no such topic or service.
     Absent,
-    /// There is no connection with it.
+    /// No connection with the peer.
     NotConnected,
-    /// It is connected and does not answer.
+    /// The peer is connected and does not answer.
     NoAnswer,
-    /// No peer has this name or id.
+    /// No trusted peer has this name or id.
     NoSuchPeer,
 }
 
@@ -65,7 +67,7 @@ impl fmt::Display for Availability {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Offered => "offered",
-            Self::Denied => "denied by the peer's rules",
+            Self::Denied => "denied by the rules of the peer",
             Self::Absent => "absent: the peer's domain has none",
             Self::NotConnected => "not connected",
             Self::NoAnswer => "the peer does not answer",
@@ -74,14 +76,14 @@ impl fmt::Display for Availability {
     }
 }
 
-/// Asks gateways by the names of their services, all at the same time: they have so long to answer.
+/// Sends the request to the status services of gateways, at the same time, and collects the answers.
 pub fn ask(
     node: &Node,
     services: BTreeSet<Name>,
-    question: &Question,
-    patience: Duration,
+    request: &AvailabilityRequest,
+    timeout: Duration,
 ) -> Vec<(Name, Result<Availability, ReportError>)> {
-    // Names and words are always JSON.
-    let request = serde_json::to_vec(question).unwrap_or_default();
-    report::call(node, services, &request, patience)
+    // Strings and names always encode.
+    let request = serde_json::to_vec(request).unwrap_or_default();
+    report::call(node, services, &request, timeout)
 }
