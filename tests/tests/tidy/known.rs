@@ -17,7 +17,6 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
     ("sm2-cli/src/decode/tests/hostile.rs", 1),
     ("sm2-cli/src/topic/publish/arguments.rs", 2),
     ("sm2-cli/tests/cli/gateway.rs", 1),
-    ("sm2-gateway/src/tally.rs", 1),
     ("sm2-gateway/tests/hostile/frames.rs", 1),
     ("sm2-gateway/tests/hostile/streams.rs", 2),
     ("sm2-gateway/tests/simulation/link.rs", 1),

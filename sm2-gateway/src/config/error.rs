@@ -1,0 +1,106 @@
+//! The errors of configurations.
+
+use std::{io, path::PathBuf};
+
+use sm2_proto::{
+    Name, NameError,
+    gateway::{GatewayIdError, PatternError, schedule::PRIORITY_MAX},
+};
+
+use crate::address::AddressError;
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
+    /// The file is not TOML, or a key is unknown, missing or of the wrong type.
+    #[error("{path}:{line}: {}", .source.message())]
+    Toml {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// The error of the parser.
+        source: Box<toml::de::Error>,
+    },
+    /// A value is not allowed.
+    #[error("{path}:{line}: {source}")]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong with the value.
+        source: ValueError,
+    },
+}
+
+/// Why a value of a configuration was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ValueError {
+    /// `name` is not a name.
+    #[error("`{text}`: {source}")]
+    Name {
+        /// The text.
+        text: String,
+        /// The rule that it breaks.
+        source: NameError,
+    },
+    /// `listen` is not an address with a port.
+    #[error("`{text}` is not an address with a port, such as 192.0.2.1:7633 or [fe80::1%2]:7633")]
+    Listen {
+        /// The text.
+        text: String,
+    },
+    /// The file has both `domain` and `socket`.
+    #[error("`domain` and `socket` exclude each other: remove one of them")]
+    DomainAndSocket,
+    /// Two peers have the same name.
+    #[error("there are two peers of the name {name}: rename one of them")]
+    DuplicateName {
+        /// The name.
+        name: Name,
+    },
+    /// Two peers have the same id.
+    #[error("{other} has the same id: remove one of the two peers")]
+    DuplicateId {
+        /// The name of the other peer.
+        other: Name,
+    },
+    /// The id of a peer is not an id.
+    #[error("{0}; `sm2 gateway id` prints it at the peer")]
+    Id(#[from] GatewayIdError),
+    /// An address of a peer is neither an address nor the name of a host.
+    #[error("`{text}` {source}")]
+    Address {
+        /// The text.
+        text: String,
+        /// What it should be.
+        source: AddressError,
+    },
+    /// `names` of a rule is not a pattern.
+    #[error("`{text}`: {source}")]
+    Names {
+        /// The text.
+        text: String,
+        /// The rule that it breaks.
+        source: PatternError,
+    },
+    /// A rule names a peer that no `[[peer]]` before it has.
+    #[error("no [[peer]] before this rule has the name `{text}`: add it with `sm2 gateway trust`")]
+    UnknownPeer {
+        /// The text.
+        text: String,
+    },
+    /// The priority of a rule is too high.
+    #[error("a priority is 0 to {PRIORITY_MAX}")]
+    Priority,
+}
