@@ -26,7 +26,7 @@ pub const OFFERS_MAX: usize = 4_096;
 /// The most questions of one gateway to another without an answer.
 pub const QUESTIONS_MAX: usize = 64;
 /// The most messages of topics that a gateway has in the making for one peer.
-pub const MESSAGES_IN_THE_MAKING_MAX: usize = 64;
+pub const MESSAGES_IN_FLIGHT_MAX: usize = 64;
 /// The most segments attached at a time, per link and direction.
 pub const SEGMENTS_MAX: usize = 256;
 /// The most links that one interface has at a time, whatever the Manager's quota.

@@ -15,7 +15,7 @@ use sm2_proto::{
         OfferId,
         schedule::{Cause, Input, Message, Misuse, Output, PRIORITY_MAX, Schedule, Terms},
     },
-    limits::MESSAGES_IN_THE_MAKING_MAX,
+    limits::MESSAGES_IN_FLIGHT_MAX,
 };
 use support::cases;
 
@@ -281,7 +281,7 @@ fn a_topic_that_is_closed_leaves_nothing() {
 //= SM2-GWM-004 test
 #[test]
 fn no_more_in_the_making_than_streams() {
-    let most = MESSAGES_IN_THE_MAKING_MAX as u64;
+    let most = MESSAGES_IN_FLIGHT_MAX as u64;
     let mut bench = Bench::new((0..most + 3).map(|offer| (offer, FREE)));
     for offer in 0..most {
         assert_eq!(bench.publish(offer, offer, 1_000), [start(offer, offer)]);

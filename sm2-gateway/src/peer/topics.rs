@@ -25,8 +25,8 @@ pub(super) struct Topics {
     offers: BTreeMap<OfferId, Offer>,
     /// Those that are not started, by their keys.
     waiting: BTreeMap<u64, (OfferId, Message)>,
-    /// Those in the making, by their offers.
-    making: BTreeMap<OfferId, Making>,
+    /// Those in flight, by their offers.
+    in_flight: BTreeMap<OfferId, InFlight>,
     last_key: u64,
     /// How many long messages were started.
     started: i32,
@@ -45,7 +45,7 @@ struct Offer {
 }
 
 #[derive(Debug)]
-struct Making {
+struct InFlight {
     key: u64,
     state: State,
 }
@@ -150,7 +150,7 @@ impl Topics {
 
     /// Whether nothing is to be written.
     pub(super) fn is_idle(&self) -> bool {
-        self.waiting.is_empty() && self.making.is_empty()
+        self.waiting.is_empty() && self.in_flight.is_empty()
     }
 
     /// Writes what there is `room` for: the message whose turn it is first.
@@ -180,17 +180,17 @@ impl Topics {
     ) -> Option<OfferId> {
         let order: Vec<OfferId> = self.schedule.order().collect();
         for offer in order {
-            let Some(making) = self.making.get_mut(&offer) else {
+            let Some(in_flight) = self.in_flight.get_mut(&offer) else {
                 continue;
             };
-            match making.write(offer, now, connection, room, &mut self.started) {
+            match in_flight.write(offer, now, connection, room, &mut self.started) {
                 // The peer takes no more of it, but perhaps of another.
                 Written::Part => continue,
                 Written::NoRoom => return None,
                 Written::All => tally.count(Whose::Ours(offer), |it| it.sent += 1),
                 Written::Stopped => tally.count(Whose::Ours(offer), |it| it.withdrawn += 1),
             }
-            self.making.remove(&offer);
+            self.in_flight.remove(&offer);
             return Some(offer);
         }
         None
@@ -203,7 +203,7 @@ impl Topics {
                 Output::Start { offer, key } => {
                     if let Some((_, message)) = self.waiting.remove(&key) {
                         let state = State::NoStream(message);
-                        self.making.insert(offer, Making { key, state });
+                        self.in_flight.insert(offer, InFlight { key, state });
                     }
                 }
                 Output::Drop { key, cause } => {
@@ -217,12 +217,12 @@ impl Topics {
                     });
                 }
                 Output::Reset { key } => {
-                    self.making.retain(|offer, making| {
-                        let is_it = making.key == key;
+                    self.in_flight.retain(|offer, in_flight| {
+                        let is_it = in_flight.key == key;
                         if is_it {
                             tally.count(Whose::Ours(*offer), |it| it.withdrawn += 1);
                         }
-                        if let (true, State::Writing(outgoing)) = (is_it, &making.state) {
+                        if let (true, State::Writing(outgoing)) = (is_it, &in_flight.state) {
                             outgoing.reset(connection, StreamEnd::Withdrawn);
                         }
                         !is_it
@@ -235,7 +235,7 @@ impl Topics {
     /// The connection is over.
     pub(super) fn end(&mut self, tally: &mut Tally) {
         let waiting = self.waiting.values().map(|(offer, _)| offer);
-        for offer in waiting.chain(self.making.keys()) {
+        for offer in waiting.chain(self.in_flight.keys()) {
             tally.count(Whose::Ours(*offer), |it| it.withdrawn += 1);
         }
         *self = Self {
@@ -245,7 +245,7 @@ impl Topics {
     }
 }
 
-impl Making {
+impl InFlight {
     fn write(
         &mut self,
         offer: OfferId,

@@ -10,7 +10,7 @@ use sm2_gateway::keys;
 use sm2_proto::{
     Name,
     gateway::{AskId, Frame, OfferId, Subject, SubjectKind},
-    limits::{MESSAGES_IN_THE_MAKING_MAX, OFFERS_MAX, QUESTIONS_MAX},
+    limits::{MESSAGES_IN_FLIGHT_MAX, OFFERS_MAX, QUESTIONS_MAX},
 };
 
 use crate::{
@@ -93,7 +93,7 @@ fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
     client.say(&questions.collect::<Vec<_>>().concat());
     let payload = vec![b'x'; 2 << 20];
     let header = message(1, MESSAGE_BYTES as u64);
-    for _ in 0..MESSAGES_IN_THE_MAKING_MAX {
+    for _ in 0..MESSAGES_IN_FLIGHT_MAX {
         assert!(client.lost.is_none(), "{:?}", client.lost);
         let stream = client.open(Dir::Uni);
         client.write_all(stream, &header.to_bytes());

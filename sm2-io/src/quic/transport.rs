@@ -6,7 +6,7 @@ use quinn_proto::{
     IdleTimeout, TransportConfig, VarInt,
     congestion::{BbrConfig, ControllerFactory, CubicConfig, NewRenoConfig},
 };
-use sm2_proto::limits::MESSAGES_IN_THE_MAKING_MAX;
+use sm2_proto::limits::MESSAGES_IN_FLIGHT_MAX;
 
 use super::{congestion::SteadyConfig, observed::ObservedConfig};
 
@@ -44,7 +44,7 @@ pub enum Congestion {
 //= SM2-GWC-003, SM2-GWS-004
 pub(super) fn config(congestion: Congestion) -> Arc<TransportConfig> {
     let mut config = TransportConfig::default();
-    let messages = u32::try_from(MESSAGES_IN_THE_MAKING_MAX).unwrap_or(u32::MAX);
+    let messages = u32::try_from(MESSAGES_IN_FLIGHT_MAX).unwrap_or(u32::MAX);
     config
         .max_idle_timeout(IdleTimeout::try_from(IDLE).ok())
         .keep_alive_interval(Some(KEEP_ALIVE))

@@ -1,12 +1,12 @@
 //! What goes to one peer next: the newest messages of each topic, and fair shares of the way.
 //!
 //! Feed what happened with [`handle`](Schedule::handle), then do what [`poll`](Schedule::poll)
-//! says until it says nothing, and give the bytes of the messages in the making to the network in
+//! says until it says nothing, and give the bytes of the messages in flight to the network in
 //! the [`order`](Schedule::order) that they have then. Call again at the
 //! [`deadline`](Schedule::deadline).
 //!
-//! Each topic has at most one message in the making, so that the next one is chosen as late as can
-//! be. Which of them goes first is weighted fair queueing: a message's *turn* is where its
+//! Each topic has at most one message in flight, so that the next one is chosen as late as can
+//! be. Which of them goes first is weighted fair queueing: a message's *finish tag* is where its
 //! topic would be if all topics that have something to send got their shares byte by byte. A short
 //! message of a topic that seldom has one overtakes a long one that is under way; a topic
 //! that has more than its share waits for the others.
@@ -18,7 +18,7 @@ use core::{
 };
 
 use super::OfferId;
-use crate::{Instant, limits::MESSAGES_IN_THE_MAKING_MAX};
+use crate::{Instant, limits::MESSAGES_IN_FLIGHT_MAX};
 
 /// The greatest [`Terms::priority`].
 pub const PRIORITY_MAX: u8 = 7;
@@ -28,7 +28,7 @@ const NANOS_PER_S: u64 = 1_000_000_000;
 /// How messages of one topic go to the peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Terms {
-    /// How many messages wait at most, besides the one in the making; 0 counts as 1.
+    /// How many messages wait at most, besides the one in flight; 0 counts as 1.
     pub depth: u16,
     /// Each step, up to [`PRIORITY_MAX`], doubles the share of the way.
     pub priority: u8,
@@ -80,7 +80,7 @@ pub enum Input {
         /// The message.
         message: Message,
     },
-    /// Every byte of the message in the making has left at least once.
+    /// Every byte of the message in flight has left at least once.
     Sent {
         /// The number of the offer.
         offer: OfferId,
@@ -133,8 +133,8 @@ pub enum Misuse {
     /// This offer is not open.
     #[error("the offer is not open")]
     NotOpen,
-    /// This offer has no message in the making.
-    #[error("no message of the offer is in the making")]
+    /// This offer has no message in flight.
+    #[error("no message of the offer is in flight")]
     NotSending,
 }
 
@@ -142,14 +142,14 @@ pub enum Misuse {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Schedule {
     topics: BTreeMap<OfferId, Topic>,
-    /// The messages in the making, by turn and offer.
-    making: BTreeSet<(u64, OfferId)>,
+    /// The messages in flight, by finish tag and offer.
+    in_flight: BTreeSet<(u64, OfferId)>,
     /// The topics that wait for others to be done, likewise.
     ready: BTreeSet<(u64, OfferId)>,
     /// The topics whose budget is spent until then.
     spent: BTreeSet<(Instant, OfferId)>,
-    /// How far the topics are: the greatest turn of a message that was sent.
-    turn: u64,
+    /// How far the topics are: the greatest finish tag of a message that was sent.
+    finish_tag: u64,
     outputs: VecDeque<Output>,
 }
 
@@ -158,9 +158,9 @@ struct Topic {
     terms: Terms,
     /// The oldest first.
     waiting: VecDeque<Message>,
-    /// The turn and the key.
-    making: Option<(u64, u64)>,
-    /// Its turn among those that are ready.
+    /// The finish tag and the key.
+    in_flight: Option<(u64, u64)>,
+    /// Its finish tag among those that are ready.
     ready: Option<u64>,
     /// When its budget has something left.
     free_at: Instant,
@@ -172,7 +172,7 @@ impl Terms {
     }
 
     /// How far a message takes its topic: the less, the greater its share.
-    fn distance(&self, len_bytes: u64) -> u64 {
+    fn virtual_len(&self, len_bytes: u64) -> u64 {
         let less = PRIORITY_MAX - self.priority.min(PRIORITY_MAX);
         len_bytes.max(1).saturating_mul(1 << less)
     }
@@ -228,9 +228,9 @@ impl Schedule {
         self.spent.first().map(|(at, _)| *at)
     }
 
-    /// The offers that have a message in the making: whose bytes go first, first.
+    /// The offers that have a message in flight: whose bytes go first, first.
     pub fn order(&self) -> impl Iterator<Item = OfferId> {
-        self.making.iter().map(|(_, offer)| *offer)
+        self.in_flight.iter().map(|(_, offer)| *offer)
     }
 
     fn topic(&mut self, offer: OfferId) -> Result<&mut Topic, Misuse> {
@@ -244,7 +244,7 @@ impl Schedule {
         let topic = Topic {
             terms,
             waiting: VecDeque::new(),
-            making: None,
+            in_flight: None,
             ready: None,
             free_at: Instant(0),
         };
@@ -265,11 +265,11 @@ impl Schedule {
     fn close(&mut self, offer: OfferId) -> Result<(), Misuse> {
         let topic = self.topics.remove(&offer).ok_or(Misuse::NotOpen)?;
         self.spent.remove(&(topic.free_at, offer));
-        if let Some(turn) = topic.ready {
-            self.ready.remove(&(turn, offer));
+        if let Some(finish_tag) = topic.ready {
+            self.ready.remove(&(finish_tag, offer));
         }
-        if let Some((turn, key)) = topic.making {
-            self.making.remove(&(turn, offer));
+        if let Some((finish_tag, key)) = topic.in_flight {
+            self.in_flight.remove(&(finish_tag, offer));
             self.outputs.push_back(Output::Reset { key });
         }
         let cause = Cause::Withdrawn;
@@ -288,10 +288,14 @@ impl Schedule {
     }
 
     fn sent(&mut self, now: Instant, offer: OfferId) -> Result<(), Misuse> {
-        let (turn, _) = self.topic(offer)?.making.take().ok_or(Misuse::NotSending)?;
-        self.making.remove(&(turn, offer));
+        let (finish_tag, _) = self
+            .topic(offer)?
+            .in_flight
+            .take()
+            .ok_or(Misuse::NotSending)?;
+        self.in_flight.remove(&(finish_tag, offer));
         // Whoever comes back after a while has nothing saved up.
-        self.turn = self.turn.max(turn);
+        self.finish_tag = self.finish_tag.max(finish_tag);
         self.look_at(now, offer);
         Ok(())
     }
@@ -302,25 +306,25 @@ impl Schedule {
             return;
         };
         topic.shed(now, &mut self.outputs);
-        if let Some(turn) = topic.ready.take() {
-            self.ready.remove(&(turn, offer));
+        if let Some(finish_tag) = topic.ready.take() {
+            self.ready.remove(&(finish_tag, offer));
         }
-        let Some(next) = topic.waiting.front().filter(|_| topic.making.is_none()) else {
+        let Some(next) = topic.waiting.front().filter(|_| topic.in_flight.is_none()) else {
             return;
         };
         if topic.free_at > now {
             self.spent.insert((topic.free_at, offer));
             return;
         }
-        let turn = (self.turn).saturating_add(topic.terms.distance(next.len_bytes));
-        topic.ready = Some(turn);
-        self.ready.insert((turn, offer));
+        let finish_tag = (self.finish_tag).saturating_add(topic.terms.virtual_len(next.len_bytes));
+        topic.ready = Some(finish_tag);
+        self.ready.insert((finish_tag, offer));
     }
 
     /// Starts what is ready.
     fn fill(&mut self, now: Instant) {
-        while self.making.len() < MESSAGES_IN_THE_MAKING_MAX
-            && let Some((turn, offer)) = self.ready.pop_first()
+        while self.in_flight.len() < MESSAGES_IN_FLIGHT_MAX
+            && let Some((finish_tag, offer)) = self.ready.pop_first()
         {
             let Some(topic) = self.topics.get_mut(&offer) else {
                 continue;
@@ -329,9 +333,9 @@ impl Schedule {
             let Some(message) = topic.waiting.pop_front() else {
                 continue;
             };
-            topic.making = Some((turn, message.key));
+            topic.in_flight = Some((finish_tag, message.key));
             topic.free_at = now.after(topic.terms.pause(message.len_bytes));
-            self.making.insert((turn, offer));
+            self.in_flight.insert((finish_tag, offer));
             self.outputs.push_back(Output::Start {
                 offer,
                 key: message.key,
@@ -341,17 +345,17 @@ impl Schedule {
 
     /// What must hold between any two calls.
     fn invariants(&self) {
-        let is_making = |(turn, offer): &(u64, OfferId)| {
+        let is_in_flight = |(finish_tag, offer): &(u64, OfferId)| {
             let topic = self.topics.get(offer);
             topic
-                .and_then(|it| it.making)
-                .is_some_and(|it| it.0 == *turn)
+                .and_then(|it| it.in_flight)
+                .is_some_and(|it| it.0 == *finish_tag)
         };
-        debug_assert!(self.making.iter().all(is_making));
-        let making = self.topics.values().filter(|it| it.making.is_some());
-        debug_assert_eq!(making.count(), self.making.len());
-        debug_assert!(self.making.len() <= MESSAGES_IN_THE_MAKING_MAX);
-        let is_full = self.making.len() == MESSAGES_IN_THE_MAKING_MAX;
+        debug_assert!(self.in_flight.iter().all(is_in_flight));
+        let in_flight = self.topics.values().filter(|it| it.in_flight.is_some());
+        debug_assert_eq!(in_flight.count(), self.in_flight.len());
+        debug_assert!(self.in_flight.len() <= MESSAGES_IN_FLIGHT_MAX);
+        let is_full = self.in_flight.len() == MESSAGES_IN_FLIGHT_MAX;
         debug_assert!(self.ready.is_empty() || is_full);
         let is_bounded = |it: &Topic| it.waiting.len() <= it.terms.depth();
         debug_assert!(self.topics.values().all(is_bounded));
