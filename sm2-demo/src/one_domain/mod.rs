@@ -1,8 +1,8 @@
 //! One domain: one process publishes, several receive and check every byte; the Manager is in the demo's own
 //! process.
 //!
-//! [`director`] starts, watches and ends the processes; [`publisher`] and [`subscriber`] are what they do;
-//! [`part`] is how they talk.
+//! `director` starts, watches and ends the processes; `publisher` and `subscriber` are their roles; `part` is the
+//! protocol between a process and its director.
 
 mod child;
 pub(crate) mod command_line;
