@@ -38,7 +38,7 @@ pub struct Report {
     pub peers: Vec<PeerReport>,
     /// The trusted peers without a connection.
     pub absent: Vec<String>,
-    /// What the shadow configuration would change, if there is one.
+    /// The changes that the shadow configuration would make, if there is one.
     pub shadow: Option<Vec<ShadowReport>>,
 }
 

@@ -1,5 +1,5 @@
-//! What another process can do to memory between its verification and its use: it is refused, or
-//! changes copies alone.
+//! Attempts of another process to change memory between its verification and its use. Each is
+//! refused, or changes copies alone.
 
 mod common;
 

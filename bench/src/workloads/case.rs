@@ -2,10 +2,10 @@
 
 use crate::{job::Read, peers::PeerInfo, world::Failure};
 
-/// What the command line says about all cases.
+/// Options of the command line that hold for all cases.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// What subscribers do with messages.
+    /// How subscribers read messages.
     pub read: Read,
     /// How long each case counts, in seconds, if it is not the workload's own choice.
     pub seconds: Option<f64>,
@@ -19,7 +19,7 @@ pub struct Options {
 
 /// Something that can be run on a peer.
 pub trait Case {
-    /// What stands before the names of its figures; empty if the workload has no other case.
+    /// The prefix of its figures' names; empty if the workload has no other case.
     fn label(&self) -> String;
 
     /// Runs it once.
@@ -33,11 +33,11 @@ pub trait Case {
 /// One number of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
-    /// In what.
+    /// Its unit.
     pub unit: &'static str,
-    /// How much.
+    /// Its value, in `unit`.
     pub value: f64,
 }
 

@@ -2,7 +2,7 @@
 
 use sm2_proto::schema::{Field, Type};
 
-/// What a structure looks like, to people and in JSON.
+/// How a structure is shown, to people and in JSON.
 pub(super) enum Shape<'a> {
     /// Nothing.
     Unit,

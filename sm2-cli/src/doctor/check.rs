@@ -14,14 +14,14 @@ pub(super) enum Level {
     Bad,
 }
 
-/// What one check found.
+/// The result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct Check {
     pub(super) level: Level,
-    /// What was looked at.
+    /// The thing that was checked.
     pub(super) check: &'static str,
     pub(super) found: String,
-    /// What to do; none where all is well.
+    /// The remedy; `None` if the check found no problem.
     pub(super) advice: Option<String>,
 }
 

@@ -169,7 +169,7 @@ mod tests {
                 ..
             })
         ));
-        // What has to be done has room, and with the connection all that is for it is gone.
+        // Commands that must not be lost find room. When the connection ends, its commands are dropped.
         assert!(
             handle
                 .command(Command::Unoffer { offer: OfferId(1) })

@@ -57,7 +57,7 @@ pub(crate) enum HubEvent {
     Stop,
 }
 
-/// What the hub task needs of a configuration to name peers and rules in logs and reports.
+/// The part of a configuration by which the hub task names peers and rules in logs and reports.
 #[derive(Debug)]
 pub(crate) struct ConfigLabels {
     /// The name of each trusted peer.

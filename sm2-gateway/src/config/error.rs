@@ -37,7 +37,7 @@ pub enum ConfigError {
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is wrong with the value.
+        /// The error in the value.
         source: ValueError,
     },
 }
@@ -83,7 +83,7 @@ pub enum ValueError {
     Address {
         /// The text.
         text: String,
-        /// What it should be.
+        /// The form that an address must have.
         source: AddressError,
     },
     /// `names` of a rule is not a pattern.

@@ -218,7 +218,7 @@ impl Hub {
         }
     }
 
-    /// What a peer said on its control stream.
+    /// Handles an event of a peer's control stream.
     fn session(&mut self, peer: GatewayId, event: session::Event) {
         match event {
             // `peer` handles the first one; a connection's task handles the second.

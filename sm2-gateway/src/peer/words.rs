@@ -111,7 +111,7 @@ pub enum Command {
 /// What happened on a connection.
 #[derive(Clone, Debug)]
 pub enum Event {
-    /// What the peer said on the control stream.
+    /// An event of the control stream.
     Session(session::Event),
     /// A question could not be asked: too many questions wait for an answer, or the connection is
     /// not open.

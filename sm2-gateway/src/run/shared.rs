@@ -26,7 +26,7 @@ pub(super) struct Shared {
     pub(super) network: NetworkHandle,
     /// The greatest known epoch of each peer: an older process is stale.
     pub(super) epochs: Mutex<BTreeMap<GatewayId, u64>>,
-    /// What the shadow configuration would change, if there is one.
+    /// The changes that the shadow configuration would make, if there is one.
     pub(super) shadow: Mutex<Option<Vec<ShadowReport>>>,
 }
 

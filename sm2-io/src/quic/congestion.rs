@@ -84,7 +84,7 @@ enum Phase {
     Drain,
 }
 
-/// What the connection reported since the round began.
+/// The reports of the connection since the round began.
 #[derive(Clone, Copy, Debug)]
 struct Round {
     begin: Instant,
