@@ -77,8 +77,8 @@ fn step() -> impl Strategy<Value = Step> {
 /// Almost everything is put off, or hardly anything.
 fn policy() -> impl Strategy<Value = Policy> {
     let few = || prop_oneof![2 => Just(1_usize), 1 => Just(2), 1 => Just(256)];
-    (few(), few()).prop_map(|(links_ahead, pairs_per_turn)| Policy {
-        links_ahead,
+    (few(), few()).prop_map(|(links_in_flight, pairs_per_turn)| Policy {
+        links_in_flight,
         pairs_per_turn,
         ..Policy::default()
     })

@@ -162,7 +162,7 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
     }
     // What the socket took is in flight; the rest that was sent is ours to keep.
     let kept = manager.census().descriptors() - baseline.descriptors();
-    let ahead = Policy::default().links_ahead;
+    let ahead = Policy::default().links_in_flight;
     assert!(
         0 < kept && kept <= ahead,
         "{kept} descriptors for a deaf node"

@@ -28,7 +28,7 @@ const POLICY: Policy = Policy {
     refusals_per_session: 2,
     unlinked_per_session: 3,
     changes_remembered: 20,
-    links_ahead: 256,
+    links_in_flight: 256,
     pairs_per_turn: 256,
     seal_all: false,
     waive_user_boundary: false,

@@ -36,7 +36,7 @@ impl Manager {
                 "each schema is there as often as sessions registered it",
             ),
             (
-                self.pace_agrees(),
+                self.flow_control_agrees(),
                 "links wait for their LINKs, and sessions to be linked, only as long as they have to",
             ),
             (

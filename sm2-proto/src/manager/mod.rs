@@ -18,10 +18,14 @@
 //! A complete driver in a loop of its own, with what it owes the machine, is the example
 //! `own_loop` of `sm2-manager`.
 
+mod adoption;
 mod broker;
 mod channel;
 mod claims;
+mod describe;
+mod endings;
 mod event;
+mod flow_control;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
 mod inspect;
@@ -29,15 +33,17 @@ mod invariants;
 mod links;
 mod log;
 mod node_record;
-mod pace;
 mod page;
+mod pending_links;
 mod phase;
 mod policy;
 #[cfg(any(kani, test))]
 mod proofs;
+mod round_robin;
 mod schemas;
 mod session;
 mod unlinked;
+mod users;
 mod watch;
 
 use alloc::{
@@ -52,11 +58,12 @@ use self::{
     links::{Agreed, Links},
     log::Log,
     node_record::NodeRecord,
-    pace::{Pace, Turns},
-    policy::Users,
+    pending_links::PendingLinks,
+    round_robin::RoundRobin,
     schemas::Schemas,
     session::Session,
     unlinked::UnlinkedPairs,
+    users::Users,
 };
 pub use self::{
     event::{Cause, Credentials, Input, Misuse, Output},
@@ -90,10 +97,9 @@ pub struct Manager {
     /// By when each session that is not ready has to be. They came in the order
     /// of their numbers, so the first one's deadline is the earliest.
     greeting: BTreeMap<NodeId, Instant>,
-    /// Which LINKs wait until the nodes have read others.
-    pace: Pace,
+    pending_links: PendingLinks,
     /// The sessions that have claimed all they have, and are not linked with all others yet.
-    settling: Turns,
+    settling: RoundRobin,
     /// Since when something was put off that can be done now.
     due: Option<Instant>,
     outputs: VecDeque<Output>,
@@ -120,8 +126,8 @@ impl Manager {
             schemas: Schemas::new(),
             watchers: BTreeSet::new(),
             greeting: BTreeMap::new(),
-            pace: Pace::new(),
-            settling: Turns::new(),
+            pending_links: PendingLinks::new(),
+            settling: RoundRobin::new(),
             due: None,
             outputs: VecDeque::new(),
         }
@@ -179,12 +185,12 @@ impl Machine for Manager {
             }
             Input::LinkFailed { link } => self.link_failed(link),
             Input::Drained { session } => self.drained(session),
-            Input::Tick => self.go_on(),
+            Input::Tick => self.run_deferred(),
             Input::DismissStandbys => self.dismiss_standbys(),
             Input::Shutdown => self.shut_down(),
         }
         self.wake_watchers(before);
-        self.due = self.has_work().then_some(now);
+        self.due = self.has_deferred().then_some(now);
         debug_assert_eq!(self.invariants(), Ok(()));
         Ok(())
     }
@@ -352,7 +358,7 @@ impl Manager {
                 self.end_node(id, node);
             }
         }
-        self.forget_pace(id);
+        self.forget_deferred(id);
         let goodbye = cause
             .code()
             .map(|code| encode_to_node(&ToNode::Goodbye { code }));
@@ -392,7 +398,7 @@ impl Manager {
     //= SM2-SES-008
     fn shut_down(&mut self) {
         for (link, pair) in self.links.iter().collect::<Vec<_>>() {
-            self.pace.cancel(pair, link);
+            self.pending_links.remove(pair, link);
             self.forget_link(link, pair);
         }
         let sessions: Vec<NodeId> = self.sessions.keys().copied().collect();

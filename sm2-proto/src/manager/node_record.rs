@@ -25,7 +25,7 @@ pub(super) struct NodeRecord {
     /// The latest refused interfaces, and why.
     refused: BTreeMap<InterfaceId, (Contract, Refusal)>,
     /// How many LINKs the node was sent since its socket last had taken all that was sent.
-    pub(super) links_ahead: usize,
+    pub(super) links_in_flight: usize,
     /// How many ends of links all interfaces have together.
     link_ends: usize,
     /// Whether the driver keeps the file of its counters.
@@ -67,7 +67,7 @@ impl NodeRecord {
             last_interface: 0,
             interfaces: BTreeMap::new(),
             refused: BTreeMap::new(),
-            links_ahead: 0,
+            links_in_flight: 0,
             link_ends: 0,
             has_counters: false,
             schemas: BTreeSet::new(),

@@ -1,12 +1,7 @@
 //! What the operator allows: quotas per user and per session, and when to seal.
 
-#[cfg(any(kani, test))]
-mod proofs;
-
-use alloc::collections::BTreeMap;
 use core::time::Duration;
 
-use super::session::Session;
 use crate::{Quota, Refusal, control::Limits, limits::LINKS_MAX};
 
 /// The Manager's own limits (SPEC section 2) and its policy on integrity.
@@ -36,7 +31,7 @@ pub struct Policy {
     /// Changes of the domain that are remembered.
     pub changes_remembered: usize,
     /// LINKs that a session is sent before its socket has taken all of them; none counts as one.
-    pub links_ahead: usize,
+    pub links_in_flight: usize,
     /// How many pairs of a session that has claimed all it has are looked at for one input.
     pub pairs_per_turn: usize,
     /// Whether every link of the domain is sealed.
@@ -59,7 +54,7 @@ impl Default for Policy {
             refusals_per_session: 16,
             unlinked_per_session: 256,
             changes_remembered: 4_096,
-            links_ahead: 256,
+            links_in_flight: 256,
             pairs_per_turn: 256,
             seal_all: false,
             waive_user_boundary: false,
@@ -79,11 +74,11 @@ impl Policy {
     }
 
     //= SM2-LNK-007
-    pub(super) const fn links_ahead(&self) -> usize {
-        if self.links_ahead == 0 {
+    pub(super) const fn links_in_flight(&self) -> usize {
+        if self.links_in_flight == 0 {
             1
         } else {
-            self.links_ahead
+            self.links_in_flight
         }
     }
 
@@ -97,92 +92,6 @@ impl Policy {
             seal_all: self.seal_all,
             waive_user_boundary: self.waive_user_boundary,
         }
-    }
-}
-
-/// What one user has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-struct Usage {
-    greeting: usize,
-    welcomed: usize,
-    interfaces: usize,
-}
-
-/// What each user has. A user with nothing has no entry.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Users(BTreeMap<u32, Usage>);
-
-impl Users {
-    pub(super) const fn new() -> Self {
-        Self(BTreeMap::new())
-    }
-
-    /// A connection came. Whether the user may have it; it counts until it
-    /// leaves in any case.
-    pub(super) fn connect(&mut self, uid: u32, policy: &Policy) -> bool {
-        let usage = self.0.entry(uid).or_default();
-        usage.greeting += 1;
-        usage.greeting <= policy.greetings_per_user
-    }
-
-    pub(super) fn greet(&mut self, uid: u32) {
-        let usage = self.0.entry(uid).or_default();
-        usage.greeting = usage.greeting.saturating_sub(1);
-        usage.welcomed += 1;
-    }
-
-    pub(super) fn leave(&mut self, uid: u32, welcomed: bool, interfaces: usize) {
-        let usage = self.0.entry(uid).or_default();
-        let count = if welcomed {
-            &mut usage.welcomed
-        } else {
-            &mut usage.greeting
-        };
-        *count = count.saturating_sub(1);
-        self.withdraw(uid, interfaces);
-    }
-
-    pub(super) fn declare(&mut self, uid: u32) {
-        self.0.entry(uid).or_default().interfaces += 1;
-    }
-
-    pub(super) fn withdraw(&mut self, uid: u32, interfaces: usize) {
-        let usage = self.0.entry(uid).or_default();
-        usage.interfaces = usage.interfaces.saturating_sub(interfaces);
-        if *usage == Usage::default() {
-            self.0.remove(&uid);
-        }
-    }
-
-    pub(super) fn refuse_session(&self, uid: u32, policy: &Policy) -> Result<(), Refusal> {
-        let welcomed = self.0.get(&uid).map_or(0, |usage| usage.welcomed);
-        within(
-            policy.sessions_per_user,
-            welcomed + 1,
-            Quota::SessionsPerUser,
-        )
-    }
-
-    pub(super) fn refuse_interface(&self, uid: u32, policy: &Policy) -> Result<(), Refusal> {
-        let interfaces = self.0.get(&uid).map_or(0, |usage| usage.interfaces);
-        let limit = policy.interfaces_per_user;
-        within(limit, interfaces + 1, Quota::InterfacesPerUser)
-    }
-
-    /// Whether every charge is what a recount says.
-    pub(super) fn are<'a>(&self, sessions: impl Iterator<Item = &'a Session>) -> bool {
-        let mut recount: BTreeMap<u32, Usage> = BTreeMap::new();
-        for session in sessions {
-            let usage = recount.entry(session.credentials().uid).or_default();
-            match session.node() {
-                Some(record) => {
-                    usage.welcomed += 1;
-                    usage.interfaces += record.interfaces();
-                }
-                None => usage.greeting += 1,
-            }
-        }
-        recount == self.0
     }
 }
 

@@ -3,7 +3,8 @@
 use super::{
     Cause, Credentials, Input, Manager, Misuse, Output,
     phase::{PHASES, Phase, REQUESTS, Request, legal},
-    policy::{Policy, Users, within},
+    policy::{Policy, within},
+    users::Users,
 };
 use crate::{
     Code, Datagram, Farewell, FdFacts, Instant, Machine, Name, NodeId, Quota, Refusal, Seals,

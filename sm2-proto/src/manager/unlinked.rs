@@ -9,10 +9,10 @@ use alloc::{
 };
 use core::ops::Bound;
 
-use super::{Manager, links::Pair};
+use super::links::Pair;
 use crate::{
     EntityId, NodeId,
-    control::{Item, Key, UnlinkedReason},
+    control::{Item, UnlinkedReason},
 };
 
 /// For each pair: why.
@@ -25,34 +25,6 @@ pub(super) struct UnlinkedPairs {
     offered: BTreeMap<NodeId, usize>,
 }
 
-impl Manager {
-    /// A matching pair is not linked. Beyond its quota that is not remembered.
-    //= SM2-WCH-004
-    pub(super) fn mark_unlinked(&mut self, pair: Pair, reason: UnlinkedReason) {
-        if self
-            .unlinked_pairs
-            .insert(pair, reason, self.policy.unlinked_per_session)
-        {
-            self.changed(key(pair));
-        }
-    }
-
-    /// A pair is linked after all.
-    pub(super) fn mark_linked(&mut self, pair: Pair) {
-        if self.unlinked_pairs.remove(pair) {
-            self.changed(key(pair));
-        }
-    }
-
-    /// An interface is gone, and what was remembered of it.
-    //= SM2-WCH-004
-    pub(super) fn forget_unlinked(&mut self, entity: EntityId) {
-        for pair in self.unlinked_pairs.of(entity) {
-            self.mark_linked(pair);
-        }
-    }
-}
-
 impl UnlinkedPairs {
     pub(super) const fn new() -> Self {
         Self {
@@ -63,7 +35,7 @@ impl UnlinkedPairs {
     }
 
     /// Whether there is room for it.
-    fn insert(&mut self, pair: Pair, reason: UnlinkedReason, limit: usize) -> bool {
+    pub(super) fn insert(&mut self, pair: Pair, reason: UnlinkedReason, limit: usize) -> bool {
         if !self.reasons.contains_key(&pair) {
             let offered = self.offered.get(&pair.offering.node).copied();
             let offered = offered.unwrap_or(0) + 1;
@@ -78,7 +50,7 @@ impl UnlinkedPairs {
     }
 
     /// Whether it was there.
-    fn remove(&mut self, pair: Pair) -> bool {
+    pub(super) fn remove(&mut self, pair: Pair) -> bool {
         if self.reasons.remove(&pair).is_none() {
             return false;
         }
@@ -92,7 +64,7 @@ impl UnlinkedPairs {
     }
 
     /// All pairs of an interface.
-    fn of(&self, entity: EntityId) -> Vec<Pair> {
+    pub(super) fn of(&self, entity: EntityId) -> Vec<Pair> {
         let offering = self.reasons.range(pair(entity, EntityId::FIRST)..);
         let offering = offering.map(|(&pair, _)| pair);
         let demanding = self.by_demanding.range((entity, EntityId::FIRST)..);
@@ -140,13 +112,6 @@ const fn pair(offering: EntityId, demanding: EntityId) -> Pair {
     Pair {
         offering,
         demanding,
-    }
-}
-
-const fn key(pair: Pair) -> Key {
-    Key::Unlinked {
-        offering: pair.offering,
-        demanding: pair.demanding,
     }
 }
 

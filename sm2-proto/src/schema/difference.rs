@@ -3,7 +3,7 @@
 use alloc::{format, string::String};
 use core::fmt;
 
-use super::{Field, Schema, Type};
+use super::tree::{Encoding, Field, Type};
 
 /// The first place where two schemas differ.
 ///
@@ -26,12 +26,12 @@ impl fmt::Display for Difference {
     }
 }
 
-pub(super) fn of(here: &Schema, there: &Schema) -> Option<Difference> {
-    if here.encoding != there.encoding {
-        let side = |it: &Schema| format!("encoded as {}", it.encoding.name());
-        return difference("", side(here), side(there));
+pub(super) fn of(here: (&Encoding, &Type), there: (&Encoding, &Type)) -> Option<Difference> {
+    if here.0 != there.0 {
+        let side = |it: &Encoding| format!("encoded as {}", it.name());
+        return difference("", side(here.0), side(there.0));
     }
-    types("", &here.root, &there.root)
+    types("", here.1, there.1)
 }
 
 fn types(path: &str, here: &Type, there: &Type) -> Option<Difference> {

@@ -2,7 +2,7 @@
 
 use alloc::{boxed::Box, collections::BTreeSet, vec::Vec};
 
-use super::{Encoding, Field, Scalar, Schema, Type, Variant};
+use super::tree::{Encoding, Field, Scalar, Type, Variant};
 use crate::limits::{SCHEMA_DEPTH_MAX, SCHEMA_TEXT_MAX};
 
 /// The longest name of an encoding, in bytes.
@@ -51,7 +51,7 @@ pub enum Reason {
 }
 
 //= SM2-TYP-001
-pub(super) fn schema(text: &str) -> Result<Schema, ParseError> {
+pub(super) fn schema(text: &str) -> Result<(Encoding, Type), ParseError> {
     let mut parser = Parser {
         text,
         at: 0,
@@ -74,7 +74,7 @@ pub(super) fn schema(text: &str) -> Result<Schema, ParseError> {
     if parser.at < text.len() {
         return Err(parser.wrong(Reason::End));
     }
-    Ok(Schema { encoding, root })
+    Ok((encoding, root))
 }
 
 /// Whether fields and variants can have this name.

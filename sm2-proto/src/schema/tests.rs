@@ -1,7 +1,9 @@
 use alloc::{
+    boxed::Box,
     format,
     string::{String, ToString},
     vec,
+    vec::Vec,
 };
 
 use proptest::{collection, prelude::*, sample::select};

@@ -28,7 +28,7 @@ pub(crate) const UNLIMITED: Policy = Policy {
     refusals_per_session: usize::MAX,
     unlinked_per_session: usize::MAX,
     changes_remembered: usize::MAX,
-    links_ahead: usize::MAX,
+    links_in_flight: usize::MAX,
     pairs_per_turn: usize::MAX,
     seal_all: false,
     waive_user_boundary: false,

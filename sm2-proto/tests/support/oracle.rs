@@ -37,11 +37,11 @@ pub(crate) struct Oracle {
     /// Links that nobody was told of.
     unheard: BTreeSet<LinkId>,
     /// How many LINKs a session may be sent ahead of its reading.
-    links_ahead: usize,
+    links_in_flight: usize,
 }
 
 impl Oracle {
-    pub(crate) fn new(links_ahead: usize) -> Self {
+    pub(crate) fn new(links_in_flight: usize) -> Self {
         Self {
             sessions: BTreeMap::new(),
             interfaces: BTreeMap::new(),
@@ -50,7 +50,7 @@ impl Oracle {
             refused: BTreeMap::new(),
             made: 0,
             unheard: BTreeSet::new(),
-            links_ahead,
+            links_in_flight,
         }
     }
 
@@ -76,7 +76,11 @@ impl Oracle {
         let ends = self.links.values().flatten();
         let links = ends.filter(|&&(it, _)| it == node).count();
         let declares = matches!(frame, ToManager::Declare { .. });
-        let most = 1 + if declares { self.links_ahead } else { links };
+        let most = 1 + if declares {
+            self.links_in_flight
+        } else {
+            links
+        };
         assert!(events.len() <= most, "{} outputs", events.len());
         match frame {
             ToManager::Hello { name, .. } => self.hello(node, name, events),
@@ -100,7 +104,7 @@ impl Oracle {
 
     /// What the Manager had put off.
     pub(crate) fn ticked(&mut self, events: &[Event]) {
-        assert!(events.len() <= self.links_ahead, "{events:?}");
+        assert!(events.len() <= self.links_in_flight, "{events:?}");
         for event in events {
             self.linked(event);
         }

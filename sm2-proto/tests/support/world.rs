@@ -76,19 +76,19 @@ pub(crate) struct World {
     /// Whether rogues send their bytes, or just go.
     rogues: bool,
     /// The policy's.
-    links_ahead: usize,
+    links_in_flight: usize,
 }
 
 impl World {
     /// No node is sent more than so many LINKs ahead of its reading.
-    pub(crate) fn new(slots: usize, rogues: bool, links_ahead: usize) -> Self {
+    pub(crate) fn new(slots: usize, rogues: bool, links_in_flight: usize) -> Self {
         let policy = Policy {
-            links_ahead,
+            links_in_flight,
             ..Policy::default()
         };
         Self {
             manager: Manager::new(EPOCH, 1, policy),
-            oracle: Oracle::new(links_ahead),
+            oracle: Oracle::new(links_in_flight),
             sockets: BTreeMap::new(),
             processes: vec![None; slots],
             connections: 0,
@@ -97,7 +97,7 @@ impl World {
             onlooker: Onlooker::new(LIMITS),
             trace: Vec::new(),
             rogues,
-            links_ahead,
+            links_in_flight,
         }
     }
 

@@ -345,7 +345,7 @@ impl World {
         let outputs: Vec<_> = std::iter::from_fn(|| manager.poll()).collect();
         let links = outputs.iter();
         let links = links.filter(|it| matches!(it, manager::Output::Link { .. }));
-        let most = 2 * self.policy.links_ahead;
+        let most = 2 * self.policy.links_in_flight;
         assert!(links.count() <= most, "{outputs:?}");
         for output in outputs {
             match output {

@@ -44,7 +44,10 @@ impl World {
     pub(super) fn check_pace(&self, session: NodeId) {
         let waiting = self.sockets[&session].to_node.iter();
         let links = waiting.filter(|(_, fds)| !fds.is_empty()).count();
-        assert!(links <= self.links_ahead + 1, "{links} LINKs for {session}");
+        assert!(
+            links <= self.links_in_flight + 1,
+            "{links} LINKs for {session}"
+        );
     }
 
     /// Nothing is kept of whoever is gone; the machine's own invariants, which

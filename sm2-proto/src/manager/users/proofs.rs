@@ -1,6 +1,6 @@
 //! Harnesses for what users are charged: one step from any charges.
 
-use super::{Policy, Quota, Refusal, Usage, Users, count};
+use super::{super::policy::count, Policy, Quota, Refusal, Usage, Users};
 use crate::proofs::{below, one_of};
 
 /// MGR-CHARGES from any charges: each step changes what it is about, and no other user; a user
@@ -73,6 +73,12 @@ fn a_step_changes_its_own_charge() {
     assert!(users.0.get(&2) == Some(&bystander));
     let charged = users.0.get(&1).copied();
     assert!(charged == (usage != Usage::default()).then_some(usage));
+    assert_refusals(&users, usage, &policy);
+}
+
+/// The quotas of user 1 refuse exactly what goes beyond them.
+fn assert_refusals(users: &Users, usage: Usage, policy: &Policy) {
+    let limit = policy.sessions_per_user;
     let refused = |quota| {
         let limit = count(limit);
         Err(Refusal::Quota { quota, limit })
@@ -82,15 +88,15 @@ fn a_step_changes_its_own_charge() {
     } else {
         refused(Quota::SessionsPerUser)
     };
-    assert_eq!(users.refuse_session(1, &policy), session);
-    let room = usage.interfaces < limit;
-    let interface = if room {
+    assert_eq!(users.refuse_session(1, policy), session);
+    let has_room = usage.interfaces < limit;
+    let interface = if has_room {
         Ok(())
     } else {
         refused(Quota::InterfacesPerUser)
     };
-    assert_eq!(users.refuse_interface(1, &policy), interface);
-    kani::cover!(!room && limit > 0, "used up");
+    assert_eq!(users.refuse_interface(1, policy), interface);
+    kani::cover!(!has_room && limit > 0, "used up");
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use support::{
 
 const AHEAD: usize = 4;
 const POLICY: Policy = Policy {
-    links_ahead: AHEAD,
+    links_in_flight: AHEAD,
     pairs_per_turn: 16,
     ..UNLIMITED
 };
@@ -304,7 +304,7 @@ fn one_claimed_is_settled_in_parts() {
 #[test]
 fn what_happens_while_a_session_is_settled() {
     let policy = Policy {
-        links_ahead: 100,
+        links_in_flight: 100,
         pairs_per_turn: 1,
         ..UNLIMITED
     };
@@ -360,7 +360,7 @@ fn what_happens_while_a_session_is_settled() {
 #[test]
 fn sessions_are_settled_in_turns() {
     let policy = Policy {
-        links_ahead: 1_000,
+        links_in_flight: 1_000,
         pairs_per_turn: 10,
         ..UNLIMITED
     };

@@ -1,0 +1,150 @@
+//! Links of earlier Managers: nodes that come back claim them, and a link that both of
+//! its ends have claimed is adopted (SPEC section 11).
+
+use alloc::vec::Vec;
+
+use super::{
+    Cause, Manager,
+    claims::Claim,
+    links::{Agreed, Pair},
+    session::Session,
+};
+use crate::{
+    Code, EntityId, Farewell, Instant, LinkId, NodeId, VERSION, Violation,
+    control::{Key, ToNode},
+    match_contracts,
+};
+
+impl Manager {
+    //= SM2-RES-003, SM2-RES-004, SM2-RES-008
+    pub(super) fn claim(
+        &mut self,
+        entity: EntityId,
+        link: LinkId,
+        claim: Claim,
+    ) -> Result<(), Violation> {
+        let EntityId { node, interface } = entity;
+        let limit = self.policy.links_per_session();
+        let Some(session) = self.sessions.get_mut(&node) else {
+            return Ok(());
+        };
+        let record = session.node();
+        let known = record.and_then(|it| it.has_link(interface, link));
+        let known = known.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
+        if known || link.epoch == self.links.epoch() || claim.agreed.version != VERSION {
+            return Err(violation!(BadClaim, "SM2-RES-003"));
+        }
+        if !session.may_claim() {
+            self.end_session(node, Cause::Farewell(Farewell::Resources));
+            return Ok(());
+        }
+        let record = session.node_mut();
+        let record = record.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
+        record.claim(interface, link);
+        if record.link_ends() > limit {
+            self.tell(entity, link, Farewell::Resources.code());
+            return Ok(());
+        }
+        match self.claims.meet(link, entity, claim) {
+            None => self.changed(Key::Claim { link, entity }),
+            Some(other) => {
+                self.changed(Key::Claim {
+                    link,
+                    entity: other,
+                });
+                self.adopt(link, [entity, other], claim.agreed);
+            }
+        }
+        Ok(())
+    }
+
+    /// Both ends have claimed a link.
+    //= SM2-RES-004, SM2-RES-005
+    fn adopt(&mut self, link: LinkId, ends: [EntityId; 2], agreed: Agreed) {
+        match self.adoptable(ends, agreed) {
+            Some(pair) => self.record(link, pair, agreed, 0),
+            None => {
+                for end in ends {
+                    self.tell(end, link, Farewell::NotAdopted.code());
+                }
+            }
+        }
+    }
+
+    /// Whether this Manager would have made such a link, now.
+    //= SM2-RES-005, SM2-MAT-003
+    fn adoptable(&self, [one, other]: [EntityId; 2], agreed: Agreed) -> Option<Pair> {
+        let (uid, ours) = self.whose(one)?;
+        let (their_uid, theirs) = self.whose(other)?;
+        let qos = match_contracts(ours, theirs).ok()?;
+        let pair = Pair::new(one, ours, other);
+        let sealed = qos.sealed || self.policy.seals(uid == their_uid);
+        let fits = agreed.qos.reliable == qos.reliable && (agreed.qos.sealed || !sealed);
+        (fits && !self.links.joins(pair)).then_some(pair)
+    }
+
+    /// The session has claimed all that it has: now it is linked like any other.
+    //= SM2-RES-006, SM2-RES-007, SM2-SES-004
+    pub(super) fn claimed(&mut self, now: Instant, node: NodeId) {
+        let Some(session) = self.sessions.remove(&node) else {
+            return;
+        };
+        let record = session.node();
+        let has_half = record.is_some_and(|it| it.half_claims().next().is_some());
+        let until = has_half.then(|| now.after(self.policy.recovery));
+        self.sessions.insert(node, session.claimed(until));
+        if let Some(until) = until {
+            self.claims.expire_at(until, node);
+        }
+        self.greeting.remove(&node);
+        self.node_changed(node);
+        self.settle(node);
+    }
+
+    /// Gives up claims whose counterparts did not come.
+    //= SM2-RES-006
+    pub(super) fn expire_claims(&mut self, now: Instant) {
+        while let Some(node) = self.claims.pop_expired(now) {
+            let Some(session) = self.sessions.get_mut(&node) else {
+                continue;
+            };
+            session.claims_expired();
+            let half = session
+                .node()
+                .map(|it| it.half_claims().collect::<Vec<_>>());
+            for (interface, link) in half.unwrap_or_default() {
+                let entity = EntityId { node, interface };
+                self.give_up_claim(entity, link);
+                self.tell(entity, link, Farewell::PeerGone.code());
+            }
+        }
+    }
+
+    /// A claim is over, without a word to anybody.
+    pub(super) fn give_up_claim(&mut self, entity: EntityId, link: LinkId) {
+        if self.claims.remove(link, entity) {
+            self.changed(Key::Claim { link, entity });
+        }
+    }
+
+    /// The Manager says its farewell to a live end of a link.
+    pub(super) fn tell(
+        &mut self,
+        EntityId { node, interface }: EntityId,
+        link: LinkId,
+        code: Code,
+    ) {
+        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+        if let Some(record) = record {
+            record.tell(interface, link);
+            self.send(
+                node,
+                &ToNode::Unlink {
+                    interface,
+                    link,
+                    code,
+                },
+            );
+        }
+    }
+}

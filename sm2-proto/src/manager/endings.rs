@@ -1,0 +1,171 @@
+//! How interfaces and links end, and which matching pairs are without a link (SPEC sections 4.3,
+//! 4.4 and 5).
+
+use super::{
+    Manager,
+    links::Pair,
+    node_record::{Farewells, Remains},
+    session::Session,
+};
+use crate::{
+    Code, EntityId, Farewell, LinkId, Violation,
+    control::{Key, ToNode, UnlinkedReason},
+};
+
+impl Manager {
+    /// A link was never made: neither end is to be told of it.
+    //= SM2-IFC-002
+    pub(super) fn link_failed(&mut self, link: LinkId) {
+        let Some(pair) = self.links.made(link) else {
+            return;
+        };
+        if self.pending_links.contains(pair.offering.node, link) {
+            // Nobody was asked to make it yet.
+            return;
+        }
+        self.forget_link(link, pair);
+        for entity in pair.entities() {
+            self.unlink(entity, link);
+        }
+        self.not_sent(pair);
+        self.mark_unlinked(pair, UnlinkedReason::Descriptors);
+    }
+
+    /// An end of a link that its session was never told of is gone.
+    fn unlink(&mut self, entity: EntityId, link: LinkId) {
+        let record = self.sessions.get_mut(&entity.node);
+        if let Some(record) = record.and_then(Session::node_mut) {
+            record.unlink(entity.interface, link);
+        }
+    }
+
+    //= SM2-IFC-003
+    pub(super) fn withdraw(&mut self, entity: EntityId) -> Result<(), Violation> {
+        let record = self.sessions.get_mut(&entity.node);
+        let (uid, remains) = record
+            .and_then(Session::node_mut)
+            .and_then(|it| Some((it.credentials().uid, it.withdraw(entity.interface)?)))
+            .ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
+        self.users.withdraw(uid, 1);
+        self.end_interface(entity, remains, Farewell::Done);
+        let interface = entity.interface;
+        self.send(entity.node, &ToNode::Withdrawn { interface });
+        Ok(())
+    }
+
+    /// An interface is gone from its session, and now from everywhere else.
+    //= SM2-IFC-003, SM2-SES-006
+    pub(super) fn end_interface(
+        &mut self,
+        entity: EntityId,
+        (contract, links): Remains,
+        cause: Farewell,
+    ) {
+        self.channels.remove(entity, &contract);
+        for (link, pair) in links {
+            self.end_link(link, pair, entity, cause.code());
+        }
+        self.forget_unlinked(entity);
+        self.member_changed(entity);
+    }
+
+    /// A node's farewell to its end of a link.
+    //= SM2-LNK-003, SM2-LNK-004, SM2-RES-006
+    pub(super) fn unlinked(
+        &mut self,
+        entity: EntityId,
+        link: LinkId,
+        code: Code,
+    ) -> Result<(), Violation> {
+        let EntityId { node, interface } = entity;
+        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+        let record = record.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
+        if self.pending_links.contains(node, link) && record.has_link(interface, link) == Some(true)
+        {
+            // It was not told of it, so it can but guess.
+            return Err(violation!(UnknownLink, "SM2-LNK-003"));
+        }
+        match record.farewell(interface, link)? {
+            Farewells::Both => {}
+            Farewells::First(pair) => {
+                self.send(
+                    node,
+                    &ToNode::Unlink {
+                        interface,
+                        link,
+                        code,
+                    },
+                );
+                self.end_link(link, pair, entity, code);
+                if let Some(pair) = pair {
+                    self.ended(pair, code);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A pair ended its link: it gets no other one.
+    //= SM2-LNK-004, SM2-WCH-004
+    fn ended(&mut self, pair: Pair, code: Code) {
+        for entity in pair.entities() {
+            if let Some(session) = self.sessions.get_mut(&entity.node) {
+                session.ended(pair);
+            }
+        }
+        self.mark_unlinked(pair, UnlinkedReason::Ended { code });
+    }
+
+    /// One end of a link is gone: the other one is told, if the link was live at both and it
+    /// has heard of it.
+    //= SM2-LNK-007
+    fn end_link(&mut self, link: LinkId, pair: Option<Pair>, gone: EntityId, code: Code) {
+        match pair {
+            None => self.give_up_claim(gone, link),
+            Some(pair) => {
+                let unheard_of = self.pending_links.remove(pair, link);
+                let other = pair.other(gone);
+                if self.forget_link(link, pair) {
+                    if unheard_of {
+                        self.unlink(other, link);
+                    } else {
+                        self.tell(other, link, code);
+                    }
+                }
+            }
+        }
+    }
+
+    /// A matching pair is not linked. Beyond its quota that is not remembered.
+    //= SM2-WCH-004
+    pub(super) fn mark_unlinked(&mut self, pair: Pair, reason: UnlinkedReason) {
+        if self
+            .unlinked_pairs
+            .insert(pair, reason, self.policy.unlinked_per_session)
+        {
+            self.changed(key(pair));
+        }
+    }
+
+    /// A pair is linked after all.
+    pub(super) fn mark_linked(&mut self, pair: Pair) {
+        if self.unlinked_pairs.remove(pair) {
+            self.changed(key(pair));
+        }
+    }
+
+    /// An interface is gone, and what was remembered of it.
+    //= SM2-WCH-004
+    pub(super) fn forget_unlinked(&mut self, entity: EntityId) {
+        for pair in self.unlinked_pairs.of(entity) {
+            self.mark_linked(pair);
+        }
+    }
+}
+
+const fn key(pair: Pair) -> Key {
+    Key::Unlinked {
+        offering: pair.offering,
+        demanding: pair.demanding,
+    }
+}
