@@ -6,7 +6,13 @@ use std::{
 };
 
 use sm2_proto::{
-    Code, Datagram, Error, Instant, Machine, Name, NodeId,
+    Code, Datagram, Error, Instant, Machine, Name, NodeId, TypeId,
+    gateway::{
+        Action, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
+        discovery::{self, Discovery},
+        router::{self, Router},
+        session::{self, Command, PeerEvent, Session},
+    },
     manager::{self, Credentials, Manager, Policy},
     node::{self, End, Node},
 };
@@ -91,4 +97,110 @@ fn a_manager_is_drained_before_the_next_input() {
     let unknown = manager::Input::Datagram { session, datagram };
     assert_eq!(manager.handle(NOW, unknown), Ok(()));
     outputs_are_drained_first(&mut manager, manager::Input::Tick);
+}
+
+const PEER: GatewayId = GatewayId([2; 32]);
+
+fn me() -> Hop {
+    Hop {
+        gateway: GatewayId([1; 32]),
+        epoch: 7,
+    }
+}
+
+fn session() -> Session {
+    Session::new(NOW, me(), Name::new("gateway").unwrap(), PEER, 0)
+}
+
+#[test]
+fn an_ended_session_of_a_gateway_answers_with_its_first_reason() {
+    let violation = {
+        let mut session = session();
+        drain(&mut session);
+        // A frame of 0 bytes is a violation: the input that ends the session says so itself.
+        let control = session::Input::Event(PeerEvent::Control(&[0; 4]));
+        let answer = session.handle(NOW, control);
+        let end = session.end().unwrap();
+        assert_eq!(answer, Err(Error::Ended(end)));
+        (session, end)
+    };
+    let closed = {
+        let mut session = session();
+        drain(&mut session);
+        let code = Code(7);
+        assert_eq!(session.handle(NOW, session::Input::Close(code)), Ok(()));
+        (session, session::End::Local(code))
+    };
+    for (mut session, end) in [violation, closed] {
+        let offer = OfferId(1);
+        let inputs = [
+            session::Input::Event(PeerEvent::Control(&[1])),
+            session::Input::Event(PeerEvent::Closed(None)),
+            session::Input::Command(Command::Unoffer { offer }),
+            session::Input::Close(Code(8)),
+            session::Input::Tick,
+        ];
+        ended_answers_with_its_first_reason(&mut session, &end, inputs);
+    }
+}
+
+#[test]
+fn a_session_of_a_gateway_is_drained_before_the_next_input() {
+    // Its own HELLO waits.
+    outputs_are_drained_first(&mut session(), session::Input::Tick);
+}
+
+#[test]
+fn a_router_is_drained_before_the_next_input() {
+    let allow = Rule {
+        action: Action::Allow,
+        kind: None,
+        names: Pattern::new("**").unwrap(),
+        direction: None,
+        peers: None,
+    };
+    let mut router = Router::new(me(), Rules(vec![allow]));
+    assert_eq!(router.handle(NOW, router::Input::Up { peer: PEER }), Ok(()));
+    let name = Name::new("scan").unwrap();
+    let data = TypeId {
+        name: name.clone(),
+        hash: 1,
+    };
+    let subject = Subject::Topic {
+        name,
+        data,
+        reliable: false,
+        latched: 0,
+    };
+    let shown = router::Input::Offered {
+        peer: PEER,
+        offer: OfferId(1),
+        subject: subject.clone(),
+        path: vec![Hop {
+            gateway: PEER,
+            epoch: 1,
+        }],
+    };
+    assert_eq!(router.handle(NOW, shown), Ok(()));
+    // The answer to an output may come while the others wait.
+    let taken = router::Input::Taken {
+        subject,
+        origin: PEER,
+        taken: Some(1),
+    };
+    assert_eq!(router.handle(NOW, taken), Ok(()));
+    assert_eq!(router.deadline(), None);
+    outputs_are_drained_first(&mut router, router::Input::Down { peer: PEER });
+}
+
+#[test]
+fn discovery_is_drained_before_the_next_input() {
+    let announces = true;
+    let mut discovery = Discovery::new(NOW, me().gateway, 1, announces);
+    assert_eq!(discovery.deadline(), Some(NOW));
+    assert_eq!(discovery.handle(NOW, discovery::Input::Tick), Ok(()));
+    // An attempt that could not begin may be reported while other outputs wait.
+    let failed = discovery::Input::Failed { peer: PEER };
+    assert_eq!(discovery.handle(NOW, failed), Ok(()));
+    outputs_are_drained_first(&mut discovery, discovery::Input::Tick);
 }

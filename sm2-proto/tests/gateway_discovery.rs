@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, net::SocketAddr};
 
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Instant,
+    Instant, Machine,
     gateway::{
         Beacon, GatewayId,
         discovery::{Discovery, Input, Output},
@@ -40,7 +40,7 @@ impl Bench {
     }
 
     fn input(&mut self, input: Input<'_>) -> Vec<Output> {
-        self.discovery.handle(self.now, input);
+        let Ok(()) = self.discovery.handle(self.now, input);
         std::iter::from_fn(|| self.discovery.poll()).collect()
     }
 
@@ -282,7 +282,7 @@ fn beacons_of_its_own() {
     let mut waits = vec![];
     for _ in 0..200 {
         let at = discovery.deadline().unwrap();
-        discovery.handle(at, Input::Tick);
+        let Ok(()) = discovery.handle(at, Input::Tick);
         assert_eq!(discovery.poll(), Some(Output::Announce));
         assert_eq!(discovery.poll(), None);
         waits.push(discovery.deadline().unwrap().0 - at.0);

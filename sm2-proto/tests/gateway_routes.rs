@@ -8,7 +8,7 @@ use sm2_proto::gateway::{
     Action, Direction, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
     router::{Input, Output, Router, Source},
 };
-use sm2_proto::limits::HOPS_MAX;
+use sm2_proto::{Instant, Machine, limits::HOPS_MAX};
 use support::contracts::{data, name};
 
 fn id(of: usize) -> GatewayId {
@@ -66,7 +66,7 @@ impl Bench {
     }
 
     fn input(&mut self, input: Input) -> Vec<Output> {
-        self.0.handle(input);
+        let Ok(()) = self.0.handle(Instant(0), input);
         std::iter::from_fn(|| self.0.poll()).collect()
     }
 

@@ -12,7 +12,7 @@ mod pair;
 mod support;
 
 use sm2_proto::{
-    Instant,
+    Error, Instant, Machine,
     gateway::{
         AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
         PeerViolationKind, StreamToken, Subject, SubjectKind, Verdict,
@@ -77,21 +77,33 @@ fn service() -> Subject {
 struct Bench(Session);
 
 impl Bench {
-    /// After both HELLO.
+    /// A session whose HELLO has been sent; the peer's has not come.
+    fn greeting(mut session: Session) -> Self {
+        assert!(matches!(session.poll(), Some(Output::Transmit(_))));
+        assert_eq!(session.poll(), None);
+        Self(session)
+    }
+
+    /// A session after the HELLO of both sides.
     fn open() -> Self {
-        let mut bench = Self(session(1, 2));
+        let mut bench = Self::greeting(session(1, 2));
         let outputs = bench.frame(&hello(2));
         assert!(matches!(
             outputs[..],
-            [Output::Transmit(_), Output::Event(Event::Greeted { .. })]
+            [Output::Event(Event::Greeted { .. })]
         ));
         bench
     }
 
     fn input(&mut self, input: Input<'_>) -> Vec<Output> {
         let taken = self.0.handle(Instant(0), input.clone());
-        taken.unwrap_or_else(|misuse| panic!("{input:?}: {misuse}"));
-        std::iter::from_fn(|| self.0.poll()).collect()
+        let outputs: Vec<Output> = std::iter::from_fn(|| self.0.poll()).collect();
+        let judged = match outputs.last() {
+            Some(Output::Ended(end @ End::Violation(_))) => Err(Error::Ended(*end)),
+            _ => Ok(()),
+        };
+        assert_eq!(taken, judged, "{input:?}");
+        outputs
     }
 
     fn frame(&mut self, frame: &Frame) -> Vec<Output> {
@@ -100,9 +112,20 @@ impl Bench {
 
     fn misuse(&mut self, input: Input<'_>) -> Misuse {
         let before = self.0.clone();
-        let misuse = self.0.handle(Instant(0), input).expect_err("misuse");
+        let answer = self.0.handle(Instant(0), input);
         assert_eq!(self.0, before);
-        misuse
+        match answer {
+            Err(Error::Misuse(misuse)) => misuse,
+            other => panic!("{other:?} instead of a misuse"),
+        }
+    }
+
+    /// The end that a session which has ended answers with.
+    fn ended(&mut self, input: Input<'_>) -> End {
+        match self.0.handle(Instant(0), input) {
+            Err(Error::Ended(end)) => end,
+            other => panic!("{other:?} instead of the end"),
+        }
     }
 
     fn offer(&mut self, offer: OfferId, subject: Subject) {
@@ -190,12 +213,10 @@ fn greetings() {
             violation!(PeerViolationKind::BadVersionRange, "SM2-GWF-001"),
         ),
     ] {
-        let mut bench = Bench(session(1, 2));
-        bench.0.poll();
+        let mut bench = Bench::greeting(session(1, 2));
         assert_eq!(bench.frame(&frame), ended(expected));
     }
-    let mut newer = Bench(session(1, 2));
-    newer.0.poll();
+    let mut newer = Bench::greeting(session(1, 2));
     let outputs = newer.frame(&Frame::Hello {
         min_version: 2,
         max_version: 3,
@@ -213,15 +234,14 @@ fn greetings() {
         ))
     );
     // A stream that is there first is no better.
-    let mut first = Bench(session(1, 2));
-    first.0.poll();
+    let mut first = Bench::greeting(session(1, 2));
     assert_eq!(
         first.stream(MESSAGE, ONE),
         ended(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"))
     );
     let end = End::Violation(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"));
     assert_eq!(first.0.end(), Some(end));
-    assert_eq!(first.misuse(Input::Tick), Misuse::Ended);
+    assert_eq!(first.ended(Input::Tick), end);
 }
 
 //= SM2-GWF-001 test
@@ -247,7 +267,7 @@ fn a_process_that_was_before() {
     for (least, is_stale) in [(0, false), (72, false), (73, true)] {
         let me = hop(1);
         let session = Session::new(Instant(0), me, name("me"), hop(2).gateway, least);
-        let mut bench = Bench(session);
+        let mut bench = Bench::greeting(session);
         let last = bench.frame(&hello(2)).pop().unwrap();
         if is_stale {
             let stale = PeerFarewell::Stale.code();
@@ -355,10 +375,7 @@ fn both_ways_to_end_it() {
         };
         assert_eq!(bench.input(input), [Output::Ended(end)]);
         assert_eq!(bench.0.end(), Some(end));
-        assert_eq!(
-            bench.misuse(Input::Event(PeerEvent::Control(&[1]))),
-            Misuse::Ended
-        );
+        assert_eq!(bench.ended(Input::Event(PeerEvent::Control(&[1]))), end);
     }
     // What stands behind the frame that ended it is not read.
     let mut bench = Bench::open();

@@ -15,7 +15,7 @@ use gateway::{agreement, words};
 use serde::Deserialize;
 use serde_json::Value;
 use sm2_proto::{
-    Instant, Name, TypeId,
+    Error, Instant, Machine, Name, TypeId,
     gateway::{
         Beacon, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
         PeerViolationKind, StreamToken, Subject,
@@ -86,9 +86,16 @@ fn name(text: &str) -> Name {
 
 fn feed(session: &mut Session, input: Input<'_>) -> Outcome {
     let fed = session.handle(NOW, input);
-    fed.expect("the driver keeps the contract");
     let outputs = std::iter::from_fn(|| session.poll()).collect();
-    session.end().map_or(Ok(outputs), Err)
+    match (fed, session.end()) {
+        (Ok(()), None) => Ok(outputs),
+        (Ok(()), Some(end)) => Err(end),
+        (Err(Error::Ended(end)), ended) => {
+            assert_eq!(ended, Some(end));
+            Err(end)
+        }
+        (Err(Error::Misuse(misuse)), _) => panic!("the driver broke the contract: {misuse}"),
+    }
 }
 
 impl Vector {

@@ -13,7 +13,7 @@ mod words;
 use std::collections::{BTreeMap, VecDeque};
 
 use sm2_proto::{
-    Code, Instant, Name,
+    Code, Instant, Machine, Name,
     gateway::{
         Direction, GatewayId, Hop, OfferId, PeerFarewell, Rules, Subject, SubjectKind, Verdict,
         router::{self, Router, Source},
@@ -115,8 +115,8 @@ impl Hub {
                 is_dialled,
                 event,
             } => self.peer(now, connection, is_dialled, event),
-            Input::Local(event) => self.local(event),
-            Input::Policy(policy) => self.change(policy),
+            Input::Local(event) => self.local(now, event),
+            Input::Policy(policy) => self.change(now, policy),
             Input::NoRoom(what) => self.no_room(&what),
             Input::Distrust(peer) => {
                 if let Some(it) = self.peers.get(&peer) {
@@ -150,10 +150,10 @@ impl Hub {
         self.messages.remembered()
     }
 
-    fn change(&mut self, policy: Policy) {
+    fn change(&mut self, now: Instant, policy: Policy) {
         self.policy = policy;
         let rules = self.policy.rules.clone();
-        self.route(router::Input::Rules(rules));
+        self.route(now, router::Input::Rules(rules));
         for (id, peer) in &self.peers {
             for (offer, subject) in &peer.offered {
                 let terms = self.policy.terms(subject, id);
@@ -187,16 +187,16 @@ impl Hub {
     /// What happened on a connection.
     fn peer(&mut self, now: Instant, connection: ConnectionId, is_dialled: bool, event: Event) {
         if let Event::Session(session::Event::Greeted { peer, epoch, name }) = event {
-            return self.greeted(connection, is_dialled, peer, epoch, name);
+            return self.greeted(now, connection, is_dialled, peer, epoch, name);
         }
         let Some(&peer) = self.connections.get(&connection) else {
             return;
         };
         match event {
-            Event::Session(event) => self.session(peer, event),
+            Event::Session(event) => self.session(now, peer, event),
             // The connection's task answers whoever asked.
             Event::NotAsked { .. } => {}
-            Event::Ended(_) => self.ended(connection, peer),
+            Event::Ended(_) => self.ended(now, connection, peer),
             Event::Message {
                 offer,
                 sequence,
@@ -219,7 +219,7 @@ impl Hub {
     }
 
     /// Handles an event of a peer's control stream.
-    fn session(&mut self, peer: GatewayId, event: session::Event) {
+    fn session(&mut self, now: Instant, peer: GatewayId, event: session::Event) {
         match event {
             // `peer` handles the first one; a connection's task handles the second.
             session::Event::Greeted { .. } | session::Event::Answered { .. } => {}
@@ -233,26 +233,29 @@ impl Hub {
                     it.tally.open(Whose::Theirs(offer), &subject);
                     it.offers.insert(offer, (subject.clone(), origin));
                 }
-                self.route(router::Input::Offered {
-                    peer,
-                    offer,
-                    subject,
-                    path,
-                });
+                self.route(
+                    now,
+                    router::Input::Offered {
+                        peer,
+                        offer,
+                        subject,
+                        path,
+                    },
+                );
             }
             session::Event::Gone { offer } => {
-                self.route(router::Input::Gone { peer, offer });
+                self.route(now, router::Input::Gone { peer, offer });
                 if let Some(it) = self.peers.get_mut(&peer) {
                     it.tally.close(Whose::Theirs(offer));
                     it.offers.remove(&offer);
                 }
             }
             session::Event::Wanted { offer, depth } => {
-                self.route(router::Input::Wanted { peer, offer, depth });
+                self.route(now, router::Input::Wanted { peer, offer, depth });
                 self.replay(peer, offer);
             }
             session::Event::Unwanted { offer } => {
-                self.route(router::Input::Unwanted { peer, offer })
+                self.route(now, router::Input::Unwanted { peer, offer })
             }
             session::Event::Asked { ask, kind, name } => {
                 let verdict = self.verdict(peer, kind, &name);
@@ -265,6 +268,7 @@ impl Hub {
     //= SM2-GWC-004
     fn greeted(
         &mut self,
+        now: Instant,
         connection: ConnectionId,
         is_dialled: bool,
         peer: GatewayId,
@@ -282,7 +286,7 @@ impl Hub {
             }
             let (other, code) = (it.connection, code(it.epoch, epoch));
             self.close(other, code);
-            self.ended(other, peer);
+            self.ended(now, other, peer);
         }
         self.connections.insert(connection, peer);
         self.peers.insert(
@@ -299,32 +303,35 @@ impl Hub {
         );
         self.outputs
             .push_back(Output::Connected { peer, epoch, name });
-        self.route(router::Input::Up { peer });
+        self.route(now, router::Input::Up { peer });
     }
 
-    fn ended(&mut self, connection: ConnectionId, peer: GatewayId) {
+    fn ended(&mut self, now: Instant, connection: ConnectionId, peer: GatewayId) {
         self.connections.remove(&connection);
         self.peers.remove(&peer);
         self.calls_ended(connection);
-        self.route(router::Input::Down { peer });
+        self.route(now, router::Input::Down { peer });
         self.outputs.push_back(Output::Lost { peer });
     }
 
     /// What happened in the domain.
-    fn local(&mut self, event: LocalEvent) {
+    fn local(&mut self, now: Instant, event: LocalEvent) {
         match event {
             LocalEvent::Present { subject, present } => {
-                self.route(router::Input::Local { subject, present });
+                self.route(now, router::Input::Local { subject, present });
             }
             LocalEvent::Taken {
                 subject,
                 origin,
                 taken,
-            } => self.route(router::Input::Taken {
-                subject,
-                origin,
-                taken,
-            }),
+            } => self.route(
+                now,
+                router::Input::Taken {
+                    subject,
+                    origin,
+                    taken,
+                },
+            ),
             LocalEvent::Message {
                 subject,
                 published,
@@ -347,14 +354,14 @@ impl Hub {
     }
 
     /// Tells the routes, and does what follows.
-    fn route(&mut self, input: router::Input) {
-        self.router.handle(input);
+    fn route(&mut self, now: Instant, input: router::Input) {
+        let Ok(()) = self.router.handle(now, input);
         while let Some(output) = self.router.poll() {
-            self.routed(output);
+            self.routed(now, output);
         }
     }
 
-    fn routed(&mut self, output: router::Output) {
+    fn routed(&mut self, now: Instant, output: router::Output) {
         match output {
             router::Output::Offer {
                 peer,
@@ -404,7 +411,7 @@ impl Hub {
                 subject,
                 origin,
                 peer,
-            } => self.show(subject, origin, peer),
+            } => self.show(now, subject, origin, peer),
             router::Output::Hide { subject, origin } => {
                 self.calls.routes.remove(&(subject.clone(), origin));
                 self.messages.unused(&subject, origin);
@@ -423,7 +430,7 @@ impl Hub {
         }
     }
 
-    fn show(&mut self, subject: Subject, origin: GatewayId, peer: GatewayId) {
+    fn show(&mut self, now: Instant, subject: Subject, origin: GatewayId, peer: GatewayId) {
         let Some(it) = self.peers.get(&peer) else {
             return;
         };
@@ -436,11 +443,12 @@ impl Hub {
         // A call is not to wait for what a subscriber of a topic waits for.
         if subject.kind() == SubjectKind::Service {
             let taken = Some(1);
-            self.router.handle(router::Input::Taken {
+            let input = router::Input::Taken {
                 subject,
                 origin,
                 taken,
-            });
+            };
+            let Ok(()) = self.router.handle(now, input);
         }
     }
 

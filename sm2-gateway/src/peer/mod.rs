@@ -28,7 +28,7 @@ use quinn_proto::{
 };
 use sm2_io::quic::peer_of;
 use sm2_proto::{
-    Code, Instant, Name,
+    Code, Instant, Machine, Name,
     gateway::{
         GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, StreamToken,
         SubjectKind,
@@ -170,10 +170,7 @@ impl Peer {
         {
             self.connection.handle_timeout(now.quic);
         }
-        if let Some(session) = &mut self.session {
-            // A session that is over needs none.
-            let _ = session.handle(now.at, Input::Tick);
-        }
+        self.session_takes(now, Input::Tick);
         while let Some((id, since)) = self.incoming.slowest()
             && now.at.since(since) >= STUCK
         {
@@ -291,10 +288,22 @@ impl Peer {
         self.turn(now);
     }
 
-    /// Whether the session took it.
+    /// Feeds the session and executes its outputs. False if the session did not take the input.
     fn session_takes(&mut self, now: Now, input: Input<'_>) -> bool {
-        let session = self.session.as_mut();
-        session.is_some_and(|it| it.handle(now.at, input).is_ok())
+        matches!(self.feed_session(now, input, None), Some(Ok(())))
+    }
+
+    /// Feeds the session and executes its outputs. `datagram` is the message of the datagram that
+    /// the input reports. None if there is no session yet.
+    fn feed_session(
+        &mut self,
+        now: Now,
+        input: Input<'_>,
+        datagram: Option<(Header, Bytes)>,
+    ) -> Option<Result<(), session::Error>> {
+        let taken = self.session.as_mut()?.handle(now.at, input);
+        self.drain_session(now, datagram);
+        Some(taken)
     }
 
     fn session_event(&mut self, now: Now, event: PeerEvent<'_>) -> bool {
@@ -311,12 +320,9 @@ impl Peer {
             self.on_quic(now, event);
         }
         self.make_offers(now);
-        self.drain_session(now);
-        if self.is_over {
-            return;
+        if !self.is_over {
+            self.write_control(now);
         }
-        self.write_control(now);
-        self.drain_session(now);
     }
 
     fn on_quic(&mut self, now: Now, event: quinn_proto::Event) {
@@ -352,6 +358,8 @@ impl Peer {
         if self.is_dialled() {
             self.control = self.connection.streams().open(Dir::Bi);
         }
+        // The HELLO of this side.
+        self.drain_session(now, None);
     }
 
     fn lost(&mut self, now: Now, reason: &ConnectionError) {
@@ -370,15 +378,9 @@ impl Peer {
 
     fn violated(&mut self, now: Now, violation: PeerViolation) {
         self.session_event(now, PeerEvent::Violation(violation));
-        self.drain_session(now);
     }
 
-    fn drain_session(&mut self, now: Now) {
-        self.drain_session_for(now, None);
-    }
-
-    /// Does what the session says; `datagram`: what came without a stream.
-    fn drain_session_for(&mut self, now: Now, mut datagram: Option<(Header, Bytes)>) {
+    fn drain_session(&mut self, now: Now, mut datagram: Option<(Header, Bytes)>) {
         while let Some(output) = self.session.as_mut().and_then(Session::poll) {
             match output {
                 Output::Transmit(bytes) => self.control_out.push_back(bytes.into()),

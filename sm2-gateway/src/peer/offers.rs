@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use sm2_proto::gateway::{
     Hop, OfferId, Subject,
     schedule::Terms,
-    session::{self, Input, Misuse},
+    session::{self, Error, Input, Misuse},
 };
 
 use super::Peer;
@@ -30,21 +30,19 @@ impl Peer {
 
     /// Makes those that there is room for, in the order of their numbers, since numbers only grow.
     pub(super) fn make_offers(&mut self, now: Now) {
-        while let Some(first) = self.waiting.0.first_entry() {
-            let (offer, it) = (*first.key(), first.get());
+        while let Some((&offer, it)) = self.waiting.0.first_key_value() {
             let command = session::Command::Offer {
                 offer,
                 subject: it.subject.clone(),
                 path: it.path.clone(),
             };
-            let taken = self
-                .session
-                .as_mut()
-                .map(|it| it.handle(now.at, Input::Command(command)));
-            if taken == Some(Err(Misuse::TooManyOffers)) {
+            let taken = self.feed_session(now, Input::Command(command), None);
+            if taken == Some(Err(Error::Misuse(Misuse::TooManyOffers))) {
                 return;
             }
-            let Offer { subject, terms, .. } = first.remove();
+            let Some(Offer { subject, terms, .. }) = self.waiting.0.remove(&offer) else {
+                return;
+            };
             if taken == Some(Ok(())) {
                 // Nobody says again what is latched.
                 let is_reliable = subject.latched() > 0

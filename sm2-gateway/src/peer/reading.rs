@@ -8,7 +8,7 @@ use sm2_proto::{
     Code,
     gateway::{
         Carried, Header, OfferId, PeerFarewell, PeerViolationKind, StreamEnd,
-        session::{self, Carrier, PeerEvent},
+        session::{self, Carrier, Input, PeerEvent},
     },
     violation,
 };
@@ -60,7 +60,7 @@ impl Peer {
     pub(super) fn bytes(&mut self, now: Now, id: StreamId, bytes: &[u8]) {
         if self.control == Some(id) {
             self.session_event(now, PeerEvent::Control(bytes));
-            return self.drain_session(now);
+            return;
         }
         match self.incoming.push(id, bytes, now.at, &self.limits) {
             Ok(Progress::More) => {}
@@ -87,7 +87,6 @@ impl Peer {
         }
         let carrier = Carrier::Stream(token(id));
         self.session_event(now, PeerEvent::Header { carrier, header });
-        self.drain_session(now);
     }
 
     /// A stream has ended as it should.
@@ -95,7 +94,7 @@ impl Peer {
         if self.control == Some(id) {
             //= SM2-GWF-001
             self.session_event(now, PeerEvent::Closed(None));
-            return self.drain_session(now);
+            return;
         }
         match self.incoming.finish(id) {
             Ok((header, payload)) => self.carried(id, &header, payload),
@@ -187,8 +186,8 @@ impl Peer {
             match Header::from_bytes(head) {
                 Ok(header) if header.len == payload.len() as u64 => {
                     let carrier = Carrier::Datagram;
-                    self.session_event(now, PeerEvent::Header { carrier, header });
-                    self.drain_session_for(now, Some((header, payload)));
+                    let event = PeerEvent::Header { carrier, header };
+                    self.feed_session(now, Input::Event(event), Some((header, payload)));
                 }
                 Ok(_) => {
                     let violation = violation!(PeerViolationKind::Malformed, "SM2-GWM-003");

@@ -155,8 +155,8 @@ impl Gateway {
         tokio::spawn(shadow::run(shadows, Arc::clone(&shared)));
         let peers = config.peers.clone();
         tokio::spawn(async move {
-            let network = network::Network::new(endpoint, beacons, shared, address, peers);
-            let error = network.run(network_inbox).await;
+            let network = network::Network::new(endpoint, beacons, shared, address);
+            let error = network.run(peers, network_inbox).await;
             let _ = ending.send(error.err().map(Arc::new));
         });
         tracing::info!(%id, %address, name = %config.name, "gateway started");

@@ -4,9 +4,12 @@ use std::{collections::BTreeMap, io, net::SocketAddr, sync::Arc};
 
 use quinn_proto::{Connection, ConnectionHandle};
 use sm2_io::quic::{Arrival, Batch, Endpoint};
-use sm2_proto::gateway::{
-    Beacon, GatewayId,
-    discovery::{Discovery, Input, Output},
+use sm2_proto::{
+    Machine,
+    gateway::{
+        Beacon, GatewayId,
+        discovery::{Discovery, Input, Output},
+    },
 };
 use tokio::sync::mpsc;
 
@@ -44,12 +47,11 @@ impl Network {
         beacons: Option<Beacons>,
         shared: Arc<Shared>,
         local: SocketAddr,
-        peers: Vec<PeerConfig>,
     ) -> Self {
         let hop = shared.me.hop;
         let now = sm2_io::clock::now();
         let discovery = Discovery::new(now, hop.gateway, hop.epoch, beacons.is_some());
-        let mut network = Self {
+        Self {
             endpoint,
             beacons,
             shared,
@@ -59,15 +61,15 @@ impl Network {
             hosts: Hosts::default(),
             connections: BTreeMap::new(),
             last: ConnectionId::default(),
-        };
-        network.trust(peers);
-        network
+        }
     }
 
     pub(super) async fn run(
         mut self,
+        peers: Vec<PeerConfig>,
         mut inbox: mpsc::UnboundedReceiver<NetworkEvent>,
     ) -> io::Result<()> {
+        self.trust(peers).await;
         let shared = Arc::clone(&self.shared);
         let mut batch = Batch::new();
         let mut answer = Vec::new();
@@ -86,9 +88,9 @@ impl Network {
                 },
                 (from, len) = Beacons::recv(self.beacons.as_ref(), &mut beacon) => {
                     let bytes = &beacon[..len];
-                    self.discovery.handle(sm2_io::clock::now(), Input::Beacon { from, bytes });
+                    self.feed(Input::Beacon { from, bytes });
                 }
-                () = wait => self.discovery.handle(sm2_io::clock::now(), Input::Tick),
+                () = wait => self.feed(Input::Tick),
             }
         }
     }
@@ -115,7 +117,6 @@ impl Network {
     }
 
     async fn event(&mut self, event: NetworkEvent) {
-        let now = sm2_io::clock::now();
         match event {
             NetworkEvent::Endpoint { handle, event } => {
                 if event.is_drained() {
@@ -126,33 +127,36 @@ impl Network {
                     task.endpoint_event(event);
                 }
             }
-            NetworkEvent::Failed { peer } => self.discovery.handle(now, Input::Failed { peer }),
+            NetworkEvent::Failed { peer } => self.feed(Input::Failed { peer }),
             NetworkEvent::Resolved {
                 peer,
                 host,
                 addresses,
             } => match self.hosts.choose(peer, &host, addresses, self.local.ip()) {
                 Some(address) => self.dial(peer, address).await,
-                None => self.discovery.handle(now, Input::Failed { peer }),
+                None => self.feed(Input::Failed { peer }),
             },
-            NetworkEvent::Connected { peer, epoch } => {
-                self.discovery.handle(now, Input::Connected { peer, epoch });
-            }
-            NetworkEvent::Lost { peer } => self.discovery.handle(now, Input::Lost { peer }),
-            NetworkEvent::Peers(peers) => self.trust(peers),
+            NetworkEvent::Connected { peer, epoch } => self.feed(Input::Connected { peer, epoch }),
+            NetworkEvent::Lost { peer } => self.feed(Input::Lost { peer }),
+            NetworkEvent::Peers(peers) => self.trust(peers).await,
             NetworkEvent::Stop => {
                 self.endpoint.close();
-                self.trust(Vec::new());
+                self.trust(Vec::new()).await;
             }
         }
     }
 
-    fn trust(&mut self, peers: Vec<PeerConfig>) {
-        let now = sm2_io::clock::now();
+    /// Feeds discovery. `drain_discovery` runs before the next input that requires it.
+    fn feed(&mut self, input: Input<'_>) {
+        let Ok(()) = self.discovery.handle(sm2_io::clock::now(), input);
+    }
+
+    async fn trust(&mut self, peers: Vec<PeerConfig>) {
         let ids: Vec<GatewayId> = peers.iter().map(|it| it.id).collect();
         for peer in std::mem::take(&mut self.peers) {
             if !ids.contains(&peer) {
-                self.discovery.handle(now, Input::Distrust { peer });
+                self.feed(Input::Distrust { peer });
+                self.drain_discovery().await;
             }
         }
         self.peers = ids;
@@ -166,9 +170,11 @@ impl Network {
                 }
             }
             let addresses = known;
-            self.discovery.handle(now, Input::Trust { peer, addresses });
+            self.feed(Input::Trust { peer, addresses });
+            self.drain_discovery().await;
             let hosts = self.hosts.count(peer);
-            self.discovery.handle(now, Input::Named { peer, hosts });
+            self.feed(Input::Named { peer, hosts });
+            self.drain_discovery().await;
         }
     }
 
@@ -201,8 +207,7 @@ impl Network {
             Ok((handle, connection)) => self.open(handle, Some(peer), connection).await,
             Err(error) => {
                 tracing::warn!(%peer, %address, error, "cannot dial a peer");
-                let now = sm2_io::clock::now();
-                self.discovery.handle(now, Input::Failed { peer });
+                self.feed(Input::Failed { peer });
             }
         }
     }

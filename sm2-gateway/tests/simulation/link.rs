@@ -106,8 +106,7 @@ impl Node {
             {
                 world.ledger.trace.add(now, index, &reason.to_string());
                 if let Some(peer) = dialled {
-                    self.discovery
-                        .handle(now, discovery::Input::Failed { peer });
+                    self.discover(now, discovery::Input::Failed { peer }, world);
                 }
             }
             self.tell(now, Message::Hub(event));

@@ -10,7 +10,7 @@ use sm2_gateway::{
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 use sm2_proto::{
-    Instant, Name,
+    Instant, Machine, Name,
     gateway::{
         Beacon, GatewayId, Hop,
         discovery::{self, Discovery},
@@ -94,15 +94,18 @@ impl Node {
         trusted.set(known.iter().map(|it| ids[it.index]));
         let seed = Some(random.bytes());
         let endpoint = Endpoint::new(key, trusted, Congestion::NewReno, seed).unwrap();
-        let mut discovery = Discovery::new(now, gateway, random.next(), world.beacons);
-        for it in &known {
-            let (peer, address) = (ids[it.index], network::address(it.index));
-            let addresses = match it.is_addressed {
-                true => vec![address],
-                false => Vec::new(),
-            };
-            discovery.handle(now, discovery::Input::Trust { peer, addresses });
-        }
+        let discovery = Discovery::new(now, gateway, random.next(), world.beacons);
+        let trusts: Vec<discovery::Input<'_>> = known
+            .iter()
+            .map(|it| {
+                let (peer, address) = (ids[it.index], network::address(it.index));
+                let addresses = match it.is_addressed {
+                    true => vec![address],
+                    false => Vec::new(),
+                };
+                discovery::Input::Trust { peer, addresses }
+            })
+            .collect();
         let hub = Hub::new(hop, rules.policy(ids));
         world.ledger.policy(now, index, rules);
         let (domain, events) = Domain::new(index, nodes, random.fork());
@@ -119,6 +122,9 @@ impl Node {
             domain,
             random,
         };
+        for trust in trusts {
+            node.discover(now, trust, world);
+        }
         node.local(now, events);
         node
     }
@@ -157,7 +163,7 @@ impl Node {
         let (from, bytes) = (network::address(datagram.from), &datagram.bytes[..]);
         if datagram.is_beacon {
             let input = discovery::Input::Beacon { from, bytes };
-            return self.discovery.handle(now, input);
+            return self.discover(now, input, world);
         }
         let mut answer = Vec::new();
         let moment = world.clock.at(now);
@@ -222,7 +228,11 @@ impl Node {
     /// Does all that can be done now.
     pub(crate) fn turn(&mut self, now: Instant, world: &mut World) {
         for _ in 0..10_000 {
-            let mut is_quiet = self.discover(now, world);
+            let mut is_quiet = true;
+            if self.discovery.deadline().is_some_and(|it| it <= now) {
+                is_quiet = false;
+                self.discover(now, discovery::Input::Tick, world);
+            }
             let handles: Vec<ConnectionHandle> = self.links.keys().copied().collect();
             for handle in handles {
                 is_quiet &= self.link(now, handle, world);
@@ -241,13 +251,15 @@ impl Node {
         panic!("{} is never done", self.index);
     }
 
-    fn discover(&mut self, now: Instant, world: &mut World) -> bool {
-        if self.discovery.deadline().is_some_and(|it| it <= now) {
-            self.discovery.handle(now, discovery::Input::Tick);
-        }
-        let mut is_quiet = true;
+    /// Feeds discovery and executes its outputs.
+    pub(crate) fn discover(
+        &mut self,
+        now: Instant,
+        input: discovery::Input<'_>,
+        world: &mut World,
+    ) {
+        let Ok(()) = self.discovery.handle(now, input);
         while let Some(output) = self.discovery.poll() {
-            is_quiet = false;
             match output {
                 discovery::Output::Dial { peer, address } => {
                     let moment = world.clock.at(now).quic;
@@ -258,7 +270,6 @@ impl Node {
                 discovery::Output::Announce => self.announce(now, world),
             }
         }
-        is_quiet
     }
 
     fn announce(&self, now: Instant, world: &mut World) {
@@ -305,11 +316,11 @@ impl Node {
             Output::Connected { peer, epoch, .. } => {
                 self.epochs.insert(peer, epoch);
                 let input = discovery::Input::Connected { peer, epoch };
-                self.discovery.handle(now, input);
+                self.discover(now, input, world);
             }
             Output::Lost { peer } => {
                 let input = discovery::Input::Lost { peer };
-                self.discovery.handle(now, input);
+                self.discover(now, input, world);
             }
         }
     }

@@ -1,25 +1,27 @@
-//! Whom to connect to, where and when: SPEC section 14.7.
+//! Decides which peers a gateway dials, where and when: SPEC section 14.7.
 //!
-//! Beacons are hints that anybody can send: they make a gateway try an address of a peer that it
-//! trusts, in measure, and nothing else. Feed what happened with [`handle`](Discovery::handle),
-//! then do what [`poll`](Discovery::poll) says until it says nothing, and call again at the
-//! [`deadline`](Discovery::deadline).
+//! Beacons are hints that anybody can send. A beacon makes a gateway try an address of a peer that
+//! it trusts, at a bounded rate, and has no other effect. [`Discovery`] keeps the contract of
+//! [`Machine`]; it never ends, and no input is a misuse.
 
 use alloc::{
     collections::{BTreeMap, BTreeSet, VecDeque},
     vec::Vec,
 };
-use core::{net::SocketAddr, time::Duration};
+use core::{convert::Infallible, net::SocketAddr, time::Duration};
 
 use super::{Beacon, GatewayId};
-use crate::{Backoff, Instant, limits::BEACONS_PER_S};
+use crate::{
+    Backoff, Instant, Machine, MisuseError, limits::BEACONS_PER_S, machine::debug_assert_drained,
+};
 
 /// The longest wait before an attempt to connect.
 const LONGEST: Duration = Duration::from_secs(5);
 /// Of beacons.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// What happened.
+/// An input of discovery. Inputs about a peer that is not trusted are ignored. [`Input::Failed`]
+/// may come while outputs wait: the attempt that [`Output::Dial`] asked for could not begin.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
     /// The configuration names a peer, perhaps one that it named before.
@@ -165,8 +167,7 @@ impl Discovery {
         }
     }
 
-    /// Takes one input. What it says of a peer that is not trusted changes nothing.
-    pub fn handle(&mut self, now: Instant, input: Input<'_>) {
+    fn input(&mut self, now: Instant, input: Input<'_>) {
         match input {
             Input::Trust { peer, addresses } => self.trust(now, peer, addresses),
             Input::Named { peer, hosts } => self.named(now, peer, hosts),
@@ -181,20 +182,6 @@ impl Discovery {
             Input::Failed { peer } => self.failed(now, peer),
             Input::Tick => {}
         }
-        self.act(now);
-        self.invariants();
-    }
-
-    /// The next thing to do.
-    pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
-    }
-
-    /// When there is something to do if nothing happens until then.
-    #[must_use]
-    pub fn deadline(&self) -> Option<Instant> {
-        let due = self.due.first().map(|(at, _)| *at);
-        due.into_iter().chain(self.announce_at).min()
     }
 
     fn trust(&mut self, now: Instant, peer: GatewayId, addresses: Vec<SocketAddr>) {
@@ -369,6 +356,33 @@ impl Discovery {
                 .filter_map(due)
                 .all(|it| self.due.contains(&it))
         );
+    }
+}
+
+impl Machine for Discovery {
+    type Input<'a> = Input<'a>;
+    type Output = Output;
+    type End = Infallible;
+    type Misuse = Infallible;
+
+    /// Feeds one input. It is always legal.
+    fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), MisuseError<Infallible>> {
+        if !matches!(input, Input::Failed { .. }) {
+            debug_assert_drained(&self.outputs);
+        }
+        self.input(now, input);
+        self.act(now);
+        self.invariants();
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        let due = self.due.first().map(|(at, _)| *at);
+        due.into_iter().chain(self.announce_at).min()
     }
 }
 

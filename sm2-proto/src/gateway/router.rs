@@ -1,9 +1,10 @@
-//! Which offers a gateway makes, uses and passes on: SPEC sections 14.3 and 14.6.
+//! Decides which offers a gateway makes, uses and passes on: SPEC sections 14.3 and 14.6.
 //!
-//! What is there and who wants what goes in with [`handle`](Router::handle); what follows from it
-//! comes out of [`poll`](Router::poll), as differences. Everything is decided anew for
-//! a subject when something about it changes, from what is so now: no order of
-//! events leads anywhere else.
+//! [`Router`] keeps the contract of [`Machine`]. It has no timer, never ends, and no input is a
+//! misuse. Each input changes one fact: the rules, a connection, or something about one subject.
+//! The router then computes anew what follows for the subject from all facts that hold now, and
+//! its outputs are the differences from what followed before. So the result does not depend on
+//! the order of the inputs.
 
 mod input;
 mod subject;
@@ -12,10 +13,12 @@ use alloc::{
     collections::{BTreeMap, VecDeque},
     vec::Vec,
 };
+use core::convert::Infallible;
 
 pub use self::input::{Input, Output, Source};
 use self::subject::SubjectState;
 use super::{Direction, GatewayId, Hop, OfferId, Rules, Subject};
+use crate::{Instant, Machine, MisuseError, machine::debug_assert_drained};
 
 /// The routes of one gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -46,9 +49,7 @@ impl Router {
         }
     }
 
-    /// Takes one input. What it says of a peer without a connection, of an offer that is not
-    /// there, or of a number a second time, changes nothing.
-    pub fn handle(&mut self, input: Input) {
+    fn input(&mut self, input: Input) {
         match input {
             Input::Rules(rules) => {
                 self.rules = rules;
@@ -98,12 +99,6 @@ impl Router {
             Input::Wanted { peer, offer, depth } => self.wanted(peer, offer, Some(depth)),
             Input::Unwanted { peer, offer } => self.wanted(peer, offer, None),
         }
-        self.invariants();
-    }
-
-    /// The next thing to do.
-    pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
     }
 
     /// To whom a message goes, or who may call: peers, each with the number of the offer.
@@ -209,5 +204,31 @@ impl Router {
         debug_assert_eq!(theirs.sum::<usize>(), self.theirs.len());
         let ours = self.subjects.values().map(SubjectState::offers);
         debug_assert_eq!(ours.sum::<usize>(), self.ours.len());
+    }
+}
+
+impl Machine for Router {
+    type Input<'a> = Input;
+    type Output = Output;
+    type End = Infallible;
+    type Misuse = Infallible;
+
+    /// Feeds one input. It is always legal; `now` is not used.
+    fn handle(&mut self, _now: Instant, input: Input) -> Result<(), MisuseError<Infallible>> {
+        if !matches!(input, Input::Taken { .. }) {
+            debug_assert_drained(&self.outputs);
+        }
+        self.input(input);
+        self.invariants();
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// Always `None`: routes have no timer.
+    fn deadline(&self) -> Option<Instant> {
+        None
     }
 }

@@ -1,9 +1,15 @@
-//! One connection with a peer: who it is, what each side offers and wants, and what may come by
-//! streams (SPEC sections 14.2 to 14.5).
+//! One connection with a peer: who the peer is, what each side offers and wants, and which streams
+//! are legal (SPEC sections 14.2 to 14.5).
 //!
-//! Feed what happened with [`handle`](Session::handle), then do what [`poll`](Session::poll) says
-//! until it says nothing, and call again at the [`deadline`](Session::deadline). The bytes of
-//! payloads never come here, only the [`Header`] of each stream.
+//! [`Session`] keeps the contract of [`Machine`]. Its first output is the HELLO of this side; its
+//! one deadline is the time by which the peer has to send its own. The bytes of payloads never
+//! come here, only the [`Header`] of each stream.
+//!
+//! | state | what is legal there | leads to |
+//! | --- | --- | --- |
+//! | greeting | [`Input::Event`], [`Input::Close`], [`Input::Tick`] | HELLO: open. 2 s without HELLO: ended |
+//! | open | every input | a violation, [`PeerEvent::Closed`], [`Input::Close`]: ended |
+//! | ended | nothing: each input is answered with the first [`End`] | |
 
 mod input;
 mod offers;
@@ -14,13 +20,13 @@ use alloc::{
 };
 use core::time::Duration;
 
-pub use self::input::{Carrier, Command, End, Event, Input, Misuse, Output, PeerEvent};
+pub use self::input::{Carrier, Command, End, Error, Event, Input, Misuse, Output, PeerEvent};
 use self::offers::{Ours, Theirs};
 use super::{
     AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
     PeerViolation, PeerViolationKind, StreamToken, Subject,
 };
-use crate::{Instant, Name, limits::QUESTIONS_MAX};
+use crate::{Instant, Machine, Name, limits::QUESTIONS_MAX, machine::debug_assert_drained};
 
 /// The versions that this machine speaks.
 const VERSION: u16 = 1;
@@ -81,25 +87,17 @@ impl Session {
         }
     }
 
-    /// Takes one input.
-    ///
-    /// # Errors
-    /// The driver did what it may not: nothing has changed. Whatever the peer does is no error
-    /// here, but an [`Output::Ended`].
-    pub fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Misuse> {
-        if self.state.is_err() {
-            return Err(Misuse::Ended);
+    /// Why the session has ended, if it has.
+    #[must_use]
+    pub const fn end(&self) -> Option<End> {
+        match self.state {
+            Err(end) => Some(end),
+            Ok(_) => None,
         }
-        match input {
-            Input::Event(event) => self.event(event),
-            Input::Command(command) => return self.command(command),
-            Input::Close(code) => self.finish(End::Local(code)),
-            Input::Tick => self.check_greeting(now),
-        }
-        Ok(())
     }
 
-    fn event(&mut self, event: PeerEvent<'_>) {
+    /// The one place where a violation ends the session.
+    fn event(&mut self, event: PeerEvent<'_>) -> Result<(), End> {
         let judged = match event {
             PeerEvent::Control(bytes) => {
                 self.reader.push(bytes);
@@ -107,34 +105,16 @@ impl Session {
             }
             PeerEvent::Header { carrier, header } => self.header(carrier, &header),
             PeerEvent::Violation(violation) => Err(violation),
-            PeerEvent::Closed(code) => return self.finish(End::Closed(code)),
+            PeerEvent::Closed(code) => {
+                self.finish(End::Closed(code));
+                Ok(())
+            }
         };
-        if let Err(violation) = judged {
-            self.finish(End::Violation(violation));
-        }
-    }
-
-    /// The next thing to do.
-    pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
-    }
-
-    /// Until when the peer has to greet.
-    #[must_use]
-    pub const fn deadline(&self) -> Option<Instant> {
-        match self.state {
-            Ok(Phase::Greeting { until }) => Some(until),
-            _ => None,
-        }
-    }
-
-    /// Why it is over.
-    #[must_use]
-    pub const fn end(&self) -> Option<End> {
-        match self.state {
-            Err(end) => Some(end),
-            Ok(_) => None,
-        }
+        judged.map_err(|violation| {
+            let end = End::Violation(violation);
+            self.finish(end);
+            end
+        })
     }
 
     //= SM2-GWF-001
@@ -405,6 +385,43 @@ impl Session {
         self.state = Err(end);
         self.fail_calls(|_| true);
         self.outputs.push_back(Output::Ended(end));
+    }
+}
+
+impl Machine for Session {
+    type Input<'a> = Input<'a>;
+    type Output = Output;
+    type End = End;
+    type Misuse = Misuse;
+
+    /// Feeds one input.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`]: this input is not legal now, and nothing has changed.
+    /// [`Error::Ended`]: the session has ended, perhaps by a violation in this very input; the
+    /// outputs say the rest. Every other end shows only as [`Output::Ended`] at first.
+    fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Error> {
+        debug_assert_drained(&self.outputs);
+        self.state.map_err(Error::Ended)?;
+        match input {
+            Input::Event(event) => self.event(event).map_err(Error::Ended)?,
+            Input::Command(command) => self.command(command)?,
+            Input::Close(code) => self.finish(End::Local(code)),
+            Input::Tick => self.check_greeting(now),
+        }
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// The time by which the peer has to greet.
+    fn deadline(&self) -> Option<Instant> {
+        match self.state {
+            Ok(Phase::Greeting { until }) => Some(until),
+            _ => None,
+        }
     }
 }
 

@@ -3,9 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use proptest::{collection::vec, prelude::*};
-use sm2_proto::gateway::{
-    Action, Direction, Hop, OfferId, Rule, Rules, SubjectKind,
-    router::{Input, Output, Router, Source},
+use sm2_proto::{
+    Instant, Machine,
+    gateway::{
+        Action, Direction, Hop, OfferId, Rule, Rules, SubjectKind,
+        router::{Input, Output, Router, Source},
+    },
 };
 
 use super::{
@@ -55,7 +58,7 @@ impl World {
     }
 
     fn input(&mut self, at: usize, input: Input) {
-        self.routers[at].handle(input);
+        let Ok(()) = self.routers[at].handle(Instant(0), input);
         while let Some(output) = self.routers[at].poll() {
             let (peer, said) = match output {
                 Output::Offer {

@@ -19,8 +19,7 @@ fn what_a_driver_may_not_do() {
             path,
         })
     };
-    let mut early = Bench(session(1, 2));
-    early.0.poll();
+    let mut early = Bench::greeting(session(1, 2));
     let first = offer(ONE, vec![hop(1)]);
     assert_eq!(early.misuse(first), Misuse::NotOpen);
     let mut bench = Bench::open();

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Instant,
+    Instant, Machine,
     gateway::{
         Carried, Header, OfferId, Outcome, StreamToken, SubjectKind,
         session::{Carrier, Command, Event, Input, Output, PeerEvent, Session},

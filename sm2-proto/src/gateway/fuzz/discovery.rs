@@ -13,7 +13,7 @@ use super::super::{
     Beacon, GatewayId,
     discovery::{Discovery, Input, Output},
 };
-use crate::{Instant, fuzz::script::Script};
+use crate::{Instant, Machine, fuzz::script::Script};
 
 const ME: GatewayId = GatewayId([9; 32]);
 const LONGEST: Duration = Duration::from_secs(5);
@@ -180,7 +180,7 @@ impl World {
     }
 
     fn feed(&mut self, input: Input<'_>) {
-        self.discovery.handle(self.now, input);
+        let Ok(()) = self.discovery.handle(self.now, input);
         while let Some(output) = self.discovery.poll() {
             match output {
                 Output::Dial { peer, address } => self.dialled(peer, address),

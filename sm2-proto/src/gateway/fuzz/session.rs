@@ -14,11 +14,11 @@ use super::{
     super::{
         AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, Outcome, PeerFarewell,
         StreamToken, Subject, SubjectKind, Verdict,
-        session::{Carrier, Command, End, Input, Misuse, Output, PeerEvent, Session},
+        session::{Carrier, Command, End, Error, Input, Output, PeerEvent, Session},
     },
     book::Book,
 };
-use crate::{Code, Instant, Name, TypeId, fuzz::script::Script};
+use crate::{Code, Instant, Machine, Name, TypeId, fuzz::script::Script};
 
 const GREETING: Duration = Duration::from_secs(2);
 const LEAST_EPOCH: u64 = 70;
@@ -324,7 +324,7 @@ impl World<'_> {
             let taken = self
                 .session
                 .handle(self.now, Input::Command(command.clone()));
-            assert!(taken.is_err(), "{command:?}");
+            assert!(matches!(taken, Err(Error::Misuse(_))), "{command:?}");
             assert_eq!(self.session, before, "misuse changes nothing");
         }
     }
@@ -338,7 +338,11 @@ impl World<'_> {
 
     fn feed(&mut self, input: Input<'_>, expected: &[Output]) {
         let taken = self.session.handle(self.now, input.clone());
-        assert_eq!(taken, Ok(()), "{input:?}");
+        let judged = match expected.last() {
+            Some(Output::Ended(end @ End::Violation(_))) => Err(Error::Ended(*end)),
+            _ => Ok(()),
+        };
+        assert_eq!(taken, judged, "{input:?}");
         let outputs: Vec<Output> = core::iter::from_fn(|| self.session.poll()).collect();
         assert_eq!(outputs, expected, "{input:?}");
         for output in outputs {
@@ -369,7 +373,7 @@ impl World<'_> {
             self.feed(Input::Close(code), &expected);
         }
         assert!(self.calls.is_empty(), "{:?} are not settled", self.calls);
-        let end = self.session.end();
+        let end = self.session.end().expect("it has ended");
         for input in [
             Input::Event(PeerEvent::Control(&[1])),
             Input::Event(PeerEvent::Closed(None)),
@@ -384,9 +388,10 @@ impl World<'_> {
             }),
             Input::Tick,
         ] {
-            assert_eq!(self.session.handle(self.now, input), Err(Misuse::Ended));
+            let answer = self.session.handle(self.now, input);
+            assert_eq!(answer, Err(Error::Ended(end)));
         }
-        assert_eq!((self.session.poll(), self.session.end()), (None, end));
+        assert_eq!((self.session.poll(), self.session.end()), (None, Some(end)));
     }
 }
 

@@ -4,7 +4,10 @@ use alloc::vec::Vec;
 
 use super::super::{GatewayId, Hop, OfferId, Rules, Subject};
 
-/// What happened, or is so now.
+/// A fact that holds from now on. The router ignores inputs that name a peer without a connection,
+/// an offer that does not exist, or the number of an existing offer as a new one: the peer and the
+/// gateway may have changed their minds at the same time. [`Input::Taken`] may come while outputs
+/// wait, as the answer to [`Output::Show`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input {
     /// There are other rules.

@@ -1,6 +1,6 @@
 //! What goes into a session and comes out of it.
 
-use alloc::vec::Vec;
+use alloc::{borrow::ToOwned, format, string::String, vec::Vec};
 
 use super::super::{
     AskId, GatewayId, Header, Hop, OfferId, PeerViolation, StreamToken, Subject, SubjectKind,
@@ -8,7 +8,7 @@ use super::super::{
 };
 use crate::{Code, Name};
 
-/// An input of a session.
+/// An input of a session. All outputs of the input before are drained first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
     /// Something happened on the connection.
@@ -195,23 +195,33 @@ pub enum Event {
     },
 }
 
-/// Why a connection is over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// Why a session has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum End {
     /// The peer broke SPEC.
+    #[error("the peer broke the protocol: {0}")]
     Violation(PeerViolation),
-    /// This side ended it.
+    /// This side closed the connection.
+    #[error("closed by this gateway ({0})")]
     Local(Code),
-    /// The peer ended it, with this code, or the way to it was lost.
+    /// The peer closed the connection with this code, or the connection was lost.
+    #[error("{}", closed(*.0))]
     Closed(Option<Code>),
 }
+
+fn closed(code: Option<Code>) -> String {
+    code.map_or_else(
+        || "the connection was lost".to_owned(),
+        |code| format!("closed by the peer ({code})"),
+    )
+}
+
+/// The reason why an input was not taken.
+pub type Error = crate::Error<End, Misuse>;
 
 /// What a driver may not do; nothing has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Misuse {
-    /// The connection is over.
-    #[error("the connection is over")]
-    Ended,
     /// The peer has not greeted yet.
     #[error("the peer has not greeted yet")]
     NotOpen,
