@@ -36,6 +36,7 @@ const PEER: Hop = Hop {
 struct Vector {
     name: String,
     clause: String,
+    to: Program,
     of: Surface,
     #[serde(default)]
     before: Vec<String>,
@@ -55,6 +56,13 @@ struct Vector {
     closed: Option<String>,
     beacon: Option<Value>,
     ignored: Option<String>,
+}
+
+/// The programs that receive a vector of this file.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(rename_all = "lowercase")]
+enum Program {
+    Gateway,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
@@ -285,10 +293,10 @@ fn said(bytes: &[u8]) -> Input<'static> {
 #[test]
 fn every_vector() {
     for vector in vectors() {
-        match vector.of {
-            Surface::Control => vector.check_control(),
-            Surface::Stream => vector.check_stream(),
-            Surface::Beacon => vector.check_beacon(),
+        match (vector.to, vector.of) {
+            (Program::Gateway, Surface::Control) => vector.check_control(),
+            (Program::Gateway, Surface::Stream) => vector.check_stream(),
+            (Program::Gateway, Surface::Beacon) => vector.check_beacon(),
         }
         let outcomes = [
             vector.frame.is_some(),

@@ -1,7 +1,8 @@
 //! Replays `tests/vectors/link.json`, the golden vectors of the link frames.
 //!
 //! Each vector is one end of a link (`role`, `link`, `version`, `reliable`,
-//! `sealed`, `depth`, `max_borrowed`, and `ring` if it offers the ring lane) that
+//! `sealed`, `depth`, `max_borrowed`, and `ring` if it offers the ring lane; `window`
+//! is what its own OPEN says) that
 //! received the datagrams of `before`, then sent ATTACH and DETACH for each segment
 //! of `detaches`, then sent `sends` messages without payload
 //! (DATA and REQUEST with ids 1, 2, 3, …; REPLY to calls 1, 2, 3, …), then
@@ -30,8 +31,13 @@ use sm2_proto::{
 fn every_vector() {
     for vector in vectors() {
         let name = &vector["name"];
+        assert_eq!(vector["to"], "node", "{name}");
         let mut link = Link::new(config(&vector));
-        drain(&mut link);
+        let open = sent(&drain(&mut link))[0].to_vec();
+        match Frame::decode(&Datagram::new(&open)) {
+            Ok(Frame::Open(open)) => assert_eq!(vector["window"], open.window, "{name}"),
+            other => panic!("{name}: {other:?}"),
+        }
         prepare(&mut link, &vector);
         let bytes = unhex(&vector["hex"]);
         let fds = fds(&vector["fds"]);
