@@ -41,18 +41,20 @@ mod event;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
 mod interface;
+mod phase;
 #[cfg(any(kani, test))]
 mod proofs;
 mod receive;
 mod requests;
 mod resume;
 
-use alloc::collections::{BTreeMap, VecDeque};
+use alloc::collections::VecDeque;
 
 pub use self::event::{End, Error, Input, Misuse, Output};
 use self::{
-    interface::{Interface, Withdrawal},
-    requests::{Requests, is_text_of},
+    interface::Withdrawal,
+    phase::{Interfaces, Phase, Session},
+    requests::is_text_of,
 };
 use crate::{
     Code, Contract, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
@@ -60,31 +62,11 @@ use crate::{
     machine::debug_assert_drained,
 };
 
-/// How far the session has come: the rows of the tables in SPEC sections 4.2 and 11.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Phase {
-    Greeting,
-    Refused,
-    /// Welcomed; not all that was declared again is answered.
-    Resuming(NodeId, u64),
-    Ready(NodeId, u64),
-    /// The session is over, and another one may come.
-    Away(End),
-    Ended(End),
-}
-
 /// The machine. See the [module](self) for the order of calls.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Node {
     name: Name,
     phase: Phase,
-    /// Whether any Manager ever welcomed us.
-    welcomed: bool,
-    interfaces: BTreeMap<InterfaceId, Interface>,
-    /// Declared in this session and not answered yet, oldest first.
-    declaring: VecDeque<InterfaceId>,
-    last_interface: u64,
-    requests: Requests,
     outputs: VecDeque<Output>,
 }
 
@@ -95,12 +77,7 @@ impl Node {
     pub fn new(name: Name) -> Self {
         let mut node = Self {
             name,
-            phase: Phase::Greeting,
-            welcomed: false,
-            interfaces: BTreeMap::new(),
-            declaring: VecDeque::new(),
-            last_interface: 0,
-            requests: Requests::default(),
+            phase: Phase::Greeting(None),
             outputs: VecDeque::new(),
         };
         node.greet();
@@ -110,18 +87,18 @@ impl Node {
     /// Our number, once welcomed and as long as the session lives.
     #[must_use]
     pub const fn id(&self) -> Option<NodeId> {
-        match self.phase {
-            Phase::Resuming(node, _) | Phase::Ready(node, _) => Some(node),
-            _ => None,
+        match self.phase.session() {
+            Some(session) => Some(session.node),
+            None => None,
         }
     }
 
     /// The Manager's incarnation, once welcomed and as long as the session lives.
     #[must_use]
     pub const fn epoch(&self) -> Option<u64> {
-        match self.phase {
-            Phase::Resuming(_, epoch) | Phase::Ready(_, epoch) => Some(epoch),
-            _ => None,
+        match self.phase.session() {
+            Some(session) => Some(session.epoch),
+            None => None,
         }
     }
 
@@ -134,15 +111,15 @@ impl Node {
     /// Whether the session is over and [`Input::Reconnected`] is waited for.
     #[must_use]
     pub const fn is_away(&self) -> bool {
-        matches!(self.phase, Phase::Away(_))
+        matches!(self.phase, Phase::Away(..))
     }
 
     /// Why the session is over, if it is; for good unless [`Node::is_away`].
     #[must_use]
     pub const fn end(&self) -> Option<End> {
         match self.phase {
-            Phase::Away(end) | Phase::Ended(end) => Some(end),
-            _ => None,
+            Phase::Away(end, _) | Phase::Ended(end) => Some(end),
+            Phase::Greeting(_) | Phase::Refused(_) | Phase::Resuming(_) | Phase::Ready(_) => None,
         }
     }
 
@@ -156,17 +133,14 @@ impl Node {
     /// [`Error::Ended`] after [`Input::Close`].
     //= SM2-IFC-001, SM2-RES-002
     pub fn declare(&mut self, contract: Contract) -> Result<InterfaceId, Error> {
-        self.check_welcomed_once()?;
+        let interfaces = self.interfaces()?;
         contract.check_qos().map_err(Misuse::from)?;
-        let number = self.last_interface.checked_add(1);
-        self.last_interface = number.ok_or(Misuse::NumbersSpent)?;
-        let interface = InterfaceId(self.last_interface);
-        let mut ours = Interface::new(contract);
-        if self.is_ready() {
-            let declared = ours.declare().cloned();
-            self.declare_all(declared.map(|contract| (interface, contract)));
+        let interface = interfaces.allot(contract)?;
+        if let Phase::Ready(session) = &mut self.phase
+            && let Some(declare) = session.declare(interface)
+        {
+            self.send(&declare);
         }
-        self.interfaces.insert(interface, ours);
         Ok(interface)
     }
 }
@@ -204,36 +178,31 @@ impl Machine for Node {
                 code,
             } => self.unlinked(interface, link, code)?,
             Input::Query { after } => {
-                self.check_welcomed()?;
-                self.requests.query();
+                self.session()?.requests.query();
                 self.send(&ToManager::Query { after });
             }
             Input::Watch { after } => {
-                self.check_welcomed()?;
-                self.requests.watch()?;
+                self.session()?.requests.watch()?;
                 self.send(&ToManager::Watch { after });
             }
             Input::Counters => {
-                self.check_welcomed()?;
-                self.requests.counters()?;
+                self.session()?.requests.counters()?;
                 let frame = encode_to_manager(&ToManager::Counters);
                 self.outputs.push_back(Output::TransmitCounters(frame));
             }
             Input::Inspect { node } => {
-                self.check_welcomed()?;
-                self.requests.inspect(node);
+                self.session()?.requests.inspect(node);
                 self.send(&ToManager::Inspect { node });
             }
             Input::Schema { data, text } => {
-                self.check_welcomed()?;
+                self.session()?;
                 if !is_text_of(&text, &data) {
                     return Err(Misuse::Schema.into());
                 }
                 self.send(&ToManager::Schema { data, text });
             }
             Input::Describe { data } => {
-                self.check_welcomed()?;
-                self.requests.describe(data.clone());
+                self.session()?.requests.describe(data.clone());
                 self.send(&ToManager::Describe { data });
             }
             Input::Close(code) => self.close(code)?,
@@ -252,33 +221,32 @@ impl Machine for Node {
 }
 
 impl Node {
-    /// Whether there is a connection with a Manager.
+    /// Fails without a connection with a Manager.
     fn check_session(&self) -> Result<(), Error> {
         self.end().map_or(Ok(()), |end| Err(Error::Ended(end)))
     }
 
-    /// Whether the Manager takes requests.
-    fn check_welcomed(&self) -> Result<(), Error> {
+    /// The session, if the Manager takes requests.
+    fn session(&mut self) -> Result<&mut Session, Error> {
         self.check_session()?;
-        self.id().map(drop).ok_or(Misuse::NotReady.into())
+        self.phase.session_mut().ok_or(Misuse::NotReady.into())
     }
 
-    /// Whether the machine has interfaces at all, with a session or without.
-    fn check_welcomed_once(&self) -> Result<(), Error> {
-        match self.phase {
-            Phase::Ended(end) => Err(Error::Ended(end)),
-            _ if self.welcomed => Ok(()),
-            _ => Err(Misuse::NotReady.into()),
+    /// The interfaces, if any Manager has ever welcomed this node.
+    fn interfaces(&mut self) -> Result<&mut Interfaces, Error> {
+        if let Phase::Ended(end) = self.phase {
+            return Err(Error::Ended(end));
         }
+        self.phase.interfaces_mut().ok_or(Misuse::NotReady.into())
     }
 
     //= SM2-SES-003, SM2-RES-001
     fn greet_again(&mut self, name: Name) -> Result<(), Error> {
         self.check_session()?;
-        if self.phase != Phase::Refused {
+        let Phase::Refused(known) = &self.phase else {
             return Err(Misuse::NotRefused.into());
-        }
-        if self.welcomed && self.name != name {
+        };
+        if known.is_some() && self.name != name {
             return Err(Misuse::OtherName.into());
         }
         self.name = name;
@@ -287,13 +255,13 @@ impl Node {
     }
 
     fn withdraw(&mut self, interface: InterfaceId) -> Result<(), Error> {
-        self.check_welcomed_once()?;
-        let ours = self.interfaces.get_mut(&interface);
+        let interfaces = &mut self.interfaces()?.by_id;
+        let ours = interfaces.get_mut(&interface);
         match ours.ok_or(Misuse::NotLive)?.withdraw()? {
             Withdrawal::Send => self.send(&ToManager::Withdraw { interface }),
             Withdrawal::Wait => {}
             Withdrawal::Forget => {
-                self.interfaces.remove(&interface);
+                interfaces.remove(&interface);
                 self.outputs.push_back(Output::Withdrawn { interface });
             }
         }
@@ -305,7 +273,8 @@ impl Node {
         if let Phase::Ended(end) = self.phase {
             return Err(Error::Ended(end));
         }
-        let ours = self.interfaces.get_mut(&interface);
+        let interfaces = self.phase.interfaces_mut();
+        let ours = interfaces.and_then(|it| it.by_id.get_mut(&interface));
         if ours.is_some_and(|interface| interface.close_link(link)) {
             self.send(&ToManager::Unlinked {
                 interface,
@@ -319,11 +288,19 @@ impl Node {
     fn close(&mut self, code: Code) -> Result<(), Error> {
         match self.phase {
             Phase::Ended(end) => return Err(Error::Ended(end)),
-            Phase::Away(_) => {}
-            _ => self.send(&ToManager::Goodbye { code }),
+            Phase::Away(..) => {}
+            Phase::Greeting(_) | Phase::Refused(_) | Phase::Resuming(_) | Phase::Ready(_) => {
+                self.send(&ToManager::Goodbye { code });
+            }
         }
         self.finish(End::Local(code));
         Ok(())
+    }
+
+    fn send_all(&mut self, frames: &[ToManager]) {
+        for frame in frames {
+            self.send(frame);
+        }
     }
 
     fn send(&mut self, frame: &ToManager) {

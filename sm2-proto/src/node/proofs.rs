@@ -1,6 +1,9 @@
 //! Harnesses for a node as a whole: its numbers, and its silence after the end.
 
-use super::{End, Error, Input, Misuse, Node, Output, Phase};
+use super::{
+    End, Error, Input, Misuse, Node, Output,
+    phase::{Interfaces, Phase, Session},
+};
 use crate::{
     Code, Datagram, Farewell, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
     proofs::{below, one_of, subscriber},
@@ -15,9 +18,17 @@ fn name() -> Name {
 fn node(phase: Phase) -> Node {
     let mut node = Node::new(name());
     node.outputs.clear();
-    node.welcomed = true;
     node.phase = phase;
     node
+}
+
+/// What a node without interfaces keeps once it was welcomed.
+fn known() -> Option<Interfaces> {
+    Some(Interfaces::default())
+}
+
+fn session() -> Session {
+    Session::new(NodeId(1), 2, Interfaces::default())
 }
 
 /// CLI-IDS: an interface has a number that is greater than all before it, from any count; when
@@ -28,12 +39,13 @@ fn node(phase: Phase) -> Node {
 #[cfg_attr(kani, kani::unwind(26))]
 fn interface_numbers_are_fresh() {
     let mut node = node(one_of(&[
-        Phase::Ready(NodeId(1), 2),
-        Phase::Resuming(NodeId(1), 2),
-        Phase::Away(End::Eof),
+        Phase::Ready(session()),
+        Phase::Resuming(session()),
+        Phase::Away(End::Eof, known()),
     ]));
     let last: u64 = kani::any();
-    node.last_interface = last;
+    let interfaces = node.phase.interfaces_mut().expect("welcomed");
+    interfaces.last = last;
     let before = node.clone();
     let declared = node.declare(subscriber());
     if last == u64::MAX {
@@ -42,11 +54,13 @@ fn interface_numbers_are_fresh() {
     } else {
         let interface = InterfaceId(last + 1);
         assert_eq!(declared, Ok(interface));
-        assert_eq!(node.last_interface, last + 1);
-        assert!(node.interfaces.contains_key(&interface));
+        let interfaces = node.phase.interfaces_mut().expect("welcomed");
+        assert_eq!(interfaces.last, last + 1);
+        assert!(interfaces.by_id.contains_key(&interface));
         // DECLARE goes out at once if the session is ready, else behind CLAIMED.
         let ready = node.is_ready();
-        assert_eq!(node.declaring.len(), usize::from(ready));
+        let declaring = node.phase.session().map_or(0, |it| it.declaring.len());
+        assert_eq!(declaring, usize::from(ready));
         assert_eq!(node.outputs.len(), usize::from(ready));
         kani::cover!(ready && last > u64::from(u32::MAX), "beyond 32 bits");
     }
@@ -60,10 +74,10 @@ fn interface_numbers_are_fresh() {
 #[cfg_attr(kani, kani::unwind(26))]
 fn an_ended_node_is_silent() {
     let mut node = node(one_of(&[
-        Phase::Greeting,
-        Phase::Refused,
-        Phase::Ready(NodeId(1), 2),
-        Phase::Away(End::Eof),
+        Phase::Greeting(known()),
+        Phase::Refused(known()),
+        Phase::Ready(session()),
+        Phase::Away(End::Eof, known()),
     ]));
     let was_away = node.is_away();
     let code = Farewell::Done.code();

@@ -4,8 +4,9 @@
 mod proofs;
 
 use super::{
-    End, Interface, Node, Output, Phase,
-    interface::{Answer, Answered, Link},
+    End, Node, Output,
+    interface::{Answer, Answered, Interface, Link},
+    phase::Phase,
 };
 use crate::{
     Code, Datagram, InterfaceId, LinkId, LinkQos, Refusal, Violation,
@@ -28,25 +29,25 @@ impl Node {
     /// One frame in the session's phase: the table of SPEC section 4.2.
     fn step(&mut self, frame: ToNode) -> Result<(), Violation> {
         match self.phase {
-            Phase::Away(_) | Phase::Ended(_) => Ok(()),
-            Phase::Greeting | Phase::Refused => self.greeting(frame),
-            Phase::Resuming(..) | Phase::Ready(..) => self.welcomed(frame),
+            Phase::Away(..) | Phase::Ended(_) => Ok(()),
+            Phase::Greeting(_) | Phase::Refused(_) => self.greeting(frame),
+            Phase::Resuming(_) | Phase::Ready(_) => self.welcomed(frame),
         }
     }
 
     fn greeting(&mut self, frame: ToNode) -> Result<(), Violation> {
-        match (self.phase, frame) {
+        match (&self.phase, frame) {
             (_, ToNode::Goodbye { code }) => self.go_away(End::Peer(code)),
             (
-                Phase::Greeting,
+                Phase::Greeting(_),
                 ToNode::Welcome {
                     version,
                     epoch,
                     node,
                 },
             ) => self.welcome(version, epoch, node)?,
-            (Phase::Greeting, ToNode::HelloRefused { reason }) => {
-                self.phase = Phase::Refused;
+            (Phase::Greeting(_), ToNode::HelloRefused { reason }) => {
+                self.phase = Phase::Refused(self.phase.take_known());
                 self.tell(Output::HelloRefused(reason));
             }
             (_, ToNode::Welcome { .. } | ToNode::HelloRefused { .. }) => {
@@ -58,6 +59,8 @@ impl Node {
     }
 
     fn welcomed(&mut self, frame: ToNode) -> Result<(), Violation> {
+        let session = self.phase.session_mut();
+        let session = session.ok_or(violation!(ExpectedWelcome, "SM2-NOD-001"))?;
         match frame {
             ToNode::Welcome { .. } | ToNode::HelloRefused { .. } => {
                 return Err(violation!(UnexpectedWelcome, "SM2-NOD-001"));
@@ -83,19 +86,13 @@ impl Node {
                 link,
                 code,
             } => self.unlink(interface, link, code)?,
-            ToNode::Withdrawn { interface } => {
-                let ours = self.interfaces.get(&interface);
-                ours.ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?
-                    .withdrawn()?;
-                self.interfaces.remove(&interface);
-                self.tell(Output::Withdrawn { interface });
-            }
+            ToNode::Withdrawn { interface } => self.withdrawn(interface)?,
             ToNode::Page {
                 revision,
                 items,
                 next,
             } => {
-                self.requests.page()?;
+                session.requests.page()?;
                 self.tell(Output::Page {
                     revision,
                     items,
@@ -107,7 +104,7 @@ impl Node {
                 changes,
                 more,
             } => {
-                self.requests.changes()?;
+                session.requests.changes()?;
                 self.tell(Output::Changes {
                     revision,
                     changes,
@@ -115,15 +112,15 @@ impl Node {
                 });
             }
             ToNode::Inspected { node } => {
-                self.requests.inspected(node)?;
+                session.requests.inspected(node)?;
                 self.tell(Output::Inspected { node });
             }
             ToNode::NotInspected { node } => {
-                self.requests.inspected(node)?;
+                session.requests.inspected(node)?;
                 self.tell(Output::NotInspected { node });
             }
             ToNode::Described { data, text } => {
-                self.requests.described(&data, text.as_deref())?;
+                session.requests.described(&data, text.as_deref())?;
                 self.tell(Output::Described { data, text });
             }
         }
@@ -143,16 +140,26 @@ impl Node {
     fn refused(&mut self, interface: InterfaceId, reason: Refusal) -> Result<(), Violation> {
         match self.answered(interface)?.refused()? {
             Answered::First => {
-                self.interfaces.remove(&interface);
+                self.forget_interface(interface);
                 self.tell(Output::DeclareRefused { interface, reason });
             }
             Answered::Renewed => self.tell(Output::DeclareRefused { interface, reason }),
             Answered::Doomed => {
-                self.interfaces.remove(&interface);
+                self.forget_interface(interface);
                 self.tell(Output::Withdrawn { interface });
             }
         }
         self.claim_when_answered();
+        Ok(())
+    }
+
+    //= SM2-IFC-003
+    fn withdrawn(&mut self, interface: InterfaceId) -> Result<(), Violation> {
+        let ours = self.interface(interface);
+        let ours = ours.ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
+        ours.withdrawn()?;
+        self.forget_interface(interface);
+        self.tell(Output::Withdrawn { interface });
         Ok(())
     }
 
@@ -164,14 +171,12 @@ impl Node {
         ours: Link,
         peer: Peer,
     ) -> Result<(), Violation> {
-        if let Phase::Resuming(..) = self.phase {
-            // Nothing of ours is linked before CLAIMED.
-            return Err(violation!(UnknownInterface, "SM2-LNK-005"));
-        }
-        let interfaces = &mut self.interfaces;
-        let asked = interfaces
-            .get_mut(&interface)
-            .ok_or(violation!(UnknownInterface, "SM2-LNK-005"))?;
+        // The Manager links no interface of this node before CLAIMED.
+        let asked = match &mut self.phase {
+            Phase::Ready(session) => session.interfaces.by_id.get_mut(&interface),
+            _ => None,
+        };
+        let asked = asked.ok_or(violation!(UnknownInterface, "SM2-LNK-005"))?;
         if asked.link(link, ours, &peer)? {
             let Link { version, qos, .. } = ours;
             let LinkQos { reliable, sealed } = qos;
@@ -194,7 +199,7 @@ impl Node {
         link: LinkId,
         code: Code,
     ) -> Result<(), Violation> {
-        let ours = self.interfaces.get_mut(&interface);
+        let ours = self.interface(interface);
         let ours = ours.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
         if ours.unlink(link)? == Answer::Unlinked {
             self.send(&ToManager::Unlinked {
@@ -211,15 +216,26 @@ impl Node {
         Ok(())
     }
 
-    /// The interface that the Manager has to answer next.
+    /// The interface that the Manager answers, which has to be the first one without an answer.
     //= SM2-IFC-002, SM2-FRM-004
     fn answered(&mut self, interface: InterfaceId) -> Result<&mut Interface, Violation> {
-        if self.declaring.front() != Some(&interface) {
-            return Err(violation!(UnknownInterface, "SM2-IFC-002"));
+        let unknown = violation!(UnknownInterface, "SM2-IFC-002");
+        let session = self.phase.session_mut().ok_or(unknown)?;
+        if session.declaring.front() != Some(&interface) {
+            return Err(unknown);
         }
-        self.declaring.pop_front();
-        let ours = self.interfaces.get_mut(&interface);
-        ours.ok_or(violation!(UnknownInterface, "SM2-IFC-002"))
+        session.declaring.pop_front();
+        session.interfaces.by_id.get_mut(&interface).ok_or(unknown)
+    }
+
+    fn interface(&mut self, interface: InterfaceId) -> Option<&mut Interface> {
+        self.phase.interfaces_mut()?.by_id.get_mut(&interface)
+    }
+
+    fn forget_interface(&mut self, interface: InterfaceId) {
+        if let Some(interfaces) = self.phase.interfaces_mut() {
+            interfaces.by_id.remove(&interface);
+        }
     }
 
     fn tell(&mut self, output: Output) {

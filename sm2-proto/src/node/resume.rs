@@ -1,18 +1,20 @@
 //! From one session to the next (SPEC section 11).
 
-use alloc::vec::Vec;
-
-use super::{End, Error, Misuse, Node, Output, Phase, requests::Requests};
-use crate::{Contract, Farewell, InterfaceId, NodeId, VERSION, Violation, control::ToManager};
+use super::{
+    End, Error, Misuse, Node, Output,
+    interface::Interface,
+    phase::{Interfaces, Phase, Session},
+};
+use crate::{Farewell, NodeId, VERSION, Violation, control::ToManager};
 
 impl Node {
     /// There is a new connection: the node greets again.
     //= SM2-RES-001
     pub(super) fn reconnected(&mut self) -> Result<(), Error> {
         match self.phase {
-            Phase::Away(_) | Phase::Refused => {}
+            Phase::Away(..) | Phase::Refused(_) => {}
             Phase::Ended(end) => return Err(Error::Ended(end)),
-            Phase::Greeting | Phase::Resuming(..) | Phase::Ready(..) => {
+            Phase::Greeting(_) | Phase::Resuming(_) | Phase::Ready(_) => {
                 return Err(Misuse::Connected.into());
             }
         }
@@ -21,16 +23,17 @@ impl Node {
     }
 
     pub(super) fn greet(&mut self) {
-        self.phase = Phase::Greeting;
+        let known = self.phase.take_known();
         self.send(&ToManager::Hello {
             min_version: VERSION,
             max_version: VERSION,
             name: self.name.clone(),
-            resuming: self.welcomed,
+            resuming: known.is_some(),
         });
+        self.phase = Phase::Greeting(known);
     }
 
-    /// WELCOME came in: what was live is declared again.
+    /// WELCOME has come: the node declares again what was live.
     //= SM2-NOD-002, SM2-RES-002, SM2-SES-006
     pub(super) fn welcome(
         &mut self,
@@ -42,102 +45,70 @@ impl Node {
             return Err(violation!(BadVersion, "SM2-NOD-002"));
         }
         self.outputs.push_back(Output::Welcomed { node, epoch });
-        if !self.welcomed {
-            self.welcomed = true;
-            self.phase = Phase::Ready(node, epoch);
+        let Some(mut interfaces) = self.phase.take_known() else {
+            self.phase = Phase::Ready(Session::new(node, epoch, Interfaces::default()));
             return Ok(());
-        }
-        self.phase = Phase::Resuming(node, epoch);
-        let outputs = &mut self.outputs;
-        let known = self.interfaces.iter_mut().filter_map(|(&interface, ours)| {
-            // This Manager ended its links with our last session. Where both ends are
-            // ours there is nobody else to say so.
-            outputs.extend(ours.forget(epoch).map(|link| Output::Unlink {
+        };
+        // The Manager sends no UNLINK for a link whose two ends are both of this node.
+        for (interface, link) in interfaces.forget_links(epoch) {
+            self.outputs.push_back(Output::Unlink {
                 interface,
                 link,
                 code: Farewell::Done.code(),
-            }));
-            let contract = ours.renew()?.clone();
-            Some((interface, contract))
-        });
-        let known: Vec<_> = known.collect();
-        self.declare_all(known);
+            });
+        }
+        let mut session = Session::new(node, epoch, interfaces);
+        let declares = session.declare_all(Interface::renew);
+        self.phase = Phase::Resuming(session);
+        self.send_all(&declares);
         self.claim_when_answered();
         Ok(())
     }
 
-    /// When all that was declared again is answered, what is open is claimed,
-    /// and what is new is declared.
+    /// Once all repeated DECLAREs are answered, the node claims its open links and declares its
+    /// new interfaces.
     //= SM2-RES-002
     pub(super) fn claim_when_answered(&mut self) {
-        let Phase::Resuming(node, epoch) = self.phase else {
-            return;
+        let mut session = match self.phase.take() {
+            Phase::Resuming(session) if session.declaring.is_empty() => session,
+            other => {
+                self.phase = other;
+                return;
+            }
         };
-        if !self.declaring.is_empty() {
-            return;
-        }
-        self.phase = Phase::Ready(node, epoch);
-        let mut claims = Vec::new();
-        for (&interface, ours) in &mut self.interfaces {
-            claims.extend(ours.claim().map(|(id, link)| ToManager::Claim {
+        let links = session.interfaces.claim_links();
+        let declares = session.declare_all(Interface::declare);
+        self.phase = Phase::Ready(session);
+        for (interface, id, link) in links {
+            self.send(&ToManager::Claim {
                 interface,
                 link: id,
                 key: link.key,
                 version: link.version,
                 reliable: link.qos.reliable,
                 sealed: link.qos.sealed,
-            }));
-        }
-        for claim in claims {
-            self.send(&claim);
+            });
         }
         self.send(&ToManager::Claimed);
         self.outputs.push_back(Output::Resumed);
-        // What no Manager has answered yet.
-        let queued = self.interfaces.iter_mut().filter_map(|(&interface, ours)| {
-            let contract = ours.declare()?.clone();
-            Some((interface, contract))
-        });
-        let queued: Vec<_> = queued.collect();
-        self.declare_all(queued);
-    }
-
-    pub(super) fn declare_all(
-        &mut self,
-        interfaces: impl IntoIterator<Item = (InterfaceId, Contract)>,
-    ) {
-        for (interface, contract) in interfaces {
-            self.declaring.push_back(interface);
-            self.send(&ToManager::Declare {
-                interface,
-                contract,
-            });
-        }
+        self.send_all(&declares);
     }
 
     /// The session is over, and the machine is not: interfaces and links stay.
     //= SM2-NOD-003, SM2-RES-001
     pub(super) fn go_away(&mut self, end: End) {
-        self.phase = Phase::Away(end);
-        self.declaring.clear();
-        self.requests = Requests::default();
-        let outputs = &mut self.outputs;
-        self.interfaces.retain(|&interface, ours| {
-            let stays = ours.away();
-            if !stays {
-                outputs.push_back(Output::Withdrawn { interface });
-            }
-            stays
-        });
+        let mut known = self.phase.take_known();
+        let withdrawn = known.as_mut().map(Interfaces::end_session);
+        for interface in withdrawn.into_iter().flatten() {
+            self.outputs.push_back(Output::Withdrawn { interface });
+        }
+        self.phase = Phase::Away(end, known);
         self.outputs.push_back(Output::Ended(end));
     }
 
     /// The machine is over.
     pub(super) fn finish(&mut self, end: End) {
         self.phase = Phase::Ended(end);
-        self.declaring.clear();
-        self.requests = Requests::default();
-        self.interfaces.clear();
         self.outputs.push_back(Output::Ended(end));
     }
 }

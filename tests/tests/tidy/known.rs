@@ -37,7 +37,6 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
     ("sm2-proto/src/link/ring/proofs.rs", 1),
     ("sm2-proto/src/link/ring/sender.rs", 1),
     ("sm2-proto/src/node/fuzz.rs", 1),
-    ("sm2-proto/src/node/receive.rs", 1),
     ("sm2-proto/src/node/requests/proofs.rs", 1),
     ("sm2-proto/tests/control_codec.rs", 1),
     ("sm2-proto/tests/domain_why.rs", 1),

@@ -2,11 +2,14 @@
 
 use alloc::{string::String, vec::Vec};
 
-use super::{End, Node, Output, Phase};
+use super::{End, Interface, Node, Output, Phase};
 use crate::{
     Code, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId, VERSION,
     control::ToNode,
-    node::interface::proofs::{any_interface, expected_link, fits, is_declaring, is_unheard},
+    node::{
+        interface::proofs::{any_interface, expected_link, fits, is_declaring, is_unheard},
+        phase::{Interfaces, Session},
+    },
     proofs::{below, one_of},
 };
 
@@ -22,44 +25,56 @@ const LINK: LinkId = LinkId {
 fn any_node() -> Node {
     let mut node = Node::new(Name::new("n").expect("a legal name"));
     node.outputs.clear();
-    let (id, epoch) = (NodeId(4), 70);
+    let session = Session::new(NodeId(4), 70, Interfaces::default());
     node.phase = one_of(&[
-        Phase::Greeting,
-        Phase::Refused,
-        Phase::Resuming(id, epoch),
-        Phase::Ready(id, epoch),
-        Phase::Away(End::Eof),
+        Phase::Greeting(None),
+        Phase::Refused(None),
+        Phase::Resuming(session.clone()),
+        Phase::Ready(session),
+        Phase::Away(End::Eof, None),
         Phase::Ended(End::Eof),
     ]);
     let ended = matches!(node.phase, Phase::Ended(_));
     if !ended && kani::any() {
-        node.welcomed = true;
-        node.last_interface = OURS.0;
         let interface = any_interface();
         kani::assume(match node.phase {
-            Phase::Resuming(..) => fits(&interface, true),
-            Phase::Ready(..) => fits(&interface, false),
+            Phase::Resuming(_) => fits(&interface, true),
+            Phase::Ready(_) => fits(&interface, false),
             _ => is_unheard(&interface),
         });
-        if is_declaring(&interface) {
-            node.declaring.push_back(OURS);
-        }
-        node.interfaces.insert(OURS, interface);
+        insert(&mut node, interface);
     }
-    if let Phase::Resuming(..) = node.phase {
+    if let Phase::Resuming(session) = &node.phase {
         // It would be ready otherwise.
-        kani::assume(!node.declaring.is_empty());
+        kani::assume(!session.declaring.is_empty());
     }
-    if let Phase::Ready(..) | Phase::Resuming(..) = node.phase {
-        node.welcomed = true;
-        if kani::any() {
-            node.requests.query();
-            assert_eq!(node.requests.watch(), Ok(()));
-            node.requests.inspect(NodeId(9));
-            node.requests.describe(data());
-        }
+    if let Phase::Ready(session) | Phase::Resuming(session) = &mut node.phase
+        && kani::any()
+    {
+        session.requests.query();
+        assert_eq!(session.requests.watch(), Ok(()));
+        session.requests.inspect(NodeId(9));
+        session.requests.describe(data());
     }
     node
+}
+
+/// Gives the node its interface, which in turn means that it was welcomed.
+fn insert(node: &mut Node, interface: Interface) {
+    match &mut node.phase {
+        Phase::Resuming(session) | Phase::Ready(session) => {
+            if is_declaring(&interface) {
+                session.declaring.push_back(OURS);
+            }
+        }
+        Phase::Greeting(known) | Phase::Refused(known) | Phase::Away(_, known) => {
+            *known = Some(Interfaces::default());
+        }
+        Phase::Ended(_) => {}
+    }
+    let interfaces = node.phase.interfaces_mut().expect("it has not ended");
+    interfaces.last = OURS.0;
+    interfaces.by_id.insert(OURS, interface);
 }
 
 fn data() -> TypeId {
@@ -129,21 +144,24 @@ fn session_table() {
     let mut node = any_node();
     let named = one_of(&[OURS, InterfaceId(2)]);
     let frame = any_frame(named);
-    let before = node.clone();
-    let ours = before.interfaces.get(&named);
-    let declaring = ours.is_some_and(is_declaring);
-    let asked = before.requests != Default::default();
+    let mut before = node.clone();
+    let asked = (before.phase.session()).is_some_and(|it| it.requests != Default::default());
+    let interfaces = before.phase.interfaces_mut().cloned().unwrap_or_default();
+    let ours = interfaces.by_id.get(&named);
+    let is_asked_for = ours.is_some_and(is_declaring);
     let welcomes = matches!(frame, ToNode::Welcome { .. } | ToNode::HelloRefused { .. });
     let says_goodbye = matches!(frame, ToNode::Goodbye { .. });
-    let expected = match (before.phase, &frame) {
-        (Phase::Away(_) | Phase::Ended(_), _) | (_, ToNode::Goodbye { .. }) => Ok(()),
-        (Phase::Greeting, ToNode::Welcome { version: 1, .. } | ToNode::HelloRefused { .. }) => {
+    let expected = match (&before.phase, &frame) {
+        (Phase::Away(..) | Phase::Ended(_), _) | (_, ToNode::Goodbye { .. }) => Ok(()),
+        (Phase::Greeting(_), ToNode::Welcome { version: 1, .. } | ToNode::HelloRefused { .. }) => {
             Ok(())
         }
-        (Phase::Greeting, ToNode::Welcome { .. }) => Err(violation!(BadVersion, "SM2-NOD-002")),
+        (Phase::Greeting(_), ToNode::Welcome { .. }) => Err(violation!(BadVersion, "SM2-NOD-002")),
         (_, _) if welcomes => Err(violation!(UnexpectedWelcome, "SM2-NOD-001")),
-        (Phase::Greeting | Phase::Refused, _) => Err(violation!(ExpectedWelcome, "SM2-NOD-001")),
-        (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) if declaring => Ok(()),
+        (Phase::Greeting(_) | Phase::Refused(_), _) => {
+            Err(violation!(ExpectedWelcome, "SM2-NOD-001"))
+        }
+        (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) if is_asked_for => Ok(()),
         (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) => {
             Err(violation!(UnknownInterface, "SM2-IFC-002"))
         }
@@ -167,12 +185,12 @@ fn session_table() {
         _ => Ok(()),
     };
     assert_eq!(node.step(frame), expected);
-    let is_over = matches!(before.phase, Phase::Away(_) | Phase::Ended(_));
+    let is_over = matches!(before.phase, Phase::Away(..) | Phase::Ended(_));
     if expected.is_err() || is_over {
         assert!(node == before, "a violation has no other effect");
     }
     if says_goodbye && !is_over {
-        assert!(node.is_away() && node.declaring.is_empty());
+        assert!(node.is_away());
         assert!(node.outputs.back() == Some(&Output::Ended(End::Peer(Code(3)))));
     }
     kani::cover!(is_over, "late");
@@ -180,10 +198,10 @@ fn session_table() {
         expected == Err(violation!(UnknownLink, "SM2-LNK-003")),
         "no such link"
     );
-    kani::cover!(expected.is_ok() && declaring, "answered");
+    kani::cover!(expected.is_ok() && is_asked_for, "answered");
     kani::cover!(
-        expected.is_ok() && welcomes && node.welcomed && node.declaring.is_empty(),
-        "welcomed again, and nothing to declare"
+        expected.is_ok() && welcomes && node.is_ready() && !interfaces.by_id.is_empty(),
+        "welcomed again, and no interface was live"
     );
 }
 
@@ -193,13 +211,13 @@ fn session_table() {
 #[cfg_attr(kani, kani::unwind(26))]
 fn claims_wait_for_all_answers() {
     let mut node = any_node();
-    kani::assume(matches!(node.phase, Phase::Resuming(..)));
+    kani::assume(matches!(node.phase, Phase::Resuming(_)));
     let more = kani::any::<bool>();
-    if more {
+    if more && let Some(session) = node.phase.session_mut() {
         // Another one waits behind it.
-        node.declaring.push_back(InterfaceId(2));
-        node.interfaces
-            .insert(InterfaceId(2), node.interfaces[&OURS].clone());
+        session.declaring.push_back(InterfaceId(2));
+        let interfaces = &mut session.interfaces.by_id;
+        interfaces.insert(InterfaceId(2), interfaces[&OURS].clone());
     }
     let answer = if kani::any() {
         ToNode::Declared {
