@@ -5,10 +5,12 @@ use sm2_proto::ViolationKind::{
 };
 
 use super::{
-    LinkStage,
-    Real::{Client, Server},
-    Rows, Rule, all,
     ring::{DEPTH, WINDOW},
+    stage::{
+        LinkStage,
+        Real::{Client, Server},
+        Rows, Rule, all,
+    },
 };
 use crate::{
     link::{cancel, detached, inline, kind, release},

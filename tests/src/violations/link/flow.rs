@@ -4,7 +4,7 @@ use sm2_proto::ViolationKind::{
     BadCancel, BadId, BadLength, BadRelease, BadSequence, CallLimit, UnknownCall, WindowExceeded,
 };
 
-use super::{
+use super::stage::{
     Real::{Client, Publisher, SealedSubscriber, Server, Subscriber, WideServer},
     Rows, Rule, WINDOW, all,
 };

@@ -7,7 +7,7 @@ use sm2_proto::ViolationKind::{
     UnknownFrame, WrongRole,
 };
 
-use super::{
+use super::stage::{
     LinkStage,
     Real::{Client, Publisher, Server, Subscriber},
     Rows, Rule, all,

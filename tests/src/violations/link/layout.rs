@@ -2,7 +2,7 @@
 
 use sm2_proto::ViolationKind::{BadLength, Malformed, ReservedNotZero};
 
-use super::{
+use super::stage::{
     Real::{Client, Publisher, Server, Subscriber},
     Rows, Rule, all,
 };

@@ -22,7 +22,7 @@ use sm2_proto::{
     },
 };
 
-use super::{
+use super::stage::{
     LinkStage,
     Real::{SealedSubscriber, Server, Subscriber},
     Rows, Rule, all,

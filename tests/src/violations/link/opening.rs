@@ -2,7 +2,7 @@
 
 use sm2_proto::ViolationKind::{BadOpen, BadWindow, ExpectedOpen, ReservedNotZero, UnexpectedOpen};
 
-use super::{
+use super::stage::{
     Real::{self, Client, Publisher, Server, Subscriber},
     Rows, Rule, all,
 };

@@ -10,7 +10,7 @@ use sm2_proto::{
     },
 };
 
-use super::{
+use super::stage::{
     LinkStage,
     Real::{BestEffort, Client, Publisher, SealedSubscriber, Server, Subscriber},
     Rows, Rule, all,

@@ -8,7 +8,7 @@ use sm2_proto::{
     link::{At, RingMemory},
 };
 
-use super::{
+use super::stage::{
     LinkStage,
     Real::{self, BestEffort, Publisher, ReliablePublisher, Subscriber},
     Rows, Rule, all,
