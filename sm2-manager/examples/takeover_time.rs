@@ -24,7 +24,7 @@ use sm2_manager::{Options, Standby};
 use sm2_proto::control::{ToManager, encode_to_manager};
 
 const ATTEMPT: Duration = Duration::from_micros(50);
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = env::args().skip(1);
@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         active.kill()?;
         let killed = Instant::now();
         while !is_welcomed(&path)? {
-            if killed.elapsed() > PATIENCE {
+            if killed.elapsed() > TIMEOUT {
                 standby.kill()?;
                 return Err("nobody took over".into());
             }
@@ -94,7 +94,7 @@ fn is_welcomed(path: &Path) -> Result<bool, Box<dyn Error>> {
     if socket.send(&[IoSlice::new(&hello)], &[]).is_err() {
         return Ok(false);
     }
-    wait_readable(&[socket.as_fd()], Some(PATIENCE))?;
+    wait_readable(&[socket.as_fd()], Some(TIMEOUT))?;
     // Anything but the end of the stream: WELCOME.
     Ok(socket.recv(&mut [0; 256]).is_ok())
 }

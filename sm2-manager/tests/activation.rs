@@ -12,26 +12,26 @@ use std::{
     time::Duration,
 };
 
-use common::{Client, PATIENCE, Place, Program};
+use common::{Client, Program, TIMEOUT, TestDomain};
 use nix::sys::signal::Signal;
 use sm2_io::{Listener, SeqPacket};
 use sm2_proto::{Farewell, node::End};
 
 /// The service manager of one domain.
 struct Init {
-    place: Place,
+    domain: TestDomain,
     socket: OwnedFd,
     notify: UnixDatagram,
 }
 
 impl Init {
     fn new() -> Self {
-        let place = Place::new();
-        let socket = Listener::bind(&place.socket(), 16).unwrap().into();
-        let notify = UnixDatagram::bind(place.folder().join("notify")).unwrap();
-        notify.set_read_timeout(Some(PATIENCE)).unwrap();
+        let domain = TestDomain::new();
+        let socket = Listener::bind(&domain.socket(), 16).unwrap().into();
+        let notify = UnixDatagram::bind(domain.folder().join("notify")).unwrap();
+        notify.set_read_timeout(Some(TIMEOUT)).unwrap();
         Self {
-            place,
+            domain,
             socket,
             notify,
         }
@@ -45,7 +45,7 @@ impl Init {
         command.args(["-c", script, "sh"]);
         command.arg(env!("CARGO_BIN_EXE_sm2-manager")).args(options);
         command.env("LISTEN_FDS", count.to_string());
-        command.env("NOTIFY_SOCKET", self.place.folder().join("notify"));
+        command.env("NOTIFY_SOCKET", self.domain.folder().join("notify"));
         command.stdin(Stdio::from(socket));
         command
     }
@@ -80,7 +80,7 @@ impl Init {
 #[test]
 fn whoever_connects_between_two_managers_is_served() {
     let init = Init::new();
-    let path = init.place.socket();
+    let path = init.domain.socket();
     // Already before the first.
     let mut early = Client::connect(&path, "early").unwrap();
     let mut manager = init.start(&[]);
@@ -88,7 +88,7 @@ fn whoever_connects_between_two_managers_is_served() {
     early.greeted().expect("a session");
     assert_eq!(early.server(), std::process::id().cast_signed());
     for round in 0..3 {
-        let node = init.place.client("node");
+        let node = init.domain.client("node");
         assert_eq!(node.server(), manager.pid(), "whom others would signal");
         manager.kill();
         manager.wait();
@@ -99,25 +99,25 @@ fn whoever_connects_between_two_managers_is_served() {
         between.greeted().expect("a session");
         assert_eq!(between.nodes(), ["between"], "round {round}");
     }
-    let node = init.place.client("node");
+    let node = init.domain.client("node");
     manager.signal(Signal::SIGTERM);
     init.hears("STOPPING=1");
     assert_eq!(node.ended(), End::Peer(Farewell::ShuttingDown.code()));
     assert_eq!(manager.wait(), Some(0));
-    assert_eq!(init.place.files(), ["domain.sock", "notify"]);
+    assert_eq!(init.domain.files(), ["domain.sock", "notify"]);
     SeqPacket::connect(&path).expect("the socket is there");
 }
 
 #[test]
 fn a_manager_that_was_handed_its_socket_does_not_hand_over() {
     let init = Init::new();
-    let manager = init.start(&["--socket", init.place.socket().to_str().unwrap()]);
+    let manager = init.start(&["--socket", init.domain.socket().to_str().unwrap()]);
     init.hears("READY=1");
-    let mut node = init.place.client("node");
+    let mut node = init.domain.client("node");
     manager.signal(Signal::SIGUSR2);
     manager.says("restart this Manager instead");
     assert_eq!(node.nodes(), ["node"]);
-    let (status, text) = init.place.fails(&[]);
+    let (status, text) = init.domain.fails(&[]);
     assert_eq!(status, Some(1), "{text}");
     assert!(text.contains("another Manager serves"), "{text}");
 }
@@ -129,7 +129,7 @@ fn what_is_of_no_use_is_refused_with_what_to_do() {
     let text = init.fails(init.command(socket(), 2, &[]));
     assert!(text.contains("one ListenSequentialPacket= line"), "{text}");
 
-    let stream = UnixListener::bind(init.place.folder().join("stream")).unwrap();
+    let stream = UnixListener::bind(init.domain.folder().join("stream")).unwrap();
     let text = init.fails(init.command(stream.into(), 1, &[]));
     assert!(text.contains("use ListenSequentialPacket="), "{text}");
 
@@ -144,16 +144,16 @@ fn what_is_of_no_use_is_refused_with_what_to_do() {
     let text = init.fails(init.command(socket(), 1, &["--socket", "/run/other.sock"]));
     assert!(text.contains("/run/other.sock"), "{text}");
     assert!(text.contains("domain.sock"), "{text}");
-    SeqPacket::connect(&init.place.socket()).expect("the socket is there");
+    SeqPacket::connect(&init.domain.socket()).expect("the socket is there");
 }
 
 #[test]
 fn a_manager_that_makes_its_own_socket_says_when_it_serves_and_when_it_stands_by() {
     let init = Init::new();
-    let place = Place::new();
+    let domain = TestDomain::new();
     let start = |options: &[&str]| {
-        let mut command = place.command(options);
-        command.env("NOTIFY_SOCKET", init.place.folder().join("notify"));
+        let mut command = domain.command(options);
+        command.env("NOTIFY_SOCKET", init.domain.folder().join("notify"));
         Program::start(command)
     };
     let mut active = start(&[]);

@@ -15,7 +15,7 @@ use std::{
     time::Duration,
 };
 
-use common::{PATIENCE, Place, Program};
+use common::{Program, TIMEOUT, TestDomain};
 use nix::unistd::{Uid, chown, geteuid};
 use sm2_io::{CounterPage, CounterView, RecvError, SeqPacket, memfd, wait_readable};
 use sm2_proto::{
@@ -31,8 +31,8 @@ struct Raw {
 }
 
 impl Raw {
-    fn welcomed(place: &Place, name: &str) -> Self {
-        let socket = SeqPacket::connect(&place.socket()).unwrap();
+    fn welcomed(domain: &TestDomain, name: &str) -> Self {
+        let socket = SeqPacket::connect(&domain.socket()).unwrap();
         let mut raw = Self::greeting(socket, name);
         let (ToNode::Welcome { node, .. }, None) = raw.next() else {
             panic!("WELCOME expected");
@@ -70,11 +70,11 @@ impl Raw {
     /// The next frame, and its descriptor.
     #[track_caller]
     fn next(&self) -> (ToNode, Option<OwnedFd>) {
-        self.try_next(PATIENCE).expect("a frame")
+        self.try_next(TIMEOUT).expect("a frame")
     }
 
-    fn try_next(&self, patience: Duration) -> Option<(ToNode, Option<OwnedFd>)> {
-        wait_readable(&[self.socket.as_fd()], Some(patience)).unwrap();
+    fn try_next(&self, timeout: Duration) -> Option<(ToNode, Option<OwnedFd>)> {
+        wait_readable(&[self.socket.as_fd()], Some(timeout)).unwrap();
         let mut buffer = vec![0; 65_537];
         let received = match self.socket.recv(&mut buffer) {
             Ok(received) => received,
@@ -98,7 +98,7 @@ impl Raw {
         let (ToNode::Goodbye { code }, None) = self.next() else {
             panic!("GOODBYE expected");
         };
-        assert!(self.try_next(PATIENCE).is_none(), "the end");
+        assert!(self.try_next(TIMEOUT).is_none(), "the end");
         code
     }
 }
@@ -113,17 +113,17 @@ fn open(manager: &Program) -> usize {
 //= SM2-CNT-001, SM2-TRN-005 sys
 #[test]
 fn a_manager_that_is_short_of_descriptors_blames_no_node() {
-    let place = Place::new();
+    let domain = TestDomain::new();
     let mut command = Command::new("sh");
     command.arg("-c").arg("ulimit -n 32; exec \"$0\" \"$@\"");
-    let program = place.command(&[]);
+    let program = domain.command(&[]);
     command.arg(program.get_program()).args(program.get_args());
     let manager = Program::start(command);
     manager.says("serving");
     let mut nodes: Vec<Raw> = Vec::new();
     while !manager.stderr().contains("cannot") {
         let name = format!("node-{}", nodes.len());
-        let socket = SeqPacket::connect(&place.socket()).unwrap();
+        let socket = SeqPacket::connect(&domain.socket()).unwrap();
         let raw = Raw::greeting(socket, &name);
         let answered = || wait_readable(&[raw.socket.as_fd()], Some(Duration::from_millis(10)));
         common::eventually("a WELCOME, or a word why there is none", || {
@@ -148,12 +148,12 @@ fn a_manager_that_is_short_of_descriptors_blames_no_node() {
 //= SM2-CNT-001, SM2-CNT-002 sys
 #[test]
 fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
-    let place = Place::new();
-    let manager = place.manager(&[]);
-    let tool = Raw::welcomed(&place, "tool");
+    let domain = TestDomain::new();
+    let manager = domain.manager(&[]);
+    let tool = Raw::welcomed(&domain, "tool");
     let idle = open(&manager);
 
-    let node = Raw::welcomed(&place, "node");
+    let node = Raw::welcomed(&domain, "node");
     let mut page = CounterPage::new().unwrap();
     let entry = page.allocate(InterfaceId(7), None).unwrap();
     node.send(&ToManager::Counters, &[page.as_fd()]);
@@ -189,9 +189,9 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
 //= SM2-TRN-005, SM2-CNT-001 sys
 #[test]
 fn every_other_descriptor_is_closed() {
-    let place = Place::new();
-    let manager = place.manager(&[]);
-    let witness = Raw::welcomed(&place, "witness");
+    let domain = TestDomain::new();
+    let manager = domain.manager(&[]);
+    let witness = Raw::welcomed(&domain, "witness");
     let idle = open(&manager);
     let page = CounterPage::new().unwrap();
     let null = File::open("/dev/null").unwrap();
@@ -216,13 +216,13 @@ fn every_other_descriptor_is_closed() {
         (&counters, &many, violation!(FdCount, "SM2-TRN-005")),
         (&query, &[page.as_fd()], violation!(FdCount, "SM2-TRN-005")),
     ] {
-        let node = Raw::welcomed(&place, "node");
+        let node = Raw::welcomed(&domain, "node");
         node.send(frame, fds);
         assert_eq!(node.goodbye(), violation.code());
         drop(node);
         common::eventually("all to be closed", || open(&manager) == idle);
     }
-    let node = Raw::welcomed(&place, "node");
+    let node = Raw::welcomed(&domain, "node");
     node.send(&counters, &[page.as_fd()]);
     node.send(&counters, &[page.as_fd()]);
     assert_eq!(node.goodbye(), ViolationKind::CountersTwice.code());
@@ -237,8 +237,8 @@ fn every_other_descriptor_is_closed() {
 //= SM2-TRN-010, SM2-TRN-009 sys
 #[test]
 fn whoever_asks_and_does_not_read_is_given_up() {
-    let place = Place::new();
-    let mut command = place.for_a_stranger(&["--socket-mode", "666"]);
+    let domain = TestDomain::new();
+    let mut command = domain.for_a_stranger(&["--socket-mode", "666"]);
     let program = command.get_program().to_owned();
     let options: Vec<_> = command.get_args().map(ToOwned::to_owned).collect();
     // Few are allowed in flight, then; but to root any number is.
@@ -247,15 +247,15 @@ fn whoever_asks_and_does_not_read_is_given_up() {
     command.arg(program).args(options);
     if geteuid().is_root() {
         let nobody = 65_534;
-        chown(place.folder(), Some(Uid::from_raw(nobody)), None).unwrap();
+        chown(domain.folder(), Some(Uid::from_raw(nobody)), None).unwrap();
         command.uid(nobody).gid(nobody);
     }
     let manager = Program::start(command);
     manager.says("serving");
-    let node = Raw::welcomed(&place, "node");
+    let node = Raw::welcomed(&domain, "node");
     let page = CounterPage::new().unwrap();
     node.send(&ToManager::Counters, &[page.as_fd()]);
-    let deaf = Raw::welcomed(&place, "deaf");
+    let deaf = Raw::welcomed(&domain, "deaf");
     let bytes = encode_to_manager(&ToManager::Inspect { node: node.id });
     for _ in 0..100_000 {
         // Until it is hung up on, which it would read if it did.
@@ -268,7 +268,7 @@ fn whoever_asks_and_does_not_read_is_given_up() {
     manager.says("hung up");
     // What it has not read is in flight until it closes its end.
     drop(deaf);
-    let polite = Raw::welcomed(&place, "polite");
+    let polite = Raw::welcomed(&domain, "polite");
     for _ in 0..100 {
         polite.inspect(node.id);
         let (ToNode::Inspected { .. }, Some(_)) = polite.next() else {

@@ -7,28 +7,28 @@ use std::{
     os::unix::{fs::PermissionsExt, process::CommandExt},
 };
 
-use common::{Place, Program};
+use common::{Program, TestDomain};
 use nix::{sys::signal::Signal, unistd::geteuid};
 
 //= SM2-TRN-008 sys
 #[test]
 fn a_lock_file_that_was_left_over_is_no_obstacle() {
-    let place = Place::new();
-    fs::write(place.folder().join("domain.sock.lock"), "").unwrap();
-    let mut manager = place.manager(&[]);
-    assert_eq!(place.client("node").server(), manager.pid());
+    let domain = TestDomain::new();
+    fs::write(domain.folder().join("domain.sock.lock"), "").unwrap();
+    let mut manager = domain.manager(&[]);
+    assert_eq!(domain.client("node").server(), manager.pid());
     manager.signal(Signal::SIGINT);
     assert_eq!(manager.wait(), Some(0));
-    assert!(place.files().is_empty(), "{:?}", place.files());
+    assert!(domain.files().is_empty(), "{:?}", domain.files());
 }
 
 #[test]
 fn a_folder_that_cannot_be_written_is_an_error() {
-    let place = Place::new();
+    let domain = TestDomain::new();
     for option in [&[][..], &["--standby"], &["--replace"]] {
-        let mut command = place.for_a_stranger(option);
+        let mut command = domain.for_a_stranger(option);
         let permissions = Permissions::from_mode(0o555);
-        fs::set_permissions(place.folder(), permissions).unwrap();
+        fs::set_permissions(domain.folder(), permissions).unwrap();
         if geteuid().is_root() {
             // Root may write everywhere.
             command.uid(65_534).gid(65_534);
@@ -38,14 +38,14 @@ fn a_folder_that_cannot_be_written_is_an_error() {
         manager.says("domain.sock.lock");
         manager.says("ermission denied");
         let permissions = Permissions::from_mode(0o755);
-        fs::set_permissions(place.folder(), permissions).unwrap();
+        fs::set_permissions(domain.folder(), permissions).unwrap();
     }
 }
 
 #[test]
 fn help_says_what_can_be_done_and_how_it_ends() {
-    let place = Place::new();
-    let output = place.command(&["--help"]).output().unwrap();
+    let domain = TestDomain::new();
+    let output = domain.command(&["--help"]).output().unwrap();
     assert!(output.status.success());
     let text = String::from_utf8(output.stdout).unwrap();
     for word in [

@@ -4,7 +4,7 @@ mod common;
 
 use std::{fs, process};
 
-use common::Place;
+use common::TestDomain;
 use nix::sys::signal::Signal;
 use sm2_io::DomainLock;
 use sm2_manager::{Background, Options, Outcome, Role, Standby, StartError};
@@ -13,12 +13,12 @@ use sm2_proto::{Farewell, node::End};
 //= SM2-TRN-008, SM2-SES-007 sys
 #[test]
 fn two_take_turns_while_each_is_killed() {
-    let place = Place::new();
-    let mut active = place.manager(&[]);
+    let domain = TestDomain::new();
+    let mut active = domain.manager(&[]);
     let mut epochs = vec![];
     for round in 0..20 {
-        let standby = place.standby();
-        let mut node = place.client(&format!("node/{round}"));
+        let standby = domain.standby();
+        let mut node = domain.client(&format!("node/{round}"));
         assert_eq!(node.server(), active.pid());
         assert!(
             node.nodes()
@@ -27,7 +27,7 @@ fn two_take_turns_while_each_is_killed() {
         active.kill();
         assert_eq!(node.ended(), End::Eof);
         // As often as it takes: nobody listens for a moment.
-        let node = place.client("next");
+        let node = domain.client("next");
         assert_eq!(node.server(), standby.pid());
         epochs.push(node.epoch());
         active = standby;
@@ -35,35 +35,35 @@ fn two_take_turns_while_each_is_killed() {
     epochs.sort_unstable();
     epochs.dedup();
     assert_eq!(epochs.len(), 20, "each Manager has an epoch of its own");
-    assert_eq!(place.files(), ["domain.sock", "domain.sock.lock"]);
+    assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
 }
 
 //= SM2-TRN-008 sys
 #[test]
 fn both_killed_and_one_started_later() {
-    let place = Place::new();
+    let domain = TestDomain::new();
     for option in [&[][..], &["--standby"], &["--replace"]] {
-        let mut active = place.manager(&[]);
-        let mut standby = place.standby();
+        let mut active = domain.manager(&[]);
+        let mut standby = domain.standby();
         standby.kill();
         standby.wait();
         active.kill();
         active.wait();
-        assert_eq!(place.files(), ["domain.sock", "domain.sock.lock"]);
-        let later = place.manager(option);
-        assert_eq!(place.client("node").server(), later.pid(), "{option:?}");
+        assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
+        let later = domain.manager(option);
+        assert_eq!(domain.client("node").server(), later.pid(), "{option:?}");
     }
 }
 
 //= SM2-TRN-008 sys
 #[test]
 fn of_several_standbys_one_serves_and_the_others_wait_for_its_end() {
-    let place = Place::new();
-    let mut active = place.manager(&[]);
-    let mut standbys: Vec<_> = (0..4).map(|_| place.standby()).collect();
+    let domain = TestDomain::new();
+    let mut active = domain.manager(&[]);
+    let mut standbys: Vec<_> = (0..4).map(|_| domain.standby()).collect();
     while !standbys.is_empty() {
         active.kill();
-        let mut node = place.client("node");
+        let mut node = domain.client("node");
         let winner = standbys.iter().position(|it| it.pid() == node.server());
         active = standbys.remove(winner.expect("one of them"));
         common::eventually("the others to stand by for it", || {
@@ -78,23 +78,23 @@ fn of_several_standbys_one_serves_and_the_others_wait_for_its_end() {
 //= SM2-SES-008, SM2-TRN-008 sys
 #[test]
 fn a_manager_that_is_stopped_leaves_the_domain_to_its_standby() {
-    let place = Place::new();
-    let mut active = place.manager(&[]);
-    let standby = place.standby();
-    let node = place.client("node");
+    let domain = TestDomain::new();
+    let mut active = domain.manager(&[]);
+    let standby = domain.standby();
+    let node = domain.client("node");
     active.signal(Signal::SIGTERM);
     assert_eq!(node.ended(), End::Peer(Farewell::ShuttingDown.code()));
     assert_eq!(active.wait(), Some(0));
-    let node = place.client("node");
+    let node = domain.client("node");
     assert_eq!(node.server(), standby.pid());
 }
 
 #[test]
 fn a_standby_ends_when_it_is_told_and_nobody_notices() {
-    let place = Place::new();
-    let active = place.manager(&[]);
-    let mut standby = place.standby();
-    let mut node = place.client("node");
+    let domain = TestDomain::new();
+    let active = domain.manager(&[]);
+    let mut standby = domain.standby();
+    let mut node = domain.client("node");
     assert_eq!(node.nodes().len(), 2);
     // There is nothing to hand over.
     standby.signal(Signal::SIGUSR2);
@@ -102,17 +102,17 @@ fn a_standby_ends_when_it_is_told_and_nobody_notices() {
     assert_eq!(standby.wait(), Some(0), "{}", standby.stderr());
     common::eventually("its name to be free", || node.nodes() == ["node"]);
     assert_eq!(node.server(), active.pid());
-    assert_eq!(place.files(), ["domain.sock", "domain.sock.lock"]);
+    assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
 }
 
 /// What is in the way may go away: a full disk, a folder that is not mounted.
 #[test]
 fn a_standby_tries_again_where_the_place_is_not_fit() {
-    let place = Place::new();
-    let mut active = place.manager(&[]);
-    let mut standbys = [place.standby(), place.standby()];
+    let domain = TestDomain::new();
+    let mut active = domain.manager(&[]);
+    let mut standbys = [domain.standby(), domain.standby()];
     // The socket is made under this name first.
-    let obstacle = place.folder().join("domain.sock~");
+    let obstacle = domain.folder().join("domain.sock~");
     fs::create_dir(&obstacle).unwrap();
     active.kill();
     for standby in &standbys {
@@ -121,7 +121,7 @@ fn a_standby_tries_again_where_the_place_is_not_fit() {
     standbys[0].signal(Signal::SIGTERM);
     assert_eq!(standbys[0].wait(), Some(0));
     fs::remove_dir(&obstacle).unwrap();
-    let node = place.client("node");
+    let node = domain.client("node");
     assert_eq!(node.server(), standbys[1].pid());
     let text = standbys[1].stderr();
     assert_eq!(text.matches("cannot take over yet").count(), 1, "{text}");
@@ -129,12 +129,12 @@ fn a_standby_tries_again_where_the_place_is_not_fit() {
 
 #[test]
 fn standbys_of_one_process_have_names_of_their_own() {
-    let place = Place::new();
-    let active = Background::start(&place.socket(), Options::default()).unwrap();
+    let domain = TestDomain::new();
+    let active = Background::start(&domain.socket(), Options::default()).unwrap();
     let all: Vec<_> = (0..3)
-        .map(|_| Background::start_or_stand_by(&place.socket(), Options::default()).unwrap())
+        .map(|_| Background::start_or_stand_by(&domain.socket(), Options::default()).unwrap())
         .collect();
-    let mut node = place.client("node");
+    let mut node = domain.client("node");
     let own = format!("sm2/standby/{}", process::id());
     let names = [own.clone(), format!("{own}-2"), format!("{own}-3")];
     common::eventually("three names", || {
@@ -143,16 +143,16 @@ fn standbys_of_one_process_have_names_of_their_own() {
     });
     let epoch = node.epoch();
     active.stop().unwrap();
-    assert_ne!(place.client("node").epoch(), epoch, "one of them serves");
+    assert_ne!(domain.client("node").epoch(), epoch, "one of them serves");
     drop(all);
-    assert!(place.files().is_empty(), "{:?}", place.files());
+    assert!(domain.files().is_empty(), "{:?}", domain.files());
 }
 
 #[test]
 fn a_standby_says_what_it_does() {
-    let place = Place::new();
-    let active = Background::start(&place.socket(), Options::default()).unwrap();
-    let mut standby = Standby::start(&place.socket(), Options::default()).unwrap();
+    let domain = TestDomain::new();
+    let active = Background::start(&domain.socket(), Options::default()).unwrap();
+    let mut standby = Standby::start(&domain.socket(), Options::default()).unwrap();
     assert_eq!(standby.role(), Role::StandingBy);
     let stopper = standby.stopper();
     let mut active = Some(active);
@@ -166,16 +166,16 @@ fn a_standby_says_what_it_does() {
     });
     assert_eq!(outcome.unwrap(), Outcome::Stopped);
     assert_eq!(roles, [Role::StandingBy, Role::Serving]);
-    assert!(place.files().is_empty(), "{:?}", place.files());
-    let alone = Standby::start(&place.socket(), Options::default()).unwrap();
+    assert!(domain.files().is_empty(), "{:?}", domain.files());
+    let alone = Standby::start(&domain.socket(), Options::default()).unwrap();
     assert_eq!(alone.role(), Role::Serving);
 }
 
 #[test]
 fn a_lock_whose_holder_does_not_serve_is_an_error() {
-    let place = Place::new();
-    let _lock = DomainLock::acquire(&place.socket()).unwrap();
-    let error = Standby::start(&place.socket(), Options::default()).unwrap_err();
+    let domain = TestDomain::new();
+    let _lock = DomainLock::acquire(&domain.socket()).unwrap();
+    let error = Standby::start(&domain.socket(), Options::default()).unwrap_err();
     assert!(
         matches!(error, StartError::NobodyServes { .. }),
         "{error:?}"

@@ -17,7 +17,7 @@
 //! | [`violations`] | the table of everything that SPEC forbids |
 //!
 //! Nothing here asserts how long something takes. Every wait is bounded by
-//! [`PATIENCE`], which only a deadlock exceeds.
+//! [`TIMEOUT`], which only a deadlock exceeds.
 //!
 //! A helper panics where a test would have to fail: that is what `# Panics` would
 //! say on each of them.
@@ -38,22 +38,22 @@ pub mod ring;
 pub mod violations;
 
 /// How long anything may take before it counts as a deadlock.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+pub const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Waits until `done` says so.
 ///
-/// The test fails, naming `what`, if that takes longer than [`PATIENCE`].
+/// The test fails, naming `what`, if that takes longer than [`TIMEOUT`].
 #[track_caller]
 pub fn eventually(what: &str, done: impl FnMut() -> bool) {
     assert!(in_time(done), "waited in vain: {what}");
 }
 
-/// Whether `done` says so within [`PATIENCE`].
+/// Whether `done` says so within [`TIMEOUT`].
 pub fn in_time(mut done: impl FnMut() -> bool) -> bool {
     let start = Instant::now();
     let mut pause = Duration::from_micros(200);
     while !done() {
-        if start.elapsed() > PATIENCE {
+        if start.elapsed() > TIMEOUT {
             return false;
         }
         std::thread::sleep(pause);

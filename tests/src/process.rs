@@ -18,7 +18,7 @@ use nix::{
 };
 
 use crate::{
-    PATIENCE,
+    TIMEOUT,
     census::{self, Census},
     eventually,
 };
@@ -131,7 +131,7 @@ impl Process {
     #[must_use]
     #[track_caller]
     pub fn line(&self) -> Option<String> {
-        match self.lines.recv_timeout(PATIENCE) {
+        match self.lines.recv_timeout(TIMEOUT) {
             Ok(line) => Some(line),
             Err(RecvTimeoutError::Disconnected) => None,
             Err(RecvTimeoutError::Timeout) => {

@@ -13,7 +13,7 @@ use sm2_proto::{
     limits::DATAGRAM_MAX,
 };
 
-use crate::{PATIENCE, control, eventually, link};
+use crate::{TIMEOUT, control, eventually, link};
 
 /// One end of a connection, and what came over it.
 #[derive(Debug)]
@@ -91,7 +91,7 @@ impl RawPeer {
     /// Waits until there is something to read.
     #[track_caller]
     pub fn readable(&self) {
-        let there = wait_readable(&[self.socket.as_fd()], Some(PATIENCE)).expect("poll");
+        let there = wait_readable(&[self.socket.as_fd()], Some(TIMEOUT)).expect("poll");
         assert!(there, "the other side says nothing");
     }
 
@@ -425,7 +425,7 @@ impl RawManager {
     #[must_use]
     #[track_caller]
     pub fn accept(&self) -> RawPeer {
-        let there = wait_readable(&[self.listener.as_fd()], Some(PATIENCE)).expect("poll");
+        let there = wait_readable(&[self.listener.as_fd()], Some(TIMEOUT)).expect("poll");
         assert!(there, "no node connects");
         let socket = self.listener.accept().expect("accept");
         RawPeer::new(socket.expect("a connection"))

@@ -14,7 +14,7 @@ use std::{
 use sm2_node::{Client, Node, Server};
 use sm2_proto::link::{At, RingMemory};
 use sm2_tests::{
-    PATIENCE,
+    TIMEOUT,
     control::{self, Qos},
     domain::TempDomain,
     eventually,
@@ -50,9 +50,7 @@ impl Victim {
             }
         });
         let friend = node(domain, "friend").client("s").expect("a client");
-        friend
-            .wait_for_servers_timeout(1, PATIENCE)
-            .expect("a link");
+        friend.wait_for_servers_timeout(1, TIMEOUT).expect("a link");
         let victim = Self {
             friend,
             stop,
@@ -67,7 +65,7 @@ impl Victim {
     fn answers_its_friend(&self) {
         for len in [0, 100, 10_000] {
             let asked = pattern::message(len as u64, len);
-            let reply = self.friend.call_timeout(&asked, PATIENCE).expect("a reply");
+            let reply = self.friend.call_timeout(&asked, TIMEOUT).expect("a reply");
             assert!(*reply == *asked, "{len} bytes");
         }
     }

@@ -153,7 +153,7 @@ impl State {
 fn observer(domain: &TempDomain) -> Node {
     let builder: NodeBuilder = Node::builder(OBSERVER).socket(domain.socket());
     // A declaration may have to wait until somebody starts a Manager.
-    let builder = builder.manager_timeout(sm2_tests::PATIENCE);
+    let builder = builder.manager_timeout(sm2_tests::TIMEOUT);
     builder.connect().expect("a session")
 }
 

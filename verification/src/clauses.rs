@@ -25,7 +25,7 @@ use std::fs;
 use std::path::Path;
 
 use self::citation::Citation;
-pub use self::gap::{CheckError, Gap, GapKind, Place};
+pub use self::gap::{CheckError, Gap, GapKind, SourceLine};
 pub use self::id::ClauseId;
 pub use self::role::{CheckKind, Role};
 pub use self::spec::Level;
@@ -57,7 +57,7 @@ pub fn check(root: &Path) -> Result<Report, CheckError> {
         gaps.extend(citations.into_iter().filter_map(|it| report.add(it)));
     }
     gaps.extend(report.uncited());
-    gaps.sort_by(|a, b| a.place.cmp(&b.place));
+    gaps.sort_by(|a, b| a.at.cmp(&b.at));
     report.gaps = gaps;
     Ok(report)
 }
@@ -82,7 +82,7 @@ impl Report {
         let trace = |(id, clause): (ClauseId, spec::Clause)| {
             let traced = Traced {
                 level: clause.level,
-                place: clause.place,
+                at: clause.at,
                 code: Vec::new(),
                 checks: Vec::new(),
             };
@@ -96,16 +96,16 @@ impl Report {
 
     /// Files the citation under its clause, or says why it is none.
     fn add(&mut self, citation: Citation) -> Option<Gap> {
-        let Citation { id, role, place } = citation;
+        let Citation { id, role, at } = citation;
         let Some(traced) = self.clauses.get_mut(&id) else {
-            return Some(Gap::new(place, GapKind::UnknownId { id }));
+            return Some(Gap::new(at, GapKind::UnknownId { id }));
         };
         match (traced.level, role) {
-            (Level::Draft, _) => return Some(Gap::new(place, GapKind::CitesDraft { id })),
-            (Level::Retired, _) => return Some(Gap::new(place, GapKind::CitesRetired { id })),
-            (Level::Must | Level::Should | Level::May, Role::Code) => traced.code.push(place),
+            (Level::Draft, _) => return Some(Gap::new(at, GapKind::CitesDraft { id })),
+            (Level::Retired, _) => return Some(Gap::new(at, GapKind::CitesRetired { id })),
+            (Level::Must | Level::Should | Level::May, Role::Code) => traced.code.push(at),
             (Level::Must | Level::Should | Level::May, Role::Check(kind)) => {
-                traced.checks.push((kind, place));
+                traced.checks.push((kind, at));
             }
             (Level::Must | Level::Should | Level::May, Role::Name) => {}
         }
@@ -120,10 +120,10 @@ impl Report {
                 continue;
             }
             if traced.code.is_empty() {
-                gaps.push(Gap::new(traced.place.clone(), GapKind::NoCode { id }));
+                gaps.push(Gap::new(traced.at.clone(), GapKind::NoCode { id }));
             }
             if traced.checks.is_empty() {
-                gaps.push(Gap::new(traced.place.clone(), GapKind::NoCheck { id }));
+                gaps.push(Gap::new(traced.at.clone(), GapKind::NoCheck { id }));
             }
         }
         gaps
@@ -135,7 +135,7 @@ impl Report {
         &self.clauses
     }
 
-    /// What is wrong, by place. Empty means that the check passes.
+    /// What is wrong, sorted by line. Empty means that the check passes.
     #[must_use]
     pub fn gaps(&self) -> &[Gap] {
         &self.gaps
@@ -167,9 +167,9 @@ pub struct Traced {
     /// How binding the clause is.
     pub level: Level,
     /// Its line in SPEC.md.
-    pub place: Place,
+    pub at: SourceLine,
     /// The code that says it implements the clause.
-    pub code: Vec<Place>,
+    pub code: Vec<SourceLine>,
     /// The checks that say they watch it.
-    pub checks: Vec<(CheckKind, Place)>,
+    pub checks: Vec<(CheckKind, SourceLine)>,
 }

@@ -55,7 +55,7 @@ fn passes_when_code_and_a_check_cite_each_must() {
     );
     let traced = &report.clauses()[&id("SM2-MGR-001")];
     assert_eq!(traced.level, Level::Must);
-    assert_eq!(traced.place.to_string(), "SPEC.md:3");
+    assert_eq!(traced.at.to_string(), "SPEC.md:3");
     assert_eq!(traced.code[0].to_string(), "sm2-proto/src/lib.rs:1");
     assert_eq!(traced.checks[0].0, CheckKind::Test);
 }
@@ -333,7 +333,7 @@ fn text_that_is_not_utf8_is_read_all_the_same() {
     fs::write(root.path().join("a.rs"), b"// \xff\n//= SM2-XYZ-001\n").expect("a file");
     let report = clauses::check(root.path()).expect("readable");
     assert_eq!(report.gaps().len(), 1);
-    assert_eq!(report.gaps()[0].place.file, Path::new("a.rs"));
+    assert_eq!(report.gaps()[0].at.file, Path::new("a.rs"));
 }
 
 #[test]

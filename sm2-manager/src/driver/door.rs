@@ -18,7 +18,7 @@ pub(super) const LISTENER: u64 = u64::MAX;
 /// How long accepting pauses when the process has no descriptor to spare.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// How long a Manager waits for a successor.
-const PATIENCE: Duration = Duration::from_secs(2);
+const SUCCESSOR_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long the lock is left to those who try to take it, before standbys are told.
 const PRECEDENCE: Duration = Duration::from_millis(100);
 /// How often it looks for a successor while it waits.
@@ -30,21 +30,21 @@ const LOOK_LATE: Duration = Duration::from_millis(50);
 pub(super) struct Door {
     path: PathBuf,
     /// `None` only while it changes hands.
-    place: Option<Place>,
+    claim: Option<Claim>,
     /// Whoever made the socket keeps it for the next Manager.
     adopted: bool,
     accept_again: Option<Instant>,
 }
 
 #[derive(Debug)]
-enum Place {
-    Ours(DomainSocket),
+enum Claim {
+    Held(DomainSocket),
     Offered(Offer),
 }
 
 #[derive(Debug)]
 struct Offer {
-    place: HandOver,
+    hand_over: HandOver,
     since: Instant,
     look_at: Instant,
     standbys_told: bool,
@@ -65,7 +65,7 @@ impl Door {
     pub(super) fn new(endpoint: DomainSocket, adopted: bool) -> Self {
         Self {
             path: endpoint.path().to_owned(),
-            place: Some(Place::Ours(endpoint)),
+            claim: Some(Claim::Held(endpoint)),
             adopted,
             accept_again: None,
         }
@@ -76,9 +76,9 @@ impl Door {
     }
 
     fn listener(&self) -> Option<&Listener> {
-        self.place.as_ref().map(|place| match place {
-            Place::Ours(endpoint) => endpoint.listener(),
-            Place::Offered(offer) => offer.place.listener(),
+        self.claim.as_ref().map(|claim| match claim {
+            Claim::Held(endpoint) => endpoint.listener(),
+            Claim::Offered(offer) => offer.hand_over.listener(),
         })
     }
 
@@ -97,7 +97,7 @@ impl Door {
 
     /// Whether connections are let in.
     pub(super) const fn is_open(&self) -> bool {
-        matches!(self.place, Some(Place::Ours(_)))
+        matches!(self.claim, Some(Claim::Held(_)))
     }
 
     /// The next connection, if one waits.
@@ -114,9 +114,9 @@ impl Door {
 
     /// When [`resume`](Self::resume) and [`look`](Self::look) have something to do.
     pub(super) fn deadline(&self) -> Option<Instant> {
-        match self.place.as_ref()? {
-            Place::Ours(_) => self.accept_again,
-            Place::Offered(offer) => Some(offer.look_at),
+        match self.claim.as_ref()? {
+            Claim::Held(_) => self.accept_again,
+            Claim::Offered(offer) => Some(offer.look_at),
         }
     }
 
@@ -137,19 +137,19 @@ impl Door {
             );
             return;
         }
-        match self.place.take() {
-            Some(Place::Ours(endpoint)) => {
+        match self.claim.take() {
+            Some(Claim::Held(endpoint)) => {
                 info!("handing over");
                 let now = clock::now();
-                self.place = Some(Place::Offered(Offer {
-                    place: endpoint.hand_over(),
+                self.claim = Some(Claim::Offered(Offer {
+                    hand_over: endpoint.hand_over(),
                     since: now,
                     look_at: now.after(LOOK),
                     standbys_told: false,
                 }));
                 self.watch(epoll, Interest::NONE);
             }
-            other => self.place = other,
+            other => self.claim = other,
         }
     }
 
@@ -157,27 +157,27 @@ impl Door {
     //= SM2-RES-010
     pub(super) fn look(&mut self, epoll: &Epoll) -> Found {
         let now = clock::now();
-        match self.place.take() {
-            Some(Place::Offered(offer)) if now >= offer.look_at => self.look_now(offer, now, epoll),
+        match self.claim.take() {
+            Some(Claim::Offered(offer)) if now >= offer.look_at => self.look_now(offer, now, epoll),
             other => {
-                self.place = other;
+                self.claim = other;
                 Found::Nothing
             }
         }
     }
 
     fn look_now(&mut self, mut offer: Offer, now: Instant, epoll: &Epoll) -> Found {
-        if offer.place.is_replaced() {
-            self.place = Some(Place::Offered(offer));
+        if offer.hand_over.is_replaced() {
+            self.claim = Some(Claim::Offered(offer));
             return Found::Successor;
         }
         let mut found = Found::Nothing;
         offer.look_at = now.after(LOOK);
-        if now >= offer.since.after(PATIENCE) {
-            match offer.place.reclaim() {
+        if now >= offer.since.after(SUCCESSOR_TIMEOUT) {
+            match offer.hand_over.reclaim() {
                 Ok(endpoint) => {
                     info!("nobody has come to take over: going on");
-                    self.place = Some(Place::Ours(endpoint));
+                    self.claim = Some(Claim::Held(endpoint));
                     self.watch(epoll, Interest::READABLE);
                     return Found::Nothing;
                 }
@@ -186,7 +186,7 @@ impl Door {
                     if !matches!(not.reason, DomainSocketError::Busy { .. }) {
                         warn!(reason = %not.reason, "cannot take the domain back yet");
                     }
-                    offer.place = not.hand_over;
+                    offer.hand_over = not.hand_over;
                     offer.look_at = now.after(LOOK_LATE);
                 }
             }
@@ -194,7 +194,7 @@ impl Door {
             offer.standbys_told = true;
             found = Found::Unclaimed;
         }
-        self.place = Some(Place::Offered(offer));
+        self.claim = Some(Claim::Offered(offer));
         found
     }
 }

@@ -18,7 +18,7 @@ use tracing::info;
 use crate::{Manager, Options, StartError};
 
 /// How long the other Manager may take. It gives up its lock at once, or never.
-const PATIENCE: Duration = Duration::from_secs(5);
+const HAND_OVER_TIMEOUT: Duration = Duration::from_secs(5);
 /// How often the lock is tried: often enough to be first, before standbys are told.
 const PAUSE: Duration = Duration::from_millis(1);
 /// How often it looks who serves: each look is a connection that waits to be accepted.
@@ -93,7 +93,7 @@ pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, Replac
         }
         if Instant::now() >= look_at {
             look_at += LOOK;
-            let late = start.elapsed() > PATIENCE;
+            let late = start.elapsed() > HAND_OVER_TIMEOUT;
             let path = path.to_owned();
             match (server_of(&path), asked) {
                 (Ok(pid), _) if asked != Some(pid) => {

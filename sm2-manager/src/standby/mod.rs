@@ -16,7 +16,7 @@ use self::session::{Over, Session};
 use crate::{HandOver, Manager, Options, Outcome, RunError, StartError, Stopper, handles::Handles};
 
 /// How long somebody may hold the domain's lock when a standby starts, and not serve.
-const PATIENCE: Duration = Duration::from_secs(5);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A Manager that serves its domain if nobody else does, and waits for the end of whoever does.
 ///
@@ -30,7 +30,7 @@ pub struct Standby {
     options: Options,
     handles: Handles,
     /// None after a hand-over: somebody else serves.
-    place: Option<Place>,
+    state: Option<State>,
 }
 
 /// What a [`Standby`] does now.
@@ -43,12 +43,12 @@ pub enum Role {
 }
 
 #[derive(Debug)]
-enum Place {
+enum State {
     Serving(Box<Manager>),
     StandingBy(Box<Session>),
 }
 
-impl Place {
+impl State {
     const fn role(&self) -> Role {
         match self {
             Self::Serving(_) => Role::Serving,
@@ -71,10 +71,10 @@ impl Standby {
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         let mut pause = Pause::new();
         let start = Instant::now();
-        let place = loop {
+        let state = loop {
             match take(path, &options, &handles)? {
-                Ok(place) => break place,
-                Err(source) if start.elapsed() > PATIENCE => {
+                Ok(state) => break state,
+                Err(source) if start.elapsed() > LOCK_TIMEOUT => {
                     let path = path.to_owned();
                     return Err(StartError::NobodyServes { path, source });
                 }
@@ -85,7 +85,7 @@ impl Standby {
             path: path.to_owned(),
             options,
             handles,
-            place: Some(place),
+            state: Some(state),
         })
     }
 
@@ -98,8 +98,8 @@ impl Standby {
     /// What it does, or will do once it runs.
     #[must_use]
     pub fn role(&self) -> Role {
-        let place = self.place.as_ref();
-        place.map_or(Role::StandingBy, Place::role)
+        let state = self.state.as_ref();
+        state.map_or(Role::StandingBy, State::role)
     }
 
     /// What ends [`run`](Self::run).
@@ -128,17 +128,17 @@ impl Standby {
     pub fn run(&mut self, mut on: impl FnMut(Role)) -> Result<Outcome, RunError> {
         let mut pause = Pause::new();
         loop {
-            let place = match self.place.take() {
-                Some(place) => place,
+            let state = match self.state.take() {
+                Some(state) => state,
                 None => match self.take(&mut pause)? {
-                    Some(place) => place,
+                    Some(state) => state,
                     None => return Ok(Outcome::Stopped),
                 },
             };
-            on(place.role());
-            match place {
-                Place::Serving(manager) => return manager.run(),
-                Place::StandingBy(session) => {
+            on(state.role());
+            match state {
+                State::Serving(manager) => return manager.run(),
+                State::StandingBy(session) => {
                     info!(path = %self.path.display(), "standing by");
                     match session.sit(&self.handles)? {
                         Over::Stopped => return Ok(Outcome::Stopped),
@@ -152,13 +152,13 @@ impl Standby {
     }
 
     /// Tries until somebody serves; none if it is stopped before.
-    fn take(&self, pause: &mut Pause) -> io::Result<Option<Place>> {
+    fn take(&self, pause: &mut Pause) -> io::Result<Option<State>> {
         loop {
             if self.handles.is_stopped()? {
                 return Ok(None);
             }
             match take(&self.path, &self.options, &self.handles) {
-                Ok(Ok(place)) => return Ok(Some(place)),
+                Ok(Ok(state)) => return Ok(Some(state)),
                 // Whoever has the lock is about to serve, or to end.
                 Ok(Err(_)) => {}
                 Err(error) => pause.warn(&error),
@@ -173,14 +173,14 @@ fn take(
     path: &Path,
     options: &Options,
     handles: &Handles,
-) -> Result<io::Result<Place>, StartError> {
+) -> Result<io::Result<State>, StartError> {
     match Manager::bind_with(path, options, handles) {
-        Ok(manager) => return Ok(Ok(Place::Serving(Box::new(manager)))),
+        Ok(manager) => return Ok(Ok(State::Serving(Box::new(manager)))),
         Err(StartError::DomainSocket(DomainSocketError::Busy { .. })) => {}
         Err(error) => return Err(error),
     }
     let connected = SeqPacket::connect(path).map(Session::new);
-    Ok(connected.map(|session| Place::StandingBy(Box::new(session))))
+    Ok(connected.map(|session| State::StandingBy(Box::new(session))))
 }
 
 /// Ever longer pauses: the kernel frees the lock of a process that was killed only some

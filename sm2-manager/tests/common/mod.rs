@@ -26,24 +26,24 @@ use sm2_proto::{
 };
 
 /// How long anything may take before it counts as a deadlock.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Waits until `done` says so.
 #[track_caller]
 pub(crate) fn eventually(what: &str, mut done: impl FnMut() -> bool) {
     let start = Instant::now();
     while !done() {
-        assert!(start.elapsed() < PATIENCE, "waited in vain: {what}");
+        assert!(start.elapsed() < TIMEOUT, "waited in vain: {what}");
         thread::sleep(Duration::from_millis(1));
     }
 }
 
 /// A folder with room for a domain.
-pub(crate) struct Place {
+pub(crate) struct TestDomain {
     folder: tempfile::TempDir,
 }
 
-impl Place {
+impl TestDomain {
     pub(crate) fn new() -> Self {
         let folder = tempfile::Builder::new().prefix("sm2-").tempdir();
         Self {
@@ -313,7 +313,7 @@ impl Client {
     fn until(&mut self, mut done: impl FnMut(&Self) -> bool) {
         let start = Instant::now();
         while !done(self) {
-            assert!(start.elapsed() < PATIENCE, "the Manager says nothing");
+            assert!(start.elapsed() < TIMEOUT, "the Manager says nothing");
             let pause = Some(Duration::from_secs(1));
             if wait_readable(&[self.socket.as_fd()], pause).unwrap() {
                 self.receive();

@@ -54,7 +54,7 @@ fn text(report: &Report, list: bool) -> String {
 fn table(report: &Report) -> String {
     let mut text = String::new();
     for (id, traced) in report.clauses() {
-        let _ = writeln!(text, "{id} {:<7} {}", traced.level, traced.place);
+        let _ = writeln!(text, "{id} {:<7} {}", traced.level, traced.at);
         for place in &traced.code {
             let _ = writeln!(text, "    code    {place}");
         }

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use super::walk::Syntax;
-use super::{CheckKind, ClauseId, Gap, GapKind, Place, Role};
+use super::{CheckKind, ClauseId, Gap, GapKind, Role, SourceLine};
 
-/// One clause, named at one place.
+/// A citation of one clause on one line.
 pub(super) struct Citation {
     pub(super) id: ClauseId,
     pub(super) role: Role,
-    pub(super) place: Place,
+    pub(super) at: SourceLine,
 }
 
 /// The macros that take an id as a literal.
@@ -24,12 +24,12 @@ pub(super) fn scan_macros(text: &str, file: &Path) -> Vec<Citation> {
         // A call in a text, as in a test of this check, has its quotes escaped.
         let is_text = before.ends_with('\\');
         let (id, _) = ClauseId::parse_prefix(literal).filter(|_| !is_text)?;
-        let place = Place {
+        let at = SourceLine {
             file: file.to_owned(),
             line: 1 + text[..at].matches('\n').count(),
         };
         let role = Role::Name;
-        Some(Citation { id, role, place })
+        Some(Citation { id, role, at })
     });
     named.collect()
 }
@@ -43,7 +43,7 @@ pub(super) fn scan(text: &str, syntax: Syntax, file: &Path) -> (Vec<Citation>, V
             Syntax::Comments(marker) => read_comment(line, marker),
             Syntax::Vectors => read_fields(line),
         };
-        let place = Place {
+        let at = SourceLine {
             file: file.to_owned(),
             line: index + 1,
         };
@@ -51,12 +51,12 @@ pub(super) fn scan(text: &str, syntax: Syntax, file: &Path) -> (Vec<Citation>, V
             Found::Nothing => {}
             Found::Unreadable => {
                 let text = line.trim().to_owned();
-                gaps.push(Gap::new(place, GapKind::UnreadableCitation { text }));
+                gaps.push(Gap::new(at, GapKind::UnreadableCitation { text }));
             }
             Found::Ids(ids, role) => citations.extend(ids.into_iter().map(|id| Citation {
                 id,
                 role,
-                place: place.clone(),
+                at: at.clone(),
             })),
         }
     }

@@ -6,16 +6,16 @@ use std::path::PathBuf;
 
 use super::ClauseId;
 
-/// A line of a file, the file relative to the workspace root.
+/// A line of a file; the path is relative to the workspace root.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
+pub struct SourceLine {
     /// The file.
     pub file: PathBuf,
     /// The line, counted from 1.
     pub line: usize,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for SourceLine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.file.display(), self.line)
     }
@@ -23,17 +23,17 @@ impl fmt::Display for Place {
 
 /// One thing that is wrong, and where.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{place}: {kind}")]
+#[error("{at}: {kind}")]
 pub struct Gap {
     /// The line to look at.
-    pub place: Place,
+    pub at: SourceLine,
     /// What is wrong there.
     pub kind: GapKind,
 }
 
 impl Gap {
-    pub(super) const fn new(place: Place, kind: GapKind) -> Self {
-        Self { place, kind }
+    pub(super) const fn new(at: SourceLine, kind: GapKind) -> Self {
+        Self { at, kind }
     }
 }
 
@@ -51,7 +51,7 @@ pub enum GapKind {
         /// The id.
         id: ClauseId,
         /// Where it was used before.
-        first: Place,
+        first: SourceLine,
     },
     /// SPEC.md refers to a clause that it does not have.
     #[error("the text refers to {id}, which is no clause")]

@@ -5,7 +5,7 @@ use std::collections::btree_map::Entry;
 use std::fmt;
 use std::path::Path;
 
-use super::{ClauseId, Gap, GapKind, Place};
+use super::{ClauseId, Gap, GapKind, SourceLine};
 
 /// How binding a clause is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -54,7 +54,7 @@ impl fmt::Display for Level {
 /// One clause line.
 pub(super) struct Clause {
     pub(super) level: Level,
-    pub(super) place: Place,
+    pub(super) at: SourceLine,
 }
 
 /// All clause lines, retired ones included.
@@ -67,20 +67,20 @@ pub(super) fn parse(text: &str, file: &Path) -> (Spec, Vec<Gap>) {
     let mut clauses = BTreeMap::new();
     let mut gaps = Vec::new();
     for (index, line) in text.lines().enumerate() {
-        let place = Place {
+        let at = SourceLine {
             file: file.to_owned(),
             line: index + 1,
         };
         match read_line(line) {
             Line::Text => {}
-            Line::Malformed => gaps.push(Gap::new(place, GapKind::MalformedClause)),
+            Line::Malformed => gaps.push(Gap::new(at, GapKind::MalformedClause)),
             Line::Clause(id, level) => match clauses.entry(id) {
                 Entry::Vacant(slot) => {
-                    slot.insert(Clause { level, place });
+                    slot.insert(Clause { level, at });
                 }
                 Entry::Occupied(slot) => {
-                    let first = slot.get().place.clone();
-                    gaps.push(Gap::new(place, GapKind::DuplicateId { id, first }));
+                    let first = slot.get().at.clone();
+                    gaps.push(Gap::new(at, GapKind::DuplicateId { id, first }));
                 }
             },
         }
@@ -143,11 +143,11 @@ fn dangling(text: &str, file: &Path, clauses: &BTreeMap<ClauseId, Clause>) -> Ve
             .match_indices("SM2-")
             .filter_map(|(at, _)| ClauseId::parse_prefix(&line[at..]));
         for (id, _) in mentioned.filter(|(id, _)| !clauses.contains_key(id)) {
-            let place = Place {
+            let at = SourceLine {
                 file: file.to_owned(),
                 line: index + 1,
             };
-            gaps.push(Gap::new(place, GapKind::DanglingReference { id }));
+            gaps.push(Gap::new(at, GapKind::DanglingReference { id }));
         }
     }
     gaps

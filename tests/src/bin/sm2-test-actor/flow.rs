@@ -18,7 +18,7 @@ use std::{
 };
 
 use sm2_node::{Node, Publisher, Sample, Subscriber};
-use sm2_tests::PATIENCE;
+use sm2_tests::TIMEOUT;
 
 use crate::{input::Input, options::Options};
 
@@ -93,7 +93,7 @@ fn member(options: &Options, index: usize, distances: &[usize]) -> Member {
     let node = Node::builder(&topic(index)).socket(socket);
     let node = node.connect().expect("a session");
     let publisher = node.publisher_builder::<[u8]>(&topic(index)).depth(64);
-    let publisher = publisher.reliable(true).publish_timeout(PATIENCE).declare();
+    let publisher = publisher.reliable(true).publish_timeout(TIMEOUT).declare();
     let hear = |distance: &usize| {
         let topic = topic((index + distance) % total);
         let subscriber = node.subscriber_builder::<[u8]>(&topic).depth(64);
@@ -164,7 +164,7 @@ fn until(members: &mut [Member], input: &mut Input, done: impl Fn(&Member) -> bo
     let start = Instant::now();
     while !members.iter().all(&done) {
         turn(members, input, None, None);
-        assert!(start.elapsed() < PATIENCE, "waited in vain");
+        assert!(start.elapsed() < TIMEOUT, "waited in vain");
     }
 }
 

@@ -21,7 +21,7 @@ use std::{
 };
 
 use sm2_node::{CallError, Node, Sample};
-use sm2_tests::{PATIENCE, pattern, random::Random};
+use sm2_tests::{TIMEOUT, pattern, random::Random};
 
 use crate::{input::Input, options::Options};
 
@@ -102,10 +102,10 @@ fn publish(node: &Node, control: &mut Control) {
     let builder = node.publisher_builder::<[u8]>("storm").depth(16);
     let publisher = builder
         .reliable(true)
-        .publish_timeout(PATIENCE)
+        .publish_timeout(TIMEOUT)
         .declare()
         .expect("a publisher");
-    let linked = publisher.wait_for_subscribers_timeout(1, PATIENCE);
+    let linked = publisher.wait_for_subscribers_timeout(1, TIMEOUT);
     linked.expect("a subscriber");
     println!("working");
     let mut published = 0;
@@ -187,14 +187,14 @@ fn serve(node: &Node, control: &mut Control) {
 fn call(node: &Node, control: &mut Control) {
     let client = node.client::<[u8], [u8]>("storm").expect("a client");
     client
-        .wait_for_servers_timeout(1, PATIENCE)
+        .wait_for_servers_timeout(1, TIMEOUT)
         .expect("a server");
     println!("working");
     let (mut replied, mut failed) = (0_u64, 0_u64);
     let mut calls = VecDeque::new();
     for number in 0.. {
         let request = control.message(number);
-        let call = client.send_timeout(&request, PATIENCE);
+        let call = client.send_timeout(&request, TIMEOUT);
         calls.push_back((request, call.expect("a server that lives")));
         let stopped = control.heard("stop").is_some();
         // Each goes to the server with the fewest, so all servers have one now and then.

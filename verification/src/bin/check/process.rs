@@ -19,7 +19,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 const CANNOT: i32 = 77;
 const TURN: Duration = Duration::from_millis(50);
 /// How long a program may take to end once it was told to.
-const PATIENCE: Duration = Duration::from_secs(3);
+const TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Whether somebody wants the run to end.
 pub(crate) struct Interrupts(Arc<AtomicBool>);
@@ -109,7 +109,7 @@ fn end(child: &mut Child) -> io::Result<()> {
     let group = Pid::from_raw(id);
     let _ = killpg(group, Signal::SIGTERM);
     let start = Instant::now();
-    while child.try_wait()?.is_none() && start.elapsed() < PATIENCE {
+    while child.try_wait()?.is_none() && start.elapsed() < TIMEOUT {
         thread::sleep(TURN);
     }
     // What the program started may outlive it; none left is what is wanted.

@@ -28,7 +28,7 @@ use std::{
 use sm2_node::diagnostics::LinkStatus;
 
 use sm2_node::{Call, Client, Node, Publisher, Request, Sample, Server, Subscriber, TypeId};
-use sm2_tests::{PATIENCE, pattern};
+use sm2_tests::{TIMEOUT, pattern};
 
 use super::declare::{self, Words};
 
@@ -138,7 +138,7 @@ impl Stage {
     }
 
     fn wait(&self, key: &str, count: usize) -> Answer {
-        let time = PATIENCE;
+        let time = TIMEOUT;
         let done = if let Some((publisher, _)) = self.publishers.get(key) {
             publisher.wait_for_subscribers_timeout(count, time)
         } else if let Some(subscriber) = self.subscribers.get(key) {
@@ -173,7 +173,7 @@ impl Stage {
         let mut held = Vec::new();
         while count.is_none_or(|count| seen.got < count) {
             let sample = match count {
-                Some(_) => subscriber.recv_timeout(PATIENCE),
+                Some(_) => subscriber.recv_timeout(TIMEOUT),
                 None => subscriber.try_recv(),
             };
             let Some(sample) = sample.map_err(text)? else {
@@ -225,7 +225,7 @@ impl Stage {
         let (client, called) = self.clients.get_mut(key).ok_or("no client")?;
         *called += 1;
         let request = pattern::message(*called, size);
-        let call = client.send_timeout(&request, PATIENCE).map_err(text)?;
+        let call = client.send_timeout(&request, TIMEOUT).map_err(text)?;
         let calls = self.calls.entry(key.to_owned()).or_default();
         calls.push_back((call, *called));
         Ok(String::new())
@@ -243,7 +243,7 @@ impl Stage {
     fn serve(&self, key: &str, count: usize) -> Answer {
         let server = self.servers.get(key).ok_or("no server")?;
         for served in 0..count {
-            let request = server.recv_timeout(PATIENCE).map_err(text)?;
+            let request = server.recv_timeout(TIMEOUT).map_err(text)?;
             let request = request.ok_or_else(|| format!("in vain after {served}"))?;
             echo(request)?;
         }
@@ -252,7 +252,7 @@ impl Stage {
 
     fn accept(&mut self, key: &str) -> Answer {
         let server = self.servers.get(key).ok_or("no server")?;
-        let request = server.recv_timeout(PATIENCE).map_err(text)?;
+        let request = server.recv_timeout(TIMEOUT).map_err(text)?;
         let request = request.ok_or("in vain")?;
         self.requests.insert(key.to_owned(), request);
         Ok(String::new())

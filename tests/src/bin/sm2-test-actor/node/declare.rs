@@ -39,10 +39,10 @@ pub(super) fn publisher(
         .depth(words.small("depth", 8))
         .latched(words.small("latched", 0))
         .sealed(words.flag("sealed"));
-    if let Some(patience) = words.number("reliable_ms") {
+    if let Some(timeout_ms) = words.number("reliable_ms") {
         builder = builder
             .reliable(true)
-            .publish_timeout(Duration::from_millis(patience));
+            .publish_timeout(Duration::from_millis(timeout_ms));
     }
     if let Some(bytes) = words.size("inline_max") {
         builder = builder.inline_max(bytes);
