@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 
 use crate::{
-    job::{Cores, Read},
+    job::{Cores, ROLE_COMMAND, Read},
     payload::HEADER_BYTES,
     peers::{self, PeerInfo},
     workloads::{self, Workload},
@@ -30,7 +30,7 @@ pub enum Command {
     /// Write the tables and plots anew from the results of earlier runs
     Report(ReportArguments),
     /// A process of a run.
-    #[command(name = crate::ROLE, hide = true)]
+    #[command(name = ROLE_COMMAND, hide = true)]
     Role {
         /// What it does, as JSON.
         job: String,

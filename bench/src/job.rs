@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::stats::Spread;
 
+/// The hidden subcommand of the processes of a run; its argument is a [`Job`] as JSON.
+pub const ROLE_COMMAND: &str = "role";
+
 /// Which peer, and where it has its files: one world for each case of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Domain {

@@ -21,6 +21,7 @@ use results::Results;
 mod cli;
 mod clock;
 mod control;
+mod format;
 mod interrupt;
 mod job;
 mod leftovers;
@@ -37,9 +38,6 @@ mod run;
 mod stats;
 mod workloads;
 mod world;
-
-/// The hidden subcommand of the processes of a run.
-const ROLE: &str = "role";
 
 fn main() -> ExitCode {
     let done = match Cli::parse().command {

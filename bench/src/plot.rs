@@ -261,7 +261,7 @@ where
     let range = vec![(summary.min, middle), (summary.max, middle)];
     chart.draw_series([PathElement::new(range, BLACK.stroke_width(1))])?;
     let font = || ("sans-serif", 13).into_font();
-    let (name, value) = (name.to_owned(), crate::report::number(summary.median));
+    let (name, value) = (name.to_owned(), crate::format::number(summary.median));
     chart.draw_series([EmptyElement::at((left, middle)) + Text::new(name, (-212, -6), font())])?;
     chart.draw_series([
         EmptyElement::at((summary.max, middle)) + Text::new(value, (6, -6), font())
@@ -293,7 +293,7 @@ fn colour(at: usize) -> RGBColor {
 
 /// A number at an axis, without zeros that say nothing.
 fn tick(value: f64) -> String {
-    let text = crate::report::number(value);
+    let text = crate::format::number(value);
     match text.contains('.') {
         true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
         false => text,

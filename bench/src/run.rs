@@ -97,7 +97,7 @@ fn play(results: &mut Results, case: &dyn Case, peer: &'static PeerInfo, repeat:
         Ok(figures) => {
             let seconds = start.elapsed().as_secs_f64();
             let main = figures.first().map(|main| {
-                let value = crate::report::number(main.value);
+                let value = crate::format::number(main.value);
                 format!("{} {value} {}", main.name, main.unit)
             });
             eprintln!("{} ({seconds:.1} s)", main.unwrap_or_default());

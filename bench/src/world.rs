@@ -21,7 +21,7 @@ use tempfile::TempDir;
 
 use crate::{
     interrupt,
-    job::{Cores, Domain, Job, Outcome, Role, Said, Side},
+    job::{Cores, Domain, Job, Outcome, ROLE_COMMAND, Role, Said, Side},
     leftovers::Leftovers,
     link::Link,
     measure,
@@ -186,7 +186,7 @@ impl World {
         })?;
         let stderr = self.dir.path().join(format!("{name}.stderr"));
         let mut child = Command::new(std::env::current_exe()?)
-            .args([crate::ROLE, &job])
+            .args([ROLE_COMMAND, &job])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(File::create(&stderr)?)

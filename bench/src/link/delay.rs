@@ -18,7 +18,7 @@ use nix::{
 use sm2_lossy_link::{Lane, Profile};
 use tun_rs::{DeviceBuilder, SyncDevice};
 
-use super::address;
+use super::address::address;
 use crate::job::Side;
 
 /// What one Ethernet frame carries.

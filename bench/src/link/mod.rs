@@ -13,17 +13,19 @@
 use std::{
     fs,
     io::{self, Write},
-    net::{IpAddr, Ipv4Addr},
     path::PathBuf,
     process::{Command, Stdio},
 };
 
-use sm2_lossy_link::{BadLink, Namespace, Profile, Unavailable, host_address};
+use sm2_lossy_link::{BadLink, Namespace, Profile, Unavailable};
 
 use crate::job::Side;
 
 use delay::Delay;
 
+pub use address::address;
+
+mod address;
 mod delay;
 
 /// The device through which all packets go.
@@ -78,24 +80,6 @@ impl Link {
     pub fn network(&self, side: Side) -> PathBuf {
         let host = self.hosts.host(side.into());
         host.map(Namespace::path).unwrap_or_default()
-    }
-}
-
-/// The IPv4 address of a host.
-#[must_use]
-pub fn address(side: Side) -> Ipv4Addr {
-    match host_address(side.into(), false) {
-        IpAddr::V4(address) => address,
-        IpAddr::V6(_) => Ipv4Addr::UNSPECIFIED,
-    }
-}
-
-impl From<Side> for sm2_lossy_link::Side {
-    fn from(side: Side) -> Self {
-        match side {
-            Side::Near => Self::Near,
-            Side::Far => Self::Far,
-        }
     }
 }
 

@@ -16,7 +16,7 @@ use iceoryx2::{
     service::port_factory::publish_subscribe,
 };
 
-use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
+use super::contract::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
 use crate::{
     clock::now_ns,
     control::{Stage, reached},

@@ -22,7 +22,7 @@ use quinn::{
 };
 use tokio::{runtime::Runtime, sync::Notify, time};
 
-use super::{Flow, Handler, Peer, PeerError, Publish, Subscribe};
+use super::contract::{Flow, Handler, Peer, PeerError, Publish, Subscribe};
 use crate::{
     clock::now_ns,
     job::{Domain, Side, Topic},

@@ -6,7 +6,9 @@ use std::{fmt::Display, path::PathBuf, time::Duration};
 use sm2_manager::{Manager, Options};
 use sm2_node::{Client, Instant, Node, Publisher, Subscriber, Wait};
 
-use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe, one_by_one};
+use super::contract::{
+    Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe, one_by_one,
+};
 use crate::{
     clock::now_ns,
     control::{Stage, reached},
@@ -77,7 +79,7 @@ impl Peer for Sm2 {
     /// The same Manager as that of the program `sm2-manager`.
     fn serve(domain: &Domain, ready: impl FnOnce()) -> Result<(), PeerError> {
         if let Some(side) = domain.side {
-            return gateway::serve(domain, side, ready);
+            return gateway::serve(domain, side, &socket(domain), ready);
         }
         let manager =
             Manager::bind(&socket(domain), Options::default()).map_err(failed("be Manager"))?;

@@ -25,7 +25,7 @@ use zenoh::{
     },
 };
 
-use super::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
+use super::contract::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
 use crate::{
     clock::{now_ns, sleep_until},
     control::{Stage, wait_for},

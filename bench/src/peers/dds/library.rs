@@ -5,7 +5,7 @@ use std::{
     path::Path,
 };
 
-use crate::{job::Topic, peers::PeerError};
+use crate::{job::Topic, peers::contract::PeerError};
 
 /// Writes a message.
 pub(super) type Write = unsafe extern "C" fn(*mut c_void, *mut u8, usize);

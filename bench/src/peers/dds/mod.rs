@@ -9,7 +9,7 @@ use std::{
     slice,
 };
 
-use super::{Flow, Handler, Peer, PeerError, Publish, Subscribe};
+use crate::peers::contract::{Flow, Handler, Peer, PeerError, Publish, Subscribe};
 use crate::{
     clock::now_ns,
     job::{Domain, Topic},

@@ -1,8 +1,8 @@
 //! What the kernel and the memory allow without any middleware: no discovery, no types, nobody
 //! who might crash. The floor that the others stand on.
 
-use super::{Handler, Peer, PeerError, Publish, Subscribe};
 use crate::job::{Domain, Topic};
+use crate::peers::contract::{Handler, Peer, PeerError, Publish, Subscribe};
 
 mod futex;
 mod region;
@@ -12,28 +12,11 @@ mod shared;
 
 use sealed::{SealedReceiver, SealedSender};
 use seqpacket::{PacketReceiver, PacketSender};
-use shared::{SharedReceiver, SharedSender};
+use shared::{SharedReceiver, SharedSender, Waiting};
 
 /// A process that knows the folder.
 pub struct Raw {
     domain: Domain,
-}
-
-/// How a side waits for the other one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Waiting {
-    Futex,
-    Spin,
-}
-
-/// Large messages have two slots: one is read while the next one is written. Small ones have a
-/// ring that bounds how often a side waits.
-const fn slots(len: usize) -> usize {
-    match len {
-        0..=4_096 => 1_024,
-        4_097..=262_144 => 8,
-        _ => 2,
-    }
 }
 
 impl Raw {

@@ -169,6 +169,16 @@ impl Region {
     }
 }
 
+/// Large messages have two slots: one is read while the next one is written. Small ones have a
+/// ring that bounds how often a side waits.
+pub(super) const fn slots(len: usize) -> usize {
+    match len {
+        0..=4_096 => 1_024,
+        4_097..=262_144 => 8,
+        _ => 2,
+    }
+}
+
 impl Drop for Region {
     fn drop(&mut self) {
         // SAFETY: this is the mapping that was made, and nothing borrowed from it is left.

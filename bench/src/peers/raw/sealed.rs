@@ -26,7 +26,7 @@ use super::seqpacket::{Door, knock};
 use crate::{
     clock::now_ns,
     job::Topic,
-    peers::{Flow, Handler},
+    peers::contract::{Flow, Handler},
 };
 
 /// How many messages a subscriber may be behind.

@@ -21,11 +21,11 @@ use nix::{
     },
 };
 
-use super::{region::Region, slots};
+use super::region::{Region, slots};
 use crate::{
     clock::now_ns,
     job::Topic,
-    peers::{Flow, Handler},
+    peers::contract::{Flow, Handler},
 };
 
 /// Messages up to this length travel in the packet.

@@ -7,14 +7,24 @@ use std::{
     time::Duration,
 };
 
-use super::{Waiting, futex, region::FREE, region::Region, slots};
+use super::{
+    futex,
+    region::{FREE, Region, slots},
+};
 use crate::{
     clock::now_ns,
-    peers::{Flow, Handler, PATIENCE_NS, PeerError},
+    peers::contract::{Flow, Handler, PATIENCE_NS, PeerError},
 };
 
 /// How often a spinning side looks at the clock.
 const SPINS: u32 = 1_024;
+
+/// How a side waits for the other one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Waiting {
+    Futex,
+    Spin,
+}
 
 /// Writes.
 pub struct SharedSender {

@@ -1,36 +1,43 @@
 //! A host of two: a Manager, and a gateway that knows the other host's.
 
-use std::{fmt::Write, path::PathBuf};
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
 
 use sm2_gateway::{Config, Gateway, keys};
 use sm2_manager::{Background, Options};
 use tokio::runtime::Runtime;
 
-use super::{failed, socket};
 use crate::{
     job::{Domain, Side},
     link,
-    peers::PeerError,
+    peers::contract::PeerError,
 };
 
 /// Where gateways listen: each host has all ports for itself.
 const PORT: u16 = 7_633;
 
 /// Serves a host until the director ends. The far host is the first: it makes both keys.
-pub(super) fn serve(domain: &Domain, side: Side, ready: impl FnOnce()) -> Result<(), PeerError> {
-    let manager = Background::start(&socket(domain), Options::default());
-    let _manager = manager.map_err(failed("be Manager"))?;
-    let config = configuration(domain, side)?;
-    let runtime = Runtime::new().map_err(failed("start threads"))?;
+pub(super) fn serve(
+    domain: &Domain,
+    side: Side,
+    socket: &Path,
+    ready: impl FnOnce(),
+) -> Result<(), PeerError> {
+    let manager = Background::start(socket, Options::default());
+    let _manager = manager.map_err(PeerError::caused("be Manager"))?;
+    let config = configuration(domain, side, socket)?;
+    let runtime = Runtime::new().map_err(PeerError::caused("start threads"))?;
     let gateway = runtime.block_on(Gateway::start(&config));
-    let mut gateway = gateway.map_err(failed("be a gateway"))?;
+    let mut gateway = gateway.map_err(PeerError::caused("be a gateway"))?;
     ready();
     let ended = runtime.block_on(gateway.ended());
     Err(PeerError::new("be a gateway", ended.to_string()))
 }
 
 /// What the first example of a gateway's configuration says: the other one, and that everything may go everywhere.
-fn configuration(domain: &Domain, side: Side) -> Result<Config, PeerError> {
+fn configuration(domain: &Domain, side: Side, socket: &Path) -> Result<Config, PeerError> {
     let other = match side {
         Side::Near => Side::Far,
         Side::Far => Side::Near,
@@ -40,14 +47,15 @@ fn configuration(domain: &Domain, side: Side) -> Result<Config, PeerError> {
          [[rule]]\naction = \"allow\"\nnames = \"**\"\n",
         side.as_str(),
         key(domain, side).display(),
-        socket(domain).display(),
+        socket.display(),
     );
     if side == Side::Far {
         for side in [Side::Near, Side::Far] {
-            keys::generate(&key(domain, side)).map_err(failed("make a gateway's key"))?;
+            keys::generate(&key(domain, side))
+                .map_err(PeerError::caused("make a gateway's key"))?;
         }
     }
-    let id = keys::load(&key(domain, other)).map_err(failed("read a gateway's key"))?;
+    let id = keys::load(&key(domain, other)).map_err(PeerError::caused("read a gateway's key"))?;
     let name = other.as_str();
     let _ = write!(text, "[[peer]]\nname = \"{name}\"\nid = \"{}\"\n", id.id());
     if other == Side::Far {
@@ -55,7 +63,7 @@ fn configuration(domain: &Domain, side: Side) -> Result<Config, PeerError> {
         let _ = writeln!(text, "addresses = [\"{address}:{PORT}\"]");
     }
     let path = domain.dir.join(format!("{}.toml", side.as_str()));
-    Config::parse(&path, &text).map_err(failed("configure a gateway"))
+    Config::parse(&path, &text).map_err(PeerError::caused("configure a gateway"))
 }
 
 fn key(domain: &Domain, side: Side) -> PathBuf {
