@@ -50,9 +50,9 @@ impl Side {
     }
 }
 
-/// A topic or service, and what the workload needs of it.
+/// A channel or service, and what the workload needs of it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Topic {
+pub struct Channel {
     /// Letters, digits and `/`.
     pub name: String,
     /// No message is longer, in bytes.
@@ -123,7 +123,7 @@ pub enum Role {
     /// Receives a stream.
     Subscriber {
         /// Of what.
-        topic: Topic,
+        channel: Channel,
         /// How.
         read: Read,
         /// Which one of the subscribers it is, from 0.
@@ -132,7 +132,7 @@ pub enum Role {
     /// Receives a stream, and notes when each message came.
     Watcher {
         /// Of what.
-        topic: Topic,
+        channel: Channel,
         /// How.
         read: Read,
         /// Which one it is, from 0.
@@ -146,17 +146,17 @@ pub enum Role {
     Client(RoundTrips),
     /// Serves.
     Server(RoundTrips),
-    /// Has a topic, and listens to its neighbour's.
+    /// Has a channel, and listens to its neighbour's.
     Node {
         /// Which one it is, from 0.
         number: usize,
         /// Of how many.
         count: usize,
     },
-    /// Ends with the first message of a topic.
+    /// Ends with the first message of a channel.
     Joiner {
         /// Of which one.
-        topic: Topic,
+        channel: Channel,
         /// When it was started, on the monotonic clock.
         started_ns: u64,
     },
@@ -168,7 +168,7 @@ pub enum Role {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Stream {
     /// Where.
-    pub topic: Topic,
+    pub channel: Channel,
     /// The length of each message, in bytes.
     pub len: usize,
     /// How many in each second; as fast as possible if it is not said.

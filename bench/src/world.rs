@@ -33,7 +33,7 @@ pub use failure::Failure;
 mod failure;
 
 /// How long setting up, and ending, may take.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+pub const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// How often it is looked whether the run was interrupted.
 const LOOK: Duration = Duration::from_millis(200);
@@ -355,7 +355,7 @@ impl World {
     ///
     /// See [`Failure`].
     pub fn ready(&mut self, process: ProcessId) -> Result<(), Failure> {
-        self.expect(process, &Said::Ready, "set up", PATIENCE)
+        self.expect(process, &Said::Ready, "set up", TIMEOUT)
     }
 
     /// What a process found out.

@@ -5,7 +5,7 @@ use std::{error::Error, fmt};
 
 use crate::{
     clock::{now_ns, sleep_until},
-    job::{Domain, Read, Topic},
+    job::{Channel, Domain, Read},
 };
 
 /// A process' place in a peer's world: a node, a session, a participant.
@@ -38,7 +38,7 @@ pub trait Peer: Sized {
     /// # Errors
     ///
     /// Whatever keeps it from sending.
-    fn publisher(&self, topic: &Topic) -> Result<Self::Publisher, PeerError>;
+    fn publisher(&self, channel: &Channel) -> Result<Self::Publisher, PeerError>;
 
     /// Announces that it receives.
     ///
@@ -47,7 +47,7 @@ pub trait Peer: Sized {
     /// Whatever keeps it from receiving.
     fn subscriber<H: Handler>(
         &self,
-        topic: &Topic,
+        channel: &Channel,
         handler: H,
     ) -> Result<Self::Subscriber<H>, PeerError>;
 
@@ -56,8 +56,8 @@ pub trait Peer: Sized {
     /// # Errors
     ///
     /// Whatever keeps it from calling.
-    fn client(&self, topic: &Topic) -> Result<impl Call, PeerError> {
-        let _ = topic;
+    fn client(&self, channel: &Channel) -> Result<impl Call, PeerError> {
+        let _ = channel;
         Err::<NoServices, _>(PeerError::new("call a service", "this peer has none"))
     }
 
@@ -69,16 +69,16 @@ pub trait Peer: Sized {
     /// Whatever keeps it from serving.
     fn answer(
         &self,
-        topic: &Topic,
+        channel: &Channel,
         answer: impl FnMut(&[u8], &mut [u8]) + Send + 'static,
         ready: impl FnOnce(),
     ) -> Result<(), PeerError> {
-        let _ = (topic, answer, ready);
+        let _ = (channel, answer, ready);
         Err(PeerError::new("serve", "this peer has no services"))
     }
 }
 
-/// The sending end of a topic.
+/// The sending end of a channel.
 pub trait Publish: Send {
     /// Sends one message of `len` bytes, all of which `write` writes: right into the memory that
     /// is sent from, where the peer lends it.
@@ -115,7 +115,7 @@ pub trait Publish: Send {
     ///
     /// They do not come; and as [`matched`](Self::matched).
     fn wait_matched(&mut self, count: usize) -> Result<(), PeerError> {
-        let until = now_ns() + PATIENCE_NS;
+        let until = now_ns() + TIMEOUT_NS;
         while self.matched()? < count {
             if now_ns() > until {
                 return Err(PeerError::new("wait for subscribers", "they do not come"));
@@ -146,9 +146,9 @@ pub(super) fn one_by_one(
 }
 
 /// How long others may take to come, and a reliable message to be taken, in nanoseconds.
-pub const PATIENCE_NS: u64 = 20_000_000_000;
+pub const TIMEOUT_NS: u64 = 20_000_000_000;
 
-/// The receiving end of a topic.
+/// The receiving end of a channel.
 pub trait Subscribe<H: Handler> {
     /// Lets the handler see what comes, until it says [`Flow::Return`] or this moment of the
     /// monotonic clock. Sleeps or spins meanwhile, as the peer's mode says.

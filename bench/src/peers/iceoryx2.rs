@@ -16,11 +16,11 @@ use iceoryx2::{
     service::port_factory::publish_subscribe,
 };
 
-use super::contract::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
+use super::contract::{Call, Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS};
 use crate::{
     clock::now_ns,
     control::{Stage, reached},
-    job::{Domain, Topic},
+    job::{Channel, Domain},
 };
 
 type Ipc = ipc::Service;
@@ -45,17 +45,17 @@ pub struct Iceoryx2 {
 }
 
 impl Iceoryx2 {
-    fn topic_service(
+    fn channel_service(
         &self,
-        topic: &Topic,
+        channel: &Channel,
     ) -> Result<publish_subscribe::PortFactory<Ipc, [u8], ()>, PeerError> {
-        let service = self.node.service_builder(&name(&topic.name)?);
+        let service = self.node.service_builder(&name(&channel.name)?);
         let service = service
             .publish_subscribe::<[u8]>()
             .payload_alignment(Alignment::new(64).unwrap_or(Alignment::ALIGN_1))
-            .enable_safe_overflow(!(self.reliable || topic.lossless))
+            .enable_safe_overflow(!(self.reliable || channel.lossless))
             // Two is its default.
-            .subscriber_max_buffer_size(topic.depth.max(2))
+            .subscriber_max_buffer_size(channel.depth.max(2))
             .subscriber_max_borrowed_samples(1)
             .max_subscribers(16);
         service.open_or_create().map_err(failed("open a service"))
@@ -116,11 +116,11 @@ impl Peer for Iceoryx2 {
         })
     }
 
-    fn publisher(&self, topic: &Topic) -> Result<Sender, PeerError> {
-        let service = self.topic_service(topic)?;
+    fn publisher(&self, channel: &Channel) -> Result<Sender, PeerError> {
+        let service = self.channel_service(channel)?;
         let publisher = service
             .publisher_builder()
-            .initial_max_slice_len(topic.max_len)
+            .initial_max_slice_len(channel.max_len)
             .max_loaned_samples(1)
             .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
             .create()
@@ -128,13 +128,17 @@ impl Peer for Iceoryx2 {
         Ok(Sender {
             service,
             publisher,
-            notifier: self.notifier(&topic.name)?,
+            notifier: self.notifier(&channel.name)?,
         })
     }
 
-    fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
-        let listener = self.listener(&topic.name)?;
-        let subscriber = self.topic_service(topic)?.subscriber_builder().create();
+    fn subscriber<H: Handler>(
+        &self,
+        channel: &Channel,
+        handler: H,
+    ) -> Result<Receiver<H>, PeerError> {
+        let listener = self.listener(&channel.name)?;
+        let subscriber = self.channel_service(channel)?.subscriber_builder().create();
         Ok(Receiver {
             subscriber: subscriber.map_err(failed("make a subscriber"))?,
             listener,
@@ -142,42 +146,42 @@ impl Peer for Iceoryx2 {
         })
     }
 
-    fn client(&self, topic: &Topic) -> Result<impl Call, PeerError> {
+    fn client(&self, channel: &Channel) -> Result<impl Call, PeerError> {
         let service = self
             .node
-            .service_builder(&name(&topic.name)?)
+            .service_builder(&name(&channel.name)?)
             .request_response::<[u8], [u8]>()
             .open_or_create()
             .map_err(failed("open a service"))?;
-        let listener = self.listener(&format!("{}/reply", topic.name))?;
+        let listener = self.listener(&format!("{}/reply", channel.name))?;
         let client = service
             .client_builder()
-            .initial_max_slice_len(topic.max_len)
+            .initial_max_slice_len(channel.max_len)
             .create();
         Ok(Caller {
             client: client.map_err(failed("make a client"))?,
-            notifier: self.notifier(&format!("{}/request", topic.name))?,
+            notifier: self.notifier(&format!("{}/request", channel.name))?,
             listener,
         })
     }
 
     fn answer(
         &self,
-        topic: &Topic,
+        channel: &Channel,
         mut answer: impl FnMut(&[u8], &mut [u8]) + Send + 'static,
         ready: impl FnOnce(),
     ) -> Result<(), PeerError> {
         let service = self
             .node
-            .service_builder(&name(&topic.name)?)
+            .service_builder(&name(&channel.name)?)
             .request_response::<[u8], [u8]>()
             .open_or_create()
             .map_err(failed("open a service"))?;
-        let listener = self.listener(&format!("{}/request", topic.name))?;
-        let notifier = self.notifier(&format!("{}/reply", topic.name))?;
+        let listener = self.listener(&format!("{}/request", channel.name))?;
+        let notifier = self.notifier(&format!("{}/reply", channel.name))?;
         let server = service
             .server_builder()
-            .initial_max_slice_len(topic.max_len)
+            .initial_max_slice_len(channel.max_len)
             .create()
             .map_err(failed("make a server"))?;
         ready();
@@ -311,7 +315,7 @@ impl Call for Caller {
         let request = unsafe { request.assume_init() };
         let pending = request.send().map_err(failed("send a request"))?;
         notify(self.notifier.as_ref())?;
-        let until_ns = now_ns() + PATIENCE_NS;
+        let until_ns = now_ns() + TIMEOUT_NS;
         match wait(self.listener.as_ref(), until_ns, || pending.receive())? {
             Some(response) => {
                 read(response.payload());

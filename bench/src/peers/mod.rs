@@ -15,7 +15,7 @@ pub mod sm2;
 pub mod zenoh;
 
 pub use catalogue::{Family, PEERS, PeerInfo, Reach};
-pub use contract::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
+pub use contract::{Call, Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS};
 
 /// Evaluates an expression with the type of this peer: `with_peer!(&domain, P => …)`.
 #[macro_export]

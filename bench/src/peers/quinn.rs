@@ -25,7 +25,7 @@ use tokio::{runtime::Runtime, sync::Notify, time};
 use super::contract::{Flow, Handler, Peer, PeerError, Publish, Subscribe};
 use crate::{
     clock::now_ns,
-    job::{Domain, Side, Topic},
+    job::{Channel, Domain, Side},
     link,
 };
 
@@ -58,7 +58,7 @@ impl Peer for Quinn {
         })
     }
 
-    fn publisher(&self, _: &Topic) -> Result<Sender, PeerError> {
+    fn publisher(&self, _: &Channel) -> Result<Sender, PeerError> {
         let runtime = Runtime::new().map_err(failed("start threads"))?;
         let entered = runtime.enter();
         let any = (Ipv4Addr::UNSPECIFIED, 0).into();
@@ -78,7 +78,11 @@ impl Peer for Quinn {
         })
     }
 
-    fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
+    fn subscriber<H: Handler>(
+        &self,
+        channel: &Channel,
+        handler: H,
+    ) -> Result<Receiver<H>, PeerError> {
         let runtime = Runtime::new().map_err(failed("start threads"))?;
         let made = rcgen::generate_simple_self_signed([NAME.to_owned()]);
         let made = made.map_err(failed("make a certificate"))?;
@@ -92,7 +96,7 @@ impl Peer for Quinn {
         drop(entered);
         // No further ahead than one: a slow handler slows the sender.
         let (messages, queue) = sync_channel(1);
-        runtime.spawn(receive(endpoint, topic.max_len, messages));
+        runtime.spawn(receive(endpoint, channel.max_len, messages));
         publish_certificate(&self.certificate, &certificate).map_err(failed("write a file"))?;
         Ok(Receiver {
             queue,

@@ -7,18 +7,18 @@ use sm2_manager::{Manager, Options};
 use sm2_node::{Client, Instant, Node, Publisher, Subscriber, Wait};
 
 use super::contract::{
-    Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe, one_by_one,
+    Call, Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS, one_by_one,
 };
 use crate::{
     clock::now_ns,
     control::{Stage, reached},
-    job::{Domain, Topic},
+    job::{Channel, Domain},
 };
 
 mod gateway;
 
 /// How long a reliable message waits for a subscriber, and whatever else may be waited for.
-const PATIENCE: Duration = Duration::from_nanos(PATIENCE_NS);
+const TIMEOUT: Duration = Duration::from_nanos(TIMEOUT_NS);
 
 /// How often a server looks whether it is time to stop.
 const LOOK: Duration = Duration::from_millis(250);
@@ -95,11 +95,11 @@ impl Peer for Sm2 {
         })
     }
 
-    fn publisher(&self, topic: &Topic) -> Result<Sender, PeerError> {
-        let builder = self.node.publisher_builder::<[u8]>(&topic.name);
-        let mut builder = builder.depth(depth(topic)).sealed(self.mode.sealed);
+    fn publisher(&self, channel: &Channel) -> Result<Sender, PeerError> {
+        let builder = self.node.publisher_builder::<[u8]>(&channel.name);
+        let mut builder = builder.depth(depth(channel)).sealed(self.mode.sealed);
         if self.mode.reliable {
-            builder = builder.reliable(true).publish_timeout(PATIENCE);
+            builder = builder.reliable(true).publish_timeout(TIMEOUT);
         }
         let publisher = builder.declare().map_err(failed("declare a publisher"))?;
         Ok(Sender {
@@ -109,10 +109,14 @@ impl Peer for Sm2 {
         })
     }
 
-    fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
-        let builder = self.node.subscriber_builder::<[u8]>(&topic.name);
+    fn subscriber<H: Handler>(
+        &self,
+        channel: &Channel,
+        handler: H,
+    ) -> Result<Receiver<H>, PeerError> {
+        let builder = self.node.subscriber_builder::<[u8]>(&channel.name);
         let builder = builder
-            .depth(depth(topic))
+            .depth(depth(channel))
             .max_borrowed(if self.mode.batch { BATCH as u16 } else { 1 })
             .reliable(self.mode.reliable)
             .wait(self.mode.wait);
@@ -124,36 +128,36 @@ impl Peer for Sm2 {
         })
     }
 
-    fn client(&self, topic: &Topic) -> Result<impl Call, PeerError> {
-        let builder = self.node.client_builder::<[u8], [u8]>(&topic.name);
+    fn client(&self, channel: &Channel) -> Result<impl Call, PeerError> {
+        let builder = self.node.client_builder::<[u8], [u8]>(&channel.name);
         let client = builder
             .sealed(self.mode.sealed)
             .wait(self.mode.wait)
             .declare()
             .map_err(failed("declare a client"))?;
         client
-            .wait_for_servers_timeout(1, PATIENCE)
+            .wait_for_servers_timeout(1, TIMEOUT)
             .map_err(failed("wait for the server"))?;
         Ok(Caller {
             client,
-            request: vec![0; topic.max_len],
+            request: vec![0; channel.max_len],
         })
     }
 
     fn answer(
         &self,
-        topic: &Topic,
+        channel: &Channel,
         mut answer: impl FnMut(&[u8], &mut [u8]) + Send + 'static,
         ready: impl FnOnce(),
     ) -> Result<(), PeerError> {
-        let builder = self.node.server_builder::<[u8], [u8]>(&topic.name);
+        let builder = self.node.server_builder::<[u8], [u8]>(&channel.name);
         let server = builder
             .sealed(self.mode.sealed)
             .wait(self.mode.wait)
             .declare()
             .map_err(failed("declare a server"))?;
         ready();
-        let mut reply = vec![0; topic.max_len];
+        let mut reply = vec![0; channel.max_len];
         while !reached(Stage::Stop) {
             let request = server.recv_timeout(LOOK).map_err(failed("serve"))?;
             let Some(request) = request else { continue };
@@ -165,8 +169,8 @@ impl Peer for Sm2 {
     }
 }
 
-fn depth(topic: &Topic) -> u16 {
-    topic.depth.clamp(1, 1_024) as u16
+fn depth(channel: &Channel) -> u16 {
+    channel.depth.clamp(1, 1_024) as u16
 }
 
 /// A publisher.
@@ -218,12 +222,12 @@ impl Publish for Sender {
 
     fn wait_matched(&mut self, count: usize) -> Result<(), PeerError> {
         self.publisher
-            .wait_for_subscribers_timeout(count, PATIENCE)
+            .wait_for_subscribers_timeout(count, TIMEOUT)
             .map_err(failed("wait for subscribers"))
     }
 
     fn flush(&mut self) -> Result<(), PeerError> {
-        match self.publisher.flush_timeout(PATIENCE) {
+        match self.publisher.flush_timeout(TIMEOUT) {
             Ok(true) => Ok(()),
             Ok(false) => Err(PeerError::new("flush", "a subscriber does not take")),
             Err(error) => Err(failed("flush")(error)),
@@ -297,7 +301,7 @@ impl Call for Caller {
     ) -> Result<(), PeerError> {
         let request = &mut self.request[..len];
         write(request);
-        let reply = self.client.call_timeout(request, PATIENCE);
+        let reply = self.client.call_timeout(request, TIMEOUT);
         read(&reply.map_err(failed("call"))?);
         Ok(())
     }

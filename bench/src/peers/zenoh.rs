@@ -25,17 +25,17 @@ use zenoh::{
     },
 };
 
-use super::contract::{Call, Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe};
+use super::contract::{Call, Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS};
 use crate::{
     clock::{now_ns, sleep_until},
     control::{Stage, wait_for},
-    job::{Domain, Read, Side, Topic},
+    job::{Channel, Domain, Read, Side},
     link,
     payload::HEADER_BYTES,
 };
 
 /// How long a call, and whatever else, may take.
-const PATIENCE: Duration = Duration::from_nanos(PATIENCE_NS);
+const TIMEOUT: Duration = Duration::from_nanos(TIMEOUT_NS);
 
 /// The shared memory of a publisher: so many messages, and not less than so many bytes.
 const SHM_MESSAGES: usize = 4;
@@ -146,22 +146,26 @@ impl Peer for Zenoh {
         })
     }
 
-    fn publisher(&self, topic: &Topic) -> Result<Sender, PeerError> {
-        let mut builder = self.session.declare_publisher(topic.name.clone());
+    fn publisher(&self, channel: &Channel) -> Result<Sender, PeerError> {
+        let mut builder = self.session.declare_publisher(channel.name.clone());
         if !self.plain {
             builder = builder.congestion_control(CongestionControl::Block);
-            builder = builder.express(is_urgent(topic));
+            builder = builder.express(is_urgent(channel));
         }
         let publisher = builder.wait().map_err(failed("declare a publisher"))?;
         Ok(Sender {
             session: self.session.clone(),
             publisher,
-            memory: self.memory(topic)?,
-            tokens: format!("{}/tokens/*", topic.name),
+            memory: self.memory(channel)?,
+            tokens: format!("{}/tokens/*", channel.name),
         })
     }
 
-    fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
+    fn subscriber<H: Handler>(
+        &self,
+        channel: &Channel,
+        handler: H,
+    ) -> Result<Receiver<H>, PeerError> {
         let shared = Arc::new(Shared {
             handler: Mutex::new(handler),
             returned: Mutex::new(false),
@@ -170,14 +174,14 @@ impl Peer for Zenoh {
         let called = Arc::clone(&shared);
         let subscriber = self
             .session
-            .declare_subscriber(topic.name.clone())
+            .declare_subscriber(channel.name.clone())
             .callback(move |sample| called.message(sample.payload()))
             .wait()
             .map_err(failed("declare a subscriber"))?;
         // A publisher can ask only whether anybody is there: where several are waited for, each
         // has a token, which comes after its declaration.
-        let token = (topic.subscribers > 1).then(|| {
-            let name = format!("{}/tokens/{}", topic.name, self.session.zid());
+        let token = (channel.subscribers > 1).then(|| {
+            let name = format!("{}/tokens/{}", channel.name, self.session.zid());
             self.session.liveliness().declare_token(name).wait()
         });
         Ok(Receiver {
@@ -187,16 +191,16 @@ impl Peer for Zenoh {
         })
     }
 
-    fn client(&self, topic: &Topic) -> Result<impl Call, PeerError> {
+    fn client(&self, channel: &Channel) -> Result<impl Call, PeerError> {
         let querier = self
             .session
-            .declare_querier(topic.name.clone())
+            .declare_querier(channel.name.clone())
             .congestion_control(CongestionControl::Block)
             .express(true)
-            .timeout(PATIENCE)
+            .timeout(TIMEOUT)
             .wait()
             .map_err(failed("declare a querier"))?;
-        let until_ns = now_ns() + PATIENCE_NS;
+        let until_ns = now_ns() + TIMEOUT_NS;
         let there = || {
             querier
                 .matching_status()
@@ -211,21 +215,21 @@ impl Peer for Zenoh {
         }
         Ok(Caller {
             querier,
-            memory: self.memory(topic)?,
+            memory: self.memory(channel)?,
         })
     }
 
     fn answer(
         &self,
-        topic: &Topic,
+        channel: &Channel,
         answer: impl FnMut(&[u8], &mut [u8]) + Send + 'static,
         ready: impl FnOnce(),
     ) -> Result<(), PeerError> {
-        let state = Mutex::new((answer, self.memory(topic)?));
-        let key = topic.name.clone();
+        let state = Mutex::new((answer, self.memory(channel)?));
+        let key = channel.name.clone();
         let _queryable = self
             .session
-            .declare_queryable(topic.name.clone())
+            .declare_queryable(channel.name.clone())
             .callback(move |query| {
                 let mut state = lock(&state);
                 let (answer, memory) = &mut *state;
@@ -245,11 +249,11 @@ impl Peer for Zenoh {
 }
 
 impl Zenoh {
-    fn memory(&self, topic: &Topic) -> Result<Memory, PeerError> {
+    fn memory(&self, channel: &Channel) -> Result<Memory, PeerError> {
         if !self.shm {
             return Ok(Memory::Heap(Pool::default()));
         }
-        let bytes = (SHM_MESSAGES * topic.max_len).max(SHM_BYTES);
+        let bytes = (SHM_MESSAGES * channel.max_len).max(SHM_BYTES);
         let provider = ShmProviderBuilder::default_backend(bytes).wait();
         provider
             .map(|provider| Memory::Shm(Box::new(provider)))
@@ -259,8 +263,8 @@ impl Zenoh {
 
 /// Where few messages are under way, each is sent at once, as in Zenoh's own latency benchmark;
 /// where many are, they are sent in batches, as in its throughput benchmark.
-const fn is_urgent(topic: &Topic) -> bool {
-    topic.depth <= 8
+const fn is_urgent(channel: &Channel) -> bool {
+    channel.depth <= 8
 }
 
 /// Where messages are written.
@@ -349,7 +353,7 @@ impl Publish for Sender {
     }
 
     fn wait_matched(&mut self, count: usize) -> Result<(), PeerError> {
-        let until_ns = now_ns() + PATIENCE_NS;
+        let until_ns = now_ns() + TIMEOUT_NS;
         loop {
             let mut there = self.matched()?;
             if there > 0 && count > 1 {

@@ -73,18 +73,18 @@ fn play(job: &str) -> Result<Outcome, Failure> {
     with_peer!(domain, P => match role {
         Role::Daemon => node::daemon::<P>(&domain),
         Role::Publisher(stream) => stream::publish::<P>(&domain, &stream),
-        Role::Subscriber { topic, read, number } => {
-            stream::subscribe::<P>(&domain, &topic, read, number)
+        Role::Subscriber { channel, read, number } => {
+            stream::subscribe::<P>(&domain, &channel, read, number)
         }
-        Role::Watcher { topic, read, number } => {
-            watch::watch::<P>(&domain, &topic, read, number)
+        Role::Watcher { channel, read, number } => {
+            watch::watch::<P>(&domain, &channel, read, number)
         }
         Role::Ping(trips) => round_trips::ping::<P>(&domain, &trips),
         Role::Echo(trips) => round_trips::echo::<P>(&domain, &trips),
         Role::Client(trips) => service::call::<P>(&domain, &trips),
         Role::Server(trips) => service::serve::<P>(&domain, &trips),
         Role::Node { number, count } => node::node::<P>(&domain, number, count),
-        Role::Joiner { topic, started_ns } => node::join::<P>(&domain, &topic, started_ns),
+        Role::Joiner { channel, started_ns } => node::join::<P>(&domain, &channel, started_ns),
         Role::Memory(work) => Ok(memory::work(&work)),
     })
 }

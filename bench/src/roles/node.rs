@@ -4,8 +4,8 @@ use super::Failure;
 use crate::{
     clock::now_ns,
     control::{Stage, reached, say},
-    job::{Domain, Outcome, Said, Topic},
-    peers::{Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe},
+    job::{Channel, Domain, Outcome, Said},
+    peers::{Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS},
 };
 
 /// Longer than any run, in nanoseconds.
@@ -20,14 +20,14 @@ pub(super) fn daemon<P: Peer>(domain: &Domain) -> Result<Outcome, Failure> {
     Ok(Outcome::Nothing)
 }
 
-/// Has a topic, and hears its neighbour's; ready when its own neighbour hears it. Ends with the
+/// Has a channel, and hears its neighbour's; ready when its own neighbour hears it. Ends with the
 /// director.
 pub(super) fn node<P: Peer>(
     domain: &Domain,
     number: usize,
     count: usize,
 ) -> Result<Outcome, Failure> {
-    let topic = |number: usize| Topic {
+    let channel = |number: usize| Channel {
         name: format!("bench/node{number}"),
         max_len: 64,
         depth: 8,
@@ -35,8 +35,8 @@ pub(super) fn node<P: Peer>(
         subscribers: 1,
     };
     let peer = P::open(domain, &format!("node-{number}"), number == 0)?;
-    let mut publisher = peer.publisher(&topic(number))?;
-    let mut subscriber = peer.subscriber(&topic((number + 1) % count), Silent)?;
+    let mut publisher = peer.publisher(&channel(number))?;
+    let mut subscriber = peer.subscriber(&channel((number + 1) % count), Silent)?;
     publisher.wait_matched(1)?;
     say(&Said::Ready)?;
     subscriber.pump(now_ns() + HOURS_NS)?;
@@ -55,13 +55,13 @@ impl Handler for Silent {
 /// Waits for the first message.
 pub(super) fn join<P: Peer>(
     domain: &Domain,
-    topic: &Topic,
+    channel: &Channel,
     started_ns: u64,
 ) -> Result<Outcome, Failure> {
     let name = format!("joiner-{started_ns}");
     let peer = P::open(domain, &name, false)?;
-    let mut subscriber = peer.subscriber(topic, First(0))?;
-    let until_ns = now_ns() + PATIENCE_NS;
+    let mut subscriber = peer.subscriber(channel, First(0))?;
+    let until_ns = now_ns() + TIMEOUT_NS;
     loop {
         subscriber.pump(until_ns)?;
         let first_ns = subscriber.with(|first| first.0);

@@ -4,9 +4,9 @@ use super::Failure;
 use crate::{
     clock::now_ns,
     control::{Stage, reached, say, wait_for},
-    job::{Domain, Outcome, Read, RoundTrips, Said, Topic},
+    job::{Channel, Domain, Outcome, Read, RoundTrips, Said},
     payload::{Header, check, fill, peek, stamp},
-    peers::{Flow, Handler, PATIENCE_NS, Peer, PeerError, Publish, Subscribe},
+    peers::{Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS},
     stats::{Durations, Spread},
 };
 
@@ -16,8 +16,8 @@ const WARM_UP: u64 = 100;
 /// How long a message may take there and back, in nanoseconds.
 const RETURN_NS: u64 = 1_000_000_000;
 
-fn topic(name: &str, trips: &RoundTrips) -> Topic {
-    Topic {
+fn channel(name: &str, trips: &RoundTrips) -> Channel {
+    Channel {
         name: name.to_owned(),
         max_len: trips.len,
         depth: 2,
@@ -40,7 +40,7 @@ fn look(message: &[u8], read: Read) -> (Header, bool) {
 /// with stamps in the messages.
 pub(super) fn ping<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outcome, Failure> {
     let peer = P::open(domain, "ping", true)?;
-    let mut publisher = peer.publisher(&topic("bench/ping", trips))?;
+    let mut publisher = peer.publisher(&channel("bench/ping", trips))?;
     let pong = Pong {
         read: trips.read,
         expected: 0,
@@ -49,7 +49,7 @@ pub(super) fn ping<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outco
     };
     say(&Said::Ready)?;
     wait_for(Stage::Go);
-    let mut subscriber = peer.subscriber(&topic("bench/pong", trips), pong)?;
+    let mut subscriber = peer.subscriber(&channel("bench/pong", trips), pong)?;
     publisher.wait_matched(1)?;
     let mut number = 0;
     let mut trip = |stamped: bool| -> Result<Option<u64>, PeerError> {
@@ -76,7 +76,7 @@ pub(super) fn ping<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outco
         }
     };
     let nothing = || PeerError::new("ping", "nothing comes back");
-    let until_ns = now_ns() + PATIENCE_NS;
+    let until_ns = now_ns() + TIMEOUT_NS;
     // The way back may not be there yet.
     while trip(false)?.is_none() {
         if now_ns() > until_ns {
@@ -160,7 +160,7 @@ where
     P::Publisher: 'static,
 {
     let peer = P::open(domain, "echo", false)?;
-    let publisher = peer.publisher(&topic("bench/pong", trips))?;
+    let publisher = peer.publisher(&channel("bench/pong", trips))?;
     let echo = Echo {
         publisher,
         read: trips.read,
@@ -168,7 +168,7 @@ where
         torn: 0,
         failed: None,
     };
-    let mut subscriber = peer.subscriber(&topic("bench/ping", trips), echo)?;
+    let mut subscriber = peer.subscriber(&channel("bench/ping", trips), echo)?;
     say(&Said::Ready)?;
     while !reached(Stage::End) {
         subscriber.pump(now_ns() + 250_000_000)?;

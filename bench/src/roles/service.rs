@@ -4,7 +4,7 @@ use super::{Failure, round_trips::repeat};
 use crate::{
     clock::now_ns,
     control::{Stage, say, wait_for},
-    job::{Domain, Outcome, RoundTrips, Said, Topic},
+    job::{Channel, Domain, Outcome, RoundTrips, Said},
     payload::{Header, check, fill, peek},
     peers::{Call, Peer},
     stats::{Durations, Spread},
@@ -13,8 +13,8 @@ use crate::{
 /// How many calls warm up.
 const WARM_UP: u64 = 100;
 
-fn topic(trips: &RoundTrips) -> Topic {
-    Topic {
+fn channel(trips: &RoundTrips) -> Channel {
+    Channel {
         name: "bench/service".to_owned(),
         max_len: trips.len,
         depth: 2,
@@ -26,8 +26,8 @@ fn topic(trips: &RoundTrips) -> Topic {
 /// Calls, one after the other.
 pub(super) fn call<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outcome, Failure> {
     let peer = P::open(domain, "client", false)?;
-    let topic = topic(trips);
-    let mut client = peer.client(&topic)?;
+    let channel = channel(trips);
+    let mut client = peer.client(&channel)?;
     say(&Said::Ready)?;
     wait_for(Stage::Go);
     let (mut number, mut torn) = (0, 0);
@@ -78,6 +78,6 @@ pub(super) fn serve<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outc
         // A director that is gone is noticed at the end of standard input.
         let _ = say(&Said::Ready);
     };
-    peer.answer(&topic(trips), answer, ready)?;
+    peer.answer(&channel(trips), answer, ready)?;
     Ok(Outcome::Nothing)
 }

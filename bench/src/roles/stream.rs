@@ -4,7 +4,7 @@ use super::{Failure, tally::Tally};
 use crate::{
     clock::{now_ns, sleep_until},
     control::{Stage, reached, say, wait_for},
-    job::{Domain, Outcome, Read, Said, Stream, Topic},
+    job::{Channel, Domain, Outcome, Read, Said, Stream},
     payload::{COUNTED, Header, fill, stamp},
     peers::{Peer, PeerError, Publish, Subscribe},
 };
@@ -19,7 +19,7 @@ const RUN: usize = 64;
 /// Publishes when told to, counts in the middle, and goes on until told to stop.
 pub(super) fn publish<P: Peer>(domain: &Domain, stream: &Stream) -> Result<Outcome, Failure> {
     let peer = P::open(domain, "publisher", true)?;
-    let publisher = peer.publisher(&stream.topic)?;
+    let publisher = peer.publisher(&stream.channel)?;
     say(&Said::Ready)?;
     wait_for(Stage::Go);
     let mut source = Source {
@@ -27,7 +27,7 @@ pub(super) fn publish<P: Peer>(domain: &Domain, stream: &Stream) -> Result<Outco
         stream,
         number: 0,
     };
-    source.publisher.wait_matched(stream.topic.subscribers)?;
+    source.publisher.wait_matched(stream.channel.subscribers)?;
     source.run(stream.warm_up_s, 0)?;
     say(&Said::Measuring)?;
     let start_ns = now_ns();
@@ -111,12 +111,12 @@ impl<P: Publish> Source<'_, P> {
 /// Receives until told to end.
 pub(super) fn subscribe<P: Peer>(
     domain: &Domain,
-    topic: &Topic,
+    channel: &Channel,
     read: Read,
     number: usize,
 ) -> Result<Outcome, Failure> {
     let peer = P::open(domain, &format!("subscriber-{number}"), false)?;
-    let mut subscriber = peer.subscriber(topic, Tally::new(read))?;
+    let mut subscriber = peer.subscriber(channel, Tally::new(read))?;
     say(&Said::Ready)?;
     while !reached(Stage::End) {
         subscriber.pump(now_ns() + LOOK_NS)?;

@@ -4,7 +4,7 @@ use super::Failure;
 use crate::{
     clock::now_ns,
     control::{Stage, reached, say},
-    job::{Arrival, Domain, Outcome, Read, Said, Topic, Watch},
+    job::{Arrival, Channel, Domain, Outcome, Read, Said, Watch},
     payload::{check, peek},
     peers::{Flow, Handler, Peer, Subscribe},
 };
@@ -15,13 +15,13 @@ const LOOK_NS: u64 = 250_000_000;
 /// Receives until told to end.
 pub(super) fn watch<P: Peer>(
     domain: &Domain,
-    topic: &Topic,
+    channel: &Channel,
     read: Read,
     number: usize,
 ) -> Result<Outcome, Failure> {
     let peer = P::open(domain, &format!("watcher-{number}"), false)?;
     let watch = Watch::default();
-    let mut subscriber = peer.subscriber(topic, Watcher { read, watch })?;
+    let mut subscriber = peer.subscriber(channel, Watcher { read, watch })?;
     say(&Said::Ready)?;
     while !reached(Stage::End) {
         subscriber.pump(now_ns() + LOOK_NS)?;

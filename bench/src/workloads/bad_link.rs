@@ -11,11 +11,11 @@ use sm2_lossy_link::Profile;
 use super::{Case, Figure, Options, figure};
 use crate::{
     clock::now_ns,
-    job::{Arrival, Outcome, Read, Role, Said, Side, Stream, Topic, Watch},
+    job::{Arrival, Channel, Outcome, Read, Role, Said, Side, Stream, Watch},
     link::Link,
     peers::{PeerInfo, Reach},
     stats::Durations,
-    world::{Failure, PATIENCE, ProcessId, World},
+    world::{Failure, ProcessId, TIMEOUT, World},
 };
 
 /// The length of the paper's messages, in bytes.
@@ -106,7 +106,7 @@ impl Case for BadLink {
 impl BadLink {
     fn play(&self, peer: &PeerInfo, world: &mut World) -> Result<Seen, Failure> {
         let has_local = peer.reach != Reach::LinkAlone;
-        let topic = Topic {
+        let channel = Channel {
             name: "bench/camera".to_owned(),
             max_len: self.len,
             // The freshest is asked for: a second one that waits is a frame older.
@@ -115,7 +115,7 @@ impl BadLink {
             subscribers: usize::from(has_local),
         };
         let stream = Stream {
-            topic: topic.clone(),
+            channel: channel.clone(),
             len: self.len,
             rate_hz: Some(RATE_HZ),
             warm_up_s: 0.5,
@@ -124,7 +124,7 @@ impl BadLink {
             stamped: true,
         };
         let watcher = |number| Role::Watcher {
-            topic: topic.clone(),
+            channel: channel.clone(),
             read: self.read,
             number,
         };
@@ -138,7 +138,7 @@ impl BadLink {
             world.ready(local)?;
         }
         world.tell(publisher, "go");
-        world.expect(publisher, &Said::Measuring, "publish", PATIENCE)?;
+        world.expect(publisher, &Said::Measuring, "publish", TIMEOUT)?;
         let before = timed(|| world.let_run(ALONE))?;
         let remote = world.start_at(Side::Far, "remote", watcher(1))?;
         world.ready(remote)?;
@@ -147,8 +147,8 @@ impl BadLink {
         let after = timed(|| world.let_run(Duration::from_secs_f64(self.seconds)))?;
         let cpu_ns = world.cpu_ns_at(Side::Near)?.saturating_sub(cpu_before);
         world.tell(publisher, "stop");
-        world.expect(publisher, &Said::Measured, "stop", PATIENCE)?;
-        world.outcome(publisher, PATIENCE)?;
+        world.expect(publisher, &Said::Measured, "stop", TIMEOUT)?;
+        world.outcome(publisher, TIMEOUT)?;
         world.let_run(DRAIN)?;
         Ok(Seen {
             cpu_percent: cpu_ns as f64 / (after.end - after.start) as f64 * 100.0,
@@ -169,7 +169,7 @@ fn timed(work: impl FnOnce() -> Result<(), Failure>) -> Result<Range<u64>, Failu
 
 fn watched(world: &mut World, watcher: ProcessId) -> Result<Watch, Failure> {
     world.end(watcher);
-    match world.outcome(watcher, PATIENCE)? {
+    match world.outcome(watcher, TIMEOUT)? {
         Outcome::Watched(watch) => Ok(watch),
         _ => Ok(Watch::default()),
     }

@@ -3,10 +3,10 @@
 use super::{Case, Figure, Options, figure};
 use crate::{
     clock::now_ns,
-    job::{Outcome, Role, Said, Stream, Topic},
+    job::{Channel, Outcome, Role, Said, Stream},
     peers::PeerInfo,
     stats::Durations,
-    world::{Failure, PATIENCE, World},
+    world::{Failure, TIMEOUT, World},
 };
 
 /// How many, one after the other, in each run.
@@ -25,7 +25,7 @@ impl Case for Join {
 
     fn run(&self, peer: &'static PeerInfo) -> Result<Vec<Figure>, Failure> {
         let mut world = World::new(peer)?;
-        let topic = Topic {
+        let channel = Channel {
             name: "bench/join".to_owned(),
             max_len: 64,
             depth: 8,
@@ -34,7 +34,7 @@ impl Case for Join {
             subscribers: 0,
         };
         let stream = Stream {
-            topic: topic.clone(),
+            channel: channel.clone(),
             len: 64,
             rate_hz: Some(1_000.0),
             warm_up_s: 0.1,
@@ -44,18 +44,18 @@ impl Case for Join {
         let publisher = world.start("publisher", Role::Publisher(stream))?;
         world.ready(publisher)?;
         world.tell(publisher, "go");
-        world.expect(publisher, &Said::Measuring, "publish", PATIENCE)?;
+        world.expect(publisher, &Said::Measuring, "publish", TIMEOUT)?;
         let mut durations = Durations::default();
         for number in 0..JOINERS {
             let role = Role::Joiner {
-                topic: Topic {
+                channel: Channel {
                     subscribers: 1,
-                    ..topic.clone()
+                    ..channel.clone()
                 },
                 started_ns: now_ns(),
             };
             let joiner = world.start(&format!("joiner-{number}"), role)?;
-            if let Outcome::Joined { after_ns } = world.outcome(joiner, PATIENCE)? {
+            if let Outcome::Joined { after_ns } = world.outcome(joiner, TIMEOUT)? {
                 durations.record(after_ns);
             }
             world.end(joiner);

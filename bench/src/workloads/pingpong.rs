@@ -9,7 +9,7 @@ use super::{
 use crate::{
     job::{Outcome, Read, Role, RoundTrips},
     peers::PeerInfo,
-    world::{Failure, PATIENCE, World},
+    world::{Failure, TIMEOUT, World},
 };
 
 /// In bytes.
@@ -45,10 +45,10 @@ impl Case for PingPong {
         let echo = world.start("echo", Role::Echo(self.0.clone()))?;
         world.ready(echo)?;
         world.tell(ping, "go");
-        let limit = PATIENCE + Duration::from_secs_f64(2.0 * self.0.seconds);
+        let limit = TIMEOUT + Duration::from_secs_f64(2.0 * self.0.seconds);
         let pinged = world.outcome(ping, limit)?;
         world.end(echo);
-        let echoed = world.outcome(echo, PATIENCE)?;
+        let echoed = world.outcome(echo, TIMEOUT)?;
         Ok(figures(&pinged, &echoed))
     }
 }

@@ -6,7 +6,7 @@ use super::{Case, Figure, Options, figure, pingpong::short};
 use crate::{
     job::{Outcome, Role, RoundTrips},
     peers::PeerInfo,
-    world::{Failure, PATIENCE, World},
+    world::{Failure, TIMEOUT, World},
 };
 
 pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {
@@ -28,7 +28,7 @@ impl Case for Service {
         let client = world.start("client", Role::Client(self.0.clone()))?;
         world.ready(client)?;
         world.tell(client, "go");
-        let limit = PATIENCE + Duration::from_secs_f64(self.0.seconds);
+        let limit = TIMEOUT + Duration::from_secs_f64(self.0.seconds);
         let outcome = world.outcome(client, limit)?;
         world.tell(server, "stop");
         let Outcome::RoundTrips {

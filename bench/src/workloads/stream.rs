@@ -8,9 +8,9 @@ use std::{
 
 use super::{Figure, figure};
 use crate::{
-    job::{MemoryWork, Outcome, Read, Reception, Role, Said, Stream, Topic},
+    job::{Channel, MemoryWork, Outcome, Read, Reception, Role, Said, Stream},
     peers::PeerInfo,
-    world::{Failure, PATIENCE, World},
+    world::{Failure, TIMEOUT, World},
 };
 
 /// How long messages may be on their way when the publisher has stopped.
@@ -49,7 +49,7 @@ pub(super) struct Run {
 /// Runs it once.
 pub(super) fn run(peer: &'static PeerInfo, setting: &Setting) -> Result<Run, Failure> {
     let mut world = World::new(peer)?;
-    let topic = Topic {
+    let channel = Channel {
         name: "bench/stream".to_owned(),
         max_len: setting.len,
         depth: setting.depth,
@@ -57,7 +57,7 @@ pub(super) fn run(peer: &'static PeerInfo, setting: &Setting) -> Result<Run, Fai
         subscribers: setting.subscribers,
     };
     let stream = Stream {
-        topic: topic.clone(),
+        channel: channel.clone(),
         len: setting.len,
         rate_hz: setting.rate_hz,
         warm_up_s: 0.5,
@@ -69,7 +69,7 @@ pub(super) fn run(peer: &'static PeerInfo, setting: &Setting) -> Result<Run, Fai
     let mut subscribers = Vec::new();
     for number in 0..setting.subscribers {
         let role = Role::Subscriber {
-            topic: topic.clone(),
+            channel: channel.clone(),
             read: setting.read,
             number,
         };
@@ -79,20 +79,15 @@ pub(super) fn run(peer: &'static PeerInfo, setting: &Setting) -> Result<Run, Fai
         world.ready(subscriber)?;
     }
     world.tell(publisher, "go");
-    world.expect(
-        publisher,
-        &Said::Measuring,
-        "find its subscribers",
-        PATIENCE,
-    )?;
+    world.expect(publisher, &Said::Measuring, "find its subscribers", TIMEOUT)?;
     let (before, start) = (world.cpu_ns()?, Instant::now());
-    let limit = PATIENCE + Duration::from_secs_f64(setting.seconds);
+    let limit = TIMEOUT + Duration::from_secs_f64(setting.seconds);
     world.expect(publisher, &Said::Measured, "publish", limit)?;
     let cpu_ns = world.cpu_ns()?.saturating_sub(before);
     let cpu_percent = cpu_ns as f64 / start.elapsed().as_nanos() as f64 * 100.0;
     let pss_bytes = memory(&world, setting)?;
     world.tell(publisher, "stop");
-    let published = match world.outcome(publisher, PATIENCE)? {
+    let published = match world.outcome(publisher, TIMEOUT)? {
         Outcome::Published { counted, .. } => counted,
         _ => 0,
     };
@@ -102,7 +97,7 @@ pub(super) fn run(peer: &'static PeerInfo, setting: &Setting) -> Result<Run, Fai
         .for_each(|&subscriber| world.end(subscriber));
     let mut receptions = Vec::new();
     for subscriber in subscribers {
-        if let Outcome::Received(reception) = world.outcome(subscriber, PATIENCE)? {
+        if let Outcome::Received(reception) = world.outcome(subscriber, TIMEOUT)? {
             receptions.push(reception);
         }
     }
@@ -203,7 +198,7 @@ pub(super) fn memory_alone(
         seconds: setting.seconds,
     };
     let process = world.start("memory", Role::Memory(work))?;
-    let limit = PATIENCE + Duration::from_secs_f64(setting.seconds);
+    let limit = TIMEOUT + Duration::from_secs_f64(setting.seconds);
     match world.outcome(process, limit)? {
         Outcome::Memory { hz, one_way_ns } => Ok((hz, one_way_ns)),
         _ => Ok((0.0, crate::stats::Spread::default())),

@@ -5,14 +5,14 @@ use std::{
     path::Path,
 };
 
-use crate::{job::Topic, peers::contract::PeerError};
+use crate::{job::Channel, peers::contract::PeerError};
 
 /// Writes a message.
 pub(super) type Write = unsafe extern "C" fn(*mut c_void, *mut u8, usize);
 /// Sees a message; not 0: enough.
 pub(super) type Read = unsafe extern "C" fn(*mut c_void, *const u8, usize) -> c_int;
 
-/// A topic as C has it.
+/// A channel as C has it.
 #[repr(C)]
 pub(super) struct RawTopic {
     name: *const c_char,
@@ -23,12 +23,12 @@ pub(super) struct RawTopic {
 
 impl RawTopic {
     /// Valid as long as the name.
-    pub(super) fn new(topic: &Topic, name: &CString) -> Self {
+    pub(super) fn new(channel: &Channel, name: &CString) -> Self {
         Self {
             name: name.as_ptr(),
-            max_len: topic.max_len,
-            depth: topic.depth.clamp(1, 1 << 16) as u32,
-            lossless: c_int::from(topic.lossless),
+            max_len: channel.max_len,
+            depth: channel.depth.clamp(1, 1 << 16) as u32,
+            lossless: c_int::from(channel.lossless),
         }
     }
 }

@@ -12,7 +12,7 @@ use std::{
 use crate::peers::contract::{Flow, Handler, Peer, PeerError, Publish, Subscribe};
 use crate::{
     clock::now_ns,
-    job::{Domain, Topic},
+    job::{Channel, Domain},
 };
 
 mod build;
@@ -59,10 +59,10 @@ impl Peer for Dds {
         })
     }
 
-    fn publisher(&self, topic: &Topic) -> Result<Sender, PeerError> {
-        let name = text(&topic.name)?;
-        let raw = RawTopic::new(topic, &name);
-        // SAFETY: the participant lives as long as the process, the topic as long as the call.
+    fn publisher(&self, channel: &Channel) -> Result<Sender, PeerError> {
+        let name = text(&channel.name)?;
+        let raw = RawTopic::new(channel, &name);
+        // SAFETY: the participant lives as long as the process, the channel as long as the call.
         let publisher = unsafe { (self.library.publish_on)(self.participant, &raw) };
         Ok(Sender {
             publisher: self.library.checked(publisher, "make a publisher")?,
@@ -70,9 +70,13 @@ impl Peer for Dds {
         })
     }
 
-    fn subscriber<H: Handler>(&self, topic: &Topic, handler: H) -> Result<Receiver<H>, PeerError> {
-        let name = text(&topic.name)?;
-        let raw = RawTopic::new(topic, &name);
+    fn subscriber<H: Handler>(
+        &self,
+        channel: &Channel,
+        handler: H,
+    ) -> Result<Receiver<H>, PeerError> {
+        let name = text(&channel.name)?;
+        let raw = RawTopic::new(channel, &name);
         // SAFETY: as for publishers.
         let subscriber = unsafe { (self.library.subscribe_to)(self.participant, &raw) };
         Ok(Receiver {

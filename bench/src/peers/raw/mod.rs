@@ -1,7 +1,7 @@
 //! What the kernel and the memory allow without any middleware: no discovery, no types, nobody
 //! who might crash. The floor that the others stand on.
 
-use crate::job::{Domain, Topic};
+use crate::job::{Channel, Domain};
 use crate::peers::contract::{Handler, Peer, PeerError, Publish, Subscribe};
 
 mod futex;
@@ -20,8 +20,8 @@ pub struct Raw {
 }
 
 impl Raw {
-    fn file(&self, topic: &Topic, ending: &str) -> std::path::PathBuf {
-        let name = topic.name.replace('/', "-");
+    fn file(&self, channel: &Channel, ending: &str) -> std::path::PathBuf {
+        let name = channel.name.replace('/', "-");
         self.domain.dir.join(format!("{name}.{ending}"))
     }
 
@@ -44,18 +44,18 @@ impl Peer for Raw {
         })
     }
 
-    fn publisher(&self, topic: &Topic) -> Result<RawSender, PeerError> {
+    fn publisher(&self, channel: &Channel) -> Result<RawSender, PeerError> {
         let failed = PeerError::caused::<std::io::Error>("make the shared memory");
-        let memory = self.file(topic, "memory");
+        let memory = self.file(channel, "memory");
         if self.domain.peer == "raw-sealed" {
-            let sender = SealedSender::new(&self.file(topic, "sock"), topic);
+            let sender = SealedSender::new(&self.file(channel, "sock"), channel);
             return sender.map(RawSender::Sealed).map_err(failed);
         }
         match self.waiting() {
-            Some(waiting) => SharedSender::new(&memory, topic.max_len, waiting)
+            Some(waiting) => SharedSender::new(&memory, channel.max_len, waiting)
                 .map(RawSender::Shared)
                 .map_err(failed),
-            None => PacketSender::new(&memory, &self.file(topic, "sock"), topic)
+            None => PacketSender::new(&memory, &self.file(channel, "sock"), channel)
                 .map(RawSender::Packet)
                 .map_err(failed),
         }
@@ -63,17 +63,19 @@ impl Peer for Raw {
 
     fn subscriber<H: Handler>(
         &self,
-        topic: &Topic,
+        channel: &Channel,
         handler: H,
     ) -> Result<RawReceiver<H>, PeerError> {
         let failed = PeerError::caused::<std::io::Error>("join the shared memory");
-        let memory = self.file(topic, "memory");
+        let memory = self.file(channel, "memory");
         let end = match self.waiting() {
             None if self.domain.peer == "raw-sealed" => {
-                SealedReceiver::new(&self.file(topic, "sock"), topic.max_len).map(End::Sealed)
+                SealedReceiver::new(&self.file(channel, "sock"), channel.max_len).map(End::Sealed)
             }
-            Some(waiting) => SharedReceiver::new(&memory, topic.max_len, waiting).map(End::Shared),
-            None => PacketReceiver::new(&memory, &self.file(topic, "sock"), topic.max_len)
+            Some(waiting) => {
+                SharedReceiver::new(&memory, channel.max_len, waiting).map(End::Shared)
+            }
+            None => PacketReceiver::new(&memory, &self.file(channel, "sock"), channel.max_len)
                 .map(End::Packet),
         };
         Ok(RawReceiver {

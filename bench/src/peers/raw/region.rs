@@ -147,7 +147,7 @@ impl Region {
     pub(super) unsafe fn write(&mut self, number: u64, len: usize) -> &mut [u8] {
         assert!(
             len <= self.stride,
-            "longer than the topic's longest message"
+            "longer than the channel's longest message"
         );
         // SAFETY: inside the mapping; nobody else reads or writes it, as the caller says.
         unsafe { slice::from_raw_parts_mut(self.slot(number).as_ptr(), len) }
@@ -161,7 +161,7 @@ impl Region {
     pub(super) unsafe fn read(&self, number: u64, len: usize) -> &[u8] {
         assert!(
             len <= self.stride,
-            "longer than the topic's longest message"
+            "longer than the channel's longest message"
         );
         // SAFETY: inside the mapping; its author does not write to it before this subscriber
         // has consumed it, as the caller says.

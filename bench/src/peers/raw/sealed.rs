@@ -25,7 +25,7 @@ use nix::{
 use super::seqpacket::{Door, knock};
 use crate::{
     clock::now_ns,
-    job::Topic,
+    job::Channel,
     peers::contract::{Flow, Handler},
 };
 
@@ -42,13 +42,13 @@ pub struct SealedSender {
 }
 
 impl SealedSender {
-    pub(super) fn new(path: &Path, topic: &Topic) -> io::Result<Self> {
+    pub(super) fn new(path: &Path, channel: &Channel) -> io::Result<Self> {
         Ok(Self {
             door: Door::open(path)?,
             subscribers: Vec::new(),
-            expected: topic.subscribers.max(1),
+            expected: channel.subscribers.max(1),
             published: 0,
-            buffer: vec![0; topic.max_len],
+            buffer: vec![0; channel.max_len],
         })
     }
 

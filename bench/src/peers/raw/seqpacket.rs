@@ -24,7 +24,7 @@ use nix::{
 use super::region::{Region, slots};
 use crate::{
     clock::now_ns,
-    job::Topic,
+    job::Channel,
     peers::contract::{Flow, Handler},
 };
 
@@ -99,13 +99,13 @@ fn seqpacket() -> nix::Result<OwnedFd> {
 }
 
 impl PacketSender {
-    pub(super) fn new(memory: &Path, path: &Path, topic: &Topic) -> io::Result<Self> {
-        let len = topic.max_len;
+    pub(super) fn new(memory: &Path, path: &Path, channel: &Channel) -> io::Result<Self> {
+        let len = channel.max_len;
         let region = (len > INLINE_BYTES).then(|| Region::open(memory, len, slots(len)));
         Ok(Self {
             door: Door::open(path)?,
             subscribers: Vec::new(),
-            expected: topic.subscribers.max(1),
+            expected: channel.subscribers.max(1),
             region: region.transpose()?,
             published: 0,
             buffer: vec![0; len.min(INLINE_BYTES)],
@@ -143,7 +143,7 @@ impl PacketSender {
                 subscriber.consumed = u64::from_le_bytes(word);
             }
         }
-        // SAFETY: this is the topic's only publisher, and everybody has consumed what was in
+        // SAFETY: this is the channel's only publisher, and everybody has consumed what was in
         // the slot: that was just waited for.
         write(unsafe { region.write(self.published, len) });
         let number = self.published.to_le_bytes();

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     clock::now_ns,
-    peers::contract::{Flow, Handler, PATIENCE_NS, PeerError},
+    peers::contract::{Flow, Handler, PeerError, TIMEOUT_NS},
 };
 
 /// How often a spinning side looks at the clock.
@@ -55,7 +55,7 @@ impl SharedSender {
         write: impl FnOnce(&mut [u8]),
     ) -> Result<(), PeerError> {
         self.wait_for_room()?;
-        // SAFETY: this is the topic's only publisher, and the slowest subscriber has consumed
+        // SAFETY: this is the channel's only publisher, and the slowest subscriber has consumed
         // what was in the slot: that was just waited for.
         write(unsafe { self.region.write(self.published, len) });
         self.published += 1;
@@ -80,7 +80,7 @@ impl SharedSender {
         }
         let counters = self.region.counters();
         let mut slowest = FREE;
-        let until_ns = now_ns() + PATIENCE_NS;
+        let until_ns = now_ns() + TIMEOUT_NS;
         let in_time = wait(
             self.waiting,
             (&counters.room_sleepers.0, &counters.room_bell.0),
