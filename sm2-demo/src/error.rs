@@ -3,7 +3,6 @@
 use std::{io, path::PathBuf};
 
 use sm2_manager::StartError;
-use sm2_node::{ConnectError, DeclareError, PublishError, RecvError, StoreError, WaitError};
 
 /// Why a demo failed. Each text is one line.
 #[derive(Debug, thiserror::Error)]
@@ -84,27 +83,17 @@ pub enum DemoError {
         /// The subscriber.
         part: String,
     },
-    /// The Manager refuses a node.
+    /// A call of `sm2-node` failed; its error says which.
     #[error(transparent)]
-    Connect(#[from] ConnectError),
-    /// The Manager refuses an interface.
-    #[error(transparent)]
-    Declare(#[from] DeclareError),
-    /// The subscribers of the publisher did not come in time.
-    #[error(transparent)]
-    Wait(#[from] WaitError),
-    /// A message cannot be published.
-    #[error(transparent)]
-    Publish(#[from] PublishError),
-    /// There is no memory for a message.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// Messages cannot be received.
-    #[error(transparent)]
-    Receive(#[from] RecvError),
+    Node(Box<dyn std::error::Error + Send + Sync>),
 }
 
 impl DemoError {
+    /// Turns an error of `sm2-node` into [`DemoError::Node`].
+    pub(crate) fn node(error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Node(Box::new(error))
+    }
+
     /// Turns an I/O error into [`DemoError::System`].
     pub(crate) fn system(action: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::System { action, source }

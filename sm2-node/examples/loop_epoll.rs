@@ -23,21 +23,17 @@
 
 mod common;
 
-use std::io::{Write, stdout};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use common::Outcome;
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
-use sm2_node::{Node, Subscriber};
+use sm2_node::Node;
 
 const MESSAGES: u64 = 0;
 const TIMER: u64 = 1;
 const INTERRUPT: u64 = 2;
-
-/// How many messages are taken before others have their turn.
-const TURN: u64 = 64;
 
 fn main() -> ExitCode {
     common::run(serve)
@@ -69,7 +65,7 @@ fn serve() -> Outcome<ExitCode> {
         };
         for event in &events[..count] {
             match event.data() {
-                MESSAGES => left -= receive(&subscriber, left)?,
+                MESSAGES => left -= common::print_messages(&subscriber, left)?,
                 TIMER => {
                     timer.wait()?;
                     beat += 1;
@@ -80,16 +76,4 @@ fn serve() -> Outcome<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// Prints what there is, at most `left` messages; how many it was.
-fn receive(subscriber: &Subscriber<str>, left: u64) -> Outcome<u64> {
-    let turn = left.min(TURN);
-    for taken in 0..turn {
-        match subscriber.try_recv()? {
-            Some(sample) => writeln!(stdout(), "{} said: {}", sample.publisher(), &*sample)?,
-            None => return Ok(taken),
-        }
-    }
-    Ok(turn)
 }

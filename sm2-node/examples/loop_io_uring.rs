@@ -24,14 +24,11 @@ use std::time::Duration;
 use common::Outcome;
 use io_uring::{IoUring, opcode::PollAdd, types::Fd};
 use nix::libc;
-use sm2_node::{Node, Subscriber};
+use sm2_node::Node;
 
 const MESSAGES: u64 = 0;
 const TIMER: u64 = 1;
 const INTERRUPT: u64 = 2;
-
-/// How many messages are taken before others have their turn.
-const TURN: u64 = 64;
 
 fn main() -> ExitCode {
     common::run(serve)
@@ -72,7 +69,7 @@ fn serve() -> Outcome<ExitCode> {
             }
             match answer.user_data() {
                 MESSAGES => {
-                    left -= receive(&subscriber, left)?;
+                    left -= common::print_messages(&subscriber, left)?;
                     watch(&mut ring, &subscriber, MESSAGES)?;
                 }
                 TIMER => {
@@ -96,16 +93,4 @@ fn watch(ring: &mut IoUring, fd: impl AsFd, token: u64) -> Outcome {
     // kernel could touch later.
     unsafe { ring.submission().push(&request.user_data(token)) }?;
     Ok(())
-}
-
-/// Prints what there is, at most `left` messages; how many it was.
-fn receive(subscriber: &Subscriber<str>, left: u64) -> Outcome<u64> {
-    let turn = left.min(TURN);
-    for taken in 0..turn {
-        match subscriber.try_recv()? {
-            Some(sample) => writeln!(stdout(), "{} said: {}", sample.publisher(), &*sample)?,
-            None => return Ok(taken),
-        }
-    }
-    Ok(turn)
 }

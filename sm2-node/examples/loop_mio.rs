@@ -15,7 +15,7 @@
 
 mod common;
 
-use std::io::{ErrorKind, Write, stdout};
+use std::io::ErrorKind;
 use std::os::fd::{AsFd, AsRawFd};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -23,14 +23,11 @@ use std::time::Duration;
 use common::Outcome;
 use mio::unix::SourceFd;
 use mio::{Events, Interest, Poll, Token};
-use sm2_node::{Node, Subscriber};
+use sm2_node::Node;
 
 const MESSAGES: Token = Token(0);
 const TIMER: Token = Token(1);
 const INTERRUPT: Token = Token(2);
-
-/// How many messages are taken before others have their turn.
-const TURN: u64 = 64;
 
 fn main() -> ExitCode {
     common::run(serve)
@@ -68,7 +65,7 @@ fn serve() -> Outcome<ExitCode> {
         for event in &events {
             match event.token() {
                 MESSAGES => {
-                    left -= receive(&subscriber, left)?;
+                    left -= common::print_messages(&subscriber, left)?;
                     let mut source = SourceFd(&watched);
                     let registry = poll.registry();
                     registry.reregister(&mut source, MESSAGES, Interest::READABLE)?;
@@ -83,16 +80,4 @@ fn serve() -> Outcome<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// Prints what there is, at most `left` messages; how many it was.
-fn receive(subscriber: &Subscriber<str>, left: u64) -> Outcome<u64> {
-    let turn = left.min(TURN);
-    for taken in 0..turn {
-        match subscriber.try_recv()? {
-            Some(sample) => writeln!(stdout(), "{} said: {}", sample.publisher(), &*sample)?,
-            None => return Ok(taken),
-        }
-    }
-    Ok(turn)
 }

@@ -1,5 +1,5 @@
-//! Memory that the operating system does not lock. A file of its own: it lowers a limit of its
-//! process.
+//! Memory that the operating system refuses to lock. This test is alone in its file because it
+//! lowers a limit of its process.
 
 mod common;
 
@@ -10,21 +10,13 @@ use nix::libc;
 use nix::sys::resource::{Resource, setrlimit};
 use sm2_node::DeclareError;
 
-/// The calling thread loses all that makes it more than an ordinary user's.
-fn become_ordinary() {
-    #[repr(C)]
-    struct Header {
-        version: u32,
-        pid: i32,
-    }
-    const VERSION_3: u32 = 0x2008_0522;
-    let header = Header {
-        version: VERSION_3,
-        pid: 0,
-    };
-    let none = [0_u32; 6];
-    // SAFETY: both structures are what this version of the call reads, and live through it.
-    let result = unsafe { libc::syscall(libc::SYS_capset, &raw const header, none.as_ptr()) };
+/// Drops all capabilities of the calling thread.
+fn drop_capabilities() {
+    // `_LINUX_CAPABILITY_VERSION_3`, and 0 for the calling thread.
+    let (header, none) = ([0x2008_0522_u32, 0], [0_u32; 6]);
+    // SAFETY: capset(2) reads two words of header and six of capabilities; both arrays outlive
+    // the call.
+    let result = unsafe { libc::syscall(libc::SYS_capset, header.as_ptr(), none.as_ptr()) };
     assert_eq!(result, 0, "{}", io::Error::last_os_error());
 }
 
@@ -32,7 +24,7 @@ fn become_ordinary() {
 fn a_refusal_says_the_limit_and_what_to_do() {
     let limit = 1 << 20;
     let domain = Domain::new();
-    become_ordinary();
+    drop_capabilities();
     setrlimit(Resource::RLIMIT_MEMLOCK, limit, limit).unwrap();
     let node = domain.node("talker");
     let builder = || {

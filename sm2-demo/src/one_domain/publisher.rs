@@ -36,13 +36,17 @@ const SECOND: Duration = Duration::from_secs(1);
 pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let node = Node::builder(&arguments.name)
         .socket(&arguments.socket)
-        .connect()?;
+        .connect()
+        .map_err(DemoError::node)?;
     let publisher = node
         .publisher_builder::<[u8]>(TOPIC)
         .depth(DEPTH)
         .sealed(arguments.sealed)
-        .declare()?;
-    publisher.wait_for_subscribers_timeout(arguments.subscribers as usize, GATHERING)?;
+        .declare()
+        .map_err(DemoError::node)?;
+    publisher
+        .wait_for_subscribers_timeout(arguments.subscribers as usize, GATHERING)
+        .map_err(DemoError::node)?;
     say(&Said::Ready).map_err(DemoError::Output)?;
     let mut stdin = io::stdin();
     let mut line = [0; START.len()];
@@ -81,9 +85,11 @@ fn publish(
         if pause(node, io::stdin().as_fd(), due(number))? || clock::now() >= end {
             break;
         }
-        let mut loan = publisher.loan_slice(arguments.size as usize)?;
+        let mut loan = publisher
+            .loan_slice(arguments.size as usize)
+            .map_err(DemoError::node)?;
         pattern::fill(number, &mut loan);
-        loan.publish()?;
+        loan.publish().map_err(DemoError::node)?;
         figures.messages += 1;
         let now = clock::now();
         if now >= report_at {

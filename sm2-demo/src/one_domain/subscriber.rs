@@ -24,18 +24,20 @@ const SECOND: Duration = Duration::from_secs(1);
 pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let node = Node::builder(&arguments.name)
         .socket(&arguments.socket)
-        .connect()?;
+        .connect()
+        .map_err(DemoError::node)?;
     let subscriber = node
         .subscriber_builder::<[u8]>(TOPIC)
         .depth(DEPTH)
-        .declare()?;
+        .declare()
+        .map_err(DemoError::node)?;
     let stdin = io::stdin();
     let fds = [subscriber.as_fd(), stdin.as_fd()];
     let mut tally = Tally::new(arguments.size);
     say(&Said::Ready).map_err(DemoError::Output)?;
     let mut ending = false;
     loop {
-        match subscriber.try_recv()? {
+        match subscriber.try_recv().map_err(DemoError::node)? {
             Some(sample) => tally.take(&sample),
             None if ending => break,
             // What was published before standard input ended is there already, or lost.

@@ -151,7 +151,8 @@ impl Side {
         let manager = Background::start(&socket, sm2_manager::Options::default())?;
         let node = Node::builder(&format!("{name}-demo"))
             .socket(&socket)
-            .connect()?;
+            .connect()
+            .map_err(DemoError::node)?;
         let id = keys::load(&folder.join(format!("{peer}.key")));
         let id = id.map_err(|error| failed(error.to_string()))?.id();
         let addresses = peer_address.map_or_else(String::new, |it| format!("\"{it}\""));

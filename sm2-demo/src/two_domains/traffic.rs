@@ -56,7 +56,11 @@ pub(crate) fn publish(
     size_bytes: usize,
     period: Duration,
 ) -> Result<JoinHandle<Result<(), DemoError>>, DemoError> {
-    let publisher = node.publisher_builder::<[u8]>(TOPIC).depth(1).declare()?;
+    let publisher = node
+        .publisher_builder::<[u8]>(TOPIC)
+        .depth(1)
+        .declare()
+        .map_err(DemoError::node)?;
     Ok(thread::spawn(move || {
         let mut next = clock::now();
         for number in 0.. {
@@ -66,10 +70,10 @@ pub(crate) fn publish(
             if shared.stop.load(Ordering::Relaxed) {
                 return Ok(());
             }
-            let mut loan = publisher.loan_slice(size_bytes)?;
+            let mut loan = publisher.loan_slice(size_bytes).map_err(DemoError::node)?;
             pattern::fill(number, &mut loan);
             lock(&shared.sent).insert(number, clock::now());
-            loan.publish()?;
+            loan.publish().map_err(DemoError::node)?;
             next = next.after(period);
         }
         Ok(())
@@ -85,7 +89,8 @@ pub(crate) fn subscribe(
     let subscriber = node
         .subscriber_builder::<[u8]>(TOPIC)
         .depth(depth)
-        .declare()?;
+        .declare()
+        .map_err(DemoError::node)?;
     let log = Log::default();
     let ours = Arc::clone(&log);
     let thread = thread::spawn(move || {
@@ -93,7 +98,7 @@ pub(crate) fn subscribe(
             let sample = match subscriber.recv_timeout(LOOK) {
                 Ok(Some(sample)) => sample,
                 Ok(None) => continue,
-                Err(error @ RecvError::Map { .. }) => return Err(error.into()),
+                Err(error @ RecvError::Map { .. }) => return Err(DemoError::node(error)),
                 Err(_) => continue,
             };
             let at = clock::now();

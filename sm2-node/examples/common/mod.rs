@@ -3,7 +3,7 @@
 
 use std::any::type_name;
 use std::error::Error;
-use std::io;
+use std::io::{self, Write, stdout};
 use std::process::{ExitCode, Termination};
 use std::str::FromStr;
 use std::time::Duration;
@@ -12,15 +12,20 @@ use nix::sys::signal::{SigSet, Signal};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::sys::time::TimeSpec;
 use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
+use sm2_node::Subscriber;
 
-/// What comes of an example, or of a part of it.
+/// The result of an example, or of a part of one.
 pub(crate) type Outcome<T = ()> = Result<T, Box<dyn Error + Send + Sync>>;
 
-/// What a shell expects of a program that Ctrl-C ended: 128 and the signal's number.
+/// Exit status of a program that Ctrl-C ended, as shells expect it: 128 plus the signal's number.
 pub(crate) const INTERRUPTED: u8 = 130;
 
-/// Runs an example. What goes wrong is one line on standard error; that nobody reads its
-/// output any more (`… | head`) is not wrong.
+/// The most messages that [`print_messages`] takes in one call, so that the loop's other events
+/// are handled in between.
+const BATCH: u64 = 64;
+
+/// Runs an example, and prints its error as one line on standard error. A closed pipe
+/// (`… | head`) is not an error.
 pub(crate) fn run<T: Termination>(example: impl FnOnce() -> Outcome<T>) -> ExitCode {
     match example() {
         Ok(value) => value.report(),
@@ -37,7 +42,7 @@ fn is_broken_pipe(error: &(dyn Error + Send + Sync + 'static)) -> bool {
     error.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }
 
-/// Argument number `at`, counted from 1, or what stands for it.
+/// Argument number `at`, counted from 1; `default` if it is missing.
 pub(crate) fn argument<T: FromStr>(at: usize, default: T) -> Outcome<T> {
     let Some(text) = std::env::args().nth(at) else {
         return Ok(default);
@@ -46,8 +51,9 @@ pub(crate) fn argument<T: FromStr>(at: usize, default: T) -> Outcome<T> {
     text.parse().map_err(|error| wrong(error).into())
 }
 
-/// A descriptor that becomes readable on Ctrl-C, which ends the program no longer. To be
-/// made before any thread is, since each thread has a signal mask of its own.
+/// A descriptor that becomes readable on Ctrl-C. Ctrl-C no longer ends the program.
+///
+/// Call this before the first thread starts: threads inherit the signal mask that it sets.
 pub(crate) fn interrupts() -> io::Result<SignalFd> {
     let mut mask = SigSet::empty();
     mask.add(Signal::SIGINT);
@@ -55,10 +61,22 @@ pub(crate) fn interrupts() -> io::Result<SignalFd> {
     Ok(SignalFd::with_flags(&mask, SfdFlags::SFD_CLOEXEC)?)
 }
 
-/// A descriptor that becomes readable once in each `period`; reading it ends that.
+/// A descriptor that becomes readable once in each `period`, until it is read.
 pub(crate) fn every(period: Duration) -> io::Result<TimerFd> {
     let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_CLOEXEC)?;
     let expiration = Expiration::Interval(TimeSpec::from_duration(period));
     timer.set(expiration, TimerSetTimeFlags::empty())?;
     Ok(timer)
+}
+
+/// Prints the messages that have arrived, at most `limit` of them, and returns their number.
+pub(crate) fn print_messages(subscriber: &Subscriber<str>, limit: u64) -> Outcome<u64> {
+    let limit = limit.min(BATCH);
+    for taken in 0..limit {
+        match subscriber.try_recv()? {
+            Some(sample) => writeln!(stdout(), "{} said: {}", sample.publisher(), &*sample)?,
+            None => return Ok(taken),
+        }
+    }
+    Ok(limit)
 }

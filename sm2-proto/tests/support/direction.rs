@@ -7,7 +7,7 @@ use sm2_proto::{
     control::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_node},
 };
 
-use crate::naive;
+use crate::{naive, support::edit::edit};
 
 pub(crate) const FDS: [FdFacts; 3] = [FdFacts {
     regular: false,
@@ -77,7 +77,7 @@ impl Direction {
         violation
     }
 
-    /// What breaks one byte of a frame, or two, or its length.
+    /// Checks that both decoders agree on the frame, and on it after each of the edits.
     pub(crate) fn mutants_agree(
         &self,
         frame: &[u8],
@@ -86,21 +86,8 @@ impl Direction {
         let mut bytes = frame.to_vec();
         let fds = (self.fds)(frame);
         self.agrees(&bytes, fds)?;
-        for &(at, byte, edit) in edits {
-            let at = usize::from(at) % (bytes.len() + 1);
-            match edit % 6 {
-                0 => bytes.insert(at, byte),
-                1 if at < bytes.len() => drop(bytes.remove(at)),
-                2 => bytes.truncate(at),
-                // A longer varint of the same value, if one ends here.
-                3 if at < bytes.len() && bytes[at] < 0x80 => {
-                    bytes[at] |= 0x80;
-                    bytes.insert(at + 1, 0);
-                }
-                4 if at < bytes.len() => bytes[at] ^= 1 << (byte % 8),
-                _ if at < bytes.len() => bytes[at] = byte,
-                _ => {}
-            }
+        for &one in edits {
+            edit(&mut bytes, one);
             self.agrees(&bytes, fds)?;
         }
         Ok(())

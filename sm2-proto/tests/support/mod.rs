@@ -3,6 +3,7 @@
 
 pub(crate) mod bench;
 pub(crate) mod contracts;
+pub(crate) mod edit;
 pub(crate) mod items;
 pub(crate) mod matching;
 pub(crate) mod onlooker;

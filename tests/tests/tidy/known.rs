@@ -61,14 +61,7 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
 
 /// File, and how many of its runs of ten lines or more stand elsewhere, too, at most.
 pub(crate) const REPETITIONS: &[(&str, usize)] = &[
-    ("sm2-demo/src/error.rs", 1),
-    ("sm2-node/examples/loop_io_uring.rs", 1),
-    ("sm2-node/examples/loop_mio.rs", 1),
-    ("sm2-node/tests/lock.rs", 1),
     ("sm2-proto/src/gateway/session/input.rs", 2),
     ("sm2-proto/src/manager/fuzz.rs", 1),
     ("sm2-proto/src/node/event.rs", 3),
-    ("sm2-proto/tests/link_table.rs", 1),
-    ("sm2-proto/tests/support/direction.rs", 1),
-    ("verification/src/model/link.rs", 1),
 ];

@@ -32,7 +32,13 @@ impl System for LinkScope {
     type Action = Action;
 
     fn first(&self) -> Result<World, Failure> {
-        World::new(self)
+        let mut world = World::new(self);
+        while self.settled
+            && let Some(action) = world.actions(self).into_iter().find(|it| it.goes_on())
+        {
+            world = world.step(self, action)?;
+        }
+        Ok(world)
     }
 
     fn actions(&self, world: &World) -> Vec<Action> {

@@ -115,26 +115,14 @@ impl End {
 }
 
 impl World {
-    /// The first moment of a scope.
-    ///
-    /// # Errors
-    ///
-    /// What breaks on the way there.
-    pub fn new(scope: &LinkScope) -> Result<Self, Failure> {
-        let mut world = Self {
+    /// Both processes before they have begun.
+    pub(super) fn new(scope: &LinkScope) -> Self {
+        Self {
             ends: [0, 1].map(|at| Rc::new(End::new(scope, at))),
             wires: Default::default(),
             flows: Default::default(),
             budget: scope.budget,
-        };
-        let next = |world: &Self| {
-            let mut actions = world.actions(scope).into_iter();
-            actions.find(|it| scope.settled && it.goes_on())
-        };
-        while let Some(action) = next(&world) {
-            world = world.step(scope, action)?;
         }
-        Ok(world)
     }
 
     pub(super) fn end(&mut self, at: usize) -> &mut End {
