@@ -89,6 +89,10 @@ fn line(text: &str) -> Option<usize> {
     Some(at.expect("a line with it") + 1)
 }
 
+/// The first two lines of a table of checks.
+const HEADS: &str = "| harness | shows | engine | bound | run | last run |\n\
+                     | --- | --- | --- | --- | --- | --- |";
+
 #[test]
 fn every_harness_has_its_row_and_every_row_its_harness() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -198,7 +202,7 @@ fn a_check_without_a_row_is_found_and_a_row_is_made_of_it() {
     let row = "| `words` | ? | libFuzzer | ? | quick | ~7 executions \\| more |";
     assert_eq!(session.missing(&register(TEXT)), [row]);
     let text = TEXT
-        .replace("## Checks\n", &format!("{}\n{row}\n", "## Checks\n\n| harness | shows | engine | bound | run | last run |\n| --- | --- | --- | --- | --- | --- |"))
+        .replace("## Checks\n", &format!("## Checks\n\n{HEADS}\n{row}\n"))
         .replace("| ? | libFuzzer", "| TWO-B | libFuzzer")
         .replace("| model 1 |", "| model 1, libFuzzer 1 |");
     assert_eq!(session.gaps(&register(&text)), []);
@@ -218,10 +222,14 @@ fn who_failed_or_was_not_asked_owes_nothing() {
 
 #[test]
 fn kani_has_the_rows_of_the_stand_in() {
+    let row = "| `h` | TWO-B | stand-in | 2 | quick | Samples |";
     let text = TEXT
-        .replace("| model | a proof |", "| model | a proof |\n| stand-in | paths |")
+        .replace(
+            "| model | a proof |",
+            "| model | a proof |\n| stand-in | paths |",
+        )
         .replace("| model 1 |", "| stand-in 1, model 1 |")
-        .replace("Words", "| harness | shows | engine | bound | run | last run |\n| `h` | TWO-B | stand-in | 2 | quick | Samples |\n\nWords");
+        .replace("Words", &format!("{HEADS}\n{row}\n\nWords"));
     let session = Session {
         engines: BTreeMap::from([(Engine::Kani, Extent::Ran)]),
         only: None,

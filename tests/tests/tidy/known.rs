@@ -51,12 +51,6 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
     ("sm2-proto/tests/support/claims_play.rs", 1),
     ("sm2-proto/tests/support/frames.rs", 1),
     ("sm2-proto/tests/support/takeover/nodes.rs", 1),
-    ("tests/src/bin/sm2-test-actor/flow.rs", 1),
-    ("verification/loom-models/tests/ring.rs", 1),
-    ("verification/src/clauses/gap.rs", 1),
-    ("verification/src/model/domain/scope.rs", 1),
-    ("verification/src/model/link/scope.rs", 1),
-    ("verification/tests/properties.rs", 2),
 ];
 
 /// File, and how many of its runs of ten lines or more stand elsewhere, too, at most.

@@ -96,9 +96,10 @@ const RACE: &str = "Causality violation";
 fn each_part_of_it_is_needed() {
     words();
     drivers();
+    driver_fences();
 }
 
-/// What `sm2-io` does with a word.
+/// The atomic operations of `sm2-io` on the words of a ring.
 fn words() {
     macro_rules! fail {
         ($because:expr, $scenario:ident, $terms:ident: $($variant:ident)*) => {
@@ -117,103 +118,113 @@ fn words() {
     fail!(LOST, keep_last, LAST: put_in_two_steps);
 }
 
-/// What drivers do, and in which order.
+/// Runs one scenario of the drivers with `$terms`, which has to fail.
+macro_rules! driver_fails {
+    ($name:literal, $because:expr, $scenario:ident, $terms:expr) => {
+        fails(concat!("ring: ", $name), Some(3), $because, || {
+            ring::$scenario($terms);
+        });
+    };
+}
+
+const fn sender(terms: Terms, order: Order) -> Terms {
+    let order = [order, terms.order[1]];
+    Terms { order, ..terms }
+}
+
+const fn receiver(terms: Terms, order: Order) -> Terms {
+    let order = [terms.order[0], order];
+    Terms { order, ..terms }
+}
+
+const fn fences(terms: Terms, fences: [bool; 2]) -> Terms {
+    Terms { fences, ..terms }
+}
+
+const ASLEEP: Order = Order {
+    parks: false,
+    ..NODE
+};
+const BLIND: Order = Order {
+    looks_again: false,
+    ..NODE
+};
+const SILENT: Order = Order {
+    rings: false,
+    ..NODE
+};
+const QUIET: Order = Order {
+    tells_of_room: false,
+    ..NODE
+};
+const HASTY: Order = Order {
+    takes_what_is_left: false,
+    ..NODE
+};
+
+/// The calls that drivers make, and their order.
 fn drivers() {
-    macro_rules! fail {
-        ($name:literal, $because:expr, $scenario:ident, $terms:expr) => {
-            fails(concat!("ring: ", $name), Some(3), $because, || {
-                ring::$scenario($terms);
-            });
-        };
-    }
-    const fn sender(terms: Terms, order: Order) -> Terms {
-        let order = [order, terms.order[1]];
-        Terms { order, ..terms }
-    }
-    const fn receiver(terms: Terms, order: Order) -> Terms {
-        let order = [terms.order[0], order];
-        Terms { order, ..terms }
-    }
-    const fn fences(terms: Terms, fences: [bool; 2]) -> Terms {
-        Terms { fences, ..terms }
-    }
-    const ASLEEP: Order = Order {
-        parks: false,
-        ..NODE
-    };
-    const BLIND: Order = Order {
-        looks_again: false,
-        ..NODE
-    };
-    const SILENT: Order = Order {
-        rings: false,
-        ..NODE
-    };
-    const QUIET: Order = Order {
-        tells_of_room: false,
-        ..NODE
-    };
-    const HASTY: Order = Order {
-        takes_what_is_left: false,
-        ..NODE
-    };
-    fail!(
+    driver_fails!(
         "receiver sleeps without parking",
         LOST,
         keep_last,
         receiver(LAST, ASLEEP)
     );
-    fail!(
+    driver_fails!(
         "sender sleeps without parking",
         LOST,
         room,
         sender(ALL, ASLEEP)
     );
-    fail!(
+    driver_fails!(
         "receiver does not look again",
         LOST,
         keep_last,
         receiver(LAST, BLIND)
     );
-    fail!("sender does not look again", LOST, room, sender(ALL, BLIND));
-    fail!(
+    driver_fails!("sender does not look again", LOST, room, sender(ALL, BLIND));
+    driver_fails!(
         "sender does not ring",
         LOST,
         keep_last,
         sender(LAST, SILENT)
     );
-    fail!("receiver does not ring", LOST, room, receiver(ALL, SILENT));
-    fail!(
+    driver_fails!("receiver does not ring", LOST, room, receiver(ALL, SILENT));
+    driver_fails!(
         "receiver does not tell of room",
         LOST,
         held,
         receiver(HELD, QUIET)
     );
-    fail!(
+    driver_fails!(
         "receiver takes nothing at the end",
         "a message is left",
         sender_stops,
         receiver(LAST, HASTY)
     );
-    fail!(
+}
+
+/// The fences in the drivers of both ends.
+fn driver_fences() {
+    driver_fails!(
         "no fence, sender that put",
         LOST,
         keep_last,
         fences(LAST, [false, true])
     );
-    fail!(
+    driver_fails!(
         "no fence, receiver that parked",
         LOST,
         keep_last,
         fences(LAST, [true, false])
     );
-    fail!(
+    driver_fails!(
         "no fence, sender that parked",
         LOST,
         room,
         fences(ALL, [false, true])
     );
-    fail!(
+    driver_fails!(
         "no fence, receiver that took",
         LOST,
         room,

@@ -42,7 +42,8 @@ impl Gap {
 pub enum GapKind {
     /// A line of SPEC.md looks like a clause and is none.
     #[error(
-        "malformed clause line; expected `**SM2-XXX-000** [MUST|SHOULD|MAY|DRAFT] text` or `~~SM2-XXX-000~~ [RETIRED]` at the start of the line"
+        "malformed clause line; expected `**SM2-XXX-000** [MUST|SHOULD|MAY|DRAFT] text` or \
+         `~~SM2-XXX-000~~ [RETIRED]` at the start of the line"
     )]
     MalformedClause,
     /// An id names two clauses, or a clause and a retired one.

@@ -1,15 +1,17 @@
 //! `flow --prefix P --first N --count N --total N --hears 1,8 --rate HZ --size BYTES`: nodes
-//! that exchange numbered messages without a pause, whatever becomes of their Manager.
+//! that exchange numbered messages without a pause, while Managers come and go.
 //!
-//! Node i is called `P/i`. It publishes topic `P/i` at the rate, reliably, and subscribes to
-//! the topics of the nodes at the given distances. A message that is missing, doubled or out
-//! of order ends the process with a panic.
+//! Node i is named `P/i`. It publishes topic `P/i` reliably at the given rate, and subscribes to
+//! the topics of the nodes at the given distances. If a message is missing, doubled or out of
+//! order, the process panics.
 //!
-//! | line | what | answer |
-//! | --- | --- | --- |
-//! | | declares everything, waits for all links | `linked` |
-//! | `go` | publishes | `flowing` |
-//! | `stop` | publishes a last, empty message; takes until it has that of everybody it hears | `done published=N received=N links=N`, the links being those that ever were |
+//! First it declares everything, waits for all links and answers `linked`. Then it follows the
+//! lines of standard input:
+//!
+//! - `go`: publishes; answers `flowing`.
+//! - `stop`: publishes a last, empty message, and takes messages until it has the last one of each
+//!   node that it subscribes to. Answers `done published=N received=N links=N`, with the number of
+//!   all links that it ever had.
 
 use std::{
     os::fd::AsFd,

@@ -74,15 +74,26 @@ pub struct Scope {
     pub fault: Option<Fault>,
 }
 
-/// What takes longer than that.
+/// Topics of the scopes.
+const LIDAR: &str = "lidar";
+const CAMERA: &str = "camera";
+
+/// Scopes that take longer than a few seconds in an optimised build.
 const SLOW: [&str; 2] = ["crash-3x2", "crash-4x1"];
 
 impl Scope {
     /// All scopes, quick ones first.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let [lidar, camera] = ["lidar", "camera"];
-        let scope = |name, programs, budget| Self {
+        let mut all = Self::with_withdrawals();
+        all.extend(Self::with_crashes());
+        all.extend(Self::with_stalls());
+        all
+    }
+
+    /// A scope of the reduced search that begins with all nodes connected and linked.
+    fn new(name: &'static str, programs: Vec<Vec<Contract>>, budget: Budget) -> Self {
+        Self {
             name,
             programs,
             budget,
@@ -90,56 +101,32 @@ impl Scope {
             settled: true,
             reduced: true,
             fault: None,
-        };
-        let crashes = |node_crashes, manager_crashes| Budget {
-            node_crashes,
-            manager_crashes,
-            ..Budget::default()
-        };
-        let withdrawals = |withdrawals| Budget {
-            withdrawals,
-            ..Budget::default()
-        };
-        let crossed = || {
-            vec![
-                vec![publisher(lidar), subscriber(camera)],
-                vec![subscriber(lidar), publisher(camera)],
-            ]
-        };
-        let fan = |nodes: usize, topics: &[&str]| {
-            let mut all = vec![topics.iter().map(|it| publisher(it)).collect::<Vec<_>>()];
-            let sink: Vec<_> = topics.iter().map(|it| subscriber(it)).collect();
-            all.resize(nodes, sink);
-            all
-        };
-        let service = || {
-            vec![
-                vec![server("plan")],
-                vec![client("plan")],
-                vec![client("plan")],
-            ]
-        };
+        }
+    }
+
+    /// Cold starts, and programs that withdraw interfaces.
+    fn with_withdrawals() -> Vec<Self> {
         vec![
             Self {
                 settled: false,
                 eager: false,
-                ..scope("cold-2x2", crossed(), Budget::default())
+                ..Self::new("cold-2x2", crossed(), Budget::default())
             },
             Self {
                 settled: false,
-                ..scope("cold-crash-2x1", fan(2, &[lidar]), crashes(1, 1))
+                ..Self::new("cold-crash-2x1", fan(2, &[LIDAR]), crashes(1, 1))
             },
             Self {
                 eager: false,
-                ..scope("churn-once-2x2", crossed(), withdrawals(1))
+                ..Self::new("churn-once-2x2", crossed(), withdrawals(1))
             },
             Self {
                 eager: false,
-                ..scope("churn-2x2", crossed(), withdrawals(2))
+                ..Self::new("churn-2x2", crossed(), withdrawals(2))
             },
-            scope(
+            Self::new(
                 "close-churn-takeover-2x1",
-                fan(2, &[lidar]),
+                fan(2, &[LIDAR]),
                 Budget {
                     withdrawals: 1,
                     closes: 1,
@@ -147,12 +134,18 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
-            scope("crash-2x1", fan(2, &[lidar]), crashes(1, 1)),
-            scope("crash-2x2", crossed(), crashes(1, 1)),
-            scope("takeovers-2x2", crossed(), crashes(0, 2)),
-            scope(
+        ]
+    }
+
+    /// Nodes and Managers that crash.
+    fn with_crashes() -> Vec<Self> {
+        vec![
+            Self::new("crash-2x1", fan(2, &[LIDAR]), crashes(1, 1)),
+            Self::new("crash-2x2", crossed(), crashes(1, 1)),
+            Self::new("takeovers-2x2", crossed(), crashes(0, 2)),
+            Self::new(
                 "self-1x1",
-                vec![vec![publisher(lidar), subscriber(lidar)]],
+                vec![vec![publisher(LIDAR), subscriber(LIDAR)]],
                 Budget {
                     withdrawals: 1,
                     closes: 1,
@@ -161,8 +154,8 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
-            scope("service-3", service(), crashes(1, 1)),
-            scope(
+            Self::new("service-3", service(), crashes(1, 1)),
+            Self::new(
                 "service-churn-3",
                 service(),
                 Budget {
@@ -171,8 +164,14 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
-            scope("takeover-3x2", fan(3, &[lidar, camera]), crashes(0, 1)),
-            scope(
+            Self::new("takeover-3x2", fan(3, &[LIDAR, CAMERA]), crashes(0, 1)),
+        ]
+    }
+
+    /// Nodes that stall, Managers that shut down, and the two largest searches.
+    fn with_stalls() -> Vec<Self> {
+        vec![
+            Self::new(
                 "stall-2x2",
                 crossed(),
                 Budget {
@@ -180,16 +179,16 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
-            scope(
+            Self::new(
                 "stall-crash-3x1",
-                fan(3, &[lidar]),
+                fan(3, &[LIDAR]),
                 Budget {
                     stalls: 1,
                     node_crashes: 1,
                     ..Budget::default()
                 },
             ),
-            scope(
+            Self::new(
                 "shutdown-2x2",
                 crossed(),
                 Budget {
@@ -198,9 +197,9 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
-            scope(
+            Self::new(
                 "shutdown-stall-2x1",
-                fan(2, &[lidar]),
+                fan(2, &[LIDAR]),
                 Budget {
                     shutdowns: 1,
                     stalls: 1,
@@ -208,12 +207,12 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
-            scope("crash-3x2", fan(3, &[lidar, camera]), crashes(1, 1)),
-            scope("crash-4x1", fan(4, &[lidar]), crashes(1, 1)),
+            Self::new("crash-3x2", fan(3, &[LIDAR, CAMERA]), crashes(1, 1)),
+            Self::new("crash-4x1", fan(4, &[LIDAR]), crashes(1, 1)),
         ]
     }
 
-    /// Those that take few seconds in an optimised build.
+    /// The scopes that take at most a few seconds in an optimised build.
     #[must_use]
     pub fn quick() -> Vec<Self> {
         let mut all = Self::all();
@@ -226,6 +225,46 @@ impl Scope {
     pub fn named(name: &str) -> Option<Self> {
         Self::all().into_iter().find(|it| it.name == name)
     }
+}
+
+fn crashes(node_crashes: u8, manager_crashes: u8) -> Budget {
+    Budget {
+        node_crashes,
+        manager_crashes,
+        ..Budget::default()
+    }
+}
+
+fn withdrawals(withdrawals: u8) -> Budget {
+    Budget {
+        withdrawals,
+        ..Budget::default()
+    }
+}
+
+/// Two nodes, each of which publishes what the other one subscribes to.
+fn crossed() -> Vec<Vec<Contract>> {
+    vec![
+        vec![publisher(LIDAR), subscriber(CAMERA)],
+        vec![subscriber(LIDAR), publisher(CAMERA)],
+    ]
+}
+
+/// One node that publishes all topics, and `nodes - 1` that subscribe to all of them.
+fn fan(nodes: usize, topics: &[&str]) -> Vec<Vec<Contract>> {
+    let mut all = vec![topics.iter().map(|it| publisher(it)).collect::<Vec<_>>()];
+    let sink: Vec<_> = topics.iter().map(|it| subscriber(it)).collect();
+    all.resize(nodes, sink);
+    all
+}
+
+/// One server and two clients.
+fn service() -> Vec<Vec<Contract>> {
+    vec![
+        vec![server("plan")],
+        vec![client("plan")],
+        vec![client("plan")],
+    ]
 }
 
 fn name(text: &str) -> Name {

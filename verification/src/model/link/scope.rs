@@ -109,19 +109,43 @@ pub struct LinkScope {
     pub fault: Option<Fault>,
 }
 
+/// Size of a socket that is never full.
 const ROOMY: usize = usize::MAX;
+
+const INLINE: &[Form] = &[Form::Inline];
+const POOLED: &[Form] = &[Form::Pooled];
+const SEALED: &[Form] = &[Form::Inline, Form::Sealed];
+const MIXED: &[Form] = &[Form::Inline, Form::Pooled, Form::Sealed];
+
+/// The budget of a link whose ends may close or die.
+fn ends(messages: u8) -> Budget {
+    Budget {
+        messages,
+        closes: 1,
+        deaths: 1,
+        ..Budget::default()
+    }
+}
 
 impl LinkScope {
     /// All scopes.
     #[must_use]
     pub fn all() -> Vec<Self> {
         let mut all = Self::topics();
+        all.extend(Self::topics_that_end());
         all.extend(Self::services());
         all
     }
 
-    fn topics() -> Vec<Self> {
-        let topic = |name, reliable, depth: u16, forms, messages| Self {
+    /// A link of a topic with two slots and a socket that is never full.
+    fn topic(
+        name: &'static str,
+        reliable: bool,
+        depth: u16,
+        forms: &'static [Form],
+        messages: u8,
+    ) -> Self {
+        Self {
             name,
             service: false,
             reliable,
@@ -139,24 +163,18 @@ impl LinkScope {
             settled: false,
             quick: true,
             fault: None,
-        };
-        let ends = |messages| Budget {
-            messages,
-            closes: 1,
-            deaths: 1,
-            ..Budget::default()
-        };
-        let inline: &[_] = &[Form::Inline];
-        let pooled: &[_] = &[Form::Pooled];
-        let sealed: &[_] = &[Form::Inline, Form::Sealed];
-        let mixed: &[_] = &[Form::Inline, Form::Pooled, Form::Sealed];
+        }
+    }
+
+    /// Links of topics, most of which stay open.
+    fn topics() -> Vec<Self> {
         vec![
-            topic("link-keep-last-1", false, 1, inline, 8),
-            topic("link-keep-last-2", false, 2, inline, 8),
+            Self::topic("link-keep-last-1", false, 1, INLINE, 8),
+            Self::topic("link-keep-last-2", false, 2, INLINE, 8),
             Self {
                 depth: [2, 1],
                 max_borrowed: [1, 3],
-                ..topic("link-forms-4", false, 2, mixed, 4)
+                ..Self::topic("link-forms-4", false, 2, MIXED, 4)
             },
             Self {
                 budget: Budget {
@@ -164,17 +182,17 @@ impl LinkScope {
                     skips: 2,
                     ..Budget::default()
                 },
-                ..topic("link-reliable-1", true, 1, inline, 8)
+                ..Self::topic("link-reliable-1", true, 1, INLINE, 8)
             },
-            topic("link-reliable-2", true, 2, inline, 9),
+            Self::topic("link-reliable-2", true, 2, INLINE, 9),
             Self {
                 socket: 1,
-                ..topic("link-full", false, 1, pooled, 7)
+                ..Self::topic("link-full", false, 1, POOLED, 7)
             },
             Self {
                 socket: 2,
                 budget: ends(6),
-                ..topic("link-full-ends", true, 1, inline, 6)
+                ..Self::topic("link-full-ends", true, 1, INLINE, 6)
             },
             Self {
                 slots: 1,
@@ -186,37 +204,43 @@ impl LinkScope {
                     retires: 2,
                     ..Budget::default()
                 },
-                ..topic("link-retires", false, 1, pooled, 5)
+                ..Self::topic("link-retires", false, 1, POOLED, 5)
             },
             Self {
                 slots: 3,
-                ..topic("link-pooled", true, 2, pooled, 8)
+                ..Self::topic("link-pooled", true, 2, POOLED, 8)
             },
+        ]
+    }
+
+    /// Links of topics whose ends close or die, and the searches that take longest.
+    fn topics_that_end() -> Vec<Self> {
+        vec![
             Self {
                 budget: ends(4),
-                ..topic("link-ends", false, 1, mixed, 4)
+                ..Self::topic("link-ends", false, 1, MIXED, 4)
             },
             Self {
                 slots: 4,
                 budget: ends(5),
-                ..topic("link-reliable-ends", true, 2, pooled, 5)
+                ..Self::topic("link-reliable-ends", true, 2, POOLED, 5)
             },
             Self {
                 sealed: true,
                 budget: ends(5),
-                ..topic("link-sealed-ends", false, 1, sealed, 5)
+                ..Self::topic("link-sealed-ends", false, 1, SEALED, 5)
             },
             Self {
                 depth: [2, 1],
                 max_borrowed: [1, 3],
                 quick: false,
-                ..topic("link-forms-5", false, 2, mixed, 5)
+                ..Self::topic("link-forms-5", false, 2, MIXED, 5)
             },
             Self {
                 max_borrowed: [2; 2],
                 budget: ends(5),
                 quick: false,
-                ..topic("link-ends-5", false, 1, mixed, 5)
+                ..Self::topic("link-ends-5", false, 1, MIXED, 5)
             },
         ]
     }
@@ -245,38 +269,36 @@ impl LinkScope {
             deaths,
             ..Budget::default()
         };
-        let inline: &[_] = &[Form::Inline];
-        let pooled: &[_] = &[Form::Pooled];
         vec![
             Self {
                 settled: false,
-                ..service("link-calls-2", inline, calls(2, 2, 0, 0))
+                ..service("link-calls-2", INLINE, calls(2, 2, 0, 0))
             },
-            service("link-calls-3", inline, calls(3, 1, 0, 0)),
+            service("link-calls-3", INLINE, calls(3, 1, 0, 0)),
             Self {
                 quick: false,
-                ..service("link-calls-5", inline, calls(5, 0, 0, 0))
+                ..service("link-calls-5", INLINE, calls(5, 0, 0, 0))
             },
             Self {
                 max_borrowed: [2; 2],
-                ..service("link-calls-pooled", pooled, calls(3, 0, 0, 0))
+                ..service("link-calls-pooled", POOLED, calls(3, 0, 0, 0))
             },
             Self {
                 socket: 1,
-                ..service("link-calls-full", inline, calls(3, 0, 0, 0))
+                ..service("link-calls-full", INLINE, calls(3, 0, 0, 0))
             },
             Self {
                 socket: 1,
-                ..service("link-cancels-full", inline, calls(2, 1, 0, 0))
+                ..service("link-cancels-full", INLINE, calls(2, 1, 0, 0))
             },
             Self {
                 settled: false,
-                ..service("link-calls-ends", inline, calls(2, 1, 1, 1))
+                ..service("link-calls-ends", INLINE, calls(2, 1, 1, 1))
             },
-            service("link-calls-ends-3", pooled, calls(3, 0, 1, 1)),
+            service("link-calls-ends-3", POOLED, calls(3, 0, 1, 1)),
             Self {
                 quick: false,
-                ..service("link-calls-4", inline, calls(4, 1, 0, 0))
+                ..service("link-calls-4", INLINE, calls(4, 1, 0, 0))
             },
         ]
     }
