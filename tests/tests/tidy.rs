@@ -1,8 +1,9 @@
-//! A test of the repository itself: dependencies between files, sizes, repetition.
+//! A test of the repository itself: dependencies between files, sizes, repetition, sentences.
 //!
 //! Each check returns findings; `known.rs` lists the offenders that still exist. A list can only
 //! shrink: a finding that is not listed fails, and so does an entry that finds nothing any more.
-//! A check of lines (a banned phrase, say) is one more function in [`FILE_CHECKS`].
+//! A check of Rust files by themselves is one more function in [`FILE_CHECKS`]; a banned phrase is
+//! one more line in `prose.rs`.
 
 #[path = "tidy/cycles.rs"]
 mod cycles;
@@ -16,6 +17,8 @@ mod made_up;
 mod modules;
 #[path = "tidy/packages.rs"]
 mod packages;
+#[path = "tidy/prose.rs"]
+mod prose;
 #[path = "tidy/repetition.rs"]
 mod repetition;
 #[path = "tidy/sizes.rs"]
@@ -124,6 +127,21 @@ fn published_packages_describe_themselves() {
         wrong.is_empty(),
         "\n{wrong}Complete it, or set publish = false."
     );
+}
+
+#[test]
+fn sentences_name_their_subjects() {
+    let repository = repository();
+    let is_package = |folder: &Path| repository.get(&folder.join("Cargo.toml")).is_some();
+    let mut offences = Offences::new();
+    for (path, text) in repository.rust().chain(repository.markdown()) {
+        let package = prose::package_of(path, is_package);
+        for finding in prose::stumbling_sentences(path, text) {
+            note(&mut offences, package, 1, &finding.to_string());
+        }
+    }
+    let advice = "CONTRIBUTING, Style, has the rules of sentences.";
+    compare(offences, known::SENTENCES, advice);
 }
 
 #[test]

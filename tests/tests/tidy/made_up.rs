@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{cycles, edges, modules, packages, repetition, sizes, sources::Sources};
+use super::{cycles, edges, modules, packages, prose, repetition, sizes, sources::Sources};
 
 /// The edges of a crate of these files, as `from -> to`.
 fn edges_of(files: &[(&str, &str)]) -> Vec<String> {
@@ -196,4 +196,46 @@ fn repeated_lines_are_found() {
     assert_eq!(found, [expected]);
     let same_line = "    x();\n".repeat(19);
     assert_eq!(repetition::repetitions([(a, &*same_line)]), []);
+}
+
+#[test]
+fn sentences_that_readers_stumble_over_are_found() {
+    let found = |path: &str, text: &str| -> Vec<String> {
+        let findings = prose::stumbling_sentences(Path::new(path), text);
+        findings.iter().map(ToString::to_string).collect()
+    };
+    let forty = "word ".repeat(40);
+    let rust = format!(
+        "//! What a node has read. It is long.\n\
+         fn f() {{}} // Who waits here stands behind code.\n\
+         /// Sends a frame. Whoever reads\n/// it is awake: the latter sleeps.\n\
+         ///\n/// {forty}\n/// {forty}\n\n\
+         // The frame is counted by whoever\n// sends it, e.g. Who is no sentence.\n"
+    );
+    assert_eq!(
+        found("src/a.rs", &rust),
+        [
+            "src/a.rs:1: 'What': name the thing instead of a clause about it",
+            "src/a.rs:5: 'Whoever': name the thing instead of a clause about it",
+            "src/a.rs:6: 'the latter': name the thing again",
+            "src/a.rs:9: a sentence of 80 words: split it (40 at most)",
+            "src/a.rs:12: 'by whoever': name the thing instead of a clause about it",
+        ]
+    );
+    let document = "# What holds\n\nWho asks? What is SM2? Nodes.\n\n\
+                    ```\nWhat is code.\n```\n\n| Who | is a cell |\n\n\
+                    1. It waits\n2. In vain. *That which* is new.\n";
+    assert_eq!(
+        found("a.md", document),
+        [
+            "a.md:12: 'in vain': state what did not happen",
+            "a.md:12: 'That which': name the thing instead of a clause about it",
+        ]
+    );
+    let clean = format!("/// Sends a frame. Wakes its receiver: {forty}\n//= SM2-TRN-001\n");
+    assert_eq!(found("src/a.rs", &clean), Vec::<String>::new());
+    let packages = [Path::new("sm2"), Path::new("")];
+    let package = |path| prose::package_of(Path::new(path), |it| packages.contains(&it));
+    assert_eq!(package("sm2/src/a.rs"), Path::new("sm2"));
+    assert_eq!(package("docs/src/a.md"), Path::new("."));
 }

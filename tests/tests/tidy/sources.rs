@@ -1,4 +1,4 @@
-//! The Rust sources of a tree, read once; made-up ones for the tests of the checks.
+//! The sources and documents of a tree, read once; made-up ones for the tests of the checks.
 
 use std::{
     collections::BTreeMap,
@@ -6,10 +6,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Folders that hold no source of this repository.
-const SKIPPED_FOLDERS: &[&str] = &["target", ".git"];
+/// Folders that hold no source of this repository: what builds, git and mdbook write.
+const SKIPPED_FOLDERS: &[&str] = &["target", ".git", "book"];
 
-/// A place that breaks a rule, and how.
+/// Ends of the names of files that are read.
+const READ_SUFFIXES: &[&str] = &[".rs", ".md", "Cargo.toml"];
+
+/// A line that breaks a rule, and how.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Finding {
     pub(crate) file: PathBuf,
@@ -32,7 +35,7 @@ pub(crate) struct Sources {
 }
 
 impl Sources {
-    /// All files below `root` that end in `.rs`, and all that are named `Cargo.toml`.
+    /// All Rust and Markdown files and all manifests below `root`.
     pub(crate) fn read(root: &Path) -> Self {
         let mut sources = Self::default();
         sources.read_folder(root, Path::new(""));
@@ -49,7 +52,7 @@ impl Sources {
                 if !SKIPPED_FOLDERS.contains(&name.as_str()) {
                     self.read_folder(root, &path);
                 }
-            } else if name.ends_with(".rs") || name == "Cargo.toml" {
+            } else if READ_SUFFIXES.iter().any(|it| name.ends_with(it)) {
                 let text = fs::read_to_string(root.join(&path)).expect("a source in UTF-8");
                 self.files.insert(path, text);
             }
@@ -70,11 +73,19 @@ impl Sources {
 
     /// All Rust files, in the order of their paths.
     pub(crate) fn rust(&self) -> impl Iterator<Item = (&Path, &str)> {
+        self.with_extension("rs")
+    }
+
+    /// All Markdown files, in the order of their paths.
+    pub(crate) fn markdown(&self) -> impl Iterator<Item = (&Path, &str)> {
+        self.with_extension("md")
+    }
+
+    fn with_extension(&self, extension: &'static str) -> impl Iterator<Item = (&Path, &str)> {
         let files = self.files.iter();
-        let is_rust = |path: &Path| path.extension().is_some_and(|it| it == "rs");
         files
             .map(|(path, text)| (path.as_path(), text.as_str()))
-            .filter(move |(path, _)| is_rust(path))
+            .filter(move |(path, _)| path.extension().is_some_and(|it| it == extension))
     }
 
     /// The root files of all crates whose modules may depend on each other: libraries, programs
