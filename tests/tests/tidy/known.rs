@@ -63,7 +63,7 @@ pub(crate) const REPETITIONS: &[(&str, usize)] = &[
 /// Folder of a package (`.` for files of none), and how many of its sentences break a rule of
 /// `prose.rs` at most.
 pub(crate) const SENTENCES: &[(&str, usize)] = &[
-    (".", 22),
+    (".", 23),
     ("bench", 94),
     ("fuzz", 2),
     ("sm2-cli", 131),
@@ -74,7 +74,7 @@ pub(crate) const SENTENCES: &[(&str, usize)] = &[
     ("sm2-manager", 67),
     ("sm2-node", 158),
     ("sm2-node/derive", 5),
-    ("sm2-proto", 455),
+    ("sm2-proto", 454),
     ("tests", 72),
     ("verification", 150),
     ("verification/kani-standin", 6),
