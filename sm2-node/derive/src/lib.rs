@@ -1,6 +1,7 @@
 //! `#[derive(Message)]` and `#[derive(Schema)]` of `sm2_node`, where they are
 //! documented. Use them from there.
 
+mod advice;
 mod message;
 mod schema;
 mod serde;
@@ -20,7 +21,7 @@ use syn::{DeriveInput, parse_macro_input};
 #[proc_macro_derive(Message, attributes(message))]
 pub fn derive_message(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);
-    message::expand(&input)
+    message::expand(&input, advice::manifest_names("zerocopy"))
         .unwrap_or_else(|error| error.to_compile_error())
         .into()
 }

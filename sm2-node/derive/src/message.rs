@@ -1,13 +1,15 @@
-//! `impl Message`, by way of `Plain` or of an encoding.
+//! `#[derive(Message)]`: the implementation of `Plain`, or of `Message` with an encoding.
 
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
 use sm2_proto::Name;
 use syn::{DeriveInput, Error, Generics, LitStr, Result, parse_quote};
 
-use crate::schema;
+use crate::{advice, schema};
 
-pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
+/// Expands `#[derive(Message)]`. `has_zerocopy` says whether the Cargo.toml of the type's crate names
+/// zerocopy.
+pub(crate) fn expand(input: &DeriveInput, has_zerocopy: bool) -> Result<TokenStream> {
     let options = Options::of(input)?;
     if let Some(lifetime) = input.generics.lifetimes().next() {
         let message = "a message owns its data: it cannot have a lifetime";
@@ -15,7 +17,14 @@ pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
     }
     let schema = schema::expand(input)?;
     let message = match options.encoding {
-        Encoding::Plain => plain(input, &options.name),
+        Encoding::Plain => match advice::for_plain_type(input, &options.name, has_zerocopy) {
+            None => plain(input, &options.name),
+            Some(error) => {
+                let error = error.to_compile_error();
+                let placeholder = advice::placeholder(input, &options.name);
+                quote!(#error #placeholder)
+            }
+        },
         Encoding::Serde(encoding) => encoded(input, &options.name, encoding),
     };
     Ok(quote!(#schema #message))
@@ -23,7 +32,7 @@ pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
 
 fn plain(input: &DeriveInput, name: &LitStr) -> TokenStream {
     let ident = &input.ident;
-    // For a generic type: where zerocopy's derives apply.
+    // A generic type is a message for those parameters for which zerocopy's derives apply.
     let generics = bounded(
         &input.generics,
         &quote! {

@@ -1,0 +1,118 @@
+use syn::parse_quote;
+
+use super::*;
+use crate::message;
+
+/// The text of the error that the derive reports for a type.
+fn error(input: &DeriveInput, has_zerocopy: bool) -> Option<String> {
+    let text = message::expand(input, has_zerocopy).unwrap().to_string();
+    let (_, rest) = text.split_once("compile_error ! { \"")?;
+    let (message, _) = rest.split_once("\" }")?;
+    Some(message.replace("\\\"", "\"").replace("\\n", "\n"))
+}
+
+#[test]
+fn a_type_without_an_encoding_is_told_both_ways() {
+    let input = parse_quote! {
+        #[message(name = "nav/Path")]
+        struct Path {
+            points: Vec<(f64, f64)>,
+        }
+    };
+    let expected = "`Path` has neither an encoding nor a `repr`
+for a type that serde encodes, write: #[message(name = \"nav/Path\", encoding = \"postcard\")]
+for plain old data, write: #[repr(C)] and #[derive(Message, FromBytes, IntoBytes, Immutable, KnownLayout)]";
+    assert_eq!(error(&input, true).as_deref(), Some(expected));
+}
+
+#[test]
+fn a_type_with_an_encoding_needs_no_zerocopy() {
+    let input = parse_quote! {
+        #[message(name = "nav/Path", encoding = "postcard")]
+        struct Path {
+            points: Vec<(f64, f64)>,
+        }
+    };
+    assert_eq!(error(&input, false), None);
+}
+
+#[test]
+fn a_missing_zerocopy_is_named() {
+    let input = parse_quote! {
+        #[message(name = "sensor/Imu")]
+        #[repr(C)]
+        struct Imu {
+            stamp_ns: u64,
+        }
+    };
+    assert_eq!(error(&input, true), None);
+    let expected =
+        "the derives of zerocopy need the crate `zerocopy`, which Cargo.toml does not name
+write in Cargo.toml: zerocopy = { version = \"0.8\", features = [\"derive\"] }
+or write at the type: #[zerocopy(crate = \"sm2_node::zerocopy\")]";
+    assert_eq!(error(&input, false).as_deref(), Some(expected));
+    let input = parse_quote! {
+        #[message(name = "sensor/Imu")]
+        #[zerocopy(crate = "sm2_node::zerocopy")]
+        #[repr(C)]
+        struct Imu {
+            stamp_ns: u64,
+        }
+    };
+    assert_eq!(error(&input, false), None);
+}
+
+#[test]
+fn crates_are_found_in_a_manifest_as_whole_words() {
+    for manifest in [
+        "zerocopy = \"0.8\"",
+        "zerocopy.workspace = true",
+        "zc = { package = \"zerocopy\" }",
+        "[dependencies.zerocopy]",
+    ] {
+        assert!(names_crate(manifest, "zerocopy"), "{manifest}");
+    }
+    assert!(!names_crate("zerocopy-derive = \"0.8\"", "zerocopy"));
+}
+
+#[test]
+fn padding_behind_a_list_is_explained() {
+    let input = parse_quote! {
+        #[message(name = "sensor/Image")]
+        #[repr(C)]
+        struct Image {
+            width: U32,
+            stamp_ns: u64,
+            pixels: [u8],
+        }
+    };
+    let expected = "`stamp_ns` has an alignment of 8 bytes and the elements of `pixels` have 1, \
+                    so the message would end in padding bytes\n\
+                    write `sm2_node::zerocopy::little_endian::U64` instead of `u64`, \
+                    or #[repr(C, packed)] at the type";
+    assert_eq!(error(&input, true).as_deref(), Some(expected));
+}
+
+#[test]
+fn a_list_without_padding_compiles() {
+    for input in [
+        parse_quote! {
+            #[message(name = "sensor/Scan")]
+            #[repr(C)]
+            struct Scan {
+                origin: [f32; 2],
+                ranges: [f32],
+            }
+        },
+        parse_quote! {
+            #[message(name = "sensor/Scan")]
+            #[repr(C, packed(1))]
+            struct Scan {
+                stamp_ns: u64,
+                ranges: [u8],
+            }
+        },
+    ] {
+        assert_eq!(error(&input, true), None);
+    }
+}
