@@ -16,6 +16,7 @@
 mod say;
 
 mod args;
+mod built_in;
 mod columns;
 mod command;
 mod completions;

@@ -97,6 +97,37 @@ fn built_in_types_are_printed_too() {
     assert_eq!(echo("text"), "hello\n");
 }
 
+/// `--type text` means the type that Rust programs publish as `str`, whoever comes first.
+#[test]
+fn text_of_the_command_is_the_str_of_rust() {
+    let domain = Domain::new();
+    let node = domain.node("node");
+    let publish = |topic: &'static str| {
+        let publish = ["topic", "pub", topic, "--type", "text", "--value"];
+        let rest = ["\"hello\"", "--rate", "200", "--loop"];
+        domain.start(&[&publish[..], &rest].concat())
+    };
+    let receive = |subscriber: sm2_node::Subscriber<str>| {
+        let sample = subscriber.recv_timeout(std::time::Duration::from_secs(60));
+        assert_eq!(&*sample.unwrap().unwrap(), "hello");
+    };
+    let _first = publish("early");
+    domain.wait_for("early", "publishers", 1);
+    receive(node.subscriber::<str>("early").unwrap());
+    let subscriber = node.subscriber::<str>("late").unwrap();
+    let _second = publish("late");
+    receive(subscriber);
+}
+
+#[test]
+fn a_value_of_a_built_in_type_needs_no_schema() {
+    let domain = Domain::new();
+    let publish = ["topic", "pub", "range", "--type", "f64-list", "--value"];
+    let _publish = domain.start(&[&publish[..], &["[1, 0.5]", "--rate", "200", "--loop"]].concat());
+    let echo = domain.run(&["topic", "echo", "range", "--count", "1"]);
+    assert_eq!(echo.stdout(), "[1.0, 0.5]\n", "{echo:?}");
+}
+
 #[test]
 fn what_is_not_of_its_type_is_shown_as_bytes() {
     let domain = Domain::new();

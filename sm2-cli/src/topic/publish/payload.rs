@@ -5,6 +5,7 @@ use sm2_proto::{Name, TypeId, schema::Schema};
 
 use super::arguments::Arguments;
 use crate::{
+    built_in::{self, BuiltIn},
     connect::Session,
     error::CliError,
     messages::{Schemas, bytes_of, is_bytes},
@@ -36,8 +37,8 @@ impl Payload {
         session: &Session,
         value: Option<&Value>,
     ) -> Result<Self, CliError> {
-        let data = data_type(arguments, session, value.is_some())?;
-        let bytes = match (value, &arguments.schema) {
+        let Declared { data, schema } = declared(arguments, session, value.is_some())?;
+        let bytes = match (value, &schema) {
             (None, _) => None,
             (Some(value), Some(schema)) => Some(bytes_of(value, &data, Some(schema))?),
             (Some(value), None) => {
@@ -49,7 +50,7 @@ impl Payload {
                 Some(bytes_of(value, &data, schema)?)
             }
         };
-        if let Some(schema) = &arguments.schema {
+        if let Some(schema) = &schema {
             // Subscribers that do not know the type can read it too.
             session
                 .node
@@ -59,34 +60,58 @@ impl Payload {
     }
 }
 
-/// The type to declare: what is left open is taken to be what is in use.
-fn data_type(
+/// The type to declare, and its schema if the arguments or the type's name give it.
+struct Declared {
+    data: TypeId,
+    schema: Option<Schema>,
+}
+
+/// The type to declare. What the arguments leave open is taken from the topic, and then from the
+/// types that every program knows by their names.
+fn declared(
     arguments: &Arguments,
     session: &Session,
     takes_topics: bool,
-) -> Result<TypeId, CliError> {
-    let typed = |name: &Name, hash| TypeId {
-        name: name.clone(),
-        hash,
+) -> Result<Declared, CliError> {
+    let given = |name: &Name, hash, schema: Option<&Schema>| Declared {
+        data: TypeId {
+            name: name.clone(),
+            hash,
+        },
+        schema: schema.cloned(),
     };
-    let bytes = <[u8] as sm2_node::Message>::type_id;
-    let in_use = || -> Result<Option<TypeId>, CliError> {
+    let in_use = || -> Result<Option<Declared>, CliError> {
         let domain = session.snapshot()?;
-        Ok(View::new(&domain).topic_type(&arguments.topic).cloned())
+        let data = View::new(&domain).topic_type(&arguments.topic).cloned();
+        Ok(data.map(|data| Declared { data, schema: None }))
+    };
+    let bytes = || Declared {
+        data: <[u8] as sm2_node::Message>::type_id(),
+        schema: None,
     };
     match (&arguments.data, &arguments.schema) {
-        (Some(data), Some(schema)) => Ok(typed(&data.name, schema_hash(data.hash, schema)?)),
+        (Some(data), Some(schema)) => {
+            let hash = schema_hash(data.hash, schema)?;
+            Ok(given(&data.name, hash, Some(schema)))
+        }
         (Some(data), None) => match data.hash {
-            Some(hash) => Ok(typed(&data.name, hash)),
+            Some(hash) => Ok(given(&data.name, hash, None)),
             None if data.name.as_str() == "bytes" => Ok(bytes()),
             None => {
-                let in_use = in_use()?.filter(|it| it.name == data.name);
-                Ok(in_use.unwrap_or_else(|| typed(&data.name, 0)))
+                let in_use = in_use()?.filter(|it| it.data.name == data.name);
+                let known = in_use.or_else(|| built_in(&data.name));
+                Ok(known.unwrap_or_else(|| given(&data.name, 0, None)))
             }
         },
         (None, _) if takes_topics => Ok(in_use()?.unwrap_or_else(bytes)),
         (None, _) => Ok(bytes()),
     }
+}
+
+fn built_in(name: &Name) -> Option<Declared> {
+    let BuiltIn { data, schema } = built_in::named(name)?;
+    let schema = schema.and_then(|text| Schema::parse(&text).ok());
+    Some(Declared { data, schema })
 }
 
 /// A schema has one hash; another one that is given beside it is a mistake.
