@@ -40,6 +40,7 @@ mod sampling;
 mod service;
 mod size;
 mod snapshot;
+mod stopped;
 mod text;
 mod time;
 mod top;

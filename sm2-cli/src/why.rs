@@ -18,6 +18,7 @@ use crate::{
     interfaces::Interface,
     names::{Selector, titles},
     output::Output,
+    stopped::StoppedNode,
     view::View,
 };
 
@@ -63,7 +64,9 @@ struct Pair {
     /// Where the types of an interface that was refused for its type differ, if their schemas are
     /// registered.
     differences: Vec<String>,
-    /// In plain words.
+    /// The nodes of the two interfaces that are stopped.
+    stopped: Vec<StoppedNode>,
+    /// The verdict as text.
     text: String,
 }
 
@@ -74,6 +77,8 @@ struct Around {
     revision: u64,
     /// Whether all of them have a link.
     linked: bool,
+    /// The nodes of the interfaces, and of those that they are linked with, that are stopped.
+    stopped: Vec<StoppedNode>,
     interfaces: Vec<One>,
 }
 
@@ -106,6 +111,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             let pair = Pair {
                 revision: domain.revision(),
                 linked: verdict.is_linked(),
+                stopped: stopped_nodes(&domain, [one, other]),
                 text: verdict.to_string(),
                 differences: differences(&session, &domain, &verdict),
                 verdict,
@@ -117,11 +123,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
                 for difference in &pair.differences {
                     out.line(difference)?;
                 }
+                print_stopped(&pair.stopped, &mut out)?;
             }
             pair.linked
         }
         None => {
             let entities = arguments.one.entities(&view)?;
+            let peers = entities.iter().flat_map(|it| view.links_of(*it));
+            let peers = peers.flat_map(|link| [link.offering, link.demanding]);
+            let stopped = stopped_nodes(&domain, entities.iter().copied().chain(peers));
             let interfaces = entities
                 .into_iter()
                 .map(|entity| one(&view, entity, &explain));
@@ -129,6 +139,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             let around = Around {
                 revision: domain.revision(),
                 linked: interfaces.iter().all(|it| !it.linked_with.is_empty()),
+                stopped,
                 interfaces,
             };
             match arguments.json {
@@ -291,8 +302,28 @@ fn print(around: &Around, out: &mut Output) -> Result<(), CliError> {
             }
         }
         if it.near.is_empty() && it.linked_with.is_empty() {
-            out.line("  Nobody in this domain comes near it.")?;
+            out.line("  No interface in this domain comes near it.")?;
         }
+    }
+    print_stopped(&around.stopped, out)
+}
+
+/// The nodes of these interfaces that are stopped, each once.
+fn stopped_nodes(
+    domain: &Mirror,
+    entities: impl IntoIterator<Item = EntityId>,
+) -> Vec<StoppedNode> {
+    let nodes: BTreeSet<_> = entities.into_iter().map(|it| it.node).collect();
+    let nodes = nodes.into_iter().filter_map(|node| domain.node(node));
+    nodes.filter_map(|node| StoppedNode::find(&node)).collect()
+}
+
+fn print_stopped(stopped: &[StoppedNode], out: &mut Output) -> Result<(), CliError> {
+    for node in stopped {
+        let remedy = node.remedy();
+        out.line(format_args!(
+            "But {node}, so no message gets through: {remedy}."
+        ))?;
     }
     Ok(())
 }

@@ -8,7 +8,8 @@ use sm2_proto::domain::Domain as Mirror;
 
 use super::check::Check;
 use crate::{
-    args::Domain, error::CliError, interrupt::Interrupt, snapshot::document::quotas, view::View,
+    args::Domain, error::CliError, interrupt::Interrupt, snapshot::document::quotas,
+    stopped::StoppedNode, view::View,
 };
 
 /// How nodes of standby Managers are named.
@@ -79,7 +80,7 @@ fn unreachable(error: CliError, who: &str) -> Check {
 
 /// What the domain says.
 pub(super) fn inside(mirror: &Mirror, node: &Node) -> Vec<Check> {
-    let mut checks = vec![standby(mirror), resuming(mirror)];
+    let mut checks = vec![standby(mirror), resuming(mirror), stopped(mirror)];
     checks.push(usage(mirror));
     checks.push(refused(mirror, node));
     checks
@@ -112,6 +113,20 @@ fn resuming(mirror: &Mirror) -> Check {
             names.join(", "),
             "they have seconds to claim their links: look again; whoever stays is stopped or busy",
         ),
+    }
+}
+
+fn stopped(mirror: &Mirror) -> Check {
+    const CHECK: &str = "stopped nodes";
+    let all: Vec<_> = mirror
+        .nodes()
+        .filter_map(|it| StoppedNode::find(&it))
+        .collect();
+    let found: Vec<_> = all.iter().map(ToString::to_string).collect();
+    let remedies: Vec<_> = all.iter().map(StoppedNode::remedy).collect();
+    match all.is_empty() {
+        true => Check::ok(CHECK, "none"),
+        false => Check::warn(CHECK, found.join(", "), remedies.join(", ")),
     }
 }
 

@@ -2,9 +2,10 @@
 
 use std::{fs, os::unix::fs::PermissionsExt};
 
+use nix::sys::signal::Signal;
 use serde_json::Value;
 
-use crate::common::{Domain, Finished, Running, sm2};
+use crate::common::{Domain, Finished, Running, listener, sm2, until};
 
 fn report(finished: &Finished) -> Value {
     serde_json::from_str(&finished.stdout()).unwrap()
@@ -110,6 +111,24 @@ fn refusals_and_full_quotas_are_named() {
             .unwrap()
             .contains("sm2 why greedy:second")
     );
+}
+
+#[test]
+fn a_stopped_node_is_seen() {
+    let domain = Domain::new();
+    let (listener, name) = listener(&domain, "scan", 1);
+    let found = report(&domain.run(&["doctor", "--json"]));
+    assert_eq!(check(&found, "stopped nodes")["level"], "ok", "{found:#}");
+    listener.signal(Signal::SIGSTOP);
+    let pid = listener.pid();
+    until("the process is stopped", || {
+        let found = report(&domain.run(&["doctor", "--json"]));
+        let stopped = check(&found, "stopped nodes");
+        let text = format!("node {name} (process {pid}) is stopped by a signal");
+        let remedy = format!("continue it with `kill -CONT {pid}`");
+        stopped["found"] == text && stopped["advice"] == remedy
+    });
+    listener.signal(Signal::SIGCONT);
 }
 
 #[test]

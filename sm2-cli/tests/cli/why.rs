@@ -1,8 +1,9 @@
 //! `sm2 why`.
 
+use nix::sys::signal::Signal;
 use sm2_node::TypeId;
 
-use crate::common::{Domain, listener, talker};
+use crate::common::{Domain, listener, talker, until};
 
 #[test]
 fn a_link_is_explained() {
@@ -22,6 +23,29 @@ fn a_link_is_explained() {
     assert_eq!(around.code(), 0);
     let expected = format!("{one}'s publisher of scan is linked with {other}:scan.");
     assert!(around.stdout().contains(&expected), "{around:?}");
+}
+
+/// The link of a stopped node stays, so the verdict alone would say that all is well.
+#[test]
+fn a_stopped_node_is_named() {
+    let domain = Domain::new();
+    let (_talker, one) = talker(&domain, "scan");
+    let (listener, other) = listener(&domain, "scan", 1);
+    listener.signal(Signal::SIGSTOP);
+    let pid = listener.pid();
+    let expected = format!(
+        "But node {other} (process {pid}) is stopped by a signal, so no message gets through: \
+         continue it with `kill -CONT {pid}`.\n"
+    );
+    for arguments in [&["why", &*one, &*other][..], &["why", "scan"]] {
+        until("the process is stopped", || {
+            let why = domain.run(arguments).stdout();
+            why.ends_with(&expected)
+        });
+    }
+    let why = domain.json(&["why", &one]);
+    assert_eq!(why["stopped"][0]["node"], *other, "{why}");
+    listener.signal(Signal::SIGCONT);
 }
 
 #[test]
