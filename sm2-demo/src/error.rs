@@ -52,6 +52,17 @@ pub enum DemoError {
         /// The largest number of messages.
         limit: u64,
     },
+    /// The demo has to use the loopback interface, which does not work.
+    #[error(
+        "the demo's link is a relay on the loopback interface, since {no_namespaces}; \
+         the loopback interface does not work ({source}): run `ip link set lo up`"
+    )]
+    Loopback {
+        /// The reason why there are no network namespaces.
+        no_namespaces: String,
+        /// The reason of the operating system.
+        source: io::Error,
+    },
     /// A gateway of the demo did not start, or did not connect to the other one.
     #[error("the demo's gateways: {0}")]
     Gateway(String),

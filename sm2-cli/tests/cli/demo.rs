@@ -1,6 +1,6 @@
 //! `sm2 demo`, small.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, process::Command};
 
 use crate::common::{Finished, Running, sm2};
 use serde_json::Value;
@@ -17,6 +17,30 @@ fn keys(value: &Value) -> BTreeSet<&str> {
         .keys()
         .map(String::as_str)
         .collect()
+}
+
+/// A new network namespace has a loopback interface that is down.
+#[test]
+fn a_missing_loopback_interface_is_named() {
+    let isolated = |program: &[&str]| {
+        let mut command = Command::new("unshare");
+        // Not root in its user namespace: then the demo has no network namespaces of its own.
+        command.args(["--net", "--map-user=1000"]).args(program);
+        Running::start(&mut command).finish()
+    };
+    let unshared = Command::new("unshare")
+        .args(["--net", "--map-user=1000", "true"])
+        .status();
+    match unshared {
+        Ok(status) if status.success() => {}
+        other => return eprintln!("not tried: unshare does not work here ({other:?})"),
+    }
+    let demo = isolated(&[env!("CARGO_BIN_EXE_sm2"), "demo", "--bad-link"]);
+    let expected = [
+        "since network namespaces need root",
+        "run `ip link set lo up`",
+    ];
+    demo.failed(1, &expected);
 }
 
 /// What is promised of the object.

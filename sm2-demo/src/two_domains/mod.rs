@@ -9,8 +9,8 @@ mod report;
 mod traffic;
 
 use std::{
-    io::Write,
-    net::SocketAddr,
+    io::{self, Write},
+    net::{Ipv4Addr, SocketAddr, UdpSocket},
     os::fd::BorrowedFd,
     path::Path,
     sync::{Arc, atomic::Ordering},
@@ -68,6 +68,12 @@ pub fn run(
             .map_err(|error| DemoError::Gateway(error.to_string()))?;
     }
     let (mut link, no_namespaces) = BadLink::open(Profile::wifi());
+    if let Some(reason) = &no_namespaces {
+        try_loopback().map_err(|source| DemoError::Loopback {
+            no_namespaces: reason.to_string(),
+            source,
+        })?;
+    }
     let far = Side::start(&runtime, folder.path(), &link, End::Far, None)?;
     let way = link.connect(far.gateway.address());
     let way = way.map_err(DemoError::system("make a link"))?;
@@ -97,6 +103,13 @@ pub fn run(
         false if damaged > 0 || report.remote.hz == 0.0 => Ending::Bad,
         false => Ending::Complete,
     })
+}
+
+/// Sends a datagram to this process itself, as the relay does. A new network namespace has a loopback
+/// interface that is down.
+fn try_loopback() -> io::Result<()> {
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+    socket.send_to(b"lo", socket.local_addr()?).map(drop)
 }
 
 /// What comes, in a line.
