@@ -2,7 +2,7 @@
 
 use std::{fmt, str::FromStr};
 
-use sm2_proto::limits::MESSAGE_MAX;
+use sm2_proto::{limits::MESSAGE_MAX, text::Counted};
 
 /// A number of bytes, from one to the largest message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,8 +101,7 @@ fn decimal(number: &str) -> Result<(u128, u32), SizeError> {
 impl fmt::Display for Size {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (unit, factor) = match self.0 {
-            1 => return f.write_str("1 byte"),
-            bytes if bytes < 1_000 => return write!(f, "{bytes} bytes"),
+            bytes if bytes < 1_000 => return Counted::new(bytes, "byte").fmt(f),
             bytes if bytes < 1_000_000 => ("kB", 1_000),
             bytes if bytes < 1_000_000_000 => ("MB", 1_000_000),
             _ => ("GB", 1_000_000_000),

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use sm2_proto::text::Counted;
+
 /// How many bytes of a message that is no text are shown.
 const HEAD_BYTES: usize = 32;
 
@@ -36,7 +38,11 @@ pub(crate) fn write_bytes(out: &mut Vec<u8>, message: &[u8]) {
         true => " …",
         false => "",
     };
-    let line = format!("{} bytes: {}{more}", message.len(), Hex(head, " "));
+    let line = format!(
+        "{}: {}{more}",
+        Counted::new(message.len() as u64, "byte"),
+        Hex(head, " ")
+    );
     out.extend_from_slice(line.as_bytes());
 }
 

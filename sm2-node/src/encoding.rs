@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use sm2_proto::text::Counted;
 
 use crate::schema::{self, Schema};
 use crate::{EncodeError, Message, Payload, PayloadError};
@@ -38,7 +39,10 @@ pub fn from_postcard<T: Message + DeserializeOwned>(
     };
     match postcard::take_from_bytes(payload) {
         Ok((value, [])) => Ok(Box::new(value)),
-        Ok((_, rest)) => Err(broken(format!("{} bytes are left over", rest.len()))),
+        Ok((_, rest)) => {
+            let rest = Counted::new(rest.len() as u64, "byte");
+            Err(broken(format!("{rest} too many")))
+        }
         Err(error) => Err(broken(error.to_string())),
     }
 }

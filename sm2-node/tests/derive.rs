@@ -267,5 +267,5 @@ fn bytes_that_are_no_message_are_an_error_that_names_the_type() {
     .into_owned();
     long.push(0);
     let long = Pair::<u8, u8>::view(Payload::from(long)).err().unwrap();
-    assert!(long.to_string().contains("1 bytes are left over"), "{long}");
+    assert!(long.to_string().contains("1 byte too many"), "{long}");
 }

@@ -73,6 +73,7 @@ pub mod node;
 mod proofs;
 mod refusal;
 pub mod schema;
+pub mod text;
 mod time;
 
 pub use backoff::Backoff;

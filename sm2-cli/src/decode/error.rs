@@ -1,8 +1,11 @@
-//! Why bytes are no message of a type, and why JSON means none.
+//! Errors of decoding the bytes of a message, and of encoding JSON as a message.
 
-use sm2_proto::schema::{Layout, NoLayout};
+use sm2_proto::{
+    schema::{Layout, NoLayout},
+    text::Counted,
+};
 
-/// Bytes that are no message of the type that its publisher declared.
+/// Bytes that do not decode as the type that the publisher declared.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum DecodeError {
     /// The value at one place.
@@ -17,7 +20,8 @@ pub(crate) enum DecodeError {
     },
     /// The whole plain message.
     #[error(
-        "{len} bytes are no message of this type, which has {}{}",
+        "{} cannot be a message of this type, which has {}{}",
+        Counted::new(*len as u64, "byte"),
         layout.fixed_bytes,
         layout.element_bytes.map_or(String::new(), |each| format!(" and any multiple of {each}"))
     )]
@@ -43,7 +47,7 @@ pub(crate) enum DecodeError {
 pub(crate) enum Wrong {
     #[error("the message is cut short")]
     Short,
-    #[error("{0} bytes are left over")]
+    #[error("{} too many", Counted::new(*.0 as u64, "byte"))]
     LeftOver(usize),
     #[error("a number beyond its type")]
     Number,

@@ -1,7 +1,10 @@
 //! From JSON that a person gave to the bytes of a message, by its type.
 
 use serde_json::Value as Json;
-use sm2_proto::schema::{Field, Scalar, Type, Variant};
+use sm2_proto::{
+    schema::{Field, Scalar, Type, Variant},
+    text::Counted,
+};
 
 use super::{
     error::{EncodeError, step},
@@ -312,12 +315,13 @@ impl Writer {
 }
 
 fn wrong_count(len: u64, given: &Json) -> EncodeError {
+    let values = Counted::new(len, "value");
     match given.as_array() {
         Some(items) => {
             let found = items.len();
-            EncodeError::new(format!("expected {len} values, found {found}"))
+            EncodeError::new(format!("expected {values}, found {found}"))
         }
-        None => EncodeError::expected(&format!("an array of {len} values"), given),
+        None => EncodeError::expected(&format!("an array of {values}"), given),
     }
 }
 

@@ -6,6 +6,7 @@ use serde::Serialize;
 use sm2_proto::{
     Farewell, LinkId, Name,
     control::{Item, UnlinkedReason},
+    text::Counted,
 };
 
 use crate::{interfaces::Interface, view::View};
@@ -160,8 +161,9 @@ fn reason_text(view: &View<'_>, reason: UnlinkedReason) -> String {
         },
         UnlinkedReason::Quota { node, limit } => {
             format!(
-                "{} may not have more than {limit} links",
-                view.name_of(node)
+                "{} may not have more than {}",
+                view.name_of(node),
+                Counted::new(limit.into(), "link")
             )
         }
         UnlinkedReason::Descriptors => "the Manager had no descriptors".into(),
@@ -173,11 +175,11 @@ impl fmt::Display for NamedItem {
         match self {
             Self::Domain(limits) => write!(
                 f,
-                "domain: {} sessions and {} interfaces per user, {} interfaces and {} links per node",
-                limits.sessions_per_user,
-                limits.interfaces_per_user,
-                limits.interfaces_per_session,
-                limits.links_per_session
+                "domain: {} and {} per user, {} and {} per node",
+                Counted::new(limits.sessions_per_user.into(), "session"),
+                Counted::new(limits.interfaces_per_user.into(), "interface"),
+                Counted::new(limits.interfaces_per_session.into(), "interface"),
+                Counted::new(limits.links_per_session.into(), "link")
             ),
             Self::Node(Node {
                 id,

@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use sm2_io::clock;
 use sm2_node::{Sample, Subscriber};
-use sm2_proto::{Kind, Name};
+use sm2_proto::{Kind, Name, text::Counted};
 
 use super::{folder::Folder, wait_hint};
 use crate::{
@@ -234,10 +234,10 @@ impl fmt::Display for Tally {
             bytes,
             lost,
         } = *self;
-        let many = if messages == 1 { "" } else { "s" };
         write!(
             f,
-            "received {messages} message{many} ({}), lost {lost}",
+            "received {} ({}), lost {lost}",
+            Counted::new(messages, "message"),
             Size(bytes)
         )
     }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use sm2_node::diagnostics::LinkStatus;
-use sm2_proto::{Kind, Name, domain::nearest};
+use sm2_proto::{Kind, Name, domain::nearest, text::Counted};
 
 use crate::connect::Session;
 
@@ -19,10 +19,11 @@ pub(super) fn print(
     count: usize,
     links: &[LinkStatus],
 ) {
-    let many = if count == 1 { "" } else { "s" };
+    let wanted_text = wanted.to_string();
+    let awaited = Counted::new(count as u64, &wanted_text);
     let reason = silent(links).or_else(|| why(session, topic, wanted));
     let reason = reason.map_or_else(String::new, |reason| format!("; {reason}"));
-    say!("sm2: waiting for {count} {wanted}{many} of {topic} (Ctrl-C ends){reason}");
+    say!("sm2: waiting for {awaited} of {topic} (Ctrl-C ends){reason}");
 }
 
 /// A node that is linked and has not opened its end: only it can do that.

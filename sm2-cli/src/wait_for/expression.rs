@@ -9,7 +9,7 @@
 use std::fmt;
 
 use serde::Serialize;
-use sm2_proto::{Kind, Name, domain::Domain};
+use sm2_proto::{Kind, Name, domain::Domain, text::Counted};
 
 use crate::{
     args, names,
@@ -278,10 +278,10 @@ impl fmt::Display for Seen {
             None => {}
         }
         let counts = [
-            (self.publishers, "publishers"),
-            (self.subscribers, "subscribers"),
-            (self.servers, "servers"),
-            (self.clients, "clients"),
+            (self.publishers, "publisher"),
+            (self.subscribers, "subscriber"),
+            (self.servers, "server"),
+            (self.clients, "client"),
         ];
         let is_topic = self.expression.trim_start().starts_with("topic:");
         let is_service = self.expression.trim_start().starts_with("service:");
@@ -290,10 +290,10 @@ impl fmt::Display for Seen {
             (_, true) => &counts[2..],
             _ => &counts[..],
         };
-        for (count, what) in shown {
-            write!(f, "{count} {what}, ")?;
+        for (count, noun) in shown {
+            write!(f, "{}, ", Counted::new(*count, noun))?;
         }
-        write!(f, "{} links", self.links)
+        write!(f, "{}", Counted::new(self.links, "link"))
     }
 }
 

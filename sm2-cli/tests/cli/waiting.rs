@@ -46,7 +46,7 @@ fn a_time_out_says_what_was_seen_last() {
     let vain = domain.run(&["wait", "topic:scan publishers>=2", "--timeout", "50ms"]);
     vain.failed(
         1,
-        &["'topic:scan publishers>=2' is not true: 1 publishers, 0 subscribers, 0 links"],
+        &["'topic:scan publishers>=2' is not true: 1 publisher, 0 subscribers, 0 links"],
     );
     let mistyped = domain.run(&["wait", "topic:sacn links>0", "--timeout", "0"]);
     mistyped.failed(1, &["0 links; did you mean scan?"]);

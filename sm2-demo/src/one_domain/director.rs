@@ -10,6 +10,7 @@ use std::{
 };
 
 use sm2_manager::Background;
+use sm2_proto::text::Counted;
 
 use super::{
     child::{Child, Outcome, Part, Stage},
@@ -98,8 +99,9 @@ impl Director<'_> {
             ..
         } = self.options;
         self.screen.announce(&format!(
-            "1 publisher, {subscribers} subscribers: {} at {rate_hz} Hz for {seconds} s, {}; \
+            "1 publisher, {}: {} at {rate_hz} Hz for {seconds} s, {}; \
              every byte is checked",
+            Counted::new(u64::from(*subscribers), "subscriber"),
             size_text(*size_bytes),
             integrity(*is_sealed),
         ))?;

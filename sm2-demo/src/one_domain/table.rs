@@ -3,6 +3,8 @@
 
 use std::time::Duration;
 
+use sm2_proto::text::Counted;
+
 use super::{child::Part, meter::Cost, part::Figures, report::Report};
 use crate::output::size_text;
 
@@ -74,8 +76,8 @@ pub(crate) fn summary(report: &Report) -> Vec<String> {
     });
     let pss = report.pss_bytes_total.map_or("unknown".into(), megabytes);
     let total = format!(
-        "{} messages of {} published in {} s, {}; all processes together: CPU {:.1} %, PSS {pss} MB",
-        report.published,
+        "{} of {} published in {} s, {}; all processes together: CPU {:.1} %, PSS {pss} MB",
+        Counted::new(report.published, "message"),
         size_text(report.size_bytes),
         report.wall_s,
         report.integrity,

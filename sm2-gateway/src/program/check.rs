@@ -10,6 +10,7 @@ use clap::Args;
 use sm2_proto::{
     Contract,
     gateway::{Action, Direction, SubjectKind},
+    text::Counted,
 };
 
 use super::{error::ProgramError, output::write_line};
@@ -40,9 +41,11 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
     write_line(
         out,
         format!(
-            "{}: {} is {id}, with {peers} peers and {rules} rules",
+            "{}: {} is {id}, with {} and {}",
             config.path.display(),
-            config.name
+            config.name,
+            Counted::new(peers as u64, "peer"),
+            Counted::new(rules as u64, "rule")
         ),
     )?;
     if config.peers.iter().any(|it| it.id == id) {

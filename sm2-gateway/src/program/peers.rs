@@ -3,6 +3,7 @@
 use std::{io::Write, time::Duration};
 
 use clap::Args;
+use sm2_proto::text::Counted;
 
 use super::{error::ProgramError, options::Domain, output::write_line};
 use crate::{
@@ -75,7 +76,11 @@ fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
             "in:  {} received, {} refused, {} skipped",
             m.received, m.refused, m.skipped
         ),
-        format!("{} lost here, {} names denied", m.lost, peer.denied),
+        format!(
+            "{} lost here, {} denied",
+            m.lost,
+            Counted::new(peer.denied, "name")
+        ),
     ] {
         write_line(out, format!("    {text}"))?;
     }

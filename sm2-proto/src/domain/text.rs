@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::{Finding, NearName, Part, Party, Reliability, Seal, TypePair, Verdict};
-use crate::{EntityId, Farewell, Kind, NodeId, Refusal};
+use crate::{EntityId, Farewell, Kind, NodeId, Refusal, text::Counted};
 
 impl fmt::Display for Party {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -94,8 +94,9 @@ impl fmt::Display for Verdict {
                 self.write_nodes(f, &[*node])?;
                 write!(
                     f,
-                    " may not have more than {limit} links.\n\
-                     Close some and declare again, or have the operator raise the limit."
+                    " may not have more than {}.\n\
+                     Close some and declare again, or have the operator raise the limit.",
+                    Counted::new((*limit).into(), "link")
                 )
             }
             Finding::Descriptors => write!(

@@ -136,11 +136,11 @@ fn a_length_that_does_not_fit_is_an_error() {
     let array = "plain:array[u32;0000000000000003]";
     assert_eq!(
         error(array, &[0; 11]),
-        "11 bytes are no message of this type, which has 12"
+        "11 bytes cannot be a message of this type, which has 12"
     );
     assert_eq!(
         error("plain:struct{n:u8,l:list[u16],}", &[0; 4]),
-        "4 bytes are no message of this type, which has 1 and any multiple of 2"
+        "4 bytes cannot be a message of this type, which has 1 and any multiple of 2"
     );
     assert_eq!(
         error("plain:struct{s:string,}", &[0; 4]),

@@ -149,11 +149,7 @@ fn error(text: &str, bytes: &[u8]) -> String {
 fn what_is_wrong_is_named_with_its_place() {
     let cases: [(&str, &[u8], &str); 14] = [
         ("u8", &[], "message: the message is cut short, at byte 0"),
-        (
-            "u8",
-            &[1, 2, 3],
-            "message: 2 bytes are left over, at byte 1",
-        ),
+        ("u8", &[1, 2, 3], "message: 2 bytes too many, at byte 1"),
         ("bool", &[2], "message: 2 is no boolean, at byte 0"),
         (
             "u16",
@@ -268,7 +264,7 @@ fn what_is_not_kept_is_still_counted_and_bounded() {
         }
         bytes.push(0);
         let more = decode(&schema, &bytes, 1).unwrap_err().to_string();
-        assert!(more.contains("1 bytes are left over"), "{more}");
+        assert!(more.contains("1 byte too many"), "{more}");
         bytes.truncate(bytes.len() - 2);
         let less = decode(&schema, &bytes, 1).unwrap_err().to_string();
         assert!(less.contains("cut short"), "{less}");

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use sm2_proto::link::Counters;
+use sm2_proto::{link::Counters, text::Counted};
 
 use crate::size::Size;
 
@@ -23,15 +23,12 @@ pub(super) struct Summary(pub(super) Tally, pub(super) Counters);
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(tally, counters) = self;
-        let plural = |count: u64| if count == 1 { "" } else { "s" };
         write!(
             f,
-            "published {} message{} ({}) to {} subscriber{}: {} delivered",
-            tally.messages,
-            plural(tally.messages),
+            "published {} ({}) to {}: {} delivered",
+            Counted::new(tally.messages, "message"),
             Size(tally.bytes),
-            tally.links,
-            plural(tally.links as u64),
+            Counted::new(tally.links as u64, "subscriber"),
             counters.delivered,
         )?;
         if tally.unheard > 0 {

@@ -128,7 +128,7 @@ fn what_was_seen_is_told() {
     let seen = |text| Expression::parse(text).unwrap().seen(&domain()).to_string();
     assert_eq!(
         seen("topic:scan publishers>=2"),
-        "'topic:scan publishers>=2' is not true: 1 publishers, 1 subscribers, 1 links"
+        "'topic:scan publishers>=2' is not true: 1 publisher, 1 subscriber, 1 link"
     );
     assert_eq!(
         seen("node:x"),
