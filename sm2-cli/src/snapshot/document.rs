@@ -1,7 +1,7 @@
 //! A domain as one document.
 
 use serde::Serialize;
-use sm2_proto::{control::Item, domain::LinkView};
+use sm2_proto::{Kind, control::Item, domain::LinkView, text::Counted};
 
 use super::{
     gateways::{self, Gateway},
@@ -52,7 +52,7 @@ struct Taken {
     messages: u64,
     bytes: u64,
     lost: u64,
-    /// The median of the last delays, up to 32.
+    /// The median of the last 32 delays. `None` for a service link: its ends measure no delays.
     delay_p50_ms: Option<f64>,
 }
 
@@ -114,11 +114,11 @@ impl Document {
     pub(super) fn print(&self, out: &mut Output) -> Result<(), CliError> {
         let epoch = self.epoch.as_deref().unwrap_or("unknown");
         out.line(format_args!(
-            "revision {} of epoch {epoch}: {} nodes, {} interfaces, {} links",
+            "revision {} of epoch {epoch}: {}, {}, {}",
             self.revision,
-            self.nodes.len(),
-            self.interfaces.len(),
-            self.links.len()
+            Counted::new(self.nodes.len() as u64, "node"),
+            Counted::new(self.interfaces.len() as u64, "interface"),
+            Counted::new(self.links.len() as u64, "link")
         ))?;
         let mut nodes = Columns::new(["NODE", "ID", "UID", "PID", "STATE"]);
         for node in &self.nodes {
@@ -205,6 +205,9 @@ impl Document {
 
 fn counted(view: &View<'_>, sample: &Sample, link: &LinkView) -> CountedLink {
     let taken = sample.demanding(view.domain, link);
+    // A client is the sending side of a service link: it notes the times of its calls, not delays.
+    let demanding = view.domain.interface(link.demanding);
+    let is_subscriber = demanding.is_some_and(|it| it.contract.kind() == Kind::Subscriber);
     CountedLink {
         link: Link {
             link: link_text(link.link),
@@ -221,7 +224,7 @@ fn counted(view: &View<'_>, sample: &Sample, link: &LinkView) -> CountedLink {
             messages: entry.messages,
             bytes: entry.bytes,
             lost: entry.lost,
-            delay_p50_ms: median_ns(entry).map(millis),
+            delay_p50_ms: median_ns(entry).filter(|_| is_subscriber).map(millis),
         }),
     }
 }

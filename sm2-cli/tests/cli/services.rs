@@ -65,6 +65,13 @@ fn a_call_takes_and_prints_values() {
             (0, "6.5\n".into()),
             "{call:?}"
         );
+        // A client notes when it called, which is no delay.
+        let client = node.client::<[f64], f64>("math/sum").unwrap();
+        let sum = client.call(&[1.0, 2.0]).unwrap();
+        assert_eq!(*sum, 3.0);
+        let link = &domain.json(&["snapshot"])["links"][0];
+        assert_eq!(link["taken"]["messages"], 1, "{link}");
+        assert!(link["taken"]["delay_p50_ms"].is_null(), "{link}");
         let answer = domain.json(&["service", "call", "/math/sum", "[-1, 0.5]"]);
         assert_eq!(answer["value"], -0.5, "{answer}");
         assert_eq!(answer["server"], "adder");

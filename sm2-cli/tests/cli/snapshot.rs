@@ -38,7 +38,7 @@ fn it_shows_nodes_interfaces_links_counters_and_quotas() {
 
     let text = domain.run(&["snapshot"]).stdout();
     for part in [
-        "2 nodes, 2 interfaces, 1 links",
+        "2 nodes, 2 interfaces, 1 link\n",
         &format!("{one}:scan"),
         "best effort",
         "QUOTA OF",
