@@ -13,6 +13,7 @@ use sm2_node::schema::SchemaError;
 use sm2_node::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, StoreError, WaitError,
 };
+use sm2_proto::{Kind, Name, text::Counted};
 
 use crate::{
     ended::WRONG_USAGE,
@@ -173,10 +174,22 @@ pub(crate) enum CliError {
     /// What cannot be read twice.
     #[error("standard input cannot be read again: use --loop with a file or folder")]
     LoopOfInput,
+    /// Nobody came whose counters could be read.
+    #[error(
+        "no {kind} of {topic} in {seconds:.1} s, so there is nothing to measure: start one, or raise --timeout"
+    )]
+    NothingToMeasure {
+        /// The topic.
+        topic: Name,
+        /// The kind of interface that keeps the counters.
+        kind: Kind,
+        /// The time that was waited.
+        seconds: f64,
+    },
     /// Subscribers that want every message do not take them.
     #[error(
-        "{messages} messages were not taken within {seconds} s by subscribers that want every one: \
-         are they stopped, or too slow?"
+        "subscribers that want every message left {} for {seconds} s: are they stopped, or too slow?",
+        Counted::new(*messages, "message")
     )]
     TooSlow {
         /// How many, on all links together.

@@ -19,8 +19,8 @@ const HELP: &str = "\
 Bytes are those of messages, each counted once, however many subscribers it has. MEAN SIZE is that
 of the interval's messages.
 
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices. A topic that is
-not there yet is waited for.
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices. The
+command waits for a topic that is not there yet; with --count for 10 s (see --timeout).
 
 Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count reports were made.

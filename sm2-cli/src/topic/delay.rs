@@ -24,8 +24,8 @@ From publishing to the moment at which the subscriber's program took the message
 over the last messages of each link, up to 32; WORST is the longest since the link was made. A
 program that takes its messages late makes this long, not only the way.
 
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices. A topic that is
-not there yet is waited for.
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices. The
+command waits for a topic that is not there yet; with --count for 10 s (see --timeout).
 
 Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count reports were made.

@@ -23,8 +23,8 @@ const HELP: &str = "\
 HZ is how many messages each publisher published per second of the interval; the other columns are
 the times between its last messages, up to 32 of them, in milliseconds.
 
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices. A topic that is
-not there yet is waited for.
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices. The
+command waits for a topic that is not there yet; with --count for 10 s (see --timeout).
 
 Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count reports were made.

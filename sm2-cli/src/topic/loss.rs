@@ -21,8 +21,8 @@ program), OVERWRITTEN (overtaken before they were sent), DISCARDED (overtaken be
 taken), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. OFFERED is the sum of all
 others. LOST is what the subscriber missed, by its own count.
 
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices. A topic that is
-not there yet is waited for.
+It reads what the nodes count anyway: it subscribes to nothing, and no node notices. The
+command waits for a topic that is not there yet; with --count for 10 s (see --timeout).
 
 Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count reports were made.

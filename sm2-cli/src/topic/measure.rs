@@ -36,11 +36,25 @@ pub(crate) struct Common {
     /// End after so many reports
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
+    /// Fail if there is nothing to measure for so long [default: 10s with --count, else no limit]
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    timeout: Option<Duration>,
     /// Print each report as one line of JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     domain: Domain,
+}
+
+/// The default of `--timeout` for a command that ends by itself: it must not wait for ever.
+const TIMEOUT_WITH_COUNT: Duration = Duration::from_secs(10);
+
+impl Common {
+    /// The longest wait for something to measure; `None` for a command that only a signal ends.
+    fn timeout(&self) -> Option<Duration> {
+        self.timeout
+            .or_else(|| self.count.map(|_| TIMEOUT_WITH_COUNT))
+    }
 }
 
 /// One of the commands.
@@ -94,7 +108,7 @@ pub(super) fn run<const N: usize, M: Measure<N>>(arguments: &Common) -> Result<E
     while arguments.count.is_none_or(|count| reports < count) {
         if !is_there::<N, M>(&follow, &arguments.topic) {
             before = None;
-            if !await_topic::<N, M>(&session, &mut follow, &arguments.topic, &printer.out)? {
+            if !await_topic::<N, M>(&session, &mut follow, arguments, &printer.out)? {
                 return Ok(ended(&session, arguments));
             }
             due = clock::now();
@@ -144,12 +158,20 @@ fn nodes_on(follow: &Follow<'_>, topic: &Name) -> BTreeSet<NodeId> {
 }
 
 /// Waits until the topic has what is measured; false if the command is to end instead.
+///
+/// # Errors
+///
+/// [`CliError::NothingToMeasure`] after the timeout.
 fn await_topic<const N: usize, M: Measure<N>>(
     session: &Session,
     follow: &mut Follow<'_>,
-    topic: &Name,
+    arguments: &Common,
     out: &Output,
 ) -> Result<bool, CliError> {
+    let topic = &arguments.topic;
+    let start = clock::now();
+    let timeout = arguments.timeout();
+    let until = timeout.map(|timeout| start.after(timeout));
     let view = View::new(follow.domain());
     let known = view.names(TOPIC);
     let hint = match known.contains(topic) {
@@ -161,9 +183,16 @@ fn await_topic<const N: usize, M: Measure<N>>(
         M::OF
     );
     while !is_there::<N, M>(follow, topic) {
-        let woken = follow.wait(&[(out.as_fd(), For::Hangup)], None)?;
+        let woken = follow.wait(&[(out.as_fd(), For::Hangup)], until)?;
         if session.stopped().is_some() || woken.ready == [true] {
             return Ok(false);
+        }
+        if let Some(timeout) = timeout.filter(|timeout| clock::now().since(start) >= *timeout) {
+            return Err(CliError::NothingToMeasure {
+                topic: topic.clone(),
+                kind: M::OF,
+                seconds: timeout.as_secs_f64(),
+            });
         }
     }
     Ok(true)

@@ -210,6 +210,8 @@ fn a_topic_that_comes_later_is_waited_for() {
             "1",
             "--interval",
             "50ms",
+            "--timeout",
+            "60s",
             "--json",
         ];
         let waiting = domain.start(&waiting);
@@ -300,6 +302,22 @@ fn a_mistyped_topic_has_a_hint() {
     counting.await_stderr("waiting for a subscriber of scan");
     counting.signal(Signal::SIGINT);
     assert_eq!(counting.finish().code(), 130);
+}
+
+#[test]
+fn a_count_does_not_wait_for_ever() {
+    let domain = Domain::new();
+    let (_talker, _) = talker(&domain, "scan");
+    let count = ["topic", "delay", "scan", "--count", "1"];
+    let counting = domain.run(&[&count[..], &["--timeout", "100ms"]].concat());
+    assert_eq!(counting.code(), 1, "{counting:?}");
+    let said = counting.stderr();
+    let expected = "sm2: no subscriber of scan in 0.1 s, so there is nothing to measure: \
+                    start one, or raise --timeout\n";
+    assert!(said.ends_with(expected), "{said}");
+    // The limit without --timeout.
+    let counting = domain.run(&count);
+    assert!(counting.stderr().contains("in 10.0 s"), "{counting:?}");
 }
 
 #[test]
