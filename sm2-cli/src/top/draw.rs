@@ -7,6 +7,7 @@ use ratatui::{
     text::Line,
     widgets::{Cell as Widget, Paragraph, Row, Table as Tables, TableState},
 };
+use sm2_proto::text::Counted;
 
 use super::{
     figures::{Cell, Figures, Tab, Table},
@@ -16,7 +17,7 @@ use super::{
 /// Between two columns.
 const GAP: u16 = 2;
 
-/// Draws all of it.
+/// Draws the whole screen.
 pub(super) fn draw(frame: &mut Frame<'_>, figures: &Figures, state: &mut State) {
     let areas = Layout::vertical([
         Constraint::Length(1),
@@ -24,43 +25,103 @@ pub(super) fn draw(frame: &mut Frame<'_>, figures: &Figures, state: &mut State) 
         Constraint::Length(1),
     ]);
     let [head, body, foot] = areas.areas(frame.area());
-    frame.render_widget(Paragraph::new(heading(figures, state)), head);
+    let screen = frame.area().width;
+    frame.render_widget(Paragraph::new(heading(figures, state, screen)), head);
     let rows = state.rows(figures);
     state.selected = state.selected.min(rows.len().saturating_sub(1));
     let mut selection = TableState::new().with_selected(Some(state.selected));
-    let table = table(figures.table(state.tab), &rows, Some(state));
+    let shown = figures.table(state.tab);
+    let columns = fitting_columns(shown, state.sort, screen);
+    let hidden = shown.columns.len() - columns.len();
+    let table = table(shown, &rows, &columns, state, screen);
     frame.render_stateful_widget(table, body, &mut selection);
-    frame.render_widget(Paragraph::new(footer(state)), foot);
+    frame.render_widget(Paragraph::new(footer(state, hidden, screen)), foot);
 }
 
-fn heading(figures: &Figures, state: &State) -> String {
-    let tab = |tab: Tab, name: &str| {
-        let count = figures.table(tab).rows.len();
+/// The tabs, and whether there is a Manager.
+fn heading(figures: &Figures, state: &State, screen: u16) -> String {
+    let tab = |tab: Tab, noun: &str| {
+        let count = Counted::new(figures.table(tab).rows.len() as u64, noun);
         match tab == state.tab {
-            true => format!("[{count} {name}]"),
-            false => format!(" {count} {name} "),
+            true => format!("[{count}]"),
+            false => format!(" {count} "),
         }
     };
-    let manager = match state.connected {
-        true => "",
-        false => "  the Manager is gone: waiting for its successor",
-    };
-    format!(
-        "sm2 top  {} {}{manager}",
-        tab(Tab::Topics, "topics"),
-        tab(Tab::Nodes, "nodes")
-    )
-}
-
-fn footer(state: &State) -> String {
-    match (state.typing, state.filter.is_empty()) {
-        (true, _) => format!("/{}_  (Enter keeps it, Esc drops it)", state.filter),
-        (false, false) => format!("names with {:?}  (Esc shows all)", state.filter),
-        (false, true) => "q quit  Tab topics/nodes  s sort  r reverse  / filter".into(),
+    let (topics, nodes) = (tab(Tab::Topics, "topic"), tab(Tab::Nodes, "node"));
+    let tabs = format!("sm2 top  {topics} {nodes}");
+    match state.connected {
+        true => tabs,
+        false => {
+            let lost = "  the Manager is gone: waiting for its successor";
+            let line = format!("{tabs}{lost}");
+            match line.len() <= usize::from(screen) {
+                true => line,
+                false => format!("no Manager  {topics} {nodes}"),
+            }
+        }
     }
 }
 
-fn table<'a>(table: &Table, rows: &[&Vec<Cell>], state: Option<&State>) -> Tables<'a> {
+/// The keys, as many as fit; first the number of columns that do not fit.
+fn footer(state: &State, hidden: usize, screen: u16) -> String {
+    match (state.typing, state.filter.is_empty()) {
+        (true, _) => return format!("/{}_  (Enter keeps it, Esc drops it)", state.filter),
+        (false, false) => return format!("names with {:?}  (Esc shows all)", state.filter),
+        (false, true) => {}
+    }
+    let hidden = (hidden > 0).then(|| {
+        let columns = Counted::new(hidden as u64, "column");
+        format!("{columns} hidden")
+    });
+    let keys = [
+        "q quit",
+        "Tab topics/nodes",
+        "s sort",
+        "r reverse",
+        "/ filter",
+    ];
+    let mut line = String::new();
+    for part in hidden
+        .into_iter()
+        .chain(keys.into_iter().map(str::to_owned))
+    {
+        let gap = if line.is_empty() { "" } else { "  " };
+        if line.len() + gap.len() + part.len() > usize::from(screen) {
+            break;
+        }
+        line += gap;
+        line += &part;
+    }
+    line
+}
+
+/// The columns that fit the screen, in their order. A cell is never cut: the columns are left out
+/// by their rank. The name stays, and the column by which rows are sorted goes last.
+fn fitting_columns(table: &Table, sort: usize, screen: u16) -> Vec<usize> {
+    let widths = widths(table);
+    let mut columns: Vec<_> = (0..table.columns.len()).collect();
+    let needed = |columns: &[usize]| {
+        let cells: usize = columns.iter().map(|at| widths[*at]).sum();
+        cells + columns.len().saturating_sub(1) * usize::from(GAP)
+    };
+    while needed(&columns) > usize::from(screen) {
+        let others = columns.iter().enumerate().skip(1);
+        let lowest = others.min_by_key(|&(_, &at)| (at == sort, table.columns[at].rank));
+        let Some((index, _)) = lowest else {
+            break;
+        };
+        columns.remove(index);
+    }
+    columns
+}
+
+fn table<'a>(
+    table: &Table,
+    rows: &[&Vec<Cell>],
+    columns: &[usize],
+    state: &State,
+    screen: u16,
+) -> Tables<'a> {
     let is_number = |column: usize| {
         let mut cells = table.rows.iter().filter_map(|row| row.get(column));
         cells.any(|cell| matches!(cell, Cell::Number(_)))
@@ -70,50 +131,63 @@ fn table<'a>(table: &Table, rows: &[&Vec<Cell>], state: Option<&State>) -> Table
             true => Alignment::Right,
             false => Alignment::Left,
         };
+        let text = shortened(text, screen.into());
         Widget::from(Line::from(text).alignment(alignment))
     };
-    let headings = table.columns.iter().enumerate().map(|(at, column)| {
-        let sign = match state.filter(|state| state.sort == at) {
-            Some(state) if state.reverse => "^",
-            Some(_) => "v",
-            None => "",
+    let headings = columns.iter().map(|&at| {
+        let sign = match (state.sort == at, state.reverse) {
+            (true, true) => "^",
+            (true, false) => "v",
+            (false, _) => "",
         };
-        aligned(at, format!("{}{sign}", column.heading))
+        aligned(at, format!("{}{sign}", table.columns[at].heading))
     });
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let headings = Row::new(headings.collect::<Vec<_>>()).style(bold);
     let body = rows.iter().map(|row| {
-        let cells = table.columns.iter().zip(row.iter()).enumerate();
-        let cells = cells.map(|(at, (column, cell))| aligned(at, column.show(cell)));
+        let cells = columns
+            .iter()
+            .map(|&at| aligned(at, table.columns[at].show(&row[at])));
         Row::new(cells.collect::<Vec<_>>())
     });
     let reversed = Style::new().add_modifier(Modifier::REVERSED);
-    Tables::new(
-        body.collect::<Vec<_>>(),
-        widths(table).map(Constraint::Length),
-    )
-    .header(headings)
-    .column_spacing(GAP)
-    .row_highlight_style(reversed)
+    let widths = widths(table);
+    let constraints = columns.iter().map(|&at| {
+        let width = u16::try_from(widths[at]).unwrap_or(u16::MAX);
+        Constraint::Length(width.min(screen))
+    });
+    Tables::new(body.collect::<Vec<_>>(), constraints)
+        .header(headings)
+        .column_spacing(GAP)
+        .row_highlight_style(reversed)
 }
 
-/// As wide as the longest cell, and the mark of sorting.
-fn widths(table: &Table) -> impl Iterator<Item = u16> {
+/// A text that is wider than the screen ends in `…`.
+fn shortened(text: String, screen: usize) -> String {
+    match text.char_indices().nth(screen) {
+        None => text,
+        Some(_) => {
+            let start: String = text.chars().take(screen.saturating_sub(1)).collect();
+            format!("{start}…")
+        }
+    }
+}
+
+/// The widths of all columns: that of the longest cell, or of the heading with the sign of sorting.
+fn widths(table: &Table) -> Vec<usize> {
     let width = |at: usize| {
         let column = table.columns[at];
         let cells = table.rows.iter().filter_map(|row| row.get(at));
         let cells = cells.map(|cell| column.show(cell).chars().count());
-        let widest = cells.max().unwrap_or(0).max(column.heading.len() + 1);
-        u16::try_from(widest).unwrap_or(u16::MAX)
+        cells.max().unwrap_or(0).max(column.heading.len() + 1)
     };
-    let widths: Vec<_> = (0..table.columns.len()).map(width).collect();
-    widths.into_iter()
+    (0..table.columns.len()).map(width).collect()
 }
 
 /// A table as lines of text, all of it.
 pub(super) fn text(figures: &Figures, tab: Tab) -> Vec<String> {
     let table = figures.table(tab);
-    let widths: Vec<_> = widths(table).map(usize::from).collect();
+    let widths = widths(table);
     let is_text = |at: usize| {
         let mut cells = table.rows.iter().filter_map(|row| row.get(at));
         cells.any(|cell| matches!(cell, Cell::Text(_)))

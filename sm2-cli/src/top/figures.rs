@@ -32,12 +32,16 @@ pub(super) struct Table {
     pub(super) rows: Vec<Vec<Cell>>,
 }
 
-/// A column: its heading, its name in JSON, and how many decimals its numbers have.
+/// A column of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Column {
     pub(super) heading: &'static str,
+    /// Its name in JSON.
     key: &'static str,
+    /// The number of decimals that its numbers have.
     decimals: usize,
+    /// On a narrow screen, the column with the lowest rank is left out first. See [`HELP`](super::HELP).
+    pub(super) rank: u8,
 }
 
 /// A cell.
@@ -48,38 +52,42 @@ pub(super) enum Cell {
     Number(Option<f64>),
 }
 
-const fn column(heading: &'static str, key: &'static str, decimals: usize) -> Column {
+const fn column(heading: &'static str, key: &'static str, decimals: usize, rank: u8) -> Column {
     Column {
         heading,
         key,
         decimals,
+        rank,
     }
 }
 
+/// The rank of a table's first column, which is never left out.
+const NAME: u8 = u8::MAX;
+
 const TOPICS: &[Column] = &[
-    column("TOPIC", "name", 0),
-    column("TYPE", "type", 0),
-    column("PUBS", "publishers", 0),
-    column("SUBS", "subscribers", 0),
-    column("LINKS", "links", 0),
-    column("HZ", "hz", 2),
-    column("MB/s", "mb_per_s", 3),
-    column("P50 ms", "delay_p50_ms", 3),
-    column("DROPPED", "dropped", 0),
-    column("LOST", "lost", 0),
+    column("TOPIC", "name", 0, NAME),
+    column("TYPE", "type", 0, 0),
+    column("PUBS", "publishers", 0, 2),
+    column("SUBS", "subscribers", 0, 3),
+    column("LINKS", "links", 0, 1),
+    column("HZ", "hz", 2, 8),
+    column("MB/s", "mb_per_s", 3, 6),
+    column("P50 ms", "delay_p50_ms", 3, 5),
+    column("DROPPED", "dropped", 0, 4),
+    column("LOST", "lost", 0, 7),
 ];
 
 const NODES: &[Column] = &[
-    column("NODE", "name", 0),
-    column("PID", "pid", 0),
-    column("IFACES", "interfaces", 0),
-    column("LINKS", "links", 0),
-    column("OUT/s", "out_per_s", 2),
-    column("OUT MB/s", "out_mb_per_s", 3),
-    column("IN/s", "in_per_s", 2),
-    column("IN MB/s", "in_mb_per_s", 3),
-    column("DROPPED", "dropped", 0),
-    column("LOST", "lost", 0),
+    column("NODE", "name", 0, NAME),
+    column("PID", "pid", 0, 2),
+    column("IFACES", "interfaces", 0, 0),
+    column("LINKS", "links", 0, 1),
+    column("OUT/s", "out_per_s", 2, 8),
+    column("OUT MB/s", "out_mb_per_s", 3, 5),
+    column("IN/s", "in_per_s", 2, 7),
+    column("IN MB/s", "in_mb_per_s", 3, 4),
+    column("DROPPED", "dropped", 0, 3),
+    column("LOST", "lost", 0, 6),
 ];
 
 /// What is added up for a topic or a node; what no node counts stays unknown.
@@ -247,6 +255,39 @@ fn plus(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     }
 }
 
+#[cfg(test)]
+impl Figures {
+    /// A topic and a node with figures as large as a busy robot has.
+    pub(super) fn large() -> Self {
+        let topic = Sums {
+            publishers: 2,
+            subscribers: 12,
+            links: 48,
+            out_per_s: Some(30_000.25),
+            out_bytes_per_s: Some(745_700_000.0),
+            delay_ns: Some(5_715_000),
+            dropped: Some(1_234_567.0),
+            lost: Some(98_765.0),
+            ..Sums::default()
+        };
+        let node = Sums {
+            interfaces: 14,
+            in_per_s: Some(12_345.5),
+            in_bytes_per_s: Some(1_234_567_890.0),
+            ..topic
+        };
+        let topics = Table {
+            columns: TOPICS,
+            rows: vec![topic.topic("camera/front/image", "sensor/Image")],
+        };
+        let nodes = Table {
+            columns: NODES,
+            rows: vec![node.node("camera-driver", 1_234_567)],
+        };
+        Self { topics, nodes }
+    }
+}
+
 impl Table {
     fn json(&self) -> Value {
         let row = |row: &Vec<Cell>| {
@@ -272,7 +313,7 @@ impl Table {
 impl Column {
     #[cfg(test)]
     pub(super) const fn test(heading: &'static str, decimals: usize) -> Self {
-        column(heading, heading, decimals)
+        column(heading, heading, decimals, NAME)
     }
 
     /// A cell of this column as text.

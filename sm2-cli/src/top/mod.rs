@@ -60,6 +60,10 @@ Keys: q quits; Tab or the left and right arrows switch between topics and nodes;
 and j) move; s sorts by the next column, r the other way round; / filters by name (Enter keeps it,
 Esc drops it). A `-` is a figure of a node that keeps no counters.
 
+On a narrow screen whole columns are left out, in this order. Topics: TYPE, LINKS, PUBS, SUBS,
+DROPPED, P50 ms, MB/s, LOST, HZ. Nodes: IFACES, LINKS, PID, DROPPED, IN MB/s, OUT MB/s, LOST, IN/s,
+OUT/s. The column by which rows are sorted is left out last; --once and --json have all columns.
+
 Exit status: 0 ended by q, Ctrl-C or SIGTERM, 1 failed, 2 wrong usage (also: no terminal).
 
 Examples:

@@ -3,12 +3,14 @@ use ratatui::{Terminal, backend::TestBackend};
 use super::*;
 use crate::top::state::tests::figures;
 
-/// What is on a screen of this size.
+/// The lines of a screen of this size.
 fn screen(state: &mut State, width: u16, height: u16) -> Vec<String> {
+    screen_of(&figures(), state, width, height)
+}
+
+fn screen_of(figures: &Figures, state: &mut State, width: u16, height: u16) -> Vec<String> {
     let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-    terminal
-        .draw(|frame| draw(frame, &figures(), state))
-        .unwrap();
+    terminal.draw(|frame| draw(frame, figures, state)).unwrap();
     let buffer = terminal.backend().buffer().clone();
     let lines = buffer.content().chunks(usize::from(width));
     lines
@@ -22,7 +24,7 @@ fn screen(state: &mut State, width: u16, height: u16) -> Vec<String> {
 #[test]
 fn topics_are_drawn_with_a_heading_and_keys() {
     let expected = [
-        "sm2 top  [3 topics]  1 nodes",
+        "sm2 top  [3 topics]  1 node",
         "TOPICv     HZ",
         "image    30.0",
         "scan    100.2",
@@ -46,6 +48,51 @@ fn a_filter_and_a_lost_manager_are_shown() {
     assert!(lines[3].starts_with("names with \"talk\""), "{lines:?}");
 }
 
+/// The rows of both tables on screens of usual widths. No cell is cut: see the help.
+#[test]
+fn columns_that_do_not_fit_are_left_out() {
+    for (width, topics, nodes) in WIDTHS {
+        for (tab, expected) in [(Tab::Topics, topics), (Tab::Nodes, nodes)] {
+            let mut state = State {
+                tab,
+                ..State::default()
+            };
+            let lines = screen_of(&Figures::large(), &mut state, *width, 4);
+            assert_eq!(lines[1..], **expected, "{tab:?} at {width} columns");
+        }
+    }
+}
+
+#[test]
+fn the_help_states_the_order_of_leaving_out() {
+    let help = crate::top::HELP.split_whitespace().collect::<Vec<_>>();
+    let help = help.join(" ");
+    let figures = Figures::large();
+    for (title, table) in [("Topics", &figures.topics), ("Nodes", &figures.nodes)] {
+        let mut columns = table.columns[1..].to_vec();
+        columns.sort_by_key(|column| column.rank);
+        let headings: Vec<_> = columns.iter().map(|column| column.heading).collect();
+        let order = format!("{title}: {}.", headings.join(", "));
+        assert!(help.contains(&order), "{order}");
+    }
+}
+
+#[test]
+fn the_column_of_the_order_stays() {
+    let mut state = State {
+        sort: 1,
+        ..State::default()
+    };
+    let lines = screen_of(&Figures::large(), &mut state, 40, 4);
+    assert_eq!(lines[1], "TOPIC               TYPEv");
+}
+
+#[test]
+fn only_a_name_that_is_wider_than_the_screen_is_shortened() {
+    let lines = screen_of(&Figures::large(), &mut State::default(), 10, 4);
+    assert_eq!(lines[2], "camera/fr…");
+}
+
 #[test]
 fn any_size_can_be_drawn() {
     for (width, height) in [(1, 1), (2, 3), (10, 2), (300, 1)] {
@@ -63,3 +110,72 @@ fn text_is_the_whole_table() {
     ];
     assert_eq!(text(&figures(), Tab::Topics), expected);
 }
+
+/// Widths of a screen, and the lines below its first one for topics and for nodes.
+const WIDTHS: &[(u16, &[&str], &[&str])] = &[
+    (
+        40,
+        &[
+            "TOPICv                    HZ   LOST",
+            "camera/front/image  30000.25  98765",
+            "7 columns hidden  q quit",
+        ],
+        &[
+            "NODEv             OUT/s      IN/s   LOST",
+            "camera-driver  30000.25  12345.50  98765",
+            "6 columns hidden  q quit",
+        ],
+    ),
+    (
+        60,
+        &[
+            "TOPICv                    HZ     MB/s   P50 ms   LOST",
+            "camera/front/image  30000.25  745.700    5.715  98765",
+            "5 columns hidden  q quit  Tab topics/nodes  s sort",
+        ],
+        &[
+            "NODEv             OUT/s   OUT MB/s      IN/s   LOST",
+            "camera-driver  30000.25    745.700  12345.50  98765",
+            "5 columns hidden  q quit  Tab topics/nodes  s sort",
+        ],
+    ),
+    (
+        80,
+        &[
+            "TOPICv               PUBS   SUBS        HZ     MB/s   P50 ms   DROPPED   LOST",
+            "camera/front/image      2     12  30000.25  745.700    5.715   1234567  98765",
+            "2 columns hidden  q quit  Tab topics/nodes  s sort  r reverse  / filter",
+        ],
+        &[
+            "NODEv              PID     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST",
+            "camera-driver  1234567  30000.25    745.700  12345.50  1234.568   1234567  98765",
+            "2 columns hidden  q quit  Tab topics/nodes  s sort  r reverse  / filter",
+        ],
+    ),
+    (
+        120,
+        &[
+            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST",
+            "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  98765",
+            "q quit  Tab topics/nodes  s sort  r reverse  / filter",
+        ],
+        &[
+            "NODEv              PID   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST",
+            "camera-driver  1234567       14      48  30000.25    745.700  12345.50  1234.568   1234567  98765",
+            "q quit  Tab topics/nodes  s sort  r reverse  / filter",
+        ],
+    ),
+    (
+        200,
+        &[
+            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST",
+            "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  98765",
+            "q quit  Tab topics/nodes  s sort  r reverse  / filter",
+        ],
+        &[
+            "NODEv              PID   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST",
+            "camera-driver  1234567       14      48  30000.25    745.700  12345.50  1234.568   1234567  98765",
+            "q quit  Tab topics/nodes  s sort  r reverse  / filter",
+        ],
+    ),
+];
