@@ -18,7 +18,7 @@ use sm2_proto::{
     Name,
     gateway::{
         Action, Direction, GatewayId, Pattern, Rule, Rules, SubjectKind,
-        schedule::{PRIORITY_MAX, Terms},
+        schedule::{PRIORITY_MAX, SendQos},
     },
 };
 use toml::Spanned;
@@ -27,7 +27,7 @@ pub use self::error::{ConfigError, ValueError};
 use crate::{
     address::Address,
     domain::DomainLocation,
-    hub::{DEFAULT_TERMS, Policy},
+    hub::{DEFAULT_SEND_QOS, Policy},
     peer::Limits,
     shadow::RuleSet,
 };
@@ -213,9 +213,9 @@ impl Config {
         let mut policy = Policy::default();
         let mut rule_lines = Vec::new();
         for table in &file.rule {
-            let (rule, terms) = at.rule(table.get_ref(), &ids)?;
+            let (rule, qos) = at.rule(table.get_ref(), &ids)?;
             policy.rules.0.push(rule);
-            policy.terms.push(terms);
+            policy.send_qos.push(qos);
             rule_lines.push(at.line(&table.span()));
         }
         let default = Limits::default();
@@ -366,7 +366,7 @@ impl Source<'_> {
         &self,
         table: &RuleTable,
         ids: &BTreeMap<Name, GatewayId>,
-    ) -> Result<(Rule, Terms), ConfigError> {
+    ) -> Result<(Rule, SendQos), ConfigError> {
         let names = Pattern::new(table.names.get_ref());
         let names = names.map_err(|source| {
             let text = table.names.get_ref().clone();
@@ -390,7 +390,7 @@ impl Source<'_> {
                 return Err(self.error(&it.span(), ValueError::Priority));
             }
             Some(it) => *it.get_ref(),
-            None => DEFAULT_TERMS.priority,
+            None => DEFAULT_SEND_QOS.priority,
         };
         let rule = Rule {
             action: match table.action {
@@ -409,13 +409,13 @@ impl Source<'_> {
             },
             peers: peers.transpose()?,
         };
-        let terms = Terms {
+        let qos = SendQos {
             priority,
             messages_per_s: table.messages_per_s,
             bytes_per_s: table.bytes_per_s,
             max_age: table.max_age_ms.map(Duration::from_millis),
-            ..DEFAULT_TERMS
+            ..DEFAULT_SEND_QOS
         };
-        Ok((rule, terms))
+        Ok((rule, qos))
     }
 }

@@ -25,6 +25,7 @@ mod domain;
 pub mod hub;
 pub mod keys;
 mod local;
+mod message;
 #[cfg(feature = "metrics")]
 pub mod metrics;
 mod names;

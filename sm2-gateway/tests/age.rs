@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use sm2_gateway::{
-    hub::DEFAULT_TERMS,
-    peer::{Command, Event},
+    hub::DEFAULT_SEND_QOS,
+    peer::{Command, Event, Message},
 };
 use sm2_io::quic::Congestion;
 use sm2_lossy_link::{HEADERS_BYTES, Profile};
@@ -103,7 +103,7 @@ fn offer(world: &mut World, topic: &Topic) {
             latched: 0,
         },
         path: vec![world.hop(0)],
-        terms: DEFAULT_TERMS,
+        qos: DEFAULT_SEND_QOS,
     };
     world.command(0, command);
 }
@@ -129,15 +129,10 @@ fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
                 (1, Event::Session(session::Event::Offered { offer, .. })) => {
                     world.command(1, Command::Want { offer, depth: 1 });
                 }
-                (
-                    1,
-                    Event::Message {
-                        offer, sequence, ..
-                    },
-                ) => {
+                (1, Event::Message { offer, message }) => {
                     let is_counted = world.now.since(begin) > SETTLING;
                     let log = &mut logs[usize::try_from(offer.0 - 1).unwrap()];
-                    log.came(world.now, sequence, is_counted);
+                    log.came(world.now, message.sequence, is_counted);
                 }
                 (_, Event::Ended(reason)) => panic!("{reason}"),
                 _ => {}
@@ -149,14 +144,14 @@ fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
             }
             next[index] = next[index].after(topic.period);
             let log = &mut logs[index];
-            let command = Command::Message {
-                offer: topic.offer,
+            let offer = topic.offer;
+            let message = Message {
                 sequence: log.published.len() as u64,
                 published: world.now,
                 payload: payloads[index].clone(),
             };
             log.published.push(world.now);
-            world.command(0, command);
+            world.command(0, Command::Message { offer, message });
         }
     }
     assert!(is_greeted);

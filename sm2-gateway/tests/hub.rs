@@ -5,18 +5,18 @@ mod calls;
 #[path = "hub/latched.rs"]
 mod latched;
 
-use std::{num::NonZeroU64, time::Duration};
+use std::num::NonZeroU64;
 
 use bytes::Bytes;
 use sm2_gateway::{
     hub::{Denial, Hub, Input, LocalCommand, LocalEvent, NoRoom, Output, Policy},
-    peer::{Command, ConnectionId, Event},
+    peer::{Command, ConnectionId, Event, Message},
 };
 use sm2_proto::{
     Instant, Name, TypeId,
     gateway::{
         Action, AskId, Direction, GatewayId, Hop, OfferId, Pattern, PeerFarewell, Rule, Rules,
-        Subject, SubjectKind, Verdict, schedule::Terms, session,
+        Subject, SubjectKind, Verdict, schedule::SendQos, session,
     },
 };
 
@@ -70,7 +70,7 @@ fn rule(action: Action, names: &str) -> Rule {
 fn policy(rules: Vec<Rule>) -> Policy {
     Policy {
         rules: Rules(rules),
-        terms: Vec::new(),
+        send_qos: Vec::new(),
     }
 }
 
@@ -123,13 +123,14 @@ fn offered_by(hub: &mut Hub, connection: u64, offer: u64, subject: Subject, path
     tell(hub, connection, offered);
 }
 
-fn message(offer: u64, sequence: u64, age_ms: u64) -> Event {
-    Event::Message {
-        offer: OfferId(offer),
+fn message(offer: u64, sequence: u64) -> Event {
+    let message = Message {
         sequence,
-        age: Duration::from_millis(age_ms),
+        published: NOW,
         payload: Bytes::from_static(b"x"),
-    }
+    };
+    let offer = OfferId(offer);
+    Event::Message { offer, message }
 }
 
 fn wanted(offer: u64, depth: u16) -> Event {
@@ -207,7 +208,7 @@ fn what_was_known_of_a_peer_is_forgotten_with_its_connection() {
     let lost = said.iter().any(|it| matches!(it, Output::Lost { .. }));
     assert!(lost, "{said:?}");
     // What the old one still says counts for nothing.
-    assert!(tell(&mut hub, 1, message(1, 1, 0)).is_empty());
+    assert!(tell(&mut hub, 1, message(1, 1)).is_empty());
 }
 
 //= SM2-GWO-007 test
@@ -260,24 +261,31 @@ fn between() -> Hub {
 
 //= SM2-GWM-005 test
 #[test]
-fn a_message_is_passed_on_with_its_number_and_its_age() {
+fn a_message_is_passed_on_as_it_came() {
     let mut hub = between();
-    let said = tell(&mut hub, 1, message(4, 17, 250));
+    let came = Message {
+        sequence: 17,
+        published: Instant(NOW.0 - 250_000_000),
+        payload: Bytes::from_static(b"x"),
+    };
+    let event = Event::Message {
+        offer: OfferId(4),
+        message: came.clone(),
+    };
+    let said = tell(&mut hub, 1, event);
     let passed = said.iter().find_map(|it| match it {
         Output::Peer {
             connection: ConnectionId(2),
             command:
                 Command::Message {
                     offer: OfferId(1),
-                    sequence,
-                    published,
-                    ..
+                    message,
                 },
-        } => Some((*sequence, *published)),
+        } => Some(message),
         _ => None,
     });
-    assert_eq!(passed, Some((17, Instant(NOW.0 - 250_000_000))), "{said:?}");
-    // Not to whom it came from, nor past it.
+    assert_eq!(passed, Some(&came), "{said:?}");
+    // It is not sent to the peer that it came from.
     let back = |it: &Output| {
         matches!(
             it,
@@ -294,7 +302,7 @@ fn a_message_is_passed_on_with_its_number_and_its_age() {
 #[test]
 fn a_message_is_taken_once() {
     let mut hub = between();
-    let mut taken = |sequence| published(&tell(&mut hub, 1, message(4, sequence, 0)));
+    let mut taken = |sequence| published(&tell(&mut hub, 1, message(4, sequence)));
     assert_eq!([1, 1, 3, 2, 3, 4].map(&mut taken), [1, 0, 1, 0, 0, 1]);
     // A new process of the origin's begins anew.
     tell(&mut hub, 1, gone(4));
@@ -304,7 +312,7 @@ fn a_message_is_taken_once() {
     }];
     offered_by(&mut hub, 1, 5, topic("scan"), path);
     tell(&mut hub, 2, wanted(2, 1));
-    assert_eq!(published(&tell(&mut hub, 1, message(5, 1, 0))), 1);
+    assert_eq!(published(&tell(&mut hub, 1, message(5, 1))), 1);
 }
 
 /// One that invents origins is remembered of only as long as they are in use.
@@ -318,7 +326,7 @@ fn what_was_seen_is_forgotten_in_the_end() {
         let (offer, path) = (5 + round, vec![origin, hop(9)]);
         offered_by(&mut hub, 1, offer, topic("scan"), path);
         tell(&mut hub, 2, wanted(2 + round, 1));
-        let count = published(&tell(&mut hub, 1, message(offer, 1, 0)));
+        let count = published(&tell(&mut hub, 1, message(offer, 1)));
         assert_eq!(count, 1, "{round}");
         tell(&mut hub, 1, gone(offer));
     }
@@ -329,9 +337,9 @@ fn what_was_seen_is_forgotten_in_the_end() {
 #[test]
 fn other_rules_withdraw_before_anything_else_is_said() {
     let mut hub = between();
-    let terms = Terms {
+    let qos = SendQos {
         bytes_per_s: NonZeroU64::new(1_000),
-        ..sm2_gateway::hub::DEFAULT_TERMS
+        ..sm2_gateway::hub::DEFAULT_SEND_QOS
     };
     let (subject, present) = (topic("own"), true);
     local(&mut hub, LocalEvent::Present { subject, present });
@@ -341,7 +349,7 @@ fn other_rules_withdraw_before_anything_else_is_said() {
     };
     let other = Policy {
         rules: Rules(vec![deny_in, rule(Action::Allow, "**")]),
-        terms: vec![terms; 2],
+        send_qos: vec![qos; 2],
     };
     hub.handle(NOW, Input::Policy(other));
     let said = outputs(&mut hub);
@@ -365,12 +373,12 @@ fn other_rules_withdraw_before_anything_else_is_said() {
         )
     });
     let change = at(
-        |it| matches!(it, Output::Peer { command: Command::Change { terms, .. }, .. } if terms.bytes_per_s.is_some()),
+        |it| matches!(it, Output::Peer { command: Command::Change { qos, .. }, .. } if qos.bytes_per_s.is_some()),
     );
     assert!(unoffer.is_some() && unwant.is_some(), "{said:?}");
     assert!(unoffer.max(unwant) < change, "{said:?}");
     // What is under way of it reaches nobody.
-    assert!(tell(&mut hub, 1, message(4, 1, 0)).is_empty());
+    assert!(tell(&mut hub, 1, message(4, 1)).is_empty());
 }
 
 #[test]
@@ -418,19 +426,19 @@ fn what_was_left_out_is_counted_only_while_it_was_wanted() {
     local(&mut hub, taken(Some(4)));
     let skipped = |hub: &Hub| hub.peers()[0].counts.skipped;
     // What went before the first one nobody here has missed.
-    tell(&mut hub, 1, message(1, 10, 0));
-    tell(&mut hub, 1, message(1, 11, 0));
+    tell(&mut hub, 1, message(1, 10));
+    tell(&mut hub, 1, message(1, 11));
     assert_eq!(skipped(&hub), 0);
-    tell(&mut hub, 1, message(1, 14, 0));
+    tell(&mut hub, 1, message(1, 14));
     assert_eq!(skipped(&hub), 2);
     // It came too late to be passed on.
-    tell(&mut hub, 1, message(1, 13, 0));
+    tell(&mut hub, 1, message(1, 13));
     assert_eq!(skipped(&hub), 2);
     local(&mut hub, taken(None));
     local(&mut hub, taken(Some(4)));
-    tell(&mut hub, 1, message(1, 100, 0));
+    tell(&mut hub, 1, message(1, 100));
     assert_eq!(skipped(&hub), 2);
-    tell(&mut hub, 1, message(1, u64::MAX, 0));
+    tell(&mut hub, 1, message(1, u64::MAX));
     assert_eq!(skipped(&hub), 2 + (u64::MAX - 101));
     let by_name = &hub.peers()[0].counts_by_name;
     assert_eq!(by_name[0].0, (SubjectKind::Topic, name("scan")));

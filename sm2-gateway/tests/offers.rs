@@ -8,8 +8,8 @@ use std::time::Duration;
 use bytes::Bytes;
 use sm2_gateway::{
     Counts,
-    hub::DEFAULT_TERMS,
-    peer::{Command, Event},
+    hub::DEFAULT_SEND_QOS,
+    peer::{Command, Event, Message},
 };
 use sm2_io::quic::Congestion;
 use sm2_lossy_link::Profile;
@@ -66,7 +66,7 @@ fn offer(world: &mut World, offer: u64) {
         offer: OfferId(offer),
         subject,
         path,
-        terms: DEFAULT_TERMS,
+        qos: DEFAULT_SEND_QOS,
     };
     world.command(0, command);
 }
@@ -131,13 +131,13 @@ fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
     world.command(1, want);
     events(&mut world);
     for sequence in 1..=4 {
-        let message = Command::Message {
-            offer: OfferId(1),
+        let offer = OfferId(1);
+        let message = Message {
             sequence,
             published: world.now,
             payload: Bytes::from(vec![0; 4 << 20]),
         };
-        world.command(0, message);
+        world.command(0, Command::Message { offer, message });
     }
     world.command(0, Command::Unoffer { offer: OfferId(1) });
     let expected = Counts {

@@ -148,15 +148,18 @@ mod tests {
     use sm2_proto::{Instant, gateway::OfferId};
 
     use super::*;
+    use crate::message::Message;
 
     #[test]
     fn a_message_that_finds_no_room_comes_back() {
         let (handle, inbox) = channel();
         let message = |offer| Command::Message {
             offer: OfferId(offer),
-            sequence: 1,
-            published: Instant(0),
-            payload: Bytes::new(),
+            message: Message {
+                sequence: 1,
+                published: Instant(0),
+                payload: Bytes::new(),
+            },
         };
         for _ in 0..MESSAGES {
             assert!(handle.command(message(1)).is_none());

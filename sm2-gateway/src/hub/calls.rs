@@ -1,6 +1,6 @@
 //! Calls on their way: who waits for which reply.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use sm2_proto::{
@@ -30,7 +30,7 @@ struct Call {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Caller {
+pub(super) enum Caller {
     Local {
         request: RequestId,
     },
@@ -62,19 +62,14 @@ impl Hub {
 
     /// A peer calls.
     //= SM2-GWS-001
-    #[expect(clippy::too_many_arguments, reason = "the fields of one event")]
     pub(super) fn request(
         &mut self,
-        now: Instant,
+        from: Caller,
         peer: GatewayId,
-        connection: ConnectionId,
-        call: PeerCall,
         offer: OfferId,
-        left: Option<Duration>,
+        deadline: Option<Instant>,
         payload: Bytes,
     ) {
-        let from = Caller::Peer { connection, call };
-        let deadline = left.map(|it| now.after(it));
         match self.source(peer, offer) {
             Some((subject, Source::Local)) if subject.kind() == SubjectKind::Service => {
                 let call = self.open_call(from, None);

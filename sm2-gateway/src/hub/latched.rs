@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, VecDeque};
 
 use sm2_proto::gateway::{GatewayId, OfferId, Subject, router::Source};
 
-use super::{Hub, messages::Numbered};
+use super::Hub;
+use crate::{message::Message, peer::Command};
 
 /// So many messages of a topic are kept at most, whatever its publishers keep.
 pub const LATCHED_MAX: u16 = 64;
@@ -14,12 +15,12 @@ const BYTES_MAX: usize = 64 << 20;
 /// The newest messages of each latched topic that is taken, the newest last.
 #[derive(Debug, Default)]
 pub(super) struct Latched {
-    kept: BTreeMap<(Subject, Source), VecDeque<Numbered>>,
+    kept: BTreeMap<(Subject, Source), VecDeque<Message>>,
     bytes: usize,
 }
 
 impl Latched {
-    pub(super) fn keep(&mut self, subject: &Subject, source: Source, message: Numbered) {
+    pub(super) fn keep(&mut self, subject: &Subject, source: Source, message: Message) {
         let most = usize::from(subject.latched().min(LATCHED_MAX));
         if most == 0 {
             return;
@@ -42,7 +43,7 @@ impl Latched {
         self.bytes -= bytes.sum::<usize>();
     }
 
-    fn of(&self, subject: &Subject, source: Source) -> impl Iterator<Item = &Numbered> {
+    fn of(&self, subject: &Subject, source: Source) -> impl Iterator<Item = &Message> {
         self.kept
             .get(&(subject.clone(), source))
             .into_iter()
@@ -58,9 +59,8 @@ impl Hub {
             return;
         };
         let kept = self.messages.latched.of(&subject, source);
-        let commands: Vec<_> = kept.map(|it| it.command(offer)).collect();
-        for command in commands {
-            self.tell(peer, command);
+        for message in kept.cloned().collect::<Vec<_>>() {
+            self.tell(peer, Command::Message { offer, message });
         }
     }
 }

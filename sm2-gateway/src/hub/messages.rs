@@ -1,6 +1,6 @@
 //! Messages on their way: numbered at their origin, taken once, passed on.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use sm2_proto::{
@@ -10,32 +10,13 @@ use sm2_proto::{
 
 use super::{Hub, LocalCommand, Output, latched::Latched};
 use crate::{
+    message::Message,
     peer::Command,
     tally::{Counts, Whose},
 };
 
 /// Of so many subjects and origins it is remembered what came, at least.
 const SEEN_LEAST: usize = 16_384;
-
-/// A message with the number that its origin gave it.
-#[derive(Clone, Debug)]
-pub(super) struct Numbered {
-    sequence: u64,
-    published: Instant,
-    pub(super) payload: Bytes,
-}
-
-impl Numbered {
-    /// Sends it as one of this offer.
-    pub(super) fn command(&self, offer: OfferId) -> Command {
-        Command::Message {
-            offer,
-            sequence: self.sequence,
-            published: self.published,
-            payload: self.payload.clone(),
-        }
-    }
-}
 
 /// What was numbered, and what was seen.
 #[derive(Debug, Default)]
@@ -105,7 +86,7 @@ impl Hub {
         let last = self.messages.last.entry(subject.clone()).or_insert(0);
         *last += 1;
         let sequence = *last;
-        let message = Numbered {
+        let message = Message {
             sequence,
             published,
             payload,
@@ -115,15 +96,7 @@ impl Hub {
 
     /// A peer sent a message.
     //= SM2-GWM-005
-    pub(super) fn message(
-        &mut self,
-        now: Instant,
-        peer: GatewayId,
-        offer: OfferId,
-        sequence: u64,
-        age: Duration,
-        payload: Bytes,
-    ) {
+    pub(super) fn message(&mut self, peer: GatewayId, offer: OfferId, message: Message) {
         let offers = self.peers.get(&peer).map(|it| &it.offers);
         let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)).cloned() else {
             return;
@@ -141,7 +114,7 @@ impl Hub {
             self.messages.seen.retain(|it, _| routes.contains_key(it));
         }
         let (subject, _) = key;
-        let Some(skipped) = self.messages.take(&subject, origin, sequence) else {
+        let Some(skipped) = self.messages.take(&subject, origin, message.sequence) else {
             return;
         };
         if skipped > 0
@@ -151,15 +124,8 @@ impl Hub {
             let skip = |it: &mut Counts| it.skipped = it.skipped.saturating_add(skipped);
             it.tally.count(Whose::Theirs(offer), skip);
         }
-        let age = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);
-        let published = Instant(now.0.saturating_sub(age));
-        let source = Source::Remote(origin.gateway);
-        let message = Numbered {
-            sequence,
-            published,
-            payload: payload.clone(),
-        };
-        self.pass_on(&subject, source, message);
+        let payload = message.payload.clone();
+        self.pass_on(&subject, Source::Remote(origin.gateway), message);
         self.outputs.push_back(Output::Local(LocalCommand::Publish {
             subject,
             origin: origin.gateway,
@@ -167,10 +133,11 @@ impl Hub {
         }));
     }
 
-    fn pass_on(&mut self, subject: &Subject, source: Source, message: Numbered) {
+    fn pass_on(&mut self, subject: &Subject, source: Source, message: Message) {
         let takers: Vec<(GatewayId, OfferId)> = self.router.takers(subject, source).collect();
         for (peer, offer) in takers {
-            self.tell(peer, message.command(offer));
+            let message = message.clone();
+            self.tell(peer, Command::Message { offer, message });
         }
         self.messages.latched.keep(subject, source, message);
     }

@@ -17,12 +17,15 @@ use sm2_proto::{
     gateway::{
         Direction, GatewayId, Hop, OfferId, PeerFarewell, Rules, Subject, SubjectKind, Verdict,
         router::{self, Router, Source},
-        schedule::Terms,
+        schedule::SendQos,
         session::{self, first_stays},
     },
 };
 
-use self::{calls::Calls, messages::Messages};
+use self::{
+    calls::{Caller, Calls},
+    messages::Messages,
+};
 pub use self::{
     latched::LATCHED_MAX,
     words::{Denial, Input, LocalCommand, LocalEvent, NoRoom, Output, PeerStatus, RequestId},
@@ -32,28 +35,28 @@ use crate::{
     tally::{Tally, Whose},
 };
 
-/// The rules, and how what each of them allows is sent.
+/// The rules, and the QoS of each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Policy {
-    /// Which names go where.
+    /// The rules: which names go to which peer, and come from it.
     pub rules: Rules,
-    /// By the index of the rule.
-    pub terms: Vec<Terms>,
+    /// How messages are sent that a rule allows, by the index of the rule.
+    pub send_qos: Vec<SendQos>,
 }
 
 impl Policy {
-    /// How messages of this name go to that peer.
-    fn terms(&self, subject: &Subject, peer: &GatewayId) -> Terms {
+    /// How messages of this topic are sent to that peer.
+    fn send_qos(&self, subject: &Subject, peer: &GatewayId) -> SendQos {
         let decision = self
             .rules
             .decide(subject.kind(), subject.name(), Direction::Out, peer);
-        let terms = decision.rule.and_then(|rule| self.terms.get(rule));
-        terms.copied().unwrap_or(DEFAULT_TERMS)
+        let qos = decision.rule.and_then(|rule| self.send_qos.get(rule));
+        qos.copied().unwrap_or(DEFAULT_SEND_QOS)
     }
 }
 
-/// How messages go about which a rule says no more.
-pub const DEFAULT_TERMS: Terms = Terms {
+/// How messages are sent if their rule states no QoS.
+pub const DEFAULT_SEND_QOS: SendQos = SendQos {
     depth: 1,
     priority: 3,
     messages_per_s: None,
@@ -156,11 +159,11 @@ impl Hub {
         self.route(now, router::Input::Rules(rules));
         for (id, peer) in &self.peers {
             for (offer, subject) in &peer.offered {
-                let terms = self.policy.terms(subject, id);
+                let qos = self.policy.send_qos(subject, id);
                 let offer = *offer;
                 self.outputs.push_back(Output::Peer {
                     connection: peer.connection,
-                    command: Command::Change { offer, terms },
+                    command: Command::Change { offer, qos },
                 });
             }
         }
@@ -197,18 +200,16 @@ impl Hub {
             // The connection's task answers whoever asked.
             Event::NotAsked { .. } => {}
             Event::Ended(_) => self.ended(now, connection, peer),
-            Event::Message {
-                offer,
-                sequence,
-                age,
-                payload,
-            } => self.message(now, peer, offer, sequence, age, payload),
+            Event::Message { offer, message } => self.message(peer, offer, message),
             Event::Request {
                 call,
                 offer,
-                left,
+                deadline,
                 payload,
-            } => self.request(now, peer, connection, call, offer, left, payload),
+            } => {
+                let from = Caller::Peer { connection, call };
+                self.request(from, peer, offer, deadline, payload);
+            }
             Event::Cancelled { call } => self.cancelled(connection, call),
             Event::Reply {
                 call,
@@ -369,7 +370,7 @@ impl Hub {
                 subject,
                 path,
             } => {
-                let terms = self.policy.terms(&subject, &peer);
+                let qos = self.policy.send_qos(&subject, &peer);
                 if let Some(it) = self.peers.get_mut(&peer) {
                     it.tally.open(Whose::Ours(offer), &subject);
                     it.offered.insert(offer, subject.clone());
@@ -378,7 +379,7 @@ impl Hub {
                     offer,
                     subject,
                     path,
-                    terms,
+                    qos,
                 };
                 self.tell(peer, command);
             }

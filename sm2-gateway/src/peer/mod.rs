@@ -43,8 +43,9 @@ use self::{
     calls::Calls,
     incoming::Incoming,
     offers::{Offer, Waiting},
-    topics::Topics,
+    topics::{Outlet, Topics},
 };
+pub use crate::message::Message;
 use crate::{
     clock::{Clock, Now},
     tally::{Counts, Tally, Whose},
@@ -176,7 +177,8 @@ impl Peer {
         {
             self.refuse(now, id, StreamEnd::Expired.code());
         }
-        self.topics.tick(now.at);
+        let (topics, mut outlet) = self.topics(now);
+        topics.tick(&mut outlet);
         self.turn(now);
     }
 
@@ -228,17 +230,13 @@ impl Peer {
                 offer,
                 subject,
                 path,
-                terms,
+                qos,
             } => {
-                let it = Offer {
-                    subject,
-                    path,
-                    terms,
-                };
+                let it = Offer { subject, path, qos };
                 self.offer(now, offer, it);
             }
             Command::Unoffer { offer } => self.withdraw(now, offer),
-            Command::Change { offer, terms } => self.change(now, offer, terms),
+            Command::Change { offer, qos } => self.change(now, offer, qos),
             Command::Want { offer, depth } => {
                 self.session_command(now, session::Command::Want { offer, depth });
             }
@@ -253,21 +251,9 @@ impl Peer {
             Command::Answer { ask, verdict } => {
                 self.session_command(now, session::Command::Answer { ask, verdict });
             }
-            Command::Message {
-                offer,
-                sequence,
-                published,
-                payload,
-            } => {
-                let message = topics::Message {
-                    sequence,
-                    published,
-                    payload,
-                    is_frequent: false,
-                };
-                if (self.topics).offer(now.at, offer, message, self.connection.rtt()) {
-                    self.tally.count(Whose::Ours(offer), |it| it.offered += 1);
-                }
+            Command::Message { offer, message } => {
+                let (topics, mut outlet) = self.topics(now);
+                topics.publish(&mut outlet, offer, message);
             }
             Command::Call {
                 call,
@@ -286,6 +272,16 @@ impl Peer {
             }
         }
         self.turn(now);
+    }
+
+    /// The topics, and what their messages are written to and counted in.
+    fn topics(&mut self, now: Now) -> (&mut Topics, Outlet<'_>) {
+        let outlet = Outlet {
+            now: now.at,
+            connection: &mut self.connection,
+            tally: &mut self.tally,
+        };
+        (&mut self.topics, outlet)
     }
 
     /// Feeds the session and executes its outputs. False if the session did not take the input.
@@ -389,7 +385,7 @@ impl Peer {
                     carrier: Carrier::Datagram,
                 } => {
                     if let Some((header, payload)) = datagram.take() {
-                        self.datagram(&header, payload);
+                        self.datagram(now, &header, payload);
                     }
                 }
                 // The bytes of a stream are kept unless the stream was stopped.
@@ -424,8 +420,14 @@ impl Peer {
                 self.tally.open(Whose::Theirs(*offer), subject);
             }
             session::Event::Gone { offer } => self.tally.close(Whose::Theirs(*offer)),
-            session::Event::Wanted { offer, depth } => self.topics.wanted(now.at, *offer, *depth),
-            session::Event::Unwanted { offer } => self.topics.unwanted(now.at, *offer),
+            session::Event::Wanted { offer, depth } => {
+                let (topics, mut outlet) = self.topics(now);
+                topics.wanted(&mut outlet, *offer, *depth);
+            }
+            session::Event::Unwanted { offer } => {
+                let (topics, mut outlet) = self.topics(now);
+                topics.unwanted(&mut outlet, *offer);
+            }
             session::Event::Greeted { .. }
             | session::Event::Asked { .. }
             | session::Event::Answered { .. } => {}
@@ -453,7 +455,8 @@ impl Peer {
         }
         let failed = self.calls.end(&mut self.tally);
         self.events.extend(failed.map(unreachable_call));
-        self.topics.end(&mut self.tally);
+        let (topics, mut outlet) = self.topics(now);
+        topics.end(&mut outlet);
         self.events.push_back(Event::Ended(reason));
     }
 }

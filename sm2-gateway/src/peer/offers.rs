@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::gateway::{
     Hop, OfferId, Subject,
-    schedule::Terms,
+    schedule::SendQos,
     session::{self, Error, Input, Misuse},
 };
 
@@ -19,7 +19,7 @@ pub(super) struct Waiting(BTreeMap<OfferId, Offer>);
 pub(super) struct Offer {
     pub(super) subject: Subject,
     pub(super) path: Vec<Hop>,
-    pub(super) terms: Terms,
+    pub(super) qos: SendQos,
 }
 
 impl Peer {
@@ -40,7 +40,7 @@ impl Peer {
             if taken == Some(Err(Error::Misuse(Misuse::TooManyOffers))) {
                 return;
             }
-            let Some(Offer { subject, terms, .. }) = self.waiting.0.remove(&offer) else {
+            let Some(Offer { subject, qos, .. }) = self.waiting.0.remove(&offer) else {
                 return;
             };
             if taken == Some(Ok(())) {
@@ -48,16 +48,17 @@ impl Peer {
                 let is_reliable = subject.latched() > 0
                     || matches!(subject, Subject::Topic { reliable: true, .. });
                 self.tally.open(Whose::Ours(offer), &subject);
-                self.topics.terms(offer, terms, is_reliable);
+                self.topics.add(offer, qos, is_reliable);
             }
         }
     }
 
-    pub(super) fn change(&mut self, now: Now, offer: OfferId, terms: Terms) {
+    pub(super) fn change(&mut self, now: Now, offer: OfferId, qos: SendQos) {
         if let Some(it) = self.waiting.0.get_mut(&offer) {
-            it.terms = terms;
+            it.qos = qos;
         }
-        self.topics.change(now.at, offer, terms);
+        let (topics, mut outlet) = self.topics(now);
+        topics.change(&mut outlet, offer, qos);
     }
 
     pub(super) fn withdraw(&mut self, now: Now, offer: OfferId) {
@@ -65,9 +66,9 @@ impl Peer {
             return;
         }
         self.session_command(now, session::Command::Unoffer { offer });
-        self.topics.forget(now.at, offer);
-        // What waited of it counts as its own.
-        (self.topics).drain(&mut self.connection, &mut self.tally);
+        let (topics, mut outlet) = self.topics(now);
+        // Before the offer is closed, so that its dropped messages count under its name.
+        topics.remove(&mut outlet, offer);
         self.tally.close(Whose::Ours(offer));
     }
 }

@@ -13,7 +13,7 @@ use sm2_proto::{
     violation,
 };
 
-use super::{Event, Peer, PeerCall, code_of, incoming::Progress, token, unreachable_call};
+use super::{Event, Message, Peer, PeerCall, code_of, incoming::Progress, token, unreachable_call};
 use crate::{
     clock::Now,
     tally::{Counts, Whose},
@@ -97,24 +97,24 @@ impl Peer {
             return;
         }
         match self.incoming.finish(id) {
-            Ok((header, payload)) => self.carried(id, &header, payload),
+            Ok((header, payload)) => self.carried(now, id, &header, payload),
             Err(violation) => self.violated(now, violation),
         }
     }
 
     /// The payload of a stream is whole.
-    pub(super) fn carried(&mut self, id: StreamId, header: &Header, payload: Bytes) {
+    pub(super) fn carried(&mut self, now: Now, id: StreamId, header: &Header, payload: Bytes) {
         let offer = header.offer;
         let event = match header.carried {
             Carried::Message { sequence, age_ns } => {
-                return self.message(offer, sequence, age_ns, payload);
+                return self.message(now, offer, sequence, age_ns, payload);
             }
             Carried::Request { left_ns } => {
                 self.tally.count(Whose::Ours(offer), received);
                 Event::Request {
                     call: PeerCall(token(id)),
                     offer,
-                    left: (left_ns > 0).then(|| Duration::from_nanos(left_ns)),
+                    deadline: (left_ns > 0).then(|| now.at.after(Duration::from_nanos(left_ns))),
                     payload,
                 }
             }
@@ -134,20 +134,17 @@ impl Peer {
     }
 
     /// A datagram that the session takes: it carries a message.
-    pub(super) fn datagram(&mut self, header: &Header, payload: Bytes) {
+    pub(super) fn datagram(&mut self, now: Now, header: &Header, payload: Bytes) {
         if let Carried::Message { sequence, age_ns } = header.carried {
-            self.message(header.offer, sequence, age_ns, payload);
+            self.message(now, header.offer, sequence, age_ns, payload);
         }
     }
 
-    fn message(&mut self, offer: OfferId, sequence: u64, age_ns: u64, payload: Bytes) {
+    fn message(&mut self, now: Now, offer: OfferId, sequence: u64, age_ns: u64, payload: Bytes) {
         self.tally.count(Whose::Theirs(offer), received);
-        self.events.push_back(Event::Message {
-            offer,
-            sequence,
-            age: Duration::from_nanos(age_ns),
-            payload,
-        });
+        let age = Duration::from_nanos(age_ns);
+        let message = Message::arrived(now.at, sequence, age, payload);
+        self.events.push_back(Event::Message { offer, message });
     }
 
     /// The peer has reset a stream: it is no message, and no reply.

@@ -1,14 +1,14 @@
-//! The messages for a peer, from the schedule to their streams.
+//! The messages for a peer, from the scheduler to their streams.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use quinn_proto::{Connection, Dir, SendDatagramError};
 use sm2_proto::{
-    Instant,
+    Instant, Machine,
     gateway::{
-        Carried, Header, OfferId, StreamEnd,
-        schedule::{self, Cause, Input, Output, Schedule, Terms},
+        HEADER_LEN, OfferId, StreamEnd,
+        schedule::{DropCause, Input, Output, QueuedMessage, Schedule, SendQos},
     },
 };
 
@@ -16,179 +16,152 @@ use super::{
     ahead::{Room, SHORT_BYTES},
     outgoing::{Outgoing, Written},
 };
-use crate::tally::{Tally, Whose};
+use crate::{
+    message::Message,
+    tally::{Tally, Whose},
+};
+
+/// The stream priority of short messages. Long messages have negative ones, the earlier the
+/// greater, so that lost bytes of an earlier message are sent before a later message.
+const SHORT_PRIORITY: i32 = 0;
+
+/// Lost bytes arrive, sent again, after about this many round trips.
+const RESENT_ROUND_TRIPS: u32 = 2;
 
 /// The messages for one peer.
 #[derive(Debug, Default)]
 pub(super) struct Topics {
-    schedule: Schedule,
+    schedule: Schedule<Message>,
     offers: BTreeMap<OfferId, Offer>,
-    /// Those that are not started, by their keys.
-    waiting: BTreeMap<u64, (OfferId, Message)>,
-    /// Those in flight, by their offers.
     in_flight: BTreeMap<OfferId, InFlight>,
-    last_key: u64,
-    /// How many long messages were started.
-    started: i32,
+    /// The number of long messages that were started.
+    long_started: i32,
 }
 
-/// The priority of the streams of short messages; of longer ones the earlier goes first, also with what was lost of it.
-const SHORT: i32 = 0;
-
-/// How the messages of an offer go.
+/// An offered topic.
 #[derive(Debug)]
 struct Offer {
-    terms: Terms,
+    qos: SendQos,
     is_reliable: bool,
-    /// When the last one was published.
-    last: Option<Instant>,
+    /// The time of the last publication.
+    last_published: Option<Instant>,
+    /// True if the next message comes before a lost one could be sent again.
+    is_frequent: bool,
 }
 
 #[derive(Debug)]
-struct InFlight {
-    key: u64,
-    state: State,
-}
-
-/// What was lost is there, sent again, after so many round trips.
-const RESENT_ROUND_TRIPS: u32 = 2;
-
-#[derive(Debug)]
-enum State {
-    /// As long as the peer allows no more streams.
-    NoStream(Message),
+enum InFlight {
+    /// Nothing was written yet.
+    NotBegun {
+        message: Message,
+        is_frequent: bool,
+    },
     Writing(Outgoing),
 }
 
-/// A message for a peer.
-#[derive(Debug)]
-pub(super) struct Message {
-    pub(super) sequence: u64,
-    pub(super) published: Instant,
-    pub(super) payload: Bytes,
-    /// Whether a newer one is there before this one, were it lost, could be sent again.
-    pub(super) is_frequent: bool,
+/// What the messages of a peer are written to and counted in.
+pub(super) struct Outlet<'a> {
+    pub(super) now: Instant,
+    pub(super) connection: &'a mut Connection,
+    pub(super) tally: &'a mut Tally,
 }
 
 impl Topics {
-    /// How the messages of an offer will go.
-    pub(super) fn terms(&mut self, offer: OfferId, terms: Terms, is_reliable: bool) {
-        let offered = Offer {
-            terms,
+    /// Adds a topic that the peer may want. The messages of a reliable one never go as datagrams.
+    pub(super) fn add(&mut self, offer: OfferId, qos: SendQos, is_reliable: bool) {
+        let added = Offer {
+            qos,
             is_reliable,
-            last: None,
+            last_published: None,
+            is_frequent: false,
         };
-        self.offers.insert(offer, offered);
+        self.offers.insert(offer, added);
     }
 
-    pub(super) fn change(&mut self, now: Instant, offer: OfferId, terms: Terms) {
-        if let Some(it) = self.offers.get_mut(&offer) {
-            let depth = it.terms.depth;
-            it.terms = Terms { depth, ..terms };
-            let terms = it.terms;
-            // An offer that nobody wants is not open.
-            let _ = self.schedule.handle(now, Input::Change { offer, terms });
-        }
-    }
-
-    /// The peer wants it.
-    pub(super) fn wanted(&mut self, now: Instant, offer: OfferId, depth: u16) {
-        if let Some(it) = self.offers.get_mut(&offer) {
-            it.terms.depth = depth;
-            let terms = it.terms;
-            let _ = self.schedule.handle(now, Input::Open { offer, terms });
-        }
-    }
-
-    pub(super) fn unwanted(&mut self, now: Instant, offer: OfferId) {
-        let _ = self.schedule.handle(now, Input::Close { offer });
-    }
-
-    pub(super) fn forget(&mut self, now: Instant, offer: OfferId) {
-        self.unwanted(now, offer);
+    /// Removes a topic, with its messages.
+    pub(super) fn remove(&mut self, outlet: &mut Outlet<'_>, offer: OfferId) {
+        self.unwanted(outlet, offer);
         self.offers.remove(&offer);
     }
 
-    pub(super) fn tick(&mut self, now: Instant) {
-        let _ = self.schedule.handle(now, Input::Tick);
+    /// Changes the QoS of a topic, except for the depth, which the peer chooses.
+    pub(super) fn change(&mut self, outlet: &mut Outlet<'_>, offer: OfferId, qos: SendQos) {
+        if let Some(it) = self.offers.get_mut(&offer) {
+            let depth = it.qos.depth;
+            it.qos = SendQos { depth, ..qos };
+            let qos = it.qos;
+            self.schedule(outlet, Input::Change { offer, qos });
+        }
+    }
+
+    /// The peer wants a topic.
+    pub(super) fn wanted(&mut self, outlet: &mut Outlet<'_>, offer: OfferId, depth: u16) {
+        if let Some(it) = self.offers.get_mut(&offer) {
+            it.qos.depth = depth;
+            let qos = it.qos;
+            self.schedule(outlet, Input::Open { offer, qos });
+        }
+    }
+
+    /// The peer no longer wants a topic.
+    pub(super) fn unwanted(&mut self, outlet: &mut Outlet<'_>, offer: OfferId) {
+        self.schedule(outlet, Input::Close { offer });
+    }
+
+    pub(super) fn tick(&mut self, outlet: &mut Outlet<'_>) {
+        self.schedule(outlet, Input::Tick);
     }
 
     pub(super) fn deadline(&self) -> Option<Instant> {
         self.schedule.deadline()
     }
 
-    /// Whether anybody wants it. `rtt`: how long the way takes there and back.
-    pub(super) fn offer(
-        &mut self,
-        now: Instant,
-        offer: OfferId,
-        mut message: Message,
-        rtt: Duration,
-    ) -> bool {
+    /// Queues a message, if the peer wants its topic.
+    pub(super) fn publish(&mut self, outlet: &mut Outlet<'_>, offer: OfferId, message: Message) {
+        let published = message.published;
         if let Some(it) = self.offers.get_mut(&offer) {
-            let last = it.last.replace(message.published);
-            let is_soon = |last| message.published.since(last) < rtt * RESENT_ROUND_TRIPS;
-            message.is_frequent = !it.is_reliable && last.is_some_and(is_soon);
+            let resent = outlet.connection.rtt() * RESENT_ROUND_TRIPS;
+            let last = it.last_published.replace(published);
+            it.is_frequent = last.is_some_and(|last| published.since(last) < resent);
         }
-        let key = self.last_key + 1;
-        let entry = schedule::Message {
-            key,
-            len_bytes: message.payload.len() as u64 + sm2_proto::gateway::HEADER_LEN as u64,
-            published: message.published,
+        let message = QueuedMessage {
+            len_bytes: (HEADER_LEN + message.payload.len()) as u64,
+            published,
+            message,
         };
-        let input = Input::Message {
-            offer,
-            message: entry,
-        };
-        let is_wanted = self.schedule.handle(now, input).is_ok();
-        if is_wanted {
-            self.last_key = key;
-            self.waiting.insert(key, (offer, message));
+        // Counted before its outputs are, so that no message is ever dropped before it is offered.
+        if self.schedule.is_open(offer) {
+            outlet.tally.count(Whose::Ours(offer), |it| it.offered += 1);
+            self.schedule(outlet, Input::Enqueue { offer, message });
         }
-        is_wanted
     }
 
-    /// Whether nothing is to be written.
+    /// True if there is nothing to write.
     pub(super) fn is_idle(&self) -> bool {
-        self.waiting.is_empty() && self.in_flight.is_empty()
+        self.in_flight.is_empty()
     }
 
-    /// Writes what there is `room` for: the message whose turn it is first.
-    pub(super) fn write(
-        &mut self,
-        now: Instant,
-        connection: &mut Connection,
-        room: &mut Room,
-        tally: &mut Tally,
-    ) {
-        loop {
-            self.drain(connection, tally);
-            let Some(offer) = self.write_first(now, connection, room, tally) else {
-                return;
-            };
-            let _ = self.schedule.handle(now, Input::Sent { offer });
+    /// Writes messages in the order of the scheduler, as far as there is `room`.
+    pub(super) fn write(&mut self, outlet: &mut Outlet<'_>, room: &mut Room) {
+        while let Some(offer) = self.write_first(outlet, room) {
+            self.schedule(outlet, Input::Sent { offer });
         }
     }
 
-    /// The offer of the first message that was written whole, if one was.
-    fn write_first(
-        &mut self,
-        now: Instant,
-        connection: &mut Connection,
-        room: &mut Room,
-        tally: &mut Tally,
-    ) -> Option<OfferId> {
-        let order: Vec<OfferId> = self.schedule.order().collect();
-        for offer in order {
+    /// Writes messages until one of them is complete or refused; returns its offer.
+    fn write_first(&mut self, outlet: &mut Outlet<'_>, room: &mut Room) -> Option<OfferId> {
+        for offer in self.schedule.order() {
             let Some(in_flight) = self.in_flight.get_mut(&offer) else {
                 continue;
             };
-            match in_flight.write(offer, now, connection, room, &mut self.started) {
-                // The peer takes no more of it, but perhaps of another.
+            match in_flight.write(offer, outlet, room, &mut self.long_started) {
+                // The peer takes no more bytes of this message, but perhaps of another.
                 Written::Part => continue,
                 Written::NoRoom => return None,
-                Written::All => tally.count(Whose::Ours(offer), |it| it.sent += 1),
-                Written::Stopped => tally.count(Whose::Ours(offer), |it| it.withdrawn += 1),
+                Written::All => outlet.tally.count(Whose::Ours(offer), |it| it.sent += 1),
+                Written::Stopped => {
+                    (outlet.tally).count(Whose::Ours(offer), |it| it.withdrawn += 1)
+                }
             }
             self.in_flight.remove(&offer);
             return Some(offer);
@@ -196,52 +169,51 @@ impl Topics {
         None
     }
 
-    /// Does what the schedule says.
-    pub(super) fn drain(&mut self, connection: &mut Connection, tally: &mut Tally) {
+    /// Feeds the scheduler, and carries out its outputs.
+    fn schedule(&mut self, outlet: &mut Outlet<'_>, input: Input<Message>) {
+        // Misuse is possible: commands of the hub cross events of the peer, so a topic may have
+        // been closed in the meantime. Then there is nothing to do.
+        let _ = self.schedule.handle(outlet.now, input);
         while let Some(output) = self.schedule.poll() {
-            match output {
-                Output::Start { offer, key } => {
-                    if let Some((_, message)) = self.waiting.remove(&key) {
-                        let state = State::NoStream(message);
-                        self.in_flight.insert(offer, InFlight { key, state });
-                    }
-                }
-                Output::Drop { key, cause } => {
-                    let Some((offer, _)) = self.waiting.remove(&key) else {
-                        continue;
-                    };
-                    tally.count(Whose::Ours(offer), |it| match cause {
-                        Cause::Superseded => it.superseded += 1,
-                        Cause::Expired => it.expired += 1,
-                        Cause::Withdrawn => it.withdrawn += 1,
-                    });
-                }
-                Output::Reset { key } => {
-                    self.in_flight.retain(|offer, in_flight| {
-                        let is_it = in_flight.key == key;
-                        if is_it {
-                            tally.count(Whose::Ours(*offer), |it| it.withdrawn += 1);
-                        }
-                        if let (true, State::Writing(outgoing)) = (is_it, &in_flight.state) {
-                            outgoing.reset(connection, StreamEnd::Withdrawn);
-                        }
-                        !is_it
-                    });
+            self.carry_out(outlet, output);
+        }
+    }
+
+    fn carry_out(&mut self, outlet: &mut Outlet<'_>, output: Output<Message>) {
+        match output {
+            Output::Start { offer, message } => {
+                let offered = self.offers.get(&offer);
+                let is_frequent = offered.is_some_and(|it| it.is_frequent && !it.is_reliable);
+                let in_flight = InFlight::NotBegun {
+                    message,
+                    is_frequent,
+                };
+                self.in_flight.insert(offer, in_flight);
+            }
+            Output::Drop { offer, cause, .. } => {
+                outlet.tally.count(Whose::Ours(offer), |it| match cause {
+                    DropCause::Superseded => it.superseded += 1,
+                    DropCause::Expired => it.expired += 1,
+                    DropCause::Withdrawn => it.withdrawn += 1,
+                });
+            }
+            Output::Reset { offer } => {
+                outlet
+                    .tally
+                    .count(Whose::Ours(offer), |it| it.withdrawn += 1);
+                if let Some(InFlight::Writing(outgoing)) = self.in_flight.remove(&offer) {
+                    outgoing.reset(outlet.connection, StreamEnd::Withdrawn);
                 }
             }
         }
     }
 
-    /// The connection is over.
-    pub(super) fn end(&mut self, tally: &mut Tally) {
-        let waiting = self.waiting.values().map(|(offer, _)| offer);
-        for offer in waiting.chain(self.in_flight.keys()) {
-            tally.count(Whose::Ours(*offer), |it| it.withdrawn += 1);
+    /// The connection is over: drops all messages.
+    pub(super) fn end(&mut self, outlet: &mut Outlet<'_>) {
+        let offers: Vec<OfferId> = self.offers.keys().copied().collect();
+        for offer in offers {
+            self.remove(outlet, offer);
         }
-        *self = Self {
-            last_key: self.last_key,
-            ..Self::default()
-        };
     }
 }
 
@@ -249,96 +221,78 @@ impl InFlight {
     fn write(
         &mut self,
         offer: OfferId,
-        now: Instant,
-        connection: &mut Connection,
+        outlet: &mut Outlet<'_>,
         room: &mut Room,
-        started: &mut i32,
+        long_started: &mut i32,
     ) -> Written {
-        if let State::NoStream(message) = &self.state {
+        if let Self::NotBegun {
+            message,
+            is_frequent,
+        } = self
+        {
             if room.left(message.payload.len()) == 0 {
                 return Written::NoRoom;
             }
-            if message.is_frequent
-                && let Some(written) = message.send_datagram(offer, now, connection, room)
-            {
+            if *is_frequent && let Some(written) = send_datagram(message, offer, outlet, room) {
                 return written;
             }
         }
-        self.open(offer, now, connection, started);
-        let State::Writing(outgoing) = &mut self.state else {
+        self.open_stream(offer, outlet, long_started);
+        let Self::Writing(outgoing) = self else {
+            // The peer allows no more streams at present.
             return Written::Part;
         };
-        let written = outgoing.write(connection, room);
+        let written = outgoing.write(outlet.connection, room);
         if written == Written::Stopped {
-            outgoing.reset(connection, StreamEnd::Withdrawn);
+            outgoing.reset(outlet.connection, StreamEnd::Withdrawn);
         }
         written
     }
 
-    /// Opens the stream, as late as can be.
-    fn open(
-        &mut self,
-        offer: OfferId,
-        now: Instant,
-        connection: &mut Connection,
-        started: &mut i32,
-    ) {
-        let State::NoStream(message) = &self.state else {
+    /// Opens a stream for a message that has none, if the peer allows one.
+    fn open_stream(&mut self, offer: OfferId, outlet: &mut Outlet<'_>, long_started: &mut i32) {
+        let Self::NotBegun { message, .. } = self else {
             return;
         };
-        let Some(stream) = connection.streams().open(Dir::Uni) else {
+        let Some(stream) = outlet.connection.streams().open(Dir::Uni) else {
             return;
         };
         let priority = match message.payload.len() {
-            ..=SHORT_BYTES => SHORT,
+            ..=SHORT_BYTES => SHORT_PRIORITY,
             _ => {
-                *started = started.saturating_add(1);
-                -*started
+                *long_started = long_started.saturating_add(1);
+                -*long_started
             }
         };
-        // It was opened just now.
-        let _ = connection.send_stream(stream).set_priority(priority);
-        let header = message.header(offer, now);
+        // Fails only for a stream that is closed, and this one was opened just now.
+        let _ = outlet.connection.send_stream(stream).set_priority(priority);
+        let header = message.header(offer, outlet.now);
         let outgoing = Outgoing::new(stream, &header, message.payload.clone());
-        self.state = State::Writing(outgoing);
+        *self = Self::Writing(outgoing);
     }
 }
 
-impl Message {
-    fn header(&self, offer: OfferId, now: Instant) -> Header {
-        let age = now.since(self.published).as_nanos();
-        Header {
-            carried: Carried::Message {
-                sequence: self.sequence,
-                age_ns: u64::try_from(age).unwrap_or(u64::MAX),
-            },
-            offer,
-            len: self.payload.len() as u64,
-        }
+/// Sends a message as a datagram. Returns `None` if it is too long for one.
+//= SM2-GWM-003
+fn send_datagram(
+    message: &Message,
+    offer: OfferId,
+    outlet: &mut Outlet<'_>,
+    room: &mut Room,
+) -> Option<Written> {
+    let head = message.header(offer, outlet.now).to_bytes();
+    let len_bytes = head.len() + message.payload.len();
+    let mut datagrams = outlet.connection.datagrams();
+    if datagrams.max_size()? < len_bytes {
+        return None;
     }
-
-    /// Sends it without a stream, if it is short enough.
-    //= SM2-GWM-003
-    fn send_datagram(
-        &self,
-        offer: OfferId,
-        now: Instant,
-        connection: &mut Connection,
-        room: &mut Room,
-    ) -> Option<Written> {
-        let head = self.header(offer, now).to_bytes();
-        let len_bytes = head.len() + self.payload.len();
-        if connection.datagrams().max_size()? < len_bytes {
-            return None;
+    let bytes = Bytes::from([&head[..], &message.payload].concat());
+    match datagrams.send(bytes, false) {
+        Ok(()) => {
+            room.take(len_bytes);
+            Some(Written::All)
         }
-        let bytes = [&head[..], &self.payload].concat();
-        match connection.datagrams().send(bytes.into(), false) {
-            Ok(()) => {
-                room.take(len_bytes);
-                Some(Written::All)
-            }
-            Err(SendDatagramError::Blocked(_)) => Some(Written::Part),
-            Err(_) => None,
-        }
+        Err(SendDatagramError::Blocked(_)) => Some(Written::Part),
+        Err(_) => None,
     }
 }

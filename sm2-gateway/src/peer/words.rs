@@ -1,15 +1,13 @@
 //! What a connection is told, and what it says.
 
-use std::time::Duration;
-
-use super::{CallId, PeerCall};
+use super::{CallId, Message, PeerCall};
 use bytes::Bytes;
 use sm2_proto::{
     Code, Instant, Name,
     gateway::{
         AskId, Hop, OfferId, Outcome, PeerFarewell, PeerViolationKind, Subject, SubjectKind,
         Verdict,
-        schedule::Terms,
+        schedule::SendQos,
         session::{self, End},
     },
 };
@@ -25,8 +23,8 @@ pub enum Command {
         subject: Subject,
         /// From its origin to this gateway.
         path: Vec<Hop>,
-        /// How its messages go, if it is a topic.
-        terms: Terms,
+        /// How its messages are sent, if it is a topic.
+        qos: SendQos,
     },
     /// Do not offer it any more.
     Unoffer {
@@ -37,8 +35,8 @@ pub enum Command {
     Change {
         /// Which.
         offer: OfferId,
-        /// How its messages go from now on.
-        terms: Terms,
+        /// How its messages are sent from now on.
+        qos: SendQos,
     },
     /// Want what the peer offers.
     Want {
@@ -70,14 +68,10 @@ pub enum Command {
     },
     /// Send this message, if the peer wants it.
     Message {
-        /// Of which offer.
+        /// The offer of its topic.
         offer: OfferId,
-        /// Its number at the origin.
-        sequence: u64,
-        /// When it was published.
-        published: Instant,
-        /// Its bytes.
-        payload: Bytes,
+        /// The message.
+        message: Message,
     },
     /// Call a service of the peer's.
     Call {
@@ -121,14 +115,10 @@ pub enum Event {
     },
     /// A message came, whole.
     Message {
-        /// Of which offer.
+        /// The offer of its topic.
         offer: OfferId,
-        /// Its number at the origin.
-        sequence: u64,
-        /// Since publication, when it set out.
-        age: Duration,
-        /// Its bytes.
-        payload: Bytes,
+        /// The message.
+        message: Message,
     },
     /// The peer calls.
     Request {
@@ -136,8 +126,8 @@ pub enum Event {
         call: PeerCall,
         /// Which service.
         offer: OfferId,
-        /// What is left until its deadline.
-        left: Option<Duration>,
+        /// When the caller gives up.
+        deadline: Option<Instant>,
         /// The request.
         payload: Bytes,
     },

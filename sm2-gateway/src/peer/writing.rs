@@ -22,7 +22,8 @@ impl Peer {
         }
         let mut room = self.ahead.room(&self.connection);
         (self.calls).write(&mut self.connection, &mut room, &mut self.tally);
-        (self.topics).write(now.at, &mut self.connection, &mut room, &mut self.tally);
+        let (topics, mut outlet) = self.topics(now);
+        topics.write(&mut outlet, &mut room);
         self.ahead.wrote(&room)
     }
 

@@ -13,7 +13,7 @@ fn request(call: u64, offer: u64) -> Event {
     Event::Request {
         call: PeerCall(StreamToken(call)),
         offer: OfferId(offer),
-        left: None,
+        deadline: None,
         payload: Bytes::new(),
     }
 }

@@ -23,8 +23,8 @@ fn sent(outputs: &[Output], to: u64) -> Vec<u64> {
     let of = |it: &Output| match it {
         Output::Peer {
             connection,
-            command: Command::Message { sequence, .. },
-        } if connection.0 == to => Some(*sequence),
+            command: Command::Message { message, .. },
+        } if connection.0 == to => Some(message.sequence),
         _ => None,
     };
     outputs.iter().filter_map(of).collect()
@@ -112,10 +112,10 @@ fn what_is_latched_comes_again_when_it_is_wanted_again() {
     greet(&mut hub, 4, 4, 7);
     offered(&mut hub, 2, 1, latched(1), &[2]);
     want(&mut hub, 3);
-    assert_eq!(sent(&tell(&mut hub, 2, message(1, 9, 0)), 3), [9]);
+    assert_eq!(sent(&tell(&mut hub, 2, message(1, 9)), 3), [9]);
     assert_eq!(sent(&want(&mut hub, 4), 4), [9]);
     // The same number again, as long as it is taken: nothing.
-    assert_eq!(published(&tell(&mut hub, 2, message(1, 9, 0))), 0);
+    assert_eq!(published(&tell(&mut hub, 2, message(1, 9))), 0);
     for connection in [3, 4] {
         tell(
             &mut hub,
@@ -124,7 +124,7 @@ fn what_is_latched_comes_again_when_it_is_wanted_again() {
         );
     }
     assert!(sent(&want(&mut hub, 3), 3).is_empty());
-    let again = tell(&mut hub, 2, message(1, 9, 0));
+    let again = tell(&mut hub, 2, message(1, 9));
     assert_eq!((sent(&again, 3), published(&again)), (vec![9], 1));
     assert!(outputs(&mut hub).is_empty());
 }

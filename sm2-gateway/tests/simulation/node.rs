@@ -346,10 +346,11 @@ impl Node {
                 let it = (subject.clone(), path.clone());
                 link.offers.insert(*offer, it);
             }
-            Command::Message { offer, payload, .. } => {
+            Command::Message { offer, message } => {
                 let (subject, path) = &link.offers[offer];
                 if let Some(peer) = peer {
                     let to = world.ledger.index(peer.id);
+                    let payload = &message.payload;
                     world
                         .ledger
                         .forwarded(self.index, to, subject, path, payload);

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use sm2_gateway::hub::{DEFAULT_TERMS, Policy};
+use sm2_gateway::hub::{DEFAULT_SEND_QOS, Policy};
 use sm2_proto::{
     Name, TypeId,
     gateway::{
-        Action, Direction, GatewayId, Pattern, Rule, Rules, Subject, SubjectKind, schedule::Terms,
+        Action, Direction, GatewayId, Pattern, Rule, Rules, Subject, SubjectKind, schedule::SendQos,
     },
 };
 
@@ -58,7 +58,7 @@ struct Line {
     pattern: usize,
     direction: Option<Direction>,
     peers: Option<Vec<usize>>,
-    terms: Terms,
+    qos: SendQos,
 }
 
 /// The rules of one gateway.
@@ -101,7 +101,7 @@ impl RuleSet {
         };
         Policy {
             rules: Rules(self.0.iter().map(rule).collect()),
-            terms: self.0.iter().map(|it| it.terms).collect(),
+            send_qos: self.0.iter().map(|it| it.qos).collect(),
         }
     }
 
@@ -124,11 +124,11 @@ impl Line {
     /// All is allowed.
     fn any(random: &mut Random) -> Self {
         let age = Duration::from_millis(500);
-        let terms = Terms {
+        let qos = SendQos {
             priority: u8::try_from(random.below(8)).unwrap(),
             max_age: random.percent(20).then_some(age),
             messages_per_s: std::num::NonZeroU32::new(*random.one_of(&[0, 0, 20])),
-            ..DEFAULT_TERMS
+            ..DEFAULT_SEND_QOS
         };
         Self {
             allow: true,
@@ -136,7 +136,7 @@ impl Line {
             pattern: 0,
             direction: None,
             peers: None,
-            terms,
+            qos,
         }
     }
 }

@@ -25,12 +25,12 @@ fn command_text(command: &Command) -> String {
             path,
             ..
         } => format!("offer {} {} by {}", offer.0, subject.name(), path.len()),
-        Command::Message {
-            offer,
-            sequence,
-            payload,
-            ..
-        } => format!("message {} {sequence}, {} bytes", offer.0, payload.len()),
+        Command::Message { offer, message } => format!(
+            "message {} {}, {} bytes",
+            offer.0,
+            message.sequence,
+            message.payload.len()
+        ),
         Command::Call { call, offer, .. } => format!("call {} of {}", call.0, offer.0),
         Command::Reply { call, outcome, .. } => format!("reply {} {outcome:?}", call.0.0),
         it => format!("{it:?}"),

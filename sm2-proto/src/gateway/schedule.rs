@@ -1,248 +1,250 @@
-//! What goes to one peer next: the newest messages of each topic, and fair shares of the way.
+//! The scheduler of one connection: which message of which topic goes to the peer next.
 //!
-//! Feed what happened with [`handle`](Schedule::handle), then do what [`poll`](Schedule::poll)
-//! says until it says nothing, and give the bytes of the messages in flight to the network in
-//! the [`order`](Schedule::order) that they have then. Call again at the
-//! [`deadline`](Schedule::deadline).
+//! [`Schedule`] is a [`Machine`]. Its driver writes the bytes of the messages in flight to the
+//! network, in the [`order`](Schedule::order) that they have at that time, and feeds
+//! [`Input::Sent`] when all bytes of a message have left.
 //!
-//! Each topic has at most one message in flight, so that the next one is chosen as late as can
-//! be. Which of them goes first is weighted fair queueing: a message's *finish tag* is where its
-//! topic would be if all topics that have something to send got their shares byte by byte. A short
-//! message of a topic that seldom has one overtakes a long one that is under way; a topic
-//! that has more than its share waits for the others.
+//! Each topic has at most one message in flight and a queue of the newest messages behind it, so
+//! that the next message is chosen as late as possible.
+//!
+//! Topics share the connection by weighted fair queueing of whole messages. The *finish tag* of a
+//! message is the virtual time at which its topic would have sent it, if all topics with messages
+//! sent their shares byte by byte. The message with the smallest finish tag goes first. A short
+//! message of a quiet topic therefore overtakes a long message in flight, and a topic that has
+//! used more than its share waits for the others.
 
 use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
 use core::{
+    convert::Infallible,
     num::{NonZeroU32, NonZeroU64},
     time::Duration,
 };
 
 use super::OfferId;
-use crate::{Instant, limits::MESSAGES_IN_FLIGHT_MAX};
+use crate::{
+    Instant, Machine, MisuseError, limits::MESSAGES_IN_FLIGHT_MAX, machine::debug_assert_drained,
+};
 
-/// The greatest [`Terms::priority`].
+/// The greatest [`SendQos::priority`].
 pub const PRIORITY_MAX: u8 = 7;
 
 const NANOS_PER_S: u64 = 1_000_000_000;
 
-/// How messages of one topic go to the peer.
+/// How the messages of one topic are sent to a peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Terms {
-    /// How many messages wait at most, besides the one in flight; 0 counts as 1.
+pub struct SendQos {
+    /// How many messages are queued at most, besides the one in flight; 0 counts as 1.
     pub depth: u16,
-    /// Each step, up to [`PRIORITY_MAX`], doubles the share of the way.
+    /// The weight of the topic: each step, up to [`PRIORITY_MAX`], doubles its share.
     pub priority: u8,
-    /// How many messages go at most.
+    /// The greatest rate of messages.
     pub messages_per_s: Option<NonZeroU32>,
-    /// How many bytes go at most, in the long run.
+    /// The greatest rate of bytes, averaged over messages.
     pub bytes_per_s: Option<NonZeroU64>,
-    /// Since publication: older messages do not set out.
+    /// The greatest age, since publication, of a message that starts.
     pub max_age: Option<Duration>,
 }
 
-/// A message that could be sent.
+/// A message in the queue of its topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Message {
-    /// The driver's name for it.
-    pub key: u64,
-    /// With its header.
+pub struct QueuedMessage<M> {
+    /// The driver's message. The scheduler only hands it back.
+    pub message: M,
+    /// Its length on the network, with its header.
     pub len_bytes: u64,
-    /// When it was published.
+    /// The time of its publication.
     pub published: Instant,
 }
 
-/// What happened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Input {
+/// An input of a [`Schedule`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Input<M> {
     /// The peer wants a topic.
     Open {
-        /// The number of its offer.
+        /// The offer of the topic.
         offer: OfferId,
-        /// How its messages go.
-        terms: Terms,
+        /// How its messages are sent.
+        qos: SendQos,
     },
-    /// There are other rules for a topic.
+    /// The QoS of a topic has changed.
     Change {
-        /// The number of its offer.
+        /// The offer of the topic.
         offer: OfferId,
-        /// How its messages go from now on.
-        terms: Terms,
+        /// How its messages are sent from now on.
+        qos: SendQos,
     },
-    /// The peer does not want it any more, or may not have it.
+    /// The peer no longer wants a topic, or may no longer have it.
     Close {
-        /// The number of the offer.
+        /// The offer of the topic.
         offer: OfferId,
     },
     /// A message was published.
-    Message {
-        /// The number of the offer.
+    Enqueue {
+        /// The offer of its topic.
         offer: OfferId,
         /// The message.
-        message: Message,
+        message: QueuedMessage<M>,
     },
-    /// Every byte of the message in flight has left at least once.
+    /// Every byte of the message in flight has left at least once, or the peer has refused it.
     Sent {
-        /// The number of the offer.
+        /// The offer of its topic.
         offer: OfferId,
     },
     /// Time has passed.
     Tick,
 }
 
-/// What is to be done.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Output {
-    /// Open a stream for this message.
+/// An output of a [`Schedule`].
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Output<M> {
+    /// The message is in flight: send it in the [order](Schedule::order).
     Start {
-        /// The number of the offer.
+        /// The offer of its topic.
         offer: OfferId,
-        /// Which.
-        key: u64,
+        /// The message.
+        message: M,
     },
-    /// This message, which was not started, is not needed any more.
+    /// The message, which was not started, is not sent.
     Drop {
-        /// Which.
-        key: u64,
-        /// Why.
-        cause: Cause,
+        /// The offer of its topic.
+        offer: OfferId,
+        /// The message.
+        message: M,
+        /// The reason.
+        cause: DropCause,
     },
-    /// Reset the stream of this message.
+    /// Abandon the message in flight: reset its stream.
     Reset {
-        /// Which.
-        key: u64,
+        /// The offer of its topic.
+        offer: OfferId,
     },
 }
 
-/// Why a message was not sent.
+/// Why a message was dropped before it was started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Cause {
-    /// Newer ones took its place.
+pub enum DropCause {
+    /// Newer messages took its place in the queue.
     Superseded,
-    /// It was too old before its turn came.
+    /// It exceeded [`SendQos::max_age`].
     Expired,
     /// Its topic was closed.
     Withdrawn,
 }
 
-/// What the driver may not do; nothing has changed.
+/// An input that is not legal now; nothing has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Misuse {
-    /// This offer is open already.
-    #[error("the offer is open already")]
+    /// The topic of this offer is open already.
+    #[error("the topic of this offer is open already")]
     Open,
-    /// This offer is not open.
-    #[error("the offer is not open")]
+    /// The topic of this offer is not open.
+    #[error("the topic of this offer is not open")]
     NotOpen,
-    /// This offer has no message in flight.
-    #[error("no message of the offer is in flight")]
+    /// The topic of this offer has no message in flight.
+    #[error("the topic of this offer has no message in flight")]
     NotSending,
 }
 
-/// The messages for one peer.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Schedule {
-    topics: BTreeMap<OfferId, Topic>,
-    /// The messages in flight, by finish tag and offer.
+/// The scheduler of one connection. `M` is the driver's type of messages.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Schedule<M> {
+    topics: BTreeMap<OfferId, TopicQueue<M>>,
+    /// The topics with a message in flight, by its finish tag.
     in_flight: BTreeSet<(u64, OfferId)>,
-    /// The topics that wait for others to be done, likewise.
+    /// The topics whose next message waits until fewer messages are in flight, by its finish tag.
     ready: BTreeSet<(u64, OfferId)>,
-    /// The topics whose budget is spent until then.
-    spent: BTreeSet<(Instant, OfferId)>,
-    /// How far the topics are: the greatest finish tag of a message that was sent.
+    /// The topics that have used up their rate, by the time at which they may send again.
+    rate_limited: BTreeSet<(Instant, OfferId)>,
+    /// The virtual time: the greatest finish tag of a message that was sent.
     finish_tag: u64,
-    outputs: VecDeque<Output>,
+    outputs: VecDeque<Output<M>>,
 }
 
+/// The messages of one topic.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Topic {
-    terms: Terms,
+struct TopicQueue<M> {
+    qos: SendQos,
     /// The oldest first.
-    waiting: VecDeque<Message>,
-    /// The finish tag and the key.
-    in_flight: Option<(u64, u64)>,
-    /// Its finish tag among those that are ready.
+    waiting: VecDeque<QueuedMessage<M>>,
+    /// The finish tag of the message in flight.
+    in_flight: Option<u64>,
+    /// The finish tag of the next message, if the topic is in [`Schedule::ready`].
     ready: Option<u64>,
-    /// When its budget has something left.
+    /// The time at which the rate allows the next message.
     free_at: Instant,
 }
 
-impl Terms {
-    fn depth(&self) -> usize {
-        usize::from(self.depth.max(1))
-    }
-
-    /// How far a message takes its topic: the less, the greater its share.
-    fn virtual_len(&self, len_bytes: u64) -> u64 {
-        let less = PRIORITY_MAX - self.priority.min(PRIORITY_MAX);
-        len_bytes.max(1).saturating_mul(1 << less)
-    }
-
-    /// How long the budget is spent after a message.
-    fn pause(&self, len_bytes: u64) -> Duration {
-        let by_number = self
-            .messages_per_s
-            .map_or(0, |it| NANOS_PER_S / u64::from(it.get()));
-        let by_bytes = self.bytes_per_s.map_or(0, |it| {
-            let nanos = u128::from(len_bytes) * u128::from(NANOS_PER_S) / u128::from(it.get());
-            u64::try_from(nanos).unwrap_or(u64::MAX)
-        });
-        Duration::from_nanos(by_number.max(by_bytes))
-    }
-
-    fn is_too_old(&self, message: &Message, now: Instant) -> bool {
-        (self.max_age).is_some_and(|most| now.since(message.published) > most)
+impl<M> Default for Schedule<M> {
+    fn default() -> Self {
+        Self {
+            topics: BTreeMap::new(),
+            in_flight: BTreeSet::new(),
+            ready: BTreeSet::new(),
+            rate_limited: BTreeSet::new(),
+            finish_tag: 0,
+            outputs: VecDeque::new(),
+        }
     }
 }
 
-impl Schedule {
-    /// Takes one input.
-    ///
-    /// # Errors
-    /// The offer is not in the state that the input needs: nothing has changed.
-    pub fn handle(&mut self, now: Instant, input: Input) -> Result<(), Misuse> {
+impl<M> Machine for Schedule<M> {
+    type Input<'a> = Input<M>;
+    type Output = Output<M>;
+    /// A schedule never ends.
+    type End = Infallible;
+    type Misuse = Misuse;
+
+    fn handle(&mut self, now: Instant, input: Input<M>) -> Result<(), MisuseError<Misuse>> {
+        debug_assert_drained(&self.outputs);
         match input {
-            Input::Open { offer, terms } => self.open(offer, terms)?,
-            Input::Change { offer, terms } => self.change(now, offer, terms)?,
+            Input::Open { offer, qos } => self.open(offer, qos)?,
+            Input::Change { offer, qos } => self.change(now, offer, qos)?,
             Input::Close { offer } => self.close(offer)?,
-            Input::Message { offer, message } => self.message(now, offer, message)?,
+            Input::Enqueue { offer, message } => self.enqueue(now, offer, message)?,
             Input::Sent { offer } => self.sent(now, offer)?,
             Input::Tick => {}
         }
-        while let Some(&(at, offer)) = self.spent.first().filter(|(at, _)| *at <= now) {
-            self.spent.remove(&(at, offer));
-            self.look_at(now, offer);
+        while let Some(&(at, offer)) = self.rate_limited.first().filter(|(at, _)| *at <= now) {
+            self.rate_limited.remove(&(at, offer));
+            self.refresh(now, offer);
         }
         self.fill(now);
         self.invariants();
         Ok(())
     }
 
-    /// The next thing to do.
-    pub fn poll(&mut self) -> Option<Output> {
+    fn poll(&mut self) -> Option<Output<M>> {
         self.outputs.pop_front()
     }
 
-    /// When a budget has something left again.
-    #[must_use]
-    pub fn deadline(&self) -> Option<Instant> {
-        self.spent.first().map(|(at, _)| *at)
+    /// The time at which a rate limit allows the next message.
+    fn deadline(&self) -> Option<Instant> {
+        self.rate_limited.first().map(|(at, _)| *at)
     }
+}
 
-    /// The offers that have a message in flight: whose bytes go first, first.
+impl<M> Schedule<M> {
+    /// The offers that have a message in flight, in the order in which their bytes are sent now.
     pub fn order(&self) -> impl Iterator<Item = OfferId> {
         self.in_flight.iter().map(|(_, offer)| *offer)
     }
 
-    fn topic(&mut self, offer: OfferId) -> Result<&mut Topic, Misuse> {
+    /// True if the topic of this offer is open.
+    #[must_use]
+    pub fn is_open(&self, offer: OfferId) -> bool {
+        self.topics.contains_key(&offer)
+    }
+
+    fn topic(&mut self, offer: OfferId) -> Result<&mut TopicQueue<M>, Misuse> {
         self.topics.get_mut(&offer).ok_or(Misuse::NotOpen)
     }
 
-    fn open(&mut self, offer: OfferId, terms: Terms) -> Result<(), Misuse> {
-        if self.topics.contains_key(&offer) {
+    fn open(&mut self, offer: OfferId, qos: SendQos) -> Result<(), Misuse> {
+        if self.is_open(offer) {
             return Err(Misuse::Open);
         }
-        let topic = Topic {
-            terms,
+        let topic = TopicQueue {
+            qos,
             waiting: VecDeque::new(),
             in_flight: None,
             ready: None,
@@ -252,60 +254,62 @@ impl Schedule {
         Ok(())
     }
 
-    fn change(&mut self, now: Instant, offer: OfferId, terms: Terms) -> Result<(), Misuse> {
+    fn change(&mut self, now: Instant, offer: OfferId, qos: SendQos) -> Result<(), Misuse> {
         let topic = self.topic(offer)?;
-        topic.terms = terms;
-        // What was spent by other rules does not bind these.
-        let spent = core::mem::replace(&mut topic.free_at, Instant(0));
-        self.spent.remove(&(spent, offer));
-        self.look_at(now, offer);
+        topic.qos = qos;
+        // Messages sent under the old limits do not count against the new ones.
+        let free_at = core::mem::replace(&mut topic.free_at, Instant(0));
+        self.rate_limited.remove(&(free_at, offer));
+        self.refresh(now, offer);
         Ok(())
     }
 
     fn close(&mut self, offer: OfferId) -> Result<(), Misuse> {
         let topic = self.topics.remove(&offer).ok_or(Misuse::NotOpen)?;
-        self.spent.remove(&(topic.free_at, offer));
+        self.rate_limited.remove(&(topic.free_at, offer));
         if let Some(finish_tag) = topic.ready {
             self.ready.remove(&(finish_tag, offer));
         }
-        if let Some((finish_tag, key)) = topic.in_flight {
+        if let Some(finish_tag) = topic.in_flight {
             self.in_flight.remove(&(finish_tag, offer));
-            self.outputs.push_back(Output::Reset { key });
+            self.outputs.push_back(Output::Reset { offer });
         }
-        let cause = Cause::Withdrawn;
-        let dropped = topic
-            .waiting
-            .iter()
-            .map(|it| Output::Drop { key: it.key, cause });
+        let dropped = topic.waiting.into_iter().map(|it| Output::Drop {
+            offer,
+            message: it.message,
+            cause: DropCause::Withdrawn,
+        });
         self.outputs.extend(dropped);
         Ok(())
     }
 
-    fn message(&mut self, now: Instant, offer: OfferId, message: Message) -> Result<(), Misuse> {
+    fn enqueue(
+        &mut self,
+        now: Instant,
+        offer: OfferId,
+        message: QueuedMessage<M>,
+    ) -> Result<(), Misuse> {
         self.topic(offer)?.waiting.push_back(message);
-        self.look_at(now, offer);
+        self.refresh(now, offer);
         Ok(())
     }
 
     fn sent(&mut self, now: Instant, offer: OfferId) -> Result<(), Misuse> {
-        let (finish_tag, _) = self
-            .topic(offer)?
-            .in_flight
-            .take()
-            .ok_or(Misuse::NotSending)?;
+        let in_flight = self.topic(offer)?.in_flight.take();
+        let finish_tag = in_flight.ok_or(Misuse::NotSending)?;
         self.in_flight.remove(&(finish_tag, offer));
-        // Whoever comes back after a while has nothing saved up.
+        // A topic that was idle starts from here, so it has no unused share to catch up with.
         self.finish_tag = self.finish_tag.max(finish_tag);
-        self.look_at(now, offer);
+        self.refresh(now, offer);
         Ok(())
     }
 
-    /// Drops what is not needed, and says what the topic waits for.
-    fn look_at(&mut self, now: Instant, offer: OfferId) {
+    /// Drops messages that are no longer needed, and determines what the next one waits for.
+    fn refresh(&mut self, now: Instant, offer: OfferId) {
         let Some(topic) = self.topics.get_mut(&offer) else {
             return;
         };
-        topic.shed(now, &mut self.outputs);
+        topic.shed(now, offer, &mut self.outputs);
         if let Some(finish_tag) = topic.ready.take() {
             self.ready.remove(&(finish_tag, offer));
         }
@@ -313,15 +317,15 @@ impl Schedule {
             return;
         };
         if topic.free_at > now {
-            self.spent.insert((topic.free_at, offer));
+            self.rate_limited.insert((topic.free_at, offer));
             return;
         }
-        let finish_tag = (self.finish_tag).saturating_add(topic.terms.virtual_len(next.len_bytes));
+        let finish_tag = (self.finish_tag).saturating_add(topic.qos.virtual_len(next.len_bytes));
         topic.ready = Some(finish_tag);
         self.ready.insert((finish_tag, offer));
     }
 
-    /// Starts what is ready.
+    /// Starts ready messages while the limit of messages in flight allows.
     fn fill(&mut self, now: Instant) {
         while self.in_flight.len() < MESSAGES_IN_FLIGHT_MAX
             && let Some((finish_tag, offer)) = self.ready.pop_first()
@@ -330,26 +334,22 @@ impl Schedule {
                 continue;
             };
             topic.ready = None;
-            let Some(message) = topic.waiting.pop_front() else {
+            let Some(next) = topic.waiting.pop_front() else {
                 continue;
             };
-            topic.in_flight = Some((finish_tag, message.key));
-            topic.free_at = now.after(topic.terms.pause(message.len_bytes));
+            topic.in_flight = Some(finish_tag);
+            topic.free_at = now.after(topic.qos.interval(next.len_bytes));
             self.in_flight.insert((finish_tag, offer));
-            self.outputs.push_back(Output::Start {
-                offer,
-                key: message.key,
-            });
+            let message = next.message;
+            self.outputs.push_back(Output::Start { offer, message });
         }
     }
 
-    /// What must hold between any two calls.
+    /// Checks what holds between any two calls.
     fn invariants(&self) {
         let is_in_flight = |(finish_tag, offer): &(u64, OfferId)| {
             let topic = self.topics.get(offer);
-            topic
-                .and_then(|it| it.in_flight)
-                .is_some_and(|it| it.0 == *finish_tag)
+            topic.is_some_and(|it| it.in_flight == Some(*finish_tag))
         };
         debug_assert!(self.in_flight.iter().all(is_in_flight));
         let in_flight = self.topics.values().filter(|it| it.in_flight.is_some());
@@ -357,27 +357,58 @@ impl Schedule {
         debug_assert!(self.in_flight.len() <= MESSAGES_IN_FLIGHT_MAX);
         let is_full = self.in_flight.len() == MESSAGES_IN_FLIGHT_MAX;
         debug_assert!(self.ready.is_empty() || is_full);
-        let is_bounded = |it: &Topic| it.waiting.len() <= it.terms.depth();
+        let is_bounded = |it: &TopicQueue<M>| it.waiting.len() <= it.qos.depth();
         debug_assert!(self.topics.values().all(is_bounded));
     }
 }
 
-impl Topic {
+impl<M> TopicQueue<M> {
+    /// Drops the oldest messages as long as there are too many, or they are too old.
     //= SM2-GWM-004
-    fn shed(&mut self, now: Instant, outputs: &mut VecDeque<Output>) {
+    fn shed(&mut self, now: Instant, offer: OfferId, outputs: &mut VecDeque<Output<M>>) {
         while let Some(oldest) = self.waiting.front() {
-            let cause = if self.waiting.len() > self.terms.depth() {
-                Cause::Superseded
-            } else if self.terms.is_too_old(oldest, now) {
-                Cause::Expired
+            let cause = if self.waiting.len() > self.qos.depth() {
+                DropCause::Superseded
+            } else if self.qos.is_expired(oldest.published, now) {
+                DropCause::Expired
             } else {
                 return;
             };
-            outputs.push_back(Output::Drop {
-                key: oldest.key,
+            let dropped = self.waiting.pop_front().map(|it| Output::Drop {
+                offer,
+                message: it.message,
                 cause,
             });
-            self.waiting.pop_front();
+            outputs.extend(dropped);
         }
+    }
+}
+
+impl SendQos {
+    fn depth(&self) -> usize {
+        usize::from(self.depth.max(1))
+    }
+
+    /// By how much a message advances the virtual time of its topic: its length divided by the
+    /// weight of the topic, in units of the greatest weight.
+    fn virtual_len(&self, len_bytes: u64) -> u64 {
+        let steps_below_max = PRIORITY_MAX - self.priority.min(PRIORITY_MAX);
+        len_bytes.max(1).saturating_mul(1 << steps_below_max)
+    }
+
+    /// How long the rate limits make a topic wait after a message.
+    fn interval(&self, len_bytes: u64) -> Duration {
+        let by_messages = self
+            .messages_per_s
+            .map_or(0, |it| NANOS_PER_S / u64::from(it.get()));
+        let by_bytes = self.bytes_per_s.map_or(0, |it| {
+            let nanos = u128::from(len_bytes) * u128::from(NANOS_PER_S) / u128::from(it.get());
+            u64::try_from(nanos).unwrap_or(u64::MAX)
+        });
+        Duration::from_nanos(by_messages.max(by_bytes))
+    }
+
+    fn is_expired(&self, published: Instant, now: Instant) -> bool {
+        (self.max_age).is_some_and(|it| now.since(published) > it)
     }
 }

@@ -39,7 +39,6 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
     ("sm2-proto/tests/control_codec.rs", 1),
     ("sm2-proto/tests/domain_why.rs", 1),
     ("sm2-proto/tests/gateway_codec.rs", 1),
-    ("sm2-proto/tests/gateway_schedule.rs", 1),
     ("sm2-proto/tests/gateway_session/calls.rs", 1),
     ("sm2-proto/tests/gateway_session/misuse.rs", 1),
     ("sm2-proto/tests/link_sender.rs", 1),
