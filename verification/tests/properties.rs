@@ -13,11 +13,11 @@ use sm2_verification::properties::{
 const TEXT: &str = "\
 # Properties
 
-| group | what is shown | within which bound |
+| group | what is shown | bound |
 | --- | --- | --- |
 | ONE, TWO | numbers | up to 2 |
 
-| engine | what its word is worth |
+| engine | strength of the result |
 | --- | --- |
 | model | a proof |
 | libFuzzer | a sample |

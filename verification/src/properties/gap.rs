@@ -112,9 +112,13 @@ pub enum GapKind {
         now: String,
     },
     /// README.md does not have the table that PROPERTIES.md gives.
-    #[error("README.md: the table of checks is not that of PROPERTIES.md; --write writes it")]
+    #[error(
+        "verification/README.md: the table of checks is not that of PROPERTIES.md; --write writes it"
+    )]
     Readme,
     /// README.md has no place for the table.
-    #[error("README.md: no place for the table of checks: {0} and {1}, a line each, in this order")]
+    #[error(
+        "verification/README.md: no place for the table of checks: {0} and {1}, a line each, in this order"
+    )]
     NoMarkers(&'static str, &'static str),
 }

@@ -1,4 +1,4 @@
-//! The tables that README.md shows, made of PROPERTIES.md.
+//! The tables in README.md, generated from PROPERTIES.md.
 
 use super::register::{Register, counted};
 use super::table::render;
@@ -9,16 +9,11 @@ const BEGIN: &str = "<!-- verification:begin -->";
 /// The line after them.
 const END: &str = "<!-- verification:end -->";
 
-/// The tables: what is shown, group by group, and what the word of each engine is worth.
+/// The tables: the claims by group, and the strength of each engine.
 #[must_use]
 pub fn readme_table(register: &Register) -> String {
     let mut lines = vec![
-        render(&[
-            "",
-            "what is shown",
-            "by how many checks",
-            "within which bound",
-        ]),
+        render(&["", "what is shown", "checks", "bound"]),
         render(&["---"; 4]),
     ];
     for group in register.groups() {
@@ -32,7 +27,7 @@ pub fn readme_table(register: &Register) -> String {
         ]));
     }
     lines.push(String::new());
-    lines.push(render(&["engine", "what its word is worth", "checks"]));
+    lines.push(render(&["engine", "strength of the result", "checks"]));
     lines.push(render(&["---"; 3]));
     for (engine, worth) in register.engines() {
         lines.push(render(&[engine, worth, &number(register, engine)]));

@@ -6,8 +6,8 @@ use super::table::{Document, Row, Rows, escaped};
 use super::{Engine, Gap, GapKind};
 use crate::clauses::ClauseId;
 
-const GROUPS: [&str; 3] = ["group", "what is shown", "within which bound"];
-const ENGINES: [&str; 2] = ["engine", "what its word is worth"];
+const GROUPS: [&str; 3] = ["group", "what is shown", "bound"];
+const ENGINES: [&str; 2] = ["engine", "strength of the result"];
 const PROPERTIES: [&str; 4] = ["property", "statement", "clauses", "shown by"];
 const CHECKS: [&str; 6] = ["harness", "shows", "engine", "bound", "run", "last run"];
 const SHOWN_BY: &str = "shown by";
@@ -145,7 +145,7 @@ impl Register {
         &self.groups
     }
 
-    /// The table of engines: each, and what its word is worth.
+    /// The table of engines: each, and strength of the result.
     #[must_use]
     pub fn engines(&self) -> &[(String, String)] {
         &self.engines

@@ -9,9 +9,9 @@ Runs every check that this machine can run, and compares what they covered with 
 
   --quick      leave out the rows marked `full`, and let each engine keep to its quick bounds
   --only       only these engines, properties or harnesses
-  --write      write what was covered into PROPERTIES.md, and its table into README.md
+  --write      write what was covered into PROPERTIES.md, and its tables into README.md
   --missing    print a row for each check that has none
-  --table      print README.md's table and run nothing
+  --table      print the tables of README.md and run nothing
 
 Status 0: all held and the files say so; 1: not so, or nothing was run; 2: it could not be tried;
 77: this machine can run none of it; 130: interrupted.

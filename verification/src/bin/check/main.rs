@@ -173,7 +173,7 @@ impl Check {
         Ok(true)
     }
 
-    /// Brings PROPERTIES.md and README.md up to date.
+    /// Brings PROPERTIES.md and the tables of README.md up to date.
     fn write(&mut self) -> io::Result<()> {
         self.session.write(&mut self.register);
         replace(&properties(&self.root), &self.register.text())?;
@@ -246,7 +246,7 @@ fn properties(root: &Path) -> PathBuf {
 }
 
 fn readme(root: &Path) -> PathBuf {
-    root.join("README.md")
+    root.join("verification/README.md")
 }
 
 /// Writes a file that is not so yet.
