@@ -27,6 +27,8 @@ use std::time::{Duration, Instant};
 pub mod actor;
 pub mod census;
 pub mod control;
+#[cfg(doctest)]
+mod documents;
 pub mod domain;
 pub mod link;
 pub mod memory;

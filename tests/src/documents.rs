@@ -1,0 +1,7 @@
+//! The programs in README and in the book, compiled as doc tests.
+
+#[doc = include_str!("../../README.md")]
+mod readme {}
+
+#[doc = include_str!("../../docs/src/getting-started.md")]
+mod getting_started {}
