@@ -1,12 +1,12 @@
-//! How long a domain is without a Manager when the one that serves is killed (SIGKILL) and
-//! another stands by: from the kill to the first WELCOME that a node gets.
+//! Measures how long a domain is without a Manager when the Manager is killed (SIGKILL) and a standby takes
+//! over: the time from the kill until a node receives WELCOME.
 //!
 //! ```sh
 //! cargo run --release -p sm2-manager --example takeover_time [rounds]
 //! ```
 //!
-//! The node tries again every 50 µs; one of the library waits up to 10 ms before its first
-//! attempt (SM2-RES-001), so that all nodes of a domain do not come at once.
+//! The node of this program tries again every 50 µs. A node of the library waits up to 10 ms before its first
+//! attempt (SM2-RES-001), so that the nodes of a domain do not all connect at once.
 
 use std::{
     env,
@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Another process of this program; when this returns it serves, or stands by.
+/// Starts another process of this program. When this returns, that process serves or stands by.
 fn start(path: &Path) -> Result<Child, Box<dyn Error>> {
     let mut command = Command::new(env::current_exe()?);
     command.arg("stand-by").arg(path).stdout(Stdio::piped());
@@ -80,7 +80,7 @@ fn stand_by(path: &Path) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// One attempt of a node.
+/// One connection attempt of a node. Returns whether it was welcomed.
 fn is_welcomed(path: &Path) -> Result<bool, Box<dyn Error>> {
     let Ok(socket) = SeqPacket::connect(path) else {
         return Ok(false);
@@ -95,6 +95,6 @@ fn is_welcomed(path: &Path) -> Result<bool, Box<dyn Error>> {
         return Ok(false);
     }
     wait_readable(&[socket.as_fd()], Some(TIMEOUT))?;
-    // Anything but the end of the stream: WELCOME.
+    // Anything but the end of the stream is WELCOME.
     Ok(socket.recv(&mut [0; 256]).is_ok())
 }

@@ -7,7 +7,7 @@ use std::{
 
 use crate::{HandOver, Manager, Options, Outcome, RunError, Standby, StartError, Stopper};
 
-/// A Manager that runs on its own thread until it is stopped or dropped.
+/// A Manager that runs on its own thread. Dropping this handle stops it.
 #[derive(Debug)]
 pub struct Background {
     path: PathBuf,
@@ -17,28 +17,27 @@ pub struct Background {
 }
 
 impl Background {
-    /// Claims the socket at `path` and serves it. When this returns, nodes can connect.
+    /// Claims the socket at `path` and starts serving it. Nodes can connect as soon as this returns.
     ///
-    /// After a [hand-over](Self::hand_over) it does nothing any more.
+    /// A [hand-over](Self::hand_over) to another Manager ends the thread.
     ///
     /// # Errors
     ///
-    /// As [`Manager::bind`]; also if no thread can be made.
+    /// As for [`Manager::bind`]; also if the thread cannot be created.
     pub fn start(path: &Path, options: Options) -> Result<Self, StartError> {
         let manager = Manager::bind(path, options)?;
         let (stopper, hand_over) = (manager.stopper(), manager.hand_over());
         Self::spawn(path, stopper, hand_over, move || manager.run().map(drop))
     }
 
-    /// Makes sure that a Manager serves the domain, now and as long as this lives: claims the
-    /// socket at `path` and serves it, or stands by while somebody else does. When this
-    /// returns, nodes can connect.
+    /// Ensures that a Manager serves the domain for as long as this handle lives: claims the socket at `path`
+    /// and serves it, or stands by while another Manager serves. Nodes can connect as soon as this returns.
     ///
-    /// After a [hand-over](Self::hand_over) it stands by for its successor.
+    /// After a [hand-over](Self::hand_over), this Manager stands by for its successor.
     ///
     /// # Errors
     ///
-    /// As [`Standby::start`]; also if no thread can be made.
+    /// As for [`Standby::start`]; also if the thread cannot be created.
     pub fn start_or_stand_by(path: &Path, options: Options) -> Result<Self, StartError> {
         let mut standby = Standby::start(path, options)?;
         let (stopper, hand_over) = (standby.stopper(), standby.hand_over());
@@ -72,18 +71,18 @@ impl Background {
         &self.path
     }
 
-    /// What makes it leave the domain to another Manager.
+    /// Returns a handle that makes this Manager hand over the domain to another one.
     #[must_use]
     pub fn hand_over(&self) -> HandOver {
         self.hand_over.clone()
     }
 
-    /// Ends it, and waits for the thread. If it serves, it says goodbye to every node and
-    /// removes the socket.
+    /// Stops the Manager and waits for its thread. A Manager that serves says goodbye to every node and
+    /// removes its socket.
     ///
     /// # Errors
     ///
-    /// What [`Manager::run`] ended with.
+    /// The error that [`Manager::run`] ended with.
     pub fn stop(mut self) -> Result<(), RunError> {
         self.join()
     }
@@ -92,7 +91,7 @@ impl Background {
         self.stopper.stop();
         match self.thread.take().map(JoinHandle::join) {
             Some(Ok(result)) => result,
-            // A panic of the loop is the loop's; it is passed on, not swallowed.
+            // A panic of the loop is passed on to the caller.
             Some(Err(panic)) if !thread::panicking() => std::panic::resume_unwind(panic),
             Some(Err(_)) | None => Ok(()),
         }

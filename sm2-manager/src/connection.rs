@@ -1,4 +1,4 @@
-//! One node's connection: its socket and what the socket did not take yet.
+//! The connection of one node: its socket and the frames that the socket has not accepted yet.
 
 use std::{
     collections::VecDeque,
@@ -9,16 +9,16 @@ use std::{
 
 use sm2_io::{Interest, SendError, SeqPacket};
 
-/// What a socket has to carry: a frame, and the descriptor that goes with it.
+/// One datagram to send: a frame and the descriptor that accompanies it.
 #[derive(Debug)]
 struct Parcel {
     frame: Vec<u8>,
-    /// Shared if it is a file of counters: the kernel makes the duplicate when it is sent.
+    /// Shared if it is a counters file: the kernel duplicates the descriptor when it is sent.
     fd: Option<Arc<OwnedFd>>,
 }
 
 impl Parcel {
-    /// What it takes to keep it. A frame may be shorter than what keeps it.
+    /// Memory that this parcel occupies while it is queued. The parcel can be larger than its frame.
     fn kept_bytes(&self) -> usize {
         size_of::<Self>() + self.frame.len()
     }
@@ -27,42 +27,42 @@ impl Parcel {
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) socket: SeqPacket,
-    /// What the socket is watched for.
+    /// The events for which the epoll set watches the socket.
     pub(crate) interest: Interest,
     waiting: VecDeque<Parcel>,
     waiting_bytes: usize,
-    /// Descriptors sent since the node was last seen to have read all that was sent.
+    /// Descriptors sent since the socket's queue was last seen empty.
     sent_fds: usize,
-    /// Nothing is kept for it any more: it is about to be closed.
+    /// The connection is about to be closed: nothing is queued for it any more.
     given_up: bool,
-    /// The file of its counters, once it has handed that over.
+    /// The node's counters file, once the node has handed it over.
     pub(crate) counters: Option<Arc<OwnedFd>>,
-    /// Keeps the place of that file: without one the kernel would cut it off, and the node would
-    /// be blamed for it.
+    /// A placeholder descriptor, closed before each read, so that the counters file can be received. Without
+    /// a free descriptor the kernel would discard the file, and the node would be blamed for that.
     pub(crate) place: Option<OwnedFd>,
 }
 
-/// What became of a frame that is not lost.
+/// The result of sending a frame to a node that is still connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sent {
-    /// The socket has it.
+    /// The socket accepted the frame.
     Taken,
-    /// It waits until the socket has room.
+    /// The frame is queued until the socket has room.
     Full,
-    /// It waits until fewer of our descriptors are in flight, to whomever: the
-    /// kernel counts them for their sender (`ETOOMANYREFS`).
+    /// The frame is queued until fewer descriptors of this process are in flight. The kernel counts them per
+    /// sender, over all its sockets (`ETOOMANYREFS`).
     Crowded,
 }
 
-/// What the kernel counts for a datagram that is not read, at least.
+/// The smallest size that the kernel accounts for an unread datagram.
 const DATAGRAM_BYTES: usize = 512;
 
-/// Why a node is given up.
+/// The reason why a node is given up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lost {
-    /// Its end is closed; reading will say so.
+    /// The node closed its end; reading the socket reports the end.
     Closed,
-    /// It does not read.
+    /// The node does not read its socket.
     Stalled,
 }
 
@@ -80,25 +80,25 @@ impl Connection {
         }
     }
 
-    /// How many descriptors are kept for it alone.
+    /// Number of queued descriptors that no other queue shares.
     pub(crate) fn waiting_fds(&self) -> usize {
         let fds = self.waiting.iter().filter_map(|parcel| parcel.fd.as_ref());
         fds.filter(|fd| Arc::strong_count(fd) == 1).count()
     }
 
-    /// Lets go of all that is kept for it, and keeps nothing from now on.
+    /// Discards everything that is queued, and queues nothing from now on.
     pub(crate) fn give_up(&mut self) {
         self.given_up = true;
         self.waiting = VecDeque::new();
         self.waiting_bytes = 0;
     }
 
-    /// Whether the socket has to be watched for room.
+    /// Whether frames are queued until the socket has room.
     pub(crate) fn is_waiting(&self) -> bool {
         !self.waiting.is_empty()
     }
 
-    /// Sends a frame now, or keeps it within `limit_bytes`.
+    /// Sends a frame now, or queues it. The queue is limited to `limit_bytes`.
     //= SM2-TRN-009
     pub(crate) fn send(
         &mut self,
@@ -125,7 +125,7 @@ impl Connection {
         Ok(sent)
     }
 
-    /// Sends what was kept, as far as the socket takes it.
+    /// Sends queued frames until the socket is full.
     pub(crate) fn flush(&mut self) -> Result<Sent, Lost> {
         while let Some(parcel) = self.waiting.pop_front() {
             let sent = self.transmit(&parcel)?;
@@ -138,8 +138,8 @@ impl Connection {
         Ok(Sent::Taken)
     }
 
-    /// How many descriptors it can have left unread at most: not more than it was sent since
-    /// it had read everything, nor than there are datagrams.
+    /// Upper bound for the descriptors that the node has not read: at most those sent since its queue was
+    /// last empty, and at most one per unread datagram.
     pub(crate) fn unread_fds(&mut self) -> usize {
         let unread_bytes = self.socket.unread_bytes().unwrap_or(0);
         if unread_bytes == 0 {
@@ -150,7 +150,7 @@ impl Connection {
 
     fn transmit(&mut self, parcel: &Parcel) -> Result<Sent, Lost> {
         if self.sent_fds > 0 {
-            // Takes note if it has read everything up to now.
+            // Resets `sent_fds` if the node has read everything.
             self.unread_fds();
         }
         let sent = transmit(&self.socket, parcel)?;
@@ -160,12 +160,12 @@ impl Connection {
         Ok(sent)
     }
 
-    /// The last frame, if the socket takes it.
+    /// Sends the last frame if the socket accepts it.
     //= SM2-SES-005
     pub(crate) fn say_goodbye(mut self, frame: Option<Vec<u8>>) {
         let Some(frame) = frame else { return };
         if self.flush() == Ok(Sent::Taken) {
-            // Whoever does not take its goodbye finds the connection closed.
+            // A node whose socket is full finds the connection closed.
             let _ = self.transmit(&Parcel { frame, fd: None });
         }
     }

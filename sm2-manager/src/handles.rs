@@ -1,18 +1,18 @@
-//! What other threads tell a Manager's loop.
+//! Handles with which other threads control a Manager's loop.
 
 use std::{io, os::fd::AsFd, sync::Arc, time::Duration};
 
 use sm2_io::{Waker, wait_readable};
 
-/// Ends a Manager's loop, from any thread; also while it stands by.
+/// Ends a Manager's loop, from any thread, including while it stands by.
 ///
-/// Nodes keep their links, and come back when there is a Manager again. If another one stands
-/// by for the domain, that is at once: to stop a Manager is not to end its domain.
+/// Nodes keep their links and reconnect when another Manager serves. If one stands by for the domain, they
+/// reconnect at once. Stopping a Manager does not end its domain.
 #[derive(Clone, Debug)]
 pub struct Stopper(pub(crate) Arc<Waker>);
 
 impl Stopper {
-    /// Asks the loop to end. It says goodbye to every node and removes its socket.
+    /// Asks the loop to end. A Manager that serves says goodbye to every node and removes its socket.
     pub fn stop(&self) {
         self.0.wake();
     }
@@ -25,16 +25,18 @@ pub struct HandOver(pub(crate) Arc<Waker>);
 impl HandOver {
     /// Asks the loop to give up the domain's lock.
     ///
-    /// Whoever waits for it becomes the next Manager: first one that tries to take it, such
-    /// as `sm2 manager --replace`; after 100 ms a standby. Sessions go on until that one
-    /// serves. If nobody has come after 2 s, the Manager goes on as before. Without effect on
-    /// one that stands by, and on one that was handed its socket.
+    /// The next Manager is the first process to take the lock: for 100 ms one that tries directly, such as
+    /// `sm2 manager --replace`; then also a standby. Sessions continue until the next Manager serves. If none
+    /// has come after 2 s, this one continues as before.
+    ///
+    /// Has no effect on a Manager that stands by, or on one that serves an adopted socket (socket
+    /// activation).
     pub fn start(&self) {
         self.0.wake();
     }
 }
 
-/// What a loop listens to. One pair may serve several loops, one after the other.
+/// The wakers of a loop. One pair can serve several loops, one after the other.
 #[derive(Clone, Debug)]
 pub(crate) struct Handles {
     pub(crate) stop: Arc<Waker>,

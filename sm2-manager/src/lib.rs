@@ -1,14 +1,14 @@
-//! The broker of an SM2 domain: who is there, and who talks to whom. Never on the data path.
+//! The broker of an SM2 domain: it knows the nodes and links their interfaces. It never sees a message.
 //!
-//! This crate is the thin driver around [`sm2_proto::manager::Manager`]: it accepts
-//! connections, moves datagrams, makes the socket pairs of links, and hangs up where the
-//! machine says so. All rules live in the machine.
+//! This crate is the thin driver around [`sm2_proto::manager::Manager`]: it accepts connections, moves
+//! datagrams, creates the socket pairs of links, and closes connections when the machine says so. All rules
+//! are in the machine.
 //!
 //! - [`Manager`]: claims a domain's socket and serves it on the calling thread.
-//! - [`Standby`]: the same, but while another Manager serves the domain, it waits for its end.
-//! - [`Background`]: either on a thread of its own, for programs that embed a Manager.
-//! - `program` (feature `program`, on by default): the command line that `sm2-manager` and
-//!   `sm2 manager` share.
+//! - [`Standby`]: waits while another Manager serves the domain, then serves it.
+//! - [`Background`]: runs either of them on its own thread, for programs that embed a Manager.
+//! - `program` (feature `program`, on by default): the command line that `sm2-manager` and `sm2 manager`
+//!   share.
 //!
 //! ```no_run
 //! let path = sm2_io::socket_path(None)?;
@@ -20,13 +20,13 @@
 //!
 //! # When a Manager ends
 //!
-//! | how | the domain |
+//! | cause | effect on the domain |
 //! | --- | --- |
-//! | killed, or its process ends in any other way | a standby serves as soon as the kernel has freed the lock; else whoever starts next |
-//! | [`Stopper::stop`], SIGTERM | it says goodbye and removes the socket; then the same |
-//! | [`HandOver::start`], SIGUSR2 | the next one serves before this one says goodbye |
+//! | killed, or its process ends in any other way | a standby serves as soon as the kernel has freed the lock; without a standby, the next Manager that starts |
+//! | [`Stopper::stop`], SIGTERM | the Manager says goodbye and removes the socket; then as above |
+//! | [`HandOver::start`], SIGUSR2 | the next Manager serves before this one says goodbye |
 //!
-//! In each case links go on, and nodes come back by themselves (SPEC section 11).
+//! In each case links stay open, and nodes reconnect by themselves (SPEC, section 11).
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 

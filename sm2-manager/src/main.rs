@@ -1,4 +1,4 @@
-//! The Manager as a program of its own. `sm2 manager` is the same code.
+//! The `sm2-manager` program. `sm2 manager` runs the same code.
 
 use std::process::ExitCode;
 

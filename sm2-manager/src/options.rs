@@ -1,4 +1,4 @@
-//! How a Manager serves, and why it does not.
+//! The options of a Manager, and its errors.
 
 use std::{io, path::PathBuf};
 
@@ -6,15 +6,15 @@ use sm2_io::{BindOptions, DomainSocketError};
 
 use crate::Policy;
 
-/// How a Manager serves its domain.
+/// Options of a Manager.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Quotas, and when links are sealed.
+    /// Quotas, and which links are sealed.
     pub policy: Policy,
-    /// How many bytes are kept for a node that does not read; 32 more count for each frame.
+    /// How many bytes are queued for a node that does not read. Each queued frame counts 32 bytes extra.
     pub queue_bytes: usize,
-    /// The socket's permission bits: who may connect needs to write. They do not count for
-    /// a socket that was handed over.
+    /// The socket's permission bits: a process needs write permission to connect. Has no effect on an adopted
+    /// socket (socket activation).
     pub socket_mode: u32,
 }
 
@@ -37,29 +37,29 @@ impl Options {
     }
 }
 
-/// Why a Manager did not start.
+/// The reason why a Manager did not start.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StartError {
     /// The domain's socket cannot be claimed.
     #[error(transparent)]
     DomainSocket(#[from] DomainSocketError),
-    /// A standby met somebody who has the lock of the domain, and whom nobody can connect to.
+    /// Another process holds the domain's lock, but does not accept connections.
     #[error(
-        "cannot connect to the Manager that holds {path:?}, and cannot take its place: {source}"
+        "another process holds the lock of {path:?} but does not accept connections: {source}; end that process, or choose another domain"
     )]
     NobodyServes {
         /// The socket's path.
         path: PathBuf,
-        /// Why not.
+        /// The error of connecting.
         source: io::Error,
     },
-    /// The operating system refused what every Manager needs.
+    /// The operating system refused a resource that every Manager needs.
     #[error("cannot {action}: {source}")]
     Io {
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// What it said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
@@ -70,16 +70,16 @@ impl StartError {
     }
 }
 
-/// The loop cannot go on. Links live on without their Manager.
+/// The loop cannot continue. Links stay open without their Manager.
 #[derive(Debug, thiserror::Error)]
-#[error("the Manager cannot wait for events any more: {0}")]
+#[error("the Manager stopped, because waiting for events failed: {0}")]
 pub struct RunError(#[from] io::Error);
 
-/// What ended a Manager's loop.
+/// The reason why a Manager's loop ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// A [`Stopper`](crate::Stopper).
+    /// A [`Stopper`](crate::Stopper) ended it.
     Stopped,
-    /// Another Manager has taken its place (SM2-RES-010).
+    /// Another Manager has taken over (SM2-RES-010).
     HandedOver,
 }

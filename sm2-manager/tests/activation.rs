@@ -1,5 +1,5 @@
-//! What a service manager such as systemd does: it binds the socket, hands it over as
-//! descriptor 3, and listens to what the Manager says of itself.
+//! Socket activation as systemd does it: the test binds the socket, passes it as descriptor 3, and receives
+//! the states that the Manager reports.
 
 mod common;
 
@@ -17,7 +17,7 @@ use nix::sys::signal::Signal;
 use sm2_io::{Listener, SeqPacket};
 use sm2_proto::{Farewell, node::End};
 
-/// The service manager of one domain.
+/// A service manager for one domain.
 struct Init {
     domain: TestDomain,
     socket: OwnedFd,
@@ -37,9 +37,9 @@ impl Init {
         }
     }
 
-    /// The command that hands over `count` sockets from number 3 on.
+    /// Returns a command that passes `count` sockets, starting at descriptor 3.
     fn command(&self, socket: OwnedFd, count: usize, options: &[&str]) -> Command {
-        // A shell puts the descriptors where they belong, and knows its process id.
+        // A shell moves the descriptors to their numbers and knows its own process id.
         let script = "exec 3<&0 4<&0 0</dev/null; LISTEN_PID=$$ exec \"$@\"";
         let mut command = Command::new("sh");
         command.args(["-c", script, "sh"]);
@@ -62,7 +62,7 @@ impl Init {
         program.stderr()
     }
 
-    /// Waits until it says this.
+    /// Waits until the Manager reports the state `word`.
     #[track_caller]
     fn hears(&self, word: &str) {
         let mut buffer = [0; 4096];
@@ -81,7 +81,7 @@ impl Init {
 fn whoever_connects_between_two_managers_is_served() {
     let init = Init::new();
     let path = init.domain.socket();
-    // Already before the first.
+    // Connects before the first Manager starts.
     let mut early = Client::connect(&path, "early").unwrap();
     let mut manager = init.start(&[]);
     init.hears("READY=1");
@@ -89,7 +89,11 @@ fn whoever_connects_between_two_managers_is_served() {
     assert_eq!(early.server(), std::process::id().cast_signed());
     for round in 0..3 {
         let node = init.domain.client("node");
-        assert_eq!(node.server(), manager.pid(), "whom others would signal");
+        assert_eq!(
+            node.server(),
+            manager.pid(),
+            "--replace would signal the Manager, not the service manager"
+        );
         manager.kill();
         manager.wait();
         assert_eq!(node.ended(), End::Eof);

@@ -1,5 +1,4 @@
-//! Descriptors that nodes hand to a Manager: it keeps one file of counters per session, and
-//! closes all others.
+//! Descriptors that nodes send to a Manager: it keeps one counters file per session, and closes all others.
 
 mod common;
 
@@ -24,7 +23,7 @@ use sm2_proto::{
     violation,
 };
 
-/// A node that speaks frames.
+/// A node that sends and receives single frames.
 struct Raw {
     socket: SeqPacket,
     id: NodeId,
@@ -41,7 +40,7 @@ impl Raw {
         raw
     }
 
-    /// One that has said HELLO.
+    /// Connects a node that has sent HELLO.
     fn greeting(socket: SeqPacket, name: &str) -> Self {
         let raw = Self {
             socket,
@@ -53,7 +52,7 @@ impl Raw {
             name: name.parse().unwrap(),
             resuming: false,
         };
-        // Whoever is not served may be hung up on already: reading says so.
+        // The Manager may have closed the connection already; reading reports that.
         let _ = (raw.socket).send(&[IoSlice::new(&encode_to_manager(&hello))], &[]);
         raw
     }
@@ -67,7 +66,7 @@ impl Raw {
         self.send(&ToManager::Inspect { node }, &[]);
     }
 
-    /// The next frame, and its descriptor.
+    /// Returns the next frame and its descriptor.
     #[track_caller]
     fn next(&self) -> (ToNode, Option<OwnedFd>) {
         self.try_next(TIMEOUT).expect("a frame")
@@ -92,7 +91,7 @@ impl Raw {
         Some((frame.unwrap(), received.fds.into_iter().next()))
     }
 
-    /// The code of its GOODBYE, and then the end.
+    /// Returns the code of the Manager's GOODBYE, and checks that the connection then ends.
     #[track_caller]
     fn goodbye(&self) -> Code {
         let (ToNode::Goodbye { code }, None) = self.next() else {
@@ -103,13 +102,13 @@ impl Raw {
     }
 }
 
-/// How many descriptors the Manager has open.
+/// Returns how many descriptors the Manager has open.
 fn open(manager: &Program) -> usize {
     let entries = fs::read_dir(format!("/proc/{}/fd", manager.pid())).unwrap();
     entries.count()
 }
 
-/// It takes no more nodes than it can take the counters of.
+/// A Manager accepts no more nodes than it can receive counters files from.
 //= SM2-CNT-001, SM2-TRN-005 sys
 #[test]
 fn a_manager_that_is_short_of_descriptors_blames_no_node() {
@@ -126,10 +125,10 @@ fn a_manager_that_is_short_of_descriptors_blames_no_node() {
         let socket = SeqPacket::connect(&domain.socket()).unwrap();
         let raw = Raw::greeting(socket, &name);
         let answered = || wait_readable(&[raw.socket.as_fd()], Some(Duration::from_millis(10)));
-        common::eventually("a WELCOME, or a word why there is none", || {
+        common::eventually("a WELCOME, or a log message why there is none", || {
             answered().unwrap() || manager.stderr().contains("cannot")
         });
-        // The last one finds no descriptor left for it, and may be left waiting.
+        // The Manager has no descriptor left for the last node, which may get no answer.
         if let Some((ToNode::Welcome { node, .. }, None)) = raw.try_next(Duration::ZERO) {
             nodes.push(Raw { id: node, ..raw });
         }
@@ -161,7 +160,11 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
     let (ToNode::Inspected { .. }, Some(_)) = node.next() else {
         panic!("INSPECTED expected");
     };
-    assert_eq!(open(&manager), idle + 2, "its socket and its file");
+    assert_eq!(
+        open(&manager),
+        idle + 2,
+        "the node's socket and its counters file"
+    );
 
     page.update(&entry).lost(3);
     for _ in 0..3 {
@@ -180,10 +183,14 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
         };
         assert_eq!(of, tool.id);
     }
-    assert_eq!(open(&manager), idle + 2, "what was shown was not copied");
+    assert_eq!(
+        open(&manager),
+        idle + 2,
+        "the Manager keeps no duplicate for the tool"
+    );
 
     drop(node);
-    common::eventually("it to let go of the file", || open(&manager) == idle);
+    common::eventually("the Manager to close the file", || open(&manager) == idle);
 }
 
 //= SM2-TRN-005, SM2-CNT-001 sys
@@ -220,20 +227,20 @@ fn every_other_descriptor_is_closed() {
         node.send(frame, fds);
         assert_eq!(node.goodbye(), violation.code());
         drop(node);
-        common::eventually("all to be closed", || open(&manager) == idle);
+        common::eventually("all descriptors to be closed", || open(&manager) == idle);
     }
     let node = Raw::welcomed(&domain, "node");
     node.send(&counters, &[page.as_fd()]);
     node.send(&counters, &[page.as_fd()]);
     assert_eq!(node.goodbye(), ViolationKind::CountersTwice.code());
-    common::eventually("both to be closed", || open(&manager) == idle);
+    common::eventually("both descriptors to be closed", || open(&manager) == idle);
     witness.inspect(witness.id);
     let (ToNode::NotInspected { .. }, None) = witness.next() else {
         panic!("NOT_INSPECTED expected");
     };
 }
 
-/// Descriptors that are shown count as in flight, like those of links.
+/// Counters files that are sent to a tool count as in flight, as the sockets of links do.
 //= SM2-TRN-010, SM2-TRN-009 sys
 #[test]
 fn whoever_asks_and_does_not_read_is_given_up() {
@@ -241,7 +248,7 @@ fn whoever_asks_and_does_not_read_is_given_up() {
     let mut command = domain.for_a_stranger(&["--socket-mode", "666"]);
     let program = command.get_program().to_owned();
     let options: Vec<_> = command.get_args().map(ToOwned::to_owned).collect();
-    // Few are allowed in flight, then; but to root any number is.
+    // A low limit for descriptors in flight. The limit does not apply to root.
     command = Command::new("sh");
     command.args(["-c", "ulimit -n 128; exec \"$0\" \"$@\""]);
     command.arg(program).args(options);
@@ -258,7 +265,7 @@ fn whoever_asks_and_does_not_read_is_given_up() {
     let deaf = Raw::welcomed(&domain, "deaf");
     let bytes = encode_to_manager(&ToManager::Inspect { node: node.id });
     for _ in 0..100_000 {
-        // Until it is hung up on, which it would read if it did.
+        // Sends until the Manager closes the connection.
         match deaf.socket.send(&[IoSlice::new(&bytes)], &[]) {
             Ok(()) => {}
             Err(sm2_io::SendError::WouldBlock) => thread::yield_now(),
@@ -266,7 +273,7 @@ fn whoever_asks_and_does_not_read_is_given_up() {
         }
     }
     manager.says("hung up");
-    // What it has not read is in flight until it closes its end.
+    // Unread descriptors stay in flight until the node closes its end.
     drop(deaf);
     let polite = Raw::welcomed(&domain, "polite");
     for _ in 0..100 {

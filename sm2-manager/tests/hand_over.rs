@@ -1,4 +1,4 @@
-//! One Manager takes the place of another that runs, and nobody is without one.
+//! A Manager takes over from another one that serves, and the domain is served without a gap.
 
 mod common;
 
@@ -26,7 +26,7 @@ fn a_stream_of_connecting_nodes_goes_on_while_managers_replace_each_other() {
         let nodes = move |stream: u32| {
             let mut count = 0;
             while !over.load(Ordering::Relaxed) {
-                // The path names a socket at any moment.
+                // The path names a socket at every moment.
                 if let Err(error) = SeqPacket::connect(&domain.socket()) {
                     assert_ne!(error.kind(), ErrorKind::NotFound);
                 }
@@ -59,7 +59,7 @@ fn sessions_end_only_once_the_next_one_serves() {
     let node = domain.client("node");
     active.signal(Signal::SIGUSR2);
     assert_eq!(node.ended(), End::Peer(Farewell::ShuttingDown.code()));
-    // It listens already: connecting cannot fail.
+    // The next Manager is already listening, so connecting cannot fail.
     let again = Client::attempt(&domain.socket(), "node").expect("a session at once");
     assert_eq!(again.server(), standby.pid());
     assert_eq!(active.wait(), Some(0));
@@ -76,16 +76,20 @@ fn without_a_successor_the_manager_goes_on() {
         let said = |text: &str| active.stderr().matches(text).count() == round;
         active.signal(Signal::SIGUSR2);
         common::eventually("a hand-over", || said("handing over"));
-        assert_eq!(node.nodes(), ["node"], "its sessions go on meanwhile");
-        // Whoever comes meanwhile waits, and is served.
+        assert_eq!(
+            node.nodes(),
+            ["node"],
+            "its sessions continue during the hand-over"
+        );
+        // A node that connects during the hand-over waits, and is served later.
         let other = Client::attempt(&domain.socket(), "other").expect("a session in the end");
         assert_eq!(other.server(), active.pid());
-        common::eventually("its end", || said("going on"));
+        common::eventually("the end of the hand-over", || said("serving again"));
         let (status, text) = domain.fails(&[]);
-        assert_eq!(status, Some(1), "it has the lock again");
+        assert_eq!(status, Some(1), "the Manager holds the lock again");
         assert!(text.contains("another Manager serves"), "{text}");
         drop(other);
-        common::eventually("the other's end", || node.nodes() == ["node"]);
+        common::eventually("the end of the other session", || node.nodes() == ["node"]);
     }
 }
 
@@ -110,7 +114,7 @@ fn a_manager_is_replaced_though_others_stand_by() {
         assert_eq!(domain.client("node").server(), active.pid());
     }
     let mut node = domain.client("node");
-    common::eventually("the standbys to stand by for it", || {
+    common::eventually("the standbys to join the new Manager's domain", || {
         node.nodes().len() == 3
     });
     assert!(standbys.iter_mut().all(Program::is_running));
@@ -134,7 +138,7 @@ fn a_second_manager_says_what_can_be_done() {
     assert_eq!(status, Some(2), "{text}");
 }
 
-/// The signal would end this process, which embeds the Manager.
+/// SIGUSR2 would kill a process that embeds its Manager.
 #[test]
 fn a_program_that_embeds_its_manager_is_not_asked() {
     let domain = TestDomain::new();
@@ -142,7 +146,7 @@ fn a_program_that_embeds_its_manager_is_not_asked() {
     let (status, text) = domain.fails(&["--replace"]);
     assert_eq!(status, Some(1));
     assert!(text.contains("embeds its Manager"), "{text}");
-    // But it can do it by itself.
+    // Such a program can hand over through the API.
     let standby = domain.standby();
     active.hand_over().start();
     standby.says("serving");
@@ -165,14 +169,14 @@ fn a_standby_of_a_program_hands_over_and_stands_by_again() {
         let mut node = domain.client("node");
         assert_ne!(node.epoch(), epoch);
         epoch = node.epoch();
-        common::eventually("it to stand by again", || node.nodes().len() == 2);
+        common::eventually("the program to stand by again", || node.nodes().len() == 2);
     }
 }
 
 #[test]
 fn the_manager_of_another_user_is_not_replaced() {
     if !geteuid().is_root() {
-        println!("skipped: only root can be somebody else");
+        println!("skipped: only root can start a process of another user");
         return;
     }
     let domain = TestDomain::new();

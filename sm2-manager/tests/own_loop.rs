@@ -1,5 +1,4 @@
-//! The example `own_loop`: a broker that is not this crate's own, between real nodes and
-//! hostile ones.
+//! The example `own_loop`, a Manager with another event loop, with real nodes and with hostile ones.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, IoSlice};
@@ -16,12 +15,12 @@ use sm2_node::{Node, Publisher, Subscriber};
 use sm2_proto::control::{ToManager, ToNode, decode_to_node, encode_to_manager};
 use sm2_proto::{Code, Datagram, Farewell, FdFacts, InterfaceId, Name, NodeId, ViolationKind};
 
-/// Long enough for a machine that is busy with other tests.
+/// Long enough for a machine that runs other tests at the same time.
 const SOON: Duration = Duration::from_secs(20);
-/// Names the socket to the other process of a test.
+/// The environment variable that names the socket for the other process of a test.
 const SOCKET: &str = "SM2_OWN_LOOP_TEST_SOCKET";
 
-/// The running example, or another process that prints lines. Dropping it kills it.
+/// The running example, or another process that prints lines. Killed when dropped.
 struct Process {
     child: Child,
     lines: Receiver<String>,
@@ -39,7 +38,7 @@ impl Process {
         Self { child, lines }
     }
 
-    /// The next line that contains `part`.
+    /// Returns the next line that contains `part`.
     fn line(&self, part: &str) -> String {
         let deadline = Instant::now() + SOON;
         loop {
@@ -47,7 +46,7 @@ impl Process {
             match self.lines.recv_timeout(left) {
                 Ok(line) if line.contains(part) => return line,
                 Ok(_) => {}
-                Err(error) => panic!("it does not print {part:?}: {error}"),
+                Err(error) => panic!("no line contains {part:?}: {error}"),
             }
         }
     }
@@ -56,13 +55,13 @@ impl Process {
         self.child.try_wait().unwrap().is_none()
     }
 
-    /// What Ctrl-C does.
+    /// Sends SIGINT, as Ctrl-C does.
     fn interrupt(&self) {
         let id = Pid::from_raw(self.child.id().try_into().unwrap());
         kill(id, Signal::SIGINT).unwrap();
     }
 
-    /// How it ended, and what it printed that was not read yet.
+    /// Waits for the end. Returns the exit status and the lines that were not read yet.
     fn end(mut self) -> (Option<i32>, Vec<String>) {
         wait(|| !self.is_running());
         let status = self.child.wait().unwrap();
@@ -77,7 +76,7 @@ impl Drop for Process {
     }
 }
 
-/// The example, serving in a folder of its own.
+/// The example, serving in its own folder.
 struct Domain {
     process: Process,
     folder: tempfile::TempDir,
@@ -88,7 +87,7 @@ impl Domain {
         Self::run(&mut Command::new(example()))
     }
 
-    /// With this many descriptors at most.
+    /// Starts the example with a limit of `limit` descriptors.
     fn start_with_files(limit: u32) -> Self {
         let script = format!("ulimit -n {limit} && exec \"$0\" \"$@\"");
         Self::run(Command::new("sh").args(["-c", &script]).arg(example()))
@@ -113,18 +112,18 @@ impl Domain {
         Raw(SeqPacket::connect(&self.socket()).unwrap())
     }
 
-    /// A publisher and a subscriber of two nodes, linked, that have no more to tell.
+    /// Returns a publisher and a subscriber of two nodes, once their link is open and their queues are empty.
     fn pair(&self) -> (Publisher<u64>, Subscriber<u64>) {
         let files = self.open_files(u32::MAX);
         let publisher = self.node("talker").publisher("topic").unwrap();
         let subscriber = self.node("listener").subscriber("topic").unwrap();
         meet(&publisher, &subscriber);
-        // Of each node a connection, and the file of its counters.
+        // For each node one connection and one counters file.
         self.has_files(files + 4);
         (publisher, subscriber)
     }
 
-    /// How many of the descriptors below `limit` it has. (It may have inherited others.)
+    /// Counts the open descriptors below `limit`. (The process may have inherited others.)
     fn open_files(&self, limit: u32) -> usize {
         let id = self.process.child.id();
         let files = std::fs::read_dir(format!("/proc/{id}/fd")).unwrap();
@@ -133,7 +132,7 @@ impl Domain {
         files.filter(|file| below(file.as_ref().unwrap())).count()
     }
 
-    /// That it closes all but `count` descriptors.
+    /// Waits until exactly `count` descriptors are open.
     fn has_files(&self, count: usize) {
         wait(|| self.open_files(u32::MAX) == count);
     }
@@ -153,7 +152,7 @@ fn node(socket: &Path, name: &str) -> Node {
     Node::builder(name).socket(socket).connect().unwrap()
 }
 
-/// Both nodes are of this thread, so both have to be called until their link is open.
+/// Both nodes belong to this thread, so both must be called until their link is open.
 fn meet(publisher: &Publisher<u64>, subscriber: &Subscriber<u64>) {
     wait(|| {
         let mut links = publisher.links();
@@ -162,7 +161,7 @@ fn meet(publisher: &Publisher<u64>, subscriber: &Subscriber<u64>) {
     });
 }
 
-/// Asks again and again, until it is so.
+/// Calls `is_so` repeatedly until it returns true.
 fn wait(mut is_so: impl FnMut() -> bool) {
     let deadline = Instant::now() + SOON;
     while !is_so() {
@@ -205,7 +204,7 @@ impl Raw {
         self.0.send(&[IoSlice::new(bytes)], &[]).unwrap();
     }
 
-    /// The next frame; none at the end of the connection.
+    /// Returns the next frame; `None` at the end of the connection.
     fn next(&self) -> Option<ToNode> {
         self.next_with_fds().map(|(frame, _)| frame)
     }
@@ -232,7 +231,7 @@ impl Raw {
         }
     }
 
-    /// That the Manager hangs up with this code.
+    /// Checks that the Manager ends the session with this code.
     fn hung_up(&self, code: Code) {
         assert_eq!(self.next(), Some(ToNode::Goodbye { code }));
         assert_eq!(self.next(), None);
@@ -319,7 +318,7 @@ fn sessions_end_as_their_nodes_do() {
     let files = domain.open_files(u32::MAX);
     let gone = domain.raw().welcomed("one");
     drop(gone);
-    // The name is free as soon as its owner is gone.
+    // The name is free as soon as the node that had it is gone.
     let polite = domain.raw().welcomed("one");
     let code = Farewell::Done.code();
     polite.send(&ToManager::Goodbye { code });
@@ -349,13 +348,16 @@ fn a_node_that_does_not_read_is_given_up_alone() {
             Err(SendError::Closed) => break,
             Err(error) => panic!("{error}"),
         }
-        assert!(Instant::now() < deadline, "it is never given up");
+        assert!(
+            Instant::now() < deadline,
+            "the node was not given up in time"
+        );
     }
     domain.process.line("was told to go: stalled");
     deliver(&publisher, &subscriber, 1);
 }
 
-/// The file of a node's counters is kept as long as its session lives, for whoever asks.
+/// The Manager keeps a node's counters file as long as the session lives, and sends it to tools.
 #[test]
 fn it_keeps_counters_and_shows_them() {
     let domain = Domain::start();
@@ -389,7 +391,8 @@ fn it_keeps_counters_and_shows_them() {
     domain.has_files(files - 1);
 }
 
-/// Links that cannot be made are not made, and who cannot be accepted waits.
+/// If the socket pair of a link cannot be created, there is no link; connections that cannot be accepted
+/// wait.
 #[test]
 fn it_goes_on_where_descriptors_are_short() {
     const LIMIT: u32 = 24;
@@ -399,7 +402,7 @@ fn it_goes_on_where_descriptors_are_short() {
     let earlier = talker.publisher::<u64>("earlier").unwrap();
     let heard = listener.subscriber::<u64>("earlier").unwrap();
     meet(&earlier, &heard);
-    // Each has a session, and handed over its counters.
+    // Each node has a session and has handed over its counters.
     domain.has_files(files + 4);
     let mut crowd = Vec::new();
     while domain.open_files(LIMIT) < LIMIT as usize {
@@ -439,7 +442,7 @@ fn ctrl_c_ends_it_and_no_link() {
     assert_eq!(folder.path().read_dir().unwrap().count(), 0);
 }
 
-/// Its nodes come back to the next one, which adopts their link and makes none anew.
+/// The nodes reconnect to the next Manager, which adopts their link and creates no other.
 #[test]
 fn the_next_one_goes_on() {
     let mut domain = Domain::start();
@@ -450,7 +453,7 @@ fn the_next_one_goes_on() {
     meet(&publisher, &subscriber);
     domain.process.interrupt();
     let socket = domain.socket();
-    // Both hear of the end before there is another.
+    // Both nodes notice the end before the next Manager starts.
     wait(|| !talker.is_connected() && !listener.is_connected());
     wait(|| !domain.process.is_running());
     domain.process = Process::start(Command::new(example()).arg(socket));

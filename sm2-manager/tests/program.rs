@@ -1,4 +1,4 @@
-//! The program in places that are fit, and in others.
+//! The program at paths that it can use and at others.
 
 mod common;
 
@@ -30,7 +30,7 @@ fn a_folder_that_cannot_be_written_is_an_error() {
         let permissions = Permissions::from_mode(0o555);
         fs::set_permissions(domain.folder(), permissions).unwrap();
         if geteuid().is_root() {
-            // Root may write everywhere.
+            // Root could write everywhere.
             command.uid(65_534).gid(65_534);
         }
         let mut manager = Program::start(command);

@@ -1,4 +1,4 @@
-//! A Manager ends, however it ends: a standby goes on.
+//! When a Manager ends, in whatever way, a standby takes over.
 
 mod common;
 
@@ -26,7 +26,7 @@ fn two_take_turns_while_each_is_killed() {
         );
         active.kill();
         assert_eq!(node.ended(), End::Eof);
-        // As often as it takes: nobody listens for a moment.
+        // Several attempts: for a moment no process listens.
         let node = domain.client("next");
         assert_eq!(node.server(), standby.pid());
         epochs.push(node.epoch());
@@ -34,7 +34,7 @@ fn two_take_turns_while_each_is_killed() {
     }
     epochs.sort_unstable();
     epochs.dedup();
-    assert_eq!(epochs.len(), 20, "each Manager has an epoch of its own");
+    assert_eq!(epochs.len(), 20, "each Manager has its own epoch");
     assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
 }
 
@@ -66,7 +66,7 @@ fn of_several_standbys_one_serves_and_the_others_wait_for_its_end() {
         let mut node = domain.client("node");
         let winner = standbys.iter().position(|it| it.pid() == node.server());
         active = standbys.remove(winner.expect("one of them"));
-        common::eventually("the others to stand by for it", || {
+        common::eventually("the others to join the new Manager's domain", || {
             let nodes = node.nodes();
             let name = |pid| format!("sm2/standby/{pid}");
             let mut others = standbys.iter().map(|it| name(it.pid()));
@@ -96,22 +96,22 @@ fn a_standby_ends_when_it_is_told_and_nobody_notices() {
     let mut standby = domain.standby();
     let mut node = domain.client("node");
     assert_eq!(node.nodes().len(), 2);
-    // There is nothing to hand over.
+    // A standby has no domain to hand over.
     standby.signal(Signal::SIGUSR2);
     standby.signal(Signal::SIGTERM);
     assert_eq!(standby.wait(), Some(0), "{}", standby.stderr());
-    common::eventually("its name to be free", || node.nodes() == ["node"]);
+    common::eventually("the standby's name to be free", || node.nodes() == ["node"]);
     assert_eq!(node.server(), active.pid());
     assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
 }
 
-/// What is in the way may go away: a full disk, a folder that is not mounted.
+/// The obstacle may disappear: a full disk, a folder that is not mounted yet.
 #[test]
 fn a_standby_tries_again_where_the_place_is_not_fit() {
     let domain = TestDomain::new();
     let mut active = domain.manager(&[]);
     let mut standbys = [domain.standby(), domain.standby()];
-    // The socket is made under this name first.
+    // The socket is first created under this name.
     let obstacle = domain.folder().join("domain.sock~");
     fs::create_dir(&obstacle).unwrap();
     active.kill();

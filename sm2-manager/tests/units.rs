@@ -1,4 +1,4 @@
-//! The unit files in `packaging/systemd`, by systemd's own judgement where it is installed.
+//! The unit files in `packaging/systemd`, checked by systemd where it is installed.
 
 use std::{
     fs,
@@ -6,8 +6,7 @@ use std::{
     process::Command,
 };
 
-/// Copies the units that start the program from where it is, and names an instance of each
-/// template.
+/// Copies the units, with the path of the built program, and instantiates each template.
 fn copy_units(from: &Path, to: &Path) -> Vec<PathBuf> {
     let mut units = vec![];
     for entry in fs::read_dir(from).unwrap() {
@@ -46,7 +45,7 @@ fn systemd_finds_nothing_wrong_with_the_units() {
     }
 }
 
-/// What is passed on the command line of a unit, the program knows.
+/// The program accepts all options that the units pass.
 #[test]
 fn the_units_use_options_that_exist() {
     let packaging = Path::new(env!("CARGO_MANIFEST_DIR")).join("../packaging/systemd");

@@ -1,7 +1,7 @@
-//! The Manager machine in a loop of your own: `own_loop [SOCKET]`.
+//! A Manager with an event loop of its own: `own_loop [SOCKET]`.
 //!
-//! A broker around [`sm2_proto::manager::Manager`], without the loop of `sm2_manager` and
-//! without epoll: `poll(2)`, a map and a few queues. Nodes cannot tell it from `sm2 manager`:
+//! Drives [`sm2_proto::manager::Manager`] without the loop of `sm2_manager` and without epoll: `poll(2)`, a
+//! map and a few queues are enough. To nodes, this program and `sm2 manager` are the same:
 //!
 //! ```sh
 //! cargo run -p sm2-manager --example own_loop
@@ -9,21 +9,21 @@
 //! cargo run -p sm2-node --example talker
 //! ```
 //!
-//! What a loop owes the machine, and where it is here:
+//! The duties of a loop that drives the machine, and where this example fulfils them:
 //!
-//! | it has to | here |
+//! | duty | here |
 //! | --- | --- |
-//! | number the connections, say whose they are, and carry datagrams | `accept`, `receive` |
-//! | carry out all outputs after each input | `step`, the one place |
-//! | come back at the deadline, with a `Tick` | `turn` |
-//! | say when a socket has taken all, where the machine waits for that | `feed` |
-//! | keep what a socket does not take, and give up whoever does not read | `node.rs`, `note` |
-//! | go on where descriptors are short | `short`, `LinkFailed` |
+//! | number the connections, pass their credentials and their datagrams | `accept`, `receive` |
+//! | carry out all outputs after each input | `step`, and only there |
+//! | call the machine with `Tick` at its deadline | `turn` |
+//! | report that a socket accepted everything, if the machine waits for that | `feed` |
+//! | queue frames that a socket does not accept; give up a node that does not read | `node.rs`, `note` |
+//! | continue during a shortage of descriptors | `short`, `LinkFailed` |
 //!
-//! The sockets are sm2-io's: what `accept4` and `recvmsg` return are numbers in nix, and
-//! only `unsafe` makes them descriptors that somebody owns. So is the lock of the path.
+//! Sockets and the lock of the path come from sm2-io: nix returns descriptors from `accept4` and `recvmsg` as
+//! numbers, and turning a number into an owned descriptor needs `unsafe`.
 //!
-//! Ends on Ctrl-C with status 0. It says goodbye to its nodes; their links live on.
+//! Ctrl-C ends the program with status 0. It says goodbye to its nodes; their links stay open.
 
 mod node;
 
@@ -45,11 +45,11 @@ use sm2_proto::{Datagram, FdFacts, Instant, Machine, NodeId};
 
 use node::{Node, Sent};
 
-/// How many descriptors a node that is busy for a moment has not taken (SM2-TRN-010).
+/// How many descriptors a node may leave unread while too many are in flight (SM2-TRN-010).
 const UNTAKEN: usize = 64;
-/// How many datagrams of one node are read before others have their turn.
+/// How many datagrams of one node are read before other nodes are served.
 const TURN: usize = 32;
-/// When to try again what failed for want of descriptors.
+/// The delay before another attempt after a shortage of descriptors.
 const PAUSE: Duration = Duration::from_millis(10);
 
 fn main() -> ExitCode {
@@ -83,13 +83,13 @@ struct Broker {
     endpoint: DomainSocket,
     nodes: BTreeMap<NodeId, Node>,
     last_session: u64,
-    /// Found not to read, while outputs were carried out.
+    /// Nodes that turned out not to read while outputs were carried out.
     stalled: Vec<NodeId>,
-    /// Who may have taken all that was sent to them, where the machine waits for that.
+    /// Nodes whose sockets accepted everything, where the machine waits for that.
     drained: Vec<NodeId>,
-    /// What came with the datagram that is being handled.
+    /// Descriptors of the datagram that is being handled.
     came: Vec<OwnedFd>,
-    /// Descriptors are short: nobody is accepted, and nothing that waits is sent, until then.
+    /// End of a pause after a shortage of descriptors. Until then, nothing is accepted or sent from a queue.
     again: Option<Instant>,
 }
 
@@ -111,7 +111,7 @@ impl Broker {
         })
     }
 
-    /// Waits, and does what there is to do; whether there will be another turn.
+    /// Waits for events and handles them. Returns whether the loop continues.
     fn turn(&mut self, interrupts: &SignalFd) -> Result<bool, Box<dyn Error>> {
         let wanted = |wanted, flags| if wanted { flags } else { PollFlags::empty() };
         let open = self.again.is_none();
@@ -138,8 +138,8 @@ impl Broker {
         let knocking = found.next() != Some(PollFlags::empty());
         let ready: Vec<_> = self.nodes.keys().copied().zip(found).collect();
 
-        // The name of whoever is gone is free for whoever comes (SM2-SES-003), so they are
-        // heard first, and to the end: what they can have left there is bounded.
+        // Hang-ups come first, because they free names for new nodes (SM2-SES-003). They are read to the end;
+        // the kernel's buffer bounds how much that is.
         let gone = |flags: PollFlags| flags.intersects(PollFlags::POLLHUP | PollFlags::POLLERR);
         for &(session, _) in ready.iter().filter(|(_, flags)| gone(*flags)) {
             while self.receive(session) {}
@@ -192,12 +192,12 @@ impl Broker {
         });
     }
 
-    /// Hands one datagram to the machine; whether there may be another.
+    /// Passes one datagram to the machine. Returns whether there may be another one.
     fn receive(&mut self, session: NodeId) -> bool {
         let Some(node) = self.nodes.get(&session) else {
             return false;
         };
-        // One byte more than a datagram may have, so that a longer one shows.
+        // One byte more than the longest datagram, so that a longer one is noticed.
         let mut buffer = [0; DATAGRAM_MAX + 1];
         let received = match node.socket.recv(&mut buffer) {
             Ok(received) => received,
@@ -207,7 +207,7 @@ impl Broker {
                 return false;
             }
         };
-        // What cannot be asked for its facts is nothing that the machine takes.
+        // A descriptor without facts is refused by the machine.
         let facts = |fd: &OwnedFd| memfd::facts(fd.as_fd()).unwrap_or_default();
         let facts: Vec<FdFacts> = received.fds.iter().map(facts).collect();
         self.came = received.fds.into_vec();
@@ -235,7 +235,7 @@ impl Broker {
         }
     }
 
-    /// The one place where outputs are carried out.
+    /// Handles one input and carries out all outputs. No other place matches the outputs.
     fn step(&mut self, input: Input<'_>) {
         if let Err(misuse) = self.machine.handle(clock::now(), input) {
             say(format_args!("this loop has a bug: {misuse}"));
@@ -253,7 +253,7 @@ impl Broker {
                     Err(error) => {
                         say(format_args!("{link} was not made: {error}"));
                         self.short();
-                        // The one input that may come before all outputs are out.
+                        // The only input that is allowed before all outputs are drained.
                         let _ = (self.machine).handle(clock::now(), Input::LinkFailed { link });
                     }
                 },
@@ -302,8 +302,8 @@ impl Broker {
         }
     }
 
-    /// Descriptors are short: whoever has not taken most of them goes, if it is many, and
-    /// all others wait a moment.
+    /// Handles a shortage of descriptors: pauses sending, and gives up the node that left the most
+    /// descriptors unread, if these are many.
     fn short(&mut self) {
         self.again = Some(clock::now().after(PAUSE));
         let nodes = self.nodes.iter_mut();
@@ -316,7 +316,7 @@ impl Broker {
     }
 }
 
-/// A line for whoever watches; that nobody does is no reason to end.
+/// Prints a line. A closed standard output is no reason to end.
 fn say(line: std::fmt::Arguments<'_>) {
     let _ = writeln!(io::stdout(), "{line}");
 }

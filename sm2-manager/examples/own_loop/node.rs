@@ -1,4 +1,4 @@
-//! One node's connection, and what its socket has not taken yet.
+//! The connection of one node and the frames that its socket has not accepted yet.
 
 use std::collections::VecDeque;
 use std::io::IoSlice;
@@ -7,31 +7,31 @@ use std::rc::Rc;
 
 use sm2_io::{SendError, SeqPacket};
 
-/// How many bytes are kept for a node that does not read (SM2-TRN-009).
+/// How many bytes are queued for a node that does not read (SM2-TRN-009).
 const QUEUE_BYTES: usize = 1 << 20;
 
-/// What the kernel counts for a datagram that is not read, at least.
+/// The smallest size that the kernel accounts for an unread datagram.
 const DATAGRAM_BYTES: usize = 512;
 
 /// One connection.
 pub(crate) struct Node {
     pub(crate) socket: SeqPacket,
-    /// The file that the machine wants to be kept.
+    /// The counters file, which the machine asked to keep.
     pub(crate) counters: Option<Rc<OwnedFd>>,
     waiting: VecDeque<(Vec<u8>, Option<Rc<OwnedFd>>)>,
     waiting_bytes: usize,
-    /// Descriptors that were sent, less those that were seen to be read.
+    /// Upper bound for descriptors that were sent but not read.
     unread_fds: usize,
 }
 
-/// What became of the frames for a node.
+/// The result of sending to a node.
 pub(crate) enum Sent {
-    /// They are sent, or wait for room.
+    /// All frames are sent, or queued until the socket has room.
     Well,
-    /// They wait until fewer of our descriptors are in flight, to whomever: the kernel
-    /// counts them for their sender.
+    /// Frames are queued until fewer descriptors of this process are in flight. The kernel counts them per
+    /// sender, over all its sockets.
     Crowded,
-    /// It does not read: it is to be given up.
+    /// The node does not read: the loop gives it up.
     Stalled,
 }
 
@@ -46,7 +46,7 @@ impl Node {
         }
     }
 
-    /// Whether room in its socket is of use.
+    /// Whether frames are queued until the socket has room.
     pub(crate) fn is_waiting(&self) -> bool {
         !self.waiting.is_empty()
     }
@@ -57,7 +57,7 @@ impl Node {
         self.flush()
     }
 
-    /// Sends what waits, as far as the socket takes it.
+    /// Sends queued frames until the socket is full.
     pub(crate) fn flush(&mut self) -> Sent {
         while let Some((frame, fd)) = self.waiting.front() {
             let fds: Vec<_> = fd.iter().map(|fd| fd.as_fd()).collect();
@@ -67,7 +67,7 @@ impl Node {
                     self.waiting_bytes -= frame.len();
                     self.waiting.pop_front();
                 }
-                // The loop hears of room, and of the end of the connection.
+                // The loop notices room in the socket and the end of the connection.
                 Err(SendError::WouldBlock | SendError::Closed) => break,
                 Err(SendError::TooManyInFlight) if self.waiting_bytes <= QUEUE_BYTES => {
                     return Sent::Crowded;
@@ -81,7 +81,7 @@ impl Node {
         Sent::Well
     }
 
-    /// How many descriptors it has not taken, at most.
+    /// Upper bound for the descriptors that are queued or unread.
     pub(crate) fn untaken_fds(&mut self) -> usize {
         let unread_bytes = self.socket.unread_bytes().unwrap_or(0);
         self.unread_fds = self.unread_fds.min(unread_bytes / DATAGRAM_BYTES);
@@ -89,12 +89,12 @@ impl Node {
         self.unread_fds + waiting.count()
     }
 
-    /// Says the last word, if it has taken all others, and closes the connection.
+    /// Sends the goodbye if no other frame is queued, then closes the connection.
     pub(crate) fn close(self, goodbye: Option<Vec<u8>>) {
         if let Some(goodbye) = goodbye
             && !self.is_waiting()
         {
-            // Whoever does not take it finds the connection closed.
+            // A node whose socket is full finds the connection closed.
             let _ = self.socket.send(&[IoSlice::new(&goodbye)], &[]);
         }
     }

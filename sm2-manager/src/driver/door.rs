@@ -1,4 +1,4 @@
-//! Where connections arrive, and whether they are let in.
+//! The listening socket: accepts connections, and hands the domain over to another Manager.
 
 use std::{
     io,
@@ -12,26 +12,26 @@ use sm2_io::{
 use sm2_proto::Instant;
 use tracing::{info, warn};
 
-/// The epoll token of the listening socket; connections use their session's number, from 1 on.
+/// The epoll token of the listening socket. Connections use their session number, which starts at 1.
 pub(super) const LISTENER: u64 = u64::MAX;
 
 /// How long accepting pauses when the process has no descriptor to spare.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
-/// How long a Manager waits for a successor.
+/// How long a Manager that hands over waits for a successor.
 const SUCCESSOR_TIMEOUT: Duration = Duration::from_secs(2);
-/// How long the lock is left to those who try to take it, before standbys are told.
+/// How long the lock is left to Managers that try to take it directly, before standbys are dismissed.
 const PRECEDENCE: Duration = Duration::from_millis(100);
-/// How often it looks for a successor while it waits.
+/// The interval at which a Manager that hands over checks for a successor.
 const LOOK: Duration = Duration::from_millis(2);
-/// How often, once it wants its place back.
+/// The interval at which it tries to take the domain back, once no successor has come.
 const LOOK_LATE: Duration = Duration::from_millis(50);
 
 #[derive(Debug)]
 pub(super) struct Door {
     path: PathBuf,
-    /// `None` only while it changes hands.
+    /// `None` only during a state change.
     claim: Option<Claim>,
-    /// Whoever made the socket keeps it for the next Manager.
+    /// The socket was created by another process (socket activation), which keeps it for the next Manager.
     adopted: bool,
     accept_again: Option<Instant>,
 }
@@ -50,14 +50,14 @@ struct Offer {
     standbys_told: bool,
 }
 
-/// What a Manager that hands over finds.
+/// The result of checking for a successor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Found {
     /// Nothing new.
     Nothing,
-    /// Nobody has come by himself: standbys may.
+    /// No Manager has taken the lock yet: standbys may now try.
     Unclaimed,
-    /// A successor has put its socket there.
+    /// A successor has put its socket in place.
     Successor,
 }
 
@@ -89,30 +89,30 @@ impl Door {
         }
     }
 
-    /// Watches for connections, or ceases to; whether that worked.
+    /// Changes what the listening socket is watched for. Returns whether that succeeded.
     fn watch(&self, epoll: &Epoll, interest: Interest) -> bool {
         let watched = |listener| epoll.modify(listener, LISTENER, interest).is_ok();
         self.listener().is_some_and(watched)
     }
 
-    /// Whether connections are let in.
+    /// Whether connections are accepted.
     pub(super) const fn is_open(&self) -> bool {
         matches!(self.claim, Some(Claim::Held(_)))
     }
 
-    /// The next connection, if one waits.
+    /// Accepts the next connection, if one is pending.
     pub(super) fn accept(&self) -> io::Result<Option<SeqPacket>> {
         self.listener().map_or(Ok(None), Listener::accept)
     }
 
-    /// Pauses. The connection stays in the queue, and would wake the loop at once.
+    /// Pauses accepting. Otherwise the pending connection would wake the loop at once.
     pub(super) fn pause(&mut self, epoll: &Epoll) {
         if self.watch(epoll, Interest::NONE) {
             self.accept_again = Some(clock::now().after(ACCEPT_PAUSE));
         }
     }
 
-    /// When [`resume`](Self::resume) and [`look`](Self::look) have something to do.
+    /// The time at which to call [`resume`](Self::resume) and [`look`](Self::look).
     pub(super) fn deadline(&self) -> Option<Instant> {
         match self.claim.as_ref()? {
             Claim::Held(_) => self.accept_again,
@@ -120,7 +120,7 @@ impl Door {
         }
     }
 
-    /// Ends a pause that is over.
+    /// Resumes accepting once the pause is over.
     pub(super) fn resume(&mut self, epoll: &Epoll) {
         let over = self.accept_again.is_some_and(|again| clock::now() >= again);
         if self.is_open() && over && self.watch(epoll, Interest::READABLE) {
@@ -128,12 +128,12 @@ impl Door {
         }
     }
 
-    /// Gives up the lock, and lets nobody in.
+    /// Releases the lock and stops accepting connections.
     //= SM2-RES-010
     pub(super) fn offer(&mut self, epoll: &Epoll) {
         if self.adopted {
             warn!(
-                "was handed its socket, which whoever made it keeps: restart this Manager instead"
+                "cannot hand over: the socket belongs to the process that created it (socket activation); restart this Manager instead"
             );
             return;
         }
@@ -153,7 +153,7 @@ impl Door {
         }
     }
 
-    /// Looks whether a successor is there. Takes the place back if none has come in time.
+    /// Checks whether a successor is there. Takes the domain back if none has come in time.
     //= SM2-RES-010
     pub(super) fn look(&mut self, epoll: &Epoll) -> Found {
         let now = clock::now();
@@ -176,13 +176,13 @@ impl Door {
         if now >= offer.since.after(SUCCESSOR_TIMEOUT) {
             match offer.hand_over.reclaim() {
                 Ok(endpoint) => {
-                    info!("nobody has come to take over: going on");
+                    info!("no successor has taken over: serving again");
                     self.claim = Some(Claim::Held(endpoint));
                     self.watch(epoll, Interest::READABLE);
                     return Found::Nothing;
                 }
                 Err(not) => {
-                    // Somebody has the lock, and is about to replace the socket.
+                    // Busy: a successor holds the lock and is about to replace the socket.
                     if !matches!(not.reason, DomainSocketError::Busy { .. }) {
                         warn!(reason = %not.reason, "cannot take the domain back yet");
                     }

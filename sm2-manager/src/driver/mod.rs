@@ -1,4 +1,4 @@
-//! The loop: sockets on one side, the Manager machine on the other.
+//! The loop that connects sockets with the Manager machine.
 
 mod door;
 mod sessions;
@@ -27,15 +27,14 @@ use crate::{
     handles::Handles,
 };
 
-/// Tokens of the epoll set; connections use their session's number, from 1 on.
+/// Tokens in the epoll set. Connections use their session number, which starts at 1.
 const STOP: u64 = u64::MAX - 1;
 const HAND_OVER: u64 = u64::MAX - 2;
 
-/// How many connections are accepted, and datagrams read from one node, before others
-/// have their turn.
+/// How many connections are accepted, or datagrams read from one node, before other sockets are served.
 const TURN: usize = 32;
 
-/// A domain's broker. Claims the socket when made, serves in [`run`](Manager::run).
+/// The broker of a domain. It claims the socket when created and serves in [`run`](Manager::run).
 #[derive(Debug)]
 pub struct Manager {
     machine: manager::Manager,
@@ -44,9 +43,9 @@ pub struct Manager {
     handles: Handles,
     connections: HashMap<NodeId, Connection>,
     last_session: u64,
-    /// Nodes that were found not to read while outputs were carried out.
+    /// Nodes that turned out not to read their sockets while outputs were carried out.
     given_up: VecDeque<NodeId>,
-    /// Nodes whose sockets took all that was sent to them, where the machine waits for that.
+    /// Nodes whose sockets accepted everything, where the machine waits for that.
     drained: BTreeSet<NodeId>,
     send_again: Option<Instant>,
     queue_bytes: usize,
@@ -54,27 +53,27 @@ pub struct Manager {
 }
 
 impl Manager {
-    /// Claims the socket at `path` and listens. Nodes can connect from now on; they are
-    /// served once [`run`](Manager::run) is called.
+    /// Claims the socket at `path` and listens. Nodes can connect from now on; they are served once
+    /// [`run`](Manager::run) is called.
     ///
     /// # Errors
     ///
-    /// [`StartError::DomainSocket`] if another Manager holds the domain, or the place is not
-    /// fit; [`StartError::Io`] if descriptors ran out.
+    /// [`StartError::DomainSocket`] if another Manager holds the domain or the path cannot be used;
+    /// [`StartError::Io`] if the process has no descriptors left.
     //= SM2-TRN-001, SM2-TRN-008
     pub fn bind(path: &Path, options: Options) -> Result<Self, StartError> {
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         Self::bind_with(path, &options, &handles)
     }
 
-    /// Serves at a listening socket that somebody else has made and bound to a path: socket
-    /// activation. Its file stays when this Manager ends, and with it those who connect until
-    /// the next one serves there. Such a Manager does not hand over.
+    /// Serves on a listening socket that another process created and bound (socket activation). When this
+    /// Manager ends, the socket file stays, and pending connections wait for the next Manager. Such a Manager
+    /// cannot hand over.
     ///
     /// # Errors
     ///
-    /// As [`bind`](Self::bind), and if it is not a listening `AF_UNIX` `SOCK_SEQPACKET` socket
-    /// with a path. The socket is closed then.
+    /// As for [`bind`](Self::bind); also if `socket` is not a listening `AF_UNIX` `SOCK_SEQPACKET` socket
+    /// with a path. In that case the socket is closed.
     //= SM2-TRN-008
     pub fn adopt(socket: OwnedFd, options: Options) -> Result<Self, StartError> {
         let endpoint = options.bind_options().adopt(socket)?;
@@ -93,12 +92,12 @@ impl Manager {
 
     //= SM2-SES-007, SM2-LNK-002
     fn at(door: Door, options: &Options, handles: &Handles) -> Result<Self, StartError> {
-        let epoll = Epoll::new().map_err(StartError::io("make an epoll set"))?;
+        let epoll = Epoll::new().map_err(StartError::io("create an epoll set"))?;
         (door.add_to(&epoll))
             .and_then(|()| epoll.add(&*handles.stop, STOP, Interest::READABLE))
             .and_then(|()| epoll.add(&*handles.hand_over, HAND_OVER, Interest::READABLE))
             .map_err(StartError::io("watch the socket"))?;
-        // Whoever could guess the secret could claim the links of others.
+        // The secret must not be guessable: with it, a process could claim the links of others.
         let (epoch, secret) = random().map_err(StartError::io("get random numbers"))?;
         Ok(Self {
             machine: manager::Manager::new(epoch, secret, options.policy),
@@ -111,7 +110,7 @@ impl Manager {
             drained: BTreeSet::new(),
             send_again: None,
             queue_bytes: options.queue_bytes,
-            // One byte more than a datagram may have, so that a longer one shows.
+            // One byte more than the longest datagram, so that a longer one is noticed.
             buffer: vec![0; DATAGRAM_MAX + 1],
         })
     }
@@ -122,31 +121,31 @@ impl Manager {
         self.door.path()
     }
 
-    /// What ends [`run`](Manager::run).
+    /// Returns a handle that stops [`run`](Manager::run).
     #[must_use]
     pub fn stopper(&self) -> Stopper {
         self.handles.stopper()
     }
 
-    /// What makes [`run`](Manager::run) leave the domain to another Manager.
+    /// Returns a handle that makes [`run`](Manager::run) hand over the domain to another Manager.
     #[must_use]
     pub fn hand_over(&self) -> HandOver {
         self.handles.hand_over()
     }
 
-    /// Serves until a [`Stopper`] says so, or another Manager has taken over after
+    /// Serves until a [`Stopper`] stops it, or until another Manager has taken over after
     /// [`HandOver::start`].
     ///
     /// # Errors
     ///
-    /// [`RunError`] if the kernel does not let it wait; all connections are closed then.
+    /// [`RunError`] if waiting for events fails; all connections are closed then.
     pub fn run(mut self) -> Result<Outcome, RunError> {
         info!(path = %self.path().display(), "serving");
         let mut events = Events::with_capacity(256);
         loop {
             self.epoll.wait(&mut events, self.timeout())?;
-            // Whoever is gone is heard first: its name is free for whoever comes
-            // (SM2-SES-003), also when both happened since the last turn.
+            // Hang-ups come first: they free names for the nodes that connect (SM2-SES-003), even if both
+            // happened since the last iteration.
             //= SM2-SES-003
             let (gone, here): (Vec<Event>, Vec<Event>) =
                 events.iter().partition(|event| event.hangup);
@@ -199,15 +198,15 @@ impl Manager {
                 Ok(None) => return,
                 Err(error) if self.make_descriptors(&error) => self.feed(Input::Tick),
                 Err(error) => {
-                    warn!(%error, "cannot accept a connection: raise the limit of open files");
+                    warn!(%error, "cannot accept a connection: raise the limit of open files (RLIMIT_NOFILE)");
                     return self.door.pause(&self.epoll);
                 }
             }
         }
     }
 
-    /// Says goodbye to everybody: there is another Manager now. Those who connected to this
-    /// one and were not let in are told, too.
+    /// Says goodbye to every node because another Manager serves now. Pending connections are accepted first,
+    /// so that they get the goodbye too.
     //= SM2-RES-010, SM2-SES-008
     fn leave(&mut self) {
         while let Ok(Some((socket, place))) = self.let_in() {
@@ -217,12 +216,13 @@ impl Manager {
         info!("handed over");
     }
 
-    /// The one way into the machine.
+    /// Passes an input to the machine. All inputs go through here.
     fn feed(&mut self, input: Input<'_>) {
         self.feed_with(input, ReceivedFds::default());
     }
 
-    /// The same, with the descriptors that came along. Those that nobody keeps are closed.
+    /// As [`feed`](Self::feed), with the descriptors that were received. Descriptors that no output keeps are
+    /// closed.
     fn feed_with(&mut self, input: Input<'_>, fds: ReceivedFds) {
         self.step(input, fds);
         while let Some(session) = self.given_up.pop_front() {
@@ -237,7 +237,7 @@ impl Manager {
         }
     }
 
-    /// The one place that carries out what the machine says.
+    /// Handles one input and carries out every output. No other place matches the outputs.
     fn step(&mut self, input: Input<'_>, fds: ReceivedFds) {
         let mut fds = fds.into_iter();
         if let Err(misuse) = self.machine.handle(clock::now(), input) {
@@ -255,7 +255,7 @@ impl Manager {
                     }
                     Err(error) => {
                         warn!(%link, %error, "no socket pair for a link: raise the limit of open files");
-                        // What comes of it, this loop does.
+                        // This loop also drains the resulting outputs.
                         let failed = Input::LinkFailed { link };
                         let _ = self.machine.handle(clock::now(), failed);
                     }
@@ -282,7 +282,7 @@ impl Manager {
     }
 }
 
-/// A number that no other Manager of this domain has used, and one that nobody knows.
+/// Returns an epoch that no other Manager of this domain has used, and a secret.
 fn random() -> io::Result<(u64, u128)> {
     let mut bytes = [[0; 8]; 3];
     getrandom::fill(bytes.as_flattened_mut())?;

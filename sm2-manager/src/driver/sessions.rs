@@ -1,4 +1,4 @@
-//! One session's way through the driver: from its connection to its end.
+//! A session in the driver, from its connection to its end.
 
 use std::{
     io,
@@ -17,7 +17,8 @@ use super::{Manager, TURN};
 use crate::connection::{Connection, Lost, Sent};
 
 impl Manager {
-    /// The next connection, and the place of its counters. Who would have none waits.
+    /// Accepts the next connection and reserves a descriptor for its counters file. Without a free descriptor
+    /// the connection stays in the queue.
     pub(super) fn let_in(&self) -> io::Result<Option<(SeqPacket, OwnedFd)>> {
         let place = self.place()?;
         let socket = self.door.accept()?;
@@ -53,7 +54,7 @@ impl Manager {
             self.make_room(session);
             self.feed(Input::Tick);
         }
-        // Whoever hung up is read to the end, which the kernel's buffer bounds.
+        // A closed connection is read to its end. The kernel's buffer bounds how much that is.
         let turns = if event.hangup { usize::MAX } else { TURN };
         for _ in 0..turns {
             if !event.readable || !self.receive(session) {
@@ -62,12 +63,12 @@ impl Manager {
         }
     }
 
-    /// Reads one datagram; whether there may be another.
+    /// Reads one datagram. Returns whether there may be another one.
     fn receive(&mut self, session: NodeId) -> bool {
         let Some(connection) = self.connections.get_mut(&session) else {
             return false;
         };
-        // Now it is the place of what may come.
+        // Frees the reserved descriptor, so that the datagram's descriptor can be received.
         connection.place = None;
         let mut buffer = std::mem::take(&mut self.buffer);
         let received = connection.socket.recv(&mut buffer);
@@ -77,8 +78,8 @@ impl Manager {
         }
         let go_on = match received {
             Ok(received) => {
-                // Asked before the machine decides. What the kernel does not answer for is no
-                // memory file: no facts, and the machine refuses it.
+                // The machine needs the facts for its decision. For a descriptor that is no memory file the
+                // kernel gives none, and the machine refuses it.
                 let facts = |fd: &OwnedFd| memfd::facts(fd.as_fd()).unwrap_or_default();
                 let facts: Vec<_> = received.fds.iter().map(facts).collect();
                 let datagram = Datagram {
@@ -108,7 +109,7 @@ impl Manager {
         go_on
     }
 
-    /// Whoever has handed over no counters may still do so.
+    /// Reserves a descriptor while the node may still hand over its counters file.
     fn keep_place(&mut self, session: NodeId) {
         let owes = |it: &Connection| it.counters.is_none();
         if self.connections.get(&session).is_some_and(owes) {
@@ -131,7 +132,7 @@ impl Manager {
         self.sent(session, flushed);
     }
 
-    /// Watches a socket for room exactly as long as frames wait for that.
+    /// Watches the socket for room exactly as long as frames are queued.
     fn sent(&mut self, session: NodeId, sent: Result<Sent, Lost>) {
         let interest = match sent {
             Ok(Sent::Taken) => {
@@ -145,7 +146,7 @@ impl Manager {
                 self.crowded();
                 Interest::READABLE
             }
-            // A closed socket is readable, and reading says what became of it.
+            // A closed socket is readable, and reading reports the reason.
             Err(Lost::Closed) => return,
             Err(Lost::Stalled) => return self.given_up.push_back(session),
         };
@@ -153,7 +154,7 @@ impl Manager {
             && connection.interest != interest
         {
             connection.interest = interest;
-            // Cannot fail for a socket that is in the set.
+            // Cannot fail for a socket in the set.
             let _ = self.epoll.modify(&connection.socket, session.0, interest);
         }
     }
@@ -167,7 +168,7 @@ impl Manager {
         self.sent(session, sent);
     }
 
-    /// Where every session ends.
+    /// Ends a session. Every session ends here.
     pub(super) fn hang_up(&mut self, session: NodeId, goodbye: Option<Vec<u8>>, cause: Cause) {
         match cause {
             Cause::Violation(violation) => {
@@ -181,7 +182,7 @@ impl Manager {
         let Some(connection) = self.connections.remove(&session) else {
             return;
         };
-        // Closing takes it out of the set too, but only once nobody else holds the socket.
+        // Closing would remove the socket from the set only after every duplicate is closed.
         let _ = self.epoll.remove(connection.socket.as_fd());
         connection.say_goodbye(goodbye);
     }

@@ -1,4 +1,4 @@
-//! When descriptors are short: those of this process, or those in flight.
+//! Shortage of descriptors: the process has too many open, or too many are in flight.
 
 use std::{io, time::Duration};
 
@@ -8,17 +8,17 @@ use sm2_proto::{NodeId, manager::Input};
 
 use super::Manager;
 
-/// How many descriptors may wait for one node while descriptors are short: what a node
-/// that is busy for a moment needs.
+/// How many descriptors may be queued for one node during a shortage. A node that is busy for a moment stays
+/// below.
 const HOARD: usize = 64;
-/// How many descriptors a node may have left unread while too many are in flight: what one
-/// that is busy for a moment has.
+/// How many descriptors a node may have left unread while too many are in flight. A node that is busy for a
+/// moment stays below.
 const UNREAD: usize = 32;
-/// After how long sending is tried again when too many descriptors are in flight.
+/// How long sending pauses when too many descriptors are in flight.
 const CROWDED_PAUSE: Duration = Duration::from_millis(10);
 
 impl Manager {
-    /// The two ends of a link.
+    /// Creates the socket pair of a link.
     pub(super) fn pair(&mut self) -> io::Result<(SeqPacket, SeqPacket)> {
         loop {
             match SeqPacket::pair() {
@@ -28,9 +28,8 @@ impl Manager {
         }
     }
 
-    /// Where descriptors ran out, gives up the node that makes us keep the most of them:
-    /// one that does not read shall not keep others from being served. Whether there
-    /// are more now.
+    /// If the process is out of descriptors, gives up the node with the most queued descriptors, so that a
+    /// node that does not read cannot block the others. Returns whether descriptors were freed.
     //= SM2-TRN-009
     pub(super) fn make_descriptors(&mut self, error: &io::Error) -> bool {
         let short = [libc::EMFILE, libc::ENFILE].map(Some);
@@ -64,8 +63,9 @@ impl Manager {
         self.feed(Input::Tick);
     }
 
-    /// Descriptors in flight are counted for us, whoever does not take them. So whoever
-    /// left most unread is given up, if it is much, and all others wait a moment.
+    /// Handles too many descriptors in flight. The kernel counts all of them for this process, whichever node
+    /// does not read. Gives up the node that left the most unread, if these are many, and pauses sending to
+    /// all others.
     //= SM2-TRN-010
     pub(super) fn crowded(&mut self) {
         self.send_again = Some(clock::now().after(CROWDED_PAUSE));

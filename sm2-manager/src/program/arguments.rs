@@ -16,10 +16,10 @@ pub struct Arguments {
     /// Listen at this path instead of the domain's
     #[arg(long, value_name = "PATH", conflicts_with = "domain")]
     pub socket: Option<PathBuf>,
-    /// Permissions of the socket, octal: who may connect needs to write
+    /// Permissions of the socket, octal: a process needs write permission to connect
     #[arg(long, value_name = "MODE", default_value = "600", value_parser = octal)]
     pub socket_mode: u32,
-    /// If another Manager serves the domain, wait for its end, however it ends, and take over
+    /// If another Manager serves the domain, wait until it ends, then take over
     #[arg(long)]
     pub standby: bool,
     /// If another Manager serves the domain, make it hand over (SIGUSR2) and take its place
@@ -28,19 +28,19 @@ pub struct Arguments {
     /// Seal every message of the domain
     #[arg(long)]
     pub seal_all: bool,
-    /// Let links between different users go unsealed
+    /// Allow unsealed links between different users
     #[arg(long, conflicts_with = "seal_all")]
     pub waive_user_boundary: bool,
-    /// Sessions that one user may have
+    /// Maximum number of sessions per user
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = Policy::default().sessions_per_user)]
     pub max_sessions: usize,
-    /// Interfaces that one node may have
+    /// Maximum number of interfaces per node
     #[arg(long, value_name = "N", default_value_t = Policy::default().interfaces_per_session)]
     pub max_interfaces: usize,
-    /// Ends of links that one node may have
+    /// Maximum number of link ends per node
     #[arg(long, value_name = "N", default_value_t = Policy::default().links_per_session)]
     pub max_links: usize,
-    /// Seconds that a connection may take to greet, and to claim its links if it comes back
+    /// Seconds that a connection has to greet, and a returning node to claim its links
     #[arg(long, value_name = "SECONDS", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..))]
     pub greeting_timeout: u64,
 }
@@ -70,7 +70,7 @@ impl Arguments {
         }
     }
 
-    /// The path, if the command line says which.
+    /// Returns the path if the command line states one.
     pub(super) fn explicit_path(&self) -> Result<Option<PathBuf>, StartError> {
         match (&self.socket, &self.domain) {
             (None, None) => Ok(None),
@@ -86,7 +86,7 @@ fn octal(text: &str) -> Result<u32, String> {
     }
 }
 
-/// Nobody could join a Manager that allows none.
+/// Parses a number of at least 1: no node could join a Manager that allows none.
 fn positive(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if count > 0 => Ok(count),

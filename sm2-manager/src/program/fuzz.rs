@@ -1,4 +1,4 @@
-//! What a fuzz target checks of a Manager's command line. Nothing is started.
+//! Checks for a fuzz target of the command line. Nothing is started.
 
 use std::time::Duration;
 
@@ -7,8 +7,8 @@ use sm2_io::{DomainSocketError, domain_socket::MAX_PATH_BYTES};
 use super::Arguments;
 use crate::StartError;
 
-/// What a command line asks for is what it says, and a Manager can have it: at least one
-/// session, time to greet, permissions and nothing else in the mode. Panics if not.
+/// Checks that valid arguments give usable options: at least one session, time to greet, and a mode that
+/// contains only permission bits. Panics otherwise.
 pub fn check(arguments: &Arguments) {
     let options = arguments.options();
     let policy = options.policy;
@@ -25,7 +25,7 @@ pub fn check(arguments: &Arguments) {
                 assert!(path.is_absolute() && path.as_os_str().len() <= MAX_PATH_BYTES);
             }
         }
-        // A path that is too long is refused where it is bound, as any socket's is.
+        // A path that is too long is refused when the socket is bound.
         Err(StartError::DomainSocket(
             DomainSocketError::DomainName { .. } | DomainSocketError::PathTooLong { .. },
         )) => {}

@@ -3,7 +3,7 @@
 //! | exit status | |
 //! | --- | --- |
 //! | 0 | stopped by SIGINT or SIGTERM, or another Manager has taken over (SIGUSR2) |
-//! | 1 | it did not start, or could not go on: standard error says why |
+//! | 1 | the Manager did not start or could not continue; standard error says why |
 //! | 2 | wrong usage |
 
 mod activation;
@@ -30,32 +30,33 @@ use sm2_io::DomainSocketError;
 pub use self::{activation::ActivationError, arguments::Arguments, replace::ReplaceError};
 use crate::{HandOver, Manager, Outcome, Role, RunError, Standby, StartError, Stopper};
 
-/// What the help of the command that takes [`Arguments`] ends with. `command` is what it is
-/// called: `sm2-manager`, `sm2 manager`.
+/// Returns the end of the help text for the command that takes [`Arguments`]. `command` is its name:
+/// `sm2-manager` or `sm2 manager`.
 #[must_use]
 pub fn examples(command: &str) -> String {
     format!(
         "\
-It serves until Ctrl-C or SIGTERM, or until another one has taken over. SIGUSR2 makes it hand
-over, without a gap, to a standby or to whoever starts now; if nobody comes it goes on.
-SM2_LOG (error, warn, info, debug) says what it logs on standard error.
+The Manager serves until Ctrl-C or SIGTERM, or until another Manager has taken over. SIGUSR2
+makes it hand over without a gap to a standby or to a Manager that starts now; if none takes
+over, it continues to serve. SM2_LOG (error, warn, info, debug) sets the log level on standard
+error.
 
-Exit status: 0 stopped or handed over, 1 it could not start or go on, 2 wrong usage.
+Exit status: 0 stopped or handed over, 1 could not start or continue, 2 wrong usage.
 
 Examples:
   {command}
   {command} --domain arm --seal-all
   {command} --socket /run/robot/sm2.sock --socket-mode 660
-  {command} --standby    serve, or wait for the end of whoever does
-  {command} --replace    take the place of whoever serves"
+  {command} --standby    serve, or wait until the Manager that serves ends
+  {command} --replace    replace the Manager that serves"
     )
 }
 
-/// Why the program ended badly.
+/// The reason why the program failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProgramError {
-    /// Another one serves, and nobody said what to do about that.
+    /// Another Manager serves, and the command line does not say what to do then.
     #[error(
         "another Manager serves {path:?}: wait for its end with --standby, take its place with --replace, or choose another domain with --domain"
     )]
@@ -63,32 +64,34 @@ pub enum ProgramError {
         /// The socket's path.
         path: PathBuf,
     },
-    /// It did not start.
+    /// The Manager did not start.
     #[error(transparent)]
     Start(StartError),
-    /// The place of the Manager that serves was not to be had.
+    /// The Manager that serves was not replaced.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
-    /// What the service manager handed over is of no use.
+    /// The sockets that the service manager passed cannot be used.
     #[error(transparent)]
     Activation(#[from] ActivationError),
-    /// A socket was handed over, but the command line asks for more.
+    /// A socket was passed, but the command line has options for a Manager that creates its own.
     #[error(
-        "a listening socket was handed over (LISTEN_FDS): --standby and --replace are for a Manager that makes its own"
+        "--standby and --replace do not work with socket activation (LISTEN_FDS is set): drop the option, or start the Manager without a socket unit"
     )]
     HandedAnyway,
-    /// A socket was handed over, but the command line asks for another one.
-    #[error("the socket that was handed over is {handed:?}, and the command line says {asked:?}")]
+    /// A socket was passed, but the command line names another one.
+    #[error(
+        "the service manager passed the socket {handed:?}, but --socket or --domain asks for {asked:?}: name the same path in both, or drop the option"
+    )]
     OtherSocket {
-        /// Its path.
+        /// The path of the socket that was passed.
         handed: PathBuf,
-        /// What the command line says.
+        /// The path from the command line.
         asked: PathBuf,
     },
-    /// It could not go on.
+    /// The Manager could not continue.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// Signals cannot be caught.
+    /// Signal handlers cannot be installed.
     #[error("cannot catch signals: {0}")]
     Signals(#[source] io::Error),
 }
@@ -102,7 +105,7 @@ impl From<StartError> for ProgramError {
     }
 }
 
-/// What runs.
+/// The Manager that this process runs.
 enum Service {
     Manager(Box<Manager>),
     Standby(Box<Standby>),
@@ -169,7 +172,7 @@ fn say_role(role: Role) {
 /// As [`Manager::bind`], [`Manager::adopt`], [`Standby::start`] and [`Manager::run`].
 pub fn serve(arguments: &Arguments) -> Result<(), ProgramError> {
     raise_file_limit();
-    // Before anybody can find out that this process serves: SIGUSR2 would end it.
+    // Before the domain is claimed: without a handler, SIGUSR2 would kill this process.
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGUSR2]).map_err(ProgramError::Signals)?;
     let service = Service::start(arguments)?;
     let (stopper, hand_over) = service.handles();
@@ -186,7 +189,7 @@ pub fn serve(arguments: &Arguments) -> Result<(), ProgramError> {
     });
     let result = service.run();
     handle.close();
-    // The thread holds nothing but wakers: if it panicked, nothing is lost.
+    // The thread owns only wakers, so a panic in it loses nothing.
     let _ = waiter.join();
     if result? == Outcome::HandedOver {
         activation::tell(&[NotifyState::Stopping]);
@@ -203,7 +206,7 @@ pub fn main(arguments: &Arguments) -> ExitCode {
         .with_env_filter(filter)
         .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr);
-    // Fails only where a program has logging already, which is as good.
+    // Fails only if the program has installed a logger already, which serves as well.
     let _ = logs.try_init();
     match serve(arguments) {
         Ok(()) => ExitCode::SUCCESS,
@@ -214,12 +217,13 @@ pub fn main(arguments: &Arguments) -> ExitCode {
     }
 }
 
-/// A domain of n nodes needs 2 n descriptors, and the usual soft limit is 1,024.
+/// Raises the soft limit of open files. A domain of n nodes needs 2 n descriptors; the usual soft limit is
+/// 1,024.
 fn raise_file_limit() {
     if let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_NOFILE)
         && soft < hard
     {
-        // The old limit serves a smaller domain.
+        // The old limit is enough for a smaller domain.
         let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
     }
 }

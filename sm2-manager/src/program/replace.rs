@@ -1,4 +1,4 @@
-//! Taking the place of a Manager that runs: `--replace`.
+//! `--replace`: takes the domain over from a Manager that serves it.
 
 use std::{
     fs, io,
@@ -17,74 +17,73 @@ use tracing::info;
 
 use crate::{Manager, Options, StartError};
 
-/// How long the other Manager may take. It gives up its lock at once, or never.
+/// How long the other Manager may take. It releases its lock at once, or never.
 const HAND_OVER_TIMEOUT: Duration = Duration::from_secs(5);
-/// How often the lock is tried: often enough to be first, before standbys are told.
+/// The interval at which the lock is tried: short enough to get it before standbys are dismissed.
 const PAUSE: Duration = Duration::from_millis(1);
-/// How often it looks who serves: each look is a connection that waits to be accepted.
+/// The interval at which the process that serves is looked up. Each look-up leaves a connection that waits to
+/// be accepted.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// Why the place of a Manager was not taken.
+/// The reason why a Manager was not replaced.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplaceError {
-    /// It was free, or became free, and is not fit.
+    /// The domain is free, but this Manager could not start.
     #[error(transparent)]
     Start(#[from] StartError),
-    /// Somebody has the lock and cannot be asked.
+    /// Another process holds the lock but does not accept connections.
     #[error("cannot ask the Manager that serves {path:?} to hand over: {source}")]
     NotThere {
         /// The socket's path.
         path: PathBuf,
-        /// What connecting to it said.
+        /// The error of connecting to it.
         source: io::Error,
     },
-    /// It runs in a pid namespace that is not visible from here.
+    /// The other Manager runs in a pid namespace that is not visible from here.
     #[error(
-        "the Manager that serves {path:?} runs where its process cannot be seen from here, such as in another container: start this one with --standby, and send SIGUSR2 to that one"
+        "the Manager that serves {path:?} runs in another pid namespace, such as a container: start this one with --standby, then send SIGUSR2 to the other one there"
     )]
     Hidden {
         /// The socket's path.
         path: PathBuf,
     },
-    /// The signal would end it.
+    /// The process does not handle SIGUSR2, so the signal would kill it.
     #[error(
-        "process {pid} serves {path:?} and does not listen to SIGUSR2, so it is a program that embeds its Manager: start this one with --standby, and end that program when it suits"
+        "process {pid} serves {path:?} but does not handle SIGUSR2, so it probably embeds its Manager: start this one with --standby, then stop process {pid}"
     )]
     Embedded {
         /// The socket's path.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that serves.
         pid: i32,
     },
-    /// It belongs to somebody else.
+    /// The process belongs to another user.
     #[error(
-        "process {pid} serves {path:?} and belongs to another user: run this as that user or as root"
+        "process {pid} serves {path:?} and belongs to another user: run this command as that user or as root"
     )]
     NotPermitted {
         /// The socket's path.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that serves.
         pid: i32,
     },
-    /// It did not do it.
-    #[error(
-        "process {pid} was asked to hand over {path:?} and did not within 5 s: its log says why"
-    )]
+    /// The process did not hand over.
+    #[error("process {pid} did not hand over {path:?} within 5 s: see its log for the reason")]
     Kept {
         /// The socket's path.
         path: PathBuf,
-        /// Whose it is.
+        /// The process that serves.
         pid: i32,
     },
 }
 
-/// Serves at `path`; if another Manager does, asks it to hand over and waits for its lock.
+/// Serves at `path`. If another Manager serves there, asks it to hand over and waits for its lock.
 //= SM2-RES-010, SM2-TRN-008
 pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, ReplaceError> {
     let start = Instant::now();
     let mut look_at = start;
-    // If a standby was faster, that one is asked, too.
+    // If a standby took the lock first, that standby is asked next.
     let mut asked = None;
     loop {
         match Manager::bind(path, options) {
@@ -102,7 +101,7 @@ pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, Replac
                 }
                 (_, Some(pid)) if late => return Err(ReplaceError::Kept { path, pid }),
                 (Err(source), None) if late => return Err(ReplaceError::NotThere { path, source }),
-                // It has not begun to listen, or has just ended.
+                // The other process is not listening yet, or has just ended.
                 _ => {}
             }
         }
@@ -110,7 +109,7 @@ pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, Replac
     }
 }
 
-/// The process that listens at `path`, by the kernel's word.
+/// Returns the process that listens at `path`, as reported by the kernel.
 fn server_of(path: &Path) -> io::Result<i32> {
     Ok(SeqPacket::connect(path)?.peer_credentials()?.pid)
 }
@@ -120,7 +119,7 @@ fn ask(path: PathBuf, pid: i32) -> Result<(), ReplaceError> {
         return Err(ReplaceError::Hidden { path });
     }
     match catches_sigusr2(pid) {
-        // To a process that does not expect it, the signal is the end.
+        // The signal would kill a process without a handler.
         Some(false) => return Err(ReplaceError::Embedded { path, pid }),
         Some(true) => {}
         None => return Ok(()),
@@ -128,13 +127,13 @@ fn ask(path: PathBuf, pid: i32) -> Result<(), ReplaceError> {
     match kill(Pid::from_raw(pid), Signal::SIGUSR2) {
         Ok(()) => info!(pid, "asked the Manager that serves to hand over"),
         Err(Errno::EPERM) => return Err(ReplaceError::NotPermitted { path, pid }),
-        // It has ended meanwhile.
+        // The process has ended in the meantime.
         Err(_) => {}
     }
     Ok(())
 }
 
-/// Whether it does; none if there is no such process any more.
+/// Whether the process handles SIGUSR2; `None` if there is no such process any more.
 fn catches_sigusr2(pid: i32) -> Option<bool> {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let caught = status.lines().find_map(|it| it.strip_prefix("SigCgt:"))?;

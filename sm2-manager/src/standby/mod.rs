@@ -1,4 +1,4 @@
-//! A Manager that waits for the end of another one.
+//! A Manager that stands by until another one ends.
 
 mod session;
 
@@ -15,30 +15,29 @@ use tracing::{info, warn};
 use self::session::{Over, Session};
 use crate::{HandOver, Manager, Options, Outcome, RunError, StartError, Stopper, handles::Handles};
 
-/// How long somebody may hold the domain's lock when a standby starts, and not serve.
+/// How long the domain may be locked without being served when a standby starts.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// A Manager that serves its domain if nobody else does, and waits for the end of whoever does.
+/// Serves its domain when no other Manager does, and stands by otherwise.
 ///
-/// While another Manager serves, a standby is an ordinary node of the domain named
-/// `sm2/standby/<pid>` (with `-2`, `-3`, … where that is taken). It does nothing until that
-/// session ends; then it tries to take the domain's lock. Of several standbys one becomes the
-/// Manager, and the others wait for its end in turn.
+/// While another Manager serves, a standby is an ordinary node of the domain named `sm2/standby/<pid>` (with
+/// `-2`, `-3`, … if that name is taken). When its session ends, the standby tries to take the domain's lock.
+/// One of several standbys becomes the Manager; the others stand by for it.
 #[derive(Debug)]
 pub struct Standby {
     path: PathBuf,
     options: Options,
     handles: Handles,
-    /// None after a hand-over: somebody else serves.
+    /// `None` after a hand-over: another Manager serves.
     state: Option<State>,
 }
 
-/// What a [`Standby`] does now.
+/// The current role of a [`Standby`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// It is the domain's Manager.
+    /// This process is the domain's Manager.
     Serving,
-    /// Another Manager is, and it waits for its end.
+    /// Another Manager serves, and this process waits for its end.
     StandingBy,
 }
 
@@ -58,15 +57,14 @@ impl State {
 }
 
 impl Standby {
-    /// Claims the socket at `path`, or connects to the Manager that holds it. When this
-    /// returns, nodes can connect there; if this is the Manager, they are served once
-    /// [`run`](Self::run) is called.
+    /// Claims the socket at `path`, or connects to the Manager that holds it. Nodes can connect as soon as
+    /// this returns. If this process is the Manager, it serves them once [`run`](Self::run) is called.
     ///
     /// # Errors
     ///
-    /// [`StartError::DomainSocket`] if the place is not fit; [`StartError::NobodyServes`] if
-    /// somebody holds the domain, and is not to be connected to for 5 s;
-    /// [`StartError::Io`] if descriptors ran out.
+    /// [`StartError::DomainSocket`] if the path cannot be used; [`StartError::NobodyServes`] if another
+    /// process holds the domain and accepts no connection for 5 s; [`StartError::Io`] if the process has no
+    /// descriptors left.
     pub fn start(path: &Path, options: Options) -> Result<Self, StartError> {
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         let mut pause = Pause::new();
@@ -95,35 +93,34 @@ impl Standby {
         &self.path
     }
 
-    /// What it does, or will do once it runs.
+    /// The current role, or the first role if [`run`](Self::run) has not been called yet.
     #[must_use]
     pub fn role(&self) -> Role {
         let state = self.state.as_ref();
         state.map_or(Role::StandingBy, State::role)
     }
 
-    /// What ends [`run`](Self::run).
+    /// Returns a handle that stops [`run`](Self::run).
     #[must_use]
     pub fn stopper(&self) -> Stopper {
         self.handles.stopper()
     }
 
-    /// What makes it leave the domain to another Manager, if it serves.
+    /// Returns a handle that makes this process hand over the domain to another Manager, if it serves.
     #[must_use]
     pub fn hand_over(&self) -> HandOver {
         self.handles.hand_over()
     }
 
-    /// Serves and stands by, in turn, until a [`Stopper`] says so, or another Manager has
-    /// taken over after [`HandOver::start`]; run it again to stand by for that one. `on` hears
-    /// what it does now: at once, and whenever that has changed.
+    /// Serves and stands by, in turn, until a [`Stopper`] stops it, or until another Manager has taken over
+    /// after [`HandOver::start`]. Call it again to stand by for that Manager. It calls `on` with the role at
+    /// the start and after each change.
     ///
-    /// A place that is not fit any more (a disk that is full, a folder that is gone) is tried
-    /// again and again.
+    /// If the path cannot be used for a while (a full disk, a missing folder), it tries again.
     ///
     /// # Errors
     ///
-    /// [`RunError`] if the kernel does not let it wait.
+    /// [`RunError`] if waiting for events fails.
     //= SM2-TRN-008
     pub fn run(&mut self, mut on: impl FnMut(Role)) -> Result<Outcome, RunError> {
         let mut pause = Pause::new();
@@ -143,7 +140,7 @@ impl Standby {
                     match session.sit(&self.handles)? {
                         Over::Stopped => return Ok(Outcome::Stopped),
                         Over::Ended => pause = Pause::new(),
-                        // It took us in and threw us out, and may do so again.
+                        // The Manager ended the session before WELCOME, and may do so again.
                         Over::NotWelcomed => pause.wait(&self.handles)?,
                     }
                 }
@@ -151,7 +148,7 @@ impl Standby {
         }
     }
 
-    /// Tries until somebody serves; none if it is stopped before.
+    /// Tries until some Manager serves; `None` if stopped before.
     fn take(&self, pause: &mut Pause) -> io::Result<Option<State>> {
         loop {
             if self.handles.is_stopped()? {
@@ -159,7 +156,7 @@ impl Standby {
             }
             match take(&self.path, &self.options, &self.handles) {
                 Ok(Ok(state)) => return Ok(Some(state)),
-                // Whoever has the lock is about to serve, or to end.
+                // The process that holds the lock is about to serve or to end.
                 Ok(Err(_)) => {}
                 Err(error) => pause.warn(&error),
             }
@@ -168,7 +165,7 @@ impl Standby {
     }
 }
 
-/// Becomes the Manager, or connects to whoever is; else why that one cannot be connected to.
+/// Becomes the Manager, or connects to the one that serves. The inner error says why connecting failed.
 fn take(
     path: &Path,
     options: &Options,
@@ -183,8 +180,8 @@ fn take(
     Ok(connected.map(|session| State::StandingBy(Box::new(session))))
 }
 
-/// Ever longer pauses: the kernel frees the lock of a process that was killed only some
-/// moments after its sockets are closed.
+/// Pauses of increasing length. After a process is killed, the kernel frees its lock some moments after it
+/// closes its sockets.
 struct Pause {
     next: Duration,
     warned: Option<String>,
@@ -201,18 +198,18 @@ impl Pause {
         }
     }
 
-    /// Waits; not longer than until the standby is stopped.
+    /// Waits for the pause, or until the standby is stopped.
     fn wait(&mut self, handles: &Handles) -> io::Result<()> {
         wait_readable(&[handles.stop.as_fd()], Some(self.next))?;
         self.next = (self.next * 2).min(Self::LAST);
         Ok(())
     }
 
-    /// Says what is in the way, once.
+    /// Logs the obstacle, unless it is the same as the last time.
     fn warn(&mut self, error: &StartError) {
         let text = error.to_string();
         if self.warned.as_ref() != Some(&text) {
-            warn!(%error, "cannot take over yet");
+            warn!(%error, "cannot take over yet; trying again");
             self.warned = Some(text);
         }
     }

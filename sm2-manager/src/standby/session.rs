@@ -1,4 +1,4 @@
-//! A standby's session with the Manager whose end it waits for.
+//! A standby's session with the Manager that serves.
 
 use std::{
     io::{self, IoSlice},
@@ -17,29 +17,29 @@ use tracing::debug;
 
 use crate::handles::Handles;
 
-/// A node that asks for nothing.
+/// A node without interfaces.
 #[derive(Debug)]
 pub(super) struct Session {
     socket: SeqPacket,
     machine: Node,
-    /// How many names it has tried.
+    /// How many names have been tried.
     tried: u32,
     welcomed: bool,
 }
 
-/// What ended it.
+/// The reason why the session ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Over {
     /// The standby is to stop.
     Stopped,
-    /// The Manager, or its end.
+    /// The Manager or its connection ended.
     Ended,
-    /// The same, before it had granted the greeting.
+    /// The same, but before the Manager sent WELCOME.
     NotWelcomed,
 }
 
 impl Session {
-    /// Greets the Manager at the other end.
+    /// Starts a session on a connected socket with HELLO.
     pub(super) fn new(socket: SeqPacket) -> Self {
         let mut session = Self {
             socket,
@@ -51,13 +51,13 @@ impl Session {
         session
     }
 
-    /// Waits for the session's end.
+    /// Waits until the session ends.
     pub(super) fn sit(mut self, handles: &Handles) -> io::Result<Over> {
         let mut buffer = vec![0; DATAGRAM_MAX + 1];
         while self.machine.end().is_none() {
             let wakers = [&handles.stop, &handles.hand_over].map(|waker| waker.as_fd());
             wait_readable(&[self.socket.as_fd(), wakers[0], wakers[1]], None)?;
-            // There is nothing to hand over.
+            // A standby has nothing to hand over.
             handles.hand_over.drain();
             if handles.is_stopped()? {
                 self.feed(Input::Close(Farewell::Done.code()));
@@ -75,7 +75,7 @@ impl Session {
     fn receive(&mut self, buffer: &mut [u8]) {
         match self.socket.recv(buffer) {
             Ok(received) => {
-                // Nothing that a node of this kind is sent has descriptors.
+                // No frame for such a node carries descriptors.
                 let facts = vec![sm2_proto::FdFacts::default(); received.fds.len()];
                 self.feed(Input::Datagram(Datagram {
                     bytes: &buffer[..received.len],
@@ -94,7 +94,7 @@ impl Session {
     }
 
     fn feed(&mut self, input: Input<'_>) {
-        // An error says why the session is over, which `sit` sees.
+        // After an error the session has ended, which `sit` notices.
         let _ = self.machine.handle(clock::now(), input);
         self.carry_out();
     }
@@ -102,8 +102,8 @@ impl Session {
     fn carry_out(&mut self) {
         while let Some(output) = self.machine.poll() {
             match output {
-                // Whoever does not take a greeting or a goodbye has ended, and reading
-                // says so.
+                // If the socket does not accept a greeting or a goodbye, the connection has ended, and
+                // reading reports that.
                 Output::Transmit(frame) => {
                     let _ = self.socket.send(&[IoSlice::new(&frame)], &[]);
                 }
@@ -113,10 +113,10 @@ impl Session {
                     let greeting = Input::Greet(name(self.tried));
                     let _ = self.machine.handle(clock::now(), greeting);
                 }
-                // The Manager ends it after the time to greet. Then all is tried again.
+                // The Manager ends the session after its greeting timeout. Then the standby tries again.
                 Output::HelloRefused(reason) => debug!(%reason, "not welcome"),
-                Output::Ended(end) => debug!(%end, "no standby any more"),
-                // Answers to what was never asked.
+                Output::Ended(end) => debug!(%end, "the standby session ended"),
+                // Answers to requests that this node never sends.
                 Output::TransmitCounters(_)
                 | Output::Declared { .. }
                 | Output::DeclareRefused { .. }
@@ -134,8 +134,7 @@ impl Session {
     }
 }
 
-/// The name that is tried as the nth. The process id differs as a rule, but not between
-/// containers.
+/// The nth name to try. Process ids usually differ, but not between containers.
 fn name(tried: u32) -> Name {
     let pid = process::id();
     let name = match tried {

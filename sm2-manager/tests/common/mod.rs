@@ -1,5 +1,4 @@
-//! What the tests of this crate share: Managers in processes of their own, and nodes that
-//! do nothing but have a session.
+//! Shared helpers of this crate's tests: Managers in their own processes, and nodes without interfaces.
 #![allow(dead_code, reason = "each test uses some of it")]
 
 use std::{
@@ -25,20 +24,20 @@ use sm2_proto::{
     node::{End, Input, Node, Output},
 };
 
-/// How long anything may take before it counts as a deadlock.
+/// Any wait that takes longer counts as a deadlock.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Waits until `done` says so.
+/// Waits until `done` returns true.
 #[track_caller]
 pub(crate) fn eventually(what: &str, mut done: impl FnMut() -> bool) {
     let start = Instant::now();
     while !done() {
-        assert!(start.elapsed() < TIMEOUT, "waited in vain: {what}");
+        assert!(start.elapsed() < TIMEOUT, "timeout: {what}");
         thread::sleep(Duration::from_millis(1));
     }
 }
 
-/// A folder with room for a domain.
+/// A temporary folder for one domain.
 pub(crate) struct TestDomain {
     folder: tempfile::TempDir,
 }
@@ -59,7 +58,7 @@ impl TestDomain {
         self.folder().join("domain.sock")
     }
 
-    /// The names of the files there, sorted.
+    /// Returns the names of the files in the folder, sorted.
     pub(crate) fn files(&self) -> Vec<String> {
         let entries = fs::read_dir(self.folder()).unwrap();
         let names = entries.map(|it| it.unwrap().file_name().into_string().unwrap());
@@ -68,7 +67,7 @@ impl TestDomain {
         names
     }
 
-    /// The program, about to serve here.
+    /// Returns the command that starts the program with this folder's socket.
     pub(crate) fn command(&self, options: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-manager"));
         command.arg("--socket").arg(self.socket()).args(options);
@@ -76,13 +75,13 @@ impl TestDomain {
         command
     }
 
-    /// The program where another user can reach it, and this folder.
+    /// Returns the command with the program copied into this folder, both accessible to other users.
     pub(crate) fn for_a_stranger(&self, options: &[&str]) -> Command {
         fs::set_permissions(self.folder(), Permissions::from_mode(0o755)).unwrap();
         let program = self.folder().join("program");
         if !program.exists() {
-            // Not written by this process: a child that another thread is just starting would
-            // hold it open for writing, and no such file can be run.
+            // `cp` writes the copy in another process. If this process wrote it, a child that another thread
+            // is starting would inherit the open file, and a file open for writing cannot be executed.
             let mut copy = Command::new("cp");
             copy.arg(env!("CARGO_BIN_EXE_sm2-manager")).arg(&program);
             assert!(copy.status().unwrap().success());
@@ -92,7 +91,7 @@ impl TestDomain {
         command
     }
 
-    /// One that serves.
+    /// Starts a Manager and waits until it serves.
     #[track_caller]
     pub(crate) fn manager(&self, options: &[&str]) -> Program {
         let program = Program::start(self.command(options));
@@ -100,7 +99,7 @@ impl TestDomain {
         program
     }
 
-    /// One that stands by.
+    /// Starts a standby and waits until it stands by.
     #[track_caller]
     pub(crate) fn standby(&self) -> Program {
         let program = Program::start(self.command(&["--standby"]));
@@ -108,7 +107,7 @@ impl TestDomain {
         program
     }
 
-    /// One that ends at once: its exit status, and what it said.
+    /// Runs a program that ends at once. Returns its exit status and its standard error.
     #[track_caller]
     pub(crate) fn fails(&self, options: &[&str]) -> (Option<i32>, String) {
         let mut program = Program::start(self.command(options));
@@ -122,7 +121,7 @@ impl TestDomain {
     }
 }
 
-/// A Manager in a process of its own. Killed when dropped.
+/// A Manager in its own process. Killed when dropped.
 pub(crate) struct Program {
     child: Child,
     stderr: Arc<Mutex<String>>,
@@ -163,12 +162,12 @@ impl Program {
         eventually(text, || self.stderr().contains(text));
     }
 
-    /// Sends it a signal; until it was waited for, its number is nobody else's.
+    /// Sends a signal. The process id stays valid until the process was waited for.
     pub(crate) fn signal(&self, signal: Signal) {
         kill(Pid::from_raw(self.pid()), signal).unwrap();
     }
 
-    /// SIGKILL, without waiting.
+    /// Sends SIGKILL without waiting for the end.
     pub(crate) fn kill(&mut self) {
         self.child.kill().unwrap();
     }
@@ -177,7 +176,7 @@ impl Program {
         self.child.try_wait().unwrap().is_none()
     }
 
-    /// Waits for its end, and for all that it said; none if a signal ended it.
+    /// Waits for the end of the process and of its output. `None` if a signal ended it.
     #[track_caller]
     pub(crate) fn wait(&mut self) -> Option<i32> {
         let mut status = None;
@@ -212,17 +211,17 @@ pub(crate) struct Client {
     buffer: Vec<u8>,
 }
 
-/// Why a node has no session, and may try again (SM2-RES-001).
+/// The reason why a node has no session and may try again (SM2-RES-001).
 #[derive(Debug)]
 pub(crate) enum Retry {
-    /// Nobody listens there any more, or too many wait.
+    /// No process listens at the path, or the queue of connections is full.
     NotConnected,
-    /// The Manager ended before it had granted the greeting.
+    /// The Manager ended before it sent WELCOME.
     NotWelcomed,
 }
 
 impl Client {
-    /// Connects and greets, as often as it takes.
+    /// Connects and greets, with as many attempts as it takes.
     #[track_caller]
     pub(crate) fn welcomed(path: &Path, name: &str) -> Self {
         let mut client = None;
@@ -233,7 +232,7 @@ impl Client {
         client.unwrap()
     }
 
-    /// Connects and greets, once. What cannot be tried again is a panic.
+    /// Connects and greets, with one attempt. Panics on an error that must not be tried again.
     #[track_caller]
     pub(crate) fn attempt(path: &Path, name: &str) -> Result<Self, Retry> {
         let mut client = Self::connect(path, name)?;
@@ -241,7 +240,7 @@ impl Client {
         Ok(client)
     }
 
-    /// Connects, and says HELLO.
+    /// Connects and sends HELLO.
     #[track_caller]
     pub(crate) fn connect(path: &Path, name: &str) -> Result<Self, Retry> {
         let socket = match SeqPacket::connect(path) {
@@ -277,7 +276,7 @@ impl Client {
         }
     }
 
-    /// The process that listened when this connected.
+    /// Returns the process that was listening when this node connected.
     pub(crate) fn server(&self) -> i32 {
         self.socket.peer_credentials().unwrap().pid
     }
@@ -286,7 +285,7 @@ impl Client {
         self.machine.epoch().unwrap()
     }
 
-    /// The names of the domain's nodes, in the order in which they came.
+    /// Returns the names of the domain's nodes, in the order in which they joined.
     #[track_caller]
     pub(crate) fn nodes(&mut self) -> Vec<String> {
         self.page = None;
@@ -339,7 +338,7 @@ impl Client {
     fn carry_out(&mut self) {
         while let Some(output) = self.machine.poll() {
             match output {
-                // Whoever is gone does not take it; reading says so.
+                // If the Manager is gone, reading the socket reports that.
                 Output::Transmit(frame) => {
                     let _ = self.socket.send(&[IoSlice::new(&frame)], &[]);
                 }
