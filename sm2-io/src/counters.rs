@@ -71,8 +71,8 @@ impl CounterPage {
     ///
     /// # Errors
     ///
-    /// Whatever `memfd_create(2)`, `ftruncate(2)` and `mmap(2)` say: too many
-    /// descriptors, no memory.
+    /// Any error of `memfd_create(2)`, `ftruncate(2)` and `mmap(2)`, such as too many descriptors or
+    /// no memory.
     //= SM2-CNT-003
     pub fn new() -> io::Result<Self> {
         let file = create(c"sm2-counters", MAX_FILE_BYTES)?;

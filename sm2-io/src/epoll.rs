@@ -78,7 +78,7 @@ impl Epoll {
     ///
     /// # Errors
     ///
-    /// Whatever `epoll_create1(2)` says: too many descriptors, no memory.
+    /// Any error of `epoll_create1(2)`, such as too many descriptors or no memory.
     pub fn new() -> io::Result<Self> {
         let epoll = epoll::Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
         Ok(Self { epoll })
@@ -266,7 +266,7 @@ impl From<&EpollEvent> for Event {
 ///
 /// # Errors
 ///
-/// Whatever `ppoll(2)` says: no memory, more descriptors than `RLIMIT_NOFILE`.
+/// Any error of `ppoll(2)`, such as no memory or more descriptors than `RLIMIT_NOFILE`.
 pub fn wait_readable(fds: &[BorrowedFd<'_>], timeout: Option<Duration>) -> io::Result<bool> {
     let timeout = timeout.map(|timeout| TimeSpec::from_duration(timeout.min(LONGEST)));
     let result = match fds {

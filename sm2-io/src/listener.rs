@@ -25,8 +25,8 @@ impl Listener {
     ///
     /// # Errors
     ///
-    /// Whatever `bind(2)` and `listen(2)` say, among them `AddrInUse`: the
-    /// path exists. `InvalidInput` for a path that is empty or too long.
+    /// Any error of `bind(2)` and `listen(2)`, among them `AddrInUse`: the path exists.
+    /// `InvalidInput` for a path that is empty or too long.
     pub fn bind(path: &Path, backlog: u32) -> io::Result<Self> {
         let address = address(path)?;
         let fd = new_socket()?;

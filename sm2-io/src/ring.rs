@@ -32,8 +32,8 @@ impl Ring {
     ///
     /// # Errors
     ///
-    /// Whatever `memfd_create(2)`, `ftruncate(2)` and `mmap(2)` say: too many
-    /// descriptors, no memory.
+    /// Any error of `memfd_create(2)`, `ftruncate(2)` and `mmap(2)`, such as too many descriptors or
+    /// no memory.
     //= SM2-RNG-002
     pub fn create(layout: RingLayout) -> io::Result<(Self, OwnedFd)> {
         let file = create(c"sm2-ring", layout.size_bytes())?;
@@ -46,8 +46,8 @@ impl Ring {
     ///
     /// # Errors
     ///
-    /// Whatever `mmap(2)` says, among them `PermissionDenied` for a descriptor that is not open
-    /// for writing. `InvalidInput` if the file is shorter than the layout.
+    /// Any error of `mmap(2)`, among them `PermissionDenied` for a descriptor that is not open for
+    /// writing. `InvalidInput` if the file is shorter than the layout.
     pub fn map(file: &RingFile, layout: RingLayout) -> io::Result<Self> {
         if file.size_bytes() < layout.size_bytes() {
             return Err(io::ErrorKind::InvalidInput.into());

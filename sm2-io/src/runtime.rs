@@ -10,8 +10,8 @@ use tokio::io::{Interest, unix::AsyncFd};
 ///
 /// # Errors
 ///
-/// Whatever `fcntl(2)` and `epoll_ctl(2)` say: too many descriptors, no memory, a file
-/// that cannot be watched.
+/// Any error of `fcntl(2)` and `epoll_ctl(2)`, such as too many descriptors, no memory, or a file that
+/// cannot be watched.
 ///
 /// # Panics
 ///

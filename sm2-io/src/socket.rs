@@ -30,11 +30,10 @@ impl SeqPacket {
     ///
     /// # Errors
     ///
-    /// Whatever `socket(2)` and `connect(2)` say, among them `NotFound` (no such
-    /// path), `ConnectionRefused` (nobody listens there any more),
-    /// `PermissionDenied`, and `WouldBlock`: the listener's backlog is
-    /// full. No connection is pending then, and no event announces room: try again later.
-    /// `InvalidInput` for a path that is empty or too long for a socket address.
+    /// Any error of `socket(2)` and `connect(2)`, among them `NotFound` (no such path),
+    /// `ConnectionRefused` (nobody listens there any more), `PermissionDenied`, and `WouldBlock`:
+    /// the listener's backlog is full. No connection is pending then, and no event announces room:
+    /// try again later. `InvalidInput` for a path that is empty or too long for a socket address.
     pub fn connect(path: &Path) -> io::Result<Self> {
         let address = address(path)?;
         let fd = new_socket()?;
@@ -46,7 +45,7 @@ impl SeqPacket {
     ///
     /// # Errors
     ///
-    /// Whatever `socketpair(2)` says: too many descriptors, no memory.
+    /// Any error of `socketpair(2)`, such as too many descriptors or no memory.
     pub fn pair() -> io::Result<(Self, Self)> {
         let (a, b) = socket::socketpair(
             AddressFamily::Unix,
@@ -79,7 +78,7 @@ impl SeqPacket {
     ///
     /// # Errors
     ///
-    /// Whatever `getsockopt(2)` says.
+    /// Any error of `getsockopt(2)`.
     pub fn peer_credentials(&self) -> io::Result<PeerCredentials> {
         let peer = socket::getsockopt(&self.fd, sockopt::PeerCredentials)?;
         Ok(PeerCredentials {
@@ -96,7 +95,7 @@ impl SeqPacket {
     ///
     /// # Errors
     ///
-    /// Whatever `setsockopt(2)` says.
+    /// Any error of `setsockopt(2)`.
     pub fn set_send_buffer_bytes(&self, bytes: usize) -> io::Result<()> {
         Ok(socket::setsockopt(&self.fd, sockopt::SndBuf, &bytes)?)
     }

@@ -24,7 +24,7 @@ impl Timer {
     ///
     /// # Errors
     ///
-    /// Whatever `timerfd_create(2)` says: too many descriptors, no memory.
+    /// Any error of `timerfd_create(2)`, such as too many descriptors or no memory.
     pub fn new() -> io::Result<Self> {
         let flags = TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC;
         let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, flags)?;

@@ -20,7 +20,7 @@ impl Waker {
     ///
     /// # Errors
     ///
-    /// Whatever `eventfd(2)` says: too many descriptors, no memory.
+    /// Any error of `eventfd(2)`, such as too many descriptors or no memory.
     pub fn new() -> io::Result<Self> {
         let flags = EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK;
         let event = EventFd::from_value_and_flags(0, flags)?;

@@ -28,7 +28,7 @@ impl SealedMapping {
     ///
     /// # Errors
     ///
-    /// Whatever `mmap(2)` says, among them `PermissionDenied` (not opened for reading) and
+    /// Any error of `mmap(2)`, among them `PermissionDenied` (not opened for reading) and
     /// `OutOfMemory`. `InvalidInput` if the file is shorter than `len`.
     pub fn new(file: &SealedFile, len: u64, populate: bool) -> io::Result<Self> {
         let region = map(file.as_fd(), file.size_bytes(), len, populate)?;

@@ -18,7 +18,7 @@ impl Scratch {
     ///
     /// # Errors
     ///
-    /// Whatever `mmap(2)` says: no memory, or `InvalidInput` for a length of 0.
+    /// Any error of `mmap(2)`, such as no memory. `InvalidInput` for a length of 0.
     pub fn new(len: usize) -> io::Result<Self> {
         let region = Region::private(len)?;
         Ok(Self { region })

@@ -13,8 +13,8 @@ use super::file::{add_seals, create};
 ///
 /// # Errors
 ///
-/// Whatever `memfd_create(2)`, `ftruncate(2)` and `pwrite(2)` say: too many
-/// descriptors, no memory. `InvalidInput` if the lengths do not add up to a file's size.
+/// Any error of `memfd_create(2)`, `ftruncate(2)` and `pwrite(2)`, such as too many descriptors or no
+/// memory. `InvalidInput` if the lengths do not add up to a file's size.
 pub fn sealed_from_parts(parts: &[IoSlice<'_>]) -> io::Result<OwnedFd> {
     let len = parts
         .iter()

@@ -20,7 +20,7 @@ use sm2_proto::{FdFacts, Seals};
 ///
 /// # Errors
 ///
-/// Whatever `fstat(2)` says about a memory file: none are expected.
+/// Any error of `fstat(2)`. None is expected for a memory file.
 pub fn facts(fd: BorrowedFd<'_>) -> io::Result<FdFacts> {
     let seals = match fcntl(fd, FcntlArg::F_GET_SEALS) {
         Ok(bits) => Seals(bits.cast_unsigned()),

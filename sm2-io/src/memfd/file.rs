@@ -16,7 +16,7 @@ use sm2_proto::Seals;
 ///
 /// # Errors
 ///
-/// Whatever `getrlimit(2)` says: none are expected.
+/// Any error of `getrlimit(2)`. None is expected.
 pub fn locked_bytes_max() -> io::Result<u64> {
     Ok(getrlimit(Resource::RLIMIT_MEMLOCK)?.0)
 }

@@ -34,8 +34,8 @@ impl SealedLoan {
     ///
     /// # Errors
     ///
-    /// Whatever `memfd_create(2)`, `ftruncate(2)` and `mmap(2)` say: too many
-    /// descriptors, no memory, a length that no file can have.
+    /// Any error of `memfd_create(2)`, `ftruncate(2)` and `mmap(2)`, such as too many descriptors,
+    /// no memory, or a length that no file can have.
     pub fn new(len: u64) -> io::Result<Self> {
         let size = usize::try_from(len).map_err(|_| io::ErrorKind::InvalidInput)?;
         if let Some(loan) = Self::of_huge_pages(size)? {

@@ -35,8 +35,8 @@ impl Preallocated {
     ///
     /// # Errors
     ///
-    /// Whatever `memfd_create(2)`, `ftruncate(2)`, `fallocate(2)` and `mmap(2)` say: too many
-    /// descriptors, no memory, a length that no file can have.
+    /// Any error of `memfd_create(2)`, `ftruncate(2)`, `fallocate(2)` and `mmap(2)`, such as too
+    /// many descriptors, no memory, or a length that no file can have.
     pub fn for_copies(capacity_bytes: usize) -> io::Result<Self> {
         if let Some(loan) = SealedLoan::of_huge_pages(capacity_bytes)? {
             return Ok(Self(Form::Mapped(loan)));
@@ -79,7 +79,7 @@ impl Preallocated {
     ///
     /// # Errors
     ///
-    /// Whatever `ftruncate(2)` and `pwrite(2)` say; as [`SealedLoan::seal`].
+    /// Any error of `ftruncate(2)` and `pwrite(2)`; also as for [`SealedLoan::seal`].
     ///
     /// # Panics
     ///

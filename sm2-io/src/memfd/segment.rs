@@ -36,8 +36,8 @@ impl Segment {
     ///
     /// # Errors
     ///
-    /// Whatever `memfd_create(2)`, `ftruncate(2)` and `mmap(2)` say: too many
-    /// descriptors, no memory. `InvalidInput` for a size that does not fit the address space.
+    /// Any error of `memfd_create(2)`, `ftruncate(2)` and `mmap(2)`, such as too many descriptors or
+    /// no memory. `InvalidInput` for a size that does not fit the address space.
     pub fn create(stride_bytes: u64, slots: u32) -> io::Result<Self> {
         let stride = usize::try_from(stride_bytes).map_err(|_| io::ErrorKind::InvalidInput)?;
         let len =
@@ -60,7 +60,7 @@ impl Segment {
     ///
     /// # Errors
     ///
-    /// Whatever `madvise(2)` and `fallocate(2)` say: no memory.
+    /// Any error of `madvise(2)` and `fallocate(2)`, such as no memory.
     pub fn prefault(&mut self) -> io::Result<()> {
         self.present = true;
         // Without huge pages, `populate` makes small ones present.
@@ -79,7 +79,7 @@ impl Segment {
     ///
     /// # Errors
     ///
-    /// Whatever `mlock(2)` says: `PermissionDenied` or `OutOfMemory` if
+    /// Any error of `mlock(2)`, among them `PermissionDenied` or `OutOfMemory` if
     /// [`locked_bytes_max`](crate::memfd::locked_bytes_max) is too low.
     pub fn lock(&mut self) -> io::Result<()> {
         self.present = true;

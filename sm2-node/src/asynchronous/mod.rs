@@ -60,7 +60,7 @@ pub trait IntoAsync: Sized {
     ///
     /// # Errors
     ///
-    /// Whatever `epoll_ctl(2)` says: too many descriptors, no memory.
+    /// Any error of `epoll_ctl(2)`, such as too many descriptors or no memory.
     ///
     /// # Panics
     ///
