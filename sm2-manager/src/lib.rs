@@ -22,7 +22,7 @@
 //!
 //! | cause | effect on the domain |
 //! | --- | --- |
-//! | killed, or its process ends in any other way | a standby serves as soon as the kernel has freed the lock; without a standby, the next Manager that starts |
+//! | the process is killed or crashes | a standby serves once the kernel has freed the lock, else the next Manager |
 //! | [`Stopper::stop`], SIGTERM | the Manager says goodbye and removes the socket; then as above |
 //! | [`HandOver::start`], SIGUSR2 | the next Manager serves before this one says goodbye |
 //!

@@ -46,7 +46,8 @@ pub enum StartError {
     DomainSocket(#[from] DomainSocketError),
     /// Another process holds the domain's lock, but does not accept connections.
     #[error(
-        "another process holds the lock of {path:?} but does not accept connections: {source}; end that process, or choose another domain"
+        "another process holds the lock of {path:?} but does not accept connections: {source}; end that \
+         process, or choose another domain"
     )]
     NobodyServes {
         /// The socket's path.

@@ -133,7 +133,8 @@ impl Door {
     pub(super) fn offer(&mut self, epoll: &Epoll) {
         if self.adopted {
             warn!(
-                "cannot hand over: the socket belongs to the process that created it (socket activation); restart this Manager instead"
+                "cannot hand over: the socket belongs to the process that created it (socket activation); \
+                 restart this Manager instead"
             );
             return;
         }

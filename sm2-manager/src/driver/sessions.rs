@@ -172,7 +172,8 @@ impl Manager {
     pub(super) fn hang_up(&mut self, session: NodeId, goodbye: Option<Vec<u8>>, cause: Cause) {
         match cause {
             Cause::Violation(violation) => {
-                warn!(%session, violation = %violation.kind(), clause = %violation.clause(), "hung up: the node broke the protocol");
+                let (violation, clause) = (violation.kind(), violation.clause());
+                warn!(%session, %violation, %clause, "hung up: the node broke the protocol");
             }
             Cause::Farewell(Farewell::ShuttingDown) => debug!(%session, "said goodbye"),
             Cause::Farewell(why) => warn!(%session, %why, clause = %why.clause(), "hung up"),

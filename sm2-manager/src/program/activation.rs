@@ -13,7 +13,8 @@ use tracing::debug;
 pub enum ActivationError {
     /// More than one socket was passed.
     #[error(
-        "{count} sockets were handed over (LISTEN_FDS), and a Manager serves one: use one socket unit with one ListenSequentialPacket= line"
+        "{count} sockets were handed over (LISTEN_FDS), and a Manager serves one: use one socket unit with \
+         one ListenSequentialPacket= line"
     )]
     Count {
         /// How many were passed.
@@ -21,7 +22,8 @@ pub enum ActivationError {
     },
     /// The socket is of the wrong kind.
     #[error(
-        "the socket that was handed over is of the wrong kind: use ListenSequentialPacket= in the socket unit ({0})"
+        "the socket that was handed over is of the wrong kind: use ListenSequentialPacket= in the socket unit \
+         ({0})"
     )]
     Kind(#[source] io::Error),
 }

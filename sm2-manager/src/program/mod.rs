@@ -58,7 +58,8 @@ Examples:
 pub enum ProgramError {
     /// Another Manager serves, and the command line does not say what to do then.
     #[error(
-        "another Manager serves {path:?}: wait for its end with --standby, take its place with --replace, or choose another domain with --domain"
+        "another Manager serves {path:?}: wait for its end with --standby, take its place with --replace, or \
+         choose another domain with --domain"
     )]
     Busy {
         /// The socket's path.
@@ -75,12 +76,14 @@ pub enum ProgramError {
     Activation(#[from] ActivationError),
     /// A socket was passed, but the command line has options for a Manager that creates its own.
     #[error(
-        "--standby and --replace do not work with socket activation (LISTEN_FDS is set): drop the option, or start the Manager without a socket unit"
+        "--standby and --replace do not work with socket activation (LISTEN_FDS is set): drop the option, or \
+         start the Manager without a socket unit"
     )]
     HandedAnyway,
     /// A socket was passed, but the command line names another one.
     #[error(
-        "the service manager passed the socket {handed:?}, but --socket or --domain asks for {asked:?}: name the same path in both, or drop the option"
+        "the service manager passed the socket {handed:?}, but --socket or --domain asks for {asked:?}: name \
+         the same path in both, or drop the option"
     )]
     OtherSocket {
         /// The path of the socket that was passed.

@@ -42,7 +42,8 @@ pub enum ReplaceError {
     },
     /// The other Manager runs in a pid namespace that is not visible from here.
     #[error(
-        "the Manager that serves {path:?} runs in another pid namespace, such as a container: start this one with --standby, then send SIGUSR2 to the other one there"
+        "the Manager that serves {path:?} runs in another pid namespace, such as a container: start this one \
+         with --standby, then send SIGUSR2 to the other one there"
     )]
     Hidden {
         /// The socket's path.
@@ -50,7 +51,8 @@ pub enum ReplaceError {
     },
     /// The process does not handle SIGUSR2, so the signal would kill it.
     #[error(
-        "process {pid} serves {path:?} but does not handle SIGUSR2, so it probably embeds its Manager: start this one with --standby, then stop process {pid}"
+        "process {pid} serves {path:?} but does not handle SIGUSR2, so it probably embeds its Manager: start \
+         this one with --standby, then stop process {pid}"
     )]
     Embedded {
         /// The socket's path.
