@@ -1,4 +1,4 @@
-//! What counting costs, in wall time: one change of an entry that tools may read meanwhile.
+//! Wall time of one change of a counters entry.
 //!
 //! `cargo bench -p sm2-io --bench counters`
 

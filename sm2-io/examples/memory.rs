@@ -1,10 +1,13 @@
-//! How long messages take in shared memory, in the ways that there are of making them:
-//! `cargo run --release -p sm2-io --example memory`.
+//! Measures how long messages take in shared memory, for each way of allocating the memory: `cargo run
+//! --release -p sm2-io --example memory`.
 //!
-//! Medians in microseconds. `ready`: from the moment that the bytes are known to the sealed
-//! descriptor; `before`: what a preallocated takes, off that path; `read`: mapping it, reading
-//! every word, and unmapping it; `free`: closing the last descriptor. Of a pooled slot, `first` is
-//! writing to it for the first time, and `again` for the second.
+//! The output has medians in microseconds:
+//!
+//! - `before`: the time to preallocate memory, before the bytes are known.
+//! - `ready`: from known bytes to the sealed descriptor.
+//! - `read`: to map the message, read every word, and unmap it.
+//! - `free`: to close the last descriptor.
+//! - `first` and `again`: the first and the second write to a pooled slot.
 
 use std::hint::black_box;
 use std::io::{self, IoSlice};
@@ -17,7 +20,7 @@ use sm2_io::{InspectedFd, Preallocated, SealedLoan, SealedMapping, Segment};
 const LENGTHS: [usize; 6] = [4_096, 65_536, 262_144, 1_000_000, 10_000_000, 10_485_760];
 const TIMES: usize = 101;
 
-/// Makes one message; how long that took before the bytes were known.
+/// Makes one message. Returns how long the part before the bytes were known took.
 type Way = fn(&[u8]) -> io::Result<(f64, OwnedFd)>;
 
 const WAYS: [(&str, Way); 5] = [

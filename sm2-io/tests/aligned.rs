@@ -1,5 +1,5 @@
-//! Where large mappings start, and that they go away. Alone in its process: another thread
-//! could take the place that was chosen.
+//! Large mappings start at a multiple of 2 MiB, and are unmapped. Alone in its process: another thread could
+//! take the address range that was chosen.
 
 mod common;
 

@@ -1,4 +1,4 @@
-//! What is called for every message takes nothing from the heap.
+//! Functions that are called for every message do not allocate.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -15,7 +15,7 @@ thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
 }
 
-// SAFETY: everything is the system allocator's work; counting changes nothing about it.
+// SAFETY: every call is passed on to the system allocator; counting changes nothing about it.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
@@ -63,7 +63,7 @@ fn the_path_of_a_message_does_not_allocate() {
             drop(b.recv(&mut [0; 8]));
         }
     });
-    // One per datagram with descriptors, for the list of them.
+    // One allocation per datagram with descriptors: their list.
     assert_eq!(count, 10);
     assert_eq!(allocations(|| drop(Box::new(1_u8))), 1, "counts at all");
 }

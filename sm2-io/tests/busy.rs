@@ -1,5 +1,5 @@
-//! Sealing while something holds on to the pages. A file of its own: it looks for the loan's
-//! descriptor among all of the process.
+//! Sealing while another mapping holds the pages. In its own file, because it searches the descriptors of the
+//! whole process for the loan.
 
 mod common;
 
@@ -9,7 +9,7 @@ use std::os::fd::{AsFd, OwnedFd};
 use sm2_io::{SealedLoan, memfd};
 use sm2_proto::Seals;
 
-/// The only loan of this process, opened once more.
+/// Opens the only loan of this process a second time.
 fn the_loan() -> OwnedFd {
     let all = fs::read_dir("/proc/self/fd").unwrap();
     let path = all
@@ -26,7 +26,7 @@ fn the_loan() -> OwnedFd {
 fn a_loan_whose_pages_are_held_is_sealed_all_the_same() {
     let mut loan = SealedLoan::new(10_000).unwrap();
     loan.as_mut_slice().fill(7);
-    // A writable mapping elsewhere makes the kernel refuse the seal for as long as it lives.
+    // The kernel refuses the seal as long as another writable mapping exists.
     let file = the_loan();
     let len = std::num::NonZeroUsize::new(10_000).unwrap();
     // SAFETY: a new mapping at an address that the kernel chooses; nothing is read from it.
@@ -47,6 +47,6 @@ fn a_loan_whose_pages_are_held_is_sealed_all_the_same() {
     assert_eq!(facts.size_bytes, 10_000);
     let seen = common::map_sealed(&sealed, 10_000, false);
     assert!(seen.as_slice().iter().all(|&byte| byte == 7));
-    // SAFETY: the mapping made above, of that length, which nobody uses.
+    // SAFETY: the mapping made above, with its length; no reference to it exists.
     unsafe { nix::sys::mman::munmap(held, 10_000) }.unwrap();
 }

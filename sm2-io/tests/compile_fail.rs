@@ -1,14 +1,14 @@
 //! Safe programs cannot get a reference to memory that another process can change or shrink.
-//! `compile_fail/README.md` says how to record the expected errors anew.
+//! `compile_fail/README.md` says how to update the expected errors.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The compiler whose errors are recorded.
+/// The compiler that produced the recorded errors.
 const RECORDED_WITH: &str = include_str!("compile_fail/COMPILER");
 
-/// The name and the version of this compiler, without the commit.
+/// Returns the name and the version of this compiler, without the commit.
 fn compiler() -> String {
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let output = Command::new(rustc).arg("--version").output().unwrap();
@@ -16,8 +16,7 @@ fn compiler() -> String {
     text.split(' ').take(2).collect::<Vec<_>>().join(" ")
 }
 
-/// The programs without the recorded errors: trybuild then demands no more than that each is
-/// rejected.
+/// Copies the programs without the recorded errors. trybuild then only checks that each program is rejected.
 fn without_errors() -> PathBuf {
     let copies = Path::new(env!("CARGO_TARGET_TMPDIR")).join("compile_fail");
     fs::create_dir_all(&copies).unwrap();

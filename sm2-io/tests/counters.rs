@@ -1,4 +1,4 @@
-//! Counters between a writer and those who look.
+//! Counters between a writer and its readers.
 
 use std::fs::File;
 use std::os::fd::{AsFd, OwnedFd};
@@ -23,7 +23,7 @@ fn view(page: &CounterPage) -> CounterView {
     CounterView::open(page.as_fd().try_clone_to_owned().unwrap()).unwrap()
 }
 
-/// The turn of an entry, from the file itself.
+/// Reads the turn of an entry from the file.
 fn turn(page: &CounterPage, index: u32) -> u64 {
     let file = File::from(page.as_fd().try_clone_to_owned().unwrap());
     let mut word = [0; 8];
@@ -32,7 +32,7 @@ fn turn(page: &CounterPage, index: u32) -> u64 {
     u64::from_le_bytes(word)
 }
 
-/// A memfd as somebody else may make it.
+/// Creates a memfd as another process may create it.
 fn file(words: &[u64], len: u64, seals: Seals) -> OwnedFd {
     let file = File::from(memfd_create(c"other", MFdFlags::MFD_ALLOW_SEALING).unwrap());
     let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
@@ -43,7 +43,7 @@ fn file(words: &[u64], len: u64, seals: Seals) -> OwnedFd {
     file.into()
 }
 
-/// With entries as they are given.
+/// Creates a file with the given entries.
 fn file_with(entries: &[[u64; 64]]) -> CounterView {
     let count = u32::try_from(entries.len()).unwrap();
     let mut words = header(count).to_vec();
@@ -126,7 +126,7 @@ fn what_is_counted_is_seen() {
         assert_eq!(view.read(sender.index()), Ok(Some(sent.clone())));
         assert_eq!(view.read(receiver.index()), Ok(Some(got.clone())));
     }
-    // Published later than it was taken, as the other side has it.
+    // The publication time is later than the time of taking.
     page.update(&receiver).taken(Instant(5), Instant(9), 0);
     let seen = view.read(receiver.index()).unwrap().unwrap();
     assert_eq!(seen.delay_sum_ns, got.delay_sum_ns);
@@ -198,7 +198,7 @@ fn a_change_that_does_not_end_is_reported() {
         [(0, Err(Unreadable::Torn))]
     );
     std::mem::forget(update);
-    // The next one mends it.
+    // The next change repairs the entry.
     page.update(&entry).published(Instant(2), 1);
     assert_eq!(view.read(0).unwrap().unwrap().messages, 2);
 }
@@ -211,7 +211,7 @@ fn a_reader_never_sees_half_a_change() {
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            // Two takers of the same place in turn: their counts must never mix.
+            // Two allocations use the same entry in turn: their counts must never mix.
             while !done.load(Ordering::Relaxed) {
                 for id in 1..=2 {
                     let entry = page.allocate(InterfaceId(id), None).unwrap();
@@ -223,7 +223,7 @@ fn a_reader_never_sees_half_a_change() {
                         (fates.offered, fates.in_flight) = (message, message * id);
                         update.fates(&fates);
                         drop(update);
-                        // Now and then long enough for a reader to come through.
+                        // Sometimes pauses long enough for a reader to copy the entry.
                         (0..message % 8 * 100).for_each(|_| std::hint::spin_loop());
                     }
                     page.free(entry);
@@ -298,7 +298,7 @@ fn files_that_are_not_of_counters() {
             "{size} bytes: {error}"
         );
     }
-    // The wrong number of entries, another version, something after it.
+    // The wrong number of entries, another version, and non-zero bytes after the header.
     let mut wrong = vec![header(2), header(0), [0; 64], header(1), header(1)];
     wrong[3][0] += 1 << 32;
     wrong[4][63] = 1;
@@ -345,7 +345,7 @@ fn a_file_full_of_changes_that_do_not_end() {
         .entries()
         .filter(|(_, read)| *read == Err(Unreadable::Torn));
     assert_eq!(torn.count(), 8_190);
-    // Without any attempt left, what is complete is still seen.
+    // Even with no attempts left, complete entries are read.
     assert_eq!(view.entries().last(), Some((8_190, Ok(Entry::default()))));
 }
 

@@ -1,5 +1,5 @@
-//! No descriptor is left open, whatever came. One test, alone in its process: it counts
-//! what is open and lowers limits.
+//! No received datagram leaves a descriptor open. One test, alone in its process: it counts the open
+//! descriptors and lowers limits.
 
 use std::io::IoSlice;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
@@ -59,11 +59,11 @@ fn truncated_data(a: &SeqPacket, b: &SeqPacket, fd: BorrowedFd<'_>) {
     assert_eq!(received.fds.len(), 4);
 }
 
-/// Room in our table for some of them only.
+/// This process has room for only some of the descriptors.
 fn truncated_control(a: &SeqPacket, b: &SeqPacket, fd: BorrowedFd<'_>) {
     send_many(a, b"x", fd, 8);
     let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap();
-    // The first free numbers, which are what the kernel would take.
+    // Reserves the lowest free numbers, which the kernel would use.
     let free: Vec<_> = (0..3).map(|_| fd.try_clone_to_owned().unwrap()).collect();
     let limit = free.iter().map(|fd| fd.as_raw_fd()).max().unwrap() + 1;
     drop(free);
@@ -75,13 +75,13 @@ fn truncated_control(a: &SeqPacket, b: &SeqPacket, fd: BorrowedFd<'_>) {
     assert_eq!(received.fds.len(), 3);
 }
 
-/// The maker of our socket asked the kernel to add a pidfd to each datagram.
+/// The process that created the socket asked the kernel to add a pidfd to each datagram.
 fn an_added_pidfd(a: &SeqPacket, b: &SeqPacket, fd: BorrowedFd<'_>) {
     const SO_PASSPIDFD: libc::c_int = 76;
     let set = |on: libc::c_int| {
         let (at, len) = ((&raw const on).cast(), size_of_val(&on) as libc::socklen_t);
         let number = b.as_fd().as_raw_fd();
-        // SAFETY: the option's value is an int that lives through the call.
+        // SAFETY: the option's value is an int that outlives the call.
         unsafe { libc::setsockopt(number, libc::SOL_SOCKET, SO_PASSPIDFD, at, len) }
     };
     if set(1) != 0 {

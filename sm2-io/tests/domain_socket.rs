@@ -1,4 +1,4 @@
-//! One owner at a time, and nothing left behind.
+//! A domain's socket has one owner at a time, and no file is left behind.
 
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
@@ -121,7 +121,7 @@ fn the_mode_is_the_operators_choice() {
         ..BindOptions::default()
     };
     let _endpoint = claim.acquire_at(&path).unwrap();
-    // Whatever the umask.
+    // The umask does not apply.
     assert_eq!(mode(&path), 0o666);
     assert!(fs::metadata(&path).unwrap().file_type().is_socket());
 }
@@ -148,7 +148,7 @@ fn places_that_others_control_are_refused() {
             "an existing directory is not changed"
         );
     }
-    // Only root can give a directory away.
+    // Only root can change the owner of a directory.
     if std::os::unix::fs::chown(directory, Some(12345), None).is_ok() {
         let result = BindOptions::acquire(&path);
         assert!(matches!(
@@ -188,7 +188,7 @@ fn a_lock_can_be_held_without_a_socket() {
     assert!(is_served(endpoint.path()));
 }
 
-/// The lock file is removed and made again all the time here.
+/// In this test the lock file is removed and created again all the time.
 #[test]
 fn never_two_owners() {
     let (_guard, path) = place();

@@ -1,4 +1,4 @@
-//! Which path a domain has, as a table.
+//! A table of environments and the resulting socket paths.
 
 use std::ffi::OsString;
 use std::os::unix::ffi::OsStringExt;
@@ -32,7 +32,7 @@ fn the_table() {
             &[(socket, "/tmp/x"), (runtime, "/r"), (domain, "arm")],
             "/tmp/x",
         ),
-        // Nobody asks for the domain where the socket is named.
+        // `SM2_DOMAIN` is ignored if `SM2_SOCKET` is set.
         (None, &[(socket, "x"), (domain, "not legal")], "x"),
         (
             Some("leg"),
@@ -102,7 +102,7 @@ fn paths_fit_an_address() {
     ));
     assert!(
         error.to_string().contains("SM2_SOCKET"),
-        "says what to do: {error}"
+        "the error says what to do: {error}"
     );
     let deep = format!("/{}", "d".repeat(100));
     assert!(matches!(

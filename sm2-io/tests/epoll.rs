@@ -1,4 +1,4 @@
-//! Waiting: what is reported, and when it stops.
+//! Waiting with epoll: the reported events, and the end of a wait.
 
 use std::io::{self, IoSlice};
 use std::os::fd::AsFd;
@@ -197,7 +197,7 @@ fn the_longest_timeout_is_accepted() {
 
 #[test]
 fn waiting_without_a_set() {
-    // More than eight take another path.
+    // More than eight descriptors use an allocated list.
     for count in [1, 2, 8, 9, 20] {
         let wakers: Vec<_> = (0..count).map(|_| Waker::new().unwrap()).collect();
         let fds: Vec<_> = wakers.iter().map(AsFd::as_fd).collect();

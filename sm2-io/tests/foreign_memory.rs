@@ -1,5 +1,5 @@
-//! Attempts of another process to change memory between its verification and its use. Each is
-//! refused, or changes copies alone.
+//! Another process tries to change memory between its verification and its use. Each attempt fails, or does
+//! not affect copies.
 
 mod common;
 
@@ -68,7 +68,7 @@ fn a_file_without_the_seals_proves_nothing() {
     assert_eq!(proof, Err(VerifyError::NotAMemfd));
 }
 
-/// The kernel's answers count as they were when it was asked: seals that come later prove nothing.
+/// Facts are those of the moment of inspection: seals that are added later prove nothing.
 #[test]
 fn a_file_that_is_sealed_after_it_was_inspected_proves_nothing() {
     let file = memfd(2 * PAGE, Seals(0));
@@ -81,7 +81,7 @@ fn a_file_that_is_sealed_after_it_was_inspected_proves_nothing() {
     assert_eq!(error, VerifyError::SealsMissing { seals, needed });
 }
 
-/// Reading past the end of a file kills the reader: no mapping is longer than its file.
+/// Reading past the end of a file would kill the reader, so no mapping is longer than its file.
 #[test]
 fn nothing_is_mapped_beyond_the_end_of_a_file() {
     let invalid = |result: io::Result<()>| {
@@ -117,7 +117,7 @@ fn a_verified_file_cannot_become_shorter() {
     drop(ring);
 }
 
-/// The author of a segment writes as it likes: who has a copy does not notice.
+/// The author of a segment can write to it at any time; copies do not change.
 #[test]
 fn a_copy_of_pooled_memory_stays_as_it_is() {
     let (fd, mut slots) = Segment::create(PAGE, 1).unwrap().split();

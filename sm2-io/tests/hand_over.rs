@@ -1,4 +1,4 @@
-//! Leaving the socket to a successor, and taking over one that somebody else made.
+//! Handing a socket over to a successor, and adopting a socket of another process.
 
 use std::fs;
 use std::os::fd::OwnedFd;
@@ -26,7 +26,7 @@ fn names_in(directory: &Path) -> Vec<String> {
     names
 }
 
-/// Whether a new connection arrives at this listener, and not elsewhere.
+/// Whether a new connection arrives at this listener.
 fn arrives_at(listener: &Listener, path: &Path) -> bool {
     let _client = SeqPacket::connect(path).unwrap();
     listener.accept().unwrap().is_some()
@@ -36,7 +36,7 @@ fn busy<T>(result: Result<T, DomainSocketError>) -> bool {
     matches!(result, Err(DomainSocketError::Busy { .. }))
 }
 
-/// That it is not taken back, and why not.
+/// Checks that the socket is not reclaimed. Returns the reason.
 fn refused(hand_over: HandOver) -> (HandOver, DomainSocketError) {
     let not = *hand_over.reclaim().unwrap_err();
     (not.hand_over, not.reason)
@@ -77,7 +77,7 @@ fn what_nobody_took_is_taken_back() {
         assert!(busy(DomainLock::acquire(&path)));
         assert!(arrives_at(endpoint.listener(), &path));
     }
-    // A successor that only looks is in the way for as long as it does, whatever it leaves.
+    // A process that only takes the lock prevents reclaiming until it releases the lock.
     let old = endpoint.hand_over();
     let lock = DomainLock::acquire(&path).unwrap();
     let (old, reason) = refused(old);
@@ -96,7 +96,7 @@ fn what_was_replaced_is_not_taken_back() {
     let new = BindOptions::acquire(&path).unwrap();
     let (old, reason) = refused(old);
     assert!(busy::<()>(Err(reason)));
-    // The successor has ended; a second one would find a free place.
+    // The successor has ended; another process could take the path now.
     drop(new);
     assert!(old.is_replaced());
     let (old, reason) = refused(old);
@@ -111,10 +111,10 @@ fn what_was_replaced_is_not_taken_back() {
 fn an_end_in_the_middle_leaves_nothing_that_is_ours() {
     let (_guard, path) = place();
     let directory = path.parent().unwrap();
-    // Nobody came.
+    // No successor has come.
     drop(BindOptions::acquire(&path).unwrap().hand_over());
     assert!(names_in(directory).is_empty());
-    // Somebody is about to bind: there is never a moment without a socket.
+    // A successor that is about to bind: the path names a socket at every moment.
     let old = BindOptions::acquire(&path).unwrap().hand_over();
     let lock = DomainLock::acquire(&path).unwrap();
     drop(old);
@@ -122,14 +122,14 @@ fn an_end_in_the_middle_leaves_nothing_that_is_ours() {
     let new = lock.bind(BindOptions::default()).unwrap();
     assert!(arrives_at(new.listener(), &path));
     drop(new);
-    // The folder is gone, and does not come back.
+    // The directory is gone, and does not come back.
     let old = BindOptions::acquire(&path).unwrap().hand_over();
     fs::remove_dir_all(directory).unwrap();
     drop(old);
     assert!(!directory.exists());
 }
 
-/// As systemd makes it: bound and listening, and not ours to remove.
+/// Returns a socket as systemd passes it: bound and listening, with a file that this process must not remove.
 fn activated(path: &Path) -> OwnedFd {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     Listener::bind(path, 5).unwrap().into()
@@ -153,7 +153,7 @@ fn a_socket_from_outside_is_used_and_left() {
         BindOptions::default().adopt(kept.try_clone().unwrap())
     ));
 
-    // Also by way of a hand-over, whether somebody comes or not.
+    // The same after a hand-over, with and without a successor.
     let endpoint = endpoint.hand_over().reclaim().unwrap();
     drop(endpoint);
     assert_eq!(names_in(path.parent().unwrap()), ["default.sock"]);
@@ -204,7 +204,7 @@ fn descriptors_that_are_no_socket_of_a_domain() {
     assert_eq!(names_in(directory), ["default.sock", "stream"]);
 }
 
-/// Owners that come and go in every way there is, as fast as they can.
+/// Owners that start and end in every possible way, as fast as possible.
 //= SM2-TRN-008 test
 //= SM2-RES-010 test
 #[test]
@@ -258,7 +258,7 @@ impl Owners {
                 Ok(endpoint) => {
                     self.enter();
                     self.reclaimed.fetch_add(1, Ordering::Relaxed);
-                    // Nobody may have touched what is ours again.
+                    // No other process may have replaced the reclaimed socket.
                     assert!(endpoint.path().exists());
                     self.now.fetch_sub(1, Ordering::SeqCst);
                     hand_over = endpoint.hand_over();

@@ -1,5 +1,5 @@
-//! Processes that contend for one domain, hand it over, and are killed at any instruction. In a
-//! file of its own: a process that is being started holds copies of all descriptors.
+//! Processes compete for one domain, hand it over, and are killed at arbitrary instructions. In its own file:
+//! a child process holds copies of all descriptors until it calls `exec`.
 
 use std::io::{BufRead, BufReader, Read};
 use std::os::fd::OwnedFd;
@@ -13,10 +13,10 @@ use sm2_io::{BindOptions, DomainSocket, DomainSocketError, Listener, SeqPacket};
 
 const PATH: &str = "SM2_IO_TEST_HAND_OVER";
 const KILLS: usize = 200;
-/// Only reached by a failure.
+/// A timeout that only a failure reaches.
 const LONG: Duration = Duration::from_secs(30);
 
-/// Does not outlive the test, however that ends.
+/// A child process that is killed when dropped.
 struct Started(Child);
 
 impl Drop for Started {
@@ -38,7 +38,7 @@ fn start(test: &str, path: &Path, stdin: Stdio) -> (Started, BufReader<ChildStdo
     (Started(child), lines)
 }
 
-/// Reads until a line that ends like that; `false` at the end of the output.
+/// Reads until a line ends with `end`. Returns `false` at the end of the output.
 fn until(lines: &mut BufReader<ChildStdout>, end: &str) -> bool {
     lines.lines().any(|line| line.unwrap().ends_with(end))
 }
@@ -54,7 +54,7 @@ fn never_two_owners() {
     let mut contenders: Vec<_> = (0..3).map(|_| contend()).collect();
     for kill in 0..KILLS {
         let (_, lines) = &mut contenders[kill % 3];
-        // It goes on meanwhile, so it may die anywhere.
+        // The process continues meanwhile, so the kill hits it at an arbitrary instruction.
         assert!(until(lines, "owned"), "a contender failed: see above");
         contenders[kill % 3] = contend();
     }
@@ -63,7 +63,7 @@ fn never_two_owners() {
         lines.read_to_end(&mut Vec::new()).unwrap();
         assert!(contender.0.wait().unwrap().success());
     }
-    // What the last ones left, if they were killed, is no obstacle.
+    // Files that killed processes left do not prevent acquiring the path.
     let endpoint = BindOptions::acquire(&path).unwrap();
     assert!(SeqPacket::connect(&path).is_ok());
     drop(endpoint);
@@ -82,7 +82,7 @@ fn a_contender() {
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            // Until the other side closes it.
+            // Blocks until the parent closes the pipe.
             let _ = std::io::stdin().read(&mut [0]);
             stop.store(true, Ordering::Relaxed);
         });
@@ -93,7 +93,7 @@ fn a_contender() {
             match BindOptions::acquire(&path) {
                 Ok(endpoint) => {
                     owned += 1;
-                    // Once, as nobody may read more.
+                    // Prints only once: the parent may not read any more.
                     contend(endpoint, &token, random >> 30, &stop, owned == 1 + seed % 5);
                 }
                 Err(DomainSocketError::Busy { .. }) if owned > 0 || Instant::now() < late => {
@@ -118,7 +118,7 @@ fn contend(endpoint: DomainSocket, token: &Path, way: u32, stop: &AtomicBool, te
         return;
     }
     if way == 2 {
-        // Until a successor has come.
+        // Waits until a successor has come.
         let late = Instant::now() + LONG;
         while !hand_over.is_replaced() && !stop.load(Ordering::Relaxed) {
             if Instant::now() > late {
@@ -134,8 +134,9 @@ fn contend(endpoint: DomainSocket, token: &Path, way: u32, stop: &AtomicBool, te
     }
 }
 
-/// Has the token for a moment. It names its owner's process, in one step. Only one that was
-/// killed leaves it; and a process gives up its lock a little before it is gone.
+/// Owns the token for a moment. The token is created with its owner's process id in one step. Only a killed
+/// process leaves its token; and the kernel releases the lock of such a process a little before the process
+/// is gone.
 fn own(token: &Path) {
     let me = std::process::id().to_string();
     let late = Instant::now() + LONG;
@@ -161,12 +162,12 @@ fn own(token: &Path) {
     }
 }
 
-/// Gone, or a zombie that is to be waited for.
+/// Whether the process is gone, or is a zombie.
 fn is_dead(process: &Path) -> bool {
     let Ok(stat) = std::fs::read_to_string(Path::new("/proc").join(process).join("stat")) else {
         return true;
     };
-    // The state stands behind the name, which may hold anything.
+    // The state follows the name, which may contain any characters.
     let state = stat
         .rsplit(") ")
         .next()
@@ -174,13 +175,14 @@ fn is_dead(process: &Path) -> bool {
     matches!(state, Some('Z' | 'X'))
 }
 
-/// Ends the whole process, also while another thread waits for input.
+/// Exits the whole process, even while another thread waits for input.
 fn fail(why: &str) -> ! {
     eprintln!("{why}");
     std::process::exit(1)
 }
 
-/// Whom do clients see? It matters to who wants to send a signal to the one that serves.
+/// The credentials that clients see must name the process that adopted the socket: `--replace` sends its
+/// signal there.
 #[test]
 fn who_takes_over_a_listening_socket_is_who_listens() {
     let directory = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Memory that is present before it is used, in huge pages where there are some. Whether there
-//! are depends on the machine: what is asserted holds with and without.
+//! Memory that is made present before it is used, in huge pages if the machine has them. The assertions hold
+//! with and without huge pages.
 
 mod common;
 
@@ -14,7 +14,7 @@ use sm2_proto::Seals;
 
 const HUGE: usize = 2 << 20;
 
-/// The memory that a file has, in bytes.
+/// Returns the memory that a file occupies, in bytes.
 fn present(fd: BorrowedFd<'_>) -> usize {
     let file = File::open(format!("/proc/self/fd/{}", fd.as_raw_fd())).unwrap();
     usize::try_from(file.metadata().unwrap().blocks()).unwrap() * 512
@@ -24,7 +24,7 @@ fn pattern(len: usize) -> Vec<u8> {
     (0..len).map(|at| (at % 251) as u8 + 1).collect()
 }
 
-/// A sealed message of these bytes, with nothing but zeroes behind them.
+/// Checks that the file contains these bytes, followed by zeroes only.
 fn assert_message(fd: BorrowedFd<'_>, bytes: &[u8]) {
     let known = facts(fd).unwrap();
     assert!(
@@ -35,7 +35,10 @@ fn assert_message(fd: BorrowedFd<'_>, bytes: &[u8]) {
     let all = map_sealed(fd, known.size_bytes, true);
     let (message, rest) = all.as_slice().split_at(bytes.len());
     assert!(message == bytes, "a message of {}", bytes.len());
-    assert!(rest.iter().all(|&byte| byte == 0), "what was never written");
+    assert!(
+        rest.iter().all(|&byte| byte == 0),
+        "the bytes behind the message are zero"
+    );
 }
 
 #[test]
@@ -106,7 +109,11 @@ fn a_copy_is_as_long_as_its_bytes() {
 fn a_prefaulted_segment_is_all_there() {
     for (stride, slots) in [(4096, 3), (HUGE, 3), (HUGE + 4096, 2), (6 * HUGE, 2)] {
         let mut segment = Segment::create(stride as u64, slots).unwrap();
-        assert_eq!(present(segment.fd()), 0, "nothing is there before");
+        assert_eq!(
+            present(segment.fd()),
+            0,
+            "no page is present before prefault"
+        );
         segment.prefault().unwrap();
         assert!(present(segment.fd()) >= stride * slots as usize);
         let (fd, mut all) = segment.split();
@@ -161,7 +168,7 @@ fn warming_takes_no_memory_for_other_slots() {
     assert_eq!(present(fd.as_fd()), 0, "slots share huge pages here");
 }
 
-/// Why only whole segments are given back: SPEC's seals forbid holes as well.
+/// Holes would give back parts of a segment, but the seals forbid them: only whole segments are freed.
 #[test]
 fn a_segment_cannot_have_holes() {
     use nix::fcntl::{FallocateFlags, fallocate};
@@ -172,7 +179,7 @@ fn a_segment_cannot_have_holes() {
     assert_eq!(refused, Err(nix::errno::Errno::EPERM));
 }
 
-/// How much of the mapping that this address is in is mapped in huge pages, in bytes.
+/// Returns how many bytes of the mapping that contains this address are in huge pages.
 fn in_huge_pages(address: *const u8) -> usize {
     let maps = std::fs::read_to_string("/proc/self/smaps").unwrap();
     let mut inside = false;
@@ -191,7 +198,7 @@ fn in_huge_pages(address: *const u8) -> usize {
     panic!("no mapping at {address:?}");
 }
 
-/// Sealed or pooled: what its author has in huge pages, its readers map as such.
+/// For sealed and for pooled memory, readers map the author's huge pages as huge pages.
 #[test]
 fn readers_map_huge_pages_as_one() {
     let (fd, mut slots) = Segment::create(6 * HUGE as u64, 2).unwrap().split();
@@ -199,7 +206,7 @@ fn readers_map_huge_pages_as_one() {
     slots[1].bytes_mut(10_000_000).fill(7);
     let reader = map_pooled(&fd, 12 * HUGE as u64);
     let bytes = reader.range(6 * HUGE as u64, 10_000_000).unwrap();
-    // SAFETY: inside the mapping, and the slot is not written from here on.
+    // SAFETY: the range is inside the mapping, and the slot is not written from here on.
     assert!(unsafe { bytes.as_ref() }.iter().all(|&byte| byte == 7));
     let pooled = in_huge_pages(slots[1].bytes(1).as_ptr());
     assert_eq!(in_huge_pages(bytes.as_ptr().cast()), pooled);

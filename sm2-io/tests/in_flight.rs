@@ -1,5 +1,4 @@
-//! A receiver that never reads. Alone in its process: it lowers a limit and gives up
-//! privileges.
+//! A receiver that never reads. Alone in its process: the test lowers a limit and gives up privileges.
 
 use std::io::IoSlice;
 use std::os::fd::AsFd;
@@ -14,7 +13,7 @@ fn too_many_descriptors_in_flight_is_an_answer_of_its_own() {
     let pairs: Vec<_> = (0..8).map(|_| SeqPacket::pair().unwrap()).collect();
     let (_, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap();
     setrlimit(Resource::RLIMIT_NOFILE, 64, hard).unwrap();
-    // The limit does not hold for root.
+    // The limit does not apply to root.
     let nobody: libc::uid_t = 65534;
     // SAFETY: takes three numbers; the bare system call changes this thread only.
     unsafe { libc::syscall(libc::SYS_setresuid, nobody, nobody, nobody) };

@@ -1,5 +1,5 @@
-//! An owner that dies without a word. In a file of its own: a process that is being started
-//! holds copies of all descriptors for a moment, and other tests would see that.
+//! An owner that is killed. In its own file: a child process holds copies of all descriptors until it calls
+//! `exec`, which would disturb other tests.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
@@ -26,7 +26,7 @@ fn an_owner_that_is_killed_gives_way() {
         Err(DomainSocketError::Busy { .. })
     ));
 
-    victim.kill().unwrap(); // SIGKILL: nothing is cleaned up.
+    victim.kill().unwrap(); // SIGKILL: the process cannot clean up.
     victim.wait().unwrap();
     assert!(path.exists());
     assert!(SeqPacket::connect(&path).is_err());

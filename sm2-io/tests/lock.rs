@@ -1,4 +1,4 @@
-//! Memory that is never swapped out. A file of its own: it lowers a limit of its process.
+//! Memory that is never swapped out. In its own file: the test lowers a limit of the process.
 
 use std::io;
 
@@ -7,7 +7,7 @@ use nix::sys::resource::{Resource, setrlimit};
 use sm2_io::Segment;
 use sm2_io::memfd::locked_bytes_max;
 
-/// What `/proc` says about this process' locked memory, in bytes.
+/// Returns the locked memory of this process in bytes, from `/proc`.
 fn locked() -> usize {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmLck:"));

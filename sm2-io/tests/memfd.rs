@@ -1,4 +1,4 @@
-//! What is sealed stays as it is, and what the kernel says about descriptors.
+//! Sealed files never change; facts about descriptors.
 
 mod common;
 
@@ -22,7 +22,7 @@ use sm2_proto::{FdFacts, Seals};
 const HUGE: u64 = 2 << 20;
 const LENGTHS: [u64; 9] = [0, 1, 8, 4095, 4096, 4097, HUGE - 1, HUGE, HUGE + 1];
 
-/// Bytes of which no two pages are alike.
+/// Returns bytes such that no two pages are equal.
 fn pattern(len: u64) -> Vec<u8> {
     (0..len)
         .map(|index| (index * 7 + index / 4096) as u8)
@@ -39,7 +39,7 @@ fn read(fd: impl AsFd, len: u64) -> Vec<u8> {
 fn map_writable(fd: BorrowedFd<'_>, len: usize) -> Result<(), Errno> {
     let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
     let len = NonZeroUsize::new(len).unwrap();
-    // SAFETY: the kernel chooses the addresses; what it mapped is unmapped at once.
+    // SAFETY: the kernel chooses the addresses, and each mapping is unmapped at once.
     unsafe {
         munmap(
             mmap(None, len, prot, MapFlags::MAP_SHARED, fd, 0)?,
@@ -48,7 +48,7 @@ fn map_writable(fd: BorrowedFd<'_>, len: usize) -> Result<(), Errno> {
     }
 }
 
-/// All ways to change a file of `len` bytes are closed to who holds `fd`.
+/// Checks that a holder of `fd` cannot change a file of `len` bytes in any way.
 fn assert_unchangeable(fd: BorrowedFd<'_>, len: u64) {
     let before = read(fd, len);
     let refused = |result: io::Result<()>, how: &str| {
@@ -164,7 +164,7 @@ fn nobody_but_the_author_can_change_a_segment() {
         let reader = PooledMapping::new(&pooled_file(segment.fd()), len, true).unwrap();
         let bytes = pattern(stride);
         for slot in 0..3 {
-            // SAFETY: no other reference to a slot exists; the reader gives copies.
+            // SAFETY: no other reference to a slot exists; the reader makes copies.
             unsafe { segment.slot_mut(slot, bytes.len()) }.copy_from_slice(&bytes);
             assert!(
                 reader
@@ -172,7 +172,7 @@ fn nobody_but_the_author_can_change_a_segment() {
                     .unwrap()
                     == bytes
             );
-            // SAFETY: the slice for writing is gone.
+            // SAFETY: the mutable slice is gone.
             assert!(unsafe { segment.slot(slot, bytes.len()) } == bytes);
         }
         drop(segment);
@@ -191,7 +191,7 @@ fn segments_may_be_empty() {
         assert_eq!(segment.stride_bytes() as u64, stride);
         assert_eq!(facts(segment.fd()).unwrap().size_bytes, 0);
         for slot in 0..slots {
-            // SAFETY: there are no bytes that anybody could share.
+            // SAFETY: the slice is empty.
             assert!(unsafe { segment.slot_mut(slot, 0) }.is_empty());
         }
     }
@@ -207,7 +207,7 @@ fn a_slot_that_does_not_exist() {
 #[should_panic(expected = "65 bytes of a slot of 64 bytes")]
 fn a_slot_that_is_too_small() {
     let segment = Segment::create(64, 2).unwrap();
-    // SAFETY: panics before there is a reference.
+    // SAFETY: panics before it creates a reference.
     let _ = unsafe { segment.slot(0, 65) };
 }
 
@@ -281,7 +281,8 @@ fn facts_about_what_is_not_a_message() {
         assert_eq!(facts(fd.as_fd()).unwrap(), nothing, "{what}");
     }
 
-    // Some directories are kept in memory, so this file may be known; it has no seals that count.
+    // Some temporary directories are in memory, so the kernel may give facts about this file; its seals prove
+    // nothing.
     let on_disk = facts(File::open(&path).unwrap().as_fd()).unwrap();
     assert!(!on_disk.seals.contains(Seals::SHRINK));
 
@@ -306,7 +307,7 @@ fn facts_about_memfds() {
     let not_sealable = memfd_create(c"test", MFdFlags::empty()).unwrap();
     assert_eq!(facts(not_sealable.as_fd()).unwrap().seals, Seals::SEAL);
 
-    // Its mappings cannot be unmapped by their length.
+    // Mappings of such a file cannot be unmapped by the message's length.
     let flags = MFdFlags::MFD_HUGETLB | MFdFlags::MFD_ALLOW_SEALING;
     if let Ok(huge) = memfd_create(c"test", flags) {
         assert!(!facts(huge.as_fd()).unwrap().regular);
@@ -322,20 +323,20 @@ fn a_message_is_not_a_program() {
         .seals
         .contains(Seals(F_SEAL_EXEC));
     let executable = File::from(fd).metadata().unwrap().mode() & 0o111 != 0;
-    // Kernels before 6.3 know no such seal, and make every memfd executable.
+    // Kernels before 6.3 do not know this seal and make every memfd executable.
     assert_eq!(fixed, !executable);
 }
 
-/// A child inherits mappings, and the kernel counts them before it seals.
+/// A child process inherits mappings, and the kernel refuses to seal while a writable one exists.
 #[test]
 fn a_child_process_does_not_keep_a_loan_from_being_sealed() {
     let (wait, end) = nix::unistd::pipe().unwrap();
     let mut loan = SealedLoan::new(100).unwrap();
     loan.as_mut_slice().fill(1);
-    // SAFETY: the child makes two system calls and exits; it touches nothing else.
+    // SAFETY: the child makes two system calls and exits; it accesses no other memory.
     let child = match unsafe { nix::unistd::fork() }.unwrap() {
         nix::unistd::ForkResult::Child => {
-            // SAFETY: closing the inherited end makes `read` return when the parent is done.
+            // SAFETY: the child closes the inherited end, so that `read` returns when the parent is done.
             unsafe {
                 libc::close(end.as_raw_fd());
                 let mut byte = 0_u8;

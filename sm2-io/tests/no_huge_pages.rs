@@ -1,5 +1,5 @@
-//! Where the kernel has no huge pages to give, and none of the calls that make pages present
-//! (before Linux 5.14). A filter makes this thread's kernel such a one.
+//! A kernel without huge pages, and without calls that make pages present (before Linux 5.14). A seccomp
+//! filter simulates that kernel for the calling thread.
 #![cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 
 mod common;
@@ -12,10 +12,10 @@ use sm2_io::{Preallocated, SealedLoan, Segment};
 use sm2_proto::Seals;
 
 const NUMBER: u32 = 0;
-/// The third argument's lower half.
+/// Offset of the lower half of the third argument.
 const ADVICE: u32 = 32;
 
-/// For the calling thread: neither `MADV_COLLAPSE` nor `MADV_POPULATE_WRITE`.
+/// Makes `MADV_COLLAPSE` and `MADV_POPULATE_WRITE` fail in the calling thread.
 fn become_older() {
     let load = |offset| libc::sock_filter {
         code: (libc::BPF_LD | libc::BPF_W | libc::BPF_ABS) as u16,
@@ -49,7 +49,7 @@ fn become_older() {
         len: u16::try_from(filter.len()).unwrap(),
         filter: filter.as_mut_ptr(),
     };
-    // SAFETY: the program and its filter live through the calls, which copy them.
+    // SAFETY: the program and its filter outlive the calls, which copy them.
     let results = unsafe {
         [
             libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0),

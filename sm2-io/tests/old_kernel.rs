@@ -1,5 +1,5 @@
-//! Without the system calls and flags that younger kernels added. A filter makes this
-//! thread's kernel older than it is.
+//! A kernel without the newest system calls and flags. A seccomp filter simulates an older kernel for the
+//! calling thread.
 #![cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 
 use std::os::fd::AsFd;
@@ -14,10 +14,10 @@ use sm2_io::{Epoll, Events, Interest, Waker};
 use sm2_proto::Seals;
 
 const NUMBER: u32 = 0;
-/// The second argument's lower half.
+/// Offset of the lower half of the second argument.
 const FLAGS: u32 = 24;
 
-/// For the calling thread: no `epoll_pwait2`, and no `MFD_NOEXEC_SEAL`.
+/// Makes `epoll_pwait2` and `MFD_NOEXEC_SEAL` fail in the calling thread.
 fn become_older() {
     let load = |offset| libc::sock_filter {
         code: (libc::BPF_LD | libc::BPF_W | libc::BPF_ABS) as u16,
@@ -53,7 +53,7 @@ fn become_older() {
         len: u16::try_from(filter.len()).unwrap(),
         filter: filter.as_mut_ptr(),
     };
-    // SAFETY: the program and its filter live through the calls, which copy them.
+    // SAFETY: the program and its filter outlive the calls, which copy them.
     let results = unsafe {
         [
             libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0),
@@ -70,7 +70,7 @@ fn become_older() {
 #[test]
 fn waits_in_whole_milliseconds_rounded_up() {
     become_older();
-    // SAFETY: the filter answers before any argument is looked at.
+    // SAFETY: the filter answers before the kernel reads any argument.
     let direct = unsafe { libc::syscall(libc::SYS_epoll_pwait2, -1, 0, 0, 0, 0, 0) };
     assert_eq!((direct, Errno::last()), (-1, Errno::ENOSYS));
 

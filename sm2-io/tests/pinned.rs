@@ -1,4 +1,4 @@
-//! Sealing while pages are lent to the kernel: in a pipe, on their way to a disk or a network.
+//! Sealing while the kernel holds references to pages, for example in a pipe or during disk I/O.
 
 mod common;
 
@@ -19,7 +19,7 @@ fn a_loan_whose_pages_are_in_a_pipe_is_sealed_all_the_same() {
             iov_base: loan.as_mut_slice().as_mut_ptr().cast(),
             iov_len: 4096,
         };
-        // SAFETY: the range is one page of the loan; the pipe holds on to it, and nobody reads it.
+        // SAFETY: the range is one page of the loan; the pipe keeps a reference, and no reader reads it.
         let lent = unsafe { libc::vmsplice(end.as_raw_fd(), &raw const page, 1, 0) };
         assert_eq!(lent, 4096);
 

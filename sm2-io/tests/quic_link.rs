@@ -1,4 +1,4 @@
-//! How much a connection carries over a link that loses datagrams, in virtual time.
+//! The throughput of a connection over a lossy link, in virtual time.
 #![cfg(feature = "quic")]
 
 use std::{
@@ -11,13 +11,13 @@ use std::{
 use quinn_proto::{Connection, ConnectionHandle, Dir, Event, StreamId};
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 
-/// A link.
+/// The properties of a simulated link.
 #[derive(Clone, Copy)]
 struct Link {
     rate_bit: f64,
     loss_permille: u64,
     delay: Duration,
-    /// What waits longer is lost.
+    /// The queue's length. Datagrams that would wait longer are lost.
     queue: Duration,
 }
 
@@ -33,21 +33,21 @@ struct Side {
     endpoint: Endpoint,
     connection: Option<(ConnectionHandle, Connection)>,
     address: SocketAddr,
-    /// When its way has carried all that it was given.
+    /// The time at which the outgoing link has sent everything that it was given.
     free: Instant,
 }
 
-/// What a run came to.
+/// The results of a run.
 #[derive(Debug)]
 struct Figures {
-    /// Of what the link carries, after loss and headers.
+    /// The payload as a share of the link's rate.
     share: f64,
     rtt: Duration,
-    /// Of the datagrams, by chance and in the queue.
+    /// The share of datagrams that were lost at random or at a full queue.
     lost: f64,
 }
 
-/// A datagram on its way: when it arrives, its number, to which side.
+/// A datagram in flight: its arrival time, its number, the receiving side, its bytes.
 type Flying = Reverse<(Instant, u64, usize, Vec<u8>)>;
 
 struct World {
@@ -147,7 +147,7 @@ impl World {
         }
     }
 
-    /// Lets time pass until something happens; what the time is then.
+    /// Advances the time to the next event, and returns that time.
     fn step(&mut self, now: Instant) -> Instant {
         let timers = self.sides.iter_mut().filter_map(|side| {
             let (_, connection) = side.connection.as_mut()?;
@@ -172,7 +172,7 @@ impl World {
     }
 }
 
-/// Sends as much as goes, for some time.
+/// Sends as much as possible for `length`.
 fn run(link: Link, congestion: Congestion, length: Duration) -> Figures {
     let start = Instant::now();
     let mut world = World::new(link, congestion, start);
@@ -217,7 +217,7 @@ fn run(link: Link, congestion: Congestion, length: Duration) -> Figures {
     }
     let seconds = (length - Duration::from_secs(2)).as_secs_f64();
     let carried = link.rate_bit / 8.0 * (1.0 - link.loss_permille as f64 / 1e3);
-    // Of a datagram of 1,452 bytes and its headers.
+    // The share of payload in a datagram of 1,452 bytes with its headers.
     let payload = 0.95;
     Figures {
         share: received as f64 / seconds / (carried * payload),
@@ -226,7 +226,7 @@ fn run(link: Link, congestion: Congestion, length: Duration) -> Figures {
     }
 }
 
-/// As the paper's link was; the figures of the others are printed beside it.
+/// The link of the paper. Figures of the other controllers are only printed.
 #[test]
 fn loss_by_chance_does_not_slow_a_connection_down() {
     let length = Duration::from_secs(22);
@@ -239,7 +239,8 @@ fn loss_by_chance_does_not_slow_a_connection_down() {
     assert!(steady.rtt < Duration::from_millis(40), "{steady:?}");
 }
 
-/// Links of other kinds, each by how it differs from the paper's: what share of it is used at least.
+/// Other links, each described by its difference from the paper's link, and the least share of the rate that
+/// must be used.
 #[test]
 fn other_links_are_used_as_well() {
     let ms = Duration::from_millis;
@@ -260,7 +261,7 @@ fn other_links_are_used_as_well() {
     let links = [
         ("nothing lost", 0.95, clean),
         ("30 % lost", 0.9, lossy(300)),
-        ("100 ms there and back", 0.9, distant(40)),
+        ("100 ms of round-trip time", 0.9, distant(40)),
         ("100 ms, 20 % lost", 0.9, distant(200)),
         ("a short queue", 0.9, Link { queue, ..clean }),
         ("1 Mbit/s", 0.9, rate(1e6)),
@@ -270,13 +271,13 @@ fn other_links_are_used_as_well() {
         let steady = run(link, Congestion::Steady, Duration::from_secs(12));
         println!("{name}: {steady:?}");
         assert!(steady.share > least, "{name}");
-        // Beside chance: what the queue has no room for.
+        // Datagrams that the full queue dropped, in addition to random loss.
         let chance = link.loss_permille as f64 / 1e3;
         assert!(steady.lost < chance + 0.3, "{name}");
     }
 }
 
-/// Nothing is said on it for a minute; then the link is cut.
+/// A connection without data for a minute; then the link is cut.
 //= SM2-GWC-003 test
 #[test]
 fn a_connection_lives_as_long_as_something_comes() {

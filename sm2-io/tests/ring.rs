@@ -1,4 +1,4 @@
-//! The file of a ring, which two processes write: its seals, its size, and where its words are.
+//! The file of a ring, which two processes write: its seals, its size, and the offsets of its words.
 
 mod common;
 
@@ -17,15 +17,15 @@ use sm2_io::{InspectedFd, Ring, VerifyError};
 use sm2_proto::Seals;
 use sm2_proto::link::{At, EMPTY, RingLayout, RingMemory};
 
-/// The narrowest and the widest, one whose back words begin at a multiple of 64 bytes, and two
-/// whose do not.
+/// The smallest and the largest layout, one whose back words begin at a multiple of 64 bytes, and two whose
+/// do not.
 const LAYOUTS: [(u16, u32); 5] = [(1, 2), (8, 12), (3, 7), (13, 2048), (1024, 2048)];
 
 fn layout(depth: u16, window: u32) -> RingLayout {
     RingLayout::new(depth, window).expect("a legal layout")
 }
 
-/// Every word of a ring, and its place by SPEC section 8.5.
+/// Returns every word of a ring with its offset by SPEC section 8.5.
 fn words(depth: u16, window: u32) -> Vec<(At, u64)> {
     let back = (128 + 8 * u64::from(depth)).div_ceil(64) * 64;
     let parked = [(At::ReceiverParked, 0), (At::SenderParked, 64)];
@@ -34,13 +34,13 @@ fn words(depth: u16, window: u32) -> Vec<(At, u64)> {
     parked.into_iter().chain(forward).chain(back).collect()
 }
 
-/// The size of the file by SPEC section 8.5.
+/// Returns the size of the file by SPEC section 8.5.
 fn size(depth: u16, window: u32) -> u64 {
     let (_, last) = words(depth, window).pop().expect("a word");
     (last + 8).div_ceil(4096) * 4096
 }
 
-/// The file again, by another way than the mapping.
+/// Opens the file again, to access it without the mapping.
 fn reopened(fd: &OwnedFd) -> File {
     let path = format!("/proc/self/fd/{}", fd.as_raw_fd());
     OpenOptions::new().read(true).open(path).expect("the file")
@@ -59,7 +59,7 @@ fn a_new_ring_has_just_these_seals_and_just_this_size_and_is_all_zero() {
         let (ring, fd) = Ring::create(layout(depth, window)).expect("a ring");
         let facts = facts(fd.as_fd()).expect("facts");
         assert!(facts.regular);
-        // Neither WRITE nor FUTURE_WRITE. (From Linux 6.3 on it can also not be executed.)
+        // Neither WRITE nor FUTURE_WRITE. From Linux 6.3 on, the file also has the seal EXEC.
         let not_executable = 0x20;
         assert_eq!(
             Seals(facts.seals.0 & !not_executable),
@@ -86,7 +86,7 @@ fn each_word_is_where_spec_says() {
         for (n, (at, offset)) in (1..).zip(&words) {
             assert_eq!(word_at(&file, *offset), n << 32 | n, "{at:?}");
         }
-        // There is nothing else.
+        // All other bytes are zero.
         let written = words.len() * 8;
         let mut all = Vec::new();
         reopened(&fd).read_to_end(&mut all).expect("the file");
@@ -100,12 +100,12 @@ fn a_word_that_one_side_writes_the_other_side_sees() {
     for (depth, window) in LAYOUTS {
         let (ours, fd) = Ring::create(layout(depth, window)).expect("a ring");
         let theirs = Ring::map(&ring_file(&fd), layout(depth, window)).expect("a mapping");
-        // The mappings stay when the descriptor goes.
+        // Mappings stay valid after the descriptor is closed.
         drop(fd);
         for (n, (at, _)) in (1..).zip(words(depth, window)) {
             assert_eq!(ours.swap(at, n), EMPTY, "{at:?}");
             assert_eq!(theirs.load(at), n);
-            assert!(!theirs.take(at, n + 1), "it takes only what is there");
+            assert!(!theirs.take(at, n + 1), "`take` fails for another value");
             assert!(theirs.take(at, n));
             assert_eq!(ours.load(at), EMPTY);
             theirs.swap(at, n + 7);
@@ -115,7 +115,7 @@ fn a_word_that_one_side_writes_the_other_side_sees() {
     }
 }
 
-/// Each of two threads adds to what the other one wrote: no word is lost or seen twice.
+/// Two threads each change the words that the other one wrote: no word is lost or seen twice.
 #[test]
 fn two_mappings_hand_words_over_one_by_one() {
     let (ours, fd) = Ring::create(layout(1, 2)).expect("a ring");
@@ -152,7 +152,7 @@ fn nobody_can_change_the_size_of_a_ring_or_add_a_seal() {
         let sealed = fcntl(&file, FcntlArg::F_ADD_SEALS(seal));
         assert_eq!(sealed, Err(Errno::EPERM), "{seal:?}");
     }
-    // A page that is punched out comes back, as zeroes.
+    // A page that was punched out is replaced by a page of zeroes.
     ring.swap(At::Back(11), 5);
     let punch = FallocateFlags::FALLOC_FL_PUNCH_HOLE | FallocateFlags::FALLOC_FL_KEEP_SIZE;
     fallocate(&file, punch, 0, 4096).expect("a hole");
@@ -198,7 +198,7 @@ fn another_process_sees_the_words_and_writes_some() {
     assert!(other.wait().expect("its end").success());
 }
 
-/// The other half of the test above, which runs it with the ring as standard input.
+/// The other process of the test above, with the ring as its standard input.
 #[test]
 fn the_other_process() {
     if std::env::var_os(IS_THE_OTHER).is_none() {

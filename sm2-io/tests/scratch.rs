@@ -1,4 +1,4 @@
-//! Private memory of which only what was written exists.
+//! Private memory takes space only for pages that were written.
 
 use std::io::ErrorKind;
 

@@ -1,5 +1,4 @@
-//! What signals do, and do not. Apart from the others: what a process does with a signal is one
-//! setting for all its threads.
+//! The effect of signals. Alone in its process: a signal's disposition is shared by all threads.
 
 use std::io::IoSlice;
 use std::os::fd::AsFd;
@@ -13,14 +12,14 @@ extern "C" fn do_nothing(_: libc::c_int) {}
 
 fn on(signal: Signal, handler: SigHandler) {
     let action = SigAction::new(handler, SaFlags::empty(), SigSet::empty());
-    // SAFETY: the handler is the default one, or does nothing.
+    // SAFETY: the handler is the default one or an empty function.
     unsafe { sigaction(signal, &action) }.unwrap();
 }
 
 #[test]
 fn sending_to_a_closed_socket_does_not_kill() {
-    // Programs in Rust start with SIGPIPE ignored; those that embed this library may not. Linux
-    // raises it for streams only, so this holds today even without MSG_NOSIGNAL.
+    // Rust programs start with SIGPIPE ignored, but programs that embed this library may not. Linux raises it
+    // for streams only, so this test passes even without MSG_NOSIGNAL.
     on(Signal::SIGPIPE, SigHandler::SigDfl);
     let (a, b) = SeqPacket::pair().unwrap();
     drop(b);
@@ -41,13 +40,13 @@ fn a_signal_ends_a_wait_with_nothing() {
     waker.drain();
 
     let done = AtomicBool::new(false);
-    // SAFETY: takes nothing, and always succeeds.
+    // SAFETY: the call has no arguments and always succeeds.
     let waiting = unsafe { libc::pthread_self() };
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            // Again and again, since one may come before the wait begins.
+            // Sends the signal repeatedly: it may arrive before the wait begins.
             while !done.load(Ordering::Relaxed) {
-                // SAFETY: that thread waits for this one at the end of the scope.
+                // SAFETY: that thread is joined at the end of the scope, so it still exists.
                 let result = unsafe { libc::pthread_kill(waiting, libc::SIGUSR1) };
                 assert_eq!(result, 0);
                 std::thread::yield_now();

@@ -1,4 +1,4 @@
-//! Datagrams with descriptors, between two ends in this process.
+//! Datagrams with descriptors between two sockets of this process.
 
 use std::io::{self, IoSlice};
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
@@ -13,7 +13,7 @@ fn send(socket: &SeqPacket, bytes: &[u8]) -> Result<(), SendError> {
     socket.send(&[IoSlice::new(bytes)], &[])
 }
 
-/// The bytes and the number of descriptors of the next datagram.
+/// Returns the bytes and the descriptors of the next datagram.
 fn recv(socket: &SeqPacket) -> Result<(Vec<u8>, Vec<OwnedFd>), RecvError> {
     let mut buffer = [0; 256];
     let received = socket.recv(&mut buffer)?;
@@ -149,8 +149,8 @@ fn a_connection_can_be_ended_for_all_duplicates() {
     assert!(matches!(recv(&b), Err(RecvError::Closed)));
 }
 
-/// Two datagrams for us are queued, the second with a descriptor, when a peer closes that has not
-/// read what we sent.
+/// Returns a socket whose peer has closed without reading all of our datagrams. Two of the peer's datagrams
+/// are queued, the second one with a descriptor.
 fn closed_with_unread_data() -> SeqPacket {
     let (a, b) = SeqPacket::pair().unwrap();
     let file = tempfile::tempfile().unwrap();
@@ -163,7 +163,7 @@ fn closed_with_unread_data() -> SeqPacket {
 
 #[test]
 fn a_reset_does_not_hide_what_was_queued() {
-    // What the kernel does, so that the next lines test something.
+    // Checks that the kernel reports a reset here, so that the following lines test it.
     let b = closed_with_unread_data();
     let mut buffer = [0; 16];
     let flags = MsgFlags::empty();
@@ -177,7 +177,7 @@ fn a_reset_does_not_hide_what_was_queued() {
     assert_eq!((&bytes[..], fds.len()), (&b"second"[..], 1));
     assert!(matches!(recv(&b), Err(RecvError::Closed)));
 
-    // Sending first takes the reset; nothing is lost either.
+    // Sending first receives the reset; again no datagram is lost.
     let b = closed_with_unread_data();
     assert!(matches!(send(&b, b"x"), Err(SendError::Closed)));
     assert_eq!(recv(&b).unwrap().0, b"first");
@@ -216,7 +216,7 @@ fn only_unix_seqpacket_sockets_are_adopted() {
     assert!(Listener::from_fd(a.into()).is_err());
 }
 
-/// The flag belongs to all duplicates, also to those that a peer may still have.
+/// The non-blocking flag belongs to all duplicates, including those of other processes.
 #[test]
 fn nothing_blocks_although_another_holder_cleared_the_flag() {
     let (a, b) = SeqPacket::pair().unwrap();

@@ -1,4 +1,4 @@
-//! A descriptor that becomes readable at a moment.
+//! A descriptor that becomes readable at a given time.
 
 use std::os::fd::AsFd;
 use std::time::Duration;
@@ -24,7 +24,7 @@ fn readable_from_its_moment_on() {
         timer.set(Some(at)).unwrap();
         assert!(readable(&timer, LONG));
         assert!(clock::now() >= at, "never too early");
-        // Until it is drained, and then not again.
+        // The timer stays readable until it is drained.
         assert!(readable(&timer, Duration::ZERO));
         assert!(timer.drain() && !timer.drain());
         assert!(!readable(&timer, Duration::ZERO));
@@ -47,7 +47,7 @@ fn the_last_setting_counts() {
     let timer = Timer::new().unwrap();
     timer.set(Some(Instant(1))).unwrap();
     assert!(readable(&timer, LONG));
-    // Also takes back what was not drained.
+    // Clearing the timer also makes it unreadable.
     timer.set(None).unwrap();
     assert!(!readable(&timer, Duration::ZERO) && !timer.drain());
     for far in [clock::now().after(LONG * 1_000), Instant(u64::MAX)] {

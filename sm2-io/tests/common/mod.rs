@@ -1,4 +1,4 @@
-//! Mappings of what a test has made.
+//! Helpers that map files of the tests.
 
 #![allow(dead_code, reason = "each test uses some of it")]
 

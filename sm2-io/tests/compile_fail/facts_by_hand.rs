@@ -1,4 +1,4 @@
-//! Facts that somebody made up belong to no descriptor.
+//! Facts cannot be constructed by hand: they belong to no descriptor.
 
 use std::os::fd::OwnedFd;
 

@@ -1,4 +1,4 @@
-//! A file whose author can write is no proof that its bytes stay.
+//! The proof of a pooled file does not prove that its bytes never change.
 
 use sm2_io::SealedMapping;
 use sm2_io::memfd::PooledFile;

@@ -1,4 +1,4 @@
-//! The address of pooled memory is readable by `unsafe` code alone.
+//! Only `unsafe` code can read from the address of pooled memory.
 
 use sm2_io::PooledMapping;
 

@@ -1,4 +1,4 @@
-//! Two slices of one slot are kept apart by `unsafe` or by the ownership of `Slot`.
+//! Only `unsafe` code or the owner of a `Slot` gets a slice of a slot.
 
 use sm2_io::Segment;
 
