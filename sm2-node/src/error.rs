@@ -1,9 +1,12 @@
-//! What can go wrong, one enumeration for each thing that a program does.
+//! The errors of this crate: one enum for each operation of a program.
 //!
-//! Three kinds of wrong are never mixed: what the other side of a link or the Manager did
-//! against the specification ends that link or session and is logged with its rule and
-//! clause (`tracing`, level `warn`); what this program asked for and cannot have
-//! is one of these errors; what the operating system refuses is their `Io`.
+//! | what went wrong | how it is reported |
+//! | --- | --- |
+//! | the Manager or a peer broke the specification | its session or link ends, and a log names the clause |
+//! | the program asked for something that it cannot have | a variant with the object, the rule and a remedy |
+//! | the operating system refused | a variant with its error as the `source` |
+//!
+//! The log is an event of `tracing` with level `warn`.
 
 use std::io;
 use std::path::PathBuf;
@@ -18,33 +21,34 @@ use sm2_proto::{Kind, Name, NameError, QosError, Quota, Refusal, TypeId};
 
 use crate::{EncodeError, PayloadError};
 
-/// Why a node did not get a session with its Manager.
+/// A node could not connect to its Manager.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConnectError {
-    /// The node's name is none.
+    /// The node's name is not legal (SM2-NAM-001).
     #[error("node name {name:?}: {reason}")]
     Name {
-        /// The name as it was given.
+        /// The name as the program gave it.
         name: String,
         /// The rule that it breaks.
         reason: NameError,
     },
-    /// The domain or its socket cannot be named.
+    /// The domain's name or socket path is not usable.
     #[error(transparent)]
     DomainSocket(#[from] DomainSocketError),
-    /// The node's own Manager cannot run, and cannot stand by either.
+    /// The embedded Manager can neither start nor stand by.
     #[cfg(feature = "embedded-manager")]
     #[error(transparent)]
     Manager(#[from] sm2_manager::StartError),
-    /// Nobody listens at the domain's socket.
+    /// No process listens at the domain's socket.
     #[error(
-        "no Manager at {path:?} ({source}): start one with 'sm2 manager', or choose another domain (SM2_DOMAIN, SM2_SOCKET)"
+        "no Manager at {path:?} ({source}): start one with 'sm2 manager', \
+         or choose another domain (SM2_DOMAIN, SM2_SOCKET)"
     )]
     NoManager {
         /// The socket's path.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// Another node of the domain has this name.
@@ -53,53 +57,57 @@ pub enum ConnectError {
         /// The name.
         name: Name,
     },
-    /// The Manager refused for another reason: version or quota.
-    #[error("the Manager refused: {0}")]
+    /// The Manager refused the session: it speaks another version, or a quota is used up.
+    #[error("the Manager refused a session: {0}")]
     Refused(Refusal),
-    /// The Manager hung up, or broke the protocol.
-    #[error("the Manager ended the session: {0}")]
+    /// The session ended before the Manager granted it.
+    #[error("the session with the Manager ended before it was granted: {0}")]
     Ended(End),
-    /// The Manager did not answer in time.
-    #[error("the Manager at {path:?} did not answer in time: is it stopped?")]
+    /// The Manager did not answer within the node's timeout.
+    #[error(
+        "the Manager at {path:?} did not answer in time: is it stopped? \
+         If it is only slow, raise the node's timeout"
+    )]
     TimedOut {
         /// The socket's path.
         path: PathBuf,
     },
-    /// The operating system refused.
-    #[error("cannot reach the Manager at {path:?}: {source}")]
+    /// The connection to the Manager's socket failed.
+    #[error("cannot connect to the Manager at {path:?}: {source}")]
     Io {
         /// The socket's path.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
 
-/// Why an interface was not declared.
+/// An interface was not declared.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeclareError {
-    /// The topic or service has a name that is none.
+    /// The name of the topic or service is not legal (SM2-NAM-001).
     #[error("{kind} name {name:?}: {reason}")]
     Name {
-        /// What was to be declared.
+        /// The kind of interface.
         kind: Kind,
-        /// The name as it was given.
+        /// The name as the program gave it.
         name: String,
         /// The rule that it breaks.
         reason: NameError,
     },
-    /// A value of the quality of service is out of its range.
+    /// A QoS value is out of its range (SM2-FRM-003).
     #[error(transparent)]
     Qos(#[from] QosError),
     /// The topic carries messages of another type (SM2-IFC-005).
     #[error(
-        "topic {topic} carries {theirs}, but this {kind} was declared with {ours}: use the same type, or another topic"
+        "topic {topic} carries {theirs}, but this {kind} was declared with {ours}: \
+         use the same type, or another topic"
     )]
     TypeMismatch {
         /// The topic.
         topic: Name,
-        /// What was to be declared.
+        /// The kind of interface.
         kind: Kind,
         /// The type of this declaration.
         ours: TypeId,
@@ -108,166 +116,175 @@ pub enum DeclareError {
     },
     /// The service has another pair of types (SM2-IFC-005).
     #[error(
-        "service {service} takes {} and replies {}, but this {kind} was declared with {} and {}: use the same types, or another service",
+        "service {service} takes {} and replies {}, but this {kind} was declared with {} and {}: \
+         use the same types, or another service",
         theirs.0, theirs.1, ours.0, ours.1
     )]
     ServiceMismatch {
         /// The service.
         service: Name,
-        /// What was to be declared.
+        /// The kind of interface.
         kind: Kind,
         /// Request and reply of this declaration.
         ours: Box<(TypeId, TypeId)>,
         /// Request and reply in use.
         theirs: Box<(TypeId, TypeId)>,
     },
-    /// Memory is to be reserved, but it is not known how much.
+    /// Memory is to be reserved, but its size is not given.
     #[error(
-        "{name} was not declared: slots, prefault and mlock are about the memory that max_len reserves; say max_len as well"
+        "{name} was not declared: slots, prefault and mlock apply to the memory that max_len \
+         reserves; set max_len as well"
     )]
     NoMaxLen {
         /// The topic.
         name: Name,
     },
-    /// Memory is to be reserved for messages that have memory of their own.
+    /// Memory is to be reserved for sealed messages, each of which needs a file of its own.
     #[error(
-        "{name} was not declared: each sealed message needs new memory, so none can be reserved with max_len; leave out one of the two"
+        "{name} was not declared: each sealed message needs new memory, so max_len cannot \
+         reserve any; leave out sealed or max_len"
     )]
     ReservedSealed {
         /// The topic.
         name: Name,
     },
-    /// No segment holds as much as is to be reserved (SM2-SEG-003).
+    /// The reservation does not fit into one segment (SM2-SEG-003).
     #[error(
-        "{name} was not declared: {slots} messages of {max_len} bytes are more than one segment holds (65,536 slots, 2^41 bytes); reserve less"
+        "{name} was not declared: {slots} messages of {max_len} bytes do not fit into one segment \
+         (65,536 slots, 2^41 bytes); reserve less"
     )]
     ReserveTooMuch {
         /// The topic.
         name: Name,
         /// The length of the longest message, in bytes.
         max_len: usize,
-        /// How many messages.
+        /// The number of messages.
         slots: u32,
     },
-    /// The operating system refused the memory that is to be reserved.
+    /// The memory to be reserved could not be allocated.
     #[error(
-        "{name} was not declared, since memory for {slots} messages of {max_len} bytes cannot be had ({source}): reserve less"
+        "{name} was not declared: memory for {slots} messages of {max_len} bytes could not be \
+         allocated ({source}); reserve less"
     )]
     Reserve {
         /// The topic.
         name: Name,
         /// The length of the longest message, in bytes.
         max_len: usize,
-        /// How many messages.
+        /// The number of messages.
         slots: u32,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The operating system does not lock the memory that is reserved.
+    /// The reserved memory could not be locked.
     #[error(
-        "{name} was not declared, since memory for {slots} messages of {max_len} bytes cannot be locked ({source}): RLIMIT_MEMLOCK is {limit_bytes} bytes; raise it (ulimit -l, LimitMEMLOCK=), reserve less, or leave out mlock"
+        "{name} was not declared: memory for {slots} messages of {max_len} bytes could not be \
+         locked ({source}); RLIMIT_MEMLOCK is {limit_bytes} bytes: raise it (ulimit -l, \
+         LimitMEMLOCK=), reserve less, or leave out mlock"
     )]
     Lock {
         /// The topic.
         name: Name,
         /// The length of the longest message, in bytes.
         max_len: usize,
-        /// How many messages.
+        /// The number of messages.
         slots: u32,
         /// `RLIMIT_MEMLOCK`, in bytes.
         limit_bytes: u64,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// A quota of the Manager is used up (SM2-IFC-006).
     #[error(
-        "{name} was not declared, since the quota of {limit} {quota} is used up: close some, or have the operator raise it"
+        "{name} was not declared: the quota of {limit} {quota} is used up; \
+         close some, or have the operator raise it"
     )]
     Quota {
         /// The topic or service.
         name: Name,
-        /// Which quota.
+        /// The quota.
         quota: Quota,
-        /// How many it allows.
+        /// The limit that it sets.
         limit: u32,
     },
-    /// The Manager refused for a reason that does not belong to a declaration.
-    #[error("the Manager refused {name}: {reason}")]
+    /// The Manager gave a reason that does not apply to a declaration (a name or a version).
+    #[error("{name} was not declared: the Manager refused it ({reason})")]
     Refused {
         /// The topic or service.
         name: Name,
-        /// Its reason.
+        /// The reason that the Manager gave.
         reason: Refusal,
     },
-    /// The Manager did not answer in time, though it is there.
-    #[error("{name} was not declared, since the Manager did not answer in time: is it stopped?")]
+    /// The Manager is connected, but did not answer within the node's timeout.
+    #[error("{name} was not declared: the Manager did not answer in time; is it stopped?")]
     TimedOut {
         /// The topic or service.
         name: Name,
     },
-    /// The Manager is gone, and no other came in time. Links that are open go on, and the
-    /// node goes on looking for a Manager.
+    /// The Manager is gone, and no other one took over within the node's timeout. Open links
+    /// stay, and the node keeps looking for a Manager.
     #[error(
-        "{name} was not declared, since the Manager is gone ({end}) and no other came in time: start one with 'sm2 manager', or raise the node's timeout"
+        "{name} was not declared: the Manager is gone ({end}) and no other one took over in time; \
+         start one with 'sm2 manager', or raise the node's timeout"
     )]
     ManagerGone {
         /// The topic or service.
         name: Name,
-        /// How the last session ended.
+        /// Why the last session ended.
         end: End,
     },
-    /// The operating system refused.
+    /// Polling the node's descriptors failed.
     #[error("cannot wait for the Manager's answer: {0}")]
     Io(#[source] io::Error),
 }
 
-/// Why waiting for other interfaces ended without them.
+/// A wait for links or for the Manager ended without them.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WaitError {
-    /// The time is over.
+    /// The timeout expired with fewer links than wanted.
     #[error(
-        "{found} of {wanted} {kind}s are linked when the time is over: are they running, in this domain{}?",
+        "timed out with {found} of {wanted} {kind}s linked: are they running, in this domain{}?",
         matching(*kind)
     )]
     TimedOut {
-        /// What was waited for.
+        /// The kind of interface on the other side.
         kind: Kind,
-        /// How many were linked.
+        /// The number of links.
         found: usize,
-        /// How many were wanted.
+        /// The number that was wanted.
         wanted: usize,
     },
-    /// The time is over, and there is no Manager that could link any.
+    /// The timeout expired while no Manager was connected that could have made links.
     #[error(
-        "{found} of {wanted} {kind}s are linked when the time is over, and the Manager is gone ({end}): start one with 'sm2 manager'"
+        "timed out with {found} of {wanted} {kind}s linked, and the Manager is gone ({end}): \
+         start one with 'sm2 manager'"
     )]
     ManagerGone {
-        /// What was waited for.
+        /// The kind of interface on the other side.
         kind: Kind,
-        /// How many were linked.
+        /// The number of links.
         found: usize,
-        /// How many were wanted.
+        /// The number that was wanted.
         wanted: usize,
-        /// How the last session ended.
+        /// Why the last session ended.
         end: End,
     },
-    /// The time is over, and there is no Manager.
+    /// The timeout expired before the node had a session with a Manager.
     #[error(
-        "this node has no Manager when the time is over{}: start one with 'sm2 manager'",
+        "timed out without a Manager{}: start one with 'sm2 manager'",
         end.map(|end| format!(" ({end})")).unwrap_or_default()
     )]
     NoManager {
-        /// How the last session ended; `None` if there is one that is not answered yet.
+        /// Why the last session ended; `None` while a Manager has not answered the greeting yet.
         end: Option<End>,
     },
-    /// The operating system refused.
-    #[error("cannot wait: {0}")]
+    /// Polling the node's descriptors failed.
+    #[error("cannot wait for links: {0}")]
     Io(#[source] io::Error),
 }
 
-/// What else may be wrong with interfaces of this kind that are not linked. Services have no
-/// quality of service that could differ.
+/// A hint for interfaces of this kind: those of a topic may also differ in QoS.
 const fn matching(kind: Kind) -> &'static str {
     match kind {
         Kind::Publisher | Kind::Subscriber => ", with a matching QoS",
@@ -275,99 +292,104 @@ const fn matching(kind: Kind) -> &'static str {
     }
 }
 
-/// Why a message was not stored, so that nobody got it.
+/// A message was not stored, so no receiver got it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// The value has no encoding.
+    /// The value cannot be encoded.
     #[error(transparent)]
     Encode(#[from] EncodeError),
-    /// The type does not fit the memory of a loan.
+    /// The type does not fit into the memory of a loan.
     #[error(transparent)]
     Layout(PayloadError),
-    /// The message is longer than any may be.
-    #[error("a message of {len} bytes: {MESSAGE_MAX} are possible")]
+    /// The message exceeds the protocol's limit.
+    #[error("the message has {len} bytes, but at most {MESSAGE_MAX} are possible: split it")]
     TooLong {
-        /// Its length in bytes.
+        /// The length of the message, in bytes.
         len: u64,
     },
-    /// All memory that the pool may have holds messages that somebody still needs.
+    /// Every slot that the pool may have holds a message that is still in use.
     #[error(
-        "no slot for {len} bytes: all {limit_bytes} bytes of this pool are in use; raise pool_limit or slots, or have receivers give samples back sooner"
+        "no slot for {len} bytes: all {limit_bytes} bytes of this pool are in use; raise \
+         pool_limit or slots, or have receivers drop their samples sooner"
     )]
     PoolFull {
         /// The length of the message, in bytes.
         len: u64,
-        /// The limit that was set, in bytes.
+        /// The limit of the pool, in bytes.
         limit_bytes: u64,
     },
-    /// The operating system refused.
-    #[error("no shared memory for a message: {0}")]
+    /// The operating system has no shared memory for the message.
+    #[error("cannot allocate shared memory for a message: {0}")]
     Io(#[from] io::Error),
 }
 
-/// Why a publication failed. That a reliable subscriber missed a message is not an error of
-/// the call, since the others have it: see [`Published`](crate::Published).
+/// A publication failed. A reliable subscriber that missed the message is no error of the call,
+/// because the other subscribers have it: see [`Published`](crate::Published).
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PublishError {
-    /// The message was not stored, so nobody got it.
+    /// The message was not stored, so no subscriber got it.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// By [`Published::complete`](crate::Published::complete): some links missed the message.
+    /// Some reliable links missed the message. Only
+    /// [`Published::complete`](crate::Published::complete) returns this error.
     #[error(
-        "{missed} reliable subscribers had no room until the deadline; {links} subscribers have the message"
+        "{missed} reliable subscribers had no room before the deadline, {links} subscribers have \
+         the message: raise the deadline, or their depth"
     )]
     DeadlineExceeded {
-        /// How many links have it.
+        /// The number of links that have the message.
         links: usize,
-        /// How many missed it.
+        /// The number of links that missed it.
         missed: usize,
     },
-    /// The operating system refused. The message went to those links that had room.
-    #[error("cannot wait for room: {0}")]
+    /// Waiting for room failed. The message went to the links that had room.
+    #[error("cannot wait for room in reliable links: {0}")]
     Io(#[source] io::Error),
 }
 
-/// Why no message was received.
+/// No message was received.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecvError {
-    /// The program holds as many messages of this link as it may (SM2-MSG-005), and no other
-    /// link has one.
+    /// The program holds `max_borrowed` samples of this link (SM2-MSG-005), and no other link has
+    /// a message.
     #[error(
-        "{held} samples of node {publisher} are held, which is max_borrowed: drop some, or raise max_borrowed"
+        "this program holds {held} samples of node {publisher}, which is max_borrowed: \
+         drop some, or raise max_borrowed"
     )]
     TooManyBorrowed {
-        /// How many are held.
+        /// The number of samples held.
         held: u16,
-        /// The node whose messages they are.
+        /// The node that published them.
         publisher: Name,
     },
-    /// What came is not a message of the type. It counts as received.
-    #[error("node {publisher} sent what it did not declare: {reason}")]
+    /// The payload is not a value of the declared type. The message counts as received.
+    #[error("node {publisher} sent a message that is not of its declared type: {reason}")]
     Payload {
         /// The node that sent it.
         publisher: Name,
-        /// What is wrong with it.
+        /// What is wrong with the payload.
         reason: PayloadError,
     },
-    /// The message's memory cannot be mapped; its link was closed.
+    /// The memory of a message could not be mapped, so its link was closed.
     #[error(
-        "a message of node {publisher} cannot be mapped ({source}): its link was closed; is there memory left?"
+        "a message of node {publisher} could not be mapped ({source}), so its link was closed: \
+         is there memory left?"
     )]
     Map {
         /// The node that sent it.
         publisher: Name,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The operating system refused.
+    /// Polling the links failed.
     #[error("cannot wait for a message: {0}")]
     Io(#[source] io::Error),
 }
 
-/// Why a call has no reply.
+/// A call has no reply.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CallError {
@@ -378,63 +400,64 @@ pub enum CallError {
         service: Name,
     },
     /// The server ended before it replied (SM2-SRV-005).
-    #[error("the server of {service} ended before it replied")]
+    #[error("the server of {service} ended before it replied: call again if that is safe")]
     ServerGone {
         /// The service.
         service: Name,
     },
-    /// The deadline passed. A reply that still comes is dropped.
-    #[error("{service} did not reply until the deadline")]
+    /// The deadline passed. A later reply is dropped.
+    #[error("{service} did not reply before the deadline: is its server busy or stopped?")]
     DeadlineExceeded {
         /// The service.
         service: Name,
     },
-    /// The call was cancelled.
-    #[error("the call of {service} was cancelled")]
+    /// The program cancelled the call.
+    #[error("this program cancelled its call of {service}")]
     Cancelled {
         /// The service.
         service: Name,
     },
-    /// The server could not do it.
+    /// The server replied that the request failed.
     #[error("the server of {service} failed: {reason}")]
     Failed {
         /// The service.
         service: Name,
-        /// What it says.
+        /// The text that the server sent.
         reason: String,
     },
-    /// The program holds as many calls and replies of each server as it may.
+    /// Each server has as many calls in flight and replies held as the client allows.
     #[error(
-        "{limit} calls and replies of {service} are held for each server: wait for some, or raise max_borrowed"
+        "{limit} calls and replies of {service} are held for each server: \
+         wait for some, or raise max_borrowed"
     )]
     TooManyCalls {
         /// The service.
         service: Name,
-        /// How many it may hold.
+        /// The limit for each server.
         limit: usize,
     },
     /// The request was not stored.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The reply is not a message of its type.
-    #[error("the server of {service} sent what it did not declare: {reason}")]
+    /// The payload of the reply is not a value of the declared type.
+    #[error("the server of {service} sent a reply that is not of its declared type: {reason}")]
     Payload {
         /// The service.
         service: Name,
-        /// What is wrong with it.
+        /// What is wrong with the payload.
         reason: PayloadError,
     },
-    /// The operating system refused.
-    #[error("the call of {service} failed: {source}")]
+    /// Waiting for the server failed.
+    #[error("cannot wait for the reply of {service}: {source}")]
     Io {
         /// The service.
         service: Name,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
 
-/// Why a reply did not go out. The client has another answer then, or needs none.
+/// A reply was not sent. The client is told that the call failed, or is gone.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplyError {
@@ -442,48 +465,54 @@ pub enum ReplyError {
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The client is gone.
-    #[error("client {client} is gone")]
+    #[error("the reply was not sent: client {client} is gone")]
     ClientGone {
         /// The client's node.
         client: Name,
     },
 }
 
-/// Why the Manager's answer to a question is not known.
+/// A query to the Manager has no answer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
-    /// The Manager is gone, and no other came in time.
-    #[error("the Manager is gone ({0}) and no other came in time: start one with 'sm2 manager'")]
+    /// The Manager is gone, and no other one took over in time.
+    #[error(
+        "the Manager is gone ({0}) and no other one took over in time: \
+         start one with 'sm2 manager'"
+    )]
     ManagerGone(End),
     /// The Manager did not answer in time, or the domain changed faster than it could be read.
     #[error("the Manager did not answer in time: is it stopped?")]
     TimedOut,
-    /// What the Manager said about the domain is none that obeys the specification.
+    /// The Manager's answer describes a domain that breaks the specification.
     #[error(transparent)]
     Nonsense(#[from] Nonsense),
-    /// The counters that a node shows are none.
+    /// The file of a node's counters is not legal.
     #[error(transparent)]
     Counters(#[from] CounterError),
-    /// The operating system refused.
-    #[error("cannot wait for the Manager: {0}")]
+    /// Polling the session failed.
+    #[error("cannot wait for the Manager's answer: {0}")]
     Io(#[source] io::Error),
 }
 
-/// Why a schema text was not registered.
+/// A schema text was not registered.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SchemaError {
-    /// It is no schema text (SM2-TYP-001).
-    #[error("the schema text of {data} is none: {reason}")]
+    /// The text does not follow the grammar of schema texts (SM2-TYP-001).
+    #[error("the schema text of {data} is malformed: {reason}")]
     Text {
         /// The type.
         data: TypeId,
-        /// What is wrong with it.
+        /// The first error in the text.
         reason: ParseError,
     },
-    /// It is that of another type (SM2-SCH-001).
-    #[error("the schema text of {data} has the hash {found:016x}: it describes another type")]
+    /// The text describes another type (SM2-SCH-001).
+    #[error(
+        "the schema text of {data} has the hash {found:016x}: it describes another type; \
+         pass the text of {data}"
+    )]
     Hash {
         /// The type.
         data: TypeId,

@@ -182,7 +182,7 @@ fn nobody_answers() {
         stopped.signal(Signal::SIGINT);
         let stopped = stopped.finish();
         over.store(true, Ordering::Relaxed);
-        late.failed(1, &["slow did not reply until the deadline"]);
+        late.failed(1, &["slow did not reply before the deadline"]);
         assert_eq!(linked.code(), 0, "{linked:?}");
         assert_eq!(stopped.code(), 130, "{stopped:?}");
     });

@@ -17,7 +17,6 @@ pub(crate) const SIZES: &[(&str, usize)] = &[
     ("sm2-gateway/tests/hostile/frames.rs", 1),
     ("sm2-gateway/tests/hostile/streams.rs", 2),
     ("sm2-gateway/tests/simulation/link.rs", 1),
-    ("sm2-node/src/error.rs", 11),
     ("sm2-node/src/lib.rs", 4),
     ("sm2-node/src/node.rs", 1),
     ("sm2-node/tests/schema.rs", 1),
