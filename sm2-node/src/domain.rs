@@ -34,7 +34,7 @@ impl Node {
     /// See [`QueryError`].
     pub fn snapshot(&self) -> Result<Domain, QueryError> {
         let mut reader = Reader::new(&self.shared);
-        reader.read(until(Some(self.shared.patience)))?;
+        reader.read(until(Some(self.shared.manager_timeout)))?;
         Ok(std::mem::take(&mut reader.mirror).into_domain())
     }
 
@@ -64,8 +64,8 @@ impl Node {
     /// See [`QueryError`].
     //= SM2-CNT-002
     pub fn inspect(&self, node: NodeId) -> Result<Option<CounterView>, QueryError> {
-        let patience = until(Some(self.shared.patience));
-        match self.shared.ask(&Question::Inspect(node), patience)? {
+        let deadline = until(Some(self.shared.manager_timeout));
+        match self.shared.ask(&Question::Inspect(node), deadline)? {
             Answer::Counters(Some(file)) => Ok(Some(CounterView::open(file)?)),
             _ => Ok(None),
         }
@@ -79,10 +79,10 @@ impl Node {
     /// See [`QueryError`].
     //= SM2-SCH-002
     pub fn describe(&self, data: &TypeId) -> Result<Option<String>, QueryError> {
-        let patience = until(Some(self.shared.patience));
+        let deadline = until(Some(self.shared.manager_timeout));
         match self
             .shared
-            .ask(&Question::Describe(data.clone()), patience)?
+            .ask(&Question::Describe(data.clone()), deadline)?
         {
             Answer::Schema(text) => Ok(text),
             _ => Ok(None),
@@ -108,7 +108,7 @@ impl Handle {
     /// What comes closest to a counterpart of this interface, and why it is none.
     pub(crate) fn why(&self) -> Result<Vec<Near>, QueryError> {
         let mut reader = Reader::new(&self.shared);
-        let until = until(Some(self.shared.patience));
+        let until = until(Some(self.shared.manager_timeout));
         // Numbers of nodes are the Manager's: what counts is how the one calls us that was asked.
         let node = loop {
             reader.read(until)?;

@@ -22,7 +22,7 @@ fn run<F: Future>(future: F) -> F::Output {
 /// A reliable pair with room for one message on each side.
 fn narrow<T: Message + ?Sized>(
     domain: &Domain,
-    patience: Duration,
+    timeout: Duration,
 ) -> (Publisher<T>, Subscriber<T>) {
     pair(
         domain,
@@ -30,7 +30,7 @@ fn narrow<T: Message + ?Sized>(
             let builder = node.publisher_builder("narrow").depth(1);
             builder
                 .reliable(true)
-                .publish_timeout(patience)
+                .publish_timeout(timeout)
                 .declare()
                 .expect("granted")
         },

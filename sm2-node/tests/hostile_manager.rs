@@ -12,7 +12,7 @@ use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::domain::{Contract, Demand, InterfaceId, LinkId, NodeId, Peer};
 use sm2_node::{ConnectError, Name, Node, Publisher};
 use sm2_proto::control::{ToManager, ToNode, decode_to_manager, encode_to_node};
-use sm2_proto::{Datagram, Farewell, FdFacts, Refusal, Seals, violation};
+use sm2_proto::{Datagram, Farewell, FdFacts, LinkKey, Refusal, Seals, violation};
 
 /// A Manager in a test's own hands: on the thread of the node, which is called while the other
 /// side waits.
@@ -152,7 +152,7 @@ impl Manager {
             ToManager::Claim {
                 interface: INTERFACE,
                 link: LINK,
-                key: 7,
+                key: LinkKey(7),
                 ..
             }
         ));
@@ -199,7 +199,7 @@ fn link() -> ToNode {
     ToNode::Link {
         interface: INTERFACE,
         link: LINK,
-        key: 7,
+        key: LinkKey(7),
         version: 1,
         reliable: false,
         sealed: false,

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize, de, ser};
 use sm2_node::{Message, PublishError, Publisher, RecvError, Schema, StoreError, Subscriber};
 
 /// How long a test waits for what has to happen.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A reliable publisher and a subscriber of it that may hold so many.
 fn linked(
@@ -25,7 +25,7 @@ fn linked(
     let publisher = publisher
         .depth(depth)
         .reliable(true)
-        .publish_timeout(PATIENCE)
+        .publish_timeout(TIMEOUT)
         .declare()
         .unwrap();
     let subscriber = domain.node_on(ring, "listener").subscriber_builder("topic");
@@ -52,14 +52,14 @@ fn all_messages_come_in_their_order() {
             let published = publisher.publish_all(all.iter().map(Vec::as_slice));
             let published = published.unwrap();
             assert_eq!((published.links, published.missed), (1, 0));
-            let flushed = publisher.flush_timeout(PATIENCE).unwrap();
+            let flushed = publisher.flush_timeout(TIMEOUT).unwrap();
             assert!(flushed, "all of them were given back");
             assert_eq!(publisher.counters().delivered, MESSAGES as u64);
         });
         let mut number = 0;
         while number < MESSAGES {
             let before = number;
-            let seen = subscriber.recv_each_timeout(9, PATIENCE, |sample| {
+            let seen = subscriber.recv_each_timeout(9, TIMEOUT, |sample| {
                 assert!(**sample.unwrap() == *message(number), "message {number}");
                 number += 1;
             });
@@ -81,11 +81,11 @@ fn whoever_has_no_room_misses_what_others_get() {
         let publisher = domain
             .node_on(ring, "talker")
             .publisher_builder::<[u8]>("topic");
-        let patience = Duration::from_millis(30);
+        let timeout = Duration::from_millis(30);
         let publisher = publisher
             .depth(4)
             .reliable(true)
-            .publish_timeout(patience)
+            .publish_timeout(timeout)
             .declare()
             .unwrap();
         let [stopped, quick] = [("stopped", 4), ("quick", 64)].map(|(name, depth)| {
@@ -109,7 +109,7 @@ fn whoever_has_no_room_misses_what_others_get() {
         assert_eq!(published.missed as u64, sent);
         assert!((1..20).contains(&published.missed));
         for message in &all {
-            assert!(*quick.recv_timeout(PATIENCE).unwrap().unwrap() == **message);
+            assert!(*quick.recv_timeout(TIMEOUT).unwrap().unwrap() == **message);
         }
         assert!(published.complete().is_err());
     }
@@ -128,13 +128,13 @@ fn nothing_to_send_and_nothing_to_see() {
     let unlimited = subscriber.recv_each(0, panics);
     assert_eq!(unlimited.unwrap(), 0, "no more than asked for");
     publisher.publish_all([&b"one"[..], b"two"]).unwrap();
-    let held = subscriber.recv_timeout(PATIENCE).unwrap().unwrap();
+    let held = subscriber.recv_timeout(TIMEOUT).unwrap().unwrap();
     let rest: [_; 3] = std::array::from_fn(|_| {
         publisher.publish(b"more").unwrap();
-        subscriber.recv_timeout(PATIENCE).unwrap().unwrap()
+        subscriber.recv_timeout(TIMEOUT).unwrap().unwrap()
     });
     publisher.publish(b"last").unwrap();
-    let full = none(8, PATIENCE).unwrap_err();
+    let full = none(8, TIMEOUT).unwrap_err();
     assert!(matches!(full, RecvError::TooManyBorrowed { held: 4, .. }));
     drop((held, rest));
 }
@@ -150,7 +150,7 @@ fn a_batch_is_given_back_whatever_happens() {
             publisher.publish_all([&b"a"[..], b"b", b"c"]).unwrap();
             let seen = Cell::new(0);
             let look = || {
-                subscriber.recv_each_timeout(8, PATIENCE, |sample| {
+                subscriber.recv_each_timeout(8, TIMEOUT, |sample| {
                     seen.set(seen.get() + 1);
                     assert_ne!(&**sample.unwrap(), b"b", "as this program wants it");
                 })
@@ -171,7 +171,7 @@ fn the_node_is_free_while_a_message_is_looked_at() {
     publisher.publish_all([&[1; 64][..], &[2; 64]]).unwrap();
     let mut seen = Vec::new();
     subscriber
-        .recv_each_timeout(8, PATIENCE, |sample| {
+        .recv_each_timeout(8, TIMEOUT, |sample| {
             let sample = sample.unwrap();
             publisher.publish(&[9; 64]).unwrap();
             assert_eq!(subscriber.lost(), 0);
@@ -234,7 +234,7 @@ fn a_message_that_is_none_costs_no_other() {
         "{error}"
     );
     let (mut numbers, mut errors) = (Vec::new(), Vec::new());
-    let seen = lent.recv_each_timeout(64, PATIENCE, |sample| match sample {
+    let seen = lent.recv_each_timeout(64, TIMEOUT, |sample| match sample {
         Ok(sample) => numbers.push(sample.0.0),
         Err(error) => errors.push((numbers.len(), error)),
     });

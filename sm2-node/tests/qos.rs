@@ -146,13 +146,13 @@ fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
 #[test]
 fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
     let domain = Domain::new();
-    let patience = Duration::from_millis(100);
+    let timeout = Duration::from_millis(100);
     let publisher = domain.node("talker");
     let publisher = publisher
         .publisher_builder::<[u8]>("topic")
         .depth(1)
         .reliable(true)
-        .publish_timeout(patience);
+        .publish_timeout(timeout);
     let publisher = publisher.declare().unwrap();
     let stalled = domain
         .node("stalled")
@@ -173,13 +173,13 @@ fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
     }
     let start = Instant::now();
     let published = publisher.publish(b"late").unwrap();
-    assert!(start.elapsed() >= patience);
+    assert!(start.elapsed() >= timeout);
     assert_eq!((published.links, published.missed), (1, 1));
     assert!(published.complete().is_err());
     // Not waited for again.
     let start = Instant::now();
     assert_eq!(publisher.publish(b"later").unwrap().missed, 1);
-    assert!(start.elapsed() < patience);
+    assert!(start.elapsed() < timeout);
     let all = [&b"x"[..], b"x", b"x", b"late", b"later"];
     for expected in &all[3 - room..] {
         assert_eq!(&*next(&best_effort), *expected);

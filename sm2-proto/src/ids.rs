@@ -53,6 +53,12 @@ impl LinkId {
     };
 }
 
+/// A number that only the Manager and the two ends of a link know. An end proves with it that a
+/// link is its own when it claims the link from the next Manager (SM2-RES-003).
+//= SM2-LNK-002
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct LinkKey(pub u64);
+
 impl fmt::Display for NodeId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "node {}", self.0)

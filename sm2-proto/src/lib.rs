@@ -82,7 +82,7 @@ pub use code::{Code, Farewell, ViolationKind};
 pub use contract::{Contract, Demand, Kind, Offer, QosError, ServiceQos, TypeId};
 pub use datagram::Datagram;
 pub use fd::{FdFacts, Seals};
-pub use ids::{EntityId, InterfaceId, LinkId, NodeId};
+pub use ids::{EntityId, InterfaceId, LinkId, LinkKey, NodeId};
 pub use machine::{Error, Machine, MisuseError};
 pub use matching::{LinkQos, Mismatch, match_contracts};
 pub use name::{Name, NameError};

@@ -11,6 +11,7 @@ use claims_oracle::Said;
 use claims_play::{INTERFACES, Op, Play, SLOTS};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::Contract;
+use sm2_proto::LinkKey;
 use support::{
     cases,
     contracts::{data, publisher_with, subscriber_with},
@@ -31,7 +32,7 @@ fn said() -> impl Strategy<Value = Said> {
     let rarely = || prop_oneof![4 => Just(false), 1 => Just(true)];
     (1..4_u64, rarely(), rarely(), any::<bool>()).prop_map(|(serial, key, reliable, sealed)| Said {
         serial,
-        key: u64::from(key),
+        key: LinkKey(u64::from(key)),
         reliable,
         sealed,
     })

@@ -12,7 +12,7 @@ use claims::{
     links_made, relations, wanted,
 };
 use sm2_proto::{
-    Code, Contract, InterfaceId, LinkId, Machine, NodeId,
+    Code, Contract, InterfaceId, LinkId, LinkKey, Machine, NodeId,
     control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Input, Policy},
 };
@@ -118,7 +118,7 @@ fn claims_that_differ() {
     let qos = |link, key, reliable, sealed| ToManager::Claim {
         interface: InterfaceId(OFFERING),
         link,
-        key,
+        key: LinkKey(key),
         version: 1,
         reliable,
         sealed,
@@ -203,7 +203,7 @@ fn adoption(policy: Policy, one: (u32, &Contract), other: (u32, &Contract), qos:
     let claim = |interface| ToManager::Claim {
         interface: InterfaceId(interface),
         link: LINK,
-        key: KEY,
+        key: LinkKey(KEY),
         version: 1,
         reliable,
         sealed,

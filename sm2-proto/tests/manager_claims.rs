@@ -12,7 +12,7 @@ use claims::{
     violation, wanted,
 };
 use sm2_proto::{
-    Code, Farewell, InterfaceId, LinkId, Machine, Quota, Refusal,
+    Code, Farewell, InterfaceId, LinkId, LinkKey, Machine, Quota, Refusal,
     control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Cause, Input, Policy},
     violation,
@@ -33,7 +33,7 @@ fn claims_that_break_spec() {
     let versions = [0, 2].map(|version| ToManager::Claim {
         interface: InterfaceId(OFFERING),
         link: LINK,
-        key: KEY,
+        key: LinkKey(KEY),
         version,
         reliable: false,
         sealed: false,
@@ -374,7 +374,7 @@ fn keys_of_links() {
     };
     let mut all = keys(Bench::new(UNLIMITED));
     // SipHash-2-4 of 1 under the bench's secret, by the reference implementation.
-    assert_eq!(all[0], support::bench::FIRST_KEY);
+    assert_eq!(all[0], LinkKey(support::bench::FIRST_KEY));
     all.extend(keys(Bench::with_secret(UNLIMITED, 1)));
     all.sort_unstable();
     all.dedup();

@@ -3,7 +3,7 @@
 mod support;
 
 use sm2_proto::{
-    Code, InterfaceId, LinkId, Machine, NodeId, Refusal,
+    Code, InterfaceId, LinkId, LinkKey, Machine, NodeId, Refusal,
     control::{ToManager, ToNode},
     node::{End, Input, Misuse, Node, Output},
     violation,
@@ -311,7 +311,7 @@ fn the_same_manager_ended_its_own_links() {
             epoch: LATER,
             serial: 7,
         },
-        key: 7,
+        key: LinkKey(7),
         version: 1,
         reliable: false,
         sealed: false,

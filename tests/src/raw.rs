@@ -286,7 +286,7 @@ impl RawNode {
         RawLink {
             interface: interface.0,
             id: link,
-            key,
+            key: key.0,
             reliable,
             sealed,
             peer,

@@ -13,6 +13,7 @@ use super::interface::Interface;
 use super::link::{LinkDriver, Tools};
 use super::outbox::{Forms, Label, Needs, Outbox};
 use super::take::{Full, Taken};
+use super::token::LinkToken;
 
 /// The calls of a client that the program has not seen the end of.
 #[derive(Debug, Default)]
@@ -23,7 +24,7 @@ pub(crate) struct Calls {
 /// One call: its link, and its number there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct CallId {
-    pub(crate) token: u64,
+    pub(crate) token: LinkToken,
     pub(crate) id: u64,
 }
 
@@ -38,7 +39,7 @@ pub(crate) enum Outcome {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Choice {
     /// This one, which needs this form.
-    Link { token: u64, needs: Needs },
+    Link { token: LinkToken, needs: Needs },
     /// One is there, but not open yet.
     Opening,
     /// None is there.
@@ -51,7 +52,7 @@ impl Calls {
     /// Takes what a caller's link brought: replies, and the calls that ended with it.
     pub(super) fn collect(
         &mut self,
-        token: u64,
+        token: LinkToken,
         link: &mut LinkDriver,
         tools: &mut Tools<'_>,
         outbox: &mut Outbox,
@@ -116,7 +117,7 @@ impl Interface {
     /// Makes a call on this link.
     pub(crate) fn call(
         &mut self,
-        token: u64,
+        token: LinkToken,
         forms: Forms,
         len: u64,
         deadline: Option<Instant>,
@@ -259,7 +260,7 @@ impl Interface {
 
     /// The application gives a message back.
     //= SM2-MSG-005
-    pub(crate) fn give_back(&mut self, token: u64, sequence: u64, tools: &mut Tools<'_>) {
+    pub(crate) fn give_back(&mut self, token: LinkToken, sequence: u64, tools: &mut Tools<'_>) {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };

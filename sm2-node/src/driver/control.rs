@@ -172,12 +172,12 @@ impl Inner {
             return;
         };
         interface.links_due = interface.links_due.saturating_sub(1);
-        let token = self.last_token + 1;
+        let token = self.last_token.next();
         let socket = (came.take_fd())
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
             .and_then(SeqPacket::from_fd)
             .and_then(|socket| {
-                epoll.add(&socket, token, Interest::READABLE)?;
+                epoll.add(&socket, token.0, Interest::READABLE)?;
                 Ok(socket)
             });
         match socket {

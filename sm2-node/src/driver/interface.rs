@@ -11,6 +11,7 @@ use super::link::{LinkDriver, Tools};
 use super::links::Links;
 use super::outbox::Outbox;
 use super::status::LinkStatus;
+use super::token::LinkToken;
 
 /// How many links that ended are remembered one by one; of older ones only the sum is.
 const HISTORY: usize = 64;
@@ -37,7 +38,7 @@ pub(crate) struct Interface {
     /// Where its counters are.
     pub(super) entry: Option<CounterEntry>,
     /// The link from which the last message was taken.
-    pub(super) last_taken: u64,
+    pub(super) last_taken: LinkToken,
     /// How many publications the application will never see, as far as it knows.
     pub(crate) lost: u64,
     pub(super) ended: VecDeque<LinkStatus>,
@@ -45,7 +46,7 @@ pub(crate) struct Interface {
     /// Links that are over, for the Manager to know.
     pub(super) farewells: Vec<(LinkId, Code)>,
     /// Tokens of links that are no more.
-    pub(super) gone: Vec<u64>,
+    pub(super) gone: Vec<LinkToken>,
 }
 
 /// How far the declaration has come.
@@ -74,7 +75,7 @@ impl Interface {
             links_due: 0,
             refused_again: None,
             entry,
-            last_taken: 0,
+            last_taken: LinkToken::FIRST,
             lost: 0,
             ended: VecDeque::new(),
             ended_sum: Counters::default(),
@@ -87,7 +88,7 @@ impl Interface {
         self.links.iter()
     }
 
-    pub(crate) fn link(&self, token: u64) -> Option<&LinkDriver> {
+    pub(crate) fn link(&self, token: LinkToken) -> Option<&LinkDriver> {
         self.links.get(token)
     }
 
@@ -117,7 +118,7 @@ impl Interface {
         });
     }
 
-    pub(super) fn on_event(&mut self, token: u64, event: Event, tools: &mut Tools<'_>) {
+    pub(super) fn on_event(&mut self, token: LinkToken, event: Event, tools: &mut Tools<'_>) {
         self.with_link(token, tools, |link, outbox, tools| {
             link.on_event(event, tools, outbox)
         });
@@ -172,13 +173,13 @@ impl Interface {
         }
     }
 
-    pub(super) fn tokens(&self) -> impl Iterator<Item = u64> {
+    pub(super) fn tokens(&self) -> impl Iterator<Item = LinkToken> {
         self.links.iter().map(LinkDriver::token)
     }
 
     /// Does what follows from a change of a link: replays what is latched, hands out
     /// replies, retires segments, buries it. Called whenever a link was fed.
-    pub(super) fn settle_link(&mut self, token: u64, tools: &mut Tools<'_>) {
+    pub(super) fn settle_link(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         self.replay(token, tools);
         let Some(link) = self.links.get_mut(token) else {
             return;
@@ -216,7 +217,7 @@ impl Interface {
     }
 
     /// A link is over: the Manager is to know, and its counters are to be kept.
-    fn bury(&mut self, token: u64, tools: &mut Tools<'_>) {
+    fn bury(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
@@ -275,7 +276,7 @@ impl Interface {
     /// Changes one link, if it is there, and does what follows from it.
     pub(super) fn with_link<R>(
         &mut self,
-        token: u64,
+        token: LinkToken,
         tools: &mut Tools<'_>,
         change: impl FnOnce(&mut LinkDriver, &mut Outbox, &mut Tools<'_>) -> R,
     ) -> Option<R> {

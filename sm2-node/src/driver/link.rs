@@ -21,6 +21,7 @@ use super::datagram::{Incoming, receive};
 use super::lane::{Mapped, prepare_ring};
 use super::outbox::{Needs, Outbox};
 use super::status::Received;
+use super::token::LinkToken;
 use crate::payload::Source;
 
 /// How many datagrams are read from a link whose other side is gone: more than a window
@@ -31,7 +32,7 @@ const LAST_WORDS: usize = 8_192;
 pub(crate) struct LinkDriver {
     pub(crate) id: LinkId,
     pub(crate) peer: Arc<Peer>,
-    token: u64,
+    token: LinkToken,
     pub(super) socket: Option<SeqPacket>,
     pub(super) machine: Link,
     /// The rings and segments that both sides map.
@@ -78,7 +79,7 @@ pub(crate) struct Tools<'a> {
 
 impl LinkDriver {
     pub(super) fn new(
-        token: u64,
+        token: LinkToken,
         peer: Arc<Peer>,
         socket: SeqPacket,
         mut config: link::Config,
@@ -113,7 +114,7 @@ impl LinkDriver {
         }
     }
 
-    pub(crate) const fn token(&self) -> u64 {
+    pub(crate) const fn token(&self) -> LinkToken {
         self.token
     }
 

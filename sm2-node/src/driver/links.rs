@@ -1,6 +1,7 @@
 //! The links of one interface.
 
 use super::link::LinkDriver;
+use super::token::LinkToken;
 
 /// Links by token, the oldest first: tokens grow.
 ///
@@ -16,16 +17,16 @@ impl Links {
         self.0.push(link);
     }
 
-    pub(super) fn get(&self, token: u64) -> Option<&LinkDriver> {
+    pub(super) fn get(&self, token: LinkToken) -> Option<&LinkDriver> {
         self.0.get(self.place(token)?)
     }
 
-    pub(super) fn get_mut(&mut self, token: u64) -> Option<&mut LinkDriver> {
+    pub(super) fn get_mut(&mut self, token: LinkToken) -> Option<&mut LinkDriver> {
         let place = self.place(token)?;
         self.0.get_mut(place)
     }
 
-    pub(super) fn remove(&mut self, token: u64) {
+    pub(super) fn remove(&mut self, token: LinkToken) {
         if let Some(place) = self.place(token) {
             self.0.remove(place);
         }
@@ -46,7 +47,11 @@ impl Links {
 
     /// The first link that may have a message, of those with a token greater than `after` and at
     /// most `last`.
-    pub(super) fn ready_between(&mut self, after: u64, last: u64) -> Option<&mut LinkDriver> {
+    pub(super) fn ready_between(
+        &mut self,
+        after: LinkToken,
+        last: LinkToken,
+    ) -> Option<&mut LinkDriver> {
         let first = self.0.partition_point(|link| link.token() <= after);
         let mut links = self.0[first..].iter_mut();
         links
@@ -54,7 +59,7 @@ impl Links {
             .filter(|link| link.token() <= last)
     }
 
-    fn place(&self, token: u64) -> Option<usize> {
+    fn place(&self, token: LinkToken) -> Option<usize> {
         self.0
             .binary_search_by_key(&token, |link| link.token())
             .ok()

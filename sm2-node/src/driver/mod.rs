@@ -27,6 +27,7 @@ mod reconnect;
 mod session;
 mod status;
 mod take;
+mod token;
 mod wait;
 
 use std::collections::{BTreeMap, HashMap};
@@ -54,6 +55,7 @@ pub(crate) use self::reconnect::may_return;
 use self::session::Session;
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::take::{Full, Taken};
+pub(crate) use self::token::LinkToken;
 use self::wait::Sleepers;
 pub(crate) use self::wait::{Bell, Topic, Until};
 
@@ -63,10 +65,10 @@ const BURST: usize = 32;
 const SOCKETS: usize = 64;
 /// How long sockets wait to be looked at by who has work without them, on the ring lane.
 const SOCKETS_WAIT_NS: u64 = 100_000;
-/// The session's token; those of links count from 1.
-const SESSION: u64 = 0;
+/// The token of the session's socket.
+const SESSION: u64 = LinkToken::FIRST.0;
 /// The token of the timer of the next attempt to connect.
-const TIMER: u64 = u64::MAX;
+const TIMER: u64 = LinkToken::LAST.0;
 
 /// What all handles of a node share.
 #[derive(Debug)]
@@ -74,7 +76,7 @@ pub(crate) struct Shared {
     pub(crate) epoll: Epoll,
     pub(crate) name: Name,
     /// How long the Manager may take to answer.
-    pub(crate) patience: Duration,
+    pub(crate) manager_timeout: Duration,
     inner: Mutex<Inner>,
     /// Last: it goes when this node has said goodbye to it.
     #[cfg(feature = "embedded-manager")]
@@ -94,9 +96,10 @@ pub(crate) struct Inner {
     /// What types look like whose texts this node registers with each Manager.
     schemas: BTreeMap<TypeId, String>,
     pub(crate) interfaces: BTreeMap<InterfaceId, Interface>,
-    /// Which interface a link belongs to, by the link's token.
-    routes: HashMap<u64, InterfaceId>,
-    last_token: u64,
+    /// The interface that each link belongs to.
+    routes: HashMap<LinkToken, InterfaceId>,
+    /// The token of the newest link.
+    last_token: LinkToken,
     buffer: Scratch,
     events: Events,
     ready: Vec<Event>,
@@ -113,7 +116,7 @@ impl Shared {
         socket: SeqPacket,
         path: PathBuf,
         name: Name,
-        patience: Duration,
+        manager_timeout: Duration,
         ring_lane: bool,
     ) -> io::Result<Self> {
         let epoll = Epoll::new()?;
@@ -128,7 +131,7 @@ impl Shared {
             schemas: BTreeMap::new(),
             interfaces: BTreeMap::new(),
             routes: HashMap::new(),
-            last_token: SESSION,
+            last_token: LinkToken::FIRST,
             buffer: Scratch::new(DATAGRAM_MAX)?,
             events: Events::with_capacity(SOCKETS),
             ready: Vec::with_capacity(SOCKETS),
@@ -140,7 +143,7 @@ impl Shared {
         Ok(Self {
             epoll,
             name,
-            patience,
+            manager_timeout,
             inner: Mutex::new(inner),
             #[cfg(feature = "embedded-manager")]
             embedded: None,
@@ -233,11 +236,16 @@ impl Inner {
         while let Some(event) = self.ready.pop() {
             if event.token == SESSION {
                 self.on_session_event(event, epoll);
-            } else if event.token == TIMER {
+                continue;
+            }
+            if event.token == TIMER {
                 self.on_timer(epoll);
-            } else if let Some(&interface) = self.routes.get(&event.token) {
+                continue;
+            }
+            let token = LinkToken(event.token);
+            if let Some(&interface) = self.routes.get(&token) {
                 self.with(interface, epoll, |interface, tools| {
-                    interface.on_event(event.token, event, tools);
+                    interface.on_event(token, event, tools);
                 });
                 self.sleepers.wake(Topic::Interface(interface));
             }

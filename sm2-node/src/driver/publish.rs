@@ -8,6 +8,7 @@ use sm2_proto::{Contract, Instant};
 use super::interface::Interface;
 use super::link::Tools;
 use super::outbox::{Forms, Label, Needs};
+use super::token::LinkToken;
 use crate::published::Published;
 
 /// Messages of up to this length are copied while the node is locked, because a second lock would
@@ -21,7 +22,7 @@ pub(crate) struct Offered {
     links: usize,
     missed: usize,
     /// Reliable links without room.
-    pub(crate) waiting: Vec<u64>,
+    pub(crate) waiting: Vec<LinkToken>,
 }
 
 impl Interface {
@@ -213,7 +214,7 @@ impl Interface {
     /// Sends what is latched on a link that has just opened, before all else; a reliable link
     /// gets as much at a time as it has room for.
     //= SM2-QOS-003
-    pub(super) fn replay(&mut self, token: u64, tools: &mut Tools<'_>) {
+    pub(super) fn replay(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
             return;
         };

@@ -9,12 +9,13 @@ use sm2_proto::{Farewell, Instant};
 
 use super::interface::Interface;
 use super::link::Tools;
+use super::token::LinkToken;
 use crate::payload::Source;
 
 /// A message that the application holds.
 #[derive(Debug)]
 pub(crate) struct Taken {
-    pub(crate) token: u64,
+    pub(crate) token: LinkToken,
     pub(crate) peer: Arc<Peer>,
     pub(crate) delivery: Delivery,
     pub(crate) source: Source,
@@ -92,7 +93,7 @@ impl Interface {
         let start = self.last_taken;
         let (mut position, mut wrapped, mut full) = (start, false, None);
         loop {
-            let last = if wrapped { start } else { u64::MAX };
+            let last = if wrapped { start } else { LinkToken::LAST };
             match self.links.ready_between(position, last) {
                 Some(link) => {
                     let token = link.token();
@@ -123,15 +124,14 @@ impl Interface {
                     }
                 }
                 None if wrapped => return full.map_or(Ok(None), Err),
-                // Tokens of links are greater than zero.
-                None => (position, wrapped) = (0, true),
+                None => (position, wrapped) = (LinkToken::FIRST, true),
             }
         }
     }
 
     /// A message that was taken cannot be shown: this machine is out of memory, and the link
     /// is closed for it.
-    pub(crate) fn unreadable(&mut self, token: u64, tools: &mut Tools<'_>) {
+    pub(crate) fn unreadable(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         self.lose(1, tools);
         self.with_link(token, tools, |link, outbox, tools| {
             let code = Farewell::Resources.code();

@@ -45,7 +45,7 @@ impl Handle {
             #[cfg(feature = "tokio")]
             silenced: Arc::default(),
         };
-        let until = until(Some(shared.patience));
+        let until = until(Some(shared.manager_timeout));
         let answer = shared.wait(Topic::Interface(id), until, |inner| {
             match &inner.interfaces.get(&id)?.state {
                 State::Declaring => None,

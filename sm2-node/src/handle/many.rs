@@ -2,6 +2,7 @@
 
 use super::Handle;
 use super::receive::{Receipt, Received};
+use crate::driver::LinkToken;
 use crate::driver::{Inner, Taken, Topic, Until};
 use crate::{RecvError, Wait};
 
@@ -73,7 +74,7 @@ impl Handle {
 struct Lent<'a> {
     handle: &'a Handle,
     /// Of each the token of its link and its number there.
-    places: Vec<(u64, u64)>,
+    places: Vec<(LinkToken, u64)>,
 }
 
 impl Drop for Lent<'_> {

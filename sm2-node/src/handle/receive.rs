@@ -9,6 +9,7 @@ use sm2_proto::link::Delivery;
 
 use super::Handle;
 use crate::RecvError;
+use crate::driver::LinkToken;
 use crate::driver::{Full, Interface, Shared, Taken, Tools, Topic, Until};
 use crate::payload::MessageBytes;
 
@@ -103,7 +104,7 @@ pub(super) struct Unreadable {
 pub(crate) struct Receipt {
     shared: Weak<Shared>,
     interface: InterfaceId,
-    token: u64,
+    token: LinkToken,
     sequence: u64,
 }
 
@@ -113,13 +114,13 @@ impl Receipt {
         Self {
             shared: Weak::new(),
             interface: InterfaceId(0),
-            token: 0,
+            token: LinkToken::FIRST,
             sequence: 0,
         }
     }
 
     /// The token of its link.
-    pub(crate) const fn token(&self) -> u64 {
+    pub(crate) const fn token(&self) -> LinkToken {
         self.token
     }
 }

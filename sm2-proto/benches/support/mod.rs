@@ -8,7 +8,7 @@ pub(crate) mod contracts;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use sm2_proto::{
-    Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId,
+    Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, NodeId,
     control::{Peer, ToManager, ToNode, encode_to_manager, encode_to_node},
     limits::SLOT_HEAD,
     link::{
@@ -214,7 +214,7 @@ pub(crate) fn link() -> Vec<u8> {
             epoch: bench::EPOCH,
             serial: 1,
         },
-        key: bench::FIRST_KEY,
+        key: LinkKey(bench::FIRST_KEY),
         version: 1,
         reliable: false,
         sealed: false,

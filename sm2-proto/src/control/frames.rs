@@ -5,7 +5,7 @@ use alloc::{string::String, vec::Vec};
 use serde::{Deserialize, Serialize};
 
 use super::items::{Change, Item, Key};
-use crate::{Code, Contract, InterfaceId, LinkId, Name, NodeId, Refusal, TypeId};
+use crate::{Code, Contract, InterfaceId, LinkId, LinkKey, Name, NodeId, Refusal, TypeId};
 
 /// A frame from a node to its Manager.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -59,7 +59,7 @@ pub enum ToManager {
         /// Which link.
         link: LinkId,
         /// What only its two ends know.
-        key: u64,
+        key: LinkKey,
         /// The version spoken on it.
         version: u16,
         /// Whether nothing on it may be displaced.
@@ -133,7 +133,7 @@ pub enum ToNode {
         /// The link.
         link: LinkId,
         /// What only its two ends know.
-        key: u64,
+        key: LinkKey,
         /// The version to speak on it.
         version: u16,
         /// Whether nothing on it may be displaced.

@@ -10,7 +10,7 @@ use super::{
     ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
 };
 use crate::{
-    Code, Datagram, FdFacts, InterfaceId, LinkId, Name, NodeId, TypeId,
+    Code, Datagram, FdFacts, InterfaceId, LinkId, LinkKey, Name, NodeId, TypeId,
     limits::SCHEMA_TEXT_MAX,
     proofs::{below, one_of},
 };
@@ -113,7 +113,7 @@ fn any_frame() -> ToManager {
         5 => ToManager::Claim {
             interface,
             link,
-            key: u64::MAX,
+            key: LinkKey(u64::MAX),
             version: code.0,
             reliable: kani::any(),
             sealed: kani::any(),

@@ -11,7 +11,8 @@ use super::{
     session::Session,
 };
 use crate::{
-    Contract, EntityId, InterfaceId, LinkId, LinkQos, NodeId, Quota, Refusal, VERSION, Violation,
+    Contract, EntityId, InterfaceId, LinkId, LinkKey, LinkQos, NodeId, Quota, Refusal, VERSION,
+    Violation,
     control::{Key, Peer, ToNode, UnlinkedReason, encode_to_node},
     match_contracts,
 };
@@ -275,7 +276,7 @@ impl Manager {
     //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-007
     pub(super) fn announce(
         &mut self,
-        (link, key): (LinkId, u64),
+        (link, key): (LinkId, LinkKey),
         [one, other]: [EntityId; 2],
         agreed: Agreed,
     ) {

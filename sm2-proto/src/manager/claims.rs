@@ -7,12 +7,12 @@ use alloc::collections::{BTreeMap, BTreeSet};
 use core::ops::Bound;
 
 use super::links::Agreed;
-use crate::{EntityId, Instant, LinkId, NodeId, control::Item};
+use crate::{EntityId, Instant, LinkId, LinkKey, NodeId, control::Item};
 
 /// What two ends have to say alike of their link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Claim {
-    pub(super) key: u64,
+    pub(super) key: LinkKey,
     pub(super) agreed: Agreed,
 }
 

@@ -9,8 +9,8 @@ use core::time::Duration;
 
 use super::{Credentials, Input, Manager, Output, Policy};
 use crate::{
-    Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId,
-    Seals,
+    Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine,
+    NodeId, Seals,
     control::{Key, ToManager, decode_to_node, encode_to_manager},
     fuzz::script::Script,
 };
@@ -197,7 +197,7 @@ impl<'a> Fuzz<'a> {
                 ToManager::Claim {
                     interface: self.interface()?,
                     link: self.link()?,
-                    key: u64::from(choice & 1),
+                    key: LinkKey(u64::from(choice & 1)),
                     version: 1 + u16::from(choice & 2),
                     reliable: choice & 4 != 0,
                     sealed: choice & 8 != 0,

@@ -8,7 +8,7 @@ use core::{fmt, hash::Hasher, ops::Bound};
 
 use siphasher::sip::SipHasher24;
 
-use crate::{Contract, EntityId, Kind, LinkId, LinkQos, NodeId, control::Item};
+use crate::{Contract, EntityId, Kind, LinkId, LinkKey, LinkQos, NodeId, control::Item};
 
 /// A publisher or server, and a subscriber or client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -86,7 +86,7 @@ impl Links {
 
     /// The number and the key of a new link.
     //= SM2-LNK-002
-    pub(super) fn number(&mut self) -> (LinkId, u64) {
+    pub(super) fn number(&mut self) -> (LinkId, LinkKey) {
         self.last_serial += 1;
         let serial = self.last_serial;
         let epoch = self.epoch;
@@ -95,7 +95,7 @@ impl Links {
     }
 
     /// The key of a link of this Manager.
-    pub(super) fn key(&self, link: LinkId) -> u64 {
+    pub(super) fn key(&self, link: LinkId) -> LinkKey {
         self.secret.key(link.serial)
     }
 
@@ -185,10 +185,10 @@ fn item(link: LinkId, offering: EntityId, (demanding, agreed): (EntityId, Agreed
 struct Secret(u128);
 
 impl Secret {
-    fn key(&self, serial: u64) -> u64 {
+    fn key(&self, serial: u64) -> LinkKey {
         let mut hasher = SipHasher24::new_with_key(&self.0.to_le_bytes());
         hasher.write(&serial.to_le_bytes());
-        hasher.finish()
+        LinkKey(hasher.finish())
     }
 }
 

@@ -8,7 +8,7 @@ use alloc::{collections::BTreeSet, vec::Vec};
 
 use super::{End, Error, Input, Node, Output};
 use crate::{
-    Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, Name,
+    Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, Name,
     control::{Peer, ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_node},
     fuzz::script::Script,
     manager::{Phase, Request, legal},
@@ -279,7 +279,7 @@ impl Fuzz<'_> {
                 ToNode::Link {
                     interface: script.interface()?,
                     link: script.link()?,
-                    key: 3,
+                    key: LinkKey(3),
                     version: u16::from(choice < 250),
                     reliable: choice & 1 != 0,
                     sealed: choice & 2 != 0,

@@ -7,7 +7,7 @@ use alloc::collections::BTreeMap;
 
 use super::Misuse;
 use crate::{
-    Contract, LinkId, LinkQos, VERSION, Violation, control::Peer, limits::LINKS_MAX,
+    Contract, LinkId, LinkKey, LinkQos, VERSION, Violation, control::Peer, limits::LINKS_MAX,
     match_contracts,
 };
 
@@ -44,7 +44,7 @@ enum Standing {
 /// One end of a link: what LINK said of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Link {
-    pub(super) key: u64,
+    pub(super) key: LinkKey,
     pub(super) version: u16,
     pub(super) qos: LinkQos,
 }

@@ -1,4 +1,4 @@
-use sm2_proto::{Contract, fuzz::Script};
+use sm2_proto::{Contract, LinkKey, fuzz::Script};
 
 use crate::{
     claims_oracle::Said,
@@ -89,7 +89,7 @@ fn claim_op(script: &mut Script<'_>) -> Option<Op> {
             let choice = script.byte()?;
             let said = Said {
                 serial: 1 + u64::from(choice % 3),
-                key: u64::from(choice >> 2 & 3 == 3),
+                key: LinkKey(u64::from(choice >> 2 & 3 == 3)),
                 reliable: choice >> 4 & 3 == 3,
                 sealed: choice & 0x40 != 0,
             };

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use sm2_proto::{
-    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId,
+    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, NodeId,
     control::{ToManager, ToNode, decode_to_node, encode_to_manager},
     manager::{Cause, Credentials, Input, Manager, Output, Policy},
 };
@@ -169,7 +169,7 @@ impl Bench {
         ToManager::Claim {
             interface: InterfaceId(interface),
             link,
-            key,
+            key: LinkKey(key),
             version: 1,
             reliable: false,
             sealed: false,
@@ -217,7 +217,7 @@ pub(crate) fn claim(interface: u64, link: LinkId, key: u64) -> ToManager {
     ToManager::Claim {
         interface: InterfaceId(interface),
         link,
-        key,
+        key: LinkKey(key),
         version: 1,
         reliable: false,
         sealed: false,

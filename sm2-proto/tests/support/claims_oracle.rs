@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::{
-    Contract, EntityId, LinkId, NodeId, control::Item, manager::Policy, match_contracts,
+    Contract, EntityId, LinkId, LinkKey, NodeId, control::Item, manager::Policy, match_contracts,
 };
 
 use crate::support::bench::EPOCH;
@@ -12,7 +12,7 @@ use crate::support::bench::EPOCH;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Said {
     pub(crate) serial: u64,
-    pub(crate) key: u64,
+    pub(crate) key: LinkKey,
     pub(crate) reliable: bool,
     pub(crate) sealed: bool,
 }

@@ -8,8 +8,8 @@ use proptest::{
     strategy::{BoxedStrategy, Union},
 };
 use sm2_proto::{
-    Code, Contract, Demand, EntityId, InterfaceId, LinkId, Name, NodeId, Offer, Quota, Refusal,
-    ServiceQos, TypeId,
+    Code, Contract, Demand, EntityId, InterfaceId, LinkId, LinkKey, Name, NodeId, Offer, Quota,
+    Refusal, ServiceQos, TypeId,
     control::{Change, Item, Key, Limits, Peer, ToManager, ToNode, UnlinkedReason},
 };
 
@@ -259,7 +259,7 @@ pub(crate) fn to_manager() -> Union<BoxedStrategy<ToManager>> {
                 |(interface, link, key, (version, reliable, sealed))| ToManager::Claim {
                     interface,
                     link,
-                    key,
+                    key: LinkKey(key),
                     version,
                     reliable,
                     sealed,
@@ -313,7 +313,7 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
                 |(interface, link, key, (version, reliable, sealed), peer)| ToNode::Link {
                     interface,
                     link,
-                    key,
+                    key: LinkKey(key),
                     version,
                     reliable,
                     sealed,

@@ -2,8 +2,8 @@
 #![allow(dead_code, reason = "each test uses a part")]
 
 use sm2_proto::{
-    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId, Refusal,
-    TypeId, Violation,
+    Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, NodeId,
+    Refusal, TypeId, Violation,
     control::{Peer, ToManager, ToNode, decode_to_manager, encode_to_node},
     node::{End, Error, Input, Node, Output},
     schema::Schema,
@@ -76,7 +76,7 @@ pub(crate) fn link(interface: u64, serial: u64) -> ToNode {
     ToNode::Link {
         interface: InterfaceId(interface),
         link: link_id(serial),
-        key: 7,
+        key: LinkKey(7),
         version: 1,
         reliable: false,
         sealed: false,
@@ -192,7 +192,7 @@ pub(crate) fn claim_of(interface: u64, serial: u64) -> ToManager {
     ToManager::Claim {
         interface: InterfaceId(interface),
         link: link_id(serial),
-        key: 7,
+        key: LinkKey(7),
         version: 1,
         reliable: false,
         sealed: false,

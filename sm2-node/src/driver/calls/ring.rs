@@ -2,11 +2,12 @@
 
 use super::super::Inner;
 use super::super::link::LinkDriver;
+use crate::driver::token::LinkToken;
 use crate::handle::Handle;
 
 impl Inner {
     /// Looks at the sockets before a reply; on the ring lane only if that was not done for a while.
-    pub(crate) fn drive_for_reply(&mut self, handle: &Handle, token: u64) {
+    pub(crate) fn drive_for_reply(&mut self, handle: &Handle, token: LinkToken) {
         let link = self
             .interfaces
             .get(&handle.id)

@@ -115,7 +115,7 @@ impl LinkDriver {
 
     fn watch(&mut self, interest: Interest, epoll: &Epoll) {
         if let Some(socket) = &self.socket
-            && let Err(error) = epoll.modify(socket, self.token, interest)
+            && let Err(error) = epoll.modify(socket, self.token.0, interest)
         {
             self.fail(Farewell::Resources, &error);
         }

@@ -2,7 +2,7 @@
 
 use super::{Agreed, Claim, Claims, EntityId, LinkId, NodeId};
 use crate::{
-    Instant, LinkQos, VERSION,
+    Instant, LinkKey, LinkQos, VERSION,
     proofs::{below, one_of},
 };
 
@@ -33,7 +33,7 @@ fn any_claim() -> (LinkId, Claim) {
     };
     let version = VERSION + u16::from(other_version);
     let agreed = Agreed { version, qos };
-    let key = u64::from(kani::any::<bool>());
+    let key = LinkKey(u64::from(kani::any::<bool>()));
     (one_of(&LINKS), Claim { key, agreed })
 }
 

@@ -4,7 +4,7 @@ use alloc::collections::BTreeMap;
 
 use super::{Answer, Answered, Interface, Link, Misuse, Standing, State, Withdrawal};
 use crate::{
-    Contract, Demand, InterfaceId, LinkId, LinkQos, Name, NodeId, Offer, TypeId, VERSION,
+    Contract, Demand, InterfaceId, LinkId, LinkKey, LinkQos, Name, NodeId, Offer, TypeId, VERSION,
     control::Peer,
     proofs::{below, one_of},
 };
@@ -50,7 +50,7 @@ const LINKS: [LinkId; 2] = [
 ];
 
 const TERMS: Link = Link {
-    key: 5,
+    key: LinkKey(5),
     version: VERSION,
     qos: LinkQos {
         reliable: false,
@@ -352,7 +352,7 @@ fn links_have_the_terms_that_were_asked_for() {
     let theirs = if other_topic { "b" } else { "a" };
     let theirs = Name::new(theirs).expect("a legal name");
     let link = Link {
-        key: 1,
+        key: LinkKey(1),
         version: VERSION + u16::from(next_version),
         qos,
     };

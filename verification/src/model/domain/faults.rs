@@ -46,7 +46,7 @@ pub(super) fn send_up(
         | (Some(Fault::ClaimedLost), ToManager::Claimed)
         | (Some(Fault::DeclareLost), ToManager::Declare { .. }) => return None,
         (Some(Fault::OtherKey), ToManager::Claim { key, .. }) => {
-            *key ^= u64::from(at);
+            key.0 ^= u64::from(at);
             frame.bytes = encode_to_manager(&frame.says);
         }
         _ => {}

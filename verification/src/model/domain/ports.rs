@@ -222,7 +222,7 @@ impl World {
             let Some(ToNode::Link { interface, key, .. }) = decode_down(frame, true) else {
                 return self.fail(Property::NodeAccusesNobody, "LINK without a LINK");
             };
-            Rc::make_mut(&mut self.keys).insert(link, key);
+            Rc::make_mut(&mut self.keys).insert(link, key.0);
             *place = self.owner(*session, interface);
         }
         // The WITHDRAW of one of them, or its process' end, may be on the way.
