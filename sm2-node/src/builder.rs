@@ -1,4 +1,4 @@
-//! How a node finds its Manager.
+//! Connecting a node to its Manager.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -11,11 +11,11 @@ use sm2_proto::{Instant, Name, Refusal};
 use crate::driver::{Shared, Topic, may_return};
 use crate::{ConnectError, Node};
 
-/// How long a socket that nobody listens at is tried: its Manager has just died, and
-/// another one is about to take over.
+/// How long to retry a socket that no process listens on: its Manager has just ended, and another one may be
+/// taking over.
 const SUCCESSION: Duration = Duration::from_millis(250);
 
-/// Where a node connects, and how long it tries.
+/// Options for connecting a node.
 #[derive(Clone, Debug)]
 #[must_use = "a builder does nothing until connect is called"]
 pub struct NodeBuilder {
@@ -30,7 +30,7 @@ pub struct NodeBuilder {
 }
 
 impl Node {
-    /// A node in the domain that the environment names (SM2-TRN-001).
+    /// Connects a node to the domain that the environment names (SM2-TRN-001).
     ///
     /// # Errors
     ///
@@ -39,7 +39,7 @@ impl Node {
         Self::builder(name).connect()
     }
 
-    /// To choose a domain, a socket, or how long to wait for the Manager.
+    /// Returns a builder, to choose a domain, a socket or timeouts.
     pub fn builder(name: &str) -> NodeBuilder {
         NodeBuilder::new(name)
     }
@@ -59,51 +59,49 @@ impl NodeBuilder {
         }
     }
 
-    /// The domain of this name (SM2-TRN-002), whatever the environment says.
+    /// Sets the domain (SM2-TRN-002). The environment is ignored.
     pub fn domain(mut self, domain: &str) -> Self {
         self.domain = Some(domain.to_owned());
         self
     }
 
-    /// The Manager's socket itself, whatever domain and environment say.
+    /// Sets the path of the Manager's socket. Domain and environment are ignored.
     pub fn socket(mut self, path: impl Into<PathBuf>) -> Self {
         self.socket = Some(path.into());
         self
     }
 
-    /// How long the Manager may take to answer: to [`connect`](Self::connect), to each
-    /// declaration and to each query. Includes the time until another Manager has taken over; 5 s
-    /// by default.
+    /// Sets how long the Manager may take to answer [`connect`](Self::connect), each declaration and each
+    /// query; 5 s by default. This includes the time until another Manager has taken over.
     pub const fn manager_timeout(mut self, timeout: Duration) -> Self {
         self.manager_timeout = timeout;
         self
     }
 
-    /// How long [`connect`](Self::connect) waits for a Manager to start if none is running;
-    /// `Duration::ZERO` by default, which does not wait.
+    /// Sets how long [`connect`](Self::connect) waits for a Manager to start if none is running. By default
+    /// `Duration::ZERO`: no waiting.
     pub const fn startup_timeout(mut self, timeout: Duration) -> Self {
         self.startup_timeout = timeout;
         self
     }
 
-    /// Whether links may use the ring lane, where the other side offers it too; `true` by default,
-    /// unless the environment has `SM2_RING_LANE=off`. Without it every message takes a system
-    /// call at each side, which tools like `strace` can see.
+    /// Sets whether links may use the ring lane if the other side offers it too; `true` by default, unless
+    /// the environment has `SM2_RING_LANE=off`. Without the ring lane, every message takes a system call on
+    /// each side, which tools such as `strace` can show.
     pub const fn ring_lane(mut self, offered: bool) -> Self {
         self.ring_lane = offered;
         self
     }
 
-    /// Makes sure that there is a Manager: if there is none, it is run by this process, on a
-    /// thread of its own; if there is one, that thread stands by to take over when it
-    /// goes. It lives as long as the node, and ends after it.
+    /// Ensures that the domain has a Manager. If none is running, this process runs one on a thread of its
+    /// own; otherwise that thread stands by. The thread lives as long as the node.
     #[cfg(feature = "embedded-manager")]
     pub fn embed_manager(mut self, options: sm2_manager::Options) -> Self {
         self.embedded = Some(options);
         self
     }
 
-    /// Connects and greets.
+    /// Connects to the Manager and sends HELLO.
     ///
     /// # Errors
     ///
@@ -146,8 +144,8 @@ impl NodeBuilder {
             if inner.is_connected() {
                 return Some(Ok(()));
             }
-            // One that is being replaced may hang up on who has just come: the node goes on to
-            // its successor.
+            // A Manager that is being replaced may close a new connection. The node then connects to the
+            // successor.
             let end = inner.away().filter(|end| !may_return(*end))?;
             Some(Err(ConnectError::Ended(end)))
         });
@@ -168,8 +166,8 @@ impl NodeBuilder {
     }
 }
 
-/// Connects. Retries a Manager that is busy for `manager_timeout`, and an address without a
-/// Manager for `startup_timeout`.
+/// Connects. Retries for `manager_timeout` if the Manager is busy, and for `startup_timeout` if there is
+/// none.
 fn connect(
     path: &Path,
     manager_timeout: Duration,

@@ -22,13 +22,12 @@ use crate::{CallError, DeclareError, Message, StoreError, Wait};
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
 ///
-/// A call goes to one server: the one that has the fewest calls of this client without a reply,
-/// and of several such ones the one that is linked for the longest time (SM2-SRV-001). A server
-/// that ends fails its calls at once (SM2-SRV-005); they are not repeated elsewhere, since
-/// they may have had their effect.
+/// A call goes to one server: the one with the fewest pending calls of this client. Among equals, the server
+/// that has been linked for the longest time is chosen (SM2-SRV-001). When a server ends, its calls fail at
+/// once (SM2-SRV-005). They are not repeated elsewhere, because the server may have executed them.
 ///
-/// Its [descriptor](std::os::fd::AsFd) is readable when a [`Call::try_wait`] may have an answer: ask all calls
-/// that are under way, then poll again.
+/// The client's [descriptor](std::os::fd::AsFd) is readable when a [`Call::try_wait`] may have a result: call
+/// it for all pending calls, then poll again.
 #[derive(Debug)]
 pub struct Client<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
@@ -46,8 +45,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         &self.handle
     }
 
-    /// Sends a request and waits for the reply, without a time limit. A server that ends fails
-    /// the call at once (SM2-SRV-005).
+    /// Sends a request and waits for the reply, without a time limit. If the server ends, the call fails at
+    /// once (SM2-SRV-005).
     ///
     /// # Errors
     ///
@@ -65,7 +64,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         self.send_timeout(request, timeout)?.wait()
     }
 
-    /// Sends a request; the [`Call`] waits for its reply. The call has no deadline.
+    /// Sends a request without a deadline. The returned [`Call`] waits for its reply.
     ///
     /// Waits only while the link to the first server is being opened.
     ///
@@ -76,8 +75,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         self.send_until(request, None)
     }
 
-    /// Sends a request whose reply is worthless after `timeout`: the server learns this deadline,
-    /// and [`Call::wait`] ends then.
+    /// Sends a request with a deadline of `timeout` from now. The server learns the deadline, and
+    /// [`Call::wait`] ends then.
     ///
     /// Waits only while the link to the first server is being opened, for at most `timeout`.
     ///
@@ -94,8 +93,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         self.send_to(needs, bytes, deadline)
     }
 
-    /// Makes a call if there is a server; `None` while the link to the first one is being
-    /// opened.
+    /// Sends a request if a server is linked; `None` while the link to the first server is being opened.
     #[cfg(feature = "tokio")]
     pub(crate) fn try_send(
         &self,
@@ -129,7 +127,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     ) -> Result<Call<R>, CallError> {
         let len = bytes.len() as u64;
         let forms = self.handle.store(bytes, needs)?;
-        // The choice is made again: what was sent meanwhile counts.
+        // Chooses the server again, because other calls may have been sent meanwhile.
         let call = self
             .handle
             .with_idle(|interface, tools| match interface.choose_server() {
@@ -150,7 +148,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         })
     }
 
-    /// Waits until the service has an open server; which form it needs.
+    /// Waits until the service has a server with an open link. Returns the payload form that the server
+    /// needs.
     fn server(&self, deadline: Option<Instant>) -> Result<Needs, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let found = shared.wait(Topic::Interface(*id), deadline, |inner| {
@@ -187,20 +186,20 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     }
 }
 
-/// A call under way. Dropping it cancels it.
+/// A pending call. Dropping it cancels the call.
 #[must_use = "a call that is dropped is cancelled"]
 pub struct Call<R: Message + ?Sized> {
     handle: Arc<Handle>,
     call: CallId,
     deadline: Option<Instant>,
-    /// Whether its outcome was seen.
+    /// Whether the result has been returned.
     done: bool,
     replies: PhantomData<fn() -> Box<R>>,
 }
 
 impl<R: Message + ?Sized> Call<R> {
-    /// Waits for the reply, until the call's deadline if it has one. At the deadline the
-    /// server is told that nobody wants the reply any more.
+    /// Waits for the reply, until the call's deadline if it has one. At the deadline the call is cancelled at
+    /// the server.
     ///
     /// # Errors
     ///
@@ -214,7 +213,7 @@ impl<R: Message + ?Sized> Call<R> {
         }
     }
 
-    /// The reply, if it is there. After it, or an error, there is nothing more to come.
+    /// Returns the reply if it has arrived. After the reply or an error, there is no further result.
     ///
     /// # Errors
     ///
@@ -231,8 +230,8 @@ impl<R: Message + ?Sized> Call<R> {
         Ok(reply)
     }
 
-    /// Tells the server that nobody wants the reply any more. Waiting then ends with
-    /// [`CallError::Cancelled`], or with the reply if that was quicker.
+    /// Cancels the call at the server. Waiting then ends with [`CallError::Cancelled`], or with the reply if
+    /// that arrives first.
     pub fn cancel(&self) {
         let call = self.call;
         self.handle
@@ -288,9 +287,10 @@ impl<R: Message + ?Sized> fmt::Debug for Call<R> {
     }
 }
 
-/// A reply. Dereferences to the message; dropping it gives it back.
+/// A reply. Dereferences to the message; dropping it releases the message.
 pub struct Reply<R: Message + ?Sized> {
-    /// Before the receipt: what is given back is not looked at any more.
+    /// Before the receipt, so that it is dropped first: the view may refer to the slot that the receipt
+    /// releases.
     view: R::View,
     peer: Arc<Peer>,
     _receipt: Receipt,
@@ -353,12 +353,12 @@ fn failed(service: &Name, source: std::io::Error) -> CallError {
     }
 }
 
-/// A client's limits.
+/// Options of a client.
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
 pub struct ClientBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
     declaration: Declaration,
-    /// None takes every pair.
+    /// `None` accepts every pair of types.
     types: Option<(TypeId, TypeId)>,
     qos: ServiceQos,
     servers: fn(&Name) -> bool,
@@ -380,8 +380,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
         }
     }
 
-    /// How many calls and replies the program may hold at a time, of each server: 1 to 1,024;
-    /// 64 by default.
+    /// Sets how many pending calls and replies the program may hold per server: 1 to 1,024; 64 by default.
     pub const fn max_borrowed(mut self, calls: u16) -> Self {
         self.qos.max_borrowed = calls;
         self
@@ -389,18 +388,18 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
 
     sealed_setter!(
         qos,
-        "Every request and reply is sealed: nobody can change it after it is sent."
+        "Seals every request and reply: no process can change it after it is sent."
     );
     inline_max_setter!("Requests");
     wait_setter!("a reply");
 
-    /// Calls only servers of nodes whose name is accepted; all of them by default.
+    /// Restricts calls to servers of nodes whose names `accept` admits; all servers by default.
     pub const fn servers(mut self, accept: fn(&Name) -> bool) -> Self {
         self.servers = accept;
         self
     }
 
-    /// Declares it, and waits for the Manager's word.
+    /// Declares the client, and waits for the Manager's answer.
     ///
     /// # Errors
     ///
@@ -422,14 +421,14 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
 }
 
 impl ClientBuilder<[u8], [u8]> {
-    /// Calls servers of every pair of types, in bytes.
+    /// Calls servers of any pair of types, with requests and replies as bytes.
     pub fn any_types(mut self) -> Self {
         self.types = None;
         self
     }
 
-    /// Calls servers of this pair of types, whose encoding the program knows: for tools that
-    /// handle types which they were not built with.
+    /// Calls servers of this pair of types, with requests and replies as bytes: for tools that handle types
+    /// unknown at compile time.
     pub fn type_ids(mut self, request: TypeId, reply: TypeId) -> Self {
         self.types = Some((request, reply));
         self

@@ -1,6 +1,7 @@
-//! What a program and its tools can learn about links: their state, and what they count.
+//! State and counters of links, for programs and tools.
 //!
-//! [`Publisher::links`](crate::Publisher::links) and its likes return [`LinkStatus`];
+//! [`Publisher::links`](crate::Publisher::links) and the same method of the other interfaces return
+//! [`LinkStatus`];
 //! [`Node::inspect`](crate::Node::inspect) opens the [`CounterView`] of any node of the domain.
 
 pub use sm2_io::CounterView;

@@ -22,12 +22,13 @@ use crate::handle::{Handle, until};
 use crate::node::Node;
 use crate::schema::{SchemaError, check_schema};
 
-/// What a node can ask about its domain. Each call waits for the Manager at most as long as
-/// [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout) says, also if that Manager goes and another
+/// Queries about the domain. Each call waits for the Manager for at most
+/// [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout), even if another Manager takes over
+/// meanwhile. Several threads may query at the same time; their queries are answered one after the other.
 /// one comes meanwhile. Several threads may ask at a time: each gets its turn.
 impl Node {
-    /// The whole domain as it is at one revision (SM2-WCH-003), which includes
-    /// all that this node was granted before.
+    /// Returns the whole domain at one revision (SM2-WCH-003). It includes everything that this node was
+    /// granted before the call.
     ///
     /// # Errors
     ///
@@ -38,7 +39,7 @@ impl Node {
         Ok(std::mem::take(&mut reader.mirror).into_domain())
     }
 
-    /// Follows the domain: see [`Watch`].
+    /// Follows the domain's changes: see [`Watch`].
     #[must_use]
     pub fn watch(&self) -> Watch {
         Watch {
@@ -46,7 +47,7 @@ impl Node {
         }
     }
 
-    /// Why two interfaces are linked, or why they are not. Their order does not matter.
+    /// Explains why two interfaces are linked, or why they are not. Their order does not matter.
     ///
     /// # Errors
     ///
@@ -55,9 +56,9 @@ impl Node {
         Ok(why(&self.snapshot()?, one, other))
     }
 
-    /// The counters of a node: of its interfaces, and of its ends of links. They go on counting
-    /// while they are looked at, and looking costs that node nothing. `None` if it is not
-    /// there, or keeps none.
+    /// Opens the counters of a node: those of its interfaces and of its link ends. They continue to count
+    /// while they are read, and reading costs that node nothing. `None` if there is no such node, or it has
+    /// no counters.
     ///
     /// # Errors
     ///
@@ -71,8 +72,8 @@ impl Node {
         }
     }
 
-    /// The schema text of a type (SPEC Annex A), if a node that is there uses it and knows its
-    /// text. `sm2_proto::schema` reads it.
+    /// Returns the schema text of a type (SPEC Annex A), if a node of the domain uses the type and has
+    /// registered its text. `sm2_proto::schema` parses it.
     ///
     /// # Errors
     ///
@@ -89,13 +90,13 @@ impl Node {
         }
     }
 
-    /// Lets all tools of the domain know what a type looks like, as long as this node lives. For
-    /// tools that handle types which they were not built with: what is declared with
-    /// a type of one's own is registered by itself ([`Message::schema`](crate::Message::schema)).
+    /// Registers a schema text, so that tools of the domain can decode the type for as long as this node
+    /// lives. Only tools that handle types unknown at compile time need this: a declaration registers the
+    /// type's own text ([`Message::schema`](crate::Message::schema)).
     ///
     /// # Errors
     ///
-    /// See [`SchemaError`]; nothing is registered then.
+    /// See [`SchemaError`]. After an error, nothing is registered.
     pub fn register_schema(&self, data: TypeId, text: &str) -> Result<(), SchemaError> {
         check_schema(&data, text)?;
         let (shared, text) = (&self.shared, text.to_owned());
@@ -105,11 +106,11 @@ impl Node {
 }
 
 impl Handle {
-    /// What comes closest to a counterpart of this interface, and why it is none.
+    /// Returns the interfaces that come closest to matching this one, with the reasons why they do not.
     pub(crate) fn why(&self) -> Result<Vec<Near>, QueryError> {
         let mut reader = Reader::new(&self.shared);
         let until = until(Some(self.shared.manager_timeout));
-        // Numbers of nodes are the Manager's: what counts is how the one calls us that was asked.
+        // Each Manager numbers nodes anew, so the number must come from the Manager that answered.
         let node = loop {
             reader.read(until)?;
             let inner = self.shared.lock();
@@ -127,36 +128,34 @@ impl Handle {
     }
 }
 
-/// Follows a domain: it knows all of it at one revision, and goes from there to later ones
-/// when it is [asked](Self::wait).
+/// Follows a domain: holds its state at one revision, and advances to later revisions when
+/// [asked](Self::wait).
 ///
-/// It is never told more than it asks for: one that is slow only sees larger steps. When another
-/// Manager has taken over, the next step is the difference between the last state that the old
-/// one told and the first that the new one does (nodes have other numbers then).
+/// A slow reader receives larger steps, never a backlog. After another Manager has taken over, the next step
+/// is the difference between the last state of the old Manager and the first state of the new one. Nodes have
+/// new numbers then.
 pub struct Watch {
     reader: Reader,
 }
 
 impl Watch {
-    /// The domain at the last revision that this has come to; empty before the first
-    /// [`wait`](Self::wait).
+    /// Returns the domain at the current revision; empty before the first [`wait`](Self::wait).
     #[must_use]
     pub const fn domain(&self) -> &Domain {
         self.reader.mirror.domain()
     }
 
-    /// Waits for changes, without a time limit (also for a Manager), applies them to
-    /// [`domain`](Self::domain), and returns them: each item at most once. The first call returns
-    /// the whole domain.
+    /// Waits for changes, without a time limit (also for a Manager). Applies them to [`domain`](Self::domain)
+    /// and returns them, each item at most once. The first call returns the whole domain.
     ///
     /// # Errors
     ///
-    /// See [`QueryError`]; the next call starts afresh.
+    /// See [`QueryError`]. After an error, the next call starts from an empty domain.
     pub fn wait(&mut self) -> Result<Vec<Change>, QueryError> {
         self.wait_until(None)
     }
 
-    /// As [`wait`](Self::wait), for at most `timeout`; the result is empty if nothing changed.
+    /// As [`wait`](Self::wait), for at most `timeout`. Returns an empty list if nothing changed.
     ///
     /// # Errors
     ///
@@ -165,7 +164,7 @@ impl Watch {
         self.wait_until(until(Some(timeout)))
     }
 
-    /// As [`wait`](Self::wait), but never waits; the result is empty if nothing changed.
+    /// As [`wait`](Self::wait), but never waits. Returns an empty list if nothing changed.
     ///
     /// # Errors
     ///
@@ -185,7 +184,7 @@ impl Watch {
                     return Err(error);
                 }
             };
-            // A Manager that was restarted may tell the same as the one before.
+            // A Manager that was restarted may report the same state as before.
             if !changes.is_empty() {
                 return Ok(changes);
             }
@@ -201,17 +200,18 @@ impl fmt::Debug for Watch {
     }
 }
 
-/// A mirror, and where its answers come from.
+/// A mirror of the domain, and the queries that keep it up to date.
 struct Reader {
     shared: Arc<Shared>,
     mirror: Mirror,
-    /// Of the Manager that the mirror is of.
+    /// The epoch of the Manager that the mirror shows.
     epoch: u64,
-    /// Of the last page: changes that do not lead there leave the mirror between two states.
+    /// The revision of the last page. Between pages, the mirror is not exact until the changes up to this
+    /// revision are applied.
     revision: u64,
-    /// A page that is on its way.
+    /// The query for a page that is pending.
     asked: Option<Ticket>,
-    /// Who collects what changes after the mirror's revision, or while its pages are read.
+    /// The follower that collects changes after the mirror's revision, also while pages are read.
     follower: Option<Ticket>,
 }
 
@@ -234,7 +234,7 @@ impl Reader {
         }
     }
 
-    /// Asks until the mirror is exact.
+    /// Queries the Manager until the mirror is exact.
     fn read(&mut self, until: Option<Instant>) -> Result<(), QueryError> {
         while self.mirror.ask().is_some() {
             self.step(until)?;
@@ -242,8 +242,8 @@ impl Reader {
         Ok(())
     }
 
-    /// Asks once for what the mirror needs, or for what comes after it if it is exact. What
-    /// has changed, if that made it exact again.
+    /// Makes one query: for what the mirror lacks, or for later changes if the mirror is exact. Returns the
+    /// changes once the mirror is exact again.
     fn step(&mut self, until: Option<Instant>) -> Result<Vec<Change>, QueryError> {
         match self.mirror.ask() {
             Some(Ask::Page { after: None }) => self.page(&Question::FirstPage, until),

@@ -13,7 +13,7 @@ use crate::{EncodeError, Message, Payload, PayloadError};
 ///
 /// # Errors
 ///
-/// [`EncodeError`] with what postcard says, such as a list whose length is not known.
+/// [`EncodeError`] with the reason from postcard, such as a list of unknown length.
 pub fn to_postcard<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, EncodeError> {
     match postcard::to_allocvec(value) {
         Ok(bytes) => Ok(Cow::Owned(bytes)),
@@ -24,7 +24,7 @@ pub fn to_postcard<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, E
     }
 }
 
-/// Decodes a serde type from the postcard format, all bytes of it.
+/// Decodes a serde type from the postcard format. All bytes must be used.
 ///
 /// # Errors
 ///
@@ -51,7 +51,7 @@ pub fn from_postcard<T: Message + DeserializeOwned>(
 ///
 /// # Errors
 ///
-/// [`EncodeError`] with what serde_json says, such as a map whose keys are no text.
+/// [`EncodeError`] with the reason from serde_json, such as a map whose keys are no text.
 #[cfg(feature = "json")]
 pub fn to_json<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, EncodeError> {
     match serde_json::to_vec(value) {
@@ -63,11 +63,11 @@ pub fn to_json<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, Encod
     }
 }
 
-/// Decodes a serde type from JSON, all bytes of it.
+/// Decodes a serde type from JSON. Only white space may follow it.
 ///
 /// # Errors
 ///
-/// [`PayloadError::Encoding`] if it does not decode, or more than white space is left over.
+/// [`PayloadError::Encoding`] if it does not decode, or more than white space follows.
 #[cfg(feature = "json")]
 pub fn from_json<T: Message + DeserializeOwned>(payload: &Payload) -> Result<Box<T>, PayloadError> {
     serde_json::from_slice(payload).map_err(|error| PayloadError::Encoding {
@@ -77,7 +77,7 @@ pub fn from_json<T: Message + DeserializeOwned>(payload: &Payload) -> Result<Box
     })
 }
 
-/// Text, UTF-8. A sample holds a copy, since UTF-8 is checked before it is believed.
+/// Text in UTF-8. A sample holds a copy, because the slot could change after the check for UTF-8.
 impl Message for str {
     const NAME: &'static str = "text";
     const HASH: u64 = schema::message("plain", <Self as Schema>::HASH);

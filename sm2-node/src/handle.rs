@@ -1,4 +1,4 @@
-//! What all four kinds of interface have in common.
+//! The part that all four kinds of interface share.
 
 pub(crate) mod declaration;
 mod declare;
@@ -16,7 +16,7 @@ use sm2_proto::{Instant, InterfaceId, Name};
 use crate::driver::{Bell, Inner, Interface, LinkStatus, Reserved, Shared, Tools, Topic};
 use crate::{Wait, WaitError};
 
-/// A declared interface, until it is dropped.
+/// A declared interface. Dropping it withdraws the interface.
 #[derive(Debug)]
 pub(crate) struct Handle {
     pub(crate) shared: Arc<Shared>,
@@ -24,20 +24,20 @@ pub(crate) struct Handle {
     pub(crate) name: Name,
     matched: usize,
     pool_limit_bytes: u64,
-    /// Payloads of up to this length travel in the datagram itself.
+    /// Payloads of up to this length are sent inside the datagram.
     pub(crate) inline_max: usize,
-    /// What a thread does while it waits for a message of this interface.
+    /// How a thread waits for a message of this interface.
     pub(crate) wait: Wait,
-    /// Made when somebody asks for a descriptor; none if that failed.
+    /// Created when a descriptor is first requested; `None` if that failed.
     bell: OnceLock<Option<Bell>>,
-    /// Tasks that wait for the descriptor, to be told when somebody else silences it: the
-    /// runtime learns of changes alone, and this one is over before it asks.
+    /// Tasks that wait for the descriptor. They are notified when another task silences it: the runtime
+    /// reports only changes, so they would miss that one.
     #[cfg(feature = "tokio")]
     pub(crate) silenced: Arc<tokio::sync::Notify>,
 }
 
 impl Handle {
-    /// How long unused memory is kept, and what is there before any message.
+    /// Sets how long unused memory is kept, and adopts reserved memory.
     pub(crate) fn keep(&mut self, idle: Duration, reserved: Option<Reserved>) {
         let bytes = reserved.as_ref().map_or(0, Reserved::bytes);
         self.pool_limit_bytes = self.pool_limit_bytes.saturating_add(bytes);
@@ -49,7 +49,7 @@ impl Handle {
         });
     }
 
-    /// Whether the Manager that is there has it.
+    /// Whether the current Manager has granted the interface.
     pub(crate) fn is_registered(&self) -> bool {
         self.shared.driven().is_registered(self.id)
     }
@@ -63,7 +63,7 @@ impl Handle {
         (self.shared.with(self.id, change)).expect("the interface lives as long as its handle")
     }
 
-    /// The same, but the node is driven only if it is time to, as long as all links have rings.
+    /// As [`with`](Self::with), but if all links have rings, drives the node only when it is due.
     pub(crate) fn with_due<R>(
         &self,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
@@ -114,8 +114,8 @@ impl Handle {
         })
     }
 
-    /// What `look` finds. If that is nothing, the descriptor, if there is one, is readable again when
-    /// something comes; since something may have come meanwhile, it looks once more then.
+    /// Returns what `look` finds. If it finds nothing, silences the descriptor (if there is one) and looks
+    /// once more, because a message may have arrived meanwhile.
     pub(crate) fn look<T>(
         &self,
         inner: &mut Inner,
@@ -127,7 +127,7 @@ impl Handle {
         })
     }
 
-    /// Whether to look once more.
+    /// Silences the descriptor. Returns whether to look once more.
     pub(crate) fn silence(&self, inner: &mut Inner) -> bool {
         let Some(Some(bell)) = self.bell.get() else {
             return false;
@@ -139,12 +139,12 @@ impl Handle {
         inner.park(Topic::Interface(self.id))
     }
 
-    /// What a program can poll: see [`Bell`].
+    /// The descriptor that a program can poll: see [`Bell`].
     pub(crate) fn descriptor(&self) -> BorrowedFd<'_> {
         let make = || match Bell::new(&self.shared, self.id) {
             Ok(bell) => Some(bell),
             Err(error) => {
-                tracing::warn!(%error, name = %self.name, "no descriptor of its own: the node's is used");
+                tracing::warn!(%error, name = %self.name, "no descriptor for the interface: using that of the node");
                 None
             }
         };
@@ -165,7 +165,7 @@ impl Drop for Handle {
     }
 }
 
-/// The moment `timeout` from now.
+/// The time `timeout` from now.
 pub(crate) fn until(timeout: Option<Duration>) -> Option<Instant> {
     timeout.map(|timeout| sm2_io::clock::now().after(timeout))
 }

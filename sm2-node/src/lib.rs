@@ -1,8 +1,8 @@
 //! SM2 nodes: the library that robot programs use.
 //!
-//! A *node* is a program's session with the Manager of a *domain*. It publishes and
-//! subscribes to *topics*, and serves and calls *services*. The Manager introduces nodes
-//! to each other; messages go from node to node through shared memory and never pass it.
+//! A *node* is a program's session with the Manager of a *domain*. It publishes and subscribes to *topics*,
+//! and serves and calls *services*. The Manager links the interfaces of nodes; messages go from node to node
+//! through shared memory and never pass the Manager.
 //!
 //! A publisher:
 //!
@@ -48,53 +48,53 @@
 //!
 //! # What can be sent
 //!
-//! Bytes, text, numbers, plain old data that is read in place, and whatever serde can
-//! encode: see [`Message`]. Two programs talk only if they mean the same type; the first
-//! that declares another one gets a [`DeclareError::TypeMismatch`] that names both.
+//! Bytes, text, numbers, plain old data that is read in place, and every type that serde can encode: see
+//! [`Message`]. Two programs can only communicate if they use the same type. The first one to declare another
+//! type gets a [`DeclareError::TypeMismatch`] that names both.
 //!
-//! # How it moves
+//! # How it runs
 //!
-//! The library is synchronous and has no hidden threads. Every call of any handle of a node
-//! first moves all of the node's sockets on, as far as is possible without waiting; calls
-//! that wait move it on while they wait. No call waits for one particular peer, unless that is
-//! what it was asked for. [`Node::spin`] is for programs that have nothing to call.
+//! The library is synchronous and has no hidden threads. Every call of any handle first *drives* the node: it
+//! reads and writes all of the node's sockets, as far as that is possible without waiting. Calls that wait
+//! keep driving the node meanwhile. A call waits for a particular peer only if its purpose is to do so.
+//! [`Node::spin`] is for programs that have nothing else to call.
 //!
-//! # In an event loop of your own
+//! # In your own event loop
 //!
-//! A node fits into every loop that can wait until a descriptor is readable. Each of these
-//! implements `AsFd`, and each stands for its whole node:
+//! A node fits into every loop that can wait until a descriptor is readable. Each of these types implements
+//! `AsFd`, and each descriptor stands for its whole node:
 //!
-//! | for a | watch | and when it is readable, call |
+//! | for a | watch | when readable, call |
 //! | --- | --- | --- |
 //! | [`Subscriber`] | it | [`Subscriber::try_recv`] |
 //! | [`Server`] | it | [`Server::try_recv`] |
-//! | [`Client`] | it, as long as calls are under way | [`Call::try_wait`] of all of them |
-//! | none of these, at the time | the [`Node`] | [`Node::spin_some`] |
+//! | [`Client`] | it, while calls are pending | [`Call::try_wait`] of all pending calls |
+//! | program that has none of these | the [`Node`] | [`Node::spin_some`] |
 //!
-//! - Each of these calls first moves the whole node on: no other is needed.
-//! - A descriptor stays readable until its call has said that there is nothing, whichever
-//!   call read the message from its socket (a publication may do that): a turn may
-//!   take one message, or all.
-//! - Watch level-triggered. Where a loop only reports what is new (mio, multishot requests of
-//!   io_uring), register the descriptor anew after each turn.
-//! - No timer is needed: the times that the node itself keeps are behind the same descriptors.
-//!   Only the deadline of a call that nobody answers is seen when it is asked for.
-//! - Only [`Publisher::publish`] can wait: for reliable subscribers, for at most the
+//! - Each of these calls drives the whole node: no further call is needed.
+//! - A descriptor stays readable until its call has returned that there is nothing more. That holds even if
+//!   another call, such as a publication, has read the message from its socket. An iteration may therefore
+//!   take one message or all.
+//! - Watch the descriptors level-triggered. If a loop reports only changes (mio, multishot requests of
+//!   io_uring), register the descriptor again after each iteration.
+//! - No timer is needed: the node's own timers make the same descriptors readable. The only exception is the
+//!   deadline of a call without a reply, which [`Call::try_wait`] reports.
+//! - Only [`Publisher::publish`] can wait: for reliable subscribers, and for at most the
 //!   [`PublisherBuilder::publish_timeout`]. A loop that must not wait sets `Duration::ZERO`.
 //!
 //! The examples `loop_epoll`, `loop_mio` and `loop_io_uring` are complete programs.
 //!
-//! # When the Manager goes
+//! # When the Manager ends
 //!
-//! Nothing happens to messages: links go on. The node looks for another Manager by itself, and
-//! that one learns from it what it has: see [`Node`]. A domain that needs no daemon is
-//! one whose nodes bring a Manager along (`NodeBuilder::embed_manager`, feature
-//! `embedded-manager`).
+//! Links stay open, and messages continue to flow. The node connects to another Manager by itself and tells
+//! it about its interfaces and links: see [`Node`]. In a domain without a daemon, the nodes bring a Manager
+//! along (`NodeBuilder::embed_manager`, feature `embedded-manager`).
 //!
-//! # Looking at the domain
+//! # Inspecting the domain
 //!
-//! [`Node::snapshot`] gives all of it, [`Node::watch`] what changes, [`Publisher::why`] and its
-//! likes why an interface has no links, [`Node::inspect`] what another node counts.
+//! [`Node::snapshot`] returns the whole domain and [`Node::watch`] its changes. [`Publisher::why`], like the
+//! same method of the other interfaces, explains missing links. [`Node::inspect`] reads the counters of
+//! another node.
 //!
 //! # Conventions
 //!
@@ -107,45 +107,46 @@
 //! | `recv_timeout(d)`, `wait_for_subscribers_timeout(n, d)`, `call_timeout(.., d)`, `spin_once_timeout(d)` | for at most `d`, a `Duration` |
 //! | `try_recv()`, `try_wait()`, and [`Node::spin_some`] | never |
 //!
-//! A time limit is never an `Option`. A call that finds nothing before its time limit returns `None`,
-//! an empty collection, 0 or `false`; an error says that a condition which the program asked for
-//! (enough links, a reply, a Manager) did not come about. [`Publisher::publish`] has one form,
-//! because only reliable subscribers can make it wait: its time limit is a property of the publisher.
+//! A time limit is never an `Option`. After its time limit, a call without a result returns `None`, an empty
+//! collection, 0 or `false`. It returns an error if a condition that the program asked for (enough links, a
+//! reply, a Manager) was not met. [`Publisher::publish`] has one form, because only reliable subscribers can
+//! make it wait: its time limit is a property of the publisher.
 //!
-//! *Builders.* `node.publisher("topic")` declares with the defaults; `node.publisher_builder("topic")`
-//! gives a builder, which [`declare`](PublisherBuilder::declare) spends. Each setter takes one
-//! value, booleans included (`reliable(true)`), so that a value from a configuration passes straight
-//! through, and has the same name and type wherever it occurs. A time limit is a `Duration`, and its
-//! setter ends in `_timeout`. A setter without a value selects an alternative (`any_type()`).
-//! Counts are counts of messages, lengths are in bytes.
+//! *Builders.* `node.publisher("topic")` declares with the defaults. `node.publisher_builder("topic")`
+//! returns a builder, which [`declare`](PublisherBuilder::declare) consumes. A setter has the same name and
+//! type in every builder. It takes one value, booleans included (`reliable(true)`), so that a value from a
+//! configuration can be passed on directly. A setter of a time limit takes a `Duration`, and its name ends in
+//! `_timeout`. A setter without a value selects an alternative (`any_type()`). Counts are counts of messages,
+//! lengths are in bytes.
 //!
-//! *Names.* Publisher and subscriber belong to a topic, server and client to a service. Where they
-//! do the same, they call it the same: `links`, `matched`, `is_registered`, `why`, `wait_for_…`.
+//! *Names.* Publishers and subscribers belong to a topic, servers and clients to a service. Methods that do
+//! the same have the same name: `links`, `matched`, `is_registered`, `why`, `wait_for_…`.
 //!
-//! *Errors.* One enumeration for each operation, such as [`PublishError`]; its `Io` variant is what the operating
-//! system refused. Nothing panics on what another process sends.
+//! *Errors.* Each operation has its own error enumeration, such as [`PublishError`]. The `Io` variant carries
+//! an error of the operating system. No input from another process causes a panic.
 //!
 //! # How a message travels
 //!
-//! | form | which messages | costs |
+//! | form | which messages | cost |
 //! | --- | --- | --- |
-//! | inline | up to `inline_max` bytes, unless by a ring | a copy for each receiver |
+//! | inline | up to `inline_max` bytes, on the socket lane | a copy for each receiver |
 //! | pooled | longer ones, and all by a ring | one copy into a slot that all receivers read; none for a [`Loan`] |
 //! | sealed | longer ones, if publisher, subscriber or the domain's policy say so | new memory for each message, which nobody can change any more |
 //!
-//! | lane | which links | costs |
+//! | lane | which links | cost |
 //! | --- | --- | --- |
-//! | ring | topics and services between two nodes that both [offer](NodeBuilder::ring_lane) it, unless sealed | two atomic words; no system call as long as nobody sleeps ([`Wait`]), but a look at the sockets every 100 us |
-//! | socket | all others | a system call at each side |
+//! | ring | unsealed links between two nodes that both [offer](NodeBuilder::ring_lane) it | two atomic words; no system call while both sides are awake ([`Wait`]), except one look at the sockets every 100 µs |
+//! | socket | all others | a system call on each side |
 //!
-//! # Where to read on
+//! # Further reading
 //!
-//! [`Node`], [`Publisher`], [`Subscriber`], [`Server`], [`Client`] and their builders;
-//! [`mod@domain`] and [`diagnostics`] for tools; the examples; `SPEC.md` for the protocol, whose clauses are named here as `SM2-QOS-002`.
+//! [`Node`], [`Publisher`], [`Subscriber`], [`Server`], [`Client`] and their builders; [`mod@domain`] and
+//! [`diagnostics`] for tools; the examples; `SPEC.md` for the protocol. Names such as `SM2-QOS-002` refer to
+//! its clauses.
 #![deny(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 
-// For the derive macros, which speak of `::sm2_node`.
+// For the derive macros, whose output refers to `::sm2_node`.
 extern crate self as sm2_node;
 
 #[cfg(feature = "tokio")]
@@ -167,7 +168,7 @@ mod plain;
 mod pool;
 #[allow(
     unsafe_code,
-    reason = "the one constructor of a slice over pooled memory"
+    reason = "the only constructor of a slice over pooled memory"
 )]
 mod pooled;
 mod published;

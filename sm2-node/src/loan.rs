@@ -1,4 +1,4 @@
-//! Messages that are written where their receivers read them.
+//! Messages that are written in place, in the memory that their receivers read.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -16,7 +16,7 @@ use crate::publisher::untyped::UntypedPublisher;
 use crate::spare::{self, Fill};
 use crate::{Plain, PublishError, StoreError};
 
-/// One message being written in place. Dereferences to it.
+/// A message that is written in place. Dereferences to the message.
 ///
 /// The initial value is unspecified: zeroes, or the bytes of an earlier message of this publisher.
 /// [`publish`](Self::publish) sends the message; dropping the loan releases its memory.
@@ -29,10 +29,10 @@ pub struct Loan<'p, T: Plain + ?Sized> {
 }
 
 enum Memory {
-    /// The message is short enough to travel in the datagram.
+    /// The message is short enough to be sent inside the datagram.
     Heap(AlignedBuffer),
     Slot(Lease<Slot>),
-    /// A file of its own: all links are sealed.
+    /// A separate file, because all links are sealed.
     Sealed(SealedLoan),
 }
 
@@ -79,7 +79,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             Memory::Heap(buffer) => forms.inline = Some(Bytes::from_owner(buffer)),
             Memory::Slot(lease) => {
                 let bytes = lease.memory.bytes(self.len);
-                // Sealed here, because it takes long and the node's lock is not held.
+                // Sealed here, without the node's lock, because sealing takes long.
                 let sealed = needs.sealed.then(|| self.publisher.seal(bytes)).transpose();
                 forms.pooled = Some(lease);
                 match sealed {

@@ -1,4 +1,4 @@
-//! What can be sent: the [`Message`] trait.
+//! The [`Message`] trait: types that can be sent.
 
 use std::borrow::Cow;
 use std::ops::Deref;
@@ -8,14 +8,14 @@ use sm2_proto::{Name, TypeId};
 use crate::Payload;
 use crate::payload::MessageBytes;
 
-/// A type that topics and services carry.
+/// A type that topics and services can carry.
 ///
-/// | type | how it travels | how it is received |
+/// | type | encoding | the receiver gets |
 /// | --- | --- | --- |
-/// | `[u8]` | as it is; type `bytes`, the raw messages of SM2-NAM-003 | in place |
-/// | [`Plain`](crate::Plain) types, numbers, slices of them | as they are in memory | in place |
-/// | `str`, `String` | UTF-8 | copied and checked |
-/// | serde types | postcard or JSON | decoded |
+/// | `[u8]` | none; type `bytes`, the raw messages of SM2-NAM-003 | the bytes in place |
+/// | [`Plain`](crate::Plain) types, numbers, slices of them | none: the bytes in memory | the value in place |
+/// | `str`, `String` | UTF-8 | a checked copy |
+/// | serde types | postcard or JSON | the decoded value |
 ///
 /// Plain old data is read where the sender wrote it, so it costs the same for any size:
 ///
@@ -32,8 +32,8 @@ use crate::payload::MessageBytes;
 /// }
 /// ```
 ///
-/// So is a header that is followed by as many elements as the message has. There must be no
-/// padding for any number of them, so the header's numbers are ones without alignment (or
+/// A structure may end in a slice: a header, followed by as many elements as the message has. There must be
+/// no padding for any number of elements. The numbers of the header are therefore types without alignment (or
 /// the structure is `repr(C, packed)`):
 ///
 /// ```
@@ -51,7 +51,7 @@ use crate::payload::MessageBytes;
 /// }
 /// ```
 ///
-/// Anything that serde can encode:
+/// Any type that serde can encode can be a message:
 ///
 /// ```
 /// # use sm2_node::Message;
@@ -65,14 +65,14 @@ use crate::payload::MessageBytes;
 /// }
 /// ```
 ///
-/// With `encoding = "json"` and the feature `json` it travels as JSON: several times slower and
-/// longer, but read by whatever knows neither SM2's types nor postcard. JSON has no `NaN` and
-/// no infinity: such a number arrives as an error.
+/// With `encoding = "json"` and the feature `json`, messages are sent as JSON. They are several times longer
+/// and slower, but a reader needs to know neither SM2's types nor postcard. JSON has no `NaN` and no
+/// infinity: such a number arrives as an error.
 ///
 /// The derives of zerocopy and serde need these crates in your `Cargo.toml`. The name
 /// follows SM2-NAM-001: segments of `A-Z a-z 0-9 _ -`, joined by single `/`.
 ///
-/// What cannot be right does not compile: a field that not every bit pattern is a value of,
+/// Mistakes do not compile. One is a field for which some bit patterns are no value:
 ///
 /// ```compile_fail,E0277
 /// # use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
@@ -85,7 +85,7 @@ use crate::payload::MessageBytes;
 /// }
 /// ```
 ///
-/// a name that is none, a type without a name,
+/// Others are an illegal name, or a missing name,
 ///
 /// ```compile_fail
 /// # use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
@@ -98,7 +98,7 @@ use crate::payload::MessageBytes;
 /// }
 /// ```
 ///
-/// or an encoding that differs from what the schema says.
+/// and an encoding that differs from the schema:
 ///
 /// ```compile_fail
 /// # use sm2_node::Message;
@@ -112,51 +112,51 @@ use crate::payload::MessageBytes;
 /// }
 /// ```
 ///
-/// Implement it by hand for another encoding: `bytes` and `view` are all there is to it. With
-/// [`schema::message_text`](crate::schema::message_text) tools at least learn its structure.
+/// Implement this trait by hand for another encoding; `bytes` and `view` are all that it needs. With
+/// [`schema::message_text`](crate::schema::message_text), tools can still learn the structure.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a message",
-    note = "derive it, with zerocopy's traits or serde's beside it: see `sm2_node::Message`",
+    note = "derive `Message` together with zerocopy's or serde's traits: see `sm2_node::Message`",
     note = "a list is sent as a slice: `[T]`, not `Vec<T>`"
 )]
 pub trait Message: 'static {
     /// The type's name, the same in every program and language.
     const NAME: &'static str;
-    /// The hash of structure and encoding: see [`schema`](crate::schema).
+    /// The hash of the type's structure and encoding: see [`schema`](crate::schema).
     const HASH: u64;
-    /// What a [`Sample`](crate::Sample) holds to show the message.
+    /// The part of a [`Sample`](crate::Sample) that gives access to the message.
     type View: Deref<Target = Self> + Send + Sync;
 
-    /// The schema text, from which tools know what the bytes mean and whose hash is
-    /// [`HASH`](Self::HASH): SPEC Annex A. A type whose hash was chosen by hand has none.
+    /// The schema text (SPEC Annex A), with which tools decode messages. Its hash is [`HASH`](Self::HASH).
+    /// `None` for a type whose hash was chosen by hand.
     #[must_use]
     fn schema() -> Option<String> {
         None
     }
 
-    /// The message as bytes.
+    /// Encodes the message.
     ///
     /// # Errors
     ///
     /// [`EncodeError`] if this value has no encoding.
     fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError>;
 
-    /// The message that these bytes are.
+    /// Decodes a message.
     ///
     /// # Errors
     ///
-    /// [`PayloadError`] if they are none.
+    /// [`PayloadError`] if the bytes are not a message of this type.
     fn view(payload: Payload) -> Result<Self::View, PayloadError>;
 
-    /// As [`view`](Self::view), for a type that is read where the sender wrote it: the result may
-    /// refer to a slot, which the caller releases only after it dropped the result.
+    /// As [`view`](Self::view), for a type that is read in place. The result may refer to a slot, so the
+    /// caller must drop the result before it releases the slot.
     #[doc(hidden)]
     #[inline]
     fn view_in_place(bytes: MessageBytes) -> Result<Self::View, PayloadError> {
         Self::view(bytes.into_payload())
     }
 
-    /// The type as it is declared to the Manager.
+    /// Returns the type as it is declared to the Manager.
     ///
     /// # Panics
     ///
@@ -173,18 +173,17 @@ pub trait Message: 'static {
     }
 }
 
-/// A value that its encoding cannot express.
+/// A value that cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a value of type {type_name} cannot be encoded: {reason}")]
 pub struct EncodeError {
     /// The message type.
     pub type_name: &'static str,
-    /// What the encoding says.
+    /// The reason from the encoder.
     pub reason: String,
 }
 
-/// Bytes that are not a message of the type that was declared: its sender does
-/// not send what it declared.
+/// Bytes that are not a message of the declared type. The sender does not send what it declared.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PayloadError {
     /// The length does not fit the type.
@@ -192,11 +191,11 @@ pub enum PayloadError {
     Length {
         /// The message type.
         type_name: &'static str,
-        /// How many bytes came.
+        /// The number of bytes received.
         len: usize,
     },
-    /// The type demands an alignment of more than 64 bytes.
-    #[error("{type_name} demands an alignment of more than 64 bytes: lower its repr(align)")]
+    /// The type has an alignment of more than 64 bytes.
+    #[error("{type_name} has an alignment of more than 64 bytes: lower its repr(align)")]
     Alignment {
         /// The message type.
         type_name: &'static str,
@@ -206,9 +205,9 @@ pub enum PayloadError {
     Encoding {
         /// The message type.
         type_name: &'static str,
-        /// How many bytes came.
+        /// The number of bytes received.
         len: usize,
-        /// What the decoder says.
+        /// The reason from the decoder.
         reason: String,
     },
 }

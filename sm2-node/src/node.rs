@@ -1,4 +1,4 @@
-//! A node: one session with the Manager of one domain.
+//! A node: a session with the Manager of one domain.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -14,47 +14,45 @@ use crate::{
     ServerBuilder, Subscriber, SubscriberBuilder, WaitError,
 };
 
-/// A node, known to its domain by its name.
+/// A node of a domain, with a unique name.
 ///
-/// Cloning it makes another handle of the same node. The session lives as long as any handle,
-/// or a publisher, subscriber, server or client of it. All handles can be used from
-/// several threads at a time: while one waits, others go on.
+/// Clones are handles of the same node. The session lives as long as any handle of the node, or any of its
+/// publishers, subscribers, servers or clients. All handles can be used from several threads at the same
+/// time: while one call waits, others continue.
 ///
-/// There is no hidden thread: whatever is called moves all of the node's sockets on, as
-/// far as that is possible without waiting. A program that calls rarely, while others
-/// depend on it, calls [`spin`](Self::spin) in between: a subscriber that joins late is
-/// only served by a publisher that is called.
+/// There is no hidden thread: every call drives the node, which reads and writes all of its sockets as far as
+/// possible without waiting. A program that rarely calls the node must call [`spin`](Self::spin) in between:
+/// for example, a publisher serves a new subscriber only when it is called.
 ///
-/// # When the Manager goes
+/// # When the Manager ends
 ///
-/// The end of the session (the Manager was stopped, or died) ends no link: messages go on
-/// to flow (SM2-NOD-003). The node connects again by itself, as soon as there is another
-/// Manager, and brings along what it has (SM2-RES-001): interfaces, links, counters. Until
-/// then nothing new is linked, what is declared waits for the new Manager as long as
-/// [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout) says, and waiting without a time-out goes on. Whatever moves the node
-/// on does this as well; for others, the node's [descriptor](AsFd) wakes them.
+/// When the session ends (the Manager was stopped or has crashed), links stay open and messages continue to
+/// flow (SM2-NOD-003). The node connects to the next Manager by itself and brings its interfaces, links and
+/// counters along (SM2-RES-001). Until then there are no new links. Declarations wait for the new Manager for
+/// at most [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout), and calls without a timeout
+/// continue to wait. Every call that drives the node also reconnects it; for event loops, the node's
+/// [descriptor](AsFd) becomes readable.
 ///
-/// What `tracing` is told, is told while the node is locked: a `tracing` subscriber must not
-/// call the node in turn.
+/// The node is locked while it logs to `tracing`: a `tracing` subscriber must not call the node.
 #[derive(Clone, Debug)]
 pub struct Node {
     pub(crate) shared: Arc<Shared>,
 }
 
 impl Node {
-    /// The node's name.
+    /// Returns the node's name.
     #[must_use]
     pub fn name(&self) -> &Name {
         &self.shared.name
     }
 
-    /// Whether there is a Manager that knows all of this node, as far as is known now.
+    /// Whether a Manager knows all interfaces of this node, as far as the node knows.
     #[must_use]
     pub fn is_connected(&self) -> bool {
         self.shared.driven().is_connected()
     }
 
-    /// Waits until a Manager knows all of this node, without a time limit.
+    /// Waits until a Manager knows all interfaces of this node, without a time limit.
     ///
     /// # Errors
     ///
@@ -63,11 +61,11 @@ impl Node {
         self.wait_connected_until(None)
     }
 
-    /// Waits until a Manager knows all of this node, for at most `timeout`.
+    /// Waits until a Manager knows all interfaces of this node, for at most `timeout`.
     ///
     /// # Errors
     ///
-    /// [`WaitError::NoManager`] when the time is over, [`WaitError::Io`].
+    /// [`WaitError::NoManager`] after the timeout; [`WaitError::Io`].
     pub fn wait_connected_timeout(&self, timeout: Duration) -> Result<(), WaitError> {
         self.wait_connected_until(Some(timeout))
     }
@@ -84,25 +82,24 @@ impl Node {
         }
     }
 
-    /// The incarnation of the Manager, which no other has; `None` as long as there is no
-    /// Manager (SM2-SES-007).
+    /// Returns the epoch of the Manager, which is unique for each Manager; `None` while there is no Manager
+    /// (SM2-SES-007).
     #[must_use]
     pub fn epoch(&self) -> Option<u64> {
         self.shared.driven().epoch()
     }
 
-    /// The number by which the Manager of the moment knows this node; `None` as long as there
-    /// is no Manager. Another Manager gives another number.
+    /// Returns the number of this node at the current Manager; `None` while there is no Manager. Each Manager
+    /// assigns new numbers.
     #[must_use]
     pub fn id(&self) -> Option<NodeId> {
         self.shared.driven().node_id()
     }
 
-    /// A publisher with the default quality of service: keep-last, 8 messages for each
-    /// subscriber.
+    /// Declares a publisher with the default quality of service: keep-last, 8 messages for each subscriber.
     ///
-    /// Topics and services are named as SM2-NAM-001 says: segments of `A-Z a-z 0-9 _ -`, joined by
-    /// single `/`. One `/` before the first is accepted here and left out: `/scan` is `scan`.
+    /// Names of topics and services follow SM2-NAM-001: segments of `A-Z a-z 0-9 _ -`, joined by single `/`.
+    /// A leading `/` is accepted and removed: `/scan` is `scan`.
     ///
     /// # Errors
     ///
@@ -114,15 +111,14 @@ impl Node {
         self.publisher_builder(topic).declare()
     }
 
-    /// To choose a publisher's quality of service.
+    /// Returns a builder, to choose a publisher's quality of service.
     pub fn publisher_builder<T: Message + ?Sized>(&self, topic: &str) -> PublisherBuilder<T> {
         PublisherBuilder::new(&self.shared, topic)
     }
 
-    /// A subscriber with the default quality of service: keep-last, 8 messages of each
-    /// publisher.
+    /// Declares a subscriber with the default quality of service: keep-last, 8 messages of each publisher.
     ///
-    /// Names are written as for [`publisher`](Self::publisher).
+    /// Names follow the rules of [`publisher`](Self::publisher).
     ///
     /// # Errors
     ///
@@ -134,14 +130,14 @@ impl Node {
         self.subscriber_builder(topic).declare()
     }
 
-    /// To choose a subscriber's quality of service.
+    /// Returns a builder, to choose a subscriber's quality of service.
     pub fn subscriber_builder<T: Message + ?Sized>(&self, topic: &str) -> SubscriberBuilder<T> {
         SubscriberBuilder::new(&self.shared, topic)
     }
 
-    /// A server that answers requests of type `Q` with replies of type `R`.
+    /// Declares a server that answers requests of type `Q` with replies of type `R`.
     ///
-    /// Names are written as for [`publisher`](Self::publisher).
+    /// Names follow the rules of [`publisher`](Self::publisher).
     ///
     /// # Errors
     ///
@@ -154,7 +150,7 @@ impl Node {
         self.server_builder(service).declare()
     }
 
-    /// To choose a server's limits.
+    /// Returns a builder, to choose a server's limits.
     pub fn server_builder<Q, R>(&self, service: &str) -> ServerBuilder<Q, R>
     where
         Q: Message + ?Sized,
@@ -163,9 +159,9 @@ impl Node {
         ServerBuilder::new(&self.shared, service)
     }
 
-    /// A client that sends requests of type `Q` and gets replies of type `R`.
+    /// Declares a client that sends requests of type `Q` and gets replies of type `R`.
     ///
-    /// Names are written as for [`publisher`](Self::publisher).
+    /// Names follow the rules of [`publisher`](Self::publisher).
     ///
     /// # Errors
     ///
@@ -178,7 +174,7 @@ impl Node {
         self.client_builder(service).declare()
     }
 
-    /// To choose a client's limits.
+    /// Returns a builder, to choose a client's limits.
     pub fn client_builder<Q, R>(&self, service: &str) -> ClientBuilder<Q, R>
     where
         Q: Message + ?Sized,
@@ -187,16 +183,16 @@ impl Node {
         ClientBuilder::new(&self.shared, service)
     }
 
-    /// Moves the node on, for ever.
+    /// Drives the node forever.
     ///
     /// # Errors
     ///
-    /// Whatever the operating system says when it cannot wait.
+    /// An error of the operating system while waiting.
     pub fn spin(&self) -> io::Result<()> {
         self.spin_until(None)
     }
 
-    /// Moves the node on for this long.
+    /// Drives the node for `duration`.
     ///
     /// # Errors
     ///
@@ -205,7 +201,7 @@ impl Node {
         self.spin_until(until(Some(duration)))
     }
 
-    /// Moves the node on as far as possible, and never waits.
+    /// Drives the node as far as possible, without waiting.
     ///
     /// # Errors
     ///
@@ -215,9 +211,8 @@ impl Node {
         Ok(())
     }
 
-    /// Waits until the node has something to do, without a time limit, and then moves it on as
-    /// [`spin_some`](Self::spin_some) does. The node's [descriptor](AsFd) is readable at that
-    /// moment.
+    /// Waits until the node has something to do, without a time limit, and then drives it as
+    /// [`spin_some`](Self::spin_some) does. The node's [descriptor](AsFd) is readable at that moment.
     ///
     /// # Errors
     ///
@@ -236,7 +231,7 @@ impl Node {
     }
 
     fn spin_once_until(&self, timeout: Option<Duration>) -> io::Result<()> {
-        // A message in a ring is work too, but for its subscriber: it only ends the waiting.
+        // A message in a ring also ends the wait, but only its subscriber can take the message.
         if !self.shared.lock().park_all() {
             sm2_io::wait_readable(&[self.shared.epoll.as_fd()], timeout)?;
         }
@@ -249,8 +244,8 @@ impl Node {
     }
 }
 
-/// Readable when [`Node::spin_once`] has something to do. To learn about messages, poll the
-/// descriptor of the subscriber, server or client.
+/// Readable when [`Node::spin_once`] would not wait. To learn about messages, poll the descriptor of the
+/// subscriber, server or client instead.
 impl AsFd for Node {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.shared.epoll.as_fd()

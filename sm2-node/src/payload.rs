@@ -1,4 +1,4 @@
-//! The bytes of one received message, wherever they are.
+//! The bytes of one received message.
 
 use std::fmt;
 use std::io;
@@ -11,11 +11,11 @@ use sm2_io::{PooledMapping, SealedMapping};
 
 use crate::pooled::PooledBytes;
 
-/// The bytes of one received message, in memory that no process can change: private memory, or a
-/// sealed file of their own. Dereferences to the bytes.
+/// The bytes of one received message in memory that no process can change: private memory, or a sealed file.
+/// Dereferences to the bytes.
 ///
-/// A message that came in a slot of its publisher's pool was copied. Plain old data is read in the
-/// slot instead, and never takes this form: see [`Message`](crate::Message).
+/// A message in a slot of its publisher's pool is copied to get this form. Plain old data is read directly in
+/// the slot instead: see [`Message`](crate::Message).
 pub struct Payload(Storage);
 
 enum Storage {
@@ -29,7 +29,7 @@ impl Payload {
         Self(Storage::Inline(bytes))
     }
 
-    /// The bytes in a vector of their own, without a copy if they are in one already.
+    /// Returns the bytes as a vector, without a copy if they already are in one.
     pub(crate) fn into_vec(self) -> Vec<u8> {
         match self.0 {
             Storage::Copied(bytes) => bytes,
@@ -67,10 +67,10 @@ impl fmt::Debug for Payload {
     }
 }
 
-/// The bytes of a message that the program holds, where the sender put them.
+/// The bytes of a message that the program holds, in the memory where the sender put them.
 ///
-/// The slice over a slot is valid only until the message is given back, so this type stays inside
-/// the crate: [`Message::view`](crate::Message::view) gets a [`Payload`] instead.
+/// The slice over a slot is valid only until the message is released, so this type is private to the crate:
+/// [`Message::view`](crate::Message::view) gets a [`Payload`] instead.
 #[derive(Debug)]
 pub enum MessageBytes {
     Stable(Payload),
@@ -78,7 +78,7 @@ pub enum MessageBytes {
 }
 
 impl MessageBytes {
-    /// The bytes in memory that no process can change: a copy of those in a slot.
+    /// Returns the bytes in memory that no process can change. Copies those in a slot.
     pub(crate) fn into_payload(self) -> Payload {
         match self {
             Self::Stable(payload) => payload,
@@ -99,7 +99,7 @@ impl Deref for MessageBytes {
     }
 }
 
-/// Where the bytes of a message are that was taken from its link.
+/// The location of the bytes of a message that was taken from its link.
 #[derive(Debug)]
 pub(crate) enum Source {
     Inline(Bytes),
@@ -109,13 +109,13 @@ pub(crate) enum Source {
         offset: u64,
         len: u64,
     },
-    /// In a sealed file that is not mapped yet: that takes long for large ones, and is not
-    /// done under the node's lock.
+    /// A sealed file that is not mapped yet. Mapping a large file takes long, so it is done without the
+    /// node's lock.
     Sealed {
         file: SealedFile,
         len: u64,
     },
-    /// Its segment or file is not known. No machine lets such a message pass.
+    /// An unknown segment or file. The link's machine never delivers such a message.
     Missing,
 }
 
@@ -124,10 +124,10 @@ impl Source {
     ///
     /// # Safety
     ///
-    /// As [`PooledBytes::new`]: the message is not released before the result is dropped.
+    /// As for [`PooledBytes::new`]: the message is not released before the result is dropped.
     //= SM2-PAY-006
-    // `offset` and `len` are what the link's machine made of the datagram, or of its copy of the
-    // head; nothing here was read from shared memory.
+    // The link's machine took `offset` and `len` from the datagram, or from its copy of the head; neither was
+    // read from shared memory here.
     #[allow(unsafe_code, reason = "passes the condition of `PooledBytes::new` on")]
     #[inline]
     pub(crate) unsafe fn open(self) -> io::Result<MessageBytes> {
@@ -138,12 +138,12 @@ impl Source {
                 offset,
                 len,
             } => {
-                // SAFETY: the caller's promise is the same.
+                // SAFETY: the caller makes the same promise.
                 let bytes = unsafe { PooledBytes::new(segment, offset, len) };
                 let bytes = bytes.ok_or(io::ErrorKind::NotFound)?;
                 Ok(MessageBytes::Pooled(bytes))
             }
-            // All pages at once: a program that takes a message is about to read it.
+            // Maps all pages at once: a program that takes a message will read it.
             Self::Sealed { file, len } => {
                 let mapping = SealedMapping::new(&file, len, true)?;
                 Ok(MessageBytes::Stable(Payload(Storage::Sealed(mapping))))

@@ -12,9 +12,8 @@ use crate::payload::MessageBytes;
 use crate::schema::{self, Schema};
 use crate::{EncodeError, Message, Payload, PayloadError};
 
-/// A type whose bytes are the message: every bit pattern is a value, and there is no
-/// padding. All that is to be proven is proven by zerocopy's derives; a field that
-/// is a `bool`, a reference or an enumeration does not compile.
+/// A type whose bytes are the message: every bit pattern is a value, and there is no padding. zerocopy's
+/// derives prove both; a field that is a `bool`, a reference or an enumeration does not compile.
 ///
 /// Derived by `#[derive(Message)]`: see [`Message`]. The alignment is at most 64 bytes.
 #[diagnostic::on_unimplemented(
@@ -26,10 +25,10 @@ pub trait Plain:
 {
     /// The type's name: see [`Message::NAME`].
     const NAME: &'static str;
-    /// The hash of structure and encoding: see [`Message::HASH`].
+    /// The hash of the type's structure and encoding: see [`Message::HASH`].
     #[doc(hidden)]
     const PLAIN_HASH: u64 = schema::message("plain", <Self as Schema>::HASH);
-    /// Name and hash of a list of these.
+    /// Name and hash of a list of this type.
     #[doc(hidden)]
     const LIST: (&'static str, u64) = (
         ListName::<Self>::TEXT,
@@ -78,19 +77,19 @@ impl Plain for u8 {
     const LIST: (&'static str, u64) = ("bytes", 0);
 }
 
-/// Named after its elements: `f32-list`; a list of `u8` is the type `bytes`.
+/// The name is that of the elements with a suffix, such as `f32-list`; a list of `u8` is the type `bytes`.
 impl<T: Plain> Plain for [T] {
     const NAME: &'static str = T::LIST.0;
     const PLAIN_HASH: u64 = T::LIST.1;
 }
 
-/// `T::NAME` and a suffix, put together by the compiler.
+/// `T::NAME` with a suffix, concatenated at compile time.
 struct ListName<T: ?Sized>(PhantomData<T>);
 
 impl<T: Plain + ?Sized> ListName<T> {
     const SUFFIX: &'static str = "-list";
     const LEN: usize = <T as Plain>::NAME.len() + Self::SUFFIX.len();
-    /// Longer names are refused when they are declared; here they are only cut.
+    /// Longer names are cut here; declaring them fails.
     const BYTES: [u8; 512] = {
         let mut bytes = [b'-'; 512];
         let parts = [<T as Plain>::NAME.as_bytes(), Self::SUFFIX.as_bytes()];
@@ -109,14 +108,14 @@ impl<T: Plain + ?Sized> ListName<T> {
         let (text, _) = Self::BYTES.split_at(Self::LEN);
         match std::str::from_utf8(text) {
             Ok(text) => text,
-            Err(_) => panic!("two texts are a text"),
+            Err(_) => panic!("the concatenation of two strings is UTF-8"),
         }
     };
 }
 
-/// Shows a message of a [`Plain`] type where it is.
+/// Access to a message of a [`Plain`] type.
 ///
-/// What came in memory that is not aligned for the type was copied to where it is.
+/// The message is in place, unless its memory is not aligned for the type: then it is a copy.
 pub struct InPlace<T: Plain + ?Sized> {
     bytes: Place,
     shows: PhantomData<T>,
@@ -153,7 +152,7 @@ impl Place {
     }
 }
 
-/// Whether `bytes` can be shown as a `T`: by their length and alignment alone.
+/// Checks whether `bytes` have the length and the alignment of a `T`.
 pub(crate) fn check<T: Plain + ?Sized>(bytes: &[u8]) -> Result<(), PayloadError> {
     let type_name = <T as Plain>::NAME;
     match T::ref_from_bytes(bytes) {
@@ -166,7 +165,7 @@ pub(crate) fn check<T: Plain + ?Sized>(bytes: &[u8]) -> Result<(), PayloadError>
     }
 }
 
-/// The length in bytes of a `T` with `count` elements at its end.
+/// Returns the length in bytes of a `T` that ends in `count` elements.
 pub(crate) fn size_for<T>(count: usize) -> Option<usize>
 where
     T: Plain + ?Sized + KnownLayout<PointerMetadata = usize>,

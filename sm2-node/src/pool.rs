@@ -1,27 +1,26 @@
-//! Which slot of which segment is free: bookkeeping alone.
+//! Bookkeeping of free slots in segments.
 //!
-//! A [`Pool`] holds what stands for the memory of free slots, without touching it, and
-//! says how large the next segment is to be. It knows neither links nor messages:
-//! its owner, the [outbox](crate::driver), gives a slot back when nobody needs it any more.
+//! A [`Pool`] holds the handles of free slots and decides how large the next segment is. It does not access
+//! the memory, and knows neither links nor messages: its owner, the [outbox](crate::driver), gives a slot
+//! back when no link needs it any more.
 //!
-//! - Sizes of slots are powers of two and what lies halfway between two of them: 128 bytes at least,
-//!   multiples of 64 below a page and of 4 KiB above it, and of 2 MiB from there on, so that each slot
-//!   begins with a huge page. Slots of one size form a class. The last [`HEAD_BYTES`] of a slot are no message's.
-//! - Of a class, a slot of the oldest segment is taken, and there the one that was given back
-//!   last: its memory is still in a cache. Slots that were never needed cost no memory at all, and
-//!   those of younger segments are needed by nobody again, once a rush is over. If the class has
-//!   none, one of a size up to twice as large will do: messages whose lengths vary need no
-//!   memory for each length.
-//! - A class that has no free slot gets a segment with as many slots as it has
-//!   already. So segments are few: their number grows with the logarithm of the need.
-//! - A segment of which nobody used a slot for a while [goes](Pool::sweep). Only whole segments
-//!   can: their seals forbid holes.
-//! - A slot can be *abandoned*: never to be written again, since somebody might still
-//!   read it. Its segment then serves no further message, and is over when the last of its
-//!   slots is back.
-//! - A segment can be *reserved*: it is there from the beginning, beyond the limit, for messages
-//!   of any length that fits, and is never freed for being idle. An abandoned slot of it is lost alone, and
-//!   replaced when it is missed.
+//! - Slot sizes are powers of two, and the sizes halfway between two of them: at least 128 bytes, multiples
+//!   of 64 below a page, of 4 KiB from there on, and of 2 MiB for large slots, so that each large slot begins
+//!   with a huge page. Slots of one size form a class. The last [`HEAD_BYTES`] of a slot are reserved for the
+//!   message's head.
+//! - Within a class, a slot of the oldest segment is taken, and there the slot that was given back last,
+//!   whose memory is probably still in a cache. Slots that were never needed occupy no memory, and younger
+//!   segments fall idle after a burst. If the class has no free slot, a slot of up to twice the size is used,
+//!   so that messages of varying length do not need memory for each length.
+//! - A class without a free slot gets a segment with as many slots as the class already has. The number of
+//!   segments therefore grows with the logarithm of the need.
+//! - A segment without a slot in use for some time is [freed](Pool::sweep). Only whole segments can be freed:
+//!   their seals forbid holes.
+//! - A slot can be *abandoned*: it must never be written again, because a receiver may still read it. Its
+//!   segment then serves no further message, and is freed when its last slot is back.
+//! - A segment can be *reserved*: it exists from the beginning, does not count against the limit, serves
+//!   messages of any length that fits, and is never freed for being idle. If one of its slots is abandoned,
+//!   only that slot is lost; it is replaced when it is needed.
 
 use std::time::Duration;
 
@@ -31,41 +30,41 @@ use sm2_proto::limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOTS_MAX,
 #[cfg(test)]
 mod tests;
 
-/// How many bytes at the end of each slot are left for the message's head.
+/// Number of bytes at the end of each slot that are reserved for the message's head.
 pub(crate) const HEAD_BYTES: u64 = sm2_proto::limits::SLOT_HEAD as u64;
 
-/// How long a segment is kept that nobody uses, unless a builder says otherwise.
+/// How long an idle segment is kept, unless a builder sets another time.
 pub(crate) const IDLE_DEFAULT: Duration = Duration::from_secs(5);
 
 /// The upper bound of segment numbers, which have 15 bits (SM2-RNG-003).
 const IDS: u32 = 1 << 15;
 
-/// The size of the smallest slot: two cache lines that come together.
+/// The size of the smallest slot: two cache lines, which processors fetch together.
 const STRIDE_MIN: u64 = 128;
 
-/// Slots of at least this size are a multiple of it.
+/// Sizes of slots from this size on are multiples of it.
 const PAGE: u64 = 4 << 10;
 
-/// The same of a large slot.
+/// The same for large slots.
 const HUGE_PAGE: u64 = 2 << 20;
 
-/// Free slots, whose memory is an `M` each.
+/// Free slots. Each has a handle of type `M` to its memory.
 #[derive(Debug)]
 pub(crate) struct Pool<M> {
-    /// By size of the slot, and of one size the oldest first. A few, 256 at most.
+    /// Sorted by slot size, then by age, the oldest first. A few segments, 256 at most.
     segments: Vec<Segment<M>>,
     next_id: u32,
     limit_bytes: u64,
-    /// The size of all segments together, and that of those which are reserved.
+    /// The total size of all segments, reserved ones included.
     bytes: u64,
     reserved_bytes: u64,
-    /// Slots of reserved segments that never come back.
+    /// Slots of reserved segments that are lost.
     lost: Lost,
     idle: Duration,
     swept: Instant,
 }
 
-/// A slot that is in use: the right to its memory.
+/// A slot in use, with the handle to its memory.
 #[derive(Debug)]
 pub(crate) struct Lease<M> {
     pub(crate) segment: Geometry,
@@ -73,33 +72,33 @@ pub(crate) struct Lease<M> {
     pub(crate) memory: M,
 }
 
-/// A segment's number and form.
+/// The number and the layout of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Geometry {
     pub(crate) id: u32,
     pub(crate) stride: u64,
     pub(crate) slots: u32,
-    /// Whether it is there whatever the limit, used or not.
+    /// Whether the segment does not count against the limit and is never freed for being idle.
     pub(crate) reserved: bool,
 }
 
-/// There is no room for one more slot of this size.
+/// The limit leaves no room for one more slot of this size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Full;
 
 #[derive(Debug)]
 struct Segment<M> {
     geometry: Geometry,
-    /// The last of them is taken first.
+    /// Used as a stack.
     free: Vec<Lease<M>>,
-    /// Slots that never come back.
+    /// Number of slots that will never come back.
     gone: u32,
     retired: bool,
     /// Whether a slot was taken or given back since the last sweep.
     touched: bool,
 }
 
-/// How many slots of which size are to be made up for.
+/// The size and the number of lost slots to replace.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lost {
     stride: u64,
@@ -119,7 +118,7 @@ impl<M> Segment<M> {
 }
 
 impl<M> Pool<M> {
-    /// An empty pool, which grows to at most `limit_bytes`.
+    /// Creates an empty pool that can grow to `limit_bytes`.
     pub(crate) const fn new(limit_bytes: u64) -> Self {
         Self {
             segments: Vec::new(),
@@ -136,12 +135,12 @@ impl<M> Pool<M> {
         }
     }
 
-    /// Segments that nobody uses are kept so long.
+    /// Sets how long idle segments are kept.
     pub(crate) const fn keep_idle(&mut self, idle: Duration) {
         self.idle = idle;
     }
 
-    /// A free slot for `len` bytes and a head.
+    /// Takes a free slot for `len` bytes and a head.
     pub(crate) fn take(&mut self, len: u64) -> Option<Lease<M>> {
         let stride = stride_for(len);
         let first = (self.segments).partition_point(|it| it.geometry.stride < stride);
@@ -155,11 +154,11 @@ impl<M> Pool<M> {
         lease
     }
 
-    /// The segment to [add](Self::add), so that `len` bytes find a slot.
+    /// Returns the segment to [add](Self::add) so that there is a slot for `len` bytes.
     ///
     /// # Errors
     ///
-    /// [`Full`]: the limit leaves no room, even if [unused](Self::unused) segments go.
+    /// [`Full`] if the limit leaves no room, even after freeing [unused](Self::unused) segments.
     pub(crate) fn plan(&self, len: u64) -> Result<Geometry, Full> {
         if len > MESSAGE_MAX || self.segments.len() >= SEGMENTS_MAX {
             return Err(Full);
@@ -182,11 +181,11 @@ impl<M> Pool<M> {
         }
     }
 
-    /// The segment to [add](Self::add), so that there are so many slots for `len` bytes for ever.
+    /// Returns the segment to [add](Self::add) so that `slots` slots for `len` bytes are reserved.
     ///
     /// # Errors
     ///
-    /// [`Full`]: no segment can be so large.
+    /// [`Full`] if no segment can be so large.
     pub(crate) fn plan_reserved(&self, len: u64, slots: u32) -> Result<Geometry, Full> {
         if len > MESSAGE_MAX || slots > SLOTS_MAX || self.segments.len() >= SEGMENTS_MAX {
             return Err(Full);
@@ -199,7 +198,7 @@ impl<M> Pool<M> {
     }
 
     fn geometry(&self, stride: u64, slots: u32, reserved: bool) -> Geometry {
-        // As late as possible, a number is used again.
+        // A number is reused as late as possible.
         let is_used = |id: &u32| self.segments.iter().any(|it| it.geometry.id == *id);
         let mut ids = (0..IDS).map(|after| (self.next_id + after) % IDS);
         Geometry {
@@ -210,7 +209,7 @@ impl<M> Pool<M> {
         }
     }
 
-    /// Adds a segment as planned; `memory` is that of its slots, in order.
+    /// Adds a segment as planned. `memory` has the handles of its slots, in order.
     pub(crate) fn add(&mut self, geometry: Geometry, memory: impl IntoIterator<Item = M>) {
         self.next_id = geometry.id + 1;
         let mut free: Vec<_> = (0..geometry.slots)
@@ -244,7 +243,7 @@ impl<M> Pool<M> {
         self.check_invariants();
     }
 
-    /// Takes back a slot that nobody reads any more. The number of its segment, if that is over.
+    /// Takes back a slot that no receiver reads any more. Returns the number of its segment if that is freed.
     pub(crate) fn give_back(&mut self, lease: Lease<M>) -> Option<u32> {
         let place = self.place(lease.segment.id);
         let segment = &mut self.segments[place];
@@ -257,8 +256,8 @@ impl<M> Pool<M> {
         None
     }
 
-    /// Gives up a slot that must not be written again, and its segment with it, unless that is
-    /// reserved. The segment's number, if it is over.
+    /// Gives up a slot that must not be written again. Its segment is retired too, unless it is reserved.
+    /// Returns the number of the segment if that is freed.
     pub(crate) fn abandon(&mut self, lease: Lease<M>) -> Option<u32> {
         let Geometry {
             id,
@@ -279,17 +278,16 @@ impl<M> Pool<M> {
         self.lose(place)
     }
 
-    /// Gives up all segments of which every slot is free; their numbers.
+    /// Frees all segments without a slot in use. Returns their numbers.
     pub(crate) fn unused(&mut self) -> Vec<u32> {
         self.give_up(|_| true)
     }
 
-    /// Gives up all segments of which no slot was in use since the last sweep, which was as long
-    /// ago as segments are kept, at least; their numbers. Looks at the segments once in that time,
-    /// however often it is called.
+    /// Frees segments without a slot in use since the last sweep. Returns their numbers. Examines the
+    /// segments at most once per idle time, however often it is called.
     ///
-    /// The youngest of a class go first: as long as one is in use, older ones may have to serve in
-    /// its place, and are kept.
+    /// The youngest segments of a class are freed first. As long as one is in use, older ones are kept,
+    /// because they may have to replace it.
     pub(crate) fn sweep(&mut self, now: Instant) -> Vec<u32> {
         if now.since(self.swept) < self.idle {
             return Vec::new();
@@ -307,12 +305,12 @@ impl<M> Pool<M> {
         idle
     }
 
-    /// The size of all segments together.
+    /// The total size of all segments.
     pub(crate) const fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// Gives up unused segments that are like this.
+    /// Frees unused segments for which `is_so` returns true.
     fn give_up(&mut self, is_so: impl Fn(&Segment<M>) -> bool) -> Vec<u32> {
         let mut ids = Vec::new();
         let bytes = &mut self.bytes;
@@ -328,7 +326,7 @@ impl<M> Pool<M> {
         ids
     }
 
-    /// No slot of this segment is handed out any more.
+    /// Retires a segment: none of its slots is taken any more.
     fn retire(&mut self, place: usize) {
         let segment = &mut self.segments[place];
         segment.retired = true;
@@ -336,7 +334,7 @@ impl<M> Pool<M> {
         segment.free.clear();
     }
 
-    /// One slot of a segment never comes back.
+    /// Records that one slot of a segment will never come back.
     fn lose(&mut self, place: usize) -> Option<u32> {
         let segment = &mut self.segments[place];
         segment.gone += 1;
@@ -380,7 +378,7 @@ impl<M> Pool<M> {
     }
 }
 
-/// The size of the slot for a message of `len` bytes and its head.
+/// Returns the size of the slot for a message of `len` bytes and its head.
 pub(crate) const fn stride_for(len: u64) -> u64 {
     let least = len.saturating_add(HEAD_BYTES);
     let whole = if least > STRIDE_MIN {
@@ -398,10 +396,10 @@ pub(crate) const fn stride_for(len: u64) -> u64 {
     size.next_multiple_of(unit)
 }
 
-/// How many slots the first segment of a class has.
+/// Returns how many slots the first segment of a class has.
 const fn first_slots(stride: u64) -> u32 {
     match stride {
-        // A page of them.
+        // One page of slots.
         0..=0x80 => 32,
         0x81..=0x1_0000 => 16,
         0x1_0001..=0x10_0000 => 4,

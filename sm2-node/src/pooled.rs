@@ -1,5 +1,5 @@
-//! Slices over the slots of a publisher's pool: the one place where this crate turns memory that
-//! another process can write into a Rust reference.
+//! Slices over the slots of a publisher's pool. Only this file turns memory that another process can write
+//! into a Rust reference.
 
 use std::fmt;
 use std::ops::Deref;
@@ -16,7 +16,7 @@ pub struct PooledBytes {
 }
 
 impl PooledBytes {
-    /// The `len` bytes at `offset` of a segment; `None` if they are not all inside.
+    /// Returns the `len` bytes at `offset` of a segment; `None` if the range is not inside the segment.
     ///
     /// # Safety
     ///

@@ -1,24 +1,23 @@
-//! What became of one publication.
+//! The result of one publication.
 
 use crate::PublishError;
 
-/// What became of one publication.
+/// The result of one publication.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Published {
-    /// How many links took it.
+    /// How many links accepted the message.
     pub links: usize,
-    /// How many reliable links had no room for it until the deadline. They go
-    /// without this message, and are not waited for again until they give something back
-    /// (SM2-QOS-002).
+    /// How many reliable links had no room until the deadline. They miss this message, and are not waited for
+    /// again until they release a message (SM2-QOS-002).
     pub missed: usize,
 }
 
 impl Published {
-    /// That no reliable subscriber missed the message.
+    /// Returns an error if a reliable subscriber missed the message.
     ///
     /// # Errors
     ///
-    /// [`PublishError::DeadlineExceeded`] if one did.
+    /// [`PublishError::DeadlineExceeded`].
     pub const fn complete(self) -> Result<Self, PublishError> {
         match self {
             Self { missed: 0, .. } => Ok(self),

@@ -22,20 +22,20 @@ pub use self::builder::PublisherBuilder;
 
 /// Sends messages of type `T` to all subscribers of a topic.
 ///
-/// Each message is stored once, however many subscribers there are. A subscriber that is slow,
-/// or stopped, or dead costs the others nothing: what happens to messages that it does not take
-/// is its own link's affair, and is counted there ([`links`](Self::links)).
+/// Each message is stored once, for any number of subscribers. A subscriber that is slow, stopped or dead
+/// does not affect the others: messages that it does not take are handled and counted by its own link
+/// ([`links`](Self::links)).
 ///
-/// - *keep-last*, the default: up to `depth` messages wait for each subscriber, and one more
-///   displaces the oldest (SM2-QOS-001).
-/// - *reliable*, for subscribers that demand it: see [`PublisherBuilder::reliable`].
+/// - *keep-last*, the default: up to `depth` messages wait for each subscriber; one more displaces the oldest
+///   (SM2-QOS-001).
+/// - *reliable*, for subscribers that request it: see [`PublisherBuilder::reliable`].
 /// - *latched*: see [`PublisherBuilder::latched`].
 ///
-/// Its descriptor ([`AsFd`](std::os::fd::AsFd)) is readable when a reliable subscriber that had no room may have some,
-/// or when anything else happened to its links.
+/// The publisher's descriptor ([`AsFd`](std::os::fd::AsFd)) is readable when a reliable subscriber may have
+/// room again, or when another event happened on its links.
 ///
-/// Dropping it withdraws it. What was sent can still be received; what still waited for a
-/// subscriber is lost, so [`flush`](Self::flush) first if that matters.
+/// Dropping the publisher withdraws it. Subscribers can still receive what was sent. Messages that were still
+/// waiting for a subscriber are lost: call [`flush`](Self::flush) first to send them.
 #[derive(Debug)]
 pub struct Publisher<T: Message + ?Sized> {
     pub(crate) core: UntypedPublisher,
@@ -67,8 +67,8 @@ impl<T: Message + ?Sized> Publisher<T> {
         self.core.publish_bytes(bytes)
     }
 
-    /// Waits, without a time limit, until every reliable subscriber has given back all messages,
-    /// and every other subscriber was sent as many as its window admits.
+    /// Waits, without a time limit, until every reliable subscriber has released all messages, and every
+    /// other subscriber was sent as many as its window admits.
     ///
     /// # Errors
     ///
@@ -86,21 +86,21 @@ impl<T: Message + ?Sized> Publisher<T> {
         self.core.flush(Some(timeout))
     }
 
-    /// What became of all messages on all links that ever were:
-    /// `offered = delivered + overwritten + discarded + deadline + closed + in_flight` (SM2-QOS-004).
+    /// Returns the fates of all messages, summed over all current and past links: `offered = delivered +
+    /// overwritten + discarded + deadline + closed + in_flight` (SM2-QOS-004).
     pub fn counters(&self) -> Counters {
         self.core.handle.with(|interface, _| interface.counters())
     }
 
-    /// The size of the shared memory that its messages have, in bytes. Pages that were
-    /// never written take no memory.
+    /// Returns the size of the shared memory for its messages, in bytes. Pages that were never written occupy
+    /// no memory.
     pub fn pool_bytes(&self) -> u64 {
         (self.core.handle).with(|interface, _| interface.outbox.pool_bytes())
     }
 }
 
 impl<T: Plain> Publisher<T> {
-    /// Memory for one message, to be written in place: no copy is made of it.
+    /// Allocates memory for one message, to be written in place and sent without a copy.
     ///
     /// # Errors
     ///
@@ -111,8 +111,8 @@ impl<T: Plain> Publisher<T> {
 }
 
 impl<T: Plain + ?Sized + KnownLayout<PointerMetadata = usize>> Publisher<T> {
-    /// Memory for one message of which `count` elements are at the end: a slice of so many,
-    /// or a structure that ends with such a slice. It is written in place.
+    /// Allocates memory for one message with `count` elements at its end: a slice, or a structure that ends
+    /// in a slice. The message is written in place.
     ///
     /// # Errors
     ///

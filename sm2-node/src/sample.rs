@@ -12,9 +12,9 @@ use crate::{Message, RecvError};
 
 /// A received message. Dereferences to it; dropping it releases the message.
 ///
-/// Its memory does not change as long as it exists, also after the subscriber, the node, the publisher or
-/// the Manager have ended: the publisher must not write to a slot that is not released (SM2-PAY-005,
-/// SM2-OPN-008). A subscriber that cannot rely on the publisher demands
+/// The memory does not change as long as the sample exists, even after the subscriber, the node, the
+/// publisher or the Manager has ended: the publisher must not write to a slot before it is released
+/// (SM2-PAY-005, SM2-OPN-008). A subscriber that does not trust the publisher requires
 /// [sealed](crate::SubscriberBuilder::sealed) messages.
 pub struct Sample<T: Message + ?Sized> {
     /// Before the receipt, so that it is dropped first: the view may refer to the slot that the receipt

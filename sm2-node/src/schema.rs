@@ -1,14 +1,13 @@
-//! Schemas of types, so that two programs find out that they mean the same, and tools can
-//! read their messages.
+//! Schemas of types. With them, two programs can check that they use the same type, and tools can decode
+//! messages.
 //!
-//! A type's hash covers what its bytes depend on: the names and types of its
-//! fields, in order. It covers neither the type's own name (which is compared beside
-//! the hash, SM2-NAM-003) nor any Rust module, so that two crates, or two languages,
-//! that define the same structure get the same hash. A field that serde renames has its new
-//! name here.
+//! The hash of a type covers everything that determines its bytes: the names and types of its fields, in
+//! order. It covers neither the type's own name (which is compared beside the hash, SM2-NAM-003) nor any Rust
+//! module. Two crates, or two languages, that define the same structure therefore get the same hash. A field
+//! that serde renames has its new name here.
 //!
-//! The hash of a type is FNV-1a (64 bits) of a text, in which the types that it is made of
-//! stand as their hashes, 16 lower-case hexadecimal digits each:
+//! The hash is FNV-1a (64 bits) of a text. In this text, each type of a part stands as its hash, in 16
+//! lower-case hexadecimal digits:
 //!
 //! | type | text |
 //! | --- | --- |
@@ -25,10 +24,10 @@
 //! | `Box<T>`, a type that is `#[serde(transparent)]` | as `T` |
 //! | message | `plain:<type>`, `postcard:<type>`, `json:<type>`: the encoding and the type that is encoded |
 //!
-//! `usize` has none: its width depends on the machine.
+//! `usize` has no hash, because its width depends on the machine.
 //!
-//! The schema text of a message type ([`Message::schema`](crate::Message::schema)) is the same
-//! with the parts' texts in place of their hashes. `sm2_proto::schema` reads it.
+//! The schema text of a message type ([`Message::schema`](crate::Message::schema)) is the same text with the
+//! texts of the parts in place of their hashes. `sm2_proto::schema` parses it.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::fmt::Write as _;
@@ -41,38 +40,38 @@ pub use sm2_proto::schema::hash::{
 
 pub use crate::error::SchemaError;
 
-/// A type whose structure has a hash. Derive it for what messages are made of.
+/// A type whose structure has a hash. Derive it for the types that messages consist of.
 ///
-/// A type that contains itself needs an implementation by hand, since its hash
-/// cannot be made of its parts: `const HASH: u64 = sm2_node::schema::text("tree, version 1");`
-/// Tools cannot read messages with such a type in them.
+/// A recursive type needs a manual implementation, because its hash cannot be computed from its parts: `const
+/// HASH: u64 = sm2_node::schema::text("tree, version 1");`. Tools cannot decode messages that contain such a
+/// type.
 #[diagnostic::on_unimplemented(
-    message = "`{Self}` has no schema",
+    message = "`{Self}` does not implement `Schema`",
     note = "derive it: `#[derive(sm2_node::Schema)]`",
-    note = "instead of `usize` and `isize` use a type whose width is the same everywhere"
+    note = "replace `usize` and `isize` by a type of fixed width, such as `u64`"
 )]
 pub trait Schema {
     /// The hash of the structure: see the [module](self).
     const HASH: u64;
 
-    /// Appends the type's schema text. False if it has none, or one that is longer than
-    /// schema texts may be; then what was appended is of no use.
+    /// Appends the type's schema text. Returns false if the type has no text, or if the text is longer than
+    /// allowed; then the appended part is invalid.
     #[must_use]
     fn describe(_text: &mut String) -> bool {
         false
     }
 }
 
-/// [`Schema::describe`] of some type.
+/// The signature of [`Schema::describe`].
 pub type Describe = fn(&mut String) -> bool;
 
-/// [`Schema::describe`] for a structure with these fields.
+/// Implements [`Schema::describe`] for a structure with these fields.
 #[must_use]
 pub fn describe_structure(text: &mut String, fields: &[(&str, Describe)]) -> bool {
     describe_members(text, "struct{", fields, |text, field| append(text, *field))
 }
 
-/// [`Schema::describe`] for an enumeration with these variants, each with its fields.
+/// Implements [`Schema::describe`] for an enumeration with these variants and their fields.
 #[must_use]
 pub fn describe_enumeration(text: &mut String, variants: &[(&str, &[(&str, Describe)])]) -> bool {
     describe_members(text, "enum{", variants, |text, fields| {
@@ -99,12 +98,12 @@ fn describe_members<M>(
     true
 }
 
-/// Types that are nested often can have texts of any length: the limit ends it early.
+/// Appends a part, unless the text exceeds its limit: the text of deeply nested types can grow without bound.
 fn append(text: &mut String, part: Describe) -> bool {
     text.len() <= SCHEMA_TEXT_MAX && part(text)
 }
 
-/// `open`, the parts with `,` between them, and `]`.
+/// Appends `open`, the parts separated by `,`, and `]`.
 fn describe_parts(text: &mut String, open: &str, parts: &[Describe]) -> bool {
     text.push_str(open);
     for (at, part) in parts.iter().enumerate() {
@@ -119,8 +118,8 @@ fn describe_parts(text: &mut String, open: &str, parts: &[Describe]) -> bool {
     true
 }
 
-/// The schema text of a message type in this encoding. None if a part has no text, if it would
-/// be too long, or if the type's hash is not the one that follows from it, as that of `bytes`.
+/// Returns the schema text of a message type in this encoding. `None` if a part has no text, if the text
+/// would be too long, or if its hash is not that of the type (as for `bytes`).
 #[must_use]
 pub fn message_text<T: crate::Message + Schema + ?Sized>(encoding: &str) -> Option<String> {
     let mut text = format!("{encoding}:");
@@ -131,7 +130,7 @@ pub fn message_text<T: crate::Message + Schema + ?Sized>(encoding: &str) -> Opti
     (schema.hash() == <T as crate::Message>::HASH).then_some(text)
 }
 
-/// Whether the Manager will take this text for this type.
+/// Checks that the Manager will accept this text for this type.
 //= SM2-SCH-001, SM2-TYP-001
 pub(crate) fn check_schema(data: &TypeId, text: &str) -> Result<(), SchemaError> {
     let found = match sm2_proto::schema::Schema::parse(text) {
@@ -172,8 +171,8 @@ named! {
     str = "string", String = "string",
 }
 
-/// Numbers without alignment, whose bytes are those of the number on a machine that
-/// counts them from the little end, as all do that SM2 runs on.
+/// Numbers without alignment. Their bytes are those of a number on a little-endian machine, the only kind
+/// that SM2 runs on.
 #[cfg(target_endian = "little")]
 mod unaligned {
     use zerocopy::little_endian as le;
@@ -196,7 +195,8 @@ impl<T: Schema, const N: usize> Schema for [T; N] {
     }
 }
 
-/// Types made of others: how their hash follows, and how their text begins.
+/// Implements `Schema` for types that consist of other types. `$hash` computes the hash from those of the
+/// parts; the text begins with `$open`.
 macro_rules! made_of {
     ($($type:ty, ($($generics:tt)*) = $hash:ident, $open:literal, [$($part:ident),*];)*) => {
         $(impl<$($generics)*> Schema for $type {
@@ -228,7 +228,7 @@ impl<T: Schema + ?Sized> Schema for Box<T> {
     }
 }
 
-/// As serde encodes it: whole seconds and nanoseconds.
+/// As serde encodes it: seconds and nanoseconds.
 impl Schema for std::time::Duration {
     const HASH: u64 = structure(&[("secs", u64::HASH), ("nanos", u32::HASH)]);
 

@@ -20,17 +20,17 @@ use crate::handle::methods::interface_methods;
 use crate::handle::receive::{Receipt, Received};
 use crate::{DeclareError, Message, RecvError, ReplyError, StoreError, Wait};
 
-/// What a client is told whose request was dropped.
+/// The error text for a client whose request was dropped.
 const DROPPED: &str = "the server dropped the request without an answer";
 
 /// Receives requests of type `Q` and replies with messages of type `R`.
 ///
-/// Several may serve one service; each call goes to one of them. Requests are taken from each
-/// client in turn. Those that were cancelled, or whose deadline passed, before they were taken
-/// are answered without bothering the program (SM2-SRV-003).
+/// Several servers may serve one service; each call goes to one of them. Requests are taken from each client
+/// in turn. A request that is cancelled, or whose deadline passes, before it is taken is answered without
+/// reaching the program (SM2-SRV-003).
 ///
-/// Its [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a request. Dropping
-/// it withdraws it, once the requests that were taken are answered.
+/// The server's [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a
+/// request. Dropping the server withdraws it, once all taken requests are answered.
 #[derive(Debug)]
 pub struct Server<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
@@ -48,8 +48,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
         &self.handle
     }
 
-    /// The next request; waits for it, as long as it takes: also for a client, and while the
-    /// Manager is gone for another one.
+    /// Waits for the next request, without a time limit. Waits also for a client, and while no Manager is
+    /// running.
     ///
     /// # Errors
     ///
@@ -62,7 +62,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
         }
     }
 
-    /// The next request, if one is there.
+    /// Returns the next request, if one has arrived.
     ///
     /// # Errors
     ///
@@ -71,7 +71,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
         self.take(Until::NOW)
     }
 
-    /// The next request; waits for it at most this long.
+    /// Waits for the next request, for at most `timeout`.
     ///
     /// # Errors
     ///
@@ -109,7 +109,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
             })),
             Err(reason) => {
                 let publisher = pending.client.name.clone();
-                // The client of a request that is none still gets a reply.
+                // The client gets a reply even if its request cannot be decoded.
                 let _ = pending.fail(&reason.to_string());
                 Err(RecvError::Payload { publisher, reason })
             }
@@ -117,10 +117,10 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     }
 }
 
-/// A request. Dereferences to the message. Its client waits until it is answered; one
-/// that is dropped is answered as failed.
+/// A request. Dereferences to the message. Its client waits for the answer; dropping the request answers it
+/// as failed.
 pub struct Request<Q: Message + ?Sized, R: Message + ?Sized> {
-    /// First: the reply goes out before the request is given back.
+    /// First: the reply is sent before the request is released.
     pending: Pending,
     view: Q::View,
     deadline: Option<Instant>,
@@ -129,7 +129,7 @@ pub struct Request<Q: Message + ?Sized, R: Message + ?Sized> {
 }
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
-    /// Answers it. Never waits: what the client does not take at once waits for it.
+    /// Sends the reply. Never waits: replies that the client does not accept yet are queued.
     ///
     /// # Errors
     ///
@@ -141,7 +141,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
             _receipt,
             ..
         } = self;
-        // The request's memory stays until the reply is out: it may be what the reply is.
+        // The request's memory stays valid until the reply is sent: the reply may refer to it.
         let result = match reply.bytes() {
             Ok(bytes) => pending.reply(bytes, Status::Ok),
             Err(error) => {
@@ -153,7 +153,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
         result
     }
 
-    /// Answers that it cannot be done, and why.
+    /// Answers that the request failed, with a reason.
     ///
     /// # Errors
     ///
@@ -162,8 +162,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
         self.pending.fail(reason)
     }
 
-    /// Whether nobody wants the reply any more: the client cancelled the call, or is gone, or
-    /// the deadline passed. A server that works for long asks this now and then.
+    /// Whether the reply is no longer wanted: the client cancelled the call or is gone, or the deadline has
+    /// passed. Check this now and then during long work.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         let call = self.pending.call;
@@ -174,7 +174,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
             .with(|interface, _| interface.is_cancelled(call))
     }
 
-    /// The moment from which on nobody wants the reply, in nanoseconds of the host's
+    /// Returns the deadline, after which the reply is no longer wanted, in nanoseconds of the host's
     /// monotonic clock ([`now`](crate::now)).
     #[must_use]
     pub const fn deadline(&self) -> Option<Instant> {
@@ -205,7 +205,7 @@ impl<Q: Message + ?Sized + fmt::Debug, R: Message + ?Sized> fmt::Debug for Reque
     }
 }
 
-/// A call that has no reply yet: whatever happens to this value, it will get one.
+/// A call without a reply. When this value is dropped, the call is answered as failed.
 struct Pending {
     handle: Arc<Handle>,
     call: CallId,
@@ -262,12 +262,12 @@ impl Drop for Pending {
     }
 }
 
-/// A server's limits.
+/// Options of a server.
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
 pub struct ServerBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
     declaration: Declaration,
-    /// None: those that the program was built with.
+    /// `None`: the types `Q` and `R`.
     types: Option<(TypeId, TypeId)>,
     qos: ServiceQos,
     serves: PhantomData<fn(&Q) -> Box<R>>,
@@ -287,14 +287,14 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
         }
     }
 
-    /// How many requests of each client wait here to be taken: 1 to 1,024; 64 by default. Further
-    /// ones wait at the client.
+    /// Sets how many requests of each client wait at this server: 1 to 1,024; 64 by default. Further requests
+    /// wait at the client.
     pub const fn depth(mut self, requests: u16) -> Self {
         self.qos.depth = requests;
         self
     }
 
-    /// How many requests of each client the program may hold: 1 to 1,024; 16 by default.
+    /// Sets how many requests of each client the program may hold: 1 to 1,024; 16 by default.
     pub const fn max_borrowed(mut self, requests: u16) -> Self {
         self.qos.max_borrowed = requests;
         self
@@ -302,18 +302,18 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
 
     sealed_setter!(
         qos,
-        "Every request and reply is sealed: nobody can change it after it is sent."
+        "Seals every request and reply: no process can change it after it is sent."
     );
     inline_max_setter!("Replies");
     wait_setter!("a request");
 
-    /// Declares it, and waits for the Manager's word.
+    /// Declares the server, and waits for the Manager's answer.
     ///
     /// # Errors
     ///
     /// See [`DeclareError`].
     pub fn declare(self) -> Result<Server<Q, R>, DeclareError> {
-        // Of types that it was not built with the program knows no text.
+        // The program has no text for types unknown at compile time.
         let schemas = match self.types {
             None => vec![schema_of::<Q>(), schema_of::<R>()],
             Some(_) => Vec::new(),
@@ -334,8 +334,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
 }
 
 impl ServerBuilder<[u8], [u8]> {
-    /// Requests and replies are of these types, whose encoding the program knows: for tools that
-    /// handle types which they were not built with.
+    /// Sets the types of requests and replies, which are passed as bytes: for tools that handle types unknown
+    /// at compile time.
     pub fn type_ids(mut self, request: TypeId, reply: TypeId) -> Self {
         self.types = Some((request, reply));
         self

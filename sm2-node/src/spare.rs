@@ -1,13 +1,12 @@
-//! Memory for the next sealed message, made ready while nobody waits for a message.
+//! Memory for the next sealed message, prepared in advance.
 //!
-//! A sealed message needs new memory, and getting that takes as long as writing to it, or several
-//! times as long where there are no huge pages. A publisher whose sealed messages come in a
-//! stream makes the memory of the next one ready when the last one has been sent: one file, about
-//! as long as the last message. It has no thread to do that, so the time it takes is the caller's,
-//! but no subscriber waits for it.
+//! A sealed message needs new memory. Allocating it takes as long as writing the message, or several times as
+//! long without huge pages. A publisher that sends a stream of sealed messages therefore prepares the memory
+//! of the next message after it has sent one: one file, about as long as the last message. The publisher has
+//! no thread, so its caller spends that time, but no subscriber waits for it.
 //!
-//! The memory goes back to the system when the publisher is called and had no sealed message for a
-//! while, and with the publisher.
+//! The memory is freed when the publisher is called after some time without a sealed message, and when the
+//! publisher is dropped.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -17,16 +16,16 @@ use sm2_io::memfd::sealed_from_bytes;
 use sm2_io::{Preallocated, SealedLoan};
 use sm2_proto::Instant;
 
-/// How much longer than the message a file may be that is taken for it: by a half, or by this.
+/// How much longer than the message a file may be: by half the message, or by this.
 const SLACK_BYTES: usize = 4_096;
 
-/// At most one file that is ready.
+/// Holds at most one prepared file.
 #[derive(Debug)]
 pub(crate) struct SpareMemory {
     ready: Option<Preallocated>,
-    /// What the next message needs, as far as the last ones tell.
+    /// The expected need of the next message.
     next: Option<Need>,
-    /// When the last sealed message was made.
+    /// The time of the last sealed message.
     last: Option<Instant>,
     idle: Duration,
 }
@@ -37,7 +36,7 @@ struct Need {
     fill: Fill,
 }
 
-/// How a message comes into its memory.
+/// How a message is written into its memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fill {
     Copy,
@@ -45,7 +44,7 @@ pub(crate) enum Fill {
 }
 
 impl SpareMemory {
-    /// Nothing yet, and for messages that are more than `idle` apart nothing ever.
+    /// Creates an empty value. It prepares no memory for messages that are more than `idle` apart.
     pub(crate) const fn new(idle: Duration) -> Self {
         Self {
             ready: None,
@@ -55,11 +54,11 @@ impl SpareMemory {
         }
     }
 
-    /// Takes what is ready for a message of `len` bytes.
+    /// Takes the prepared memory if it suits a message of `len` bytes.
     pub(crate) fn take(&mut self, len: usize, fill: Fill, now: Instant) -> Option<Preallocated> {
         let streams = self.last.is_some_and(|last| now.since(last) <= self.idle);
         self.last = Some(now);
-        // Lengths that vary a little get what was enough for the longest of them.
+        // If lengths vary a little, the capacity for the longest one is kept.
         let known = self.next.map(|next| next.capacity);
         let capacity = known.filter(|&capacity| fits(len, capacity));
         let capacity = capacity.unwrap_or_else(|| len.next_multiple_of(SLACK_BYTES));
@@ -69,7 +68,7 @@ impl SpareMemory {
             .filter(|it| fits(len, it.capacity_bytes()))
     }
 
-    /// Makes ready what the next message will need, or lets go what no message needed for long.
+    /// Prepares memory for the next message, or frees memory that no message needed for long.
     pub(crate) fn refill(&mut self, now: impl FnOnce() -> Instant) {
         if self.ready.is_none() && self.next.is_none() {
             return;
@@ -85,14 +84,14 @@ impl SpareMemory {
             };
             match made {
                 Ok(preallocated) => self.ready = Some(preallocated),
-                // The next message tries again, and says so if it has no better luck.
-                Err(error) => tracing::debug!(%error, "no memory ahead of the next message"),
+                // The next message allocates for itself, and reports the error if it fails too.
+                Err(error) => tracing::debug!(%error, "cannot prepare memory for the next message"),
             }
         }
     }
 }
 
-/// Whether a file of this capacity will do for a message of `len` bytes.
+/// Whether a file of this capacity suits a message of `len` bytes.
 const fn fits(len: usize, capacity: usize) -> bool {
     len <= capacity
         && capacity - len
@@ -103,7 +102,7 @@ const fn fits(len: usize, capacity: usize) -> bool {
             }
 }
 
-/// A sealed copy of `bytes`, in what is ready if anything is.
+/// Returns a sealed copy of `bytes`, in the prepared memory if there is any.
 pub(crate) fn seal(ready: Option<Preallocated>, bytes: &[u8]) -> io::Result<OwnedFd> {
     match ready {
         Some(preallocated) => preallocated.fill(bytes),
@@ -111,7 +110,7 @@ pub(crate) fn seal(ready: Option<Preallocated>, bytes: &[u8]) -> io::Result<Owne
     }
 }
 
-/// A loan of `len` bytes, in what is ready if anything is.
+/// Returns a loan of `len` bytes, in the prepared memory if there is any.
 pub(crate) fn lend(ready: Option<Preallocated>, len: usize) -> io::Result<SealedLoan> {
     match ready {
         Some(preallocated) => preallocated.lend(len),
@@ -135,7 +134,7 @@ mod tests {
         let mut spare = SpareMemory::new(Duration::from_secs(5));
         assert_eq!(refill(&mut spare, 0), None);
         assert!(spare.take(10_000, Fill::Copy, Instant(SECOND)).is_none());
-        assert_eq!(refill(&mut spare, 1), None, "perhaps it is the only one");
+        assert_eq!(refill(&mut spare, 1), None, "no stream of messages yet");
         assert!(
             spare
                 .take(10_000, Fill::Copy, Instant(7 * SECOND))
@@ -155,7 +154,7 @@ mod tests {
         );
         assert_eq!(refill(&mut spare, 9), Some(12_288));
         assert_eq!(refill(&mut spare, 14), Some(12_288));
-        assert_eq!(refill(&mut spare, 15), None, "nobody needed it for long");
+        assert_eq!(refill(&mut spare, 15), None, "it was unused for too long");
         assert!(
             spare
                 .take(10_000, Fill::InPlace, Instant(15 * SECOND))

@@ -14,13 +14,13 @@ use crate::{DeclareError, Message, RecvError, Sample, Wait};
 
 /// Receives messages of type `T` from all publishers of a topic, from each in turn.
 ///
-/// What the program has not taken waits: up to `depth` messages of each publisher, of which the
-/// oldest gives way to a new one (SM2-QOS-001), or as many as there are if the subscriber
-/// is reliable. What it has taken is lent to it until it drops the [`Sample`]; one
-/// that holds `max_borrowed` of them gets no further ones (SM2-MSG-005), and harms nobody else.
+/// Up to `depth` messages of each publisher wait to be taken; a newer message displaces the oldest
+/// (SM2-QOS-001), unless the subscriber is reliable. A taken message is borrowed until its [`Sample`] is
+/// dropped. While the program holds `max_borrowed` messages of a publisher, it gets no further ones
+/// (SM2-MSG-005); other subscribers are not affected.
 ///
-/// Its [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a message: take
-/// until there is none, then poll again.
+/// The subscriber's [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a
+/// message: take messages until there is none, then poll again.
 #[derive(Debug)]
 pub struct Subscriber<T: Message + ?Sized> {
     handle: Handle,
@@ -38,8 +38,8 @@ impl<T: Message + ?Sized> Subscriber<T> {
         &self.handle
     }
 
-    /// The next message; waits for it, as long as it takes: also for a publisher, and while the
-    /// Manager is gone for another one.
+    /// Waits for the next message, without a time limit. Waits also for a publisher, and while no Manager is
+    /// running.
     ///
     /// # Errors
     ///
@@ -52,7 +52,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
         }
     }
 
-    /// The next message, if one is there.
+    /// Returns the next message, if one has arrived.
     ///
     /// # Errors
     ///
@@ -61,7 +61,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
         self.take(Until::NOW)
     }
 
-    /// The next message; waits for it at most this long.
+    /// Waits for the next message, for at most `timeout`.
     ///
     /// # Errors
     ///
@@ -75,13 +75,13 @@ impl<T: Message + ?Sized> Subscriber<T> {
         received.map(Sample::new).transpose()
     }
 
-    /// Takes as many messages as there are, at most `most` and as many as it may hold, and puts them
-    /// behind those in `samples`; how many they are. Quicker than to take them one by one.
+    /// Takes all available messages, at most `most` and at most as many as the program may hold, and appends
+    /// them to `samples`. Returns their number. Faster than taking them one by one.
     ///
     /// # Errors
     ///
-    /// See [`RecvError`]. Of several messages that cannot be read, the last is reported; all others are in
-    /// `samples`.
+    /// See [`RecvError`]. If several messages cannot be read, the last error is returned. All other messages
+    /// are in `samples`.
     pub fn try_recv_many(
         &self,
         samples: &mut Vec<Sample<T>>,
@@ -99,17 +99,17 @@ impl<T: Message + ?Sized> Subscriber<T> {
         failed.map_or(Ok(samples.len() - before), Err)
     }
 
-    /// Calls `each` with every message that has arrived: at most `most`, and at most as many as the
-    /// program may [hold](SubscriberBuilder::max_borrowed). Then gives all of them back together,
-    /// and returns their number. Waits for the first message, without a time limit.
+    /// Waits for the first message, without a time limit, and then calls `each` with every available message:
+    /// at most `most`, and at most as many as the program may [hold](SubscriberBuilder::max_borrowed).
+    /// Releases all of them together, and returns their number.
     ///
-    /// This is the quickest way to receive many short messages. `each` runs in this thread and may
-    /// call the node; while it runs, no message of this batch is given back. For a message that
-    /// cannot be read, `each` gets the error.
+    /// This is the fastest way to receive many short messages. `each` runs in this thread and may call the
+    /// node. No message of the batch is released before the last call returns. For a message that cannot be
+    /// read, `each` gets the error.
     ///
     /// # Errors
     ///
-    /// See [`RecvError`]: no message was taken.
+    /// See [`RecvError`]. After an error, no message was taken.
     pub fn recv_each(
         &self,
         most: usize,
@@ -118,7 +118,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
         self.take_each(most, Until::Forever, each)
     }
 
-    /// As [`recv_each`](Self::recv_each), but waits for at most `timeout`; then 0.
+    /// As [`recv_each`](Self::recv_each), but waits for at most `timeout`, and then returns 0.
     ///
     /// # Errors
     ///
@@ -161,18 +161,19 @@ impl<T: Message + ?Sized> Subscriber<T> {
         Ok(count)
     }
 
-    /// How many messages were lost before those that were taken, of all publishers together.
+    /// Returns how many messages were lost, of all publishers together. A loss counts once the next message
+    /// of its publisher is taken.
     pub fn lost(&self) -> u64 {
         self.handle.with(|interface, _| interface.lost)
     }
 }
 
-/// A subscriber's quality of service.
+/// The quality of service of a subscriber.
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
 pub struct SubscriberBuilder<T: Message + ?Sized> {
     declaration: Declaration,
-    /// None takes every type.
+    /// `None` accepts every type.
     data: Option<TypeId>,
     demand: Demand,
     receives: PhantomData<fn(&T)>,
@@ -193,25 +194,25 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
         }
     }
 
-    /// How many messages of each publisher wait to be taken: 1 to 1,024; 8 by default.
+    /// Sets how many messages of each publisher wait to be taken: 1 to 1,024; 8 by default.
     pub const fn depth(mut self, messages: u16) -> Self {
         self.demand.depth = messages;
         self
     }
 
-    /// Asks for reliable delivery; `false` by default. No message displaces another one: the
-    /// publisher waits until this subscriber has room, for at most its
-    /// [`publish_timeout`](crate::PublisherBuilder::publish_timeout) (SM2-QOS-002). A reliable
-    /// subscriber matches reliable publishers only.
+    /// Requests reliable delivery; `false` by default. No message displaces another one: the publisher waits
+    /// until this subscriber has room, for at most its
+    /// [`publish_timeout`](crate::PublisherBuilder::publish_timeout) (SM2-QOS-002). A reliable subscriber
+    /// matches only reliable publishers.
     pub const fn reliable(mut self, reliable: bool) -> Self {
         self.demand.reliable = reliable;
         self
     }
 
-    /// How many samples of each publisher the program may hold: 1 to 1,024; 4 by default.
+    /// Sets how many samples of each publisher the program may hold: 1 to 1,024; 4 by default.
     ///
-    /// Who only wants the latest message takes `depth(1).max_borrowed(1)`: a publisher then needs
-    /// the fewest slots for it. Drop the sample before the next is taken.
+    /// A subscriber that needs only the latest message can use `depth(1).max_borrowed(1)`: its publishers
+    /// then need the fewest slots. Drop each sample before you take the next one.
     pub const fn max_borrowed(mut self, messages: u16) -> Self {
         self.demand.max_borrowed = messages;
         self
@@ -220,10 +221,10 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     wait_setter!("a message");
     sealed_setter!(
         demand,
-        "Accepts sealed messages only: their publisher cannot change them after they are sent."
+        "Accepts only sealed messages, which their publisher cannot change after it has sent them."
     );
 
-    /// Declares it, and waits for the Manager's word.
+    /// Declares the subscriber, and waits for the Manager's answer.
     ///
     /// # Errors
     ///
@@ -242,13 +243,13 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
 }
 
 impl SubscriberBuilder<[u8]> {
-    /// Takes messages of every type, as bytes; [`Sample::type_id`] says which it is.
+    /// Accepts messages of every type, as bytes; [`Sample::type_id`] returns the type.
     pub fn any_type(mut self) -> Self {
         self.data = None;
         self
     }
 
-    /// Takes messages of this type, as bytes.
+    /// Accepts messages of this type, as bytes.
     pub fn type_id(mut self, data: TypeId) -> Self {
         self.data = Some(data);
         self

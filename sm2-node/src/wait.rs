@@ -1,16 +1,15 @@
-//! How a subscriber, a client or a server waits.
+//! How a thread waits for messages.
 
 use std::time::Duration;
 
-/// What a thread does while it waits for a message, a request or a reply.
+/// How a thread waits for a message, a request or a reply.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wait {
-    /// It sleeps; whoever sends wakes it with a system call. Costs nothing while nothing comes.
+    /// Sleeps. The sender wakes the thread with a system call. Uses no processor time while no message comes.
     #[default]
     Park,
-    /// It looks again and again for so long, and then sleeps: for messages that follow each
-    /// other closely, or that come at a known time.
+    /// Polls for this time, and then sleeps: for messages that arrive in quick succession or at known times.
     SpinThenPark(Duration),
-    /// It looks again and again: the shortest delay, for a core of its own.
+    /// Polls all the time: the shortest delay, for a thread with its own core.
     Spin,
 }

@@ -1,5 +1,5 @@
-//! `#[derive(Message)]` and `#[derive(Schema)]` of `sm2_node`, where they are
-//! documented. Use them from there.
+//! The derive macros `#[derive(Message)]` and `#[derive(Schema)]` of `sm2_node`, which re-exports and
+//! documents them.
 
 mod advice;
 mod message;
@@ -9,15 +9,13 @@ mod serde;
 use proc_macro::TokenStream;
 use syn::{DeriveInput, parse_macro_input};
 
-/// Makes a type a message: see `sm2_node::Message`.
+/// Derives `sm2_node::Message` and `sm2_node::Schema`.
 ///
 /// ```text
 /// #[message(name = "sensor/Imu")]                       // plain old data, read in place
 /// #[message(name = "nav/Path", encoding = "postcard")]  // any serde type
 /// #[message(name = "nav/Goal", encoding = "json")]      // the same, with sm2-node's feature `json`
 /// ```
-///
-/// Also derives `Schema`.
 #[proc_macro_derive(Message, attributes(message))]
 pub fn derive_message(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);
@@ -26,7 +24,7 @@ pub fn derive_message(input: TokenStream) -> TokenStream {
         .into()
 }
 
-/// Makes a type a part of messages: see `sm2_node::Schema`.
+/// Derives `sm2_node::Schema` for a type that is a part of messages.
 #[proc_macro_derive(Schema)]
 pub fn derive_schema(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);

@@ -1,4 +1,4 @@
-//! `#[derive(Message)]`: the implementation of `Plain`, or of `Message` with an encoding.
+//! Derives `Message`, through `Plain` or through an encoding.
 
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
@@ -32,7 +32,7 @@ pub(crate) fn expand(input: &DeriveInput, has_zerocopy: bool) -> Result<TokenStr
 
 fn plain(input: &DeriveInput, name: &LitStr) -> TokenStream {
     let ident = &input.ident;
-    // A generic type is a message for those parameters for which zerocopy's derives apply.
+    // For a generic type, the same bounds as those of zerocopy's derives.
     let generics = bounded(
         &input.generics,
         &quote! {
@@ -102,7 +102,7 @@ fn bounded(generics: &Generics, traits: &TokenStream) -> Generics {
 
 enum Encoding {
     Plain,
-    /// `sm2_node::encoding` has functions for it.
+    /// An encoding with functions in `sm2_node::encoding`.
     Serde(&'static str),
 }
 
@@ -126,14 +126,13 @@ impl Options {
                 } else if meta.path.is_ident("encoding") {
                     encoding = encoding_of(&meta.value()?.parse()?)?;
                 } else {
-                    return Err(meta.error("unknown option: `name` and `encoding` are known"));
+                    return Err(meta.error("unknown option: use `name` or `encoding`"));
                 }
                 Ok(())
             })?;
         }
         let name = name.ok_or_else(|| {
-            let message = "a message type needs a name that does not depend on where it is \
-                           defined: #[message(name = \"sensor/Imu\")]";
+            let message = "a message type needs a name: add #[message(name = \"sensor/Imu\")]";
             Error::new_spanned(&input.ident, message)
         })?;
         Ok(Self { name, encoding })
@@ -158,8 +157,7 @@ fn encoding_of(name: &LitStr) -> Result<Encoding> {
             Err(Error::new_spanned(name, message))
         }
         _ => {
-            let message = "unknown encoding: \"plain\" (the default), \"postcard\" and \"json\" \
-                           are known";
+            let message = "unknown encoding: use \"plain\" (the default), \"postcard\" or \"json\"";
             Err(Error::new_spanned(name, message))
         }
     }

@@ -1,4 +1,4 @@
-//! `impl Schema`: hash and text of a type's structure, as expressions of its fields'.
+//! Derives `Schema`: hash and text of a type's structure, as expressions of those of its fields.
 
 use std::collections::BTreeSet;
 
@@ -23,7 +23,7 @@ pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
         }
         Data::Enum(data) => enumeration(data, &options)?,
         Data::Union(data) => {
-            let message = "a union has no schema: its bytes do not say which field they are";
+            let message = "a union has no schema: its bytes do not say which field is in use";
             return Err(Error::new(data.union_token.span(), message));
         }
     };
@@ -42,13 +42,13 @@ pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
     })
 }
 
-/// What `Schema` consists of.
+/// The expressions that make up an `impl Schema`.
 struct Expressions {
     hash: TokenStream,
     describe: TokenStream,
 }
 
-/// Each field's name, with the hash and with the description of its type.
+/// Each field's name, with the hash and the description of its type.
 struct Members {
     hashes: Vec<TokenStream>,
     parts: Vec<TokenStream>,
@@ -94,7 +94,7 @@ fn enumeration(data: &DataEnum, options: &Options) -> Result<Expressions> {
     })
 }
 
-/// Named fields; those of a tuple are named by their position.
+/// Collects the fields with their names. Fields of a tuple are named by position.
 fn members(fields: &Fields, rule: Option<Rule>) -> Result<Members> {
     let mut names = Names::default();
     let (mut hashes, mut parts) = (Vec::new(), Vec::new());
@@ -121,12 +121,12 @@ fn members(fields: &Fields, rule: Option<Rule>) -> Result<Members> {
     Ok(Members { hashes, parts })
 }
 
-/// The names of a type's fields or variants.
+/// The names of a type's fields or variants, to find duplicates.
 #[derive(Default)]
 struct Names(BTreeSet<String>);
 
 impl Names {
-    /// What renaming can do wrong.
+    /// Adds a name. Refuses names that renaming made illegal or equal.
     fn add(&mut self, name: &str, place: &impl quote::ToTokens) -> Result<()> {
         if !is_name(name) {
             let message =
@@ -134,7 +134,7 @@ impl Names {
             return Err(Error::new_spanned(place, message));
         }
         if !self.0.insert(name.to_owned()) {
-            let message = format!("another one is named {name:?} already");
+            let message = format!("the name {name:?} is used twice");
             return Err(Error::new_spanned(place, message));
         }
         Ok(())
@@ -146,7 +146,7 @@ fn text_of(ident: &syn::Ident) -> String {
     text.strip_prefix("r#").map_or(text.clone(), str::to_owned)
 }
 
-/// A generic type has a schema where its fields have one.
+/// Adds a bound to each type parameter: a generic type has a schema if its fields have one.
 fn bounded(generics: &Generics, data: &Data) -> Generics {
     let mut generics = generics.clone();
     if generics.type_params().next().is_some() {

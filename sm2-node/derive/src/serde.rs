@@ -1,10 +1,9 @@
-//! What serde was told about a type: what its schema follows, and what it cannot follow.
+//! The serde attributes of a type: those that its schema follows, and those that it cannot follow.
 
 use syn::meta::ParseNestedMeta;
 use syn::{Attribute, Ident, LitStr, Result, Token, token};
 
-/// What serde can be told about a field or type that changes its encoding, and
-/// that the hash would not see.
+/// Attributes of a field or type that change its encoding without changing the hash.
 const ENCODING_CHANGES: &[&str] = &[
     "content",
     "deserialize_with",
@@ -23,7 +22,7 @@ const ENCODING_CHANGES: &[&str] = &[
     "with",
 ];
 
-/// What changes names or takes a structure away.
+/// The attributes that change names or remove a level of structure.
 #[derive(Default)]
 pub(crate) struct Options {
     pub(crate) rename: Option<String>,
@@ -51,7 +50,7 @@ impl Options {
             Some(name) if ENCODING_CHANGES.contains(&name) => {
                 return Err(meta.error(format!(
                     "`{name}` changes the encoding in a way that the schema hash cannot see: \
-                     implement `Schema` by hand, or leave it out"
+                     remove it, or implement `Schema` by hand"
                 )));
             }
             _ => skip_value(meta)?,
@@ -77,7 +76,7 @@ fn skip_value(meta: &ParseNestedMeta<'_>) -> Result<()> {
     Ok(())
 }
 
-/// How serde derives the names of all fields or variants.
+/// A `rename_all` rule of serde.
 #[derive(Clone, Copy)]
 pub(crate) enum Rule {
     Lower,
@@ -101,11 +100,16 @@ impl Rule {
             "SCREAMING_SNAKE_CASE" => Self::ScreamingSnake,
             "kebab-case" => Self::Kebab,
             "SCREAMING-KEBAB-CASE" => Self::ScreamingKebab,
-            _ => return Err(syn::Error::new_spanned(name, "serde knows no such rule")),
+            _ => {
+                return Err(syn::Error::new_spanned(
+                    name,
+                    "unknown rule: use one of serde's, such as \"camelCase\"",
+                ));
+            }
         })
     }
 
-    /// The name of a variant, which is written `LikeThis`.
+    /// Applies the rule to a variant, which is written `LikeThis`.
     pub(crate) fn variant(self, name: &str) -> String {
         match self {
             Self::Pascal => name.to_owned(),
@@ -128,7 +132,7 @@ impl Rule {
         }
     }
 
-    /// The name of a field, which is written `like_this`.
+    /// Applies the rule to a field, which is written `like_this`.
     pub(crate) fn field(self, name: &str) -> String {
         match self {
             Self::Lower | Self::Snake => name.to_owned(),

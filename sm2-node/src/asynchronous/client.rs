@@ -1,4 +1,4 @@
-//! Calling a service in futures.
+//! Calling a service with futures.
 
 use std::io;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use super::{IntoAsync, Watched};
 use crate::handle::until;
 use crate::{CallError, Client, Message, Reply, StoreError};
 
-/// A [`Client`] for futures. Any number of calls may be under way.
+/// A [`Client`] for futures. Any number of calls can be pending.
 #[derive(Debug)]
 pub struct AsyncClient<Q: Message + ?Sized, R: Message + ?Sized>(Watched<Client<Q, R>>);
 
@@ -67,13 +67,13 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncClient<Q, R> {
         reply.await.map_err(failed)?
     }
 
-    /// The client.
+    /// Returns the client.
     #[must_use]
     pub fn get_ref(&self) -> &Client<Q, R> {
         self.0.get()
     }
 
-    /// The client, for threads again.
+    /// Turns this back into a client for threads.
     #[must_use]
     pub fn into_inner(self) -> Client<Q, R> {
         self.0.into_inner()
@@ -84,8 +84,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> IntoAsync for Client<Q, R> {
     type Async = AsyncClient<Q, R>;
 
     fn into_async(self) -> io::Result<AsyncClient<Q, R>> {
-        // Each task waits for a reply of its own, and any of them may find that there is
-        // nothing more for it.
+        // Each task waits for its own reply. A task that silences the descriptor must tell the others.
         let silenced = self.silenced();
         Watched::new(self, silenced).map(AsyncClient)
     }

@@ -1,11 +1,10 @@
 //! Nodes in tokio programs (feature `tokio`).
 //!
-//! The same handles, whose waiting calls are futures. Nothing here blocks a thread of the
-//! runtime, but for the short moments in which the node's sockets are read and written; every
-//! future is cancellation-safe: one that is dropped before it is ready has taken nothing
-//! (a [`call`](AsyncClient::call) that is dropped is cancelled; a
-//! [`publish`](AsyncPublisher::publish) that is dropped has reached all but the
-//! reliable subscribers that it still waited for).
+//! The same handles, with futures in place of waiting calls. No future blocks a thread of the runtime, except
+//! while the node's sockets are read and written. Every future is cancellation-safe: a future that is dropped
+//! before it is ready has taken no message. Dropping a pending [`call`](AsyncClient::call) cancels the call.
+//! Dropping a pending [`publish`](AsyncPublisher::publish) skips only the reliable subscribers that had no
+//! room yet.
 //!
 //! ```no_run
 //! use futures_util::StreamExt;
@@ -23,12 +22,12 @@
 //! # }
 //! ```
 //!
-//! Connecting and declaring wait for the Manager's word, which takes well under a millisecond
-//! where one runs, and up to the node's time-out where it is stuck. A program that cannot have
-//! this on a thread of its runtime does both in `tokio::task::spawn_blocking`.
+//! Connecting and declaring wait for the Manager's answer: usually well under a millisecond, but up to the
+//! node's timeout if the Manager is stuck. A program that cannot block a thread of its runtime for so long
+//! calls both in `tokio::task::spawn_blocking`.
 //!
-//! A node has no thread of its own here either: handles move it on when they are polled.
-//! [`drive`] is for a program in which none may be polled for a while.
+//! A node has no thread of its own here either: its handles drive it when they are polled. [`drive`] is for a
+//! program that may poll no handle for a while.
 
 mod client;
 mod publisher;
@@ -51,12 +50,12 @@ pub use self::subscriber::AsyncSubscriber;
 pub use self::{client::AsyncClient, publisher::AsyncPublisher, server::AsyncServer};
 use crate::Node;
 
-/// Handles that can be used in futures.
+/// Converts a handle into one that works with futures.
 pub trait IntoAsync: Sized {
-    /// What it becomes.
+    /// The handle for futures.
     type Async;
 
-    /// The same handle for futures.
+    /// Converts the handle.
     ///
     /// # Errors
     ///
@@ -68,7 +67,7 @@ pub trait IntoAsync: Sized {
     fn into_async(self) -> io::Result<Self::Async>;
 }
 
-/// Moves a node on, whenever there is something to do, for as long as it is polled: spawn it.
+/// Drives a node for as long as the future is polled: spawn it as a task.
 ///
 /// # Errors
 ///
@@ -83,17 +82,17 @@ pub async fn drive(node: Node) -> io::Result<Infallible> {
     Err(error)
 }
 
-/// Something with a descriptor that the runtime watches.
+/// A handle whose descriptor the runtime watches.
 ///
-/// The runtime learns of changes alone (edges), and a look may leave something behind: a node
-/// reads each socket a bounded number of times. So whoever found nothing asks the
-/// descriptor itself before it waits.
+/// The runtime reports only changes (edges), and one look may leave data in a socket, because a node reads
+/// each socket a bounded number of times. A task that found nothing therefore checks the descriptor itself
+/// before it waits.
 #[derive(Debug)]
 struct Watched<S: AsFd> {
-    /// Before the source: it is a duplicate of its descriptor.
+    /// Declared before the source, whose descriptor it duplicates, so that it is dropped first.
     fd: AsyncFd<OwnedFd>,
     source: S,
-    /// Whoever takes note of a change tells all others who wait for the same descriptor.
+    /// A task that consumes a readiness event notifies all other tasks that wait for the same descriptor.
     changed: Arc<Notify>,
 }
 
@@ -118,7 +117,7 @@ impl<S: AsFd> Watched<S> {
     async fn wait<T>(&self, mut look: impl FnMut(&S) -> Option<T>) -> io::Result<T> {
         loop {
             let mut changed = pin!(self.changed.notified());
-            // From here on no change is missed, whoever takes note of it.
+            // From here on no change is missed, whichever task consumes it.
             changed.as_mut().enable();
             if let Some(found) = look(self.get()) {
                 return Ok(found);
@@ -137,7 +136,7 @@ impl<S: AsFd> Watched<S> {
         }
     }
 
-    /// The same for the only task that uses it.
+    /// As [`wait`](Self::wait), for a handle that only one task uses.
     fn poll<T>(
         &self,
         context: &mut Context<'_>,

@@ -1,4 +1,4 @@
-//! Sending the messages of a topic in futures.
+//! Sending the messages of a topic with futures.
 
 use std::borrow::Borrow;
 use std::future::poll_fn;
@@ -17,23 +17,23 @@ use crate::{Message, PublishError, Published, Publisher, StoreError};
 
 /// A [`Publisher`] for futures, and a [`Sink`] of messages.
 ///
-/// Only reliable subscribers without room are waited for, at most as long as the publisher's
-/// builder said. As a sink it takes one message at a time, and [`PublishError::DeadlineExceeded`]
-/// says that a reliable subscriber missed one.
+/// Waits only for reliable subscribers without room, and at most for the publisher's
+/// [`publish_timeout`](crate::PublisherBuilder::publish_timeout). As a sink it takes one message at a time;
+/// [`PublishError::DeadlineExceeded`] reports that a reliable subscriber missed a message.
 #[derive(Debug)]
 pub struct AsyncPublisher<T: Message + ?Sized> {
     publisher: Watched<Publisher<T>>,
-    /// A message for which reliable subscribers have no room, and the timer of its deadline.
+    /// A message that some reliable subscribers have no room for, and the timer of its deadline.
     in_flight: Option<(Offered, Pin<Box<Sleep>>)>,
-    /// What became of the last publication, until somebody asks.
+    /// The result of the last publication, until it is taken.
     published: Option<Published>,
 }
 
 impl<T: Message + ?Sized> AsyncPublisher<T> {
     /// Sends one message to all subscribers whose links are open: see [`Publisher::publish`].
     ///
-    /// If it is dropped before it is ready, the message has gone to everybody who had room; the
-    /// others get it with the next call of this publisher, or not.
+    /// If the future is dropped before it is ready, all subscribers with room have the message. The others
+    /// get it during the next call of this publisher, or miss it.
     ///
     /// # Errors
     ///
@@ -49,13 +49,14 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
         Ok(self.published.take().unwrap_or_default())
     }
 
-    /// The publisher.
+    /// Returns the publisher.
     #[must_use]
     pub fn get_ref(&self) -> &Publisher<T> {
         self.publisher.get()
     }
 
-    /// The publisher, for threads again. Whoever is still waited for goes without the message.
+    /// Turns this back into a publisher for threads. Subscribers that still have no room miss the message in
+    /// flight.
     #[must_use]
     pub fn into_inner(self) -> Publisher<T> {
         let publisher = self.publisher.into_inner();
@@ -78,7 +79,7 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
         Ok(())
     }
 
-    /// Waits until nobody is waited for.
+    /// Waits until no subscriber is waited for.
     fn poll_in_flight(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let Some((offered, sleep)) = &mut self.in_flight else {
             return Poll::Ready(Ok(()));

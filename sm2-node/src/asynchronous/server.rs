@@ -1,4 +1,4 @@
-//! Answering the calls of a service in futures.
+//! Answering the calls of a service with futures.
 
 use std::borrow::Borrow;
 use std::convert::Infallible;
@@ -14,13 +14,13 @@ use futures_util::stream::{FuturesUnordered, Stream, StreamExt};
 use super::{IntoAsync, Watched};
 use crate::{Message, RecvError, Request, Server};
 
-/// A [`Server`] for futures, and a [`Stream`] of its requests, without an end.
+/// A [`Server`] for futures, and an endless [`Stream`] of its requests.
 #[derive(Debug)]
 pub struct AsyncServer<Q: Message + ?Sized, R: Message + ?Sized>(Watched<Server<Q, R>>);
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncServer<Q, R> {
-    /// The next request. Cancellation-safe; several tasks may wait, and each request goes to one
-    /// of them.
+    /// Waits for the next request. Cancellation-safe. Several tasks may wait; each request goes to one of
+    /// them.
     ///
     /// # Errors
     ///
@@ -30,13 +30,13 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncServer<Q, R> {
         received.map_err(RecvError::Io)?
     }
 
-    /// Answers every request by an async function, up to `concurrency` of them at a time, for as
-    /// long as it is polled. What the function returns as an error is told to the
-    /// client. If this is dropped, the requests under way are answered as failed.
+    /// Answers every request with an async function, of which up to `concurrency` run at a time, for as long
+    /// as the future is polled. An error of the function is sent to the client. Dropping the future answers
+    /// the pending requests as failed.
     ///
     /// # Errors
     ///
-    /// See [`RecvError`]; a request that cannot be read is answered and skipped.
+    /// See [`RecvError`]. A request that cannot be read is answered as failed and skipped.
     pub async fn serve<M: Borrow<R>, E: Display>(
         &self,
         concurrency: usize,
@@ -48,7 +48,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncServer<Q, R> {
             let next = match running.len() < concurrency.max(1) {
                 true => match select(pin!(self.recv()), running.next()).await {
                     Either::Left((next, _)) => next,
-                    // An empty set says so at once: then only requests are waited for.
+                    // An empty set is ready at once; then only requests are waited for.
                     Either::Right((None, next)) => next.await,
                     Either::Right((Some(()), _)) => continue,
                 },
@@ -68,7 +68,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncServer<Q, R> {
                     }
                 }),
                 Err(RecvError::Payload { .. }) => {}
-                // A client with that many requests under way gets some answered first.
+                // A client holds its maximum of pending requests: answer some before taking more.
                 Err(RecvError::TooManyBorrowed { .. }) if !running.is_empty() => {
                     running.next().await;
                 }
@@ -77,13 +77,13 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncServer<Q, R> {
         }
     }
 
-    /// The server.
+    /// Returns the server.
     #[must_use]
     pub fn get_ref(&self) -> &Server<Q, R> {
         self.0.get()
     }
 
-    /// The server, for threads again.
+    /// Turns this back into a server for threads.
     #[must_use]
     pub fn into_inner(self) -> Server<Q, R> {
         self.0.into_inner()

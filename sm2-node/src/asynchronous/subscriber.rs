@@ -1,4 +1,4 @@
-//! Receiving the messages of a topic in futures.
+//! Receiving the messages of a topic with futures.
 
 use std::io;
 use std::pin::Pin;
@@ -10,14 +10,14 @@ use futures_util::Stream;
 use super::{IntoAsync, Watched};
 use crate::{Message, RecvError, Sample, Subscriber};
 
-/// A [`Subscriber`] for futures, and a [`Stream`] of its messages. The stream has no end: what a
-/// subscriber cannot receive is an item that is an error.
+/// A [`Subscriber`] for futures, and an endless [`Stream`] of its messages. A message that cannot be received
+/// is an item with an error.
 #[derive(Debug)]
 pub struct AsyncSubscriber<T: Message + ?Sized>(Watched<Subscriber<T>>);
 
 impl<T: Message + ?Sized> AsyncSubscriber<T> {
-    /// The next message. Cancellation-safe; several tasks may wait, and each message goes to
-    /// one of them.
+    /// Waits for the next message. Cancellation-safe. Several tasks may wait; each message goes to one of
+    /// them.
     ///
     /// # Errors
     ///
@@ -27,13 +27,13 @@ impl<T: Message + ?Sized> AsyncSubscriber<T> {
         received.map_err(RecvError::Io)?
     }
 
-    /// The subscriber.
+    /// Returns the subscriber.
     #[must_use]
     pub fn get_ref(&self) -> &Subscriber<T> {
         self.0.get()
     }
 
-    /// The subscriber, for threads again.
+    /// Turns this back into a subscriber for threads.
     #[must_use]
     pub fn into_inner(self) -> Subscriber<T> {
         self.0.into_inner()

@@ -1,4 +1,4 @@
-//! The half of a builder that publishers, subscribers, servers and clients share.
+//! The part of a builder that publishers, subscribers, servers and clients share.
 
 use std::sync::Arc;
 
@@ -9,14 +9,14 @@ use super::Handle;
 use crate::driver::Shared;
 use crate::{DeclareError, Message, Wait};
 
-/// Payloads of up to this length travel in the datagram itself, unless a builder changes it.
+/// Payloads of up to this length are sent inside the datagram, unless a builder changes it.
 const INLINE_DEFAULT: usize = 4_096;
 
-/// An interface that a builder is about to declare.
+/// An interface that a builder will declare.
 #[derive(Debug)]
 pub(crate) struct Declaration {
     shared: Arc<Shared>,
-    /// As the program wrote it.
+    /// The name as the program wrote it.
     name: String,
     pub(crate) inline_max: usize,
     pub(crate) wait: Wait,
@@ -32,7 +32,7 @@ impl Declaration {
         }
     }
 
-    /// Sets `inline_max`, as far as a datagram has room for it.
+    /// Sets `inline_max`, limited to what fits into a datagram.
     pub(crate) const fn set_inline_max(&mut self, bytes: usize) {
         self.inline_max = if bytes > INLINE_MAX {
             INLINE_MAX
@@ -41,7 +41,7 @@ impl Declaration {
         };
     }
 
-    /// The topic's or service's name.
+    /// Checks and returns the name of the topic or service.
     pub(crate) fn checked_name(&self, kind: Kind) -> Result<Name, DeclareError> {
         Name::typed(&self.name).map_err(|reason| DeclareError::Name {
             kind,
@@ -50,7 +50,7 @@ impl Declaration {
         })
     }
 
-    /// Declares it, and waits for the Manager's answer. `schemas` are the types of its messages.
+    /// Declares the interface, and waits for the Manager's answer. `schemas` are its message types.
     pub(crate) fn declare(
         &self,
         contract: Contract,
@@ -64,7 +64,7 @@ impl Declaration {
     }
 }
 
-/// A type and its schema text, for the Manager. `[u8]` has no text, whichever type it carries.
+/// Returns a type and its schema text for the Manager. `[u8]` has no text, whatever type it carries.
 pub(crate) fn schema_of<T: Message + ?Sized>() -> (TypeId, Option<String>) {
     (T::type_id(), T::schema())
 }
@@ -80,7 +80,7 @@ macro_rules! sealed_setter {
     };
 }
 
-/// The setter `inline_max` of a builder, for what its interface sends.
+/// The setter `inline_max` of a builder, for the messages that its interface sends.
 macro_rules! inline_max_setter {
     ($messages:literal) => {
         #[doc = concat!($messages, " of up to this many bytes are copied into the datagram;")]
@@ -93,7 +93,7 @@ macro_rules! inline_max_setter {
     };
 }
 
-/// The setter `wait` of a builder, for what its interface receives.
+/// The setter `wait` of a builder, for the messages that its interface receives.
 macro_rules! wait_setter {
     ($message:literal) => {
         #[doc = concat!("What a thread does while it waits for ", $message, "; [`Wait::Park`] by")]

@@ -12,8 +12,8 @@ use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
 impl Handle {
-    /// Declares an interface, and waits for the Manager's word. The texts of its types go along,
-    /// of those that have one.
+    /// Declares an interface, and waits for the Manager's answer. The schema texts of its types are
+    /// registered, for types that have one.
     pub(crate) fn declare(
         shared: &Arc<Shared>,
         contract: Contract,
@@ -32,7 +32,7 @@ impl Handle {
             Ok(id) => id,
             Err(error) => return Err(refused_here(error, contract)),
         };
-        // From here on dropping it tells the Manager.
+        // From here on, dropping the handle withdraws the interface at the Manager.
         let mut handle = Self {
             shared: Arc::clone(shared),
             id,
@@ -66,7 +66,7 @@ impl Handle {
     }
 }
 
-/// The Manager did not grant a declaration.
+/// Converts a refusal of the Manager into an error.
 fn refused(reason: Refusal, contract: Contract) -> DeclareError {
     let kind = contract.kind();
     let name = contract.name().clone();
@@ -104,7 +104,8 @@ fn refused(reason: Refusal, contract: Contract) -> DeclareError {
     }
 }
 
-/// The session's machine did not take a declaration. What it could object to was checked.
+/// Converts a refusal of the session's machine into an error. All conditions that it checks were checked
+/// before.
 fn refused_here(error: node::Error, contract: Contract) -> DeclareError {
     debug_assert!(false, "{error}");
     DeclareError::ManagerGone {
@@ -113,12 +114,14 @@ fn refused_here(error: node::Error, contract: Contract) -> DeclareError {
     }
 }
 
-/// Lets tools know what a type looks like. One whose text is not its own, by an
-/// implementation by hand, is left out: the Manager would take it for a violation.
+/// Registers a type's text for tools. A text that does not fit the type's hash (a manual implementation) is
+/// not registered, because the Manager would treat it as a violation.
 fn register_schema(inner: &mut Inner, data: TypeId, text: Option<String>, epoll: &Epoll) {
     let Some(text) = text else { return };
     match check_schema(&data, &text) {
         Ok(()) => inner.register_schema(data, text, epoll),
-        Err(error) => tracing::warn!(%error, "tools will not know this type"),
+        Err(error) => {
+            tracing::warn!(%error, "tools cannot decode this type: its schema is not registered")
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! Many messages at a time: one look, one lock, and one more to give them all back.
+//! Taking many messages under one lock, and releasing them under another one.
 
 use super::Handle;
 use super::receive::{Receipt, Received};
@@ -7,8 +7,8 @@ use crate::driver::{Inner, Taken, Topic, Until};
 use crate::{RecvError, Wait};
 
 impl Handle {
-    /// Waits until there is a message, and takes all that are there, at most so many. None: the
-    /// time is over.
+    /// Waits until there is a message, and takes all available messages, at most `most`. The result is empty
+    /// after the timeout.
     pub(crate) fn take_many(
         &self,
         way: Wait,
@@ -27,7 +27,7 @@ impl Handle {
         Ok(all)
     }
 
-    /// Whether something was found: messages, or why there are none.
+    /// Returns `Some` if there are messages, or a reason why none can be taken.
     fn take_ready(
         &self,
         inner: &mut Inner,
@@ -44,7 +44,7 @@ impl Handle {
         }
     }
 
-    /// Makes messages readable that were taken: each is given back by itself.
+    /// Makes taken messages readable. Each is released separately.
     pub(crate) fn open_many(
         &self,
         taken: Vec<Taken>,
@@ -52,7 +52,7 @@ impl Handle {
         taken.into_iter().map(|it| self.open_for(it))
     }
 
-    /// Shows each of these messages to `each`, and then gives all of them back.
+    /// Passes each of these messages to `each`, and then releases all of them.
     pub(crate) fn lend(
         &self,
         taken: Vec<Taken>,
@@ -70,10 +70,10 @@ impl Handle {
     }
 }
 
-/// Messages to be given back together, also if whoever looks at them panics.
+/// Messages that are released together, also if `each` panics.
 struct Lent<'a> {
     handle: &'a Handle,
-    /// Of each the token of its link and its number there.
+    /// The token of the link and the sequence number of each message.
     places: Vec<(LinkToken, u64)>,
 }
 

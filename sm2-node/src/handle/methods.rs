@@ -50,8 +50,8 @@ macro_rules! interface_methods {
                 self.handle().is_registered()
             }
 
-            /// Why this interface has no links: of all interfaces, those that come closest to one
-            #[doc = concat!("of its ", $counterparts, ", and why each of them does not match.")]
+            /// Explains why this interface has no links: returns the interfaces that come closest to one
+            #[doc = concat!("of its ", $counterparts, ", with the reasons why they do not match.")]
             ///
             /// # Errors
             ///
@@ -60,8 +60,8 @@ macro_rules! interface_methods {
                 self.handle().why()
             }
 
-            /// The state of its links: the last 64 that ended, then those that exist. A link counts
-            /// what this side sent in `counters`, and what it received in `received`.
+            /// Returns the state of its links: the last 64 that ended, then those that exist. A link counts
+            /// sent messages in `counters`, and received messages in `received`.
             pub fn links(&self) -> Vec<$crate::driver::LinkStatus> {
                 self.handle().links()
             }

@@ -1,4 +1,4 @@
-//! Taking messages from an interface, and giving them back.
+//! Taking messages from an interface, and releasing them.
 
 use std::io;
 use std::sync::{Arc, Weak};
@@ -14,8 +14,8 @@ use crate::driver::{Full, Interface, Shared, Taken, Tools, Topic, Until};
 use crate::payload::MessageBytes;
 
 impl Handle {
-    /// Waits until there is a message. `None`: the time is over. Without a Manager and without
-    /// links it waits for these to come back.
+    /// Waits until there is a message. `None` after the timeout. Without a Manager or without links, waits
+    /// until they return.
     pub(crate) fn receive(
         &self,
         until: Until,
@@ -40,7 +40,7 @@ impl Handle {
         self.open_with(taken, receipt).map_err(RecvError::from)
     }
 
-    /// Makes a message readable that was taken. If that is not possible, its link is closed.
+    /// Makes a taken message readable. If that is not possible, closes its link.
     pub(crate) fn open(&self, taken: Taken) -> io::Result<Received> {
         let receipt = self.receipt(&taken);
         self.open_with(taken, receipt).map_err(|it| it.source)
@@ -89,17 +89,17 @@ pub(crate) struct Received {
     pub(crate) peer: Arc<Peer>,
     pub(crate) delivery: Delivery,
     pub(crate) bytes: MessageBytes,
-    /// Last: what is given back is not looked at any more.
+    /// Last, because it releases the message: all other fields are dropped before.
     pub(crate) receipt: Receipt,
 }
 
-/// A message that cannot be read: this machine is out of memory.
+/// A message that cannot be mapped, because this machine is out of memory.
 pub(super) struct Unreadable {
     peer: Arc<Peer>,
     source: io::Error,
 }
 
-/// That a message is to be given back. It neither keeps the node alive nor its interface.
+/// Releases a message when dropped. Keeps neither the node nor its interface alive.
 #[derive(Debug)]
 pub(crate) struct Receipt {
     shared: Weak<Shared>,
@@ -109,7 +109,7 @@ pub(crate) struct Receipt {
 }
 
 impl Receipt {
-    /// That of a message that somebody else gives back.
+    /// The receipt of a message that another value releases.
     pub(super) const fn none() -> Self {
         Self {
             shared: Weak::new(),

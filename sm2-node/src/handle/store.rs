@@ -1,4 +1,4 @@
-//! Putting a message into the memory that its links need.
+//! Storing a message in the forms that its links need.
 
 use std::borrow::Cow;
 
@@ -13,12 +13,12 @@ use crate::driver::{Forms, Interface, Needs, NoSlot, Tools};
 use crate::pool::Lease;
 
 impl Handle {
-    /// Puts a message where the links that need it can have it.
+    /// Stores a message in the forms that its links need.
     pub(crate) fn store(&self, bytes: Cow<'_, [u8]>, needs: Needs) -> Result<Forms, StoreError> {
         self.store_with(bytes, needs, |_| None)
     }
 
-    /// The same, with memory for a sealed message of some length, if that is ready.
+    /// As [`store`](Self::store), with prepared memory for a sealed message, if there is any.
     pub(crate) fn store_with(
         &self,
         bytes: Cow<'_, [u8]>,
@@ -30,7 +30,7 @@ impl Handle {
             return Ok(forms);
         }
         let short = bytes.len() <= self.inline_max;
-        // First what can fail and needs no undoing.
+        // First the steps that can fail and need no undoing.
         if needs.sealed && !short {
             check_len(bytes.len() as u64)?;
             forms.sealed = Some(crate::spare::seal(spare(bytes.len()), &bytes)?);
@@ -49,7 +49,7 @@ impl Handle {
         Ok(forms)
     }
 
-    /// A slot for `len` bytes.
+    /// Allocates a slot for `len` bytes.
     pub(crate) fn lease(&self, len: usize) -> Result<Lease<sm2_io::Slot>, StoreError> {
         check_len(len as u64)?;
         let now = sm2_io::clock::now();
@@ -65,14 +65,14 @@ impl Handle {
             },
             NoSlot::Io(error) | NoSlot::Lock(error) => StoreError::Io(error),
         })?;
-        // Not under the node's lock: the first time it takes long.
+        // Without the node's lock, because the first use of a slot takes long.
         lease.memory.warm(len);
         Ok(lease)
     }
 }
 
 impl Interface {
-    /// Gives back memory that was not used for long. Cheap: it may be called with every message.
+    /// Frees memory that was unused for long. Cheap enough to call with every message.
     pub(crate) fn rest(&mut self, now: Instant, tools: &mut Tools<'_>) {
         self.outbox.rest(now);
         self.detach_segments(tools);

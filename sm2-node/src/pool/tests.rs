@@ -1,4 +1,4 @@
-//! The pool against a model that remembers every slot.
+//! Compares the pool with a model that records every slot.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// Memory that knows which slot it is, so that a mix-up shows.
+/// A handle that identifies its slot, to detect mix-ups.
 type Mark = (u32, u32);
 
 fn marks(geometry: Geometry) -> impl Iterator<Item = Mark> {
@@ -22,7 +22,7 @@ fn taken(pool: &mut Pool<Mark>, len: u64) -> Result<Lease<Mark>, Full> {
     Ok(pool.take(len).expect("a slot that was just added"))
 }
 
-/// A pool with a segment of so many slots for messages of this length from the beginning.
+/// Returns a pool with a reserved segment of `slots` slots for messages of `len` bytes.
 fn reserved(len: u64, slots: u32, limit_bytes: u64) -> Pool<Mark> {
     let mut pool = Pool::new(limit_bytes);
     let geometry = pool.plan_reserved(len, slots).unwrap();
@@ -81,7 +81,7 @@ proptest! {
         prop_assert!(stride >= len + HEAD_BYTES);
         prop_assert!(stride.is_multiple_of(STRIDE_UNIT));
         prop_assert!(stride < HUGE_PAGE || stride.is_multiple_of(HUGE_PAGE));
-        // Not more than half as much again, or a unit more.
+        // The surplus is at most half of the length, or one unit.
         let surplus = stride - len - HEAD_BYTES;
         let unit = if stride < PAGE { STRIDE_MIN } else { PAGE };
         prop_assert!(surplus <= (len / 2 + HEAD_BYTES).max(unit) || stride <= 2 * HUGE_PAGE);
@@ -138,7 +138,10 @@ fn a_larger_slot_will_do() {
     assert_eq!(pool.give_back(large), None);
     assert_eq!(pool.take(70_000).unwrap().segment.id, 0);
     assert_eq!(pool.take(64_000).unwrap().segment.id, 0, "twice as large");
-    assert!(pool.take(48_000).is_none(), "more than that would be waste");
+    assert!(
+        pool.take(48_000).is_none(),
+        "a slot of more than twice the size is not used"
+    );
     assert!(pool.take(140_000).is_none(), "too long");
 }
 
@@ -226,7 +229,7 @@ fn an_abandoned_slot_ends_its_segment_when_the_others_are_back() {
     let other = taken(&mut pool, 1).unwrap();
     assert_ne!(
         other.segment.id, third.segment.id,
-        "no slot of a segment that ends"
+        "no slot of a retired segment"
     );
     assert_eq!(pool.give_back(third), Some(0));
     assert_eq!(pool.segments.len(), 1);
@@ -267,7 +270,7 @@ fn an_abandoned_slot_of_a_reserved_segment_is_made_up_for() {
     assert_eq!(pool.plan(100_000), Err(Full));
     assert_eq!(pool.give_back(third), None);
     let again = pool.take(100_000).unwrap();
-    assert_eq!(again.segment.id, 0, "what is left of it serves on");
+    assert_eq!(again.segment.id, 0, "the remaining slots stay in use");
     assert_eq!(pool.abandon(again), Some(0), "the last of its slots");
     assert_eq!(pool.give_back(fourth), None);
     assert_eq!(pool.give_back(fifth), None);
@@ -295,23 +298,23 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// What a pool must have done, slot by slot.
+/// The expected state of a pool, slot by slot.
 #[derive(Default)]
 struct Model {
-    /// Of each segment: its form, how many slots are in use, how many are gone, and the step at
-    /// which one was used last.
+    /// For each segment: its layout, the number of slots in use, the number of lost slots, and the step of
+    /// its last use.
     segments: BTreeMap<u32, (Geometry, u32, u32, u64)>,
     retired: Vec<u32>,
     used: Vec<Lease<Mark>>,
-    /// Slots that must not be seen again.
+    /// Slots that must not be taken again.
     abandoned: Vec<Mark>,
     now: u64,
     step: u64,
-    /// When the last sweep was, and at which step.
+    /// The time and the step of the last sweep.
     swept: (u64, u64),
 }
 
-/// How long a segment may be unused.
+/// How long an idle segment is kept.
 const IDLE: u64 = 5;
 
 impl Model {
@@ -325,7 +328,8 @@ impl Model {
         self.used.push(lease);
     }
 
-    /// A lease was returned, or its slot is lost. The segment that is over by this, if it is.
+    /// Records that a lease was returned, or that its slot is lost. Returns the segment that this frees, if
+    /// any.
     fn back(&mut self, lease: &Lease<Mark>, lost: bool) -> Option<u32> {
         let id = lease.segment.id;
         if lost {
@@ -351,14 +355,14 @@ impl Model {
         self.abandoned.retain(|&(segment, _)| segment != id);
     }
 
-    /// What goes at a sweep, of segments that were used at all.
+    /// Returns the segments that a sweep must free, of those that were used at all.
     fn idle(&mut self) -> Vec<u32> {
         if self.now - self.swept.0 < IDLE {
             return Vec::new();
         }
         let (_, since) = std::mem::replace(&mut self.swept, (self.now, self.step));
         let needed = |id: u32, stride: u64| {
-            // Numbers grow here, as age does.
+            // In this test numbers grow with age.
             let mut younger = self.segments.range(id..);
             younger.any(|(_, (it, _, _, last))| it.stride == stride && *last > since)
         };

@@ -1,4 +1,4 @@
-//! What a publisher is to be like.
+//! The options of a publisher.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use crate::{DeclareError, Message};
 /// The default of [`PublisherBuilder::publish_timeout`], as in the reliability policy of DDS.
 const PUBLISH_TIMEOUT_DEFAULT: Duration = Duration::from_millis(100);
 
-/// A publisher's quality of service, and its memory.
+/// The quality of service of a publisher, and its memory.
 #[derive(Debug)]
 #[must_use = "a builder does nothing until declare is called"]
 pub struct PublisherBuilder<T: Message + ?Sized> {
@@ -28,7 +28,7 @@ pub struct PublisherBuilder<T: Message + ?Sized> {
     sends: PhantomData<fn(&T)>,
 }
 
-/// What messages are stored in.
+/// The options for the memory of messages.
 #[derive(Debug)]
 struct Memory {
     limit_bytes: u64,
@@ -61,33 +61,32 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         }
     }
 
-    /// How many messages wait for each subscriber that has not taken those before:
-    /// 1 to 1,024; 8 by default. On the ring lane, where messages wait in the subscriber's
-    /// ring, its own [depth](crate::SubscriberBuilder::depth) says that instead.
+    /// Sets how many messages wait for each subscriber that does not take them yet: 1 to 1,024; 8 by default.
+    /// On the ring lane, messages wait in the subscriber's ring, so the subscriber's
+    /// [depth](crate::SubscriberBuilder::depth) applies instead.
     pub const fn depth(mut self, messages: u16) -> Self {
         self.offer.depth = messages;
         self
     }
 
-    /// Offers reliable delivery, to subscribers that ask for it; `false` by default.
+    /// Offers reliable delivery to subscribers that request it; `false` by default.
     ///
-    /// No message displaces another one for a reliable subscriber. If such a subscriber has no
-    /// room, the publisher waits for at most the [`publish_timeout`](Self::publish_timeout), and
-    /// then drops the message for this subscriber alone (SM2-QOS-002). For other subscribers
-    /// nothing changes.
+    /// For a reliable subscriber, no message displaces another one. If such a subscriber has no room, the
+    /// publisher waits for at most the [`publish_timeout`](Self::publish_timeout), and then skips this
+    /// subscriber (SM2-QOS-002). Other subscribers are not affected.
     pub const fn reliable(mut self, reliable: bool) -> Self {
         self.offer.reliable = reliable;
         self
     }
 
-    /// How long [`publish`](Publisher::publish) waits for reliable subscribers that have no room;
-    /// 100 ms by default. `Duration::ZERO` never waits.
+    /// Sets how long [`publish`](Publisher::publish) waits for reliable subscribers that have no room; 100 ms
+    /// by default. With `Duration::ZERO` it never waits.
     pub const fn publish_timeout(mut self, timeout: Duration) -> Self {
         self.publish_timeout = timeout;
         self
     }
 
-    /// The last `messages` are kept, and sent to every new subscriber before any other
+    /// Keeps the last `messages`, and sends them to every new subscriber before any other message
     /// (SM2-QOS-003): 0 to 1,024; 0 by default.
     pub const fn latched(mut self, messages: u16) -> Self {
         self.offer.latched = messages;
@@ -96,7 +95,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
 
     sealed_setter!(
         offer,
-        "Every message is sealed: nobody, this program included, can change it after it is sent.
+        "Seals every message: no process, not even this one, can change it after it is sent.
 
 Costs new memory for each message. A subscriber, and the domain's policy, can require it as well.
 While messages follow each other closely, the publisher prepares the memory of the next one after
@@ -104,59 +103,57 @@ each: one file of about its length. It goes back to the system after [`keep_idle
     );
     inline_max_setter!("Messages");
 
-    /// How much shared memory messages may have, in bytes, not counting what
-    /// [`max_len`](Self::max_len) reserves; without a limit by default, since
-    /// the need is limited by depth and by what subscribers may hold.
+    /// Sets how much shared memory messages may use, in bytes, in addition to the memory that
+    /// [`max_len`](Self::max_len) reserves. No limit by default: the depth and the number of samples that
+    /// subscribers may hold already bound the need.
     pub const fn pool_limit(mut self, bytes: u64) -> Self {
         self.memory.limit_bytes = bytes;
         self
     }
 
-    /// How long shared memory is kept that no message used; 5 s by default. Then it goes back to the
-    /// system, when the publisher is called next: it has no thread. `Duration::MAX` keeps it for
-    /// as long as there is the publisher.
+    /// Sets how long unused shared memory is kept; 5 s by default. After that, the next call of the publisher
+    /// gives it back to the system (there is no thread). `Duration::MAX` keeps it for as long as the
+    /// publisher exists.
     ///
-    /// Memory goes in whole segments, as it came, and not while a subscriber holds a sample in
-    /// it. Publishing uses the oldest memory first, so that what a rush needed is free soon.
+    /// Memory is given back in whole segments, and only if no subscriber holds a sample in the segment. The
+    /// publisher uses its oldest memory first, so that memory for a burst becomes unused soon.
     pub const fn keep_idle(mut self, idle: Duration) -> Self {
         self.memory.idle = idle;
         self
     }
 
-    /// Reserves memory for [`slots`](Self::slots) messages of up to this many bytes when the
-    /// publisher is declared, to be kept for as long as it is there. Without
-    /// [`prefault`](Self::prefault) or [`mlock`](Self::mlock) it is only set aside: pages take
-    /// memory when they are written. Longer messages, and more at a time, are no error: they
-    /// get memory as they come, within [`pool_limit`](Self::pool_limit), of which 0 allows none.
+    /// Reserves memory for [`slots`](Self::slots) messages of up to `bytes` when the publisher is declared,
+    /// and keeps it for as long as the publisher exists. Without [`prefault`](Self::prefault) or
+    /// [`mlock`](Self::mlock), pages occupy memory only when they are written. Longer messages, or more
+    /// messages at a time, are no error: they get additional memory, within [`pool_limit`](Self::pool_limit).
+    /// A limit of 0 allows none.
     pub const fn max_len(mut self, bytes: usize) -> Self {
         self.memory.max_len = Some(bytes);
         self
     }
 
-    /// For how many messages [`max_len`](Self::max_len) reserves memory: those that any subscriber
-    /// holds or has not taken yet, and the one that is written. `depth + latched + 4` by default.
+    /// Sets for how many messages [`max_len`](Self::max_len) reserves memory: those that subscribers hold or
+    /// have not taken yet, and the one that is being written. `depth + latched + 4` by default.
     pub const fn slots(mut self, messages: u32) -> Self {
         self.memory.slots = Some(messages);
         self
     }
 
-    /// All the memory that is reserved is present when the publisher is declared, in huge pages
-    /// where there are some: from then on, publishing and loaning messages of up to `max_len`
-    /// takes no memory from the system, and no page fault. Short messages go through it as
-    /// well, whatever [`inline_max`](Self::inline_max) says.
+    /// Makes all reserved memory present when the publisher is declared, in huge pages if possible. From then
+    /// on, publishing and loaning messages of up to `max_len` neither allocates memory from the system nor
+    /// causes page faults. Short messages use this memory too, whatever [`inline_max`](Self::inline_max) is.
     pub const fn prefault(mut self, prefault: bool) -> Self {
         self.memory.how.prefault = prefault;
         self
     }
 
-    /// The memory that is reserved is never swapped out. This needs a limit (`RLIMIT_MEMLOCK`) that
-    /// allows it.
+    /// Locks the reserved memory, so that it is never swapped out. This needs a sufficient `RLIMIT_MEMLOCK`.
     pub const fn mlock(mut self, lock: bool) -> Self {
         self.memory.how.lock = lock;
         self
     }
 
-    /// Declares it, and waits for the Manager's word.
+    /// Declares the publisher, and waits for the Manager's answer.
     ///
     /// # Errors
     ///
@@ -178,7 +175,7 @@ each: one file of about its length. It goes back to the system after [`keep_idle
         let schemas = [schema_of::<T>()];
         let mut handle = self.declaration.declare(contract, limit_bytes, schemas)?;
         handle.keep(idle, reserved);
-        // A datagram's memory is not reserved.
+        // Datagrams would need memory that is not reserved.
         if how.prefault {
             handle.inline_max = 0;
         }
@@ -190,8 +187,8 @@ each: one file of about its length. It goes back to the system after [`keep_idle
 }
 
 impl PublisherBuilder<[u8]> {
-    /// The messages are of this type, whose encoding the program knows: for tools that
-    /// handle types which they were not built with.
+    /// Sets the type of the messages, which are sent as bytes: for tools that handle types unknown at compile
+    /// time.
     pub fn type_id(mut self, data: TypeId) -> Self {
         self.data = Some(data);
         self
@@ -199,7 +196,7 @@ impl PublisherBuilder<[u8]> {
 }
 
 impl Memory {
-    /// What is to be there before any message.
+    /// Reserves the memory that the options ask for.
     fn reserve(&self, topic: &Name, offer: &Offer) -> Result<Option<Reserved>, DeclareError> {
         let name = || topic.clone();
         let Some(max_len) = self.max_len else {
@@ -230,7 +227,7 @@ impl Memory {
                 name: name(),
                 max_len,
                 slots,
-                // Where it is not known, there is none.
+                // If the limit is unknown, there is none.
                 limit_bytes: sm2_io::memfd::locked_bytes_max().unwrap_or(u64::MAX),
                 source,
             },

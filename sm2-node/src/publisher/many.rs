@@ -1,4 +1,4 @@
-//! Publishing many messages at a time: as many as have room under one lock.
+//! Publishing many messages under one lock.
 
 use std::borrow::Cow;
 use std::sync::PoisonError;
@@ -13,15 +13,15 @@ use crate::{Message, PublishError, StoreError};
 const RUN: usize = 32;
 
 impl<T: Message + ?Sized> Publisher<T> {
-    /// Sends messages, one after the other, as [`publish`](Self::publish) does; quicker, if they
-    /// are short. Messages of one call share their time in groups of at most 32.
+    /// Sends messages in order, as [`publish`](Self::publish) does, but faster if they are short. Messages of
+    /// one call share their time of publication in groups of at most 32.
     ///
-    /// In the result, [`links`](Published::links) is what the last of them has, and
-    /// [`missed`](Published::missed) the sum of all.
+    /// In the result, [`links`](Published::links) is that of the last message, and
+    /// [`missed`](Published::missed) is the sum over all messages.
     ///
     /// # Errors
     ///
-    /// See [`PublishError`]: those before the message that it is about were sent.
+    /// See [`PublishError`]. The messages before the one that failed were sent.
     pub fn publish_all<'a>(
         &self,
         messages: impl IntoIterator<Item = &'a T>,
@@ -33,7 +33,7 @@ impl<T: Message + ?Sized> Publisher<T> {
         let mut run = Vec::with_capacity(RUN);
         let mut sum = Published::default();
         loop {
-            // Not under the lock: this is the program's code.
+            // Without the lock, because the iterator is the program's code.
             let encoded = messages.by_ref().take(RUN).try_for_each(|bytes| {
                 run.push(bytes?);
                 Ok(())
@@ -49,7 +49,7 @@ impl<T: Message + ?Sized> Publisher<T> {
 }
 
 impl UntypedPublisher {
-    /// Publishes all of these, and leaves none.
+    /// Publishes and removes all of these messages.
     fn publish_run(
         &self,
         run: &mut Vec<Cow<'_, [u8]>>,
@@ -59,7 +59,7 @@ impl UntypedPublisher {
         let mut rest = run.drain(..);
         loop {
             let sent = self.publish_to_rings(rest.as_slice(), sum);
-            // The next one is long, or has to wait for somebody.
+            // The next message is long, or a reliable link has no room for it.
             let Some(bytes) = rest.by_ref().nth(sent) else {
                 return Ok(());
             };
@@ -68,8 +68,8 @@ impl UntypedPublisher {
         }
     }
 
-    /// Publishes as many of these as are short and have room in the rings of all links, under one
-    /// lock. Returns how many.
+    /// Publishes messages under one lock, as long as they are short and the rings of all links have room.
+    /// Returns how many were published.
     pub(super) fn publish_to_rings(
         &self,
         messages: &[Cow<'_, [u8]>],
@@ -80,7 +80,7 @@ impl UntypedPublisher {
         let mut inner = shared.lock();
         let is_driven = inner.drive_if_due(now, &shared.epoll);
         let published = inner.with_as_is(*id, &shared.epoll, |interface, tools| {
-            // At other times the publisher takes slots back when it needs one: a receiver that
+            // Without driving, the publisher reads released slots only when it needs one: a receiver that
             // keeps up writes to the same memory all the time.
             if is_driven {
                 interface.harvest(tools);

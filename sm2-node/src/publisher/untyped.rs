@@ -1,4 +1,4 @@
-//! The half of a publisher that does not depend on the type of its messages.
+//! The part of a publisher that does not depend on the message type.
 
 use std::borrow::Cow;
 use std::io;
@@ -15,18 +15,18 @@ use crate::published::Published;
 use crate::spare::{self, Fill, SpareMemory};
 use crate::{PublishError, WaitError};
 
-/// How long a publication that has to wait spins before it sleeps: about as long as it takes to
-/// fall asleep and to wake up.
+/// How long a publication spins for room before it sleeps: about as long as falling asleep and waking up
+/// takes.
 const SPIN: Duration = Duration::from_micros(20);
 
-/// In pauses of the processor, how long it leaves the memory alone meanwhile.
+/// Processor pauses between two checks for room, during which the shared memory is left alone.
 const PAUSES: u32 = 64;
 
-/// What does not depend on the type.
+/// A publisher without its message type.
 #[derive(Debug)]
 pub(crate) struct UntypedPublisher {
     pub(crate) handle: Handle,
-    /// Held while a message is published, so that each link carries messages in their order.
+    /// Held during a publication, so that each link carries messages in order.
     pub(super) order: Mutex<()>,
     /// See [`PublisherBuilder::publish_timeout`].
     publish_timeout: Duration,
@@ -74,19 +74,19 @@ impl UntypedPublisher {
         Ok(self.offer(forms, len))
     }
 
-    /// Takes memory for a sealed message of `len` bytes, if some is ready.
+    /// Takes prepared memory for a sealed message of `len` bytes, if there is any.
     pub(crate) fn take_spare(&self, len: usize, fill: Fill) -> Option<Preallocated> {
-        // While another thread refills it, it is as good as empty.
+        // While another thread refills it, none is available.
         let mut spare = self.spare.try_lock().ok()?;
         spare.take(len, fill, sm2_io::clock::now())
     }
 
-    /// A sealed copy.
+    /// Returns a sealed copy of `bytes`.
     pub(crate) fn seal(&self, bytes: &[u8]) -> io::Result<OwnedFd> {
         spare::seal(self.take_spare(bytes.len(), Fill::Copy), bytes)
     }
 
-    /// Publishes what a loan holds. Its caller drove the node.
+    /// Publishes the forms of a loan. The caller has driven the node.
     pub(crate) fn publish_forms(&self, forms: Forms, len: u64) -> Result<Published, PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
         let publication = self.offer(forms, len);
@@ -117,12 +117,12 @@ impl UntypedPublisher {
         publication
     }
 
-    /// Waits actively for a moment: a subscriber that takes messages at this time makes room sooner
-    /// than this thread could fall asleep and wake up. Returns whether all links have the message.
+    /// Spins for a short time: a subscriber that is taking messages makes room sooner than this thread could
+    /// fall asleep and wake up. Returns whether all links have the message.
     fn spin_for_room(&self, offered: &mut Offered) -> bool {
         let until = sm2_io::clock::now().after(SPIN);
         while sm2_io::clock::now() < until {
-            // Each look costs the subscriber, which writes to the same memory.
+            // Each check slows down the subscriber, which writes to the same memory.
             for _ in 0..PAUSES {
                 std::hint::spin_loop();
             }
@@ -160,8 +160,8 @@ impl UntypedPublisher {
         Ok(published)
     }
 
-    /// Drives the node, and sends to the links that have room by now. Returns whether none is left
-    /// without room; otherwise the descriptor is silent until something happens.
+    /// Drives the node, and sends to the links that have room now. Returns whether no link without room is
+    /// left. If one is left, the descriptor is silent until the next event.
     #[cfg(feature = "tokio")]
     pub(crate) fn send_more(&self, offered: &mut Offered) -> bool {
         let Handle { shared, id, .. } = &self.handle;
@@ -174,7 +174,7 @@ impl UntypedPublisher {
         done.is_some()
     }
 
-    /// Ends the waiting: links that have no room miss this message.
+    /// Stops waiting: links that have no room miss this message.
     pub(crate) fn finish(&self, offered: Offered) -> Published {
         let published = self
             .handle
@@ -183,7 +183,7 @@ impl UntypedPublisher {
         published
     }
 
-    /// Prepares memory for the next sealed message, after the last one was sent.
+    /// Prepares memory for the next sealed message. Called after a message was sent.
     fn refill_spare(&self) {
         if let Ok(mut spare) = self.spare.try_lock() {
             spare.refill(sm2_io::clock::now);
@@ -191,11 +191,11 @@ impl UntypedPublisher {
     }
 }
 
-/// A message that was published.
+/// The state of a publication.
 #[derive(Debug)]
 pub(crate) enum Publication {
-    /// Each link has the message, or misses it.
+    /// Each link has accepted or missed the message.
     Done(Published),
-    /// Reliable links have no room, and are waited for until the deadline.
+    /// Reliable links have no room; the publisher waits for them until the deadline.
     Waiting { offered: Offered, deadline: Instant },
 }
