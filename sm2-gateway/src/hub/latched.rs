@@ -1,20 +1,20 @@
-//! What latched topics keep for peers that want them later than others.
+//! The messages of latched topics, for peers that want them later than others.
 
 use std::collections::{BTreeMap, VecDeque};
 
-use sm2_proto::gateway::{GatewayId, OfferId, Subject, router::Source};
+use sm2_proto::gateway::{Subject, router::Source};
 
-use super::Hub;
-use crate::{message::Message, peer::Command};
+use crate::message::Message;
 
-/// So many messages of a topic are kept at most, whatever its publishers keep.
+/// The greatest number of messages that are kept of a topic, however many its publishers keep.
 pub const LATCHED_MAX: u16 = 64;
-/// Of all topics together.
+/// The limit of the payloads of all topics.
 const BYTES_MAX: usize = 64 << 20;
 
-/// The newest messages of each latched topic that is taken, the newest last.
+/// The newest messages of each latched topic that the gateway takes itself.
 #[derive(Debug, Default)]
 pub(super) struct Latched {
+    /// By topic and source, the newest last.
     kept: BTreeMap<(Subject, Source), VecDeque<Message>>,
     bytes: usize,
 }
@@ -36,31 +36,16 @@ impl Latched {
         }
     }
 
-    /// It is not taken any more: newer ones may be missed.
+    /// The gateway no longer takes the topic, so it would miss newer messages.
     pub(super) fn forget(&mut self, subject: &Subject, source: Source) {
         let kept = self.kept.remove(&(subject.clone(), source));
         let bytes = kept.iter().flatten().map(|it| it.payload.len());
         self.bytes -= bytes.sum::<usize>();
     }
 
-    fn of(&self, subject: &Subject, source: Source) -> impl Iterator<Item = &Message> {
-        self.kept
-            .get(&(subject.clone(), source))
-            .into_iter()
-            .flatten()
-    }
-}
-
-impl Hub {
-    /// A peer wants what others may have wanted before.
-    //= SM2-GWM-008
-    pub(super) fn replay(&mut self, peer: GatewayId, offer: OfferId) {
-        let Some((subject, source)) = self.source(peer, offer) else {
-            return;
-        };
-        let kept = self.messages.latched.of(&subject, source);
-        for message in kept.cloned().collect::<Vec<_>>() {
-            self.tell(peer, Command::Message { offer, message });
-        }
+    /// The messages of a topic, the oldest first.
+    pub(super) fn messages(&self, subject: &Subject, source: Source) -> Vec<Message> {
+        let kept = self.kept.get(&(subject.clone(), source));
+        kept.into_iter().flatten().cloned().collect()
     }
 }

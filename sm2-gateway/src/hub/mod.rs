@@ -1,101 +1,84 @@
-//! What connects the domain with the peers, and the peers with each other.
+//! The hub of a gateway: connects the domain with the peers, and the peers with each other.
 //!
-//! The hub knows the routes (`sm2_proto::gateway::router`), which connection is which peer's, which
-//! message was seen before, and who waits for which reply. It does no I/O: what happened goes
-//! in with [`handle`](Hub::handle), what is to be done comes out of [`poll`](Hub::poll).
+//! [`Hub`] knows the routes (`sm2_proto::gateway::router`), the connection of each peer, the last
+//! message of each topic, and the callers that wait for replies. It does no I/O: its driver feeds
+//! events with [`handle`](Hub::handle) and carries out the outputs of [`poll`](Hub::poll).
 
 mod calls;
+mod domain;
+mod input;
 mod latched;
 mod messages;
+mod open_calls;
+mod output;
+mod policy;
+mod sequences;
 mod status;
-mod words;
 
 use std::collections::{BTreeMap, VecDeque};
 
 use sm2_proto::{
     Code, Instant, Machine, Name,
     gateway::{
-        Direction, GatewayId, Hop, OfferId, PeerFarewell, Rules, Subject, SubjectKind, Verdict,
+        Direction, GatewayId, Hop, OfferId, PeerFarewell, Subject, SubjectKind, Verdict,
         router::{self, Router, Source},
-        schedule::SendQos,
         session::{self, first_stays},
     },
 };
 
-use self::{
-    calls::{Caller, Calls},
-    messages::Messages,
-};
 pub use self::{
+    domain::{LocalCommand, LocalEvent, RequestId},
+    input::{Input, NoRoom},
     latched::LATCHED_MAX,
-    words::{Denial, Input, LocalCommand, LocalEvent, NoRoom, Output, PeerStatus, RequestId},
+    output::Output,
+    policy::{DEFAULT_SEND_QOS, Policy},
+    status::{Denial, PeerStatus},
+};
+use self::{
+    latched::Latched,
+    open_calls::{Caller, OpenCalls},
+    sequences::Sequences,
 };
 use crate::{
     peer::{Command, ConnectionId, Event},
     tally::{Tally, Whose},
 };
 
-/// The rules, and the QoS of each.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Policy {
-    /// The rules: which names go to which peer, and come from it.
-    pub rules: Rules,
-    /// How messages are sent that a rule allows, by the index of the rule.
-    pub send_qos: Vec<SendQos>,
-}
-
-impl Policy {
-    /// How messages of this topic are sent to that peer.
-    fn send_qos(&self, subject: &Subject, peer: &GatewayId) -> SendQos {
-        let decision = self
-            .rules
-            .decide(subject.kind(), subject.name(), Direction::Out, peer);
-        let qos = decision.rule.and_then(|rule| self.send_qos.get(rule));
-        qos.copied().unwrap_or(DEFAULT_SEND_QOS)
-    }
-}
-
-/// How messages are sent if their rule states no QoS.
-pub const DEFAULT_SEND_QOS: SendQos = SendQos {
-    depth: 1,
-    priority: 3,
-    messages_per_s: None,
-    bytes_per_s: None,
-    max_age: None,
-};
-
-/// The middle of a gateway.
+/// The hub of a gateway.
 #[derive(Debug)]
 pub struct Hub {
     me: Hop,
     policy: Policy,
     router: Router,
-    /// The connections that have greeted and are not over: whose they are.
+    /// The peer of each connection that has greeted and not ended.
     connections: BTreeMap<ConnectionId, GatewayId>,
     peers: BTreeMap<GatewayId, Peer>,
-    messages: Messages,
-    calls: Calls,
+    /// The peer and offer by which each remote topic or service comes, if it is wanted.
+    routes: BTreeMap<(Subject, GatewayId), (GatewayId, OfferId)>,
+    sequences: Sequences,
+    latched: Latched,
+    calls: OpenCalls,
     outputs: VecDeque<Output>,
 }
 
-/// A peer that there is a connection with.
+/// A connected peer.
 #[derive(Debug)]
 struct Peer {
-    /// The connection that stays.
+    /// The one connection that is used.
     connection: ConnectionId,
     is_dialled: bool,
     epoch: u64,
     name: Name,
-    /// What it offers.
+    /// The offers of the peer: the subject of each, and its origin.
     offers: BTreeMap<OfferId, (Subject, Hop)>,
-    /// What it was offered.
+    /// The offers to the peer.
     offered: BTreeMap<OfferId, Subject>,
-    /// What the hub alone can count.
+    /// The counts that only the hub can know.
     tally: Tally,
 }
 
 impl Hub {
-    /// A gateway without peers.
+    /// A hub without peers.
     #[must_use]
     pub fn new(me: Hop, policy: Policy) -> Self {
         Self {
@@ -104,8 +87,10 @@ impl Hub {
             policy,
             connections: BTreeMap::new(),
             peers: BTreeMap::new(),
-            messages: Messages::default(),
-            calls: Calls::default(),
+            routes: BTreeMap::new(),
+            sequences: Sequences::default(),
+            latched: Latched::default(),
+            calls: OpenCalls::default(),
             outputs: VecDeque::new(),
         }
     }
@@ -130,7 +115,7 @@ impl Hub {
         }
     }
 
-    /// The next thing to do.
+    /// Returns the next output; `None` once all are drained.
     pub fn poll(&mut self) -> Option<Output> {
         self.outputs.pop_front()
     }
@@ -141,16 +126,16 @@ impl Hub {
         self.peers.get(peer).map(|it| it.connection)
     }
 
-    /// How many calls have no reply yet, in both directions.
+    /// The number of calls without a reply, in both directions.
     #[must_use]
     pub fn open_calls(&self) -> usize {
-        self.calls.open()
+        self.calls.len()
     }
 
-    /// Of how many subjects and origins it is remembered which message came last.
+    /// The number of topics and origins whose last message is remembered.
     #[must_use]
     pub fn remembered(&self) -> usize {
-        self.messages.remembered()
+        self.sequences.remembered()
     }
 
     fn change(&mut self, now: Instant, policy: Policy) {
@@ -187,7 +172,7 @@ impl Hub {
         }
     }
 
-    /// What happened on a connection.
+    /// Handles an event of a connection.
     fn peer(&mut self, now: Instant, connection: ConnectionId, is_dialled: bool, event: Event) {
         if let Event::Session(session::Event::Greeted { peer, epoch, name }) = event {
             return self.greeted(now, connection, is_dialled, peer, epoch, name);
@@ -197,7 +182,7 @@ impl Hub {
         };
         match event {
             Event::Session(event) => self.session(now, peer, event),
-            // The connection's task answers whoever asked.
+            // The connection's task handles it.
             Event::NotAsked { .. } => {}
             Event::Ended(_) => self.ended(now, connection, peer),
             Event::Message { offer, message } => self.message(peer, offer, message),
@@ -207,8 +192,8 @@ impl Hub {
                 deadline,
                 payload,
             } => {
-                let from = Caller::Peer { connection, call };
-                self.request(from, peer, offer, deadline, payload);
+                let caller = Caller::Peer { connection, call };
+                self.request(caller, peer, offer, deadline, payload);
             }
             Event::Cancelled { call } => self.cancelled(connection, call),
             Event::Reply {
@@ -222,7 +207,7 @@ impl Hub {
     /// Handles an event of a peer's control stream.
     fn session(&mut self, now: Instant, peer: GatewayId, event: session::Event) {
         match event {
-            // `peer` handles the first one; a connection's task handles the second.
+            // `peer` handles `Greeted`; the connection's task handles `Answered`.
             session::Event::Greeted { .. } | session::Event::Answered { .. } => {}
             session::Event::Offered {
                 offer,
@@ -265,7 +250,7 @@ impl Hub {
         }
     }
 
-    /// A connection has greeted: if there is another one with that peer, one of them goes.
+    /// A connection has greeted. If there is another one with that peer, one of them is closed.
     //= SM2-GWC-004
     fn greeted(
         &mut self,
@@ -315,7 +300,7 @@ impl Hub {
         self.outputs.push_back(Output::Lost { peer });
     }
 
-    /// What happened in the domain.
+    /// Handles an event of the domain.
     fn local(&mut self, now: Instant, event: LocalEvent) {
         match event {
             LocalEvent::Present { subject, present } => {
@@ -354,7 +339,7 @@ impl Hub {
         }
     }
 
-    /// Tells the routes, and does what follows.
+    /// Feeds the router, and carries out its outputs.
     fn route(&mut self, now: Instant, input: router::Input) {
         let Ok(()) = self.router.handle(now, input);
         while let Some(output) = self.router.poll() {
@@ -393,18 +378,18 @@ impl Hub {
             router::Output::Want { peer, offer, depth } => {
                 let offers = self.peers.get(&peer).map(|it| &it.offers);
                 if let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)) {
-                    self.messages.wanted(subject, origin.gateway);
+                    self.sequences.wanted(subject, origin.gateway);
                     let key = (subject.clone(), origin.gateway);
-                    self.calls.routes.insert(key, (peer, offer));
+                    self.routes.insert(key, (peer, offer));
                 }
                 self.tell(peer, Command::Want { offer, depth });
             }
             router::Output::Unwant { peer, offer } => {
-                let mut routes = self.calls.routes.iter();
+                let mut routes = self.routes.iter();
                 let route = routes.find(|(_, route)| **route == (peer, offer));
                 if let Some((subject, origin)) = route.map(|(key, _)| key.clone()) {
-                    self.messages.unused(&subject, origin);
-                    self.calls.routes.remove(&(subject, origin));
+                    self.unused(&subject, origin);
+                    self.routes.remove(&(subject, origin));
                 }
                 self.tell(peer, Command::Unwant { offer });
             }
@@ -414,8 +399,8 @@ impl Hub {
                 peer,
             } => self.show(now, subject, origin, peer),
             router::Output::Hide { subject, origin } => {
-                self.calls.routes.remove(&(subject.clone(), origin));
-                self.messages.unused(&subject, origin);
+                self.routes.remove(&(subject.clone(), origin));
+                self.unused(&subject, origin);
                 let command = LocalCommand::Hide { subject, origin };
                 self.outputs.push_back(Output::Local(command));
             }
@@ -424,7 +409,7 @@ impl Hub {
                 self.outputs.push_back(Output::Local(command));
             }
             router::Output::Unsubscribe { subject } => {
-                self.messages.latched.forget(&subject, Source::Local);
+                self.latched.forget(&subject, Source::Local);
                 let command = LocalCommand::Unsubscribe { subject };
                 self.outputs.push_back(Output::Local(command));
             }
@@ -441,7 +426,7 @@ impl Hub {
             peer: it.name.clone(),
         };
         self.outputs.push_back(Output::Local(command));
-        // A call is not to wait for what a subscriber of a topic waits for.
+        // A service is wanted at once, so that the first call need not wait for the route.
         if subject.kind() == SubjectKind::Service {
             let taken = Some(1);
             let input = router::Input::Taken {
@@ -466,7 +451,7 @@ impl Hub {
         }
     }
 
-    /// Of whom this gateway's offer is.
+    /// The subject of an offer to a peer, and where it comes from.
     fn source(&self, peer: GatewayId, offer: OfferId) -> Option<(Subject, Source)> {
         let (subject, source) = self.router.source(peer, offer)?;
         Some((subject.clone(), source))

@@ -1,12 +1,54 @@
-//! How a hub is, for reports.
+//! The status of a hub, for reports.
 
-use sm2_proto::gateway::{Action, Direction, GatewayId, Rules, Subject};
+use sm2_proto::{
+    Name,
+    gateway::{Action, Direction, GatewayId, Rules, Subject},
+};
 
-use super::{Denial, Hub, NoRoom, Peer, PeerStatus};
-use crate::{shadow::Seen, tally::Whose};
+use super::{Hub, NoRoom, Peer};
+use crate::{
+    peer::ConnectionId,
+    shadow::Seen,
+    tally::{Counts, Key, Whose},
+};
+
+/// A connected peer.
+#[derive(Clone, Debug)]
+pub struct PeerStatus {
+    /// Its id.
+    pub id: GatewayId,
+    /// Its name.
+    pub name: Name,
+    /// The connection.
+    pub connection: ConnectionId,
+    /// The epoch of its process.
+    pub epoch: u64,
+    /// What it offers.
+    pub offers: Vec<Subject>,
+    /// What this gateway offers to it.
+    pub offered: Vec<Subject>,
+    /// What the rules deny it.
+    pub denied: Vec<Denial>,
+    /// The counts that only the hub can know: [`lost`](Counts::lost) and
+    /// [`skipped`](Counts::skipped).
+    pub counts: Counts,
+    /// The same counts by topic and service.
+    pub counts_by_name: Vec<(Key, Counts)>,
+}
+
+/// A topic or service that the rules deny a peer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Denial {
+    /// The topic or service, of the domain or offered by the peer.
+    pub subject: Subject,
+    /// The direction that is denied.
+    pub direction: Direction,
+    /// The index of the rule that denies it; `None` if no rule matches, which denies as well.
+    pub rule: Option<usize>,
+}
 
 impl Hub {
-    /// Who is connected, and what goes to and fro.
+    /// The status of each connected peer.
     #[must_use]
     pub fn peers(&self) -> Vec<PeerStatus> {
         let status = |(id, it): (&GatewayId, &Peer)| PeerStatus {
@@ -31,13 +73,13 @@ impl Hub {
         self.peers.iter().map(status).collect()
     }
 
-    /// The rules that hold now.
+    /// The rules in force.
     #[must_use]
     pub const fn rules(&self) -> &Rules {
         &self.policy.rules
     }
 
-    /// What is there, whatever the rules say of it.
+    /// The subjects of the domain and of the peers, whether or not the rules allow them.
     #[must_use]
     pub fn seen(&self) -> Seen {
         let key = |it: &Subject| (it.kind(), it.name().clone());
@@ -51,8 +93,8 @@ impl Hub {
         }
     }
 
-    /// What the rules keep from a peer of what the domain has, and what they do not take of what it
-    /// offers.
+    /// The subjects of the domain that the rules do not offer to a peer, and the offers of the peer
+    /// that they do not take.
     fn denied(&self, id: GatewayId, peer: &Peer) -> Vec<Denial> {
         let denial = |subject: &Subject, direction| {
             let (kind, name) = (subject.kind(), subject.name());
@@ -70,7 +112,7 @@ impl Hub {
         out.chain(into).collect()
     }
 
-    /// A message is lost here.
+    /// Counts a message for which a queue had no room.
     pub(super) fn no_room(&mut self, what: &NoRoom) {
         let (peer, offer) = match what {
             NoRoom::ForPeer { connection, offer } => {
@@ -78,7 +120,7 @@ impl Hub {
                 (peer.copied(), Whose::Ours(*offer))
             }
             NoRoom::ForDomain { subject, origin } => {
-                let route = self.calls.routes.get(&(subject.clone(), *origin));
+                let route = self.routes.get(&(subject.clone(), *origin));
                 let Some(&(peer, offer)) = route else { return };
                 (Some(peer), Whose::Theirs(offer))
             }

@@ -1,38 +1,39 @@
-//! How much QUIC was given that it has not sent yet.
+//! An estimate of the bytes that were written to QUIC and not sent yet.
 //!
-//! What it has cannot be overtaken by anything newer, so it is to have little: as much as keeps it busy until
-//! it is asked again. QUIC does not say what it has. It is counted here: what is written, and what was lost
-//! and will be sent again, less what datagrams carried. Their headers are counted a little too long,
-//! so that the count is rather too high: then QUIC has nothing left for a moment, says so, and the count
-//! begins anew.
+//! Newer messages cannot overtake bytes that QUIC has already, so QUIC is given only as many as keep it
+//! busy until the next call. QUIC does not report this number. The estimate adds the bytes that are
+//! written and the bytes that were lost, which are sent again, and subtracts the bytes that datagrams
+//! carried. It assumes slightly too long headers, so that it is rather too high. As a result QUIC runs
+//! out of bytes from time to time, reports that, and the estimate starts again at zero.
 
 use quinn_proto::{Connection, Transmit};
 use sm2_io::quic::idle_acks;
 
-/// Datagrams that QUIC has ahead at least.
+/// The least amount that QUIC is given, in datagrams.
 const LEAST_DATAGRAMS: u64 = 16;
-/// And this part of what may be under way.
+/// In addition, QUIC is given this part of the congestion window.
 const WINDOW_DIVISOR: u64 = 16;
-/// The headers of a datagram and of what is in it, in bytes: 36 to 44 (RFC 9000, 17.3 and 19.8).
+/// The length of the headers of a datagram and its STREAM frame: 36 to 44 bytes (RFC 9000, 17.3 and 19.8).
 const HEADERS_BYTES: u64 = 44;
 
-/// Payloads up to this length are short: QUIC sends them before longer ones that it has already, so that
-/// they do not wait until it has less ahead.
+/// Payloads up to this length are short. QUIC sends them before long ones that it has already, so they
+/// may use `SPARE_BYTES` more room.
 pub(super) const SHORT_BYTES: usize = 16 << 10;
-/// What it may have ahead of these beside.
+/// The additional room for short payloads.
 const SPARE_BYTES: usize = 16 << 10;
 
-/// What QUIC has ahead of one connection.
+/// The estimate of one connection.
 #[derive(Debug, Default)]
 pub(super) struct Ahead {
     unsent_bytes: u64,
-    /// What was lost so far.
+    /// The bytes that were lost so far.
     lost_bytes: u64,
+    /// How often QUIC has reported that it had nothing to send.
     idle_acks: u64,
 }
 
 impl Ahead {
-    /// How much can be written now.
+    /// How much may be written now.
     pub(super) fn room(&mut self, connection: &Connection) -> Room {
         let lost_bytes = connection.stats().path.lost_bytes;
         self.unsent_bytes += lost_bytes.saturating_sub(self.lost_bytes);
@@ -52,12 +53,13 @@ impl Ahead {
         }
     }
 
-    /// Whether anything was.
+    /// Adds what was written. True if anything was.
     pub(super) const fn wrote(&mut self, room: &Room) -> bool {
         self.unsent_bytes += room.taken_bytes as u64;
         room.taken_bytes > 0
     }
 
+    /// Subtracts what datagrams carried.
     pub(super) fn sent(&mut self, transmit: &Transmit) {
         let datagrams = transmit
             .segment_size
@@ -67,7 +69,7 @@ impl Ahead {
     }
 }
 
-/// How much can be written.
+/// How much may be written.
 #[derive(Debug)]
 pub(super) struct Room {
     left_bytes: usize,
@@ -75,7 +77,7 @@ pub(super) struct Room {
 }
 
 impl Room {
-    /// In bytes, of a payload of this length.
+    /// The bytes that may be written of a payload of this length.
     pub(super) fn left(&self, len_bytes: usize) -> usize {
         match len_bytes {
             ..=SHORT_BYTES => self.left_bytes,
@@ -83,6 +85,7 @@ impl Room {
         }
     }
 
+    /// Notes that this many bytes were written.
     pub(super) fn take(&mut self, len_bytes: usize) {
         self.left_bytes = self.left_bytes.saturating_sub(len_bytes);
         self.taken_bytes += len_bytes;

@@ -1,4 +1,4 @@
-//! Payloads that come: the header, as many bytes as it says, and the end of the stream.
+//! Payloads that arrive on streams: a header, as many bytes as it states, and the end of the stream.
 
 use std::collections::BTreeMap;
 
@@ -10,14 +10,14 @@ use sm2_proto::{
     violation,
 };
 
-use super::Limits;
+use super::limits::Limits;
 use crate::tally::Whose;
 
-/// Streams whose payload is not whole yet.
+/// The streams whose payloads have not arrived completely.
 #[derive(Debug, Default)]
 pub(super) struct Incoming {
     streams: BTreeMap<StreamId, Stream>,
-    /// The bytes of all of them.
+    /// The bytes that have arrived of all these payloads.
     held_bytes: u64,
 }
 
@@ -26,23 +26,23 @@ struct Stream {
     head: Vec<u8>,
     header: Option<Header>,
     body: Vec<u8>,
-    /// When something came last.
+    /// The time of the last arrival.
     moved: Instant,
 }
 
-/// What follows from bytes that came.
+/// The result of the arrival of bytes.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Progress {
-    /// Nothing yet.
+    /// There is nothing to do yet.
     More,
-    /// The header is there: whether its payload is to be read is another's to say.
+    /// The header is complete. The session decides whether its payload is read.
     Header(Header),
-    /// It is longer, or there is more of it at a time, than this side takes.
+    /// The payload exceeds the limits.
     TooMuch,
 }
 
 impl Incoming {
-    /// Takes bytes of a stream.
+    /// Adds bytes of a stream.
     //= SM2-GWM-006
     pub(super) fn push(
         &mut self,
@@ -88,7 +88,7 @@ impl Incoming {
         Ok(progress)
     }
 
-    /// The stream has ended: what it carried.
+    /// The stream has ended. Returns what it carried.
     //= SM2-GWM-006
     pub(super) fn finish(&mut self, id: StreamId) -> Result<(Header, Bytes), PeerViolation> {
         let stream = self
@@ -103,12 +103,12 @@ impl Incoming {
         Ok((header, stream.body.into()))
     }
 
-    /// Nothing more of it is wanted.
+    /// Discards the bytes of a stream.
     pub(super) fn forget(&mut self, id: StreamId) {
         self.remove(id);
     }
 
-    /// The offer that a stream is of, as far as that is known.
+    /// The offer that a stream belongs to, once its header is complete.
     pub(super) fn offer(&self, id: StreamId) -> Option<Whose> {
         let header = self.streams.get(&id)?.header?;
         Some(match header.carried {
@@ -121,7 +121,7 @@ impl Incoming {
         self.streams.len()
     }
 
-    /// The stream that nothing came on for the longest time, and since when.
+    /// The stream that has been silent for the longest time, and since when.
     pub(super) fn slowest(&self) -> Option<(StreamId, Instant)> {
         let moved = self.streams.iter().map(|(id, it)| (*id, it.moved));
         moved.min_by_key(|(_, moved)| *moved)

@@ -1,19 +1,25 @@
-//! One connection with one peer: QUIC below, the session and the schedule above.
+//! One connection with one peer: QUIC, and above it the session and the scheduler.
 //!
-//! It does no I/O and reads no clock. Feed it datagrams and time, tell it what to do with
-//! [`command`](Peer::command), send what [`poll_transmit`](Peer::poll_transmit) gives, and take what
-//! happened from [`poll`](Peer::poll). What it does with a peer that breaks the rules is in
-//! `sm2_proto::gateway`; here is only how streams carry it.
+//! [`Peer`] does no I/O and reads no clock. Its driver feeds datagrams and time, gives it commands with
+//! [`command`](Peer::command), sends what [`poll_transmit`](Peer::poll_transmit) writes, and takes
+//! events from [`poll`](Peer::poll). The machines of `sm2_proto::gateway` decide what is legal; this
+//! module maps them to QUIC streams.
 
 mod ahead;
 mod calls;
+mod command;
+mod event;
 mod id;
 mod incoming;
+mod limits;
 mod offers;
+mod open_calls;
 mod outgoing;
+mod outlet;
 mod reading;
+mod stream;
 mod topics;
-mod words;
+mod waiting_offers;
 mod writing;
 
 use std::{
@@ -24,26 +30,31 @@ use std::{
 use bytes::Bytes;
 use quinn_proto::{
     Connection, ConnectionError, ConnectionEvent, Dir, EndpointEvent, Side, StreamEvent, StreamId,
-    Transmit, VarInt,
+    Transmit,
 };
 use sm2_io::quic::peer_of;
 use sm2_proto::{
     Code, Instant, Machine, Name,
     gateway::{
-        GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, StreamToken,
-        SubjectKind,
+        GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
         session::{self, Carrier, End, Input, Output, PeerEvent, Session},
     },
 };
 
-pub use self::id::{CallId, ConnectionId, PeerCall};
-pub use self::words::{Command, Event, Held, Limits, Me, Reason};
 use self::{
     ahead::Ahead,
-    calls::Calls,
     incoming::Incoming,
-    offers::{Offer, Waiting},
-    topics::{Outlet, Topics},
+    open_calls::OpenCalls,
+    outlet::Outlet,
+    stream::{quic_code, stream_id},
+    topics::Topics,
+    waiting_offers::{Offer, WaitingOffers},
+};
+pub use self::{
+    command::Command,
+    event::{Event, Reason},
+    id::{CallId, ConnectionId, Me, PeerCall},
+    limits::{Limits, Usage},
 };
 pub use crate::message::Message;
 use crate::{
@@ -51,27 +62,27 @@ use crate::{
     tally::{Counts, Tally, Whose},
 };
 
-/// A stream that carries nothing for so long is not read any more.
-const STUCK: Duration = Duration::from_secs(30);
+/// A stream on which nothing arrives for this long is refused.
+const STUCK_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// A connection.
+/// A connection with a peer.
 #[derive(Debug)]
 pub struct Peer {
     connection: Connection,
     clock: Clock,
     limits: Limits,
     me: Me,
-    /// Of the peer's epochs that are known, by peer: the greatest.
+    /// The greatest known epoch of each peer.
     least_epochs: BTreeMap<GatewayId, u64>,
     peer: Option<GatewayId>,
-    /// From the end of the handshake on.
+    /// Present once the handshake is complete.
     session: Option<Session>,
     control: Option<StreamId>,
     control_out: VecDeque<Bytes>,
     incoming: Incoming,
-    waiting: Waiting,
+    waiting_offers: WaitingOffers,
     topics: Topics,
-    calls: Calls,
+    calls: OpenCalls,
     ahead: Ahead,
     tally: Tally,
     events: VecDeque<Event>,
@@ -79,7 +90,7 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// A connection that was just dialled, or whose first datagram has come.
+    /// A connection that was just dialled, or whose first datagram has arrived.
     #[must_use]
     pub fn new(
         connection: Connection,
@@ -99,9 +110,9 @@ impl Peer {
             control: None,
             control_out: VecDeque::new(),
             incoming: Incoming::default(),
-            waiting: Waiting::default(),
+            waiting_offers: WaitingOffers::default(),
             topics: Topics::default(),
-            calls: Calls::default(),
+            calls: OpenCalls::default(),
             ahead: Ahead::default(),
             tally: Tally::default(),
             events: VecDeque::new(),
@@ -109,48 +120,48 @@ impl Peer {
         }
     }
 
-    /// Whether this side opened it.
+    /// True if this side opened the connection.
     #[must_use]
     pub fn is_dialled(&self) -> bool {
         self.connection.side() == Side::Client
     }
 
-    /// What was sent, and what was not.
+    /// The counts of all messages and calls.
     #[must_use]
     pub const fn counts(&self) -> Counts {
         self.tally.total()
     }
 
-    /// Of that, what is known to be of a topic or a service.
+    /// The counts of each topic and service.
     pub fn counts_by_name(&self) -> impl Iterator<Item = (&(SubjectKind, Name), Counts)> {
         self.tally.names()
     }
 
-    /// What is not over on it.
+    /// The streams, payloads and calls that are not complete.
     #[must_use]
-    pub fn held(&mut self) -> Held {
+    pub fn usage(&mut self) -> Usage {
         let streams = self.connection.streams();
-        Held {
-            bidirectional: streams.remote_open_streams(Dir::Bi),
-            unidirectional: streams.remote_open_streams(Dir::Uni),
+        Usage {
+            bidirectional_streams: streams.remote_open_streams(Dir::Bi),
+            unidirectional_streams: streams.remote_open_streams(Dir::Uni),
             payloads: self.incoming.len(),
             calls: self.calls.len(),
         }
     }
 
-    /// The time that it takes there and back.
+    /// The current estimate of the round-trip time.
     #[must_use]
     pub fn rtt(&self) -> Duration {
         self.connection.rtt()
     }
 
-    /// Where the other side is.
+    /// The current address of the peer.
     #[must_use]
     pub fn address(&self) -> std::net::SocketAddr {
         self.connection.remote_address()
     }
 
-    /// Whether nothing is left to be done: the endpoint has forgotten it.
+    /// True if the connection is closed and the endpoint has released it.
     #[must_use]
     pub fn is_drained(&self) -> bool {
         self.connection.is_drained()
@@ -173,7 +184,7 @@ impl Peer {
         }
         self.session_takes(now, Input::Tick);
         while let Some((id, since)) = self.incoming.slowest()
-            && now.at.since(since) >= STUCK
+            && now.at.since(since) >= STUCK_TIMEOUT
         {
             self.refuse(now, id, StreamEnd::Expired.code());
         }
@@ -188,7 +199,10 @@ impl Peer {
         let clock = self.clock;
         let quic = self.connection.poll_timeout().map(|it| clock.of(it));
         let session = self.session.as_ref().and_then(Session::deadline);
-        let stuck = self.incoming.slowest().map(|(_, since)| since.after(STUCK));
+        let stuck = self
+            .incoming
+            .slowest()
+            .map(|(_, since)| since.after(STUCK_TIMEOUT));
         let topics = self.topics.deadline();
         [quic, session, stuck, topics].into_iter().flatten().min()
     }
@@ -284,12 +298,12 @@ impl Peer {
         (&mut self.topics, outlet)
     }
 
-    /// Feeds the session and executes its outputs. False if the session did not take the input.
+    /// Feeds the session and carries out its outputs. False if the session did not take the input.
     fn session_takes(&mut self, now: Now, input: Input<'_>) -> bool {
         matches!(self.feed_session(now, input, None), Some(Ok(())))
     }
 
-    /// Feeds the session and executes its outputs. `datagram` is the message of the datagram that
+    /// Feeds the session and carries out its outputs. `datagram` is the message of the datagram that
     /// the input reports. None if there is no session yet.
     fn feed_session(
         &mut self,
@@ -341,10 +355,10 @@ impl Peer {
         }
     }
 
-    /// The handshake is done.
+    /// The handshake is complete.
     fn greet(&mut self, now: Now) {
         let Some(peer) = peer_of(&self.connection) else {
-            // No handshake ends without a key.
+            // A handshake without a key fails, so this is not reached.
             return self.over(now, Reason::Handshake("the peer showed no key".to_owned()));
         };
         self.peer = Some(peer);
@@ -376,6 +390,8 @@ impl Peer {
         self.session_event(now, PeerEvent::Violation(violation));
     }
 
+    /// Carries out the outputs of the session. `datagram` is the message that the session was asked
+    /// about.
     fn drain_session(&mut self, now: Now, mut datagram: Option<(Header, Bytes)>) {
         while let Some(output) = self.session.as_mut().and_then(Session::poll) {
             match output {
@@ -388,7 +404,7 @@ impl Peer {
                         self.datagram(now, &header, payload);
                     }
                 }
-                // The bytes of a stream are kept unless the stream was stopped.
+                // The bytes of a stream are collected until the stream is stopped.
                 Output::Take {
                     carrier: Carrier::Stream(_),
                 } => {}
@@ -405,10 +421,10 @@ impl Peer {
                 }
                 Output::CallFailed { stream } => {
                     if let Some(call) = self.abandon(stream_id(stream)) {
-                        self.events.push_back(unreachable_call(call));
+                        self.events.push_back(Event::unreachable(call));
                     }
                 }
-                Output::Ended(end) => self.over(now, Reason::Said(end)),
+                Output::Ended(end) => self.over(now, Reason::Session(end)),
             }
         }
     }
@@ -435,7 +451,7 @@ impl Peer {
         self.events.push_back(Event::Session(event));
     }
 
-    /// The connection is over: the other side is told, and nothing is left but to do so.
+    /// Ends the connection and tells the peer.
     //= SM2-GWE-001
     fn over(&mut self, now: Now, reason: Reason) {
         if self.is_over {
@@ -443,40 +459,20 @@ impl Peer {
         }
         self.is_over = true;
         let code = match &reason {
-            Reason::Said(End::Violation(violation)) => Some(violation.code()),
-            Reason::Said(End::Local(code)) => Some(*code),
-            Reason::Said(End::Closed(_)) => None,
+            Reason::Session(End::Violation(violation)) => Some(violation.code()),
+            Reason::Session(End::Local(code)) => Some(*code),
+            Reason::Session(End::Closed(_)) => None,
             Reason::Handshake(_) => Some(PeerFarewell::Done.code()),
         };
         if !self.connection.is_closed() {
             let code = code.unwrap_or_else(|| PeerFarewell::Done.code());
             let text = Bytes::from(reason.to_string());
-            self.connection.close(now.quic, code_of(code), text);
+            self.connection.close(now.quic, quic_code(code), text);
         }
         let failed = self.calls.end(&mut self.tally);
-        self.events.extend(failed.map(unreachable_call));
+        self.events.extend(failed.map(Event::unreachable));
         let (topics, mut outlet) = self.topics(now);
         topics.end(&mut outlet);
         self.events.push_back(Event::Ended(reason));
     }
-}
-
-fn unreachable_call(call: CallId) -> Event {
-    Event::Reply {
-        call,
-        outcome: Outcome::Unreachable,
-        payload: Bytes::new(),
-    }
-}
-
-fn code_of(code: Code) -> VarInt {
-    VarInt::from_u32(code.0.into())
-}
-
-fn token(id: StreamId) -> StreamToken {
-    StreamToken(id.into())
-}
-
-fn stream_id(stream: StreamToken) -> StreamId {
-    StreamId::from(VarInt::from_u64(stream.0).unwrap_or(VarInt::MAX))
 }

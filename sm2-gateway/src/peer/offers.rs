@@ -1,36 +1,24 @@
-//! Offers to the peer: as many at a time as a session has room for, the others later.
-
-use std::collections::BTreeMap;
+//! Offers to the peer. The session has room for a limited number; further offers wait.
 
 use sm2_proto::gateway::{
-    Hop, OfferId, Subject,
+    OfferId, Subject,
     schedule::SendQos,
     session::{self, Error, Input, Misuse},
 };
 
-use super::Peer;
+use super::{Peer, waiting_offers::Offer};
 use crate::{clock::Now, tally::Whose};
-
-/// Offers that a session had no room for yet, by their numbers.
-#[derive(Debug, Default)]
-pub(super) struct Waiting(BTreeMap<OfferId, Offer>);
-
-#[derive(Debug)]
-pub(super) struct Offer {
-    pub(super) subject: Subject,
-    pub(super) path: Vec<Hop>,
-    pub(super) qos: SendQos,
-}
 
 impl Peer {
     pub(super) fn offer(&mut self, now: Now, number: OfferId, offer: Offer) {
-        self.waiting.0.insert(number, offer);
+        self.waiting_offers.0.insert(number, offer);
         self.make_offers(now);
     }
 
-    /// Makes those that there is room for, in the order of their numbers, since numbers only grow.
+    /// Makes the waiting offers for which there is room, in the order of their numbers, since the
+    /// session requires growing numbers.
     pub(super) fn make_offers(&mut self, now: Now) {
-        while let Some((&offer, it)) = self.waiting.0.first_key_value() {
+        while let Some((&offer, it)) = self.waiting_offers.0.first_key_value() {
             let command = session::Command::Offer {
                 offer,
                 subject: it.subject.clone(),
@@ -40,11 +28,11 @@ impl Peer {
             if taken == Some(Err(Error::Misuse(Misuse::TooManyOffers))) {
                 return;
             }
-            let Some(Offer { subject, qos, .. }) = self.waiting.0.remove(&offer) else {
+            let Some(Offer { subject, qos, .. }) = self.waiting_offers.0.remove(&offer) else {
                 return;
             };
             if taken == Some(Ok(())) {
-                // Nobody says again what is latched.
+                // A latched message is published once, so it must not be lost.
                 let is_reliable = subject.latched() > 0
                     || matches!(subject, Subject::Topic { reliable: true, .. });
                 self.tally.open(Whose::Ours(offer), &subject);
@@ -54,7 +42,7 @@ impl Peer {
     }
 
     pub(super) fn change(&mut self, now: Now, offer: OfferId, qos: SendQos) {
-        if let Some(it) = self.waiting.0.get_mut(&offer) {
+        if let Some(it) = self.waiting_offers.0.get_mut(&offer) {
             it.qos = qos;
         }
         let (topics, mut outlet) = self.topics(now);
@@ -62,7 +50,7 @@ impl Peer {
     }
 
     pub(super) fn withdraw(&mut self, now: Now, offer: OfferId) {
-        if self.waiting.0.remove(&offer).is_some() {
+        if self.waiting_offers.0.remove(&offer).is_some() {
             return;
         }
         self.session_command(now, session::Command::Unoffer { offer });

@@ -1,31 +1,32 @@
-//! Payloads that go: each is written as far as QUIC takes it, and its memory is QUIC's from then
-//! on, without a copy, until it has arrived.
+//! Payloads that are written to streams. QUIC takes over the memory of what is written, without a
+//! copy, until the peer has acknowledged it.
 
 use bytes::{Buf, Bytes};
 use quinn_proto::{Connection, StreamId, WriteError};
 use sm2_proto::gateway::{Header, StreamEnd};
 
-use super::{ahead::Room, code_of};
+use super::{ahead::Room, stream::quic_code};
 
-/// A header and a payload on their way into a stream.
+/// A header and a payload that are being written to a stream.
 #[derive(Debug)]
 pub(super) struct Outgoing {
     pub(super) stream: StreamId,
-    /// Of the payload.
+    /// The length of the payload.
     len_bytes: usize,
+    /// The parts of header and payload that are not written yet.
     rest: [Bytes; 2],
 }
 
-/// How far one was written.
+/// How far a payload was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Written {
-    /// All of it, and the end.
+    /// Completely, and its stream is finished.
     All,
-    /// As much as the other side takes now.
+    /// As far as the peer's flow control allows now.
     Part,
-    /// As much as there was room for.
+    /// As far as there was room.
     NoRoom,
-    /// The other side does not want it.
+    /// The peer has stopped the stream.
     Stopped,
 }
 
@@ -39,7 +40,7 @@ impl Outgoing {
         }
     }
 
-    /// Writes no more than there is `room` for, which it takes.
+    /// Writes as far as there is `room`, and reduces it.
     pub(super) fn write(&mut self, connection: &mut Connection, room: &mut Room) -> Written {
         let mut stream = connection.send_stream(self.stream);
         while let Some(next) = self.rest.iter_mut().find(|it| !it.is_empty()) {
@@ -63,11 +64,11 @@ impl Outgoing {
         }
     }
 
-    /// The other side is not to wait for the rest.
+    /// Resets the stream, so that the peer does not wait for the rest.
     pub(super) fn reset(&self, connection: &mut Connection, end: StreamEnd) {
-        // One that is closed already needs none.
+        // Fails only for a stream that is closed already.
         let _ = connection
             .send_stream(self.stream)
-            .reset(code_of(end.code()));
+            .reset(quic_code(end.code()));
     }
 }

@@ -1,4 +1,4 @@
-//! What comes on streams, and without them.
+//! Reading from streams and datagrams.
 
 use std::time::Duration;
 
@@ -13,13 +13,17 @@ use sm2_proto::{
     violation,
 };
 
-use super::{Event, Message, Peer, PeerCall, code_of, incoming::Progress, token, unreachable_call};
+use super::{
+    Event, Message, Peer, PeerCall,
+    incoming::Progress,
+    stream::{quic_code, token},
+};
 use crate::{
     clock::Now,
     tally::{Counts, Whose},
 };
 
-/// What a read takes at a time.
+/// The greatest length of one read.
 const PIECE_BYTES: usize = 64 << 10;
 
 const fn received(counts: &mut Counts) {
@@ -27,7 +31,7 @@ const fn received(counts: &mut Counts) {
 }
 
 impl Peer {
-    /// The peer has opened streams: each is readable from now on.
+    /// The peer has opened streams.
     pub(super) fn accept(&mut self, now: Now, dir: Dir) {
         while let Some(id) = self.connection.streams().accept(dir) {
             if dir == Dir::Bi && self.control.is_none() && !self.is_dialled() {
@@ -37,7 +41,7 @@ impl Peer {
         }
     }
 
-    /// Reads all that is there.
+    /// Reads what has arrived on a stream.
     pub(super) fn read(&mut self, now: Now, id: StreamId) {
         while !self.is_over {
             let mut stream = self.connection.recv_stream(id);
@@ -46,7 +50,7 @@ impl Peer {
                 Err(ReadableError::ClosedStream | ReadableError::IllegalOrderedRead) => return,
             };
             let next = chunks.next(PIECE_BYTES);
-            // The windows are told by the next datagram.
+            // The next datagram carries the new flow control windows.
             let _ = chunks.finalize();
             match next {
                 Ok(Some(chunk)) => self.bytes(now, id, &chunk.bytes),
@@ -83,13 +87,13 @@ impl Peer {
             return self.violated(now, violation);
         }
         if let Carried::Request { .. } = header.carried {
-            self.calls.came(id, header.offer);
+            self.calls.add_theirs(id, header.offer);
         }
         let carrier = Carrier::Stream(token(id));
         self.session_event(now, PeerEvent::Header { carrier, header });
     }
 
-    /// A stream has ended as it should.
+    /// A stream has ended regularly.
     pub(super) fn ended(&mut self, now: Now, id: StreamId) {
         if self.control == Some(id) {
             //= SM2-GWF-001
@@ -102,7 +106,7 @@ impl Peer {
         }
     }
 
-    /// The payload of a stream is whole.
+    /// The payload of a stream has arrived completely.
     pub(super) fn carried(&mut self, now: Now, id: StreamId, header: &Header, payload: Bytes) {
         let offer = header.offer;
         let event = match header.carried {
@@ -119,7 +123,7 @@ impl Peer {
                 }
             }
             Carried::Reply { status } => {
-                let Some(call) = self.calls.is_over(id) else {
+                let Some(call) = self.calls.remove_ours(id) else {
                     return;
                 };
                 self.tally.count(Whose::Theirs(offer), received);
@@ -133,7 +137,7 @@ impl Peer {
         self.events.push_back(event);
     }
 
-    /// A datagram that the session takes: it carries a message.
+    /// The session takes the message of a datagram.
     pub(super) fn datagram(&mut self, now: Now, header: &Header, payload: Bytes) {
         if let Carried::Message { sequence, age_ns } = header.carried {
             self.message(now, header.offer, sequence, age_ns, payload);
@@ -147,24 +151,24 @@ impl Peer {
         self.events.push_back(Event::Message { offer, message });
     }
 
-    /// The peer has reset a stream: it is no message, and no reply.
+    /// The peer has reset a stream, so its message, request or reply never arrives.
     pub(super) fn was_reset(&mut self, now: Now, id: StreamId) {
         if self.control == Some(id) {
             return self.ended(now, id);
         }
         self.incoming.forget(id);
-        self.calls.settled(id);
-        self.end_sending(id, code_of(StreamEnd::Cancelled.code()));
+        self.calls.remove_theirs(id);
+        self.end_sending(id, quic_code(StreamEnd::Cancelled.code()));
         self.unanswered(now, id);
     }
 
-    /// The peer does not want what this side sends on a stream.
+    /// The peer has stopped a stream of this side.
     pub(super) fn stopped(&mut self, now: Now, id: StreamId, code: VarInt) {
         if self.control == Some(id) {
             return self.ended(now, id);
         }
         self.end_sending(id, code);
-        if self.calls.settled(id).is_some() {
+        if self.calls.remove_theirs(id).is_some() {
             //= SM2-GWS-003
             self.events.push_back(Event::Cancelled {
                 call: PeerCall(token(id)),
@@ -172,7 +176,7 @@ impl Peer {
         }
     }
 
-    /// Small messages that came without a stream.
+    /// Takes messages that arrived as datagrams.
     //= SM2-GWM-003
     pub(super) fn datagrams(&mut self, now: Now) {
         while let Some(bytes) = self.connection.datagrams().recv() {
@@ -195,39 +199,39 @@ impl Peer {
         }
     }
 
-    /// Stops a stream; the peer is told why.
+    /// Refuses the payload of a stream with this code.
     pub(super) fn refuse(&mut self, now: Now, id: StreamId, code: Code) {
-        // Before its header came nobody knows what it is of.
+        // The offer is unknown until the header is complete.
         let offer = self.incoming.offer(id).unwrap_or(Whose::Theirs(OfferId(0)));
         self.tally.count(offer, |it| it.refused += 1);
         self.stop(id, code);
-        self.calls.settled(id);
-        self.end_sending(id, code_of(code));
+        self.calls.remove_theirs(id);
+        self.end_sending(id, quic_code(code));
         self.unanswered(now, id);
     }
 
     pub(super) fn stop(&mut self, id: StreamId, code: Code) {
         self.incoming.forget(id);
-        // One that is closed already needs none.
-        let _ = self.connection.recv_stream(id).stop(code_of(code));
+        // Fails only for a stream that is closed already.
+        let _ = self.connection.recv_stream(id).stop(quic_code(code));
     }
 
-    /// Nothing more is sent on a stream. One that never ends would count as open for ever.
+    /// Resets the sending direction of a stream. A stream that never ends would count as open for ever.
     pub(super) fn end_sending(&mut self, id: StreamId, code: VarInt) {
         let is_ours = id.initiator() == self.connection.side();
         if id.dir() == Dir::Bi || is_ours {
             self.calls.stop_writing(id, &mut self.tally);
-            // One that is closed already needs none.
+            // Fails only for a stream that is closed already.
             let _ = self.connection.send_stream(id).reset(code);
         }
     }
 
-    /// If it is a call of this side: it gets no reply.
+    /// A stream carries no reply any more. If it is a call of this side, the call is unreachable.
     pub(super) fn unanswered(&mut self, now: Now, id: StreamId) {
-        if let Some(call) = self.calls.is_over(id) {
+        if let Some(call) = self.calls.remove_ours(id) {
             let stream = token(id);
             self.session_command(now, session::Command::Forget { stream });
-            self.events.push_back(unreachable_call(call));
+            self.events.push_back(Event::unreachable(call));
         }
     }
 }

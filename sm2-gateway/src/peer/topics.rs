@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use bytes::Bytes;
-use quinn_proto::{Connection, Dir, SendDatagramError};
+use quinn_proto::{Dir, SendDatagramError};
 use sm2_proto::{
     Instant, Machine,
     gateway::{
@@ -15,11 +15,9 @@ use sm2_proto::{
 use super::{
     ahead::{Room, SHORT_BYTES},
     outgoing::{Outgoing, Written},
+    outlet::Outlet,
 };
-use crate::{
-    message::Message,
-    tally::{Tally, Whose},
-};
+use crate::{message::Message, tally::Whose};
 
 /// The stream priority of short messages. Long messages have negative ones, the earlier the
 /// greater, so that lost bytes of an earlier message are sent before a later message.
@@ -57,13 +55,6 @@ enum InFlight {
         is_frequent: bool,
     },
     Writing(Outgoing),
-}
-
-/// What the messages of a peer are written to and counted in.
-pub(super) struct Outlet<'a> {
-    pub(super) now: Instant,
-    pub(super) connection: &'a mut Connection,
-    pub(super) tally: &'a mut Tally,
 }
 
 impl Topics {

@@ -1,4 +1,4 @@
-//! What is written to streams.
+//! Writing to streams.
 
 use bytes::Bytes;
 use quinn_proto::WriteError;
@@ -7,30 +7,34 @@ use sm2_proto::gateway::{
     session::{Input, PeerEvent},
 };
 
-use super::Peer;
+use super::{Peer, outlet::Outlet};
 use crate::clock::Now;
 
-/// How much of the control stream waits for a peer that does not read it.
+/// The greatest number of control bytes that wait for a peer that does not read them.
 const CONTROL_WAITING_MAX: usize = 1 << 20;
 
 impl Peer {
-    /// Gives QUIC a little more than it can send at once; whether anything.
+    /// Gives QUIC slightly more than it can send at once. True if anything was written.
     pub(super) fn write(&mut self, now: Now) -> bool {
-        // How much room there is takes some looking: not for those who only receive.
+        // Determining the room costs time, which a connection that only receives saves.
         if self.is_over || (self.calls.is_idle() && self.topics.is_idle()) {
             return false;
         }
         let mut room = self.ahead.room(&self.connection);
-        (self.calls).write(&mut self.connection, &mut room, &mut self.tally);
-        let (topics, mut outlet) = self.topics(now);
-        topics.write(&mut outlet, &mut room);
+        let mut outlet = Outlet {
+            now: now.at,
+            connection: &mut self.connection,
+            tally: &mut self.tally,
+        };
+        self.calls.write(&mut outlet, &mut room);
+        self.topics.write(&mut outlet, &mut room);
         self.ahead.wrote(&room)
     }
 
     pub(super) fn write_control(&mut self, now: Now) {
         let Some(id) = self.control else { return };
         let mut stream = self.connection.send_stream(id);
-        // Before all messages.
+        // Before calls, which have priority 1, and messages, which have 0 or less.
         let _ = stream.set_priority(2);
         while let Some(bytes) = self.control_out.front_mut() {
             match stream.write_chunks(std::slice::from_mut(bytes)) {

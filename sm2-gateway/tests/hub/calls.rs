@@ -52,7 +52,11 @@ fn a_call_that_is_not_wanted_any_more_is_cancelled_where_it_went() {
     else {
         panic!("{said:?}");
     };
-    let said = tell(&mut hub, 2, Event::Ended(Reason::Said(End::Closed(None))));
+    let said = tell(
+        &mut hub,
+        2,
+        Event::Ended(Reason::Session(End::Closed(None))),
+    );
     let forgotten = said.iter().any(|it| {
         matches!(it, Output::Peer { connection: ConnectionId(1), command: Command::Forget { call: t } } if *t == call)
     });
@@ -72,7 +76,11 @@ fn a_call_has_one_answer_also_when_the_way_is_lost() {
         payload: Bytes::new(),
     };
     local(&mut hub, ask(RequestId(1)));
-    let said = tell(&mut hub, 1, Event::Ended(Reason::Said(End::Closed(None))));
+    let said = tell(
+        &mut hub,
+        1,
+        Event::Ended(Reason::Session(End::Closed(None))),
+    );
     let answers = |said: &[Output]| {
         let of = |it: &Output| match it {
             Output::Local(LocalCommand::Reply {

@@ -131,10 +131,14 @@ impl Simulation {
             assert_eq!(node.hub.open_calls(), 0, "calls at {index}");
             for peer in node.open_peers() {
                 let control = u64::from(!peer.is_dialled());
-                let held = peer.held();
-                assert_eq!((held.payloads, held.calls), (0, 0), "{held:?} at {index}");
-                assert_eq!(held.bidirectional, control, "{held:?} at {index}");
-                assert_eq!(held.unidirectional, 0, "{held:?} at {index}");
+                let usage = peer.usage();
+                let streams = (usage.bidirectional_streams, usage.unidirectional_streams);
+                assert_eq!(
+                    (usage.payloads, usage.calls),
+                    (0, 0),
+                    "{usage:?} at {index}"
+                );
+                assert_eq!(streams, (control, 0), "{usage:?} at {index}");
             }
         }
     }

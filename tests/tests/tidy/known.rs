@@ -1,11 +1,8 @@
 //! Offenders that still exist. Lists here only shrink.
 
 /// Root file of a crate, and how many of its files are in cycles at most.
-pub(crate) const FILES_IN_CYCLES: &[(&str, usize)] = &[
-    ("sm2-gateway/src/lib.rs", 10),
-    ("sm2-node/src/lib.rs", 16),
-    ("sm2-proto/src/lib.rs", 13),
-];
+pub(crate) const FILES_IN_CYCLES: &[(&str, usize)] =
+    &[("sm2-node/src/lib.rs", 16), ("sm2-proto/src/lib.rs", 13)];
 
 /// File, and how many of its lines, functions, or the file itself are too long at most.
 pub(crate) const SIZES: &[(&str, usize)] = &[

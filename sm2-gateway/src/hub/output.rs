@@ -1,0 +1,34 @@
+//! The outputs of a hub.
+
+use sm2_proto::{Name, gateway::GatewayId};
+
+use super::domain::LocalCommand;
+use crate::peer::{Command, ConnectionId};
+
+/// An output of a hub.
+#[derive(Clone, Debug)]
+pub enum Output {
+    /// A command to a connection.
+    Peer {
+        /// The connection.
+        connection: ConnectionId,
+        /// The command.
+        command: Command,
+    },
+    /// A command to the domain's side.
+    Local(LocalCommand),
+    /// There is a connection with this peer. Discovery stops looking for it.
+    Connected {
+        /// The id of the peer.
+        peer: GatewayId,
+        /// The epoch of its process.
+        epoch: u64,
+        /// Its name.
+        name: Name,
+    },
+    /// There is no connection with this peer any more.
+    Lost {
+        /// The id of the peer.
+        peer: GatewayId,
+    },
+}

@@ -1,0 +1,86 @@
+//! The numbers of messages: given to those of this domain, compared for those of others.
+
+use std::collections::BTreeMap;
+
+use sm2_proto::gateway::{GatewayId, Hop, Subject};
+
+/// The least number of topics and origins whose last message is remembered.
+const SEEN_LEAST: usize = 16_384;
+
+/// The number of the last message of each topic.
+#[derive(Debug, Default)]
+pub(super) struct Sequences {
+    /// The last number that this gateway gave, by topic of this domain.
+    last: BTreeMap<Subject, u64>,
+    /// The last message that was taken, by topic and origin.
+    seen: BTreeMap<(Subject, GatewayId), Seen>,
+}
+
+/// The last message that was taken of a topic and origin.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    epoch: u64,
+    sequence: u64,
+    /// True if the topic was wanted ever since, so that messages in between are missing.
+    is_followed: bool,
+}
+
+impl Sequences {
+    /// The number of topics and origins whose last message is remembered.
+    pub(super) fn remembered(&self) -> usize {
+        self.seen.len()
+    }
+
+    /// The number of the next message of a topic of this domain.
+    pub(super) fn next(&mut self, subject: &Subject) -> u64 {
+        let last = self.last.entry(subject.clone()).or_insert(0);
+        *last += 1;
+        *last
+    }
+
+    /// Takes a message if it is newer than all that were taken from its origin. Returns how many
+    /// messages are missing in between.
+    //= SM2-GWM-007
+    pub(super) fn take(&mut self, subject: &Subject, origin: Hop, sequence: u64) -> Option<u64> {
+        let seen = self.seen.entry((subject.clone(), origin.gateway));
+        let last = seen.or_default();
+        let epoch = origin.epoch;
+        if (epoch, sequence) <= (last.epoch, last.sequence) {
+            return None;
+        }
+        let skipped = match last.is_followed && epoch == last.epoch {
+            true => sequence - last.sequence - 1,
+            false => 0,
+        };
+        *last = Seen {
+            epoch,
+            sequence,
+            is_followed: true,
+        };
+        Some(skipped)
+    }
+
+    /// Makes room before a message of `key` is taken: forgets what `is_wanted` denies. Otherwise a
+    /// peer could fill the memory with origins that it invents.
+    pub(super) fn make_room(
+        &mut self,
+        key: &(Subject, GatewayId),
+        is_wanted: impl Fn(&(Subject, GatewayId)) -> bool,
+    ) {
+        if self.seen.len() >= SEEN_LEAST && !self.seen.contains_key(key) {
+            self.seen.retain(|it, _| is_wanted(it));
+        }
+    }
+
+    /// A topic is wanted from now on. Messages that its origin published before are not missing.
+    pub(super) fn wanted(&mut self, subject: &Subject, origin: GatewayId) {
+        if let Some(it) = self.seen.get_mut(&(subject.clone(), origin)) {
+            it.is_followed = false;
+        }
+    }
+
+    /// Forgets a topic, so that messages that were taken before are taken again.
+    pub(super) fn forget(&mut self, subject: &Subject, origin: GatewayId) {
+        self.seen.remove(&(subject.clone(), origin));
+    }
+}

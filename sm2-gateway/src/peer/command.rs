@@ -1,0 +1,106 @@
+//! The commands that the hub gives to a connection.
+
+use bytes::Bytes;
+use sm2_proto::{
+    Code, Instant, Name,
+    gateway::{AskId, Hop, OfferId, Outcome, Subject, SubjectKind, Verdict, schedule::SendQos},
+};
+
+use super::id::{CallId, PeerCall};
+use crate::message::Message;
+
+/// A command to a connection.
+///
+/// A command that the peer's last frames have made pointless does nothing, such as a message of a
+/// topic that the peer no longer wants. A call that cannot be made is answered with
+/// [`Outcome::Unreachable`].
+#[derive(Clone, Debug)]
+pub enum Command {
+    /// Offers a topic or service to the peer.
+    Offer {
+        /// The number of the offer.
+        offer: OfferId,
+        /// The topic or service.
+        subject: Subject,
+        /// The path from its origin to this gateway.
+        path: Vec<Hop>,
+        /// How the messages of a topic are sent.
+        qos: SendQos,
+    },
+    /// Withdraws an offer.
+    Unoffer {
+        /// The number of the offer.
+        offer: OfferId,
+    },
+    /// Changes how the messages of an offered topic are sent.
+    Change {
+        /// The number of the offer.
+        offer: OfferId,
+        /// How messages are sent from now on.
+        qos: SendQos,
+    },
+    /// Wants an offer of the peer.
+    Want {
+        /// The number of the offer.
+        offer: OfferId,
+        /// The greatest number of messages that the peer queues for this side.
+        depth: u16,
+    },
+    /// No longer wants an offer of the peer.
+    Unwant {
+        /// The number of the offer.
+        offer: OfferId,
+    },
+    /// Asks whether the peer offers a topic or service to this side. The answer is
+    /// [`session::Event::Answered`](sm2_proto::gateway::session::Event::Answered).
+    Ask {
+        /// The number of the question.
+        ask: AskId,
+        /// The kind of the name.
+        kind: SubjectKind,
+        /// The name of the topic or service.
+        name: Name,
+    },
+    /// Answers the oldest question of the peer.
+    Answer {
+        /// The number of the question.
+        ask: AskId,
+        /// The answer.
+        verdict: Verdict,
+    },
+    /// Sends a message, if the peer wants its topic.
+    Message {
+        /// The offer of its topic.
+        offer: OfferId,
+        /// The message.
+        message: Message,
+    },
+    /// Calls a service of the peer.
+    Call {
+        /// The hub's number of the call, which the
+        /// [`Event::Reply`](super::Event::Reply) repeats.
+        call: CallId,
+        /// The offer of the service.
+        offer: OfferId,
+        /// The time at which the caller gives up.
+        deadline: Option<Instant>,
+        /// The request.
+        payload: Bytes,
+    },
+    /// Abandons a call: its caller no longer waits.
+    Forget {
+        /// The hub's number of the call.
+        call: CallId,
+    },
+    /// Replies to a call of the peer.
+    Reply {
+        /// The call of the [`Event::Request`](super::Event::Request).
+        call: PeerCall,
+        /// The outcome of the call.
+        outcome: Outcome,
+        /// The reply, or the reason of the failure.
+        payload: Bytes,
+    },
+    /// Closes the connection with this code.
+    Close(Code),
+}

@@ -1,0 +1,98 @@
+//! The events of a connection.
+
+use bytes::Bytes;
+use sm2_proto::{
+    Code, Instant,
+    gateway::{
+        AskId, OfferId, Outcome, PeerFarewell, PeerViolationKind,
+        session::{self, End},
+    },
+};
+
+use super::id::{CallId, PeerCall};
+use crate::message::Message;
+
+/// An event of a connection.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// An event of the session with the peer.
+    Session(session::Event),
+    /// A question could not be asked: too many questions wait for an answer, or the connection is
+    /// not open.
+    NotAsked {
+        /// The number of the question.
+        ask: AskId,
+    },
+    /// A message has arrived completely.
+    Message {
+        /// The offer of its topic.
+        offer: OfferId,
+        /// The message.
+        message: Message,
+    },
+    /// The peer calls a service.
+    Request {
+        /// The call, which the [`Command::Reply`](super::Command::Reply) repeats.
+        call: PeerCall,
+        /// The offer of the service.
+        offer: OfferId,
+        /// The time at which the caller gives up.
+        deadline: Option<Instant>,
+        /// The request.
+        payload: Bytes,
+    },
+    /// The peer no longer wants the reply to a call.
+    Cancelled {
+        /// The call.
+        call: PeerCall,
+    },
+    /// A call of this side is over.
+    Reply {
+        /// The hub's number of the call.
+        call: CallId,
+        /// The outcome of the call.
+        outcome: Outcome,
+        /// The reply, or the reason of the failure.
+        payload: Bytes,
+    },
+    /// The connection has ended. This is the last event.
+    Ended(Reason),
+}
+
+impl Event {
+    /// The reply to a call that cannot be made or completed.
+    pub(super) fn unreachable(call: CallId) -> Self {
+        Self::Reply {
+            call,
+            outcome: Outcome::Unreachable,
+            payload: Bytes::new(),
+        }
+    }
+}
+
+/// Why a connection has ended.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Reason {
+    /// The session has ended.
+    #[error("{}", end_text(.0))]
+    Session(End),
+    /// The handshake failed: the peer was not reached, or its key is not the expected one.
+    #[error("no connection: {0}")]
+    Handshake(String),
+}
+
+fn end_text(end: &End) -> String {
+    match end {
+        End::Violation(violation) => format!("closed: the peer broke the protocol: {violation}"),
+        End::Local(code) => format!("closed: {}", code_name(*code)),
+        End::Closed(Some(code)) => format!("closed by the peer: {}", code_name(*code)),
+        End::Closed(None) => "lost: nothing came for 5 s, or the peer was restarted".to_owned(),
+    }
+}
+
+fn code_name(code: Code) -> String {
+    let farewell = PeerFarewell::from_code(code).map(PeerFarewell::name);
+    let violation = || PeerViolationKind::from_code(code).map(PeerViolationKind::name);
+    let name = farewell.or_else(violation);
+    name.map_or_else(|| format!("code {}", code.0), str::to_owned)
+}
