@@ -5,7 +5,7 @@ use sm2_gateway::{
     peer::{Command, ConnectionId, Event},
 };
 use sm2_proto::{
-    Code, Instant, Name,
+    Code, Instant, Machine, Name,
     gateway::{GatewayId, Hop, PeerFarewell, session},
 };
 
@@ -17,6 +17,7 @@ const GREAT: GatewayId = GatewayId([2; 32]);
 fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, bool); 2]) -> (u64, Code) {
     let gateway = me;
     let mut hub = Hub::new(Hop { gateway, epoch: 1 }, Policy::default());
+    let mut closed = Vec::new();
     for (connection, (epoch, is_dialled)) in (1..).zip(greeted) {
         let name = Name::new("peer").unwrap();
         let event = Event::Session(session::Event::Greeted { peer, epoch, name });
@@ -25,16 +26,15 @@ fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, bool); 2]) -> (u64, Co
             is_dialled,
             event,
         };
-        hub.handle(Instant(0), input);
-    }
-    let mut closed = Vec::new();
-    while let Some(output) = hub.poll() {
-        if let Output::Peer {
-            connection,
-            command: Command::Close(code),
-        } = output
-        {
-            closed.push((connection.0, code));
+        let Ok(()) = hub.handle(Instant(0), input);
+        while let Some(output) = hub.poll() {
+            if let Output::Peer {
+                connection,
+                command: Command::Close(code),
+            } = output
+            {
+                closed.push((connection.0, code));
+            }
         }
     }
     let left = hub.peers();

@@ -13,7 +13,7 @@ use sm2_gateway::{
     peer::{Command, ConnectionId, Event, Message},
 };
 use sm2_proto::{
-    Instant, Name, TypeId,
+    Instant, Machine, Name, TypeId,
     gateway::{
         Action, AskId, Direction, GatewayId, Hop, OfferId, Pattern, PeerFarewell, Rule, Rules,
         Subject, SubjectKind, Verdict, schedule::SendQos, session,
@@ -84,7 +84,7 @@ fn outputs(hub: &mut Hub) -> Vec<Output> {
 }
 
 fn tell(hub: &mut Hub, connection: u64, event: Event) -> Vec<Output> {
-    hub.handle(
+    let Ok(()) = hub.handle(
         NOW,
         Input::Peer {
             connection: ConnectionId(connection),
@@ -96,7 +96,7 @@ fn tell(hub: &mut Hub, connection: u64, event: Event) -> Vec<Output> {
 }
 
 fn local(hub: &mut Hub, event: LocalEvent) -> Vec<Output> {
-    hub.handle(NOW, Input::Local(event));
+    let Ok(()) = hub.handle(NOW, Input::Local(event));
     outputs(hub)
 }
 
@@ -184,7 +184,7 @@ fn of_two_connections_with_one_peer_one_stays() {
         epoch: 7,
         name: name("peer"),
     });
-    hub.handle(
+    let Ok(()) = hub.handle(
         NOW,
         Input::Peer {
             connection: ConnectionId(1),
@@ -351,7 +351,7 @@ fn other_rules_withdraw_before_anything_else_is_said() {
         rules: Rules(vec![deny_in, rule(Action::Allow, "**")]),
         send_qos: vec![qos; 2],
     };
-    hub.handle(NOW, Input::Policy(other));
+    let Ok(()) = hub.handle(NOW, Input::Policy(other));
     let said = outputs(&mut hub);
     let at = |is_it: fn(&Output) -> bool| said.iter().position(is_it);
     let unoffer = at(|it| {
@@ -409,7 +409,7 @@ fn what_rules_deny_is_told_with_the_rule() {
         denial("theirs", Direction::In, None),
     ];
     assert_eq!(hub.peers()[0].denied, denied);
-    hub.handle(NOW, Input::Policy(policy(vec![rule(Action::Allow, "**")])));
+    let Ok(()) = hub.handle(NOW, Input::Policy(policy(vec![rule(Action::Allow, "**")])));
     assert_eq!(hub.peers()[0].denied, []);
 }
 
@@ -461,7 +461,7 @@ fn messages_without_room_are_lost_messages_of_their_topic() {
     );
     assert!(!out.is_empty());
     let no_room = |hub: &mut Hub, what| {
-        hub.handle(NOW, Input::NoRoom(what));
+        let Ok(()) = hub.handle(NOW, Input::NoRoom(what));
         assert!(outputs(hub).is_empty());
     };
     no_room(

@@ -15,7 +15,7 @@ use sm2_gateway::{
     shadow::{Because, Change, Seen, changes},
 };
 use sm2_proto::{
-    Instant, Name, TypeId,
+    Instant, Machine, Name, TypeId,
     gateway::{Action, Direction, GatewayId, Hop, OfferId, Subject, SubjectKind, session},
 };
 
@@ -121,7 +121,7 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
     inputs.extend(present.chain(taken).map(Input::Local));
     let mut carried = Carried::default();
     for input in inputs {
-        hub.handle(Instant(1), input);
+        let Ok(()) = hub.handle(Instant(1), input);
         while let Some(output) = hub.poll() {
             match output {
                 Output::Peer {

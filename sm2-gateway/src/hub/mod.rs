@@ -1,8 +1,8 @@
 //! The hub of a gateway: connects the domain with the peers, and the peers with each other.
 //!
 //! [`Hub`] knows the routes (`sm2_proto::gateway::router`), the connection of each peer, the last
-//! message of each topic, and the callers that wait for replies. It does no I/O: its driver feeds
-//! events with [`handle`](Hub::handle) and carries out the outputs of [`poll`](Hub::poll).
+//! message of each topic, and the callers that wait for replies. It is a [`Machine`]: its driver, the
+//! task in `run`, does all I/O.
 
 mod calls;
 mod domain;
@@ -15,10 +15,13 @@ mod policy;
 mod sequences;
 mod status;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    convert::Infallible,
+};
 
 use sm2_proto::{
-    Code, Instant, Machine, Name,
+    Code, Instant, Machine, MisuseError, Name,
     gateway::{
         Direction, GatewayId, Hop, OfferId, PeerFarewell, Subject, SubjectKind, Verdict,
         router::{self, Router, Source},
@@ -77,6 +80,47 @@ struct Peer {
     tally: Tally,
 }
 
+impl Machine for Hub {
+    type Input<'a> = Input;
+    type Output = Output;
+    /// A hub never ends.
+    type End = Infallible;
+    /// Every input is legal at any time.
+    type Misuse = Infallible;
+
+    fn handle(&mut self, now: Instant, input: Input) -> Result<(), MisuseError<Infallible>> {
+        debug_assert!(
+            matches!(input, Input::NoRoom(_)) || self.outputs.is_empty(),
+            "the outputs of the input before have to be polled first"
+        );
+        match input {
+            Input::Peer {
+                connection,
+                is_dialled,
+                event,
+            } => self.peer(now, connection, is_dialled, event),
+            Input::Local(event) => self.local(now, event),
+            Input::Policy(policy) => self.change(now, policy),
+            Input::NoRoom(what) => self.no_room(&what),
+            Input::Distrust(peer) => {
+                if let Some(connection) = self.connection(&peer) {
+                    self.close(connection, PeerFarewell::Done.code());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// A hub has no timers.
+    fn deadline(&self) -> Option<Instant> {
+        None
+    }
+}
+
 impl Hub {
     /// A hub without peers.
     #[must_use]
@@ -93,31 +137,6 @@ impl Hub {
             calls: OpenCalls::default(),
             outputs: VecDeque::new(),
         }
-    }
-
-    /// Takes one input.
-    pub fn handle(&mut self, now: Instant, input: Input) {
-        match input {
-            Input::Peer {
-                connection,
-                is_dialled,
-                event,
-            } => self.peer(now, connection, is_dialled, event),
-            Input::Local(event) => self.local(now, event),
-            Input::Policy(policy) => self.change(now, policy),
-            Input::NoRoom(what) => self.no_room(&what),
-            Input::Distrust(peer) => {
-                if let Some(it) = self.peers.get(&peer) {
-                    let connection = it.connection;
-                    self.close(connection, PeerFarewell::Done.code());
-                }
-            }
-        }
-    }
-
-    /// Returns the next output; `None` once all are drained.
-    pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
     }
 
     /// The connection with this peer, if there is one.

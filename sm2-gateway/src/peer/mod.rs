@@ -1,9 +1,8 @@
 //! One connection with one peer: QUIC, and above it the session and the scheduler.
 //!
-//! [`Peer`] does no I/O and reads no clock. Its driver feeds datagrams and time, gives it commands with
-//! [`command`](Peer::command), sends what [`poll_transmit`](Peer::poll_transmit) writes, and takes
-//! events from [`poll`](Peer::poll). The machines of `sm2_proto::gateway` decide what is legal; this
-//! module maps them to QUIC streams.
+//! [`Peer`] is a [`Machine`] with one more step: after the outputs of an input are drained, its driver
+//! calls [`poll_transmit`](Peer::poll_transmit) until there is no datagram to send. The machines of
+//! `sm2_proto::gateway` decide what is legal; this module maps them to QUIC streams.
 
 mod ahead;
 mod calls;
@@ -12,6 +11,7 @@ mod event;
 mod id;
 mod incoming;
 mod limits;
+mod machine;
 mod offers;
 mod open_calls;
 mod outgoing;
@@ -24,20 +24,18 @@ mod writing;
 
 use std::{
     collections::{BTreeMap, VecDeque},
+    convert::Infallible,
     time::Duration,
 };
 
 use bytes::Bytes;
-use quinn_proto::{
-    Connection, ConnectionError, ConnectionEvent, Dir, EndpointEvent, Side, StreamEvent, StreamId,
-    Transmit,
-};
+use quinn_proto::{Connection, ConnectionError, Dir, Side, StreamEvent, StreamId, Transmit};
 use sm2_io::quic::peer_of;
 use sm2_proto::{
-    Code, Instant, Machine, Name,
+    Code, Instant, Machine, MisuseError, Name,
     gateway::{
         GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
-        session::{self, Carrier, End, Input, Output, PeerEvent, Session},
+        session::{self, Carrier, End, PeerEvent, Session},
     },
 };
 
@@ -55,6 +53,7 @@ pub use self::{
     event::{Event, Reason},
     id::{CallId, ConnectionId, Me, PeerCall},
     limits::{Limits, Usage},
+    machine::{Input, Output},
 };
 pub use crate::message::Message;
 use crate::{
@@ -85,8 +84,51 @@ pub struct Peer {
     calls: OpenCalls,
     ahead: Ahead,
     tally: Tally,
+    /// The time of QUIC's next timer.
+    quic_deadline: Option<Instant>,
     events: VecDeque<Event>,
     is_over: bool,
+}
+
+impl Machine for Peer {
+    type Input<'a> = Input;
+    type Output = Output;
+    /// A connection that has ended still takes inputs: it answers datagrams until
+    /// [`is_drained`](Self::is_drained).
+    type End = Infallible;
+    /// Every input is legal at any time.
+    type Misuse = Infallible;
+
+    fn handle(&mut self, now: Instant, input: Input) -> Result<(), MisuseError<Infallible>> {
+        debug_assert!(
+            self.events.is_empty(),
+            "the outputs of the input before have to be polled first"
+        );
+        let now = self.clock.at(now);
+        match input {
+            Input::Quic(event) => self.connection.handle_event(event),
+            Input::Command(command) => self.command(now, command),
+            Input::Tick => self.tick(now),
+        }
+        self.advance(now);
+        self.refresh_deadline();
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Option<Output> {
+        if let Some(event) = self.events.pop_front() {
+            return Some(Output::Event(event));
+        }
+        self.connection.poll_endpoint_events().map(Output::Endpoint)
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        let session = self.session.as_ref().and_then(Session::deadline);
+        let stuck = self.incoming.slowest();
+        let stuck = stuck.map(|(_, since)| since.after(STUCK_TIMEOUT));
+        let deadlines = [self.quic_deadline, session, stuck, self.topics.deadline()];
+        deadlines.into_iter().flatten().min()
+    }
 }
 
 impl Peer {
@@ -99,7 +141,7 @@ impl Peer {
         least_epochs: BTreeMap<GatewayId, u64>,
         limits: Limits,
     ) -> Self {
-        Self {
+        let mut peer = Self {
             connection,
             clock,
             limits,
@@ -115,9 +157,12 @@ impl Peer {
             calls: OpenCalls::default(),
             ahead: Ahead::default(),
             tally: Tally::default(),
+            quic_deadline: None,
             events: VecDeque::new(),
             is_over: false,
-        }
+        };
+        peer.refresh_deadline();
+        peer
     }
 
     /// True if this side opened the connection.
@@ -167,22 +212,39 @@ impl Peer {
         self.connection.is_drained()
     }
 
-    /// Takes what the endpoint has for it.
-    pub fn handle_event(&mut self, now: Now, event: ConnectionEvent) {
-        self.connection.handle_event(event);
-        self.turn(now);
+    /// Writes the next datagrams to `buffer`; `None` if there are none to send now.
+    pub fn poll_transmit(
+        &mut self,
+        now: Instant,
+        max_datagrams: usize,
+        buffer: &mut Vec<u8>,
+    ) -> Option<Transmit> {
+        let now = self.clock.at(now);
+        let transmit = loop {
+            let next = (self.connection).poll_transmit(now.quic, max_datagrams, buffer);
+            if let Some(transmit) = &next {
+                self.ahead.sent(transmit);
+                break next;
+            }
+            if !self.write(now) {
+                break None;
+            }
+        };
+        self.refresh_deadline();
+        transmit
     }
 
-    /// To be called at the [`deadline`](Self::deadline).
-    pub fn handle_timeout(&mut self, now: Now) {
-        if self
-            .connection
-            .poll_timeout()
-            .is_some_and(|it| it <= now.quic)
-        {
+    fn refresh_deadline(&mut self) {
+        let deadline = self.connection.poll_timeout();
+        self.quic_deadline = deadline.map(|it| self.clock.of(it));
+    }
+
+    fn tick(&mut self, now: Now) {
+        if self.quic_deadline.is_some_and(|it| it <= now.at) {
             self.connection.handle_timeout(now.quic);
         }
-        self.session_takes(now, Input::Tick);
+        // A session that has ended, or does not exist yet, has no timers.
+        self.session_takes(now, session::Input::Tick);
         while let Some((id, since)) = self.incoming.slowest()
             && now.at.since(since) >= STUCK_TIMEOUT
         {
@@ -190,55 +252,9 @@ impl Peer {
         }
         let (topics, mut outlet) = self.topics(now);
         topics.tick(&mut outlet);
-        self.turn(now);
     }
 
-    /// When there is something to do if nothing happens until then.
-    #[must_use]
-    pub fn deadline(&mut self) -> Option<Instant> {
-        let clock = self.clock;
-        let quic = self.connection.poll_timeout().map(|it| clock.of(it));
-        let session = self.session.as_ref().and_then(Session::deadline);
-        let stuck = self
-            .incoming
-            .slowest()
-            .map(|(_, since)| since.after(STUCK_TIMEOUT));
-        let topics = self.topics.deadline();
-        [quic, session, stuck, topics].into_iter().flatten().min()
-    }
-
-    /// What is to be sent next, in `buffer`.
-    pub fn poll_transmit(
-        &mut self,
-        now: Now,
-        max_datagrams: usize,
-        buffer: &mut Vec<u8>,
-    ) -> Option<Transmit> {
-        loop {
-            let next = (self.connection).poll_transmit(now.quic, max_datagrams, buffer);
-            if let Some(transmit) = &next {
-                self.ahead.sent(transmit);
-                return next;
-            }
-            if !self.write(now) {
-                return None;
-            }
-        }
-    }
-
-    /// What the endpoint is to be told.
-    pub fn poll_endpoint(&mut self) -> Option<EndpointEvent> {
-        self.connection.poll_endpoint_events()
-    }
-
-    /// What happened.
-    pub fn poll(&mut self) -> Option<Event> {
-        self.events.pop_front()
-    }
-
-    /// Does what the gateway wants. What can no longer be done, since the peer has changed its mind
-    /// meanwhile, is left undone; a call that cannot be made is unreachable.
-    pub fn command(&mut self, now: Now, command: Command) {
+    fn command(&mut self, now: Now, command: Command) {
         match command {
             Command::Offer {
                 offer,
@@ -282,10 +298,9 @@ impl Peer {
                 payload,
             } => self.reply(call, outcome, payload),
             Command::Close(code) => {
-                self.session_takes(now, Input::Close(code));
+                self.session_takes(now, session::Input::Close(code));
             }
         }
-        self.turn(now);
     }
 
     /// The topics, and what their messages are written to and counted in.
@@ -299,7 +314,7 @@ impl Peer {
     }
 
     /// Feeds the session and carries out its outputs. False if the session did not take the input.
-    fn session_takes(&mut self, now: Now, input: Input<'_>) -> bool {
+    fn session_takes(&mut self, now: Now, input: session::Input<'_>) -> bool {
         matches!(self.feed_session(now, input, None), Some(Ok(())))
     }
 
@@ -308,7 +323,7 @@ impl Peer {
     fn feed_session(
         &mut self,
         now: Now,
-        input: Input<'_>,
+        input: session::Input<'_>,
         datagram: Option<(Header, Bytes)>,
     ) -> Option<Result<(), session::Error>> {
         let taken = self.session.as_mut()?.handle(now.at, input);
@@ -317,15 +332,15 @@ impl Peer {
     }
 
     fn session_event(&mut self, now: Now, event: PeerEvent<'_>) -> bool {
-        self.session_takes(now, Input::Event(event))
+        self.session_takes(now, session::Input::Event(event))
     }
 
     fn session_command(&mut self, now: Now, command: session::Command) -> bool {
-        self.session_takes(now, Input::Command(command))
+        self.session_takes(now, session::Input::Command(command))
     }
 
-    /// Does all that can be done now.
-    fn turn(&mut self, now: Now) {
+    /// Handles the events of QUIC and the outputs of the session.
+    fn advance(&mut self, now: Now) {
         while let Some(event) = self.connection.poll() {
             self.on_quic(now, event);
         }
@@ -395,9 +410,9 @@ impl Peer {
     fn drain_session(&mut self, now: Now, mut datagram: Option<(Header, Bytes)>) {
         while let Some(output) = self.session.as_mut().and_then(Session::poll) {
             match output {
-                Output::Transmit(bytes) => self.control_out.push_back(bytes.into()),
-                Output::Event(event) => self.session_said(now, event),
-                Output::Take {
+                session::Output::Transmit(bytes) => self.control_out.push_back(bytes.into()),
+                session::Output::Event(event) => self.session_said(now, event),
+                session::Output::Take {
                     carrier: Carrier::Datagram,
                 } => {
                     if let Some((header, payload)) = datagram.take() {
@@ -405,26 +420,26 @@ impl Peer {
                     }
                 }
                 // The bytes of a stream are collected until the stream is stopped.
-                Output::Take {
+                session::Output::Take {
                     carrier: Carrier::Stream(_),
                 } => {}
-                Output::Discard {
+                session::Output::Discard {
                     carrier: Carrier::Datagram,
                 } => datagram = None,
-                Output::Discard {
+                session::Output::Discard {
                     carrier: Carrier::Stream(stream),
                 } => self.stop(stream_id(stream), StreamEnd::Withdrawn.code()),
-                Output::Unreachable { stream } => {
+                session::Output::Unreachable { stream } => {
                     let id = stream_id(stream);
                     self.stop(id, StreamEnd::Withdrawn.code());
                     self.reply(PeerCall(stream), Outcome::Unreachable, Bytes::new());
                 }
-                Output::CallFailed { stream } => {
+                session::Output::CallFailed { stream } => {
                     if let Some(call) = self.abandon(stream_id(stream)) {
                         self.events.push_back(Event::unreachable(call));
                     }
                 }
-                Output::Ended(end) => self.over(now, Reason::Session(end)),
+                session::Output::Ended(end) => self.over(now, Reason::Session(end)),
             }
         }
     }

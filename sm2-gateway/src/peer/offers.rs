@@ -3,7 +3,7 @@
 use sm2_proto::gateway::{
     OfferId, Subject,
     schedule::SendQos,
-    session::{self, Error, Input, Misuse},
+    session::{self, Error, Misuse},
 };
 
 use super::{Peer, waiting_offers::Offer};
@@ -24,7 +24,7 @@ impl Peer {
                 subject: it.subject.clone(),
                 path: it.path.clone(),
             };
-            let taken = self.feed_session(now, Input::Command(command), None);
+            let taken = self.feed_session(now, session::Input::Command(command), None);
             if taken == Some(Err(Error::Misuse(Misuse::TooManyOffers))) {
                 return;
             }

@@ -4,7 +4,7 @@ use bytes::Bytes;
 use quinn_proto::WriteError;
 use sm2_proto::gateway::{
     PeerFarewell,
-    session::{Input, PeerEvent},
+    session::{self, PeerEvent},
 };
 
 use super::{Peer, outlet::Outlet};
@@ -50,7 +50,7 @@ impl Peer {
         }
         let waiting: usize = self.control_out.iter().map(Bytes::len).sum();
         if waiting > CONTROL_WAITING_MAX {
-            self.session_takes(now, Input::Close(PeerFarewell::Stalled.code()));
+            self.session_takes(now, session::Input::Close(PeerFarewell::Stalled.code()));
         }
     }
 }

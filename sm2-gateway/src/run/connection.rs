@@ -2,9 +2,9 @@
 
 use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 
-use quinn_proto::{Connection, ConnectionEvent, ConnectionHandle, EndpointEvent};
+use quinn_proto::{Connection, ConnectionHandle, EndpointEvent};
 use sm2_proto::{
-    Instant,
+    Instant, Machine,
     gateway::{AskId, GatewayId, Verdict, session},
 };
 use tokio::sync::oneshot;
@@ -19,7 +19,7 @@ use crate::{
         hub::HubEvent,
         network::NetworkEvent,
     },
-    peer::{Command, ConnectionId, Event, Peer, Reason},
+    peer::{Command, ConnectionId, Event, Input, Output, Peer, Reason},
 };
 
 /// Upper bound of datagrams per iteration, so that the other queues are served in between.
@@ -72,7 +72,7 @@ impl Task {
     pub(super) async fn run(mut self, mut inbox: PeerInbox) {
         let mut buffer = Vec::new();
         loop {
-            let has_more = self.drain(&mut buffer).await;
+            let has_more = self.transmit(&mut buffer).await;
             if self.peer.is_drained() || self.has_drained() {
                 break;
             }
@@ -82,21 +82,21 @@ impl Task {
             let wait = sleep_until(deadlines.into_iter().flatten().min());
             tokio::select! {
                 biased;
-                Some(event) = inbox.endpoint.recv() => self.event(event),
+                Some(event) = inbox.endpoint.recv() => self.handle(Input::Quic(event)).await,
                 Some(event) = inbox.datagrams.recv() => {
-                    self.event(event);
+                    self.handle(Input::Quic(event)).await;
                     for _ in 0..BURST {
                         let Ok(event) = inbox.datagrams.try_recv() else { break };
-                        self.event(event);
+                        self.handle(Input::Quic(event)).await;
                     }
                 }
                 command = inbox.commands.recv() => match command {
-                    Some(command) => self.command(command),
+                    Some(command) => self.handle(Input::Command(command)).await,
                     None => break,
                 },
-                Some(query) = inbox.queries.recv() => self.query(query),
-                Some(message) = inbox.messages.recv() => self.command(message),
-                () = wait => self.peer.handle_timeout(self.shared.clock.now()),
+                Some(query) = inbox.queries.recv() => self.query(query).await,
+                Some(message) = inbox.messages.recv() => self.handle(Input::Command(message)).await,
+                () = wait => self.handle(Input::Tick).await,
             }
         }
         if !self.peer.is_drained() {
@@ -109,15 +109,18 @@ impl Task {
         ended.is_some_and(|it| sm2_io::clock::now().since(it) >= DRAIN_TIMEOUT)
     }
 
-    fn event(&mut self, event: ConnectionEvent) {
-        self.peer.handle_event(self.shared.clock.now(), event);
+    /// Feeds the connection, and carries out its outputs.
+    async fn handle(&mut self, input: Input) {
+        let Ok(()) = self.peer.handle(sm2_io::clock::now(), input);
+        while let Some(output) = self.peer.poll() {
+            match output {
+                Output::Event(event) => self.event(event).await,
+                Output::Endpoint(event) => self.tell_endpoint(event),
+            }
+        }
     }
 
-    fn command(&mut self, command: Command) {
-        self.peer.command(self.shared.clock.now(), command);
-    }
-
-    fn query(&mut self, query: PeerQuery) {
+    async fn query(&mut self, query: PeerQuery) {
         match query {
             PeerQuery::Report(answer) => {
                 // The asker may have timed out.
@@ -127,7 +130,8 @@ impl Task {
                 self.last_ask.0 += 1;
                 let ask = self.last_ask;
                 self.pending_asks.insert(ask, answer);
-                self.command(Command::Ask { ask, kind, name });
+                let command = Command::Ask { ask, kind, name };
+                self.handle(Input::Command(command)).await;
             }
         }
     }
@@ -155,48 +159,46 @@ impl Task {
         network.send(NetworkEvent::Endpoint { handle, event });
     }
 
-    /// Drains the outputs of the connection. True if more datagrams may be ready to send.
-    async fn drain(&mut self, buffer: &mut Vec<u8>) -> bool {
-        while let Some(event) = self.peer.poll() {
-            match &event {
-                Event::Session(session::Event::Answered { ask, verdict }) => {
-                    self.answered(*ask, *verdict);
-                    continue;
-                }
-                Event::NotAsked { ask } => {
-                    // The task that asked sees its channel closed.
-                    self.pending_asks.remove(ask);
-                    continue;
-                }
-                Event::Ended(reason) => self.ended(reason),
-                Event::Session(_)
-                | Event::Message { .. }
-                | Event::Request { .. }
-                | Event::Cancelled { .. }
-                | Event::Reply { .. } => {}
+    /// Handles an event here, or passes it on to the hub.
+    async fn event(&mut self, event: Event) {
+        match &event {
+            Event::Session(session::Event::Answered { ask, verdict }) => {
+                return self.answered(*ask, *verdict);
             }
-            let event = HubEvent::Peer {
-                connection: self.number,
-                event,
-            };
-            let _ = self.shared.hub.send(event).await;
+            Event::NotAsked { ask } => {
+                // The task that asked sees its channel closed.
+                self.pending_asks.remove(ask);
+                return;
+            }
+            Event::Ended(reason) => self.ended(reason),
+            Event::Session(_)
+            | Event::Message { .. }
+            | Event::Request { .. }
+            | Event::Cancelled { .. }
+            | Event::Reply { .. } => {}
         }
-        while let Some(event) = self.peer.poll_endpoint() {
-            self.tell_endpoint(event);
-        }
+        let event = HubEvent::Peer {
+            connection: self.number,
+            event,
+        };
+        // Fails only if the hub has stopped, and then nobody needs the event.
+        let _ = self.shared.hub.send(event).await;
+    }
+
+    /// Sends datagrams. True if more datagrams may be ready to send.
+    async fn transmit(&mut self, buffer: &mut Vec<u8>) -> bool {
         let segments = self.shared.socket.max_segments();
-        let mut has_more = true;
         for _ in 0..BURST {
             buffer.clear();
-            let now = self.shared.clock.now();
-            let next = self.peer.poll_transmit(now, segments, buffer);
-            has_more = next.is_some();
-            let Some(transmit) = next else { break };
+            let now = sm2_io::clock::now();
+            let Some(transmit) = self.peer.poll_transmit(now, segments, buffer) else {
+                return false;
+            };
             if self.shared.socket.send(&transmit, buffer).await.is_err() {
                 return false;
             }
         }
-        has_more
+        true
     }
 
     fn report(&self) -> ConnectionReport {

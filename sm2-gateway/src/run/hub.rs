@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, sync::Arc};
 
 use sm2_proto::{
-    Code, Name,
+    Code, Machine, Name,
     gateway::{GatewayId, PeerFarewell, session},
 };
 use tokio::sync::mpsc;
@@ -173,7 +173,7 @@ impl Task {
     }
 
     fn handle(&mut self, input: Input) {
-        self.hub.handle(sm2_io::clock::now(), input);
+        let Ok(()) = self.hub.handle(sm2_io::clock::now(), input);
         while let Some(output) = self.hub.poll() {
             match output {
                 Output::Peer {
@@ -227,6 +227,6 @@ impl Task {
 
     fn no_room(&mut self, what: NoRoom) {
         let now = sm2_io::clock::now();
-        self.hub.handle(now, Input::NoRoom(what));
+        let Ok(()) = self.hub.handle(now, Input::NoRoom(what));
     }
 }

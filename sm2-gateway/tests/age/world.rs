@@ -7,12 +7,12 @@ use quinn_proto::ConnectionHandle;
 use sm2_gateway::{
     Counts,
     clock::{Clock, Now},
-    peer::{Command, Event, Limits, Me, Peer},
+    peer::{Command, Event, Input, Limits, Me, Output, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 use sm2_lossy_link::{Lane, Profile};
 use sm2_proto::{
-    Instant, Name,
+    Instant, Machine, Name,
     gateway::{Hop, SubjectKind},
 };
 
@@ -34,6 +34,8 @@ pub(crate) struct World {
     clock: Clock,
     loss_permille: u32,
     sides: [Side; 2],
+    /// Events by the index of their side.
+    events: Vec<(usize, Event)>,
 }
 
 impl World {
@@ -65,6 +67,7 @@ impl World {
             clock,
             loss_permille: link.loss_permille,
             sides,
+            events: Vec::new(),
         };
         let (quic, address) = (world.moment().quic, world.sides[1].address);
         let connected = world.sides[0].endpoint.connect(quic, far, address);
@@ -96,9 +99,28 @@ impl World {
     }
 
     pub(crate) fn command(&mut self, at: usize, command: Command) {
-        let moment = self.moment();
-        if let Some((_, peer)) = &mut self.sides[at].peer {
-            peer.command(moment, command);
+        self.feed(at, Input::Command(command));
+    }
+
+    /// Feeds a peer, if there is one, and carries out its outputs.
+    fn feed(&mut self, at: usize, input: Input) {
+        let side = &mut self.sides[at];
+        let Some((handle, peer)) = &mut side.peer else {
+            return;
+        };
+        let mut next = Some(input);
+        while let Some(input) = next.take() {
+            let Ok(()) = peer.handle(self.now, input);
+            while let Some(output) = peer.poll() {
+                match output {
+                    Output::Event(event) => self.events.push((at, event)),
+                    Output::Endpoint(event) => {
+                        // An answer is rare, and each event has one at most.
+                        let answer = side.endpoint.event(*handle, event);
+                        next = answer.map(Input::Quic).or(next);
+                    }
+                }
+            }
         }
     }
 
@@ -112,20 +134,13 @@ impl World {
 
     /// Sends all that can be sent now.
     fn transmit(&mut self, at: usize) {
-        let moment = self.moment();
         let mut buffer = Vec::new();
         loop {
             buffer.clear();
-            let side = &mut self.sides[at];
-            let Some((handle, peer)) = &mut side.peer else {
+            let Some((_, peer)) = &mut self.sides[at].peer else {
                 return;
             };
-            while let Some(event) = peer.poll_endpoint() {
-                if let Some(answer) = side.endpoint.event(*handle, event) {
-                    peer.handle_event(moment, answer);
-                }
-            }
-            let Some(transmit) = peer.poll_transmit(moment, 1, &mut buffer) else {
+            let Some(transmit) = peer.poll_transmit(self.now, 1, &mut buffer) else {
                 return;
             };
             self.carry(at, &buffer[..transmit.size]);
@@ -139,11 +154,7 @@ impl World {
         let arrival = (side.endpoint).handle(moment.quic, from, None, bytes, &mut answer);
         match arrival {
             Some(Arrival::New(handle, connection)) => self.open(to, handle, *connection),
-            Some(Arrival::Event(_, event)) => {
-                if let Some((_, peer)) = &mut side.peer {
-                    peer.handle_event(moment, event);
-                }
-            }
+            Some(Arrival::Event(_, event)) => self.feed(to, Input::Quic(event)),
             Some(Arrival::Answer(_)) | None => {}
         }
     }
@@ -155,7 +166,7 @@ impl World {
         self.transmit(far);
         let clock = self.clock;
         let moments = self.sides.iter_mut().flat_map(|it| {
-            let timer = it.peer.as_mut().and_then(|(_, peer)| peer.deadline());
+            let timer = it.peer.as_ref().and_then(|(_, peer)| peer.deadline());
             let arrival = it.lane.due().map(|due| clock.of(due));
             [timer, arrival]
         });
@@ -167,19 +178,13 @@ impl World {
                 self.deliver(1 - from, &bytes);
             }
         }
-        let moment = self.moment();
-        let mut events = Vec::new();
-        for (at, side) in self.sides.iter_mut().enumerate() {
-            let Some((_, peer)) = &mut side.peer else {
-                continue;
-            };
-            if peer.deadline().is_some_and(|it| it <= self.now) {
-                peer.handle_timeout(moment);
-            }
-            while let Some(event) = peer.poll() {
-                events.push((at, event));
+        for at in [near, far] {
+            let timer = self.sides[at].peer.as_ref();
+            let timer = timer.and_then(|(_, peer)| peer.deadline());
+            if timer.is_some_and(|it| it <= self.now) {
+                self.feed(at, Input::Tick);
             }
         }
-        events
+        std::mem::take(&mut self.events)
     }
 }

@@ -6,7 +6,7 @@ use quinn_proto::{Connection, ConnectionHandle};
 use sm2_gateway::{
     clock::Clock,
     hub::{Hub, Input, LocalCommand, LocalEvent, Output},
-    peer::{Command, ConnectionId, Limits, Me, Peer},
+    peer::{self, Command, ConnectionId, Limits, Me, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 use sm2_proto::{
@@ -173,7 +173,7 @@ impl Node {
             Some(Arrival::New(handle, connection)) => self.open(handle, None, *connection, world),
             Some(Arrival::Event(handle, event)) => {
                 if let Some(link) = self.links.get_mut(&handle) {
-                    link.peer.handle_event(moment, event);
+                    link.feed(now, peer::Input::Quic(event));
                 }
             }
             Some(Arrival::Answer(transmit)) => self.send(now, &transmit, &answer, world),
@@ -213,15 +213,8 @@ impl Node {
             name: Name::new(&format!("g{}", self.index)).unwrap(),
         };
         let (epochs, limits) = (self.epochs.clone(), Limits::default());
-        let link = Link {
-            number: self.last,
-            dialled,
-            peer: Peer::new(connection, world.clock, me, epochs, limits),
-            commands: Queue::new(),
-            messages: Queue::new(),
-            offers: BTreeMap::new(),
-            ended: None,
-        };
+        let peer = Peer::new(connection, world.clock, me, epochs, limits);
+        let link = Link::new(self.last, dialled, peer);
         self.links.insert(handle, link);
     }
 
@@ -291,12 +284,14 @@ impl Node {
 
     fn message(&mut self, now: Instant, message: Message, world: &mut World) {
         match message {
-            Message::Hub(input) => self.hub.handle(now, input),
+            Message::Hub(input) => {
+                let Ok(()) = self.hub.handle(now, input);
+            }
             Message::Policy(rules) => {
                 let policy = rules.policy(&world.ledger.ids);
                 world.ledger.trace.add(now, self.index, "other rules");
                 world.ledger.policy(now, self.index, rules);
-                self.hub.handle(now, Input::Policy(policy));
+                let Ok(()) = self.hub.handle(now, Input::Policy(policy));
             }
         }
         while let Some(output) = self.hub.poll() {
