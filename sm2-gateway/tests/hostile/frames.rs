@@ -1,10 +1,10 @@
-//! Handshakes, and what stands on the control stream.
+//! Handshakes and control frames that are not legal.
 
 use quinn_proto::{ConnectionError, TransportConfig};
 use sm2_io::quic::{ALPN, SecretKey};
 use sm2_proto::{
-    Name,
-    gateway::{AskId, Frame, OfferId, PeerFarewell, PeerViolationKind, Verdict},
+    Code, Name,
+    gateway::{AskId, Frame, GatewayId, OfferId, PeerFarewell, PeerViolationKind, Verdict},
 };
 
 use crate::{
@@ -15,7 +15,7 @@ use crate::{
     text,
 };
 
-/// What TLS says stands behind this in QUIC (RFC 9001, section 4.8).
+/// The QUIC error code of TLS alert 0 (RFC 9001, section 4.8).
 const CRYPTO: u64 = 0x100;
 
 //= SM2-GWC-002 test
@@ -54,6 +54,68 @@ fn a_handshake_needs_a_trusted_raw_key_and_the_protocols_name() {
     bench.stop();
 }
 
+/// What a peer sends on the control stream, and the code that closes the connection.
+type Case = (&'static str, Vec<u8>, Code);
+
+/// Greetings that are not legal, or frames before the greeting.
+fn illegal_greetings(me: GatewayId) -> Vec<Case> {
+    use PeerViolationKind as V;
+    let versions = |min_version, max_version| {
+        let hello = Frame::Hello {
+            min_version,
+            max_version,
+            epoch: EPOCH,
+            name: Name::new("mallory").unwrap(),
+        };
+        hello.to_bytes()
+    };
+    let mut trailing = hello(EPOCH).to_bytes();
+    trailing[0] += 1;
+    trailing.push(0);
+    let offered = offer(1, &topic("m", text()), me).to_bytes();
+    let version = PeerFarewell::Version.code();
+    vec![
+        ("OFFER before HELLO", offered, V::ExpectedHello.code()),
+        ("min above max", versions(2, 1), V::BadVersionRange.code()),
+        ("no common version", versions(2, 9), version),
+        ("trailing bytes", trailing, V::TrailingBytes.code()),
+    ]
+}
+
+/// Frames that are not legal after the greeting.
+fn illegal_frames(me: GatewayId, other: GatewayId) -> Vec<Case> {
+    use PeerViolationKind as V;
+    let subject = topic("m", text());
+    let offered = |number, origin| offer(number, &subject, origin).to_bytes();
+    let want = |number, depth| {
+        let offer = OfferId(number);
+        Frame::Want { offer, depth }.to_bytes()
+    };
+    let unoffered = Frame::Unoffered { offer: OfferId(99) }.to_bytes();
+    let answer = Frame::Answer {
+        ask: AskId(1),
+        verdict: Verdict::Absent,
+    };
+    let long = 65_537_u32.to_le_bytes().to_vec();
+    let twice = [offered(1, me), offered(1, me)].concat();
+    let table = [
+        ("two HELLOs", hello(EPOCH).to_bytes(), V::UnexpectedHello),
+        ("a frame that is too long", long, V::FrameTooLong),
+        ("a frame without a body", vec![0; 4], V::Malformed),
+        ("an unknown frame", vec![1, 0, 0, 0, 99], V::UnknownFrame),
+        ("offer 0", offered(0, me), V::BadOffer),
+        ("the same offer twice", twice, V::BadOffer),
+        ("the path of another", offered(1, other), V::BadPath),
+        ("WANT of no offer", want(99, 1), V::UnknownOffer),
+        ("WANT without depth", want(1, 0), V::BadQos),
+        ("UNOFFERED of no offer", unoffered, V::UnknownOffer),
+        ("ANSWER to no ASK", answer.to_bytes(), V::UnexpectedAnswer),
+    ];
+    let greeted = |bytes: Vec<u8>| [hello(EPOCH).to_bytes(), bytes].concat();
+    let cases = table.map(|(what, bytes, violation)| (what, greeted(bytes), violation.code()));
+    cases.into()
+}
+
 //= SM2-GWE-001 test
 //= SM2-GWF-001 test
 //= SM2-GWF-002 test
@@ -66,111 +128,8 @@ fn a_handshake_needs_a_trusted_raw_key_and_the_protocols_name() {
 fn frames_that_are_not_legal_end_the_connection() {
     let mut bench = Bench::new();
     let me = bench.key.id();
-    let subject = topic("m", text());
-    let hello_bytes = hello(EPOCH).to_bytes();
-    let versions = |min_version, max_version| Frame::Hello {
-        min_version,
-        max_version,
-        epoch: EPOCH,
-        name: Name::new("mallory").unwrap(),
-    };
-    let offered = offer(1, &subject, me).to_bytes();
-    let (mut long, mut trailing) = (hello_bytes.clone(), hello_bytes.clone());
-    long.extend(65_537_u32.to_le_bytes());
-    trailing[0] += 1;
-    trailing.push(0);
-    let after = |frames: &[Vec<u8>]| {
-        hello_bytes
-            .iter()
-            .copied()
-            .chain(frames.concat())
-            .collect::<Vec<u8>>()
-    };
-    let verdict = Verdict::Absent;
-    let violation = |it: PeerViolationKind| it.code();
-    use PeerViolationKind as V;
-    let table = [
-        (
-            "OFFER before HELLO",
-            offered.clone(),
-            violation(V::ExpectedHello),
-        ),
-        (
-            "two HELLOs",
-            after(std::slice::from_ref(&hello_bytes)),
-            violation(V::UnexpectedHello),
-        ),
-        (
-            "no such range",
-            versions(2, 1).to_bytes(),
-            violation(V::BadVersionRange),
-        ),
-        (
-            "no common version",
-            versions(2, 9).to_bytes(),
-            PeerFarewell::Version.code(),
-        ),
-        ("too long", long, violation(V::FrameTooLong)),
-        (
-            "of no length",
-            after(&[vec![0; 4]]),
-            violation(V::Malformed),
-        ),
-        (
-            "unknown",
-            after(&[vec![1, 0, 0, 0, 99]]),
-            violation(V::UnknownFrame),
-        ),
-        ("bytes too many", trailing, violation(V::TrailingBytes)),
-        (
-            "offer 0",
-            after(&[offer(0, &subject, me).to_bytes()]),
-            violation(V::BadOffer),
-        ),
-        (
-            "offered twice",
-            after(&[offered.clone(), offered.clone()]),
-            violation(V::BadOffer),
-        ),
-        (
-            "another's path",
-            after(&[offer(1, &subject, bench.left.id()).to_bytes()]),
-            violation(V::BadPath),
-        ),
-        (
-            "WANT of nothing",
-            after(&[Frame::Want {
-                offer: OfferId(99),
-                depth: 1,
-            }
-            .to_bytes()]),
-            violation(V::UnknownOffer),
-        ),
-        (
-            "WANT of no depth",
-            after(&[Frame::Want {
-                offer: OfferId(1),
-                depth: 0,
-            }
-            .to_bytes()]),
-            violation(V::BadQos),
-        ),
-        (
-            "UNOFFERED of nothing",
-            after(&[Frame::Unoffered { offer: OfferId(99) }.to_bytes()]),
-            violation(V::UnknownOffer),
-        ),
-        (
-            "ANSWER to nothing",
-            after(&[Frame::Answer {
-                ask: AskId(1),
-                verdict,
-            }
-            .to_bytes()]),
-            violation(V::UnexpectedAnswer),
-        ),
-    ];
-    for (what, bytes, code) in table {
+    let frames = illegal_frames(me, bench.left.id());
+    for (what, bytes, code) in illegal_greetings(me).into_iter().chain(frames) {
         let mut client = bench.dial();
         client.say(&bytes);
         assert_eq!(client.closed(what), u64::from(code.0), "{what}");
@@ -188,7 +147,7 @@ fn frames_that_are_not_legal_end_the_connection() {
     bench.stop();
 }
 
-/// Whoever takes a topic takes it again where it is shown again.
+/// A gateway wants a topic again when it is offered again.
 //= SM2-GWO-004 test
 #[test]
 fn what_is_offered_again_is_wanted_again() {

@@ -1,4 +1,4 @@
-//! What comes by streams of its own.
+//! Streams of messages and calls that are not legal, too long, or abandoned.
 
 use std::time::Duration;
 
@@ -14,6 +14,39 @@ use crate::{
     message, text,
 };
 
+/// Streams that are not legal: what each carries, and the violation.
+fn illegal_streams() -> [(&'static str, Dir, Vec<u8>, PeerViolationKind); 10] {
+    use PeerViolationKind as V;
+    let request = |offer| {
+        let header = Header {
+            carried: Carried::Request { left_ns: 0 },
+            offer: OfferId(offer),
+            len: 0,
+        };
+        header.to_bytes().to_vec()
+    };
+    let message = |offer, len| message(offer, len).to_bytes().to_vec();
+    let (mut unknown, mut vast) = (message(1, 0), message(1, 0));
+    unknown[0] = 9;
+    vast[39] = 1;
+    let half = message(1, 3)[..20].to_vec();
+    let more = [&message(1, 3), &b"four"[..]].concat();
+    let fewer = [&message(1, 3), &b"to"[..]].concat();
+    let (uni, bi) = (Dir::Uni, Dir::Bi);
+    [
+        ("an unknown type", uni, unknown, V::Malformed),
+        ("a vast length", uni, vast, V::BadLength),
+        ("half a header", uni, half, V::Malformed),
+        ("no header", uni, Vec::new(), V::Malformed),
+        ("more bytes", uni, more, V::Malformed),
+        ("fewer bytes", uni, fewer, V::Malformed),
+        ("no such offer", uni, message(2, 0), V::NotWanted),
+        ("a call on one way", uni, request(1), V::Malformed),
+        ("a message on two ways", bi, message(1, 3), V::Malformed),
+        ("a call of no offer", bi, request(99), V::UnknownOffer),
+    ]
+}
+
 //= SM2-GWM-001 test
 //= SM2-GWM-002 test
 //= SM2-GWM-003 test
@@ -24,52 +57,7 @@ fn streams_that_are_not_legal_end_the_connection() {
     let mut bench = Bench::new();
     let hearer = bench.near.node("hearer");
     let _subscriber = hearer.subscriber::<str>("m").unwrap();
-    let left_ns = 0;
-    let request = |offer| Header {
-        carried: Carried::Request { left_ns },
-        offer,
-        len: 0,
-    };
-    let (mut other, mut vast) = (message(1, 0).to_bytes(), message(1, 0).to_bytes());
-    other[0] = 9;
-    vast[39] = 1;
-    let whole = message(1, 3).to_bytes();
-    let more = [&whole[..], b"four"].concat();
-    let fewer = [&whole[..], b"to"].concat();
-    use PeerViolationKind as V;
-    let table = [
-        ("no such type", Dir::Uni, other.to_vec(), V::Malformed),
-        ("vast", Dir::Uni, vast.to_vec(), V::BadLength),
-        (
-            "a header's half",
-            Dir::Uni,
-            whole[..20].to_vec(),
-            V::Malformed,
-        ),
-        ("no header", Dir::Uni, Vec::new(), V::Malformed),
-        ("more bytes", Dir::Uni, more, V::Malformed),
-        ("fewer bytes", Dir::Uni, fewer, V::Malformed),
-        (
-            "not offered",
-            Dir::Uni,
-            message(2, 0).to_bytes().to_vec(),
-            V::NotWanted,
-        ),
-        (
-            "a call on one way",
-            Dir::Uni,
-            request(OfferId(1)).to_bytes().to_vec(),
-            V::Malformed,
-        ),
-        ("a message on two", Dir::Bi, whole.to_vec(), V::Malformed),
-        (
-            "a call of nothing",
-            Dir::Bi,
-            request(OfferId(99)).to_bytes().to_vec(),
-            V::UnknownOffer,
-        ),
-    ];
-    for (what, dir, bytes, violation) in table {
+    for (what, dir, bytes, violation) in illegal_streams() {
         let mut client = bench.wanted(&topic("m", text()));
         let stream = client.open(dir);
         client.write(stream, &bytes);
@@ -77,10 +65,11 @@ fn streams_that_are_not_legal_end_the_connection() {
         let code = violation.code().0;
         assert_eq!(client.closed(what), u64::from(code), "{what}");
     }
-    // As soon as they are there: the end of the stream is not waited for.
+    use PeerViolationKind as V;
+    // Too many bytes are a violation at once, not only at the end of the stream.
     let mut client = bench.wanted(&topic("m", text()));
     let stream = client.open(Dir::Uni);
-    client.write(stream, &[&whole[..], b"four"].concat());
+    client.write(stream, &[&message(1, 3).to_bytes()[..], b"four"].concat());
     let code = V::Malformed.code().0;
     assert_eq!(client.closed("more bytes and no end"), u64::from(code));
     let mut client = bench.greeted();
@@ -90,7 +79,7 @@ fn streams_that_are_not_legal_end_the_connection() {
     let mut client = bench.dial();
     client.send(Dir::Uni, &message(1, 0), b"");
     let code = V::ExpectedHello.code().0;
-    // The control stream is the first that is opened.
+    // Opens the control stream, which is the first bidirectional one.
     client.say(&[]);
     assert_eq!(client.closed("before HELLO"), u64::from(code));
     let mut client = bench.greeted();
@@ -101,7 +90,7 @@ fn streams_that_are_not_legal_end_the_connection() {
     bench.stop();
 }
 
-/// What is too much is refused, and the connection stays.
+/// Payloads beyond the limits are refused, and the connection stays.
 //= SM2-GWM-006 test
 #[test]
 fn payloads_that_are_too_long_are_refused() {
@@ -115,7 +104,7 @@ fn payloads_that_are_too_long_are_refused() {
     client.until("refused", |it| it.stopped.contains_key(&refused));
     let code = PeerFarewell::Resources.code().0;
     assert_eq!(client.stopped[&refused], u64::from(code));
-    // As many unfinished ones as may be: those that do not fit in all are refused too.
+    // Unfinished payloads are refused once their sum exceeds the limit.
     let header = message(1, MESSAGE_BYTES as u64);
     let begun: Vec<_> = (0..40)
         .map(|_| {
@@ -152,7 +141,34 @@ fn payloads_that_are_too_long_are_refused() {
     bench.stop();
 }
 
-/// A peer may drop its calls as often as it likes.
+/// Opens 64 calls in different ways, and abandons them.
+fn drop_calls(client: &mut Client, request: impl Fn(u64) -> Header) {
+    let dropped: Vec<_> = (0..64)
+        .map(|number| {
+            let stream = client.open(Dir::Bi);
+            match number % 3 {
+                // A complete request.
+                0 => {
+                    client.write(stream, &request(2).to_bytes());
+                    client.write(stream, b"ab");
+                    client.finish(stream);
+                }
+                // A part of a header.
+                1 => client.write(stream, &request(2).to_bytes()[..30]),
+                // A request that is too long.
+                _ => client.write(stream, &request(MESSAGE_BYTES as u64 + 1).to_bytes()),
+            }
+            stream
+        })
+        .collect();
+    client.wait();
+    for stream in dropped {
+        client.give_up(stream);
+    }
+    client.wait();
+}
+
+/// A peer may abandon any number of calls.
 //= SM2-GWS-003 test
 //= SM2-GWS-004 test
 #[test]
@@ -177,27 +193,7 @@ fn calls_that_are_dropped_leave_room_for_others() {
         len,
     };
     for round in 0..CALLS_MAX / 64 + 1 {
-        let dropped: Vec<_> = (0..64)
-            .map(|number| {
-                let stream = client.open(Dir::Bi);
-                // Whole, half of it, and too long.
-                match number % 3 {
-                    0 => {
-                        client.write(stream, &request(2).to_bytes());
-                        client.write(stream, b"ab");
-                        client.finish(stream);
-                    }
-                    1 => client.write(stream, &request(2).to_bytes()[..30]),
-                    _ => client.write(stream, &request(MESSAGE_BYTES as u64 + 1).to_bytes()),
-                }
-                stream
-            })
-            .collect();
-        client.wait();
-        for stream in dropped {
-            client.give_up(stream);
-        }
-        client.wait();
+        drop_calls(&mut client, request);
         assert!(client.lost.is_none(), "{round}: {:?}", client.lost);
     }
     let server = std::thread::spawn(move || {
