@@ -16,6 +16,8 @@
 //! without I/O; `channel` has the queues between tasks, `local` the nodes in the domain, `run` the tasks,
 //! and `program` the command line.
 
+#![deny(clippy::disallowed_types)]
+
 mod address;
 pub mod availability;
 mod channel;

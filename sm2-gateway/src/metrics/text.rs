@@ -1,6 +1,6 @@
 //! The OpenMetrics text of a report.
 
-use std::{fmt, sync::atomic::AtomicU64};
+use std::fmt;
 
 use prometheus_client::{
     encoding::text::encode,
@@ -12,6 +12,13 @@ use crate::{Counts, Report};
 
 type Labels = Vec<(&'static str, String)>;
 type Counters = Family<Labels, Counter>;
+
+/// A gauge of fractions. Its type names the atomic in which `prometheus-client` keeps the bits.
+#[expect(
+    clippy::disallowed_types,
+    reason = "a type parameter of prometheus-client, not memory shared with a process"
+)]
+type FractionGauge = Gauge<f64, std::sync::atomic::AtomicU64>;
 
 /// The name of a count, its help, and its field.
 type Count = (&'static str, &'static str, fn(&Counts) -> u64);
@@ -57,7 +64,7 @@ pub(super) fn text(report: &Report) -> Result<String, fmt::Error> {
 fn peers(report: &Report, registry: &mut Registry) {
     let connected = Family::<Labels, Gauge>::default();
     let denied = Family::<Labels, Gauge>::default();
-    let rtt = Family::<Labels, Gauge<f64, AtomicU64>>::default();
+    let rtt = Family::<Labels, FractionGauge>::default();
     for name in &report.absent {
         connected.get_or_create(&of(name)).set(0);
     }
