@@ -1,7 +1,7 @@
-//! What a message costs the two programs that exchange it, in wall time.
+//! Wall time of a message, for the publisher and the subscriber together.
 //!
-//! Publisher and subscriber are two nodes of this process and of one thread, so nothing ever
-//! sleeps or waits for another core: what is left is the work of the library and the kernel.
+//! Both are nodes of one thread, so no thread sleeps or waits for another core. The result is the time that
+//! the library and the kernel need.
 //!
 //! `cargo bench -p sm2-node --bench message [-- PART_OF_A_NAME]`
 
@@ -19,11 +19,11 @@ use turns::in_turns;
 
 const LANES: [(&str, bool); 2] = [("ring", true), ("socket", false)];
 const SIZES: [usize; 3] = [64, 1 << 10, 64 << 10];
-/// As many messages as wait for a subscriber that says nothing else.
+/// The number of messages that wait for a subscriber with the default depth.
 const TURN: u64 = 8;
 const MANY: u16 = 32;
 
-/// A publisher, its subscriber and what they need to be linked.
+/// A publisher and its subscriber, with the objects that keep them linked.
 struct Pair {
     publisher: Publisher<[u8]>,
     subscriber: Subscriber<[u8]>,
@@ -78,13 +78,13 @@ impl Pair {
         published.expect("the link is open");
     }
 
-    /// Takes the next message, which is there, and gives it back.
+    /// Takes and releases the next message, which must have arrived.
     fn take(&mut self) {
         let taken = self.subscriber.try_recv().expect("the link is open");
         drop(taken.expect("a message"));
     }
 
-    /// The same with many at a time: mostly in one call, but one reads only so many datagrams.
+    /// Takes many messages: usually in one call, but a call reads a limited number of datagrams.
     fn take_many(&mut self) {
         while self.samples.len() < MANY.into() {
             let most = usize::from(MANY) - self.samples.len();

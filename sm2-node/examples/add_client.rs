@@ -1,4 +1,4 @@
-//! Asks for a sum: `add_client NUMBER...`.
+//! Asks a server for a sum: `add_client NUMBER...`.
 
 mod common;
 

@@ -1,4 +1,4 @@
-//! Adds numbers for whoever asks: `add_server [COUNT]`.
+//! Serves sums of numbers: `add_server [COUNT]`.
 
 mod common;
 

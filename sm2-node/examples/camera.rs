@@ -1,7 +1,7 @@
 //! A camera and a viewer that share memory: `camera [FRAMES]`.
 //!
-//! Each image is written once, into memory that the viewer reads in place. No byte of it is
-//! copied, whatever its size.
+//! Each image is written once, into memory that the viewer reads in place. No byte is copied, whatever the
+//! size.
 
 mod common;
 
@@ -15,7 +15,7 @@ use sm2_node::zerocopy::little_endian::{U32, U64};
 use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 use sm2_node::{Message, Node, now};
 
-/// A header, and as many pixels as there are.
+/// A header, followed by the pixels.
 #[derive(Message, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[message(name = "sensor/Image")]
 #[repr(C)]

@@ -1,4 +1,4 @@
-//! Prints what a talker says: `listener [COUNT]`.
+//! Prints the messages of a talker: `listener [COUNT]`.
 
 mod common;
 

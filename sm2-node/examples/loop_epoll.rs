@@ -1,23 +1,23 @@
 //! A node in a bare epoll loop: `loop_epoll [COUNT [PERIOD_MS]]`.
 //!
-//! One thread and one loop, which waits for three things: a node that hears `chatter` and
-//! publishes `heartbeat`, a timer of the program's own that says when, and Ctrl-C. With
-//! `sm2 manager` running, try it beside a talker:
+//! One thread runs one loop, which waits for three things: a node that subscribes to `chatter` and publishes
+//! `heartbeat`, a timer of the program that triggers the heartbeat, and Ctrl-C. Start `sm2 manager`, then run
+//! this program beside a talker:
 //!
 //! ```sh
 //! cargo run -p sm2-node --example loop_epoll -- 10
 //! cargo run -p sm2-node --example talker -- 10
 //! ```
 //!
-//! - **What to watch**: the descriptor of each subscriber and server, and of each client that
-//!   has calls under way, for reading, level-triggered. Each also stands for its whole
-//!   node: for new links, for room in a socket that was full, for the node's own timer. A
-//!   node that only publishes is watched by its own descriptor.
-//! - **What to call**: `try_recv`. It first moves the whole node on, so no other call is
-//!   needed. A node that only publishes: `spin_some()`.
-//! - **Nothing is missed**: a subscriber's descriptor stays readable until `try_recv` has
-//!   said that there is nothing, whichever call took the message from its socket. `publish`
-//!   below is such a call. So a turn may end early, with messages left for the next.
+//! - **What to watch**: the descriptors of all subscribers and servers, and of each client that has pending
+//!   calls; for reading, level-triggered. Each descriptor also stands for its whole node: for new links, for
+//!   room in a full socket, for the node's own timer. If a node only publishes, watch the node's own
+//!   descriptor.
+//! - **What to call**: `try_recv`. It drives the whole node first, so no other call is needed. For a node
+//!   that only publishes, call `spin_some()`.
+//! - **No message is missed**: a subscriber's descriptor stays readable until `try_recv` has returned that
+//!   there is no message. That holds even if another call, such as `publish` below, has read the message from
+//!   the socket. An iteration may therefore end early and leave messages for the next one.
 //!
 //! Ends after COUNT messages with status 0, on Ctrl-C with status 130.
 

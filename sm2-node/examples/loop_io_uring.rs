@@ -1,18 +1,17 @@
 //! A node in an `io_uring` loop: `loop_io_uring [COUNT [PERIOD_MS]]`.
 //!
-//! The same program as `loop_epoll`, which says what to watch and what to call. Here the
-//! kernel is asked by `POLL_ADD` to say when a descriptor is readable. Each such request is
-//! good for one answer, and is made again after the turn: if there is still something to
-//! do then, the kernel answers at once. (A multishot request is answered again only when
-//! something *new* comes, so a turn that ended early would leave messages behind.)
+//! The same program as `loop_epoll`, which explains the descriptors to watch and the calls. Here, `POLL_ADD`
+//! requests ask the kernel to report a readable descriptor. Each request gives one answer, and is submitted
+//! again after the iteration: if there is still something to do, the kernel answers at once. (A multishot
+//! request would report only *new* data, so an iteration that ends early would leave messages behind.)
 //!
 //! ```sh
 //! cargo run -p sm2-node --example loop_io_uring -- 10
 //! cargo run -p sm2-node --example talker -- 10
 //! ```
 //!
-//! Ends after COUNT messages with status 0, on Ctrl-C with status 130. Where the kernel has
-//! no `io_uring` for this process, it says so and ends with status 0.
+//! Ends after COUNT messages with status 0, on Ctrl-C with status 130. If the kernel offers no `io_uring` to
+//! this process, the program says so and ends with status 0.
 
 mod common;
 
@@ -85,12 +84,12 @@ fn serve() -> Outcome<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Asks for one answer when `fd` is readable; it goes out with the next submission.
+/// Requests one answer when `fd` is readable; the next submission sends the request.
 fn watch(ring: &mut IoUring, fd: impl AsFd, token: u64) -> Outcome {
     let events = libc::POLLIN as u32;
     let request = PollAdd::new(Fd(fd.as_fd().as_raw_fd()), events).build();
-    // SAFETY: a POLL_ADD names a descriptor and no memory, so there is nothing that the
-    // kernel could touch later.
+    // SAFETY: a POLL_ADD refers to a descriptor and to no memory, so the kernel accesses no memory of this
+    // process later.
     unsafe { ring.submission().push(&request.user_data(token)) }?;
     Ok(())
 }

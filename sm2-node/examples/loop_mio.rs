@@ -1,10 +1,10 @@
 //! A node in a mio loop: `loop_mio [COUNT [PERIOD_MS]]`.
 //!
-//! The same program as `loop_epoll`, which says what to watch and what to call. What
-//! differs is the kind of trigger. mio is edge-triggered: it reports that a descriptor
-//! *became* readable, once. One wake-up may announce more than one turn takes from the node,
-//! or more than the node itself takes from its sockets in one call. So the descriptor is
-//! registered anew after each turn: if there is still something to do, mio reports it again.
+//! The same program as `loop_epoll`, which explains the descriptors to watch and the calls. The difference is
+//! the trigger. mio is edge-triggered: it reports once that a descriptor *became* readable. One report may
+//! announce more messages than one iteration takes, or than the node reads from its sockets in one call. The
+//! descriptor is therefore registered again after each iteration: if there is still something to do, mio
+//! reports it again.
 //!
 //! ```sh
 //! cargo run -p sm2-node --example loop_mio -- 10

@@ -1,4 +1,4 @@
-//! A map that is published once, and reaches those who come late: `map_latched`.
+//! A map that is published once, and reaches subscribers that come later: `map_latched`.
 
 mod common;
 
@@ -34,7 +34,7 @@ fn serve() -> Outcome {
     })?;
 
     let late = thread::spawn(navigate);
-    // Whoever comes late is served while the map server is called.
+    // The late subscriber is served while the map server is called.
     while !late.is_finished() {
         node.spin_once_timeout(Duration::from_millis(100))?;
     }

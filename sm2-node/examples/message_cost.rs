@@ -1,9 +1,10 @@
-//! What a message costs the two processes that exchange it: `message_cost [BYTES [LANE [AT_A_TIME]]]`.
+//! Measures the cost of a message for the two processes that exchange it: `message_cost [BYTES [LANE
+//! [AT_A_TIME]]]`.
 //!
-//! Publisher and subscriber are two nodes of this process and of one thread, so nothing ever
-//! sleeps or waits for another core: what is left is the work of the library and the kernel.
-//! Prints nanoseconds per message, the median of nine rounds, for both lanes. With `AT_A_TIME`, 1 or 32,
-//! it does only that, so that `valgrind --tool=callgrind` says in instructions where it goes.
+//! Publisher and subscriber are nodes of one thread, so no thread sleeps or waits for another core. The
+//! result is the time that the library and the kernel need. Prints nanoseconds per message, the median of
+//! nine rounds, for both lanes. With `AT_A_TIME`, 1 or 32, it measures only that case, so that `valgrind
+//! --tool=callgrind` can attribute the instructions.
 
 use std::time::Instant;
 
@@ -12,7 +13,7 @@ use sm2_node::{Node, Publisher, Subscriber};
 
 const ROUNDS: usize = 9;
 const MESSAGES: usize = 32_000;
-/// As many are published before they are received.
+/// How many messages are published before they are received.
 const BATCH: usize = 32;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -23,9 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let socket = folder.path().join("domain.sock");
     let _manager = Background::start(&socket, Options::default())?;
-    println!(
-        "{bytes} bytes, ns per message: publish, receive and give back; the same, 32 at a time"
-    );
+    println!("{bytes} bytes, ns per message: publish, receive and release; the same, 32 at a time");
     let lanes = [("ring", true), ("socket", false)];
     let wanted = std::env::args().nth(2);
     let at_a_time = std::env::args().nth(3).map(|it| it.parse()).transpose()?;

@@ -1,4 +1,4 @@
-//! Says something ten times a second: `talker [COUNT]`.
+//! Publishes a text ten times a second: `talker [COUNT]`.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! Publishing in a pool that was reserved takes nothing from the heap. A file of its own: it
-//! counts what the thread that publishes allocates.
+//! Publishing with a reserved pool does not allocate. In its own file: the test counts the allocations of the
+//! publishing thread.
 
 mod common;
 
@@ -20,7 +20,7 @@ thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
 }
 
-// SAFETY: everything is the system allocator's work; counting changes nothing about it.
+// SAFETY: every call is passed on to the system allocator; counting changes nothing about it.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
@@ -50,7 +50,7 @@ fn allocations(work: impl FnOnce()) -> usize {
 }
 
 const LEN: usize = 100_000;
-/// Each subscriber may hold 4, for each 8 may wait, and one is written; there is some more.
+/// Each subscriber may hold 4, and 8 may wait for each; one is being written; the rest is spare.
 const SLOTS: u32 = 32;
 
 fn reserved(node: &Node) -> Publisher<[u8]> {
@@ -63,7 +63,7 @@ fn reserved(node: &Node) -> Publisher<[u8]> {
     builder.declare().unwrap()
 }
 
-/// In every way, and short messages as well.
+/// Publishes in every way, also short messages.
 fn publish(publisher: &Publisher<[u8]>, message: &[u8]) {
     for len in [1, 4_000, LEN] {
         publisher.publish(&message[..len]).unwrap();
@@ -80,7 +80,7 @@ const MESSAGES: usize = 6;
 fn subscribe(domain: &Domain, name: &str) -> Subscriber<[u8]> {
     let node = domain.node(name);
     let builder = node.subscriber_builder::<[u8]>("topic");
-    // The books that a link keeps of up to eleven messages under way are made once.
+    // A link allocates once for its records of up to eleven messages in flight.
     builder.depth(8).max_borrowed(2).declare().unwrap()
 }
 
@@ -111,7 +111,7 @@ fn publishing_does_not_allocate() {
     let mut count = 0;
     for round in 0..50 {
         let now = allocations(|| publish(&publisher, &message));
-        // Until everything that is made once is there.
+        // The first rounds make all allocations that happen only once.
         count += if round < 10 { 0 } else { now };
         until(|| in_flight(&publisher) == 0);
     }
@@ -122,8 +122,8 @@ fn publishing_does_not_allocate() {
     assert_eq!(allocations(|| drop(Box::new(1_u8))), 1, "counts at all");
 }
 
-/// A subscriber that stands still: messages wait for it, and the link's books of those that wait
-/// take one piece of memory each. Nothing else does.
+/// A subscriber that does not take messages: the link allocates once for its records of waiting messages.
+/// There are no other allocations.
 #[test]
 fn what_waits_for_a_subscriber_is_all_that_allocates() {
     const PER_MESSAGE: usize = 1;
@@ -160,6 +160,6 @@ fn what_is_prefaulted_is_written_without_faults() {
         write(&without) > pages / 16,
         "the kernel may bring several at a time"
     );
-    // Some may be those of the code that runs for the first time.
+    // Some page faults may come from code that runs for the first time.
     assert!(write(&publisher) < pages / 64);
 }

@@ -11,7 +11,7 @@ use futures_util::{SinkExt, StreamExt, poll};
 use sm2_node::asynchronous::{IntoAsync, drive};
 use sm2_node::{CallError, Message, PublishError, Publisher, Subscriber};
 
-/// Runs a future on one thread, or fails the test.
+/// Runs a future on one thread, and fails the test if it takes too long.
 fn run<F: Future>(future: F) -> F::Output {
     let runtime = tokio::runtime::Builder::new_current_thread();
     let runtime = { runtime }.enable_all().build().expect("a runtime");
@@ -19,7 +19,7 @@ fn run<F: Future>(future: F) -> F::Output {
     runtime.block_on(done).expect("in time")
 }
 
-/// A reliable pair with room for one message on each side.
+/// A reliable publisher and subscriber with room for one message on each side.
 fn narrow<T: Message + ?Sized>(
     domain: &Domain,
     timeout: Duration,
@@ -47,7 +47,7 @@ fn a_stream_has_every_message_in_order() {
     let domain = Domain::new();
     let (publisher, subscriber) = pair(
         &domain,
-        // A socket that is full displaces what is not reliable.
+        // For an unreliable link, a full socket displaces messages.
         |node| {
             let builder = node
                 .publisher_builder::<u64>("count")
@@ -96,7 +96,7 @@ fn a_receive_that_is_cancelled_takes_nothing() {
     run(async {
         let subscriber = subscriber.into_async().expect("watched");
         for number in 0..100_u64 {
-            // Nothing is there: this future is dropped while it waits.
+            // There is no message: this future is dropped while it waits.
             let early = tokio::time::timeout(Duration::from_micros(10), subscriber.recv());
             assert!(early.await.is_err());
             publisher.publish(&number).expect("published");
@@ -145,7 +145,7 @@ fn a_sink_waits_for_a_reliable_subscriber_without_blocking_the_thread() {
     run(async {
         let mut publisher = publisher.into_async().expect("watched");
         let mut subscriber = subscriber.into_async().expect("watched");
-        // Both on this one thread: whoever blocked it would wait for ever.
+        // Both run on one thread: if one of them blocked it, both would wait forever.
         let send = async {
             for number in 0..200_u8 {
                 publisher.send(vec![number; 10]).await.expect("sent");
@@ -244,7 +244,7 @@ fn a_call_that_is_dropped_is_cancelled() {
     });
 }
 
-/// Whoever asks for its own reply may be the one that reads the reply of another task.
+/// A task that waits for its own reply may read the reply of another task.
 //= SM2-RNG-009 test
 #[test]
 fn a_task_is_woken_though_another_one_took_note_of_its_reply() {
@@ -267,7 +267,7 @@ fn a_task_is_woken_though_another_one_took_note_of_its_reply() {
                 tokio::task::yield_now().await;
             };
             let mut other = client.get_ref().send_timeout(&2, SOON).expect("sent");
-            // Now it sleeps, and the runtime knows of no change.
+            // Now the task sleeps, and the runtime has no change to report.
             for _ in 0..10 {
                 tokio::task::yield_now().await;
                 assert!(poll!(&mut waiting).is_pending());

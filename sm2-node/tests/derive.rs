@@ -1,4 +1,4 @@
-//! The derive macros, and the hashes that other programs and ports must agree on.
+//! The derive macros, and the hashes that other programs and ports must reproduce.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -38,7 +38,7 @@ mod one {
     }
 }
 
-/// The same structures, at another place, under other Rust names.
+/// The same structures in another module, with other Rust names.
 mod two {
     use super::*;
 
@@ -144,7 +144,7 @@ fn hashes_are_these_numbers_for_ever() {
     }
 }
 
-/// The rule of the module's documentation, followed by hand.
+/// Computes a hash by hand, by the rule in the module's documentation.
 #[test]
 fn a_hash_is_that_of_the_text_in_the_documentation() {
     fn fnv(text: &str) -> u64 {
@@ -233,7 +233,7 @@ fn every_kind_of_message_comes_back_as_it_was() {
 
 #[test]
 fn memory_that_is_not_aligned_is_copied_to_where_it_is() {
-    // Whatever the allocator does, one of these is misaligned for an Imu.
+    // Wherever the allocator places the buffer, one of these offsets is misaligned for an Imu.
     for offset in 0..8 {
         let bytes = bytes::Bytes::from(vec![1; 32 + offset]).slice(offset..);
         let imu = one::Imu::view(Payload::from(bytes)).unwrap();

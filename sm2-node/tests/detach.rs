@@ -1,5 +1,5 @@
-//! Memory that a publisher is done with is unmapped by those who still listen. The only test of its
-//! file, since it counts what the whole process has mapped.
+//! A subscriber unmaps memory that its publisher no longer uses. In its own file: the test counts the
+//! mappings of the whole process.
 
 mod common;
 
@@ -12,8 +12,8 @@ fn segments() -> usize {
     maps.lines().filter(is_segment).count()
 }
 
-/// A subscriber is gone with a message in its hands, so that this memory is not written again; the
-/// other one gives the message back, and nothing is published any more.
+/// One subscriber ends while it holds a message, so that this memory is not written again. The other one
+/// releases the message, and nothing is published any more.
 //= SM2-OPN-008 test
 #[test]
 fn what_is_not_used_again_is_unmapped_without_another_message() {
@@ -28,11 +28,15 @@ fn what_is_not_used_again_is_unmapped_without_another_message() {
         meet(&publisher, &[&stays, &goes]);
         publisher.publish(&pattern(100_000, 1)).unwrap();
         let [held, lost] = [&stays, &goes].map(common::next);
-        assert_eq!(segments(), 3, "the publisher's, and one of each subscriber");
+        assert_eq!(
+            segments(),
+            3,
+            "one mapping of the publisher and one of each subscriber"
+        );
         drop(goes);
         until(|| publisher.links().iter().filter(|it| it.open).count() == 1);
         drop((held, lost));
-        // Somebody looks at its counters, and finds what came back.
+        // Reading the counters makes the publisher notice the release.
         until(|| publisher.counters().in_flight == 0);
         until(|| stays.links().len() == 1 && segments() == 0);
     }

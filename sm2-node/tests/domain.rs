@@ -1,4 +1,4 @@
-//! What a node can ask about its domain.
+//! Queries about the domain.
 
 mod common;
 
@@ -15,7 +15,7 @@ fn names(domain: &Mirror) -> Vec<String> {
     domain.nodes().map(|node| node.name.to_string()).collect()
 }
 
-/// The interfaces that nobody refused.
+/// Returns the topics of interfaces that were not refused.
 fn topics(domain: &Mirror) -> Vec<String> {
     let granted = domain.interfaces().filter(|it| it.refused.is_none());
     granted.map(|it| it.contract.name().to_string()).collect()
@@ -28,7 +28,7 @@ fn a_snapshot_shows_what_was_declared_before() {
     let node = domain.node("node");
     assert_eq!(names(&node.snapshot().unwrap()), ["node"]);
     let mut all = Vec::new();
-    // More than a page holds.
+    // More items than one page holds.
     for count in 0..400 {
         let name = format!("{}/{count:03}", "long-name".repeat(20));
         all.push(node.publisher::<[u8]>(&name).unwrap());
@@ -46,7 +46,7 @@ fn snapshots_are_exact_while_everything_changes() {
     let domain = Domain::new();
     let stop = AtomicBool::new(false);
     let tool = domain.node("tool");
-    // What every snapshot has to show: it was there before, and stays.
+    // Every snapshot must contain these, which exist during the whole test.
     let steady: Vec<_> = (0..150)
         .map(|n| {
             tool.publisher::<[u8]>(&format!("steady/{}/{n}", "x".repeat(220)))
@@ -58,7 +58,7 @@ fn snapshots_are_exact_while_everything_changes() {
             let (node, stop) = (domain.node(&format!("churner-{churner}")), &stop);
             scope.spawn(move || {
                 while !stop.load(Ordering::Relaxed) {
-                    // Each pair is there as a whole, or not at all, but for one moment.
+                    // Each pair exists as a whole or not at all, except for one moment.
                     let one = node.publisher::<[u8]>("churn").unwrap();
                     let other = node.subscriber::<[u8]>("churn").unwrap();
                     drop((one, other));
@@ -76,7 +76,7 @@ fn snapshots_are_exact_while_everything_changes() {
                         let shown = topics(&snapshot);
                         let kept = shown.iter().filter(|it| it.starts_with("steady")).count();
                         assert_eq!(kept, steady.len());
-                        // A link stands between interfaces that are there.
+                        // A link exists only between interfaces that exist.
                         for link in snapshot.links() {
                             assert!(snapshot.interface(link.offering).is_some());
                             assert!(snapshot.interface(link.demanding).is_some());
@@ -94,7 +94,7 @@ fn snapshots_are_exact_while_everything_changes() {
     });
 }
 
-/// What a watch told, put together by hand.
+/// The state that results from a watch's changes.
 #[derive(Default)]
 struct Told(BTreeMap<Key, Item>);
 
@@ -147,7 +147,7 @@ fn a_watch_sees_every_change_also_that_of_the_manager() {
     let _kept = node.publisher::<u8>("kept").unwrap();
     domain.stop();
     away(&[&tool, &node]);
-    // What it knew when the Manager went, and no more.
+    // The watch reports the changes until the Manager ended, and no more.
     while let changes = watch.wait_timeout(Duration::from_millis(2)).unwrap()
         && !changes.is_empty()
     {
@@ -174,7 +174,7 @@ fn several_watches_and_questions_of_one_node_do_not_wait_for_each_other() {
     let mut late = tool.watch();
     late.wait_timeout(SOON).unwrap();
     let publisher = node.publisher::<u8>("one").unwrap();
-    // This one goes on, and then waits at the end; the other one is behind.
+    // This watch continues and then waits for changes; the other one is behind.
     assert!(!late.wait_timeout(SOON).unwrap().is_empty());
     thread::scope(|scope| {
         let ahead = scope.spawn(|| late.wait_timeout(SOON).unwrap());
@@ -194,7 +194,7 @@ fn several_watches_and_questions_of_one_node_do_not_wait_for_each_other() {
     assert!(topics(late.domain()).is_empty());
 }
 
-/// Who has read some pages needs changes that another one's question leaves out.
+/// A watch in the middle of its pages needs changes that another watch's query does not return.
 #[test]
 fn a_watch_that_waits_at_the_end_does_not_hold_up_one_in_the_middle() {
     let domain = Domain::new();
@@ -205,7 +205,7 @@ fn a_watch_that_waits_at_the_end_does_not_hold_up_one_in_the_middle() {
                 .unwrap()
         })
         .collect();
-    // Not more than one page for each look.
+    // Each step reads at most one page.
     let mut early = tool.watch();
     for _ in 0..2 {
         assert!(early.try_wait().unwrap().is_empty());
@@ -214,13 +214,13 @@ fn a_watch_that_waits_at_the_end_does_not_hold_up_one_in_the_middle() {
     let one_more = tool.publisher::<u8>("one-more").unwrap();
     let mut late = tool.watch();
     assert_eq!(late.wait_timeout(SOON).unwrap().len(), many.len() + 3);
-    // From here on it waits for what comes after that.
+    // From here on the watch waits for later changes.
     assert!(late.try_wait().unwrap().is_empty());
     assert_eq!(early.wait_timeout(SOON).unwrap().len(), many.len() + 3);
     drop(one_more);
 }
 
-/// What one Manager says is nothing to who followed the one before, whatever the revisions.
+/// Changes of a new Manager must not be applied to the state of the old one, whatever their revisions.
 #[test]
 fn a_watch_that_was_not_asked_during_the_change_is_exact_after_it() {
     let mut domain = Domain::new();
@@ -229,7 +229,7 @@ fn a_watch_that_was_not_asked_during_the_change_is_exact_after_it() {
         domain.node("node"),
         domain.node("gone"),
     );
-    // Its revision is one that the next Manager comes to, too.
+    // A revision that the next Manager will reach too.
     for _ in 0..20 {
         drop(node.publisher::<u8>("topic").unwrap());
     }
@@ -249,13 +249,13 @@ fn a_watch_that_was_not_asked_during_the_change_is_exact_after_it() {
         late.wait_timeout(SOON).unwrap();
     }
     until(|| topics(&tool.snapshot().unwrap()).is_empty());
-    // At once, and not by steps: there is no state in which both Managers have their word.
+    // The change of Manager is one step: no state contains items of both Managers.
     told.take(early.wait_timeout(SOON).unwrap());
     assert!(told.is(early.domain()) && told.is(&tool.snapshot().unwrap()));
     assert_eq!(names(early.domain()).len(), 2);
 }
 
-/// A watch is of use to who never waits.
+/// A watch also works for a program that never waits.
 #[test]
 fn a_watch_that_is_only_polled_sees_changes() {
     let domain = Domain::new();
@@ -301,7 +301,7 @@ fn why_says_what_is_linked_and_what_is_not() {
         matches!(verdict.finding, Finding::Unknown { .. }),
         "{verdict:?}"
     );
-    // A topic of nearly that name, and a service.
+    // A topic with a similar name, and a service.
     let alone = listener.subscriber::<u8>("topics").unwrap();
     assert!(!alone.why().unwrap().is_empty());
     assert!(publisher.why().is_ok() && subscriber.is_registered());
@@ -331,7 +331,7 @@ fn types_that_are_declared_can_be_described() {
     tool.register_schema(data.clone(), text).unwrap();
     assert!(tool.register_schema(data.clone(), "plain:u64").is_err());
     assert!(tool.register_schema(data.clone(), "plain:").is_err());
-    // The next Manager is told again.
+    // The text is registered again at the next Manager.
     domain.stop();
     away(&[&node, &tool]);
     domain.start();
@@ -358,7 +358,7 @@ fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
         publisher.publish(&vec![0; len * 200]).unwrap();
         assert_eq!(next(&subscriber).len(), len * 200);
     }
-    // The last is given back when both have been called.
+    // The last message is released when both nodes have been called.
     until(|| publisher.counters().in_flight == 0 || subscriber.links().is_empty());
     for round in 0..2 {
         let look = |node: &Node| {
@@ -403,7 +403,11 @@ fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
     drop(subscriber);
     until(|| publisher.links()[0].end.is_some());
     let view = tool.inspect(talker.id().unwrap()).unwrap().unwrap();
-    assert_eq!(view.entries().count(), 1, "that of the link is free again");
+    assert_eq!(
+        view.entries().count(),
+        1,
+        "the entry of the link is free again"
+    );
     drop(publisher);
     assert_eq!(view.entries().count(), 0);
     assert!(

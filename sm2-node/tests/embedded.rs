@@ -1,4 +1,4 @@
-//! Domains without a daemon: nodes that bring a Manager along.
+//! Domains without a daemon: nodes that embed a Manager.
 
 mod common;
 
@@ -37,7 +37,7 @@ fn the_first_node_brings_the_manager_and_the_second_takes_over() {
     publisher.publish("still here").unwrap();
     assert_eq!(&*next(&subscriber), "still here");
     assert_eq!(publisher.links().len(), 1);
-    // When the last of them is gone, so is the Manager.
+    // The Manager ends together with the last node of its process.
     drop((subscriber, second));
     until(|| !plain.is_connected());
     assert!(Node::builder("late").socket(&socket).connect().is_err());
@@ -45,7 +45,7 @@ fn the_first_node_brings_the_manager_and_the_second_takes_over() {
 
 const SOCKET: &str = "SM2_TEST_EMBEDDED_SOCKET";
 
-/// Not a test of its own: the process that is killed.
+/// The process that the test below kills.
 #[test]
 fn a_process_with_a_manager() {
     let Some(socket) = std::env::var_os(SOCKET) else {
@@ -60,7 +60,7 @@ fn a_process_with_a_manager() {
     }
 }
 
-/// Killed when it is dropped.
+/// A process that is killed when dropped.
 struct Killed(Child);
 
 impl Drop for Killed {
@@ -105,7 +105,7 @@ fn when_the_process_of_the_manager_is_killed_another_takes_over() {
         assert_eq!(*next(&subscriber), number);
     }
     assert_eq!((publisher.links().len(), subscriber.links().len()), (1, 1));
-    // The name of whoever was killed is free.
+    // The name of the killed node is free.
     let first = node("first", &socket);
     assert_eq!(first.epoch(), second.epoch());
 }

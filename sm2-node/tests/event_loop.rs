@@ -1,5 +1,5 @@
-//! In an event loop of one's own, each descriptor is enough for what it stands for. (Whole
-//! programs with such loops are examples: see `tests/examples.rs`.)
+//! In an event loop, each descriptor is sufficient for its interface. (Complete programs with such loops are
+//! examples: see `tests/examples.rs`.)
 
 mod common;
 
@@ -13,8 +13,8 @@ const CLIENT: u64 = 1;
 const PUBLISHER: u64 = 2;
 const SUBSCRIBER: u64 = 3;
 
-/// One loop for all four kinds, each a node of its own, which nobody calls but when its
-/// descriptor says so, and only as the table of the crate's documentation says.
+/// One loop for all four kinds of interfaces, each with its own node. A node is called only when its
+/// descriptor is readable, and only as the table in the crate's documentation says.
 #[test]
 fn each_descriptor_is_enough() {
     let domain = Domain::new();

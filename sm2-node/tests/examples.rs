@@ -1,4 +1,4 @@
-//! Every example, as a user runs it.
+//! Runs every example as a user does.
 
 mod common;
 
@@ -13,10 +13,10 @@ use nix::unistd::Pid;
 use sm2_node::Node;
 
 const LOOPS: [&str; 3] = ["loop_epoll", "loop_mio", "loop_io_uring"];
-/// The period of a timer that does not come while a test runs, in milliseconds.
+/// A timer period, in milliseconds, that does not elapse during a test.
 const NEVER: &str = "100000000";
 
-/// A running example. Dropping it kills it.
+/// A running example. Killed when dropped.
 struct Example(Child);
 
 impl Example {
@@ -39,10 +39,10 @@ impl Example {
         BufReader::new(self.0.stdout.take().unwrap())
     }
 
-    /// What it printed, once it has ended.
+    /// Waits for the end, and returns the output.
     fn finish(mut self) -> Output {
         let child = &mut self.0;
-        // Read while it runs: what nobody reads blocks it.
+        // Reads while the example runs, because a full pipe would block it.
         let stdout = child.stdout.take().map(read_all);
         let stderr = child.stderr.take().map(read_all);
         let deadline = Instant::now() + SOON;
@@ -54,7 +54,7 @@ impl Example {
                 child.kill().unwrap();
                 let stdout = stdout.map(|it| it.join().unwrap());
                 let text = String::from_utf8(stdout.unwrap_or_default()).unwrap();
-                panic!("it does not end, and has printed: {text}");
+                panic!("the example does not end; its output: {text}");
             }
             std::thread::sleep(Duration::from_millis(5));
         };
@@ -66,7 +66,7 @@ impl Example {
         }
     }
 
-    /// What it printed, once it has ended well.
+    /// Waits for a successful end, and returns the output.
     fn output(self) -> String {
         let Output {
             status,
@@ -145,7 +145,7 @@ fn map_latched() {
     assert!(text.contains("dock at 7.25, 0"), "{text}");
 }
 
-/// What goes wrong is one line on standard error that says what to do.
+/// An error is one line on standard error that says what to do.
 #[test]
 fn an_error_is_one_line() {
     let folder = tempfile::tempdir().unwrap();
@@ -206,7 +206,7 @@ fn output_that_nobody_reads_ends_it_quietly() {
     }
 }
 
-/// Whether the kernel keeps io_uring from this process, so that there is nothing to test.
+/// Whether the kernel refuses io_uring to this process, so that there is nothing to test.
 fn is_refused(output: &str) -> bool {
     let refused = output.starts_with("no io_uring here: ");
     if refused {
@@ -215,7 +215,7 @@ fn is_refused(output: &str) -> bool {
     refused
 }
 
-/// Runs `test` with each loop, once it has subscribed, and with a node that talks to it.
+/// Runs `test` with each loop, once the loop has subscribed, and with a node that publishes to it.
 fn in_each_loop(arguments: &[&str], test: impl Fn(&mut Domain, &Node, &str, Example)) {
     for name in LOOPS {
         let mut domain = Domain::new();
@@ -240,8 +240,8 @@ fn hello(numbers: std::ops::RangeInclusive<u64>) -> Vec<String> {
     numbers.map(line).collect()
 }
 
-/// Messages come in bursts, and the loop's own timer between them, whose publication reads
-/// the sockets too: all is heard, in order.
+/// Messages come in bursts. In between, the loop's own timer triggers a publication, which also reads the
+/// sockets. All messages arrive in order.
 #[test]
 fn a_loop_misses_nothing() {
     in_each_loop(&["1000", "10"], |_, node, name, example| {
@@ -267,7 +267,7 @@ fn a_loop_misses_nothing() {
     });
 }
 
-/// One wake-up announces more than one turn takes, and nothing else comes afterwards.
+/// One wake-up announces more messages than one iteration takes, and no other event follows.
 #[test]
 fn a_loop_that_was_held_up_takes_all_that_waits() {
     in_each_loop(&["150", NEVER], |_, node, name, example| {
@@ -279,15 +279,14 @@ fn a_loop_that_was_held_up_takes_all_that_waits() {
             publisher.publish(&format!("hello {number}")).unwrap();
         }
         example.signal(Signal::SIGCONT);
-        // Returns at once where the socket took them all.
+        // Returns at once if the socket accepted all messages.
         assert!(publisher.flush_timeout(SOON).unwrap());
         let heard = example.output();
         assert_eq!(heard.lines().collect::<Vec<_>>(), hello(1..=150), "{name}");
     });
 }
 
-/// A node comes back to the next Manager by what is behind its descriptors: a loop needs no
-/// timer for it.
+/// The node reconnects to the next Manager through its descriptors: the loop needs no timer for that.
 #[test]
 fn a_loop_meets_the_next_manager() {
     in_each_loop(&["1", NEVER], |domain, _, name, example| {
@@ -308,7 +307,7 @@ fn ctrl_c_ends_a_loop() {
         let Output { status, stderr, .. } = example.finish();
         assert_eq!(status.code(), Some(130), "{name}");
         assert_eq!(String::from_utf8(stderr).unwrap(), "", "{name}");
-        // It said goodbye: its name is free.
+        // The node said goodbye, so its name is free.
         domain.node(&name.replace('_', "-"));
     });
 }

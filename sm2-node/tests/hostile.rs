@@ -1,4 +1,4 @@
-//! Peers that break the protocol: their link ends, and nothing else does.
+//! Peers that break the protocol: only their link ends.
 
 mod common;
 
@@ -18,7 +18,7 @@ use sm2_proto::{Contract, Datagram, Machine, ViolationKind, violation};
 const SENDER: u8 = 0;
 const RECEIVER: u8 = 1;
 
-/// A node that keeps to the protocol with the Manager, and has its link in its own hands.
+/// A node that obeys the protocol towards the Manager, and gives the test control of its link.
 struct Raw {
     _session: SeqPacket,
     link: SeqPacket,
@@ -77,7 +77,7 @@ impl Raw {
         self.link.send(&[IoSlice::new(frame)], fds).unwrap();
     }
 
-    /// The code of the CLOSE that comes, and that nothing comes after it.
+    /// Returns the code of the CLOSE, and checks that no other frame follows.
     fn closed(&self, mut drive: impl FnMut()) -> u16 {
         let deadline = Instant::now() + SOON;
         let mut buffer = vec![0; 65_536];
@@ -100,7 +100,7 @@ impl Raw {
     }
 }
 
-/// A Manager that welcomes one node, and then does what it is told.
+/// Runs a Manager that welcomes one node, and then sends `answer`.
 fn manager(answer: &'static [u8]) -> (tempfile::TempDir, std::thread::JoinHandle<SeqPacket>) {
     let folder = tempfile::tempdir().unwrap();
     let listener = Listener::bind(&folder.path().join("test.sock"), 1).unwrap();
@@ -163,7 +163,7 @@ fn a_manager_that_does_not_answer_is_not_waited_for_for_ever() {
     let error = node.publisher::<[u8]>("topic").unwrap_err();
     assert!(matches!(error, DeclareError::TimedOut { .. }), "{error}");
     assert!(start.elapsed() < SOON / 2);
-    // It was slow, not dead: what it grants too late is withdrawn.
+    // The Manager was slow, not dead: a declaration that it grants too late is withdrawn.
     let session = manager.join().unwrap();
     session.send(&[IoSlice::new(&[2, 1, 0])], &[]).unwrap();
     node.spin_once_timeout(SOON).unwrap();
@@ -178,7 +178,7 @@ fn topic() -> Name {
     Name::new("topic").unwrap()
 }
 
-/// A publisher and an honest subscriber, on whom the hostile one has no effect.
+/// A publisher and a correct subscriber, which the hostile peer must not affect.
 fn honest(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]>) {
     let publisher = domain.node("talker").publisher::<[u8]>("topic").unwrap();
     let subscriber = domain.node("listener").subscriber::<[u8]>("topic").unwrap();
@@ -210,7 +210,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     raw.open(RECEIVER, 3);
     publisher.wait_for_subscribers_timeout(2, SOON).unwrap();
     publisher.publish(&pattern(5000, 0)).unwrap();
-    // It gives back what it never got.
+    // Releases a message that it never received.
     let mut release = vec![7, 0, 1, 0, 0, 0, 0, 0];
     release.extend(99_u64.to_le_bytes());
     raw.send(&release, &[]);
@@ -287,8 +287,8 @@ fn what_is_no_sealed_memory_is_never_mapped() {
     assert_eq!(subscriber.links()[0].end, Some(end));
 }
 
-/// A segment whose slot begins with a frame header of its own: what is received is what the
-/// datagram says, whatever stands in shared memory.
+/// A segment whose slot begins with a frame header. The receiver uses the length and the offset of the
+/// datagram, whatever the shared memory contains.
 //= SM2-PAY-006 test
 //= SM2-PAY-002 test
 #[test]
@@ -302,8 +302,8 @@ fn lengths_and_places_come_from_the_datagram() {
     raw.send(&pooled(1, 1, 1, 20), &[]);
     let sample = subscriber.recv_timeout(SOON).unwrap().unwrap();
     assert_eq!(*sample, lie[..20]);
-    // A slot that is written again while it is lent: the length and the place stay, and
-    // nothing else than these bytes can change.
+    // The slot is overwritten while the subscriber holds it. Length and offset stay, and only these bytes can
+    // change.
     slots[1].bytes_mut(4096).fill(0xff);
     assert_eq!(*sample, [0xff; 20]);
     drop(sample);
@@ -317,7 +317,7 @@ fn lengths_and_places_come_from_the_datagram() {
 fn a_receiver_cannot_write_what_it_maps() {
     let domain = Domain::new();
     let (raw, subscriber) = raw_publisher(&domain);
-    // A size that no other test's segments have.
+    // A size that no segment of another test has.
     let (stride, slots) = (4096 * 77, 3);
     let (fd, _slots) = sm2_io::Segment::create(stride, slots).unwrap().split();
     raw.send(&attach(1, stride, slots), &[fd.as_fd()]);
@@ -336,7 +336,7 @@ fn a_receiver_cannot_write_what_it_maps() {
         })
         .collect();
     rights.sort_unstable();
-    // Its author's, in this process too, and the receiver's.
+    // The mapping of the author, which is in this process too, and that of the receiver.
     assert_eq!(rights, ["r--s", "rw-s"]);
     drop(sample);
 }

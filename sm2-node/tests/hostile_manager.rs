@@ -1,5 +1,5 @@
-//! Managers that break the protocol, or do not want the node, while it comes back: it
-//! leaves them, its links go on, and the next Manager gets all that it has.
+//! Managers that break the protocol or refuse the node while it reconnects. The node leaves them, its links
+//! stay open, and it declares everything to the next Manager.
 
 mod common;
 
@@ -14,8 +14,8 @@ use sm2_node::{ConnectError, Name, Node, Publisher};
 use sm2_proto::control::{ToManager, ToNode, decode_to_manager, encode_to_node};
 use sm2_proto::{Datagram, Farewell, FdFacts, LinkKey, Refusal, Seals, violation};
 
-/// A Manager in a test's own hands: on the thread of the node, which is called while the other
-/// side waits.
+/// A Manager that the test controls. It runs on the thread of the node, which is called while the Manager
+/// waits.
 struct Manager {
     listener: Listener,
     node: Option<Node>,
@@ -29,7 +29,7 @@ const LINK: LinkId = LinkId {
 };
 
 impl Manager {
-    /// With a node that has declared a publisher, and the other end of its link.
+    /// Returns a Manager with a node that has declared a publisher, and the other end of its link.
     fn with_linked_node() -> (Self, Publisher<u8>, SeqPacket) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("test.sock");
@@ -82,16 +82,16 @@ impl Manager {
             if let Some(session) = self.listener.accept().unwrap() {
                 return session;
             }
-            assert!(Instant::now() < deadline, "the node does not come");
+            assert!(Instant::now() < deadline, "the node does not connect");
         }
     }
 
-    /// The next frame that is neither COUNTERS nor SCHEMA.
+    /// Returns the next frame that is neither COUNTERS nor SCHEMA.
     fn read(&self, session: &SeqPacket) -> ToManager {
         self.try_read(session).expect("a frame")
     }
 
-    /// The same; `None` if the node has hung up.
+    /// As [`read`](Self::read); `None` if the node has closed the connection.
     fn try_read(&self, session: &SeqPacket) -> Option<ToManager> {
         let deadline = Instant::now() + SOON;
         let mut buffer = vec![0; 65_536];
@@ -101,7 +101,7 @@ impl Manager {
             let received = match session.recv(&mut buffer) {
                 Ok(received) => received,
                 Err(RecvError::WouldBlock) => {
-                    assert!(Instant::now() < deadline, "the node does not speak");
+                    assert!(Instant::now() < deadline, "the node sends no frame");
                     continue;
                 }
                 Err(RecvError::Closed) => return None,
@@ -124,7 +124,7 @@ impl Manager {
         }
     }
 
-    /// The next session, up to the renewed DECLARE.
+    /// Accepts the next session, up to the renewed DECLARE.
     fn resume(&self, epoch: u64) -> SeqPacket {
         let session = self.accept();
         assert!(matches!(
@@ -142,7 +142,7 @@ impl Manager {
         session
     }
 
-    /// What a Manager that obeys is told.
+    /// Adopts the link, as a correct Manager does. Returns the frames of the node.
     #[must_use]
     fn adopt(&self, epoch: u64) -> SeqPacket {
         let session = self.resume(epoch);
@@ -216,7 +216,7 @@ fn link() -> ToNode {
     }
 }
 
-/// OPEN of a receiver with a window of 12.
+/// An OPEN of a receiver with a window of 12.
 fn open() -> [u8; 32] {
     let mut frame = [0; 32];
     (frame[0], frame[1], frame[2], frame[4]) = (1, 1, 1, 12);
@@ -224,7 +224,7 @@ fn open() -> [u8; 32] {
     frame
 }
 
-/// The link is as good as before.
+/// Checks that the link still carries messages.
 fn carries(publisher: &Publisher<u8>, peer: &SeqPacket) {
     assert!(publisher.links()[0].open);
     publisher.publish(&5).unwrap();
@@ -255,7 +255,7 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
             declared(0),
             violation!(ExpectedWelcome, "SM2-NOD-001"),
         ),
-        // DECLARED out of its order.
+        // DECLARED in the wrong order.
         (
             Some(2),
             ToNode::Declared {
@@ -264,7 +264,7 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
             },
             violation!(UnknownInterface, "SM2-LNK-003"),
         ),
-        // UNLINK of a link that it never had.
+        // UNLINK of a link that the node never had.
         (
             Some(3),
             ToNode::Unlink {
@@ -277,7 +277,7 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
             },
             violation!(UnknownInterface, "SM2-LNK-003"),
         ),
-        // An answer that nobody asked for.
+        // An answer to a query that the node never sent.
         (
             Some(4),
             ToNode::Changes {
@@ -316,7 +316,7 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
 #[test]
 fn managers_that_go_or_refuse_while_a_node_comes_back_are_followed_by_others() {
     let (manager, publisher, peer) = Manager::with_linked_node();
-    // Gone before HELLO, before WELCOME, in the middle, after DECLARED.
+    // The Manager ends before HELLO, before WELCOME, later, and after DECLARED.
     drop(manager.accept());
     let session = manager.accept();
     manager.read(&session);
@@ -325,7 +325,7 @@ fn managers_that_go_or_refuse_while_a_node_comes_back_are_followed_by_others() {
     let session = manager.resume(3);
     send(&session, &declared(0));
     drop(session);
-    // HELLO is refused: it hangs up, and tries again.
+    // HELLO is refused: the node closes the connection and tries again.
     for _ in 0..3 {
         let session = manager.accept();
         assert!(matches!(
@@ -359,7 +359,7 @@ fn a_declaration_that_is_refused_is_renewed_in_the_next_session() {
     assert_eq!(
         manager.read(&session),
         ToManager::Claimed,
-        "nothing is claimed for it"
+        "no link is claimed for the refused interface"
     );
     manager
         .node
@@ -375,8 +375,8 @@ fn a_declaration_that_is_refused_is_renewed_in_the_next_session() {
     carries(&publisher, &peer);
 }
 
-/// Whoever lost its session, and not its Manager, has lost its links with it: the Manager has told
-/// the other sides.
+/// A node whose session ended, although its Manager still runs, has lost its links: the Manager has ended
+/// their other sides.
 //= SM2-RES-002, SM2-SES-006 test
 #[test]
 fn links_of_the_manager_that_is_still_there_are_not_claimed() {
@@ -392,8 +392,8 @@ fn links_of_the_manager_that_is_still_there_are_not_claimed() {
     assert_eq!(next, ToManager::Withdraw { interface }, "and no UNLINKED");
 }
 
-/// A Manager that goes when a node has just come is followed by another one; what is said on
-/// purpose counts.
+/// If a Manager ends just after a node has connected, the node connects to the next one. If a Manager refuses
+/// the node, it does not.
 #[test]
 fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,4 @@
-//! Nothing stays behind: descriptors and mappings of this process, before and after. The only
-//! test of its file, since it counts what the whole process has.
+//! No descriptor and no mapping stays behind. In its own file: the test counts those of the whole process.
 
 mod common;
 
@@ -26,7 +25,7 @@ fn no_descriptor_and_no_mapping_stays_behind() {
     let before = (descriptors(), shared_mappings());
     for round in 0..20 {
         cycle(&domain, round);
-        // The Manager closes its ends when it gets to it: they are in this process, too.
+        // The Manager, which is in this process too, closes its ends a little later.
         let deadline = Instant::now() + SOON;
         while (descriptors(), shared_mappings()) != before && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(1));
@@ -35,7 +34,7 @@ fn no_descriptor_and_no_mapping_stays_behind() {
     }
 }
 
-/// Every form, every kind of end, in an order that differs from round to round.
+/// Uses every form and every kind of end, in an order that differs from round to round.
 fn cycle(domain: &Domain, round: u64) {
     let talker = domain.node("talker");
     let listener = domain.node("listener");
@@ -76,7 +75,7 @@ fn meet(publisher: &Publisher<[u8]>, subscriber: &Subscriber<[u8]>) {
     }
 }
 
-/// The Manager knows that they are gone, and their names are free.
+/// Waits until the Manager knows that the nodes are gone, and their names are free.
 fn wait_until_gone(domain: &Domain) {
     let watcher = domain.node("watcher");
     while watcher.snapshot().unwrap().nodes().count() > 1 {

@@ -1,4 +1,4 @@
-//! Who may go when, threads that share a node, and a node without its Manager.
+//! Objects that are dropped in different orders, threads that share a node, and a node without a Manager.
 
 mod common;
 
@@ -28,10 +28,10 @@ fn a_sample_stays_as_it_is_when_all_else_is_gone() {
         publisher.publish(&pattern(50_000, 1)).unwrap();
         publisher.publish(&pattern(50_000, 2)).unwrap();
         let sample = next(&subscriber);
-        // The second is neither taken nor given back.
+        // The second message is neither taken nor released.
         drop(subscriber);
-        // The publisher would use its slot again, if it thought it free: it needs as many as
-        // a subscriber that does not read can occupy.
+        // If the slot counted as free, the publisher would use it again: it needs as many slots as a
+        // subscriber that does not read can occupy.
         let again = domain
             .node("listener-2")
             .subscriber::<[u8]>("topic")
@@ -50,7 +50,7 @@ fn a_sample_stays_as_it_is_when_all_else_is_gone() {
     }
 }
 
-/// A type that is written by hand, and keeps what it was made of for longer than its sample.
+/// A manual implementation that keeps its payload for longer than its sample.
 struct Keeper(Vec<u8>);
 
 static KEPT: Mutex<Vec<Payload>> = Mutex::new(Vec::new());
@@ -71,7 +71,7 @@ impl Message for Keeper {
     }
 }
 
-/// A slot is written anew once its sample is dropped. What a program can keep is no slot.
+/// A slot is written again once its sample is dropped. A program can keep only a copy.
 //= SM2-PAY-005 test
 #[test]
 fn a_payload_that_outlives_its_sample_stays_as_it_is() {
@@ -110,7 +110,7 @@ fn what_was_sent_before_the_publisher_went_is_received() {
             publisher.publish(&pattern(5000, seed)).unwrap();
         }
         drop(publisher);
-        // Let the Manager's word arrive before the link is read.
+        // Lets the Manager's frame arrive before the link is read.
         thread::sleep(Duration::from_millis(20));
         for seed in 0..8 {
             assert!(*next(&subscriber) == *pattern(5000, seed), "{seed}");
@@ -168,11 +168,11 @@ fn two_threads_of_one_node_both_get_their_messages() {
                 .unwrap();
         }
         if seed % 50 == 0 {
-            // Let them all fall asleep.
+            // Lets all threads fall asleep.
             thread::sleep(Duration::from_millis(5));
         }
     }
-    // What still waits for a window here is sent when this node is called.
+    // Messages that wait for a window are sent when this node is called.
     for publisher in &publishers {
         assert!(publisher.flush_timeout(SOON).unwrap());
     }
@@ -181,7 +181,7 @@ fn two_threads_of_one_node_both_get_their_messages() {
     }
 }
 
-/// Whoever drives the node reads what another thread waits for.
+/// A thread that drives the node may read the message for which another thread waits.
 #[test]
 fn a_thread_that_sleeps_is_woken_by_the_one_that_read_its_message() {
     let domain = Domain::new();
@@ -203,12 +203,12 @@ fn a_thread_that_sleeps_is_woken_by_the_one_that_read_its_message() {
         publisher.publish(b"x").unwrap();
         let deadline = Instant::now() + SOON / 2;
         let sequence = loop {
-            // As fast as possible: it is always this thread that is awake.
+            // As fast as possible, so that this thread is always awake.
             listener.spin_some().unwrap();
             if let Ok(sequence) = seen.try_recv() {
                 break sequence;
             }
-            assert!(Instant::now() < deadline, "nobody woke the reader");
+            assert!(Instant::now() < deadline, "the reader was not woken");
         };
         assert_eq!(sequence, round);
     }
@@ -225,13 +225,13 @@ fn a_descriptor_is_readable_while_there_may_be_a_message() {
     let subscriber = listener.subscriber::<str>("a").unwrap();
     meet(&publisher, &[&subscriber]);
     let readable = |timeout| sm2_io::wait_readable(&[subscriber.as_fd()], Some(timeout)).unwrap();
-    // At first there may be something: nobody has looked yet.
+    // At first the descriptor is readable, because no call has checked for messages yet.
     assert!(readable(SOON));
     assert!(subscriber.try_recv().unwrap().is_none());
     assert!(!readable(Duration::from_millis(5)));
     publisher.publish("one").unwrap();
     assert!(readable(SOON));
-    // Another call reads it from the socket: it is still there for the subscriber.
+    // Another call reads the message from the socket. It is still available to the subscriber.
     listener.spin_some().unwrap();
     assert!(readable(SOON));
     assert_eq!(&*subscriber.try_recv().unwrap().unwrap(), "one");

@@ -1,4 +1,4 @@
-//! A node and its Managers: what goes on without one, and what the next one is told.
+//! A node and a change of its Manager: what continues without a Manager, and what the next one learns.
 
 mod common;
 
@@ -9,7 +9,7 @@ use std::time::Duration;
 use common::{Domain, SOON, away, back, default_pair, meet, next, pattern, until};
 use sm2_node::{CallError, ConnectError, DeclareError, Node, Publisher, Subscriber, WaitError};
 
-/// A publisher and a subscriber whose samples say their number.
+/// A publisher, and a subscriber whose samples carry numbers.
 struct Stream {
     talker: Node,
     listener: Node,
@@ -48,7 +48,7 @@ impl Stream {
         }
     }
 
-    /// Nothing is lost and nothing comes twice.
+    /// Checks that no message is lost and none arrives twice.
     fn receive(&mut self) {
         while self.received < self.published {
             self.received += 1;
@@ -62,7 +62,7 @@ impl Stream {
         [&self.talker, &self.listener]
     }
 
-    /// The one link is still the one it was.
+    /// Checks that the link is still the same.
     fn is_the_same(&self) {
         for links in [self.publisher.links(), self.subscriber.links()] {
             assert_eq!(links.len(), 1, "{links:?}");
@@ -79,7 +79,7 @@ fn links_go_on_without_a_manager_and_are_known_to_the_next_one() {
     let link = stream.publisher.links()[0].id;
     let epoch = stream.talker.epoch().unwrap();
     for round in 1..=2 {
-        // What is under way when the Manager goes arrives all the same.
+        // A message in flight when the Manager ends still arrives.
         stream.publish(4);
         domain.stop();
         stream.publish(4);
@@ -97,7 +97,7 @@ fn links_go_on_without_a_manager_and_are_known_to_the_next_one() {
         stream.receive();
         stream.is_the_same();
         assert_eq!(stream.publisher.links()[0].id, link);
-        // Adopted when the Manager has heard both ends, and no other was made.
+        // The link is adopted when the Manager has heard both ends, and no other link is made.
         until(|| {
             let snapshot = stream.talker.snapshot().unwrap();
             let known: Vec<_> = snapshot.links().map(|link| link.link).collect();
@@ -121,7 +121,7 @@ fn who_comes_after_the_change_is_linked_with_who_was_there_before() {
     let late = domain.node("late");
     let numbers = late.subscriber::<u64>("numbers").unwrap();
     let map = late.subscriber::<str>("map").unwrap();
-    // And one of a node that was there before.
+    // A new subscriber of a node that existed before the change.
     let old = stream.listener.subscriber::<str>("map").unwrap();
     assert_eq!((numbers.matched(), map.matched(), old.matched()), (1, 1, 1));
     meet(&latched, &[&map, &old]);
@@ -162,7 +162,7 @@ fn a_call_in_flight_survives_the_change() {
     assert_eq!(*client.call_timeout(&21, SOON).unwrap(), 42);
     assert_eq!(*client.call_timeout(&4, SOON).unwrap(), 8);
     let domain = answer.join().unwrap();
-    // The server is gone by now, and the new Manager knows it.
+    // The server has ended by now, and the new Manager knows that.
     until(|| {
         matches!(
             client.call_timeout(&1, SOON),
@@ -184,7 +184,7 @@ fn what_is_declared_without_a_manager_waits_for_the_next_one() {
     away(&[&node, &other]);
     thread::scope(|scope| {
         let declared = scope.spawn(|| node.subscriber::<str>("topic").unwrap());
-        // It may have begun to wait or not: both are right.
+        // The other thread may or may not be waiting yet: both cases must work.
         thread::sleep(Duration::from_millis(20));
         domain.start();
         let subscriber = declared.join().unwrap();
@@ -221,7 +221,7 @@ fn what_is_declared_in_vain_is_withdrawn() {
         matches!(error, WaitError::NoManager { end: Some(_) }),
         "{error}"
     );
-    // A subscriber without links is not over: it waits.
+    // A subscriber without links waits; it returns no error.
     assert!(!node.is_connected());
     domain.start();
     back(&[&node]);
@@ -251,14 +251,14 @@ fn a_handle_that_is_dropped_without_a_manager_is_gone_for_the_next_one() {
     back(&[&talker, &listener]);
     let snapshot = talker.snapshot().unwrap();
     assert_eq!(snapshot.interfaces_of(talker.id().unwrap()).count(), 1);
-    // Whoever had the other end learned of it while there was no Manager to be told.
+    // The other end of the link noticed its end while there was no Manager.
     let snapshot = listener.snapshot().unwrap();
     assert_eq!(
         snapshot.links().count() + snapshot.claims().count(),
         0,
         "{snapshot:?}"
     );
-    // Both ends can have new partners.
+    // Both ends can get new counterparts.
     let again = talker.publisher::<u8>("gone").unwrap();
     until(|| again.links().iter().any(|it| it.open) & subscriber.links().iter().any(|it| it.open));
     drop(kept);
@@ -272,7 +272,7 @@ fn a_node_whose_name_was_taken_meanwhile_goes_on_trying() {
     domain.stop();
     away(&stream.nodes());
     domain.start();
-    // Quicker than the one that had it: that one is only called from here.
+    // Faster than the node that had the name, which is only called below.
     let thief = domain.node("talker");
     back(&[&stream.listener]);
     for _ in 0..20 {
@@ -305,7 +305,7 @@ fn an_interface_that_the_next_manager_refuses_keeps_its_links() {
     stream.publish(5);
     stream.receive();
     stream.is_the_same();
-    // Why, everybody can ask.
+    // Every node can ask for the reason.
     let id = stream.talker.id().unwrap();
     let snapshot = other.snapshot().unwrap();
     let refused: Vec<_> = snapshot.interfaces_of(id).collect();
@@ -313,7 +313,7 @@ fn an_interface_that_the_next_manager_refuses_keeps_its_links() {
         refused.len() == 1 && refused[0].refused.is_some(),
         "{refused:?}"
     );
-    // The one after that may have room for it.
+    // The next Manager may have room for it.
     drop(usurper);
     domain.stop();
     away(&stream.nodes());
@@ -362,7 +362,7 @@ fn the_node_s_descriptor_wakes_who_only_waits_for_it() {
         !node.is_connected()
     });
     domain.start();
-    // Each call follows a descriptor that was readable.
+    // Each call follows a readable descriptor.
     loop {
         assert!(sm2_io::wait_readable(&[node.as_fd()], Some(SOON)).unwrap());
         node.spin_some().unwrap();
@@ -417,7 +417,7 @@ fn a_node_can_wait_for_a_manager_to_start() {
 fn a_socket_that_nobody_listens_at_is_tried_for_a_moment() {
     let mut domain = Domain::new();
     domain.stop();
-    // What a Manager leaves behind that is killed.
+    // The socket file of a Manager that was killed.
     drop(sm2_io::Listener::bind(&domain.socket(), 1).unwrap());
     assert!(domain.socket().exists());
     let error = Node::builder("node")
@@ -427,7 +427,7 @@ fn a_socket_that_nobody_listens_at_is_tried_for_a_moment() {
     assert!(matches!(error, ConnectError::NoManager { .. }), "{error}");
     let socket = domain.socket();
     let waiting = thread::spawn(move || {
-        // A successor may need longer than a moment on this machine: ask as often as it takes.
+        // The next Manager may need longer on a busy machine: try as often as it takes.
         loop {
             match Node::builder("node").socket(&socket).connect() {
                 Err(ConnectError::NoManager { .. }) => {}

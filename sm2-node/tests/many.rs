@@ -1,4 +1,4 @@
-//! Many messages at a time: `publish_all` and `recv_each` do what `publish` and `recv` do.
+//! Many messages at a time: `publish_all` and `recv_each` have the effects of `publish` and `recv`.
 
 mod common;
 
@@ -11,10 +11,10 @@ use common::{Domain, meet, pattern, until};
 use serde::{Deserialize, Serialize, de, ser};
 use sm2_node::{Message, PublishError, Publisher, RecvError, Schema, StoreError, Subscriber};
 
-/// How long a test waits for what has to happen.
+/// The timeout of a test.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A reliable publisher and a subscriber of it that may hold so many.
+/// Returns a reliable publisher and a subscriber that may hold `held` messages.
 fn linked(
     domain: &Domain,
     ring: bool,
@@ -35,7 +35,7 @@ fn linked(
     (publisher, subscriber)
 }
 
-/// Short ones and long ones, far more than there is room for: every byte, in order, on both lanes.
+/// Short and long messages, far more than there is room for: every byte arrives, in order, on both lanes.
 //= SM2-QOS-002 test
 #[test]
 fn all_messages_come_in_their_order() {
@@ -53,7 +53,7 @@ fn all_messages_come_in_their_order() {
             let published = published.unwrap();
             assert_eq!((published.links, published.missed), (1, 0));
             let flushed = publisher.flush_timeout(TIMEOUT).unwrap();
-            assert!(flushed, "all of them were given back");
+            assert!(flushed, "all of them were released");
             assert_eq!(publisher.counters().delivered, MESSAGES as u64);
         });
         let mut number = 0;
@@ -139,7 +139,7 @@ fn nothing_to_send_and_nothing_to_see() {
     drop((held, rest));
 }
 
-/// Whoever panics on a message loses that batch, and holds none of it.
+/// A panic during a batch releases the whole batch.
 //= SM2-MSG-005 test
 #[test]
 fn a_batch_is_given_back_whatever_happens() {
@@ -152,7 +152,7 @@ fn a_batch_is_given_back_whatever_happens() {
             let look = || {
                 subscriber.recv_each_timeout(8, TIMEOUT, |sample| {
                     seen.set(seen.get() + 1);
-                    assert_ne!(&**sample.unwrap(), b"b", "as this program wants it");
+                    assert_ne!(&**sample.unwrap(), b"b", "the panic that this test needs");
                 })
             };
             assert!(catch_unwind(AssertUnwindSafe(look)).is_err());
@@ -163,7 +163,7 @@ fn a_batch_is_given_back_whatever_happens() {
     }
 }
 
-/// While one is looked at, the node can be called, and what is lent does not change.
+/// While `each` runs, the node can be called, and borrowed messages do not change.
 #[test]
 fn the_node_is_free_while_a_message_is_looked_at() {
     let domain = Domain::new();
@@ -182,7 +182,7 @@ fn the_node_is_free_while_a_message_is_looked_at() {
     assert_eq!(seen, [1, 2]);
 }
 
-/// A number that cannot always be written or read.
+/// A number that sometimes cannot be encoded or decoded.
 #[derive(Message, Serialize, Deserialize, Debug)]
 #[message(name = "test/Picky", encoding = "postcard")]
 struct Picky(Number);
@@ -211,8 +211,8 @@ impl<'de> Deserialize<'de> for Number {
     }
 }
 
-/// One that cannot be written keeps those before it from nothing, one that cannot be read those
-/// behind it.
+/// A message that cannot be encoded does not affect those before it. A message that cannot be decoded does
+/// not affect those after it.
 #[test]
 fn a_message_that_is_none_costs_no_other() {
     let domain = Domain::new();

@@ -1,4 +1,4 @@
-//! Quality of service: what is kept, what waits, what is lost, and that it is counted.
+//! Quality of service: messages that are kept, wait or are lost, and their counters.
 
 mod common;
 
@@ -19,7 +19,7 @@ fn late_subscribers_get_what_is_latched_first() {
         for seed in 1..=5 {
             assert_eq!(publisher.publish(&pattern(6000, seed)).unwrap().links, 0);
         }
-        // The second needs another form than the one that was stored.
+        // The second subscriber needs another form than the stored one.
         for (first, sealed) in [(3, false), (4, true)] {
             let builder = domain.node("late").subscriber_builder::<[u8]>("map");
             let subscriber = builder.sealed(sealed).declare().unwrap();
@@ -55,7 +55,7 @@ fn a_reliable_subscriber_gets_all_that_is_latched_however_small_its_window() {
         .declare()
         .unwrap();
     meet(&publisher, &[&subscriber]);
-    // What is latched comes before all else: there is no room for this one yet.
+    // Latched messages come first: there is no room for this message yet.
     assert_eq!(publisher.publish(&pattern(6000, 11)).unwrap().missed, 1);
     for seed in 1..=10 {
         assert!(
@@ -69,7 +69,7 @@ fn a_reliable_subscriber_gets_all_that_is_latched_however_small_its_window() {
     assert_eq!((sample.sequence(), sample.lost()), (12, 1));
 }
 
-/// Receives while another node of this thread is called as well.
+/// Receives while it drives another node of this thread.
 fn take_while_driving(subscriber: &Subscriber<[u8]>, node: &Node) -> Sample<[u8]> {
     let deadline = Instant::now() + SOON;
     loop {
@@ -100,7 +100,7 @@ fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
         assert_eq!(sample.lost(), 0);
     }
     assert!(start.elapsed() < SOON);
-    // On the ring lane nothing waits on this side.
+    // On the ring lane no message waits at the publisher.
     assert_eq!(
         publisher.flush_timeout(Duration::from_millis(20)).unwrap(),
         ring_lane()
@@ -114,8 +114,8 @@ fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
         assert_eq!(it.offered, rounds);
     }
     assert_eq!(links[0].counters.delivered, rounds);
-    // What its window admits is on its way, as much waits here, and the rest is lost. The ring
-    // holds the last eight.
+    // The window admits some messages, as many wait here, and the rest is lost. The ring holds the last
+    // eight.
     let (lost, kept) = match ring_lane() {
         true => (links[1].counters.discarded, 8),
         false => (links[1].counters.overwritten, 8 + 4 + 8),
@@ -123,14 +123,14 @@ fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
     assert_eq!(links[1].counters.in_flight, kept);
     assert_eq!(lost, rounds - kept);
     assert_eq!(publisher.counters().offered, 2 * rounds);
-    // The pool is as large as these need, and no larger.
+    // The pool is just large enough for these messages.
     assert!(
         publisher.pool_bytes() <= 64 * (16 << 10),
         "{}",
         publisher.pool_bytes()
     );
 
-    // When it wakes up, it gets the newest ones, and knows how many it lost.
+    // When the subscriber continues, it gets the newest messages, and the number of lost ones.
     let mut seen = Vec::new();
     while let Some(sample) = asleep.recv_timeout(Duration::from_millis(50)).unwrap() {
         assert!(*sample == *pattern(10_000, sample.sequence() - 1));
@@ -165,7 +165,7 @@ fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
         .subscriber::<[u8]>("topic")
         .unwrap();
     meet(&publisher, &[&stalled, &best_effort]);
-    // Two in the window, one in the queue; on the ring lane one in the ring.
+    // Two in the window, one in the queue; on the ring lane, one in the ring.
     let room = if ring_lane() { 1 } else { 3 };
     for _ in 0..room {
         let published = publisher.publish(b"x").unwrap();
@@ -176,7 +176,7 @@ fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
     assert!(start.elapsed() >= timeout);
     assert_eq!((published.links, published.missed), (1, 1));
     assert!(published.complete().is_err());
-    // Not waited for again.
+    // The publisher does not wait for this link again,
     let start = Instant::now();
     assert_eq!(publisher.publish(b"later").unwrap().missed, 1);
     assert!(start.elapsed() < timeout);
@@ -184,7 +184,7 @@ fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
     for expected in &all[3 - room..] {
         assert_eq!(&*next(&best_effort), *expected);
     }
-    // Until it releases something.
+    // until the subscriber releases a message.
     assert_eq!(&*next(&stalled), b"x");
     assert_eq!(publisher.publish(b"again").unwrap().missed, 0);
     let counters = publisher.links()[0].counters;

@@ -42,7 +42,7 @@ fn what_cannot_be_reserved() {
             "{error}"
         );
     }
-    // Nothing of all that is left, and nobody heard of it.
+    // None of the failed declarations left anything, and the Manager saw none of them.
     assert_eq!(
         domain
             .node("watcher")
@@ -63,7 +63,7 @@ fn as_many_slots_as_were_reserved_and_no_more_than_allowed() {
     let publisher = publisher.unwrap();
     let bytes = publisher.pool_bytes();
     assert_eq!(bytes, 3 << 20);
-    // Two are kept for subscribers to come, and one is written to.
+    // Two messages are latched for later subscribers, and one slot is being written.
     for seed in 1..=9 {
         publisher.publish(&pattern(1_000_000, seed)).unwrap();
     }
@@ -103,7 +103,7 @@ fn more_than_was_reserved_is_found_where_it_is_allowed() {
     drop((first, second, long));
 }
 
-/// A process that dies with a sample takes a slot with it, not all of them.
+/// A process that is killed while it holds a sample costs one slot, not all of them.
 #[test]
 fn slots_that_are_lost_are_made_up_for() {
     let domain = Domain::new();
@@ -120,7 +120,7 @@ fn slots_that_are_lost_are_made_up_for() {
         drop(subscriber);
         let gone = || publisher.links().iter().all(|link| !link.open);
         common::until(gone);
-        // Whoever still looks at it sees what it was.
+        // A process that still reads the sample sees it unchanged.
         for _ in 0..3 {
             let mut loans = [(); 2].map(|()| publisher.loan_slice(100_000).unwrap());
             loans.iter_mut().for_each(|loan| loan.fill(1));

@@ -1,5 +1,4 @@
-//! How much memory messages have. The only test of its file: it looks at all segments of its
-//! process.
+//! The memory of messages. In its own file: the test examines all segments of its process.
 
 mod common;
 
@@ -12,11 +11,10 @@ use common::{Domain, Endpoint, meet, next};
 use sm2_node::{Publisher, Sample, Subscriber};
 
 const LEN: usize = 10_000_000;
-/// What a message takes at most: whole huge pages, and a page for its head.
+/// The most memory that a message occupies: whole huge pages, and a page for its head.
 const MESSAGE: u64 = (10 << 20) + 4096;
 
-/// What all segments of this process have, by what the kernel says: the memory that is present, and
-/// how large they are.
+/// Returns the present memory and the size of all segments of this process, as reported by the kernel.
 fn segments() -> (u64, u64) {
     let mut files = BTreeMap::new();
     for entry in fs::read_dir("/proc/self/fd").unwrap() {
@@ -33,7 +31,7 @@ fn segments() -> (u64, u64) {
     (sum(|file| file.0), sum(|file| file.1))
 }
 
-/// How many mappings of segments this process has.
+/// Returns how many mappings of segments this process has.
 fn mappings() -> usize {
     let maps = fs::read_to_string("/proc/self/maps").unwrap();
     (maps
@@ -48,7 +46,7 @@ fn publish(publisher: &Publisher<[u8]>, mark: u8) {
     assert_eq!(loan.publish().unwrap().missed, 0);
 }
 
-/// Each holds its last sample until it has the next.
+/// Takes a message with each subscriber, which holds it until it has the next one.
 fn take(subscribers: &[Subscriber<[u8]>], held: &mut [Option<Sample<[u8]>>], mark: u8) {
     for (subscriber, held) in subscribers.iter().zip(held) {
         let sample = next(subscriber);
@@ -82,11 +80,11 @@ fn few_slots_are_ever_touched_and_those_of_a_rush_are_given_back() {
     let (present, _) = segments();
     assert!(
         present <= 2 * MESSAGE,
-        "{present} bytes for one publisher and five who hold one"
+        "{present} bytes for one publisher and five subscribers that hold one"
     );
-    assert_eq!(mappings(), 2 * (1 + 5), "everybody maps each segment once");
+    assert_eq!(mappings(), 2 * (1 + 5), "every node maps each segment once");
 
-    // All hold eight, and then none but the last.
+    // All subscribers hold eight messages, and then only the last one.
     let mut rush = Vec::new();
     for mark in 1..=7 {
         rush.extend(held.iter_mut().map(Option::take));
@@ -101,7 +99,9 @@ fn few_slots_are_ever_touched_and_those_of_a_rush_are_given_back() {
     drop(rush);
     let mut rounds = 1..=250;
     while segments().0 > 2 * MESSAGE {
-        let mark = rounds.next().expect("the memory of the rush goes");
+        let mark = rounds
+            .next()
+            .expect("the memory of the burst is freed in time");
         publish(&publisher, mark);
         take(&subscribers, &mut held, mark);
     }

@@ -1,12 +1,12 @@
-//! The ring lane as programs see it: whoever waits is woken, whoever comes late or mixes lanes gets
-//! every byte, and what was published outlives its publisher. (Who waits for what is in `ring_waits.rs`.)
+//! The ring lane as programs see it: late subscribers and publishers with both lanes get every byte, and
+//! published messages outlive their publisher. (Waiting is tested in `ring_waits.rs`.)
 
 mod common;
 
 use common::{Domain, Endpoint, SOON, meet, next, pattern, until};
 use sm2_node::{Publisher, RecvError, Sample, Subscriber};
 
-/// A publisher and a subscriber that both offer the ring lane, or do not.
+/// A publisher and a subscriber that both offer the ring lane, or both do not.
 fn linked(domain: &Domain, ring: bool) -> (Publisher<[u8]>, Subscriber<[u8]>) {
     let publisher = domain.node_on(ring, "talker").publisher("topic").unwrap();
     let subscriber = domain
@@ -17,7 +17,7 @@ fn linked(domain: &Domain, ring: bool) -> (Publisher<[u8]>, Subscriber<[u8]>) {
     (publisher, subscriber)
 }
 
-/// Which of the open links use the ring lane, by the name of the node at the other end.
+/// Returns which open links use the ring lane, by the name of the node at the other end.
 fn rings(end: &dyn Endpoint) -> Vec<(String, bool)> {
     let links = end.links().into_iter().filter(|link| link.open);
     let mut rings: Vec<_> = links
@@ -48,7 +48,7 @@ fn the_ring_lane_is_used_if_both_sides_offer_it() {
     }
 }
 
-/// How long a message of each form and of each size of a slot is, and its neighbours.
+/// Message lengths around the limits of each form and of each slot size.
 const SIZES: [usize; 12] = [
     0,
     1,
@@ -103,8 +103,8 @@ fn each_lane_gets_every_byte_of_one_publisher() {
     }
 }
 
-/// Messages that were stored for nobody, for a sealed link, or for one of the socket lane, and then
-/// a subscriber comes that needs them in a slot with a head.
+/// Messages that were stored for no link, for a sealed link, or for the socket lane. A subscriber that comes
+/// later needs them in a slot with a head.
 //= SM2-QOS-003 test
 #[test]
 fn a_late_subscriber_gets_what_was_stored_in_any_form() {
@@ -178,7 +178,7 @@ fn many_at_a_time_are_in_order_over_both_lanes_and_within_the_limits() {
     assert_eq!(listener.try_recv_many(&mut samples, 0).unwrap(), 0);
     assert_eq!(listener.try_recv_many(&mut samples, 3).unwrap(), 3);
     check(&samples);
-    // What is in a socket is looked at when nothing is in a ring: until then it may be four.
+    // Sockets are read when the rings are empty: until then there may be four messages.
     until(|| {
         let before = samples.len();
         match listener.try_recv_many(&mut samples, 100) {
@@ -190,7 +190,11 @@ fn many_at_a_time_are_in_order_over_both_lanes_and_within_the_limits() {
     });
     let error = listener.try_recv_many(&mut samples, 1).unwrap_err();
     assert!(matches!(error, RecvError::TooManyBorrowed { held: 4, .. }));
-    assert_eq!(samples.len(), 8, "what was taken before is there");
+    assert_eq!(
+        samples.len(),
+        8,
+        "messages that were taken before stay in the list"
+    );
     until(|| {
         samples.clear();
         match listener.try_recv_many(&mut samples, 5) {
@@ -204,7 +208,7 @@ fn many_at_a_time_are_in_order_over_both_lanes_and_within_the_limits() {
     assert_eq!(listener.try_recv_many(&mut samples, 5).unwrap(), 0);
 }
 
-/// Held or not taken, with its node or without, message for message.
+/// Messages that are held or not taken, with and without their node, are compared byte by byte.
 //= SM2-RNG-011 test
 #[test]
 fn what_was_published_outlives_its_publisher() {
@@ -224,7 +228,7 @@ fn what_was_published_outlives_its_publisher() {
             for (seed, sample) in (1..).zip(&held) {
                 assert!(**sample == *pattern(len, seed), "{seed}");
             }
-            // As many as it has room for, which are the last ones on the ring lane.
+            // As many messages as there is room for: on the ring lane, the last ones.
             assert!(matches!(
                 subscriber.try_recv(),
                 Err(RecvError::TooManyBorrowed { held: 4, .. })
@@ -267,7 +271,7 @@ fn a_sample_outlives_its_subscriber() {
     }
 }
 
-/// A choice that can be made again.
+/// Pseudo-random numbers that can be repeated.
 struct Choice(u64);
 
 impl Choice {
@@ -277,7 +281,7 @@ impl Choice {
     }
 }
 
-/// A publisher that has little memory, and needs slots of all sizes: segments come and go.
+/// A publisher with little memory that needs slots of all sizes: segments come and go.
 fn publisher_with_pool(domain: &Domain, ring: bool, bytes: u64) -> Publisher<[u8]> {
     let builder = domain
         .node_on(ring, "talker")
@@ -304,7 +308,7 @@ fn messages_of_all_sizes_in_any_order_need_no_more_than_the_pool() {
         meet(&publisher, &[&subscriber]);
         let mut choice = Choice(1);
         for n in 0..200_u64 {
-            // From one byte to 20 MB, each order of magnitude alike.
+            // From one byte to 20 MB, with each order of magnitude equally likely.
             let most = 1 << choice.below(25);
             let len = (1 + choice.below(most)).min(20_000_000);
             slot_by_slot(&publisher, &subscriber, len as usize, n as u8);
@@ -314,8 +318,8 @@ fn messages_of_all_sizes_in_any_order_need_no_more_than_the_pool() {
     }
 }
 
-/// Numbers of segments come round, and none is used again on a link before its receiver says that
-/// it has unmapped it.
+/// Segment numbers are reused. A link uses a number again only after its receiver has reported that it
+/// unmapped the segment.
 //= SM2-RNG-010 test
 //= SM2-RNG-003 test
 #[test]
@@ -327,7 +331,7 @@ fn segments_may_be_more_than_there_are_numbers_for_them() {
         let first = domain.node_on(false, "first").subscriber::<[u8]>("topic");
         let first = first.unwrap();
         meet(&publisher, &[&first]);
-        // Two slots of one page, or one of two: there is no room for both.
+        // Two slots of one page, or one slot of two pages: there is no room for both.
         let len = |n: u32| if n.is_multiple_of(2) { 4_000 } else { 5_000 };
         for n in 0..32_700 {
             drop(publisher.loan_slice(len(n)).unwrap());
@@ -336,7 +340,7 @@ fn segments_may_be_more_than_there_are_numbers_for_them() {
         let subscriber = domain.node_on(ring, "second").subscriber::<[u8]>("topic");
         let subscriber = subscriber.unwrap();
         until(|| {
-            // Both have to be called.
+            // Both nodes must be called.
             rings(&subscriber).len() & rings(&publisher).len() == 1
                 && rings(&publisher) == [("second".to_owned(), ring)]
         });

@@ -1,5 +1,5 @@
-//! Calls by both lanes as programs see them: which lane it is, that whoever waits is woken, and
-//! that each call ends once, however it ends. (What is not about lanes is in `services.rs`.)
+//! Calls on both lanes as programs see them: the lane in use, wake-ups, and exactly one end for each call.
+//! (`services.rs` has the tests that do not depend on lanes.)
 
 mod common;
 
@@ -14,7 +14,7 @@ use sm2_node::asynchronous::IntoAsync;
 use sm2_node::diagnostics::LinkStatus;
 use sm2_node::{CallError, Client, ClientBuilder, Reply, Request, Server, ServerBuilder};
 
-/// As long as all calls of a test take, with a lot else to do.
+/// Longer than all calls of a test take on a busy machine.
 const LONG: Duration = Duration::from_secs(30);
 fn serving(domain: &Domain, ring: bool) -> ServerBuilder<[u8], [u8]> {
     domain.node_on(ring, "server").server_builder("service")
@@ -27,7 +27,7 @@ fn calling(domain: &Domain, ring: bool) -> ClientBuilder<[u8], [u8]> {
 /// Both ends of a link.
 type Ends = (Server<[u8], [u8]>, Client<[u8], [u8]>);
 
-/// Both, linked: each is called in turn until the link is open at both ends.
+/// Returns both ends, linked: each is called in turn until the link is open at both ends.
 fn linked(server: ServerBuilder<[u8], [u8]>, client: ClientBuilder<[u8], [u8]>) -> Ends {
     let (server, client) = (server.declare().unwrap(), client.declare().unwrap());
     let moment = Duration::from_millis(1);
@@ -45,13 +45,13 @@ fn ring(links: &[LinkStatus]) -> bool {
     link.ring
 }
 
-/// Does nothing for a while, which is another one each time.
+/// Pauses for a duration that differs from round to round.
 fn dawdle(round: u64) {
     let spins = [0, 10, 100, 1_000, 10_000][(round % 5) as usize];
     (0..spins * (1 + round % 3)).for_each(|_| std::hint::spin_loop());
 }
 
-/// Replies with what it was asked, until it is asked nothing.
+/// Replies with the request's bytes, until it gets an empty request.
 fn echo(server: Server<[u8], [u8]>, mut next: impl FnMut() + Send + 'static) -> JoinHandle<u64> {
     thread::spawn(move || {
         for served in 0.. {
@@ -125,8 +125,8 @@ fn each_way_of_waiting_gets_its_requests_and_its_replies() {
     }
 }
 
-/// One request at a time to a program that polls the descriptor when it found nothing, and the
-/// replies likewise.
+/// A program polls the descriptor whenever it finds nothing: each request, and each reply, must make it
+/// readable.
 //= SM2-RNG-009 test
 #[test]
 fn polled_descriptors_are_readable_for_every_request_and_reply() {
@@ -176,7 +176,7 @@ fn futures_are_woken_for_every_request_and_reply() {
             let client = client.into_async().unwrap();
             for number in 1..=ROUNDS {
                 let bytes = number.to_le_bytes();
-                // Two at a time, on one descriptor.
+                // Two calls at the same time, on one descriptor.
                 let (one, other) = tokio::join!(
                     client.call_timeout(&bytes, SOON),
                     client.call_timeout(b"other", SOON)
@@ -192,7 +192,7 @@ fn futures_are_woken_for_every_request_and_reply() {
     }
 }
 
-/// More calls than the server has places for, and more replies than the client has.
+/// More calls than the server has room for, and more replies than the client has room for.
 //= SM2-RNG-009, SM2-SRV-003 test
 #[test]
 fn calls_that_wait_for_room_are_all_answered() {
@@ -206,7 +206,7 @@ fn calls_that_wait_for_room_are_all_answered() {
             let calls: Vec<_> = (1..=200_u64)
                 .map(|number| client.send_timeout(&number.to_le_bytes(), LONG).unwrap())
                 .collect();
-            // The last first: the others wait for their turn.
+            // The last call first: the replies of the others wait.
             for (index, call) in calls.into_iter().enumerate().rev() {
                 let number = index as u64 + 1;
                 assert_eq!(*call.wait().unwrap(), number.to_le_bytes());
@@ -217,8 +217,8 @@ fn calls_that_wait_for_room_are_all_answered() {
     }
 }
 
-/// Replies in memory that is new to the client, which reads its socket for that: among what it
-/// reads may be the bell of another reply.
+/// Replies in memory that is new to the client, which reads its socket for the segment. It may also read the
+/// bell of another reply there.
 //= SM2-RNG-009 test
 #[test]
 fn replies_that_bring_their_segments() {
@@ -247,7 +247,7 @@ fn replies_that_bring_their_segments() {
     }
 }
 
-/// Each thread's reply may be found by another one.
+/// Another thread may read the reply that a thread waits for.
 #[test]
 fn threads_that_share_a_client() {
     for lane in LANES {
@@ -276,7 +276,8 @@ fn threads_that_share_a_client() {
     }
 }
 
-/// Cancelled while it waits here, while it is on its way, and while the server works on it.
+/// Calls that are cancelled while they wait at the client, while they are in flight, and while the server
+/// handles them.
 //= SM2-SRV-004, SM2-RNG-012 test
 #[test]
 fn a_call_is_cancelled_wherever_it_is() {
@@ -292,7 +293,7 @@ fn a_call_is_cancelled_wherever_it_is() {
         }
         until(|| request.is_cancelled());
         request.reply(b"too late").unwrap();
-        // Whether the server hears of it in time is a matter of luck by rings.
+        // On the ring lane, the CANCEL may or may not arrive in time.
         let mut last = Some(last);
         while let Some(mut call) = last.take() {
             if let Some(request) = server.recv_timeout(Duration::from_millis(1)).unwrap() {
@@ -314,7 +315,7 @@ fn a_call_is_cancelled_wherever_it_is() {
     }
 }
 
-/// A server that goes: what it replied to is there, all else fails at once.
+/// A server that ends: its replies arrive, and all other calls fail at once.
 //= SM2-RNG-011, SM2-SRV-005 test
 #[test]
 fn replies_outlive_their_server() {
@@ -341,7 +342,7 @@ fn replies_outlive_their_server() {
     }
 }
 
-/// A client that goes: its requests cost the server nothing.
+/// A client that ends: its requests do not reach the server's program.
 #[test]
 fn requests_do_not_outlive_their_client() {
     for lane in LANES {
@@ -353,7 +354,7 @@ fn requests_do_not_outlive_their_client() {
         drop(calls);
         until(|| request.is_cancelled());
         assert!(server.try_recv().unwrap().is_none());
-        assert_eq!(*request, [1], "what was taken stays");
+        assert_eq!(*request, [1], "a request that was taken stays valid");
         request.reply(b"").unwrap_err();
     }
 }

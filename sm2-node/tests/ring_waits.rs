@@ -1,5 +1,5 @@
-//! Nobody sleeps through what it waits for, however it waits: a message, room, or the end of
-//! whoever would have made room. On both lanes.
+//! No thread misses the event that it waits for, in any way of waiting and on both lanes: a message, room, or
+//! the end of the peer that would have made room.
 
 mod common;
 
@@ -15,21 +15,21 @@ use sm2_io::wait_readable;
 use sm2_node::asynchronous::IntoAsync;
 use sm2_node::{Published, Publisher, Sample, Subscriber, Wait};
 
-/// Longer than any test takes: whoever waits so long was not woken.
+/// Longer than any test takes: a thread that waits so long was not woken.
 const EVER: Duration = Duration::from_secs(600);
 fn subscriber(domain: &Domain, ring: bool, way: Wait) -> Subscriber<u64> {
     let builder = domain.node_on(ring, "listener").subscriber_builder("topic");
     builder.wait(way).declare().unwrap()
 }
 
-/// Does nothing for a while, which is another one each time: so that the other thread is met before
-/// it waits, while it is about to, and after.
+/// Pauses for a duration that differs from round to round, so that the other thread is met before it waits,
+/// while it is about to wait, and while it waits.
 fn dawdle(round: u64) {
     let spins = [0, 10, 100, 1_000, 10_000][(round % 5) as usize];
     (0..spins * (1 + round % 3)).for_each(|_| std::hint::spin_loop());
 }
 
-/// Publishes numbers from 1 on, each as soon as the one before was acknowledged.
+/// Publishes numbers from 1 on, each as soon as the previous one was acknowledged.
 fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::JoinHandle<()>) {
     let publisher = domain.node_on(ring, "talker").publisher::<u64>("topic");
     let publisher: Publisher<u64> = publisher.unwrap();
@@ -109,7 +109,7 @@ fn whoever_waits_for_a_time_waits_no_longer() {
     }
 }
 
-/// One message at a time to a program that polls the descriptor when it found nothing.
+/// A program polls the descriptor whenever it finds nothing: each message must make it readable.
 //= SM2-RNG-009 test
 #[test]
 fn a_polled_descriptor_is_readable_for_every_message() {
@@ -124,14 +124,14 @@ fn a_polled_descriptor_is_readable_for_every_message() {
                     return sample;
                 }
                 let woken = wait_readable(&[subscriber.as_fd()], Some(SOON)).unwrap();
-                assert!(woken, "nobody was woken for message {number}");
+                assert!(woken, "no wake-up for message {number}");
             }
         });
         talker.join().unwrap();
     }
 }
 
-/// The same with `try_recv_many`, which a loop that polls may as well use.
+/// The same with `try_recv_many`, for a loop that polls.
 #[test]
 fn a_polled_descriptor_is_readable_for_who_takes_many() {
     const ROUNDS: u64 = 500;
@@ -143,7 +143,7 @@ fn a_polled_descriptor_is_readable_for_who_takes_many() {
         take_all(ROUNDS, &taken, |number| {
             while subscriber.try_recv_many(&mut samples, 4).unwrap() == 0 {
                 let woken = wait_readable(&[subscriber.as_fd()], Some(SOON)).unwrap();
-                assert!(woken, "nobody was woken for message {number}");
+                assert!(woken, "no wake-up for message {number}");
             }
             samples.pop().unwrap()
         });
@@ -174,8 +174,8 @@ fn a_future_is_woken_for_every_message() {
     }
 }
 
-/// A reliable publisher on a thread of its own, which publishes so many messages to a subscriber
-/// that has room for one, and says what became of each.
+/// A reliable publisher with its own thread. It publishes messages to a subscriber with room for one, and
+/// reports the result of each.
 fn patient(
     domain: &Domain,
     ring: bool,
@@ -200,7 +200,7 @@ fn patient(
             dawdle(number / 7);
             sender.send(publisher.publish(&number).unwrap()).unwrap();
         }
-        // What still waits on this side would be lost with it.
+        // Messages that wait on this side would be lost when the publisher is dropped.
         assert!(publisher.flush_timeout(15 * SOON).unwrap());
     });
     (subscriber, published, thread)
@@ -219,7 +219,7 @@ fn a_publisher_that_waits_for_room_is_woken_by_who_makes_some() {
             assert_eq!((*sample, sample.lost()), (number, 0));
             dawdle(number);
             drop(sample);
-            // Whoever has given back what it took need not look at its sockets again.
+            // After it has released its messages, the subscriber need not read its sockets again.
             dawdle(number / 3);
         }
         for _ in 0..ROUNDS {
@@ -237,7 +237,7 @@ fn a_publisher_that_waits_for_room_is_woken_when_nobody_is_left() {
         for round in 0..20 {
             let domain = Domain::new();
             let (subscriber, published, thread) = patient(&domain, ring, 20);
-            // More than has room: from here on it waits, or is about to.
+            // More messages than there is room for: from here on the publisher waits, or is about to.
             let sample = next(&subscriber);
             while ring && subscriber.links()[0].ring && published.try_recv().is_err() {
                 thread::yield_now();

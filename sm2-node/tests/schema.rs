@@ -1,4 +1,4 @@
-//! Schema texts: from each the type's hash follows, and tools can read it.
+//! Schema texts: each gives the hash of its type, and tools can parse it.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::time::Duration;
@@ -9,12 +9,12 @@ use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 use sm2_node::{EncodeError, Message, Payload, PayloadError, Schema, schema};
 use sm2_proto::limits::{SCHEMA_DEPTH_MAX, SCHEMA_TEXT_MAX};
 
-/// A message of whatever type.
+/// A message that contains a `T`.
 #[derive(Message, Serialize, Deserialize)]
 #[message(name = "tests/Any", encoding = "postcard")]
 struct Any<T>(T);
 
-/// Its text, once it is certain that the type's hash follows from it.
+/// Returns the type's text, and checks that the type's hash follows from it.
 fn text<M: Message + ?Sized>() -> String {
     let text = M::schema().unwrap_or_else(|| panic!("{} has no text", M::NAME));
     let schema = sm2_proto::schema::Schema::parse(&text);
@@ -24,7 +24,7 @@ fn text<M: Message + ?Sized>() -> String {
     text
 }
 
-/// What stands for `T`.
+/// Returns the text of a part of type `T`.
 fn part<T: Schema + Serialize + for<'a> Deserialize<'a> + Send + Sync + 'static>() -> String {
     let text = text::<Any<T>>();
     let part = text.strip_prefix("postcard:struct{0:").unwrap();
@@ -131,7 +131,7 @@ fn a_derived_type_has_the_text_of_its_structure() {
     assert_eq!(text::<Any<Metres>>(), "postcard:struct{0:struct{0:f64,},}");
 }
 
-/// Contains itself, so its hash was chosen.
+/// A recursive type, so its hash was chosen by hand.
 #[derive(Serialize, Deserialize)]
 struct Tree {
     children: Vec<Tree>,
@@ -189,7 +189,7 @@ impl Schema for Deep {
     }
 }
 
-/// Whose hash is not that of its text.
+/// A type whose hash does not follow from its text.
 #[derive(Serialize, Deserialize)]
 struct Misnamed;
 
@@ -211,12 +211,12 @@ fn what_has_no_text_says_so_soon() {
     let mut text = String::new();
     assert!(!N8::describe(&mut text) && text.len() < 2 * SCHEMA_TEXT_MAX);
     assert!(N2::describe(&mut String::new()));
-    // Within a structure it is too deep.
+    // Inside a structure it is nested too deeply.
     assert_eq!(Any::<Deep>::schema(), None);
     assert_eq!(Any::<Misnamed>::schema(), None);
 }
 
-/// An encoding of its own.
+/// A type with its own encoding.
 #[derive(Schema, Debug, PartialEq)]
 struct Celsius(f32);
 
@@ -242,7 +242,7 @@ impl Message for Celsius {
 #[test]
 fn a_message_of_an_encoding_of_its_own_has_a_text_too() {
     assert_eq!(text::<Celsius>(), "decimal:struct{0:f32,}");
-    // Not for another encoding than the one that its hash says.
+    // No text for another encoding than the one in its hash.
     assert_eq!(schema::message_text::<Celsius>("plain"), None);
 }
 
@@ -309,7 +309,7 @@ fn a_message_as_json_has_the_names_that_serde_writes() {
     assert_eq!(*Renamed::view(Payload::from(bytes)).unwrap(), value);
 }
 
-/// Each of serde's rules gives the schema the names that serde writes.
+/// Under each of serde's rules, the schema has the names that serde writes.
 #[test]
 fn every_rule_of_renaming_is_serdes() {
     macro_rules! rules {

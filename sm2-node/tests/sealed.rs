@@ -1,5 +1,5 @@
-//! Sealed messages in a stream, and the memory that is made ready for them. The only test of its
-//! file: it looks at all descriptors of its process.
+//! A stream of sealed messages, and the memory that is prepared for them. In its own file: the test examines
+//! all descriptors of its process.
 
 mod common;
 
@@ -8,7 +8,7 @@ use std::time::Duration;
 use common::{Domain, meet, next, pattern};
 use sm2_node::{Publisher, Subscriber};
 
-/// How many files of sealed messages this process has open.
+/// Returns how many files of sealed messages this process has open.
 fn files() -> usize {
     std::fs::read_dir("/proc/self/fd")
         .unwrap()
@@ -17,13 +17,13 @@ fn files() -> usize {
         .count()
 }
 
-/// Publishes this message in one way or the other, and sees it arrive.
+/// Publishes this message as a copy or as a loan, and checks that it arrives.
 fn send(publisher: &Publisher<[u8]>, subscriber: &Subscriber<[u8]>, message: &[u8], loan: bool) {
     let links = if loan {
         let mut loan = publisher.loan_slice(message.len()).unwrap();
         assert!(
             loan.iter().all(|&byte| byte == 0),
-            "nothing of earlier messages"
+            "no byte of an earlier message is left"
         );
         loan.copy_from_slice(message);
         loan.publish().unwrap().links
@@ -50,7 +50,7 @@ fn a_stream_of_sealed_messages_has_one_file_ready_and_a_single_one_none() {
         for (seed, len) in (1..).zip(lengths.into_iter().cycle().take(33)) {
             send(&publisher, &subscriber, &pattern(len, seed), seed % 3 == 0);
         }
-        // What the subscriber gave back is known when the publisher looks.
+        // Reading the links makes the publisher notice the releases.
         common::until(|| publisher.links()[0].counters.in_flight == 0);
         assert_eq!(files(), ready);
         drop((publisher, subscriber));

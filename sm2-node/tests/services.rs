@@ -1,4 +1,4 @@
-//! Services, with a real Manager, all in one process.
+//! Services with a real Manager, in one process.
 
 mod common;
 
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use common::{Domain, SOON, pattern};
 use sm2_node::{CallError, Client, DeclareError, Message, Node, ReplyError, Server};
 
-/// A server on a thread of its own, until it is told to stop by a request of one byte `0`.
+/// Runs a server on its own thread, until a request of one byte `0` stops it.
 fn echo(node: &Node, name: &'static str) -> JoinHandle<usize> {
     let server = node.server::<[u8], [u8]>("echo").unwrap();
     thread::Builder::new()
@@ -35,7 +35,7 @@ fn client(node: &Node, servers: usize) -> Client<[u8], [u8]> {
     client
 }
 
-/// A client and a server in one thread: each is called in turn until the link is open.
+/// Returns a linked client and server of one thread: each is called in turn until the link is open.
 fn pair<Q: Message + ?Sized, R: Message + ?Sized>(domain: &Domain) -> (Server<Q, R>, Client<Q, R>) {
     let server = domain.node("server").server::<Q, R>("service").unwrap();
     let client = domain.node("client").client::<Q, R>("service").unwrap();
@@ -80,7 +80,7 @@ fn many_calls_at_once_are_answered_each_by_its_own_reply() {
         matches!(error, CallError::TooManyCalls { limit: 64, .. }),
         "{error}"
     );
-    // The last first: replies that came before wait for their turn.
+    // The last call first: replies that arrive earlier wait.
     for (seed, call) in calls.into_iter().enumerate().rev() {
         assert!(*call.wait().unwrap() == *pattern(5000, seed as u64));
     }
@@ -118,7 +118,7 @@ fn a_call_goes_to_the_server_with_the_fewest_calls_and_to_the_oldest_among_equal
         .collect();
     let got: Vec<_> = requests.iter().map(|[a, b]| [a[0], b[0]]).collect();
     assert_eq!(got, [[0, 3], [1, 4], [2, 5]]);
-    // The third becomes free: the next call is its.
+    // The third server becomes free, so the next call goes to it.
     let [first, _second] = requests.pop().unwrap();
     first.reply("done").unwrap();
     let mut calls = calls.into_iter();
@@ -149,7 +149,7 @@ fn several_clients_and_servers() {
     for client in clients {
         client.join().unwrap();
     }
-    // Two calls at once go to both of them.
+    // Two calls at the same time go to different servers.
     let client = client(&domain.node("last"), 2);
     let stop = [0, 0].map(|byte| client.send_timeout(&[byte], SOON).unwrap());
     for call in stop {
@@ -203,9 +203,9 @@ fn a_deadline_ends_the_call_on_both_sides() {
     );
     assert!(start.elapsed() >= timeout);
     assert!(request.is_cancelled());
-    // Too late; nobody is harmed.
+    // The reply is too late, and has no effect.
     request.reply(b"late").unwrap();
-    // A request that is not taken in time is answered by itself.
+    // A request that is not taken in time is answered automatically.
     let call = client.send_timeout(b"untaken", timeout).unwrap();
     let mut patient = client.send(b"patient").unwrap();
     thread::sleep(timeout);
@@ -232,13 +232,13 @@ fn a_cancelled_call_is_known_to_both_sides() {
     drop(request);
     let error = call.wait().unwrap_err();
     assert!(matches!(error, CallError::Cancelled { .. }), "{error}");
-    // Cancelled before it was taken: the server never sees it.
+    // Cancelled before it was taken: the server's program never sees it.
     let call = client.send_timeout(b"b", SOON).unwrap();
     drop(call);
     let call = client.send_timeout(b"c", SOON).unwrap();
     let request = server.recv().unwrap();
     assert_eq!(&*request, b"c");
-    // A reply that was quicker than the cancelling counts.
+    // A reply that overtakes the cancellation counts.
     request.reply(b"quick").unwrap();
     call.cancel();
     assert_eq!(&*call.wait().unwrap(), b"quick");
@@ -279,7 +279,7 @@ fn a_server_that_ends_fails_its_calls_at_once() {
     drop(server);
     drop(request);
     let [first, second] = calls;
-    // The one that was taken is answered by its drop; the server lives until then.
+    // The taken request is answered when it is dropped; the server lives until then.
     assert!(matches!(
         first.wait().unwrap_err(),
         CallError::Failed { .. }
@@ -327,7 +327,7 @@ fn a_descriptor_is_readable_when_there_may_be_a_reply() {
     assert_eq!(&*reply, b"b");
 }
 
-/// Services have no quality of service that could differ, and nobody is told to look at it.
+/// Services have no quality of service, so the error must not mention it.
 #[test]
 fn who_waits_in_vain_is_told_what_to_look_at() {
     let domain = Domain::new();

@@ -1,4 +1,4 @@
-//! Topics: what travels, and who is told what.
+//! Topics: messages of all sizes, and errors of declarations.
 
 mod common;
 
@@ -196,7 +196,7 @@ fn bad_names_and_values_are_errors_that_say_what_to_do() {
         .unwrap_err()
         .to_string();
     assert!(error.contains("empty"), "{error}");
-    // A leading slash is a habit of many.
+    // A leading slash is accepted.
     node.publisher::<str>("/chatter").unwrap();
     let domain = node.snapshot().unwrap();
     assert_eq!(domain.nodes().count(), 1);
@@ -204,7 +204,10 @@ fn bad_names_and_values_are_errors_that_say_what_to_do() {
         .interfaces()
         .filter(|it| it.refused.is_none())
         .collect();
-    assert!(left.is_empty(), "what was dropped is withdrawn: {left:?}");
+    assert!(
+        left.is_empty(),
+        "dropped interfaces are withdrawn: {left:?}"
+    );
 }
 
 #[test]
@@ -220,7 +223,7 @@ fn a_pool_with_a_limit_says_when_it_is_full() {
         .unwrap_err()
         .to_string();
     assert!(error.contains("pool_limit"), "{error}");
-    // Those that are kept are as they were.
+    // Messages that are held do not change.
     let subscriber = domain.node("late").subscriber::<[u8]>("topic").unwrap();
     meet(&publisher, &[&subscriber]);
     for seed in 1..=2 {

@@ -1,4 +1,4 @@
-//! A domain of one's own, for each test.
+//! A domain for each test.
 #![allow(dead_code, reason = "each test uses its own part")]
 
 use std::thread;
@@ -8,10 +8,10 @@ use sm2_manager::{Background, Options, Policy};
 use sm2_node::diagnostics::LinkStatus;
 use sm2_node::{Message, Node, Publisher, Sample, Subscriber, Wait};
 
-/// Long enough for a machine that is busy with other tests.
+/// A timeout that is long enough on a machine that runs other tests at the same time.
 pub(crate) const SOON: Duration = Duration::from_secs(2);
 
-/// Which lane is offered.
+/// With and without the ring lane.
 pub(crate) const LANES: [bool; 2] = [true, false];
 /// All ways to wait.
 pub(crate) const WAYS: [Wait; 3] = [
@@ -20,7 +20,7 @@ pub(crate) const WAYS: [Wait; 3] = [
     Wait::Spin,
 ];
 
-/// A Manager, with its socket in a temporary folder.
+/// A Manager with its socket in a temporary directory.
 pub(crate) struct Domain {
     manager: Option<Background>,
     folder: tempfile::TempDir,
@@ -50,13 +50,13 @@ impl Domain {
         Node::builder(name).socket(self.socket()).connect().unwrap()
     }
 
-    /// A node that offers the ring lane, or does not.
+    /// Connects a node that offers the ring lane, or not.
     pub(crate) fn node_on(&self, ring: bool, name: &str) -> Node {
         let builder = Node::builder(name).socket(self.socket());
         builder.ring_lane(ring).connect().unwrap()
     }
 
-    /// Starts a Manager; nodes of the one before come back by themselves, when they are called.
+    /// Starts a Manager. Existing nodes reconnect by themselves when they are called.
     pub(crate) fn start(&mut self) {
         assert!(self.manager.is_none());
         let options = Options {
@@ -66,31 +66,32 @@ impl Domain {
         self.manager = Some(Background::start(&self.socket(), options).unwrap());
     }
 
-    /// Stops the Manager. Nodes go on without it.
+    /// Stops the Manager. Nodes continue without it.
     pub(crate) fn stop(&mut self) {
         self.manager.take().unwrap().stop().unwrap();
     }
 }
 
-/// Whether links use the ring lane: all tests hold on both.
+/// Whether links use the ring lane. All tests pass with and without it.
 pub(crate) fn ring_lane() -> bool {
     std::env::var_os("SM2_RING_LANE").is_none_or(|it| it != "off")
 }
 
-/// Waits until each of these nodes knows that its Manager is gone.
+/// Waits until each of these nodes knows that its Manager has ended.
 pub(crate) fn away(nodes: &[&Node]) {
     until(|| nodes.iter().all(|node| !node.is_connected()));
 }
 
-/// Waits until each of these nodes is back: nodes of one thread, each of which has to be called.
+/// Waits until each of these nodes is connected again. The nodes belong to one thread, so each must be
+/// called.
 pub(crate) fn back(nodes: &[&Node]) {
     until(|| {
-        // Each of them is asked, whatever the others say: that moves it on.
+        // Calls every node, because the call drives it.
         nodes.iter().filter(|node| !node.is_connected()).count() == 0
     });
 }
 
-/// Asks again and again, until it is so.
+/// Calls `is_so` repeatedly until it returns true.
 pub(crate) fn until(mut is_so: impl FnMut() -> bool) {
     let deadline = Instant::now() + SOON;
     while !is_so() {
@@ -99,7 +100,7 @@ pub(crate) fn until(mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// Bytes that differ from place to place and from message to message.
+/// Returns bytes that depend on the position and on the message.
 pub(crate) fn pattern(len: usize, seed: u64) -> Vec<u8> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let word = |_| {
@@ -113,7 +114,7 @@ pub(crate) fn pattern(len: usize, seed: u64) -> Vec<u8> {
     bytes
 }
 
-/// A publisher and a subscriber of two nodes, linked.
+/// Returns a linked publisher and subscriber of two nodes.
 pub(crate) fn pair<T: Message + ?Sized>(
     domain: &Domain,
     publisher: impl FnOnce(&Node) -> Publisher<T>,
@@ -126,7 +127,7 @@ pub(crate) fn pair<T: Message + ?Sized>(
     (publisher, subscriber)
 }
 
-/// One end of a topic, whatever its type.
+/// One end of a topic, independent of its type.
 pub(crate) trait Endpoint {
     fn links(&self) -> Vec<LinkStatus>;
 }
@@ -143,7 +144,7 @@ impl<T: Message + ?Sized> Endpoint for Subscriber<T> {
     }
 }
 
-/// Several nodes in one thread: each has to be called until all their links are open.
+/// Drives several nodes of one thread until all their links are open.
 pub(crate) fn meet(publisher: &dyn Endpoint, subscribers: &[&dyn Endpoint]) {
     let deadline = Instant::now() + SOON;
     let open = |end: &dyn Endpoint| end.links().iter().filter(|link| link.open).count();
