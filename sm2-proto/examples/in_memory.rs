@@ -1,14 +1,17 @@
 //! A Manager, a publisher, a subscriber and their link, without any I/O. Between two messages
 //! the Manager dies and another one takes over; the link does not notice.
 //!
-//! Whoever embeds the machines writes three loops like `manager_works`,
-//! `node_works` and `link_works`: poll until there is nothing, and carry out
-//! each output. Here a datagram goes into a queue; elsewhere it goes into a
-//! socket, and a [`Link`]'s datagrams into the descriptor that came with LINK.
+//! A program that embeds the machines has three loops like `drain_manager`, `drain_node` and
+//! `drain_link`: they poll until no output is left, and carry out each output. Here a datagram
+//! goes into a queue. A real program writes it to a socket: a [`Link`]'s datagrams go to the
+//! descriptor that came with LINK.
+//!
+//! SPEC, Annex C, has the bytes of this session; a test compares them.
 //!
 //! `cargo run -p sm2-proto --example in_memory`
 
-use std::{collections::VecDeque, fmt::Debug};
+use std::collections::VecDeque;
+use std::fmt::{self, Debug, Display, Formatter};
 
 use sm2_proto::{
     Contract, Datagram, Demand, Farewell, FdFacts, Instant, InterfaceId, Machine, Name, NodeId,
@@ -22,19 +25,19 @@ use sm2_proto::{
 };
 
 fn main() {
-    World::new().run(&mut |line| println!("{line}"));
+    World::new().run(&mut |step| println!("{step}"));
 }
 
-/// Machines never read a clock. Nothing here takes any time.
+/// The time of every event: machines never read a clock, and time stands still here.
 const NOW: Instant = Instant(0);
-/// Who the kernel says our nodes are.
-const WE: Credentials = Credentials {
+/// The credentials of both nodes, as the kernel would give them.
+const CREDENTIALS: Credentials = Credentials {
     uid: 1000,
     gid: 1000,
     pid: 1,
 };
 
-/// A robot program: its node, its one interface, and that one's link.
+/// A robot program: its node, its only interface, and the link of this interface.
 struct Program {
     name: &'static str,
     node: Node,
@@ -43,7 +46,7 @@ struct Program {
     link: Option<Link>,
 }
 
-/// A datagram on its way. Programs are numbered; their sessions count from 1.
+/// A datagram on its way. A program is an index; its session is that index plus 1.
 enum Wire {
     /// To the Manager, from a program.
     Manager(usize, Vec<u8>),
@@ -51,11 +54,39 @@ enum Wire {
     Node(usize, Vec<u8>, Vec<FdFacts>),
     /// To a program's link.
     Link(usize, Vec<u8>),
-    /// To nobody: the Manager dies here, and another one takes its place.
+    /// No datagram: the Manager dies here, and another one takes over.
     TakeOver,
 }
 
-/// Both programs, their Manager, and what is on its way between them.
+/// A datagram that was delivered.
+pub(crate) struct Step {
+    /// Its sender and its receiver: `lidar -> Manager`.
+    pub(crate) route: String,
+    /// The frame in it, as text.
+    frame: String,
+    /// Its bytes; none where the Manager dies.
+    #[cfg_attr(
+        not(test),
+        allow(dead_code, reason = "the test of SPEC's Annex C reads them")
+    )]
+    pub(crate) bytes: Vec<u8>,
+    /// The state of its receiver afterwards.
+    state: String,
+}
+
+impl Display for Step {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self {
+            route,
+            frame,
+            state,
+            ..
+        } = self;
+        write!(f, "{route}{frame}\n    {state}")
+    }
+}
+
+/// Both programs, their Manager, and the datagrams on their way.
 pub(crate) struct World {
     manager: Manager,
     programs: [Program; 2],
@@ -63,7 +94,7 @@ pub(crate) struct World {
 }
 
 fn name(text: &str) -> Name {
-    Name::new(text).expect("it keeps to the grammar")
+    Name::new(text).expect("the name is valid")
 }
 
 impl World {
@@ -106,17 +137,17 @@ impl World {
         }
     }
 
-    /// Delivers one datagram after the other, until nobody has anything to say.
-    pub(crate) fn run(&mut self, print: &mut dyn FnMut(String)) {
+    /// Delivers one datagram after the other until none is left, and reports each.
+    pub(crate) fn run(&mut self, report: &mut dyn FnMut(Step)) {
         for at in 0..self.programs.len() {
             self.feed_manager(manager::Input::Connected {
                 session: session(at),
-                credentials: WE,
+                credentials: CREDENTIALS,
             });
-            self.node_works(at);
+            self.drain_node(at);
         }
         while let Some(wire) = self.wires.pop_front() {
-            let read = wire.to_string(&self.programs);
+            let mut step = wire.step(&self.programs);
             match &wire {
                 Wire::Manager(from, bytes) => self.feed_manager(manager::Input::Datagram {
                     session: session(*from),
@@ -135,12 +166,13 @@ impl World {
                 }
                 Wire::TakeOver => self.take_over(),
             }
-            print(format!("{read}\n    {}", self.state(&wire)));
+            step.state = self.state(&wire);
+            report(step);
         }
     }
 
-    /// What was on its way to the old Manager is lost with it. The new one knows nothing
-    /// but what the nodes tell it.
+    /// Datagrams on their way to the old Manager are lost with it. The new Manager learns everything
+    /// from the nodes.
     fn take_over(&mut self) {
         let link_only = |wire: &Wire| matches!(wire, Wire::Link(..));
         self.wires.retain(link_only);
@@ -149,7 +181,7 @@ impl World {
             self.feed_node(at, node::Input::Eof);
             self.feed_manager(manager::Input::Connected {
                 session: session(at),
-                credentials: WE,
+                credentials: CREDENTIALS,
             });
             self.feed_node(at, node::Input::Reconnected);
         }
@@ -157,7 +189,7 @@ impl World {
 
     fn feed_manager(&mut self, input: manager::Input<'_>) {
         let taken = self.manager.handle(NOW, input);
-        taken.expect("our session numbers grow");
+        taken.expect("session numbers grow");
         while let Some(output) = self.manager.poll() {
             match output {
                 manager::Output::Send { session, frame } => {
@@ -178,7 +210,7 @@ impl World {
                     let goodbye = goodbye.map(|it| Wire::Node(program(session), it, vec![]));
                     self.wires.extend(goodbye);
                 }
-                // Nobody here keeps counters.
+                // No node here keeps counters.
                 manager::Output::KeepCounters { .. } | manager::Output::SendCounters { .. } => {}
             }
         }
@@ -186,20 +218,20 @@ impl World {
 
     fn feed_node(&mut self, at: usize, input: node::Input<'_>) {
         let taken = self.programs[at].node.handle(NOW, input);
-        taken.expect("neither we nor the Manager break the rules");
-        self.node_works(at);
+        taken.expect("neither side breaks a rule");
+        self.drain_node(at);
     }
 
-    fn node_works(&mut self, at: usize) {
+    fn drain_node(&mut self, at: usize) {
         while let Some(output) = self.programs[at].node.poll() {
             let program = &mut self.programs[at];
             match output {
                 node::Output::Transmit(bytes) => self.wires.push_back(Wire::Manager(at, bytes)),
                 node::Output::Welcomed { .. } if program.interface.is_none() => {
                     let interface = program.node.declare(program.contract.clone());
-                    program.interface = Some(interface.expect("we are welcome"));
+                    program.interface = Some(interface.expect("the node has a session"));
                 }
-                // Our link is known to the new Manager too. It never ceased to work.
+                // The new Manager knows the link too. The link has worked all the time.
                 node::Output::Resumed if Role::of(program.contract.kind()) == Role::Sender => {
                     self.feed_link(at, message(2));
                 }
@@ -212,7 +244,7 @@ impl World {
                 } => {
                     let config = Config::new(&program.contract, link, version, reliable, sealed);
                     program.link = Some(Link::new(config));
-                    self.link_works(at);
+                    self.drain_link(at);
                 }
                 node::Output::Unlink { code, .. } => self.feed_link(at, link::Input::Close(code)),
                 node::Output::Withdrawn { .. } => {
@@ -224,7 +256,7 @@ impl World {
                 | node::Output::DeclareRefused { .. }
                 | node::Output::Resumed
                 | node::Output::Ended(_) => {}
-                // The answers to what nobody here asks.
+                // Answers to requests that no node here sends.
                 node::Output::Page { .. }
                 | node::Output::Changes { .. }
                 | node::Output::TransmitCounters(_)
@@ -237,18 +269,18 @@ impl World {
 
     fn feed_link(&mut self, at: usize, input: link::Input<'_>) {
         if let Some(link) = &mut self.programs[at].link {
-            // A link that is over says so; that is no concern of anybody's.
+            // A link that has ended refuses input, which is expected here.
             let _ = link.handle(NOW, input);
-            self.link_works(at);
+            self.drain_link(at);
         }
     }
 
-    fn link_works(&mut self, at: usize) {
+    fn drain_link(&mut self, at: usize) {
         while let Some(link) = &mut self.programs[at].link {
             if let Some(output) = link.poll() {
                 self.carry_out(at, output);
             } else if let Ok(Some(delivery)) = link.take(&NoMemory) {
-                // The application has it; here it gives it back at once.
+                // The application takes the message, and releases it at once.
                 assert_eq!(delivery.payload, Payload::Inline("one scan".into()));
                 let sequence = delivery.sequence;
                 self.feed_link(at, link::Input::Release { sequence });
@@ -269,14 +301,14 @@ impl World {
                 self.feed_link(at, message(1));
             }
             link::Output::Settled { key: 1, .. } => self.wires.push_back(Wire::TakeOver),
-            // The last message was given back: that was all that we wanted.
+            // The subscriber has released the last message: the publisher withdraws.
             link::Output::Settled { .. } => {
                 if let Some(interface) = program.interface {
                     self.feed_node(at, node::Input::Withdraw { interface });
                     self.feed_link(at, link::Input::Close(Farewell::Done.code()));
                 }
             }
-            // Harmless where the Manager, or we, said so before.
+            // The node machine ignores this if the link was unlinked before.
             link::Output::Ended(_) => {
                 if let (Some(interface), Some(link)) = (program.interface, &program.link) {
                     let unlinked = node::Input::Unlinked {
@@ -287,12 +319,12 @@ impl World {
                     self.feed_node(at, unlinked);
                 }
             }
-            // Small messages travel in their datagrams: nothing to map or to keep.
+            // Small messages travel inline: there is no memory to map or to keep.
             _ => {}
         }
     }
 
-    /// How far whoever got the datagram has come by it.
+    /// The state of the receiver after the datagram.
     fn state(&self, wire: &Wire) -> String {
         match wire {
             Wire::Manager(..) => {
@@ -322,34 +354,44 @@ impl World {
 }
 
 impl Wire {
-    fn to_string(&self, programs: &[Program; 2]) -> String {
+    fn step(&self, programs: &[Program; 2]) -> Step {
         let name = |at: &usize| programs[*at].name;
-        match self {
+        let (route, frame, bytes) = match self {
             Self::Manager(from, bytes) => {
-                let frame = decode_to_manager(&Datagram::new(bytes));
-                format!("{} -> Manager: {}", name(from), readable(frame))
+                let frame = readable(decode_to_manager(&Datagram::new(bytes)));
+                (format!("{} -> Manager", name(from)), frame, bytes.clone())
             }
             Self::Node(to, bytes, fds) => {
                 let datagram = Datagram {
                     fds,
                     ..Datagram::new(bytes)
                 };
-                let frame = decode_to_node(&datagram);
-                format!("Manager -> {}: {}", name(to), readable(frame))
+                let frame = readable(decode_to_node(&datagram));
+                (format!("Manager -> {}", name(to)), frame, bytes.clone())
             }
             Self::Link(to, bytes) => {
-                let frame = Frame::decode(&Datagram::new(bytes));
-                format!("{} -> {}: {}", name(&(1 - to)), name(to), readable(frame))
+                let frame = readable(Frame::decode(&Datagram::new(bytes)));
+                let route = format!("{} -> {}", name(&(1 - to)), name(to));
+                (route, frame, bytes.clone())
             }
-            Self::TakeOver => "The Manager dies, and another one takes over".to_owned(),
+            Self::TakeOver => {
+                let event = "The Manager dies, and another one takes over";
+                (event.to_owned(), String::new(), Vec::new())
+            }
+        };
+        Step {
+            route,
+            frame,
+            bytes,
+            state: String::new(),
         }
     }
 }
 
 fn readable(frame: Result<impl Debug, Violation>) -> String {
     match frame {
-        Ok(frame) => format!("{frame:?}"),
-        Err(violation) => violation.to_string(),
+        Ok(frame) => format!(": {frame:?}"),
+        Err(violation) => format!(": {violation}"),
     }
 }
 
