@@ -15,62 +15,62 @@ use crate::{
 #[derive(Debug, Parser)]
 #[command(name = "sm2-bench", version, about)]
 pub struct Cli {
-    /// What to do.
+    /// The subcommand.
     #[command(subcommand)]
     pub command: Command,
 }
 
-/// What to do.
+/// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Run a workload on all peers in turn
     Run(RunArguments),
-    /// Say which workloads and peers can run here
+    /// List the workloads and peers, and why some cannot run here
     List,
-    /// Write the tables and plots anew from the results of earlier runs
+    /// Write the tables and plots of the results of earlier runs
     Report(ReportArguments),
-    /// A process of a run.
+    /// Run one process of a run.
     #[command(name = ROLE_COMMAND, hide = true)]
     Role {
-        /// What it does, as JSON.
+        /// The job of the process, as JSON.
         job: String,
     },
 }
 
-/// What to run, and how.
+/// The arguments of `run`.
 #[derive(Debug, Args)]
 pub struct RunArguments {
-    /// Which workload: see `list`
+    /// Workload to run: see `list`
     #[arg(value_parser = workload)]
     pub workload: &'static Workload,
-    /// What subscribers do with a message
+    /// Part of each message that subscribers read
     #[arg(long, value_enum, default_value_t)]
     pub read: Read,
-    /// Which peers, separated by commas; all that can run here if it is not said
+    /// Peers to run, separated by commas [default: all that can run here]
     #[arg(long, value_delimiter = ',', value_parser = peer)]
     pub peers: Vec<&'static PeerInfo>,
-    /// How often all is run; every peer has its turn in each repeat
+    /// Number of repeats; every peer runs in each repeat
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     pub repeats: u32,
-    /// How long each case counts, in seconds; the workload's own choice if it is not said
+    /// Duration of the counted part of each case, in seconds [default: depends on the workload]
     #[arg(long, value_parser = positive)]
     pub seconds: Option<f64>,
-    /// The length of large messages, in bytes
+    /// Length of large messages, in bytes
     #[arg(long, default_value_t = 10_000_000, value_parser = message_length)]
     pub size: usize,
-    /// On which cores processes run; daemons always run where the scheduler wants them
+    /// Assignment of processes to cores; the scheduler always places daemons
     #[arg(long, value_enum, default_value_t)]
     pub cores: Cores,
-    /// How many nodes join in `nodes`; 50, then 100, if it is not said
+    /// Number of nodes in `nodes` [default: 50, then 100]
     #[arg(long, value_parser = clap::value_parser!(u16).range(2..))]
     pub nodes: Option<u16>,
-    /// In `bad-link`: one more case, in which the link stands still for 102 ms and 1,030 ms at times
+    /// In `bad-link`, add a case in which the link pauses at times, for 102 ms or 1,030 ms
     #[arg(long)]
     pub pauses: bool,
-    /// Print one JSON object per peer and figure on a line of its own, and no table
+    /// Print one JSON object per peer and figure, one per line, instead of tables
     #[arg(long)]
     pub json: bool,
-    /// Where results and plots are kept
+    /// Folder for results and plots
     #[arg(long, default_value = "results", value_name = "DIR")]
     pub out: PathBuf,
     /// Write the tables of all results in DIR into this file, between its two marker lines
@@ -78,12 +78,12 @@ pub struct RunArguments {
     pub markdown: Option<PathBuf>,
 }
 
-/// From what to report, and where.
+/// The arguments of `report`.
 #[derive(Debug, Args)]
 pub struct ReportArguments {
-    /// Where results are kept
+    /// Folder with results
     pub dir: PathBuf,
-    /// Write the tables into this file, between its two marker lines; print them if it is not said
+    /// Write the tables into this file, between its two marker lines [default: print them]
     #[arg(long, value_name = "FILE")]
     pub markdown: Option<PathBuf>,
 }

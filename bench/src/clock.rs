@@ -1,10 +1,10 @@
-//! The monotonic clock, which all processes of a machine share.
+//! The monotonic clock, which all processes of the machine share.
 
 use std::time::Duration;
 
 use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
 
-/// Nanoseconds since an unspecified moment, the same one for every process.
+/// Nanoseconds since an unspecified time, which is the same for all processes.
 ///
 /// # Panics
 ///
@@ -15,10 +15,10 @@ pub fn now_ns() -> u64 {
     Duration::from(time).as_nanos() as u64
 }
 
-/// Sleeps until this moment; not at all if it is over.
+/// Sleeps until this time; returns at once if it has passed.
 pub fn sleep_until(at_ns: u64) {
     let at = Duration::from_nanos(at_ns).into();
     let flags = ClockNanosleepFlags::TIMER_ABSTIME;
-    // Interrupted by a signal: the moment is the same.
+    // A signal interrupts the sleep; the time is absolute, so that it stays the same.
     while clock_nanosleep(ClockId::CLOCK_MONOTONIC, flags, &at).is_err() {}
 }

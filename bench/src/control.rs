@@ -1,4 +1,4 @@
-//! A process of a run towards its director: lines out, words in.
+//! The connection of a process to its director: standard output and standard input.
 
 use std::{
     io::{self, BufRead, Write},
@@ -12,17 +12,17 @@ use std::{
 
 use crate::job::Said;
 
-/// How far the director has let the process go.
+/// The progress that the director has allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Stage {
-    /// It sets up.
+    /// The process sets up.
     Prepare,
     /// The word `go` came.
     Go,
     /// The word `stop` came.
     Stop,
-    /// Standard input is at its end.
+    /// Standard input has ended.
     End,
 }
 
@@ -30,15 +30,15 @@ static REACHED: AtomicU8 = AtomicU8::new(Stage::Prepare as u8);
 static TURN: Mutex<()> = Mutex::new(());
 static CHANGED: Condvar = Condvar::new();
 
-/// Listens to the director, on a thread that sleeps as long as that is silent. `leave`: the
-/// process ends at once at the end, whatever it is doing.
+/// Starts a thread that reads the director's words. With `leave`, the process exits at once when
+/// standard input ends.
 ///
 /// # Errors
 ///
-/// There can be no thread.
+/// The thread cannot be started.
 pub fn listen(leave: bool) -> io::Result<()> {
     let listener = thread::Builder::new().name("director".into());
-    // Its memory counts as the peer's.
+    // A small stack: its memory is measured as part of the peer's.
     let listener = listener.stack_size(64 << 10);
     listener.spawn(move || {
         for line in io::stdin().lock().lines() {
@@ -62,13 +62,13 @@ fn reach(stage: Stage) {
     CHANGED.notify_all();
 }
 
-/// Whether it has come to this.
+/// True if the director has allowed this stage or a later one.
 #[must_use]
 pub fn reached(stage: Stage) -> bool {
     REACHED.load(Ordering::Acquire) >= stage as u8
 }
 
-/// Sleeps until it has come to this.
+/// Sleeps until the director allows this stage.
 pub fn wait_for(stage: Stage) {
     let mut turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     while !reached(stage) {
@@ -76,11 +76,11 @@ pub fn wait_for(stage: Stage) {
     }
 }
 
-/// Says it to the director.
+/// Sends a line to the director.
 ///
 /// # Errors
 ///
-/// What standard output says: the director is gone.
+/// Standard output is closed: the director is gone.
 pub fn say(said: &Said) -> io::Result<()> {
     let mut line = serde_json::to_vec(said)?;
     line.push(b'\n');

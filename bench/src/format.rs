@@ -1,6 +1,6 @@
-//! Numbers as people read them.
+//! Numbers for people.
 
-/// Three digits that count, and thousands apart.
+/// Formats a number with three significant digits, and commas between thousands.
 #[must_use]
 pub fn number(value: f64) -> String {
     if value == 0.0 {

@@ -1,4 +1,4 @@
-//! Control-C ends a run in good order: its processes first.
+//! Ctrl-C, which ends a run in order: first its processes, then the director.
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},
@@ -9,12 +9,12 @@ use nix::sys::signal::{SigSet, Signal};
 
 static CAME: AtomicBool = AtomicBool::new(false);
 
-/// Watches for SIGINT and SIGTERM. To be called before any other thread is made. A second one
-/// ends the process at once.
+/// Watches for SIGINT and SIGTERM; a second signal ends the process at once. Call this before the
+/// first thread starts.
 ///
 /// # Errors
 ///
-/// The signals cannot be blocked, or there can be no thread.
+/// The signals cannot be blocked, or the thread cannot be started.
 pub fn watch() -> std::io::Result<()> {
     let mut signals = SigSet::empty();
     signals.add(Signal::SIGINT);
@@ -30,7 +30,7 @@ pub fn watch() -> std::io::Result<()> {
     Ok(())
 }
 
-/// Whether one came.
+/// True if SIGINT or SIGTERM has arrived.
 #[must_use]
 pub fn came() -> bool {
     CAME.load(Ordering::Relaxed)

@@ -1,8 +1,8 @@
-//! What the processes of a run say to each other.
+//! The protocol between the director and the processes of a run.
 //!
-//! The director starts each of them with a [`Job`] as its argument. Each prints lines of JSON,
-//! [`Said`], and reads the words `go` and `stop` from its standard input, whose end says that
-//! it is time to leave.
+//! The director starts each process with a [`Job`] as its argument. The process prints one line of
+//! JSON, a [`Said`], per event. It reads the words `go` and `stop` from its standard input, and
+//! exits when its standard input ends.
 
 use std::path::PathBuf;
 
@@ -13,34 +13,34 @@ use crate::stats::Spread;
 /// The hidden subcommand of the processes of a run; its argument is a [`Job`] as JSON.
 pub const ROLE_COMMAND: &str = "role";
 
-/// Which peer, and where it has its files: one world for each case of a run.
+/// The peer of a case, and the names and files that its processes share.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Domain {
-    /// Its name in the catalogue of peers.
+    /// The name of the peer in the catalogue.
     pub peer: String,
-    /// A folder of this case alone, in memory.
+    /// A folder in memory that belongs to this case alone.
     pub dir: PathBuf,
-    /// No other run on this machine has it: for names in places that all share.
+    /// A prefix for names in folders that all processes of the machine share; unique to this case.
     pub tag: String,
-    /// A TCP port that was free, on the loopback interface.
+    /// A TCP port of the loopback interface that was free when the case began.
     pub port: u16,
-    /// At which of two hosts, if the case has two: they have the folder in common, and no network
-    /// but the [link](crate::link) between them.
+    /// The host of the process, if the case has two hosts. They share the folder; their only
+    /// network is the [link](crate::link) between them.
     pub side: Option<Side>,
 }
 
-/// One of two hosts.
+/// One of the two hosts of a case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Side {
-    /// Where the publisher is.
+    /// The host of the publisher.
     Near,
-    /// The other one.
+    /// The host of the remote subscriber.
     Far,
 }
 
 impl Side {
-    /// One word for the names of files.
+    /// The name of the side, as it stands in names of files.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -50,27 +50,27 @@ impl Side {
     }
 }
 
-/// A channel or service, and what the workload needs of it.
+/// A topic or service of a peer, and the workload's requirements on it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Channel {
-    /// Letters, digits and `/`.
+    /// The name: letters, digits and `/`.
     pub name: String,
-    /// No message is longer, in bytes.
+    /// The length of the longest message, in bytes.
     pub max_len: usize,
-    /// How many messages wait for a subscriber, where the peer can be told.
+    /// The number of messages that a subscriber's queue holds, for peers that can configure it.
     pub depth: usize,
-    /// The workload is about messages that arrive: nothing may be dropped, where the peer can be
-    /// told. Otherwise the peer's mode says.
+    /// True if nothing may be dropped, for peers that can configure it. Otherwise the mode of the
+    /// peer decides.
     pub lossless: bool,
-    /// How many subscribers, or clients, there will be.
+    /// The number of subscribers or clients that will come.
     pub subscribers: usize,
 }
 
-/// What subscribers do with a message.
+/// The part of a message that subscribers read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Read {
-    /// Every byte is read and compared with what was written.
+    /// Every byte is read and compared with the written one.
     #[default]
     Full,
     /// The first 32 bytes are read.
@@ -78,7 +78,7 @@ pub enum Read {
 }
 
 impl Read {
-    /// Its name on the command line.
+    /// The name of the variant on the command line.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -88,224 +88,224 @@ impl Read {
     }
 }
 
-/// On which cores the processes of a run are.
+/// The assignment of processes to cores.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Cores {
-    /// Where the scheduler wants them.
+    /// The scheduler of the kernel decides.
     #[default]
     Free,
-    /// Each on one core, the next one on the next core.
+    /// Each process is bound to one core, and the next process to the next core.
     Apart,
-    /// All on the first core.
+    /// All processes are bound to the first core.
     Together,
 }
 
-/// A process of a run.
+/// The description of one process of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Job {
-    /// Its world.
+    /// The peer and its files.
     pub domain: Domain,
-    /// What it does there.
+    /// The task of the process.
     pub role: Role,
-    /// The one core that it runs on; any if it is not said.
+    /// The core that the process is bound to, if any.
     pub core: Option<usize>,
-    /// The file of the network namespace that it is in, if it is not the director's.
+    /// The file of the network namespace that the process enters; `None` is the director's.
     pub network: Option<PathBuf>,
 }
 
-/// What a process does.
+/// The task of a process.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum Role {
-    /// The peer's daemon: a Manager, a router.
+    /// Runs the peer's daemon: a Manager or a router.
     Daemon,
     /// Publishes a stream.
     Publisher(Stream),
     /// Receives a stream.
     Subscriber {
-        /// Of what.
+        /// The channel of the stream.
         channel: Channel,
-        /// How.
+        /// The part of each message that the subscriber reads.
         read: Read,
-        /// Which one of the subscribers it is, from 0.
+        /// The index of the subscriber, from 0.
         number: usize,
     },
-    /// Receives a stream, and notes when each message came.
+    /// Receives a stream, and records the arrival of each message.
     Watcher {
-        /// Of what.
+        /// The channel of the stream.
         channel: Channel,
-        /// How.
+        /// The part of each message that the watcher reads.
         read: Read,
-        /// Which one it is, from 0.
+        /// The index of the watcher, from 0.
         number: usize,
     },
-    /// Sends, and waits for what comes back.
+    /// Sends messages, and waits for each to come back.
     Ping(RoundTrips),
-    /// Sends back.
+    /// Sends each message back.
     Echo(RoundTrips),
     /// Calls a service.
     Client(RoundTrips),
-    /// Serves.
+    /// Serves the calls of the client.
     Server(RoundTrips),
-    /// Has a channel, and listens to its neighbour's.
+    /// Publishes on a channel of its own, and subscribes to the channel of the next node.
     Node {
-        /// Which one it is, from 0.
+        /// The index of the node, from 0.
         number: usize,
-        /// Of how many.
+        /// The number of nodes.
         count: usize,
     },
-    /// Ends with the first message of a channel.
+    /// Receives one message, and reports the time since its start.
     Joiner {
-        /// Of which one.
+        /// The channel that the process subscribes to.
         channel: Channel,
-        /// When it was started, on the monotonic clock.
+        /// The time at which the director started the process, on the monotonic clock.
         started_ns: u64,
     },
-    /// Moves messages within one process: what the memory allows.
+    /// Writes and reads messages within one process, to measure the memory alone.
     Memory(MemoryWork),
 }
 
-/// What a publisher sends.
+/// The messages of a publisher.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Stream {
-    /// Where.
+    /// The channel that the messages are published on.
     pub channel: Channel,
     /// The length of each message, in bytes.
     pub len: usize,
-    /// How many in each second; as fast as possible if it is not said.
+    /// Messages per second; `None` is as fast as possible.
     pub rate_hz: Option<f64>,
-    /// How long it publishes before it counts, in seconds.
+    /// The time before the counted part, in seconds.
     pub warm_up_s: f64,
-    /// How long it counts, in seconds.
+    /// The duration of the counted part, in seconds.
     pub seconds: f64,
-    /// Messages say when they were published.
+    /// True if messages carry the time of their publication.
     pub stamped: bool,
 }
 
-/// Messages that go and come back.
+/// Messages that travel to another process and back.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RoundTrips {
-    /// Of this length, both ways, in bytes.
+    /// The length of each message in both directions, in bytes.
     pub len: usize,
-    /// Whether both sides read all bytes.
+    /// The part of each message that both sides read.
     pub read: Read,
-    /// Not more of them.
+    /// The largest number of round trips.
     pub count: usize,
-    /// Not longer, in seconds.
+    /// The longest duration, in seconds.
     pub seconds: f64,
 }
 
-/// One message is written, and read so many times.
+/// Messages that one process writes and reads.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MemoryWork {
-    /// Its length, in bytes.
+    /// The length of each message, in bytes.
     pub len: usize,
-    /// How many times it is read.
+    /// The number of times that each message is read.
     pub readers: usize,
-    /// How.
+    /// The part of the message that is read.
     pub read: Read,
-    /// On so many threads at once, each with memory of its own.
+    /// The number of threads, each of which has memory of its own.
     pub threads: usize,
-    /// How long, in seconds.
+    /// The duration, in seconds.
     pub seconds: f64,
 }
 
-/// One line of a process.
+/// One line of output of a process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Said {
-    /// Everything is declared; with a publisher or client: everybody is there.
+    /// The process has declared its interfaces.
     Ready,
     /// The counted part begins.
     Measuring,
     /// The counted part is over.
     Measured,
-    /// All that it has to tell.
+    /// The process is done.
     Done(Outcome),
-    /// It cannot go on.
+    /// The process cannot continue.
     Failed {
-        /// Why, in one line.
+        /// The reason, in one line.
         reason: String,
     },
 }
 
-/// What a process found out.
+/// The results of one process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// It has no figures.
+    /// The process has no figures.
     Nothing,
-    /// A publisher's.
+    /// The result of a publisher.
     Published {
-        /// How many counted messages it published.
+        /// The number of counted messages.
         counted: u64,
-        /// In how much time.
+        /// The duration of the counted part.
         seconds: f64,
     },
-    /// A subscriber's.
+    /// The result of a subscriber.
     Received(Reception),
-    /// A watcher's.
+    /// The result of a watcher.
     Watched(Watch),
-    /// Ping's, and a client's.
+    /// The result of a ping or of a client.
     RoundTrips {
-        /// There and back.
+        /// Durations of round trips.
         round_trip_ns: Spread,
-        /// From handing over to having in hand, one way, by the clock that both sides read.
+        /// Durations from publishing to receiving, one way, by the clock that both sides read.
         one_way_ns: Spread,
-        /// What came back otherwise than it was written.
+        /// The number of messages that differ from the written ones.
         torn: u64,
     },
-    /// From the start of the process to its first message.
+    /// The result of a joiner.
     Joined {
-        /// In nanoseconds.
+        /// The time from the start of the process to its first message, in nanoseconds.
         after_ns: u64,
     },
-    /// Of the memory alone.
+    /// The result of [`Role::Memory`].
     Memory {
-        /// How often all was written and read in one second.
+        /// Messages per second that were written and read by all readers.
         hz: f64,
-        /// How long one writing and one reading took.
+        /// Durations of one write with all its reads.
         one_way_ns: Spread,
     },
 }
 
-/// What a subscriber received of the counted messages.
+/// The messages that a subscriber received.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reception {
-    /// How many.
+    /// The number of counted messages.
     pub counted: u64,
-    /// Of all messages: those that are not what was written.
+    /// The number of messages that differ from the written ones, counted or not.
     pub torn: u64,
-    /// Of all messages: those that did not come after the one before.
+    /// The number of messages that are not newer than the one before, counted or not.
     pub stale: u64,
-    /// Of the counted ones: how many in each second, from the first to the last.
+    /// Counted messages per second, from the first to the last.
     pub hz: f64,
-    /// From the beginning of writing to the end of reading.
+    /// Durations from the start of writing to the end of reading.
     pub latency_ns: Spread,
-    /// From handing over to having in hand.
+    /// Durations from publishing to receiving.
     pub handover_ns: Spread,
 }
 
-/// What a watcher saw.
+/// The messages that a watcher received.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Watch {
-    /// The messages that are what was written, in their order.
+    /// The intact messages, in the order of their arrival.
     pub arrivals: Vec<Arrival>,
-    /// How many are not.
+    /// The number of messages that differ from the written ones.
     pub torn: u64,
 }
 
-/// One message that came, with moments of the monotonic clock in nanoseconds.
+/// One received message, with times of the monotonic clock in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Arrival {
-    /// Its number.
+    /// The number of the message.
     pub number: u64,
-    /// When its writing began.
+    /// The time at which the publisher began to write the message.
     pub start_ns: u64,
-    /// When it was published.
+    /// The time at which the message was published.
     pub handed_ns: u64,
-    /// When it was in hand.
+    /// The time at which the watcher received the message.
     pub in_hand_ns: u64,
-    /// When it had been read.
+    /// The time at which the watcher had read the message.
     pub read_ns: u64,
 }
 

@@ -1,17 +1,17 @@
-//! What peers leave in /dev/shm when they are killed, or by habit.
+//! Files that peers leave in /dev/shm, when they are killed or always.
 
 use std::{collections::HashSet, fs};
 
-const PLACE: &str = "/dev/shm";
+const FOLDER: &str = "/dev/shm";
 
-/// What was there before a case.
+/// The files in /dev/shm before a case.
 pub struct Leftovers {
     tag: String,
     before: HashSet<String>,
 }
 
 impl Leftovers {
-    /// Looks at what is there. Files whose name starts with `tag` are this case's.
+    /// Lists the files before a case. Files whose name starts with `tag` belong to the case.
     #[must_use]
     pub fn before(tag: String) -> Self {
         Self {
@@ -20,8 +20,8 @@ impl Leftovers {
         }
     }
 
-    /// Removes what this case left: files with its tag, and new ones with a peer's kind of name
-    /// that no process has mapped. To be called when its processes are gone.
+    /// Removes the files that the case left: those with its tag, and new ones that have a peer's
+    /// kind of name and that no process has mapped. Call this when its processes have ended.
     pub fn remove(&self) {
         let new: Vec<_> = names()
             .filter(|name| !self.before.contains(name))
@@ -33,19 +33,19 @@ impl Leftovers {
         let mapped = mapped();
         for name in new {
             if name.starts_with(&self.tag) || !mapped.contains(&name) {
-                // Somebody else may have been faster.
-                let _ = fs::remove_file(format!("{PLACE}/{name}"));
+                // Another process may have removed the file already.
+                let _ = fs::remove_file(format!("{FOLDER}/{name}"));
             }
         }
     }
 }
 
 fn names() -> impl Iterator<Item = String> {
-    let entries = fs::read_dir(PLACE).into_iter().flatten().flatten();
+    let entries = fs::read_dir(FOLDER).into_iter().flatten().flatten();
     entries.filter_map(|entry| entry.file_name().into_string().ok())
 }
 
-/// Zenoh and Fast DDS give no choice of names.
+/// True for names of Zenoh and Fast DDS, whose prefix cannot be configured.
 fn is_a_peers(name: &str) -> bool {
     name.ends_with(".zenoh")
         || name.starts_with("fastrtps_")
@@ -53,11 +53,11 @@ fn is_a_peers(name: &str) -> bool {
         || name.starts_with("sem.fastrtps_")
 }
 
-/// The files in /dev/shm that some process has mapped.
+/// The files in /dev/shm that a process has mapped.
 fn mapped() -> HashSet<String> {
     let mut mapped = HashSet::new();
     for entry in fs::read_dir("/proc").into_iter().flatten().flatten() {
-        // What is no process, or another user's, has no maps to read.
+        // Entries that are not processes, or belong to another user, have no readable maps.
         let maps = fs::read_to_string(entry.path().join("maps")).unwrap_or_default();
         for line in maps.lines() {
             if let Some((_, name)) = line.split_once("/dev/shm/") {

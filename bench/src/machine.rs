@@ -1,4 +1,4 @@
-//! On what a run was made.
+//! The machine of a run.
 
 use std::{collections::BTreeMap, fs, thread};
 
@@ -7,22 +7,22 @@ use serde::{Deserialize, Serialize};
 /// The machine, and the versions of what ran on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
-    /// The processor's name.
+    /// The name of the processor.
     pub processor: String,
-    /// How many cores this process may use.
+    /// The number of cores that this process may use.
     pub cores: usize,
-    /// Memory, in GB.
+    /// The size of the memory, in GB.
     pub memory_gb: u64,
-    /// The kernel's release.
+    /// The release of the kernel.
     pub kernel: String,
-    /// The load of the last minute before the run: above 0, others used the machine too.
+    /// The load of the last minute before the run. Above 0, other programs used the machine, too.
     pub load: f64,
-    /// Of the peers.
+    /// The versions of the peers.
     pub versions: BTreeMap<String, String>,
 }
 
 impl Machine {
-    /// This one.
+    /// Describes this machine.
     #[must_use]
     pub fn here() -> Self {
         let read = |path| fs::read_to_string(path).unwrap_or_default();
@@ -45,7 +45,7 @@ impl Machine {
     }
 }
 
-/// Of those peers that were built in.
+/// The versions of the peers in a lock file.
 fn versions(lock: &str) -> BTreeMap<String, String> {
     let mut versions = BTreeMap::new();
     for package in lock.split("[[package]]") {

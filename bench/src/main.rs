@@ -1,15 +1,15 @@
-//! `sm2-bench`: runs one workload on SM2 and its peers in turn, with real processes, and says
-//! what came of it.
+//! `sm2-bench`: runs one workload on SM2 and its peers in turn, with real processes, and reports the
+//! figures.
 //!
-//! | where | what |
+//! | module | content |
 //! | --- | --- |
 //! | `cli`, `run`, `report`, `plot` | the director's command line, loop and output |
-//! | `workloads/` | what is measured: one file for each |
-//! | `world` | the processes of one case: started, heard, measured, ended |
-//! | `link/` | a bad link between two hosts of this machine |
-//! | `roles/` | what these processes do: the same loop for every peer |
-//! | `peers/` | how each peer does it: one file for each |
-//! | `payload`, `stats`, `measure`, `clock` | what is sent, and what is made of it |
+//! | `workloads/` | the workloads, one file for each |
+//! | `world` | the processes of one case |
+//! | `link/` | a bad link between two hosts on this machine |
+//! | `roles/` | the loops of the processes, the same for every peer |
+//! | `peers/` | the peers, one file for each |
+//! | `payload`, `stats`, `measure`, `clock` | messages, statistics and measurements |
 
 use std::{error::Error, io::Write, process::ExitCode};
 
@@ -74,7 +74,7 @@ fn run(arguments: &RunArguments) -> Result<(), Box<dyn Error>> {
     };
     std::io::stdout().write_all(text.as_bytes())?;
     match results.figures.is_empty() {
-        true => Err("no peer has any figure".into()),
+        true => Err("no peer has produced a figure".into()),
         false => Ok(()),
     }
 }
@@ -92,7 +92,7 @@ fn report(arguments: &ReportArguments) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Prints workloads and peers; of those that cannot run here, why.
+/// Prints the workloads and peers, and the reason for each that cannot run here.
 fn list() -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "workloads:")?;

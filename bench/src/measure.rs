@@ -1,4 +1,4 @@
-//! What the kernel says about other processes.
+//! Measurements of other processes by the kernel.
 
 use std::{fs, io};
 
@@ -7,38 +7,39 @@ use nix::{
     unistd::Pid,
 };
 
-/// The CPU time that a process, all its threads together, has had, in nanoseconds.
+/// The CPU time of all threads of a process so far, in nanoseconds.
 ///
 /// # Errors
 ///
-/// The process is not there any more.
+/// The process has ended.
 pub fn cpu_ns(pid: Pid) -> io::Result<u64> {
     let clock = clock_getcpuclockid(pid)?;
     let time = clock_gettime(clock)?;
     Ok(std::time::Duration::from(time).as_nanos() as u64)
 }
 
-/// The memory of a process in bytes, where what several share counts in parts (PSS).
+/// The proportional set size (PSS) of a process, in bytes: memory that several processes share
+/// counts in equal parts.
 ///
 /// # Errors
 ///
-/// The process is not there any more, or is somebody else's.
+/// The process has ended, or belongs to another user.
 pub fn pss_bytes(pid: Pid) -> io::Result<u64> {
     let text = fs::read_to_string(format!("/proc/{pid}/smaps_rollup"))?;
     let pss = number_after(&text, "Pss:").ok_or(io::ErrorKind::InvalidData)?;
     Ok(pss * 1_024)
 }
 
-/// How often the threads of a process have gone to sleep by themselves so far; each time
-/// something woke them again.
+/// The number of voluntary context switches of all threads of a process so far: the number of times
+/// that they went to sleep.
 ///
 /// # Errors
 ///
-/// The process is not there any more.
+/// The process has ended.
 pub fn sleeps(pid: Pid) -> io::Result<u64> {
     let mut sum = 0;
     for task in fs::read_dir(format!("/proc/{pid}/task"))? {
-        // A thread that has just ended counts no more.
+        // A thread that has just ended is not counted.
         let Ok(text) = fs::read_to_string(task?.path().join("status")) else {
             continue;
         };

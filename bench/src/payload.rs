@@ -1,42 +1,44 @@
-//! What is sent: bytes that differ with message and position, so that a torn, stale or shifted
-//! message shows, written and checked at the speed of memory.
+//! The payload of messages. Its bytes depend on the message and on their position, so that a torn,
+//! stale or shifted message is found. It is written and checked at the speed of memory.
 //!
-//! The first 32 bytes are four words: the message's number, its flags, when its writing began
-//! and when it was handed to the peer (nanoseconds of the monotonic clock, or 0). The words after
-//! it are an arithmetic progression that starts with the mixed number; the step is odd, so no two
-//! words of a message are equal. A last word that is cut short has its first bytes.
+//! The first 32 bytes are four words: the number of the message, its flags, the time at which its
+//! writing began, and the time at which it was handed to the peer (nanoseconds of the monotonic
+//! clock, or 0). The words after the header are an arithmetic progression that starts with the
+//! mixed number. The step is odd, so no two words of a message are equal. If the last word does not
+//! fit, its first bytes are written.
 
 use std::iter;
 
 /// The length of the header, and of the shortest message, in bytes.
 pub const HEADER_BYTES: usize = 32;
 
-/// The message belongs to the part of a run that is measured.
+/// The flag of messages that belong to the counted part of a run.
 pub const COUNTED: u64 = 1;
 
 /// 2^64 divided by the golden ratio; odd.
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// How many words are compared before the result is looked at.
+/// The number of words that are compared before the result is checked.
 const BLOCK_WORDS: usize = 2_048;
 
-/// Shorter messages are not worth asking what the processor can do.
+/// The shortest message for which the processor's features are checked; shorter ones would be
+/// slowed down by it.
 const WIDE_BYTES: usize = 1_024;
 
-/// What a message says about itself.
+/// The header of a message.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Header {
-    /// Its number: each message of a publisher has a higher one than the one before.
+    /// The number of the message, which increases with each message of a publisher.
     pub number: u64,
-    /// [`COUNTED`], or nothing.
+    /// [`COUNTED`], or 0.
     pub flags: u64,
-    /// When its writing began, in nanoseconds; 0 if nobody asked.
+    /// The time at which the publisher began to write the message, in nanoseconds; 0 without stamps.
     pub start_ns: u64,
-    /// When it was handed to the peer, in nanoseconds; 0 if nobody asked.
+    /// The time at which the message was handed to the peer, in nanoseconds; 0 without stamps.
     pub handed_ns: u64,
 }
 
-/// A message that is not what was written.
+/// An error: the message differs from the written one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Torn;
 
@@ -55,7 +57,7 @@ pub fn fill(header: Header, message: &mut [u8]) {
     fill_body(mixed(header.number), body);
 }
 
-/// Says in a message that is written when it is handed over.
+/// Sets the time of handing over in a written message.
 pub fn stamp(message: &mut [u8], handed_ns: u64) {
     message[24..HEADER_BYTES].copy_from_slice(&handed_ns.to_le_bytes());
 }
@@ -64,7 +66,7 @@ pub fn stamp(message: &mut [u8], handed_ns: u64) {
 ///
 /// # Errors
 ///
-/// [`Torn`] if there is none.
+/// [`Torn`] if the message is shorter than the header.
 pub fn peek(message: &[u8]) -> Result<Header, Torn> {
     let (words, _) = message.as_chunks::<8>();
     let [number, flags, start_ns, handed_ns, ..] = *words else {
@@ -82,7 +84,7 @@ pub fn peek(message: &[u8]) -> Result<Header, Torn> {
 ///
 /// # Errors
 ///
-/// [`Torn`] if one differs.
+/// [`Torn`] if a byte differs.
 pub fn check(message: &[u8]) -> Result<Header, Torn> {
     let header = peek(message)?;
     if body_is_whole(mixed(header.number), &message[HEADER_BYTES..]) {
@@ -151,7 +153,7 @@ fn compare_words(start: u64, body: &[u8]) -> bool {
     iter::zip(rest, word.to_le_bytes()).all(|(byte, expected)| *byte == expected)
 }
 
-/// The finaliser of splitmix64: every bit of the number changes about half of the result's.
+/// The finaliser of splitmix64: each bit of the number changes about half of the bits of the result.
 const fn mixed(number: u64) -> u64 {
     let mut mixed = number.wrapping_add(STEP);
     mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,4 +1,4 @@
-//! Plots of results: a figure over the cases as lines where the cases are numbers, else as bars.
+//! Plots of results: lines if the labels of the cases are numbers, otherwise bars.
 
 use std::{
     error::Error,
@@ -22,10 +22,11 @@ use crate::{
 
 type Drawing<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
-/// From so many cases on, their figures are lines.
+/// The least number of cases that are plotted as lines.
 const LINE_CASES: usize = 3;
 
-/// Figures that say whether all went well, or how it was before, or another one anew, have no plot.
+/// Figures without a plot: checks that everything arrived, values for comparison, and figures that
+/// follow from another one.
 const PLAIN: [&str; 9] = [
     "dropped",
     "lost",
@@ -38,11 +39,11 @@ const PLAIN: [&str; 9] = [
     "local_dropped",
 ];
 
-/// One plot: a figure's own name, and the cases.
+/// A plot of one figure over the cases.
 struct Plot<'a> {
     results: &'a Results,
     figure: &'static str,
-    /// With the number that stands for each.
+    /// The labels of the cases, and the number in each label.
     cases: Vec<(String, Option<f64>)>,
 }
 
@@ -106,7 +107,7 @@ impl Plot<'_> {
 
     fn find(&self, peer: &str, case: &str) -> Option<&PeerFigure> {
         let found = self.results.find(peer, &join(case, self.figure));
-        // A logarithm has no place for zero.
+        // Zero has no logarithm.
         found.filter(|figure| figure.summary.min > 0.0)
     }
 
@@ -127,7 +128,7 @@ impl Plot<'_> {
         )
     }
 
-    /// The least and the greatest value, with room around them.
+    /// The range of the axis: the least and the greatest value, with a margin.
     fn range(&self) -> (f64, f64) {
         let (mut least, mut greatest) = (f64::INFINITY, f64::MIN_POSITIVE);
         for peer in self.results.peers() {
@@ -242,7 +243,7 @@ impl Plot<'_> {
 
 type Chart<'a, 'b, X, Y> = plotters::chart::ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
 
-/// A bar from the left edge to the median, its range, its name and its number.
+/// Draws a bar from the left edge to the median, with its range, its name and its value.
 fn bar<X, Y>(
     chart: &mut Chart<'_, '_, X, Y>,
     (left, middle): (f64, f64),
@@ -282,7 +283,7 @@ fn legend(
     Ok(())
 }
 
-/// The reference is black; the others are as the palette has them.
+/// The colour of a peer: black for the reference, otherwise one of the palette.
 fn colour(at: usize) -> RGBColor {
     let (red, green, blue) = match at {
         0 => (0, 0, 0),
@@ -291,7 +292,7 @@ fn colour(at: usize) -> RGBColor {
     RGBColor(red, green, blue)
 }
 
-/// A number at an axis, without zeros that say nothing.
+/// The label of a value at an axis, without trailing zeros.
 fn tick(value: f64) -> String {
     let text = crate::format::number(value);
     match text.contains('.') {
@@ -300,7 +301,7 @@ fn tick(value: f64) -> String {
     }
 }
 
-/// What the numbers of such cases are.
+/// The description of the axis for cases with this kind of label.
 fn axis(case: &str) -> &'static str {
     if case.starts_with("1to") {
         "subscribers"

@@ -1,5 +1,4 @@
-//! Results as people and programs read them: tables, lines of JSON, and the part of a document
-//! that is never typed by hand.
+//! Reports of results: tables for terminals, lines of JSON, and tables in a Markdown document.
 
 use std::{fmt::Write, fs, io, path::Path};
 
@@ -9,7 +8,7 @@ use crate::{
     workloads,
 };
 
-/// Tables in a document stand between these lines.
+/// The lines before and after the tables in a document.
 const MARKS: [&str; 2] = ["<!-- results: begin -->", "<!-- results: end -->"];
 
 /// Median, range and ratio.
@@ -27,7 +26,7 @@ fn cell(figure: &PeerFigure) -> String {
     text
 }
 
-/// The figures that are shown, case by case; each is a table's column.
+/// The cases, and for each the figures that are the columns of its table.
 fn columns(results: &Results) -> Vec<(String, Vec<String>)> {
     let shown = workloads::find(&results.workload).map_or(&[][..], |workload| workload.shown);
     let has = |name: &String| results.figures.iter().any(|figure| figure.figure == *name);
@@ -39,7 +38,7 @@ fn columns(results: &Results) -> Vec<(String, Vec<String>)> {
     results.cases().into_iter().map(case).collect()
 }
 
-/// The rows of a case's table: heads first.
+/// The rows of the table of a case; the first one has the headings.
 fn rows(results: &Results, case: &str, names: &[String]) -> Vec<Vec<String>> {
     let head = names.iter().map(|name| {
         let unit = results.figures.iter().find(|figure| figure.figure == *name);
@@ -68,7 +67,7 @@ fn rows(results: &Results, case: &str, names: &[String]) -> Vec<Vec<String>> {
     rows
 }
 
-/// For a terminal.
+/// All tables, as text for a terminal.
 #[must_use]
 pub fn table(results: &Results) -> String {
     let mut text = format!(
@@ -104,11 +103,11 @@ pub fn table(results: &Results) -> String {
     text
 }
 
-/// For programs: one object for each peer and figure, then one for each failure.
+/// One JSON object per line: one for each peer and figure, then one for each failure.
 ///
 /// # Errors
 ///
-/// None, as long as figures are what they are.
+/// A figure cannot be serialized, which does not happen with finite numbers.
 pub fn json_lines(results: &Results) -> serde_json::Result<String> {
     let figures = results.figures.iter().map(serde_json::to_string);
     let failures = results.failures.iter().map(serde_json::to_string);
@@ -116,7 +115,7 @@ pub fn json_lines(results: &Results) -> serde_json::Result<String> {
     Ok(lines?.iter().map(|line| format!("{line}\n")).collect())
 }
 
-/// For a document.
+/// All tables, as Markdown.
 #[must_use]
 pub fn markdown(all: &[Results]) -> String {
     let mut text = String::new();
@@ -162,7 +161,7 @@ pub fn markdown(all: &[Results]) -> String {
 ///
 /// # Errors
 ///
-/// The file cannot be read or written, or the marker lines are not there.
+/// The file cannot be read or written, or lacks the marker lines.
 pub fn rewrite(path: &Path, all: &[Results]) -> io::Result<()> {
     let text = fs::read_to_string(path)?;
     let text = between_marks(&text, &markdown(all)).ok_or_else(|| {

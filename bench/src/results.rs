@@ -1,4 +1,4 @@
-//! What a run found out, as it is kept in a file.
+//! The results of a run, and their file.
 
 use std::{
     fs, io,
@@ -14,77 +14,77 @@ use crate::{
     stats::{Summary, summary},
 };
 
-/// All of one workload's run.
+/// The results of one run of a workload.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Results {
-    /// Which workload.
+    /// The name of the workload.
     pub workload: String,
-    /// What subscribers did with messages.
+    /// The part of each message that subscribers read.
     pub read: Read,
-    /// The command that made this.
+    /// The command line of the run.
     pub command: String,
-    /// When it began, in seconds since 1970.
+    /// The time at which the run began, in seconds since 1970.
     pub began: u64,
-    /// How often all was run.
+    /// The number of repeats.
     pub repeats: u32,
-    /// On what.
+    /// The machine of the run.
     pub machine: Machine,
-    /// In the order of cases and peers.
+    /// The figures, in the order of cases and peers.
     pub figures: Vec<PeerFigure>,
-    /// What went wrong.
+    /// The cases that failed.
     pub failures: Vec<PeerFailure>,
-    /// Who did not run.
+    /// The peers that did not run.
     pub skipped: Vec<Skipped>,
 }
 
 /// One figure of one peer: a line of the JSON output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PeerFigure {
-    /// Whose.
+    /// The name of the peer.
     pub peer: String,
-    /// Of which workload.
+    /// The name of the workload.
     pub workload: String,
-    /// What: the case and the figure.
+    /// The case and the name of the figure, as `case/name`.
     pub figure: String,
-    /// In what.
+    /// The unit of the values.
     pub unit: String,
-    /// Of the repeats.
+    /// The median and the range of all repeats.
     #[serde(flatten)]
     pub summary: Summary,
-    /// Its median divided by SM2's; `null` if there is none, or it is 0.
+    /// The median divided by that of SM2; `null` if SM2 has no figure, or one of 0.
     pub ratio_to_sm2: Option<f64>,
-    /// What subscribers did with messages.
+    /// The part of each message that subscribers read.
     pub read: Read,
-    /// Each repeat's.
+    /// The values of all repeats.
     pub runs: Vec<f64>,
 }
 
-/// A case that a peer did not get through.
+/// A case that failed on a peer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PeerFailure {
-    /// Who.
+    /// The name of the peer.
     pub peer: String,
-    /// In which workload.
+    /// The name of the workload.
     pub workload: String,
-    /// In which case.
+    /// The label of the case.
     pub case: String,
-    /// In which repeat, from 1.
+    /// The number of the repeat, from 1.
     pub repeat: u32,
-    /// What happened.
+    /// The error.
     pub failed: String,
 }
 
 /// A peer that cannot run the workload here.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Skipped {
-    /// Who.
+    /// The name of the peer.
     pub peer: String,
-    /// Why.
+    /// The reason why it cannot.
     pub reason: String,
 }
 
 impl Results {
-    /// One more run of a figure.
+    /// Adds the value of one repeat of a figure.
     pub fn record(&mut self, peer: &str, figure: &str, unit: &str, value: f64) {
         let known = |known: &&mut PeerFigure| known.peer == peer && known.figure == figure;
         match self.figures.iter_mut().find(known) {
@@ -106,7 +106,7 @@ impl Results {
         }
     }
 
-    /// Makes medians and ratios of all runs.
+    /// Computes the medians and ratios of all figures.
     pub fn conclude(&mut self) {
         for figure in &mut self.figures {
             if let Some(summary) = summary(&figure.runs) {
@@ -133,7 +133,7 @@ impl Results {
         all.find(|known| known.peer == peer && known.figure == figure)
     }
 
-    /// Those who have figures or failures, in the order of the catalogue.
+    /// The peers that have figures or failures, in the order of the catalogue.
     #[must_use]
     pub fn peers(&self) -> Vec<&'static str> {
         let names = PEERS.iter().map(|peer| peer.name);
@@ -145,7 +145,7 @@ impl Results {
             .collect()
     }
 
-    /// The cases, in their order: what stands before `/` in the names of figures.
+    /// The cases, in their order: the parts before `/` of the names of figures.
     #[must_use]
     pub fn cases(&self) -> Vec<String> {
         let mut cases = Vec::new();
@@ -158,13 +158,13 @@ impl Results {
         cases
     }
 
-    /// Its file's name.
+    /// The name of the file for these results.
     #[must_use]
     pub fn file_name(&self) -> String {
         format!("{}-{}.json", self.workload, self.read.as_str())
     }
 
-    /// Keeps it in this folder.
+    /// Writes the results into this folder, and returns the path of the file.
     ///
     /// # Errors
     ///
@@ -178,11 +178,11 @@ impl Results {
         Ok(path)
     }
 
-    /// All that are kept in this folder, by name.
+    /// Reads all results in this folder, sorted by name.
     ///
     /// # Errors
     ///
-    /// The folder, or a file in it, cannot be read or understood.
+    /// The folder or a file in it cannot be read, or a file is invalid.
     pub fn load_all(dir: &Path) -> io::Result<Vec<Self>> {
         let mut paths = Vec::new();
         for entry in fs::read_dir(dir)? {
@@ -197,13 +197,13 @@ impl Results {
     }
 }
 
-/// A figure's case and its own name.
+/// Splits the name of a figure into the case and the rest.
 #[must_use]
 pub fn split(figure: &str) -> (&str, &str) {
     figure.split_once('/').unwrap_or(("", figure))
 }
 
-/// A case and a figure's own name together.
+/// Joins a case and the rest of a figure's name.
 #[must_use]
 pub fn join(case: &str, figure: &str) -> String {
     match case {

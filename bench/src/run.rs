@@ -1,4 +1,4 @@
-//! One run: every peer has its turn in every case of every repeat.
+//! The loop of a run: every peer runs every case in every repeat.
 
 use std::{
     env,
@@ -15,7 +15,7 @@ use crate::{
     world,
 };
 
-/// Runs it. Who fails is noted, and the others go on.
+/// Runs a workload. A failure of one peer is recorded, and the others continue.
 #[must_use]
 pub fn run(arguments: &RunArguments) -> Results {
     world::place(arguments.cores);
@@ -42,13 +42,14 @@ pub fn run(arguments: &RunArguments) -> Results {
     let cases = (arguments.workload.cases)(&options);
     for repeat in 1..=arguments.repeats {
         for case in &cases {
-            // Whatever disturbs the machine meets all peers alike, and nobody is always first.
-            for turn in 0..peers.len() {
+            // Peers alternate within each case, so that disturbances of the machine affect all of
+            // them alike; each repeat starts with another peer.
+            for index in 0..peers.len() {
                 if interrupt::came() {
                     results.conclude();
                     return results;
                 }
-                let peer = peers[(turn + repeat as usize - 1) % peers.len()];
+                let peer = peers[(index + repeat as usize - 1) % peers.len()];
                 play(&mut results, case.as_ref(), peer, repeat);
             }
         }
@@ -63,7 +64,7 @@ fn command() -> String {
     format!("sm2-bench {}", words.join(" "))
 }
 
-/// Those of the chosen peers that can run the workload here.
+/// The chosen peers that can run the workload here.
 fn choose(arguments: &RunArguments, results: &mut Results) -> Vec<&'static PeerInfo> {
     let all: Vec<_> = match &arguments.peers[..] {
         [] => PEERS.iter().collect(),
@@ -106,7 +107,7 @@ fn play(results: &mut Results, case: &dyn Case, peer: &'static PeerInfo, repeat:
                 results.record(peer.name, &name, figure.unit, figure.value);
             }
         }
-        Err(_) if interrupt::came() => eprintln!("is interrupted"),
+        Err(_) if interrupt::came() => eprintln!("interrupted"),
         Err(failure) => {
             eprintln!("FAILED: {failure}");
             results.failures.push(PeerFailure {

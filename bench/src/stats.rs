@@ -1,19 +1,19 @@
-//! From samples to figures.
+//! Statistics: medians of runs, and percentiles of durations.
 
 use serde::{Deserialize, Serialize};
 
-/// The middle of several runs, and their range.
+/// The median and the range of several runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// The middle one; the mean of the two in the middle if their number is even.
+    /// The median; for an even number of runs, the mean of the two in the middle.
     pub median: f64,
-    /// The least.
+    /// The least value.
     pub min: f64,
-    /// The greatest.
+    /// The greatest value.
     pub max: f64,
 }
 
-/// Of these runs; `None` of none.
+/// The summary of runs; `None` if there are none.
 #[must_use]
 pub fn summary(runs: &[f64]) -> Option<Summary> {
     let mut sorted = runs.to_vec();
@@ -32,39 +32,39 @@ pub fn summary(runs: &[f64]) -> Option<Summary> {
 #[derive(Clone, Debug, Default)]
 pub struct Durations(Vec<u64>);
 
-/// What is said about durations, in nanoseconds.
+/// Statistics of durations, in nanoseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// How many there were.
+    /// The number of durations.
     pub count: u64,
-    /// Their mean.
+    /// The mean.
     pub mean: f64,
-    /// Half of them are not longer.
+    /// The median.
     pub p50: f64,
-    /// 99 of 100 are not longer.
+    /// The 99th percentile.
     pub p99: f64,
-    /// The longest.
+    /// The longest duration.
     pub max: f64,
 }
 
 impl Durations {
-    /// Room for so many before memory is asked for.
+    /// An empty list with room for this many durations.
     #[must_use]
     pub fn with_capacity(count: usize) -> Self {
         Self(Vec::with_capacity(count))
     }
 
-    /// One more.
+    /// Adds a duration.
     pub fn record(&mut self, duration_ns: u64) {
         self.0.push(duration_ns);
     }
 
-    /// Forgets all.
+    /// Removes all durations.
     pub fn clear(&mut self) {
         self.0.clear();
     }
 
-    /// What is said about them; all zero of none.
+    /// The statistics; all zero if there are no durations.
     #[must_use]
     pub fn spread(mut self) -> Spread {
         let Some(last) = self.0.len().checked_sub(1) else {

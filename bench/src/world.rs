@@ -1,4 +1,4 @@
-//! The processes of one case: started, listened to, measured, and ended, whatever happens.
+//! The processes of one case: starts them, reads their output, measures them, and ends them.
 
 use std::{
     collections::VecDeque,
@@ -32,22 +32,22 @@ pub use failure::Failure;
 
 mod failure;
 
-/// How long setting up, and ending, may take.
+/// The longest time for setting up, and for ending.
 pub const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// How often it is looked whether the run was interrupted.
+/// The interval at which the director checks whether the run was interrupted.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// The processes of one case, and the place where they meet.
+/// The processes of one case, and the folder and networks that they share.
 pub struct World {
     domain: Domain,
-    /// Of the near and the far host, if there are two.
+    /// The network namespaces of the near and the far host, if there are two hosts.
     networks: Option<[PathBuf; 2]>,
     dir: TempDir,
     processes: Vec<Process>,
     events: Receiver<(usize, Option<Said>)>,
     sender: Sender<(usize, Option<Said>)>,
-    // Looks at what is left when all processes are gone.
+    // Removes the files that are left when all processes have ended.
     leftovers: Leftovers,
 }
 
@@ -61,20 +61,20 @@ struct Process {
     said: VecDeque<Option<Said>>,
 }
 
-/// A process of a world.
+/// The index of a process of a world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProcessId(usize);
 
-/// Where all processes of this run are put.
+/// The assignment of this run's processes to cores.
 static CORES: OnceLock<Cores> = OnceLock::new();
 
-/// Says on which cores processes run, once, before the first world.
+/// Sets the cores of all processes. Call it once, before the first world.
 pub fn place(cores: Cores) {
-    // A second word would come too late for those who run.
+    // A second call has no effect: processes already run on the cores of the first one.
     let _ = CORES.set(cores);
 }
 
-/// The core of the process of this number, of those that are no daemons.
+/// The core of a process; `number` counts the processes that are not daemons.
 fn core(cores: Cores, number: usize, available: usize) -> Option<usize> {
     match cores {
         Cores::Free => None,
@@ -83,11 +83,11 @@ fn core(cores: Cores, number: usize, available: usize) -> Option<usize> {
     }
 }
 
-/// Worlds of this process so far.
+/// The number of worlds that this director has made.
 static WORLDS: AtomicU64 = AtomicU64::new(0);
 
 impl World {
-    /// A new one, with the peer's daemon if it has one.
+    /// Makes a world of one host, and starts the peer's daemon if it has one.
     ///
     /// # Errors
     ///
@@ -96,8 +96,8 @@ impl World {
         Self::of(peer, None)
     }
 
-    /// A new one of two hosts, with the peer's daemon at each of them if it has one. The link is to
-    /// live longer.
+    /// Makes a world of two hosts, and starts the peer's daemon at each of them if it has one. The
+    /// link must outlive the world.
     ///
     /// # Errors
     ///
@@ -131,20 +131,20 @@ impl World {
             events,
             sender,
         };
-        let places: &[_] = match (peer.daemon, &world.networks) {
+        let daemons: &[_] = match (peer.daemon, &world.networks) {
             (false, _) => &[],
             (true, None) => &[("daemon", Side::Near)],
-            // The near one connects to it.
+            // The far daemon starts first: the near one connects to it.
             (true, Some(_)) => &[("daemon-far", Side::Far), ("daemon-near", Side::Near)],
         };
-        for &(name, side) in places {
+        for &(name, side) in daemons {
             let daemon = world.start_at(side, name, Role::Daemon)?;
             world.ready(daemon)?;
         }
         Ok(world)
     }
 
-    /// Starts a process, at the near host if there are two.
+    /// Starts a process, at the near host if there are two hosts.
     ///
     /// # Errors
     ///
@@ -210,32 +210,32 @@ impl World {
                 .flat_map(|out| BufReader::new(out).lines())
             {
                 let Ok(line) = line else { break };
-                // Libraries may print lines of their own.
+                // Libraries may print other lines.
                 if let Ok(said) = serde_json::from_str(&line)
                     && sender.send((id, Some(said))).is_err()
                 {
                     return;
                 }
             }
-            // The director may have given up already.
+            // An error means that the director has dropped this world.
             let _ = sender.send((id, None));
         })?;
         Ok(ProcessId(id))
     }
 
-    /// Says a word to a process. One that is gone is found out when it is listened to.
+    /// Sends a word to a process. If the process has ended, [`hear`](Self::hear) reports that.
     pub fn tell(&mut self, process: ProcessId, word: &str) {
         if let Some(stdin) = &mut self.processes[process.0].stdin {
             let _ = writeln!(stdin, "{word}");
         }
     }
 
-    /// Tells a process to end.
+    /// Closes the standard input of a process, which makes it exit.
     pub fn end(&mut self, process: ProcessId) {
         self.processes[process.0].stdin = None;
     }
 
-    /// The next that a process says, within this time.
+    /// Waits for the next line of a process, at most `limit`.
     ///
     /// # Errors
     ///
@@ -275,7 +275,7 @@ impl World {
         }
     }
 
-    /// Sleeps while the processes do what they do.
+    /// Sleeps for this time while the processes run.
     ///
     /// # Errors
     ///
@@ -293,7 +293,7 @@ impl World {
         }
     }
 
-    /// Keeps what was said. A failure of anybody is everybody's.
+    /// Keeps the line of a process for [`hear`](Self::hear). A failure of any process fails the case.
     fn note(&mut self, id: usize, said: Option<Said>) -> Result<(), Failure> {
         let process = &mut self.processes[id];
         match said {
@@ -301,7 +301,7 @@ impl World {
                 process: process.name.clone(),
                 reason,
             }),
-            // Its end was not asked for.
+            // The process has ended although its standard input is open.
             None if process.stdin.is_some() => Err(self.ended(ProcessId(id))),
             said => {
                 process.said.push_back(said);
@@ -323,7 +323,7 @@ impl World {
         }
     }
 
-    /// Waits until a process says just this.
+    /// Waits for exactly this line of a process.
     ///
     /// # Errors
     ///
@@ -349,7 +349,7 @@ impl World {
         }
     }
 
-    /// Waits until a process has set up.
+    /// Waits until a process is ready.
     ///
     /// # Errors
     ///
@@ -358,13 +358,13 @@ impl World {
         self.expect(process, &Said::Ready, "set up", TIMEOUT)
     }
 
-    /// What a process found out.
+    /// Waits for the results of a process.
     ///
     /// # Errors
     ///
     /// See [`Failure`].
     pub fn outcome(&mut self, process: ProcessId, limit: Duration) -> Result<Outcome, Failure> {
-        let action = "tell what it found out";
+        let action = "report its results";
         match self.hear(process, action, limit)? {
             Said::Done(outcome) => Ok(outcome),
             said => Err(self.unexpected(process, said, action)),
@@ -375,7 +375,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// One of them is gone.
+    /// A process has ended.
     pub fn cpu_ns(&self) -> Result<u64, Failure> {
         sum(&self.processes, measure::cpu_ns)
     }
@@ -384,7 +384,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// One of them is gone.
+    /// A process has ended.
     pub fn cpu_ns_at(&self, side: Side) -> Result<u64, Failure> {
         let there = self.processes.iter().filter(|it| it.side == side);
         sum(there, measure::cpu_ns)
@@ -394,16 +394,16 @@ impl World {
     ///
     /// # Errors
     ///
-    /// One of them is gone.
+    /// A process has ended.
     pub fn pss_bytes(&self) -> Result<u64, Failure> {
         sum(&self.processes, measure::pss_bytes)
     }
 
-    /// How often threads of all processes have gone to sleep so far.
+    /// The number of times that threads of all processes have gone to sleep so far.
     ///
     /// # Errors
     ///
-    /// One of them is gone.
+    /// A process has ended.
     pub fn sleeps(&self) -> Result<u64, Failure> {
         sum(&self.processes, measure::sleeps)
     }
@@ -421,18 +421,18 @@ fn sum<'a>(
 }
 
 impl Drop for World {
-    /// Ends all: the daemon last, so that nobody misses it.
+    /// Ends all processes, the daemons last.
     fn drop(&mut self) {
         for process in self.processes.iter_mut().rev() {
             process.stdin = None;
         }
         let until = Instant::now() + Duration::from_secs(2);
         for process in self.processes.iter_mut().rev() {
-            // Given a moment, it leaves in good order.
+            // Most processes exit by themselves within this time.
             while Instant::now() < until && matches!(process.child.try_wait(), Ok(None)) {
                 thread::sleep(Duration::from_millis(2));
             }
-            // It may have gone meanwhile; what counts is that it is reaped.
+            // The process may have exited in the meantime; `wait` reaps it in either case.
             let _ = process.child.kill();
             let _ = process.child.wait();
         }
@@ -440,7 +440,7 @@ impl Drop for World {
     }
 }
 
-/// The last line of what a process said to standard error.
+/// The last line that a process wrote to standard error.
 fn tail(path: &PathBuf) -> String {
     let text = fs::read(path).unwrap_or_default();
     let text = String::from_utf8_lossy(&text);

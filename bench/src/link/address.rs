@@ -1,4 +1,4 @@
-//! Where the two hosts of a link are.
+//! The addresses of the two hosts of a link.
 
 use std::net::{IpAddr, Ipv4Addr};
 

@@ -1,4 +1,4 @@
-//! IP packets that take their time: read from a TUN device, held, and written back, in order.
+//! The delay of a link: reads IP packets from a TUN device, holds them, and writes them back in order.
 
 use std::{
     io,
@@ -21,20 +21,20 @@ use tun_rs::{DeviceBuilder, SyncDevice};
 use super::address::address;
 use crate::job::Side;
 
-/// What one Ethernet frame carries.
+/// The payload of one Ethernet frame, in bytes.
 const MTU: u16 = 1_500;
 
-/// How many packets the kernel keeps while the thread waits for a processor.
+/// The number of packets that the kernel queues while the thread waits for a processor.
 const KERNEL_PACKETS: u32 = 4_000;
 
-/// How many packets are read before others are written.
+/// The most packets that are read before due packets are written.
 const BURST: usize = 64;
 
-/// How long the end may not be noticed.
+/// The interval at which the thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// The device, in the network where the calling thread is. It gives whole packets with checksums:
-/// what TCP or UDP would leave to a network card is done by then.
+/// Makes the device in the network namespace of the calling thread. The device yields whole packets
+/// with checksums: nothing is left to a network card's offloading.
 pub(super) fn device(name: &str) -> io::Result<SyncDevice> {
     let device = DeviceBuilder::new()
         .name(name)
@@ -47,7 +47,7 @@ pub(super) fn device(name: &str) -> io::Result<SyncDevice> {
     Ok(device)
 }
 
-/// Holds packets, until it is dropped.
+/// A thread that holds packets, until this is dropped.
 #[derive(Debug)]
 pub(super) struct Delay {
     stop: Arc<AtomicBool>,
@@ -62,7 +62,7 @@ impl Delay {
         let thread = thread::Builder::new().name("link".to_owned());
         let thread = thread.spawn(move || {
             while !until.load(Ordering::Relaxed) {
-                wire.turn();
+                wire.run_once();
             }
         })?;
         Ok(Self {
@@ -75,12 +75,12 @@ impl Delay {
 impl Drop for Delay {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        // It holds nothing that could be lost.
+        // A panic of the thread has no further effect: the device and its packets are gone.
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 
-/// Both ways through one device.
+/// Both directions of the link, through one device.
 struct Wire {
     device: SyncDevice,
     to_near: Lane<Vec<u8>>,
@@ -98,8 +98,8 @@ impl Wire {
         }
     }
 
-    /// Writes what is due, sleeps until something is to do, and reads.
-    fn turn(&mut self) {
+    /// Writes all due packets, sleeps until the next event, and reads new packets.
+    fn run_once(&mut self) {
         let now = Instant::now();
         for lane in [&mut self.to_near, &mut self.to_far] {
             while let Some(packet) = lane.pop(now) {
@@ -111,7 +111,7 @@ impl Wire {
         let next = next.map(|due| due.saturating_duration_since(now));
         let timeout = next.min().unwrap_or(LOOK).min(LOOK);
         let mut entries = [PollFd::new(self.device.as_fd(), PollFlags::POLLIN)];
-        // What cannot be waited for is tried.
+        // If waiting fails, reading is tried at once.
         let _ = ppoll(&mut entries, Some(TimeSpec::from_duration(timeout)), None);
         self.read();
     }
@@ -133,7 +133,7 @@ impl Wire {
     }
 }
 
-/// The host that an IPv4 packet goes to; no other packets are carried.
+/// The destination host of an IPv4 packet; the link carries no other packets.
 fn destination(packet: &[u8]) -> Option<Side> {
     let header = packet.first_chunk::<20>()?;
     if header[0] >> 4 != 4 {

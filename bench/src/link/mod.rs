@@ -1,14 +1,14 @@
-//! Two hosts of this machine and a bad link between them, over which every IP packet goes, TCP's too.
+//! Two hosts on this machine, with a bad link between them for all IP packets, including TCP.
 //!
-//! Hosts, cables, rate and loss are those of [`sm2_lossy_link`]. Here its middle becomes a router,
-//! and each packet that it routes passes a TUN device, where it is held for as long as the link takes:
+//! Hosts, cables, rate and loss are those of [`sm2_lossy_link`]. Its middle namespace becomes a
+//! router here. Each routed packet passes a TUN device, which holds it for the delay of the link:
 //!
 //! ```text
 //! near, tbf  ->  loss -> tun0 -> held -> tun0  ->  far
 //! near       <-  tun0 <- held <- tun0 <- loss  <-  far, tbf
 //! ```
 //!
-//! What it takes: root, `ip`, `tc`, `nft` and `/dev/net/tun`.
+//! Requires root, `ip`, `tc`, `nft` and `/dev/net/tun`.
 
 use std::{
     fs,
@@ -17,7 +17,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use sm2_lossy_link::{BadLink, Namespace, Profile, Unavailable};
+use sm2_lossy_link::{LossyLink, Namespace, Profile, Unavailable};
 
 use crate::job::Side;
 
@@ -28,42 +28,42 @@ pub use address::address;
 mod address;
 mod delay;
 
-/// The device through which all packets go.
+/// The device that all packets pass.
 const TUN: &str = "tun0";
 
-/// The routing table of packets that were not held yet.
+/// The routing table of packets that have not passed the device yet.
 const TABLE: u32 = 100;
 
-/// Why there is no link.
+/// The reason why a link cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// There are no hosts.
+    /// The hosts cannot be made.
     #[error(transparent)]
     Hosts(#[from] Unavailable),
-    /// Packets cannot be held.
+    /// The TUN device, which holds packets, cannot be made.
     #[error("cannot make a TUN device (`/dev/net/tun`): {0}")]
     Tun(io::Error),
-    /// Packets do not find their way.
+    /// The routes between the hosts cannot be set.
     #[error("cannot route packets between network namespaces: {0}")]
     Route(io::Error),
 }
 
-/// A link, until it is dropped: processes at its hosts are to end before it.
+/// A link, which exists until it is dropped. Processes at its hosts must end first.
 #[derive(Debug)]
 pub struct Link {
-    hosts: BadLink,
-    // Its thread ends with it.
+    hosts: LossyLink,
+    // Dropping it ends its thread.
     _delay: Delay,
 }
 
 impl Link {
-    /// Two hosts that reach each other over a link like this.
+    /// Makes two hosts and a link of this profile between them.
     ///
     /// # Errors
     ///
     /// See [`LinkError`].
     pub fn new(profile: &Profile) -> Result<Self, LinkError> {
-        let hosts = BadLink::namespaces(profile.clone())?;
+        let hosts = LossyLink::namespaces(profile.clone())?;
         let between = hosts.between().ok_or(Unavailable::NotRoot)?;
         let device = between.enter(|| delay::device(TUN));
         let device = device.and_then(|made| made).map_err(LinkError::Tun)?;
@@ -75,7 +75,7 @@ impl Link {
         })
     }
 
-    /// Where the network of a host is found by processes of this machine, as long as the link is there.
+    /// The file of a host's network namespace, which exists as long as the link.
     #[must_use]
     pub fn network(&self, side: Side) -> PathBuf {
         let host = self.hosts.host(side.into());
@@ -83,18 +83,18 @@ impl Link {
     }
 }
 
-/// Whether there can be a link here.
+/// Checks that this machine can make a link.
 ///
 /// # Errors
 ///
-/// Why not.
+/// The reason why it cannot.
 pub fn available() -> Result<(), String> {
     let made = Link::new(&Profile::wifi());
     made.map(drop).map_err(|error| error.to_string())
 }
 
-/// Sends what hosts have for each other to the middle, and what comes there through the device.
-fn route(hosts: &BadLink, between: &Namespace) -> io::Result<()> {
+/// Routes packets between the hosts to the middle namespace, and there through the device.
+fn route(hosts: &LossyLink, between: &Namespace) -> io::Result<()> {
     for (side, gateway) in [(Side::Near, "10.77.1.2"), (Side::Far, "10.77.2.2")] {
         let Some(host) = hosts.host(side.into()) else {
             continue;
@@ -102,9 +102,10 @@ fn route(hosts: &BadLink, between: &Namespace) -> io::Result<()> {
         host.enter(|| ip(&format!("route add default via {gateway}\n")))??;
     }
     between.enter(|| {
-        // A packet from the device has the address of a host that is elsewhere.
-        for place in ["all", "default", TUN] {
-            fs::write(format!("/proc/sys/net/ipv4/conf/{place}/rp_filter"), "0")?;
+        // Packets from the device have source addresses of other interfaces, which reverse path
+        // filtering would drop.
+        for scope in ["all", "default", TUN] {
+            fs::write(format!("/proc/sys/net/ipv4/conf/{scope}/rp_filter"), "0")?;
         }
         fs::write("/proc/sys/net/ipv4/ip_forward", "1")?;
         ip(&format!(
@@ -114,9 +115,9 @@ fn route(hosts: &BadLink, between: &Namespace) -> io::Result<()> {
     })?
 }
 
-/// Runs `ip` where the thread is.
+/// Runs `ip` in the network namespace of the calling thread.
 fn ip(commands: &str) -> io::Result<()> {
-    // Where it is, whatever the caller's path.
+    // Users' paths often lack the folders in which `ip` is installed.
     let path = std::env::var("PATH").unwrap_or_else(|_| "/usr/bin:/bin".to_owned());
     let mut child = Command::new("ip")
         .args(["-batch", "-"])
@@ -126,7 +127,7 @@ fn ip(commands: &str) -> io::Result<()> {
         .stderr(Stdio::piped())
         .spawn()?;
     if let Some(mut input) = child.stdin.take() {
-        // One that does not read says why.
+        // If `ip` ends early, its standard error has the reason.
         let _ = input.write_all(commands.as_bytes());
     }
     let output = child.wait_with_output()?;
@@ -134,7 +135,7 @@ fn ip(commands: &str) -> io::Result<()> {
         true => Ok(()),
         false => {
             let said = String::from_utf8_lossy(&output.stderr);
-            let reason = said.lines().next().unwrap_or("it did not say why");
+            let reason = said.lines().next().unwrap_or("it gave no reason");
             Err(io::Error::other(format!("`ip`: {reason}")))
         }
     }

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sm2_lossy_link::{BadLink, Profile};
+use sm2_lossy_link::{LossyLink, Profile};
 
 use super::{Link, address};
 use crate::job::Side;
@@ -40,7 +40,7 @@ impl Link {
     }
 }
 
-/// What the paper's link is without chance.
+/// The link of the paper, without random loss and jitter.
 fn calm() -> Profile {
     Profile {
         loss_permille: 0,
@@ -144,7 +144,7 @@ fn tcp_crosses_it_in_single_frames_at_its_rate() {
 
 #[test]
 fn hosts_without_routes_do_not_reach_each_other() {
-    let Ok(hosts) = BadLink::namespaces(calm()) else {
+    let Ok(hosts) = LossyLink::namespaces(calm()) else {
         return;
     };
     let to = (address(Side::Far), 5_000);

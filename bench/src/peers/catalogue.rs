@@ -1,13 +1,13 @@
-//! All peers by name, and what can be asked of them.
+//! The names and properties of all peers.
 
 use super::dds;
 
-/// Which code speaks for a peer.
+/// The implementation behind a peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Family {
     /// SM2 itself.
     Sm2,
-    /// What the kernel and the memory allow, without any middleware.
+    /// Mechanisms of the kernel, without any middleware.
     Raw,
     /// Eclipse iceoryx2.
     Iceoryx2,
@@ -19,41 +19,41 @@ pub enum Family {
     Quinn,
 }
 
-/// Where the processes of a peer can be.
+/// The hosts that the processes of a peer can be spread over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reach {
-    /// All at one host.
+    /// One host.
     Host,
-    /// At one host, or at two with a link between them.
+    /// One host, or two hosts with a link between them.
     Link,
-    /// Only at two hosts.
+    /// Two hosts with a link between them.
     LinkAlone,
 }
 
-/// A peer in one way of using it.
+/// A middleware in one of its configurations.
 #[derive(Debug)]
 pub struct PeerInfo {
-    /// Its name on the command line.
+    /// The name on the command line.
     pub name: &'static str,
-    /// Which code speaks for it.
+    /// The implementation.
     pub family: Family,
-    /// It has a process of its own, which others need.
+    /// True if the peer needs a daemon process.
     pub daemon: bool,
-    /// It has services.
+    /// True if the peer has services.
     pub services: bool,
-    /// It cannot be told to drop nothing.
+    /// True if the peer may drop messages even on a lossless channel.
     pub lossy: bool,
-    /// It has nodes that find each other, and sleep when they have nothing to do.
+    /// True if the peer has nodes that discover each other and sleep when idle.
     pub nodes: bool,
-    /// It differs from another one only where many messages are sent at a time.
+    /// True if the peer differs from another one only in sending many messages per call.
     pub batches: bool,
-    /// Where its processes can be.
+    /// The hosts that the processes can be spread over.
     pub reach: Reach,
-    /// What it is, in a line.
+    /// A description in one line.
     pub about: &'static str,
 }
 
-/// Nodes and services, and nothing has to be dropped: what most have.
+/// A peer with the properties that most have: nodes, services, lossless channels.
 const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerInfo {
     PeerInfo {
         name,
@@ -68,7 +68,7 @@ const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerIn
     }
 }
 
-/// Many messages at a time.
+/// Sends many messages per call.
 const fn batching(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         batches: true,
@@ -92,7 +92,7 @@ const fn brokered(info: PeerInfo) -> PeerInfo {
     }
 }
 
-/// Bare mechanisms, which know no nodes.
+/// Without nodes and services.
 const fn bare(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         services: false,
@@ -101,7 +101,7 @@ const fn bare(info: PeerInfo) -> PeerInfo {
     }
 }
 
-/// Without nodes that sleep when they have nothing to do.
+/// Without nodes that sleep when idle.
 const fn restless(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         nodes: false,
@@ -109,6 +109,7 @@ const fn restless(info: PeerInfo) -> PeerInfo {
     }
 }
 
+/// May drop messages.
 const fn lossy(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         lossy: true,
@@ -116,7 +117,7 @@ const fn lossy(info: PeerInfo) -> PeerInfo {
     }
 }
 
-/// With processes at one host or two.
+/// With processes at one host or at two.
 const fn linked(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         reach: Reach::Link,
@@ -124,7 +125,7 @@ const fn linked(info: PeerInfo) -> PeerInfo {
     }
 }
 
-/// From one host to another, and nothing else: no nodes, no services, the freshest message alone.
+/// Only between two hosts: no nodes, no services, only the newest message.
 const fn across(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         reach: Reach::LinkAlone,
@@ -132,7 +133,7 @@ const fn across(info: PeerInfo) -> PeerInfo {
     }
 }
 
-/// All of them. The first one is what others are compared with.
+/// All peers. The first one is the reference that the others are compared with.
 pub const PEERS: &[PeerInfo] = &[
     linked(brokered(peer(
         "sm2",
@@ -147,22 +148,22 @@ pub const PEERS: &[PeerInfo] = &[
     brokered(peer(
         "sm2-sealed",
         Family::Sm2,
-        "SM2, sealed, reliable: nobody can change a message, its author included",
+        "SM2, sealed, reliable: not even the publisher can change a published message",
     )),
     restless(brokered(peer(
         "sm2-spin",
         Family::Sm2,
-        "SM2, pooled, reliable; whoever waits for a message spins",
+        "SM2, pooled, reliable; subscribers spin instead of sleeping",
     ))),
     batching(brokered(peer(
         "sm2-batch",
         Family::Sm2,
-        "SM2, pooled, reliable; publish_all and recv_each: many messages at a time",
+        "SM2, pooled, reliable; publish_all and recv_each: many messages per call",
     ))),
     bare(peer(
         "raw-memcpy",
         Family::Raw,
-        "memory alone: written once and read as often, without any process in between",
+        "memory alone: one process writes each message once and reads it once per subscriber",
     )),
     bare(peer(
         "raw-futex",
@@ -172,7 +173,7 @@ pub const PEERS: &[PeerInfo] = &[
     bare(peer(
         "raw-seqpacket",
         Family::Raw,
-        "seqpacket sockets; above 4 KiB they carry numbers of slots in shared memory",
+        "seqpacket sockets; for messages above 4 KiB they carry the numbers of slots in shared memory",
     )),
     bare(peer(
         "raw-sealed",
@@ -207,12 +208,12 @@ pub const PEERS: &[PeerInfo] = &[
     linked(brokered(peer(
         "zenoh-router",
         Family::Zenoh,
-        "Zenoh, clients of a router that carries everything; over a link one at each host, its defaults",
+        "Zenoh, clients of a router that forwards everything; over a link a router at each host, its defaults",
     ))),
     brokered(peer(
         "zenoh-rmw",
         Family::Zenoh,
-        "Zenoh as rmw_zenoh sets it up: peers find each other through a router, then speak directly",
+        "Zenoh as rmw_zenoh sets it up: peers discover each other through a router, then connect directly",
     )),
     peer(
         "zenoh-shm",
@@ -222,7 +223,7 @@ pub const PEERS: &[PeerInfo] = &[
     topics_only(peer(
         "cyclone",
         Family::Dds,
-        "Cyclone DDS as Debian has it, reliable",
+        "Cyclone DDS of Debian, reliable",
     )),
     topics_only(peer(
         "cyclone-tuned",
@@ -232,7 +233,7 @@ pub const PEERS: &[PeerInfo] = &[
     topics_only(peer(
         "fastdds",
         Family::Dds,
-        "Fast DDS as Debian has it, reliable, sequence of bytes",
+        "Fast DDS of Debian, reliable, sequence of bytes",
     )),
     topics_only(peer(
         "fastdds-plain",
@@ -242,12 +243,12 @@ pub const PEERS: &[PeerInfo] = &[
     across(peer(
         "raw-quinn",
         Family::Quinn,
-        "QUIC by quinn, its defaults (cubic): a stream for each message, one at a time, the freshest",
+        "QUIC by quinn, its defaults (cubic): one stream per message, one at a time, the newest message",
     )),
     across(peer(
         "raw-quinn-bbr",
         Family::Quinn,
-        "the same with the congestion controller BBR",
+        "QUIC by quinn with the congestion controller BBR, otherwise as raw-quinn",
     )),
 ];
 
@@ -257,18 +258,18 @@ pub fn find(name: &str) -> Option<&'static PeerInfo> {
     PEERS.iter().find(|peer| peer.name == name)
 }
 
-/// Which code speaks for the peer of this name.
+/// The implementation behind the peer of this name.
 #[must_use]
 pub fn family(name: &str) -> Option<Family> {
     find(name).map(|peer| peer.family)
 }
 
 impl PeerInfo {
-    /// Whether it can run here.
+    /// Checks that the peer can run on this machine.
     ///
     /// # Errors
     ///
-    /// Why not, and what would help.
+    /// The missing requirement, and how to install it.
     pub fn available(&self) -> Result<(), String> {
         let left_out =
             |feature| format!("left out of this build: build with `--features {feature}`");

@@ -1,5 +1,5 @@
-//! What every peer can do, in the same few words: the loops in [`roles`](crate::roles) are
-//! written once, and know nothing else about a peer.
+//! The traits that every peer implements. The loops in [`roles`](crate::roles) use nothing else
+//! of a peer.
 
 use std::{error::Error, fmt};
 
@@ -8,65 +8,66 @@ use crate::{
     job::{Channel, Domain, Read},
 };
 
-/// A process' place in a peer's world: a node, a session, a participant.
+/// The connection of a process to a peer's network: a node, a session, a participant.
 pub trait Peer: Sized {
-    /// Sends.
+    /// The sending end of a channel.
     type Publisher: Publish;
-    /// Receives, and lets a handler see each message.
+    /// The receiving end of a channel, which passes each message to a handler.
     type Subscriber<H: Handler>: Subscribe<H>;
 
-    /// Runs the peer's daemon until the director ends; `ready` when others may come. Only
-    /// called for peers that have one.
+    /// Runs the peer's daemon until the director ends. Calls `ready` when nodes can connect. Only
+    /// called for peers that have a daemon.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from running.
+    /// The daemon cannot run.
     fn serve(domain: &Domain, ready: impl FnOnce()) -> Result<(), PeerError> {
         let _ = (domain, ready);
         Err(PeerError::new("run a daemon", "this peer has none"))
     }
 
-    /// Enters. `name` is unique within the domain; `first` is the process that is started first.
+    /// Connects. `name` is unique within the domain; `first` is true for the process that is
+    /// started first.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from entering.
+    /// The process cannot connect.
     fn open(domain: &Domain, name: &str, first: bool) -> Result<Self, PeerError>;
 
-    /// Announces that it sends.
+    /// Declares a publisher.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from sending.
+    /// The publisher cannot be declared.
     fn publisher(&self, channel: &Channel) -> Result<Self::Publisher, PeerError>;
 
-    /// Announces that it receives.
+    /// Declares a subscriber.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from receiving.
+    /// The subscriber cannot be declared.
     fn subscriber<H: Handler>(
         &self,
         channel: &Channel,
         handler: H,
     ) -> Result<Self::Subscriber<H>, PeerError>;
 
-    /// Calls `exchange` of a service of this peer; only called for peers that have services.
+    /// Declares a client of a service. Only called for peers that have services.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from calling.
+    /// The client cannot be declared, or no server comes.
     fn client(&self, channel: &Channel) -> Result<impl Call, PeerError> {
         let _ = channel;
         Err::<NoServices, _>(PeerError::new("call a service", "this peer has none"))
     }
 
-    /// Answers with as many bytes as were asked with, until the director says stop; `ready` when
-    /// clients may come.
+    /// Serves requests until the director sends `stop`. Replies have the length of their requests.
+    /// Calls `ready` when clients can connect.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from serving.
+    /// The server cannot be declared, or a reply cannot be sent.
     fn answer(
         &self,
         channel: &Channel,
@@ -80,19 +81,19 @@ pub trait Peer: Sized {
 
 /// The sending end of a channel.
 pub trait Publish: Send {
-    /// Sends one message of `len` bytes, all of which `write` writes: right into the memory that
-    /// is sent from, where the peer lends it.
+    /// Sends one message of `len` bytes, all of which `write` writes. Where the peer lends memory,
+    /// `write` writes into it without a copy.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from sending. That a message is dropped is none, where the peer drops.
+    /// The message cannot be sent. A message that the peer drops by design is not an error.
     fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError>;
 
-    /// Sends `count` messages: one after the other, unless the peer has a better way.
+    /// Sends `count` messages: one by one, unless the peer can send many in one call.
     ///
     /// # Errors
     ///
-    /// As [`publish`](Self::publish).
+    /// See [`publish`](Self::publish).
     fn publish_run(
         &mut self,
         count: usize,
@@ -102,40 +103,40 @@ pub trait Publish: Send {
         one_by_one(self, count, len, write)
     }
 
-    /// How many subscribers are there.
+    /// The number of connected subscribers.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from knowing.
+    /// The peer cannot count them.
     fn matched(&mut self) -> Result<usize, PeerError>;
 
-    /// Waits until `count` are there.
+    /// Waits until `count` subscribers are connected.
     ///
     /// # Errors
     ///
-    /// They do not come; and as [`matched`](Self::matched).
+    /// The subscribers do not connect in time; see also [`matched`](Self::matched).
     fn wait_matched(&mut self, count: usize) -> Result<(), PeerError> {
         let until = now_ns() + TIMEOUT_NS;
         while self.matched()? < count {
             if now_ns() > until {
-                return Err(PeerError::new("wait for subscribers", "they do not come"));
+                return Err(PeerError::new("wait for subscribers", "timed out"));
             }
             sleep_until(now_ns() + 1_000_000);
         }
         Ok(())
     }
 
-    /// Sends what may still be on its way within this process.
+    /// Sends all messages that are still queued within this process.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from sending.
+    /// The messages cannot be sent.
     fn flush(&mut self) -> Result<(), PeerError> {
         Ok(())
     }
 }
 
-/// Sends `count` messages, each by itself.
+/// Sends `count` messages, each with a call of its own.
 pub(super) fn one_by_one(
     publisher: &mut (impl Publish + ?Sized),
     count: usize,
@@ -145,30 +146,30 @@ pub(super) fn one_by_one(
     (0..count).try_for_each(|_| publisher.publish(len, &mut write))
 }
 
-/// How long others may take to come, and a reliable message to be taken, in nanoseconds.
+/// Timeout for connections, calls and reliable messages, in nanoseconds.
 pub const TIMEOUT_NS: u64 = 20_000_000_000;
 
 /// The receiving end of a channel.
 pub trait Subscribe<H: Handler> {
-    /// Lets the handler see what comes, until it says [`Flow::Return`] or this moment of the
-    /// monotonic clock. Sleeps or spins meanwhile, as the peer's mode says.
+    /// Passes messages to the handler until it returns [`Flow::Return`], or until this time of the
+    /// monotonic clock. Sleeps or spins while it waits, as the mode of the peer requires.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from receiving.
+    /// Messages cannot be received.
     fn pump(&mut self, until_ns: u64) -> Result<(), PeerError>;
 
-    /// Looks at the handler.
+    /// Calls `look` with the handler.
     fn with<R>(&mut self, look: impl FnOnce(&mut H) -> R) -> R;
 }
 
-/// What a subscriber does with messages.
+/// The callback of a subscriber.
 pub trait Handler: Send + 'static {
-    /// Sees one message where it lies: all of it, or its beginning if that is all it wants and
-    /// the rest would cost the peer something.
+    /// Handles one message in place. If the handler [wants](Self::wants) only the header, the peer
+    /// may pass only the first part of the message.
     fn message(&mut self, message: &[u8]) -> Flow;
 
-    /// How much of a message it reads.
+    /// The part of a message that the handler reads.
     #[cfg_attr(
         not(feature = "zenoh"),
         expect(dead_code, reason = "only Zenoh has to ask")
@@ -178,10 +179,10 @@ pub trait Handler: Send + 'static {
     }
 }
 
-/// What happens after a message.
+/// The next step of a subscriber after a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flow {
-    /// The next one is waited for.
+    /// The subscriber waits for the next message.
     Continue,
     /// [`Subscribe::pump`] returns.
     Return,
@@ -189,11 +190,11 @@ pub enum Flow {
 
 /// The calling end of a service.
 pub trait Call {
-    /// Sends a request that `write` writes, waits for the reply and lets `read` see it.
+    /// Sends a request that `write` writes, waits for the reply, and passes it to `read`.
     ///
     /// # Errors
     ///
-    /// Whatever keeps it from calling.
+    /// The request cannot be sent, or no reply arrives.
     fn call(
         &mut self,
         len: usize,
@@ -202,7 +203,7 @@ pub trait Call {
     ) -> Result<(), PeerError>;
 }
 
-/// The client of a peer that has none.
+/// The client of a peer without services.
 struct NoServices;
 
 impl Call for NoServices {
@@ -216,7 +217,7 @@ impl Call for NoServices {
     }
 }
 
-/// Why a peer does not do what it was asked for.
+/// An error of a peer.
 #[derive(Debug)]
 pub struct PeerError {
     action: &'static str,
@@ -224,7 +225,7 @@ pub struct PeerError {
 }
 
 impl PeerError {
-    /// From the peer's own words.
+    /// Makes an error of the action that failed and its reason.
     pub fn new(action: &'static str, reason: impl Into<String>) -> Self {
         Self {
             action,
@@ -232,7 +233,7 @@ impl PeerError {
         }
     }
 
-    /// From the peer's own error, whose causes are told too.
+    /// Makes an error of the action that failed and the peer's own error.
     pub fn caused<E: fmt::Display>(action: &'static str) -> impl FnOnce(E) -> Self {
         move |error| Self::new(action, error.to_string())
     }

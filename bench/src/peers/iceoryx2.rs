@@ -1,4 +1,4 @@
-//! iceoryx2: samples are written into loans. With an event for each message, or polled.
+//! iceoryx2: samples are written into loans. Subscribers wait for an event per message, or poll.
 
 use std::{fmt::Debug, hint, mem::MaybeUninit, time::Duration};
 
@@ -25,10 +25,10 @@ use crate::{
 
 type Ipc = ipc::Service;
 
-/// How often a polling side looks at the clock.
+/// The number of polls between two readings of the clock.
 const POLLS: u32 = 256;
 
-/// How long a side sleeps before it looks whether it is time to stop, in nanoseconds.
+/// The interval at which a server checks whether to stop, in nanoseconds.
 const LOOK_NS: u64 = 250_000_000;
 
 fn failed<E: Debug>(action: &'static str) -> impl FnOnce(E) -> PeerError {
@@ -38,9 +38,9 @@ fn failed<E: Debug>(action: &'static str) -> impl FnOnce(E) -> PeerError {
 /// A node.
 pub struct Iceoryx2 {
     node: Node<Ipc>,
-    /// A side sleeps until an event comes.
+    /// True if subscribers, clients and servers sleep until an event comes.
     event: bool,
-    /// Publishers retry where a subscriber's queue is full.
+    /// True if publishers retry while a subscriber's queue is full.
     reliable: bool,
 }
 
@@ -54,7 +54,7 @@ impl Iceoryx2 {
             .publish_subscribe::<[u8]>()
             .payload_alignment(Alignment::new(64).unwrap_or(Alignment::ALIGN_1))
             .enable_safe_overflow(!(self.reliable || channel.lossless))
-            // Two is its default.
+            // The default of iceoryx2 is two.
             .subscriber_max_buffer_size(channel.depth.max(2))
             .subscriber_max_borrowed_samples(1)
             .max_subscribers(16);
@@ -191,7 +191,8 @@ impl Peer for Iceoryx2 {
                 let response = request.loan_slice_uninit(request.payload().len());
                 let mut response = response.map_err(failed("get memory for a reply"))?;
                 answer(request.payload(), written(response.payload_mut()));
-                // SAFETY: all bytes were written, and were initialized before: see `written`.
+                // SAFETY: `answer` has written the reply, and `written` says why all bytes are
+                // initialized even if it has not.
                 let response = unsafe { response.assume_init() };
                 response.send().map_err(failed("reply"))?;
                 notify(notifier.as_ref())?;
@@ -201,11 +202,11 @@ impl Peer for Iceoryx2 {
     }
 }
 
-/// The loaned memory as bytes to be written: its `loan_slice` would write zeros first, which
-/// would be another pass over the message.
+/// The loaned memory as bytes to write to. `loan_slice` of iceoryx2 would write zeros first, which
+/// is another pass over the message.
 fn written(loan: &mut [MaybeUninit<u8>]) -> &mut [u8] {
-    // SAFETY: the memory is a file in shared memory, which the kernel hands out as zeros, and
-    // in which only bytes were stored since: it is initialized, whatever its type says.
+    // SAFETY: the memory belongs to a file in shared memory. The kernel fills its pages with zeros,
+    // and only bytes have been stored since, so all of it is initialized.
     unsafe { &mut *(std::ptr::from_mut(loan) as *mut [u8]) }
 }
 
@@ -216,7 +217,7 @@ fn notify(notifier: Option<&Notifier<Ipc>>) -> Result<(), PeerError> {
     Ok(())
 }
 
-/// Takes what is there; else waits for an event, or polls, until this moment.
+/// Takes one item; waits for an event, or polls, until there is one or the time is over.
 fn wait<T, E: Debug>(
     listener: Option<&Listener<Ipc>>,
     until_ns: u64,
@@ -250,9 +251,9 @@ pub struct Sender {
     notifier: Option<Notifier<Ipc>>,
 }
 
-// SAFETY: it is never moved to another thread. Handlers have to be `Send` for peers that call
-// them from threads of their own, and one that publishes holds this; but `Receiver` below calls
-// its handler on the thread that made both.
+// SAFETY: a `Sender` is never moved to another thread. `Handler` requires `Send` for peers that
+// call handlers on threads of their own, and the handler of an echo holds a `Sender`. `Receiver`
+// below calls its handler on the thread that made both.
 unsafe impl Send for Sender {}
 
 impl Publish for Sender {
@@ -260,7 +261,8 @@ impl Publish for Sender {
         let sample = self.publisher.loan_slice_uninit(len);
         let mut sample = sample.map_err(failed("get memory for a message"))?;
         write(written(sample.payload_mut()));
-        // SAFETY: all bytes were written, and were initialized before: see `written`.
+        // SAFETY: `write` has written the message, and `written` says why all bytes are initialized
+        // even if it has not.
         let sample = unsafe { sample.assume_init() };
         sample.send().map_err(failed("send"))?;
         notify(self.notifier.as_ref())
@@ -311,7 +313,8 @@ impl Call for Caller {
         let request = self.client.loan_slice_uninit(len);
         let mut request = request.map_err(failed("get memory for a request"))?;
         write(written(request.payload_mut()));
-        // SAFETY: all bytes were written, and were initialized before: see `written`.
+        // SAFETY: `write` has written the request, and `written` says why all bytes are initialized
+        // even if it has not.
         let request = unsafe { request.assume_init() };
         let pending = request.send().map_err(failed("send a request"))?;
         notify(self.notifier.as_ref())?;
@@ -321,7 +324,7 @@ impl Call for Caller {
                 read(response.payload());
                 Ok(())
             }
-            None => Err(PeerError::new("call", "no reply comes")),
+            None => Err(PeerError::new("call", "timed out")),
         }
     }
 }

@@ -17,7 +17,7 @@ pub mod zenoh;
 pub use catalogue::{Family, PEERS, PeerInfo, Reach};
 pub use contract::{Call, Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS};
 
-/// Evaluates an expression with the type of this peer: `with_peer!(&domain, P => …)`.
+/// Evaluates an expression with `P` as the type of the domain's peer: `with_peer!(&domain, P => …)`.
 #[macro_export]
 macro_rules! with_peer {
     ($domain:expr, $peer:ident => $body:expr) => {

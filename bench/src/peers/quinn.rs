@@ -1,5 +1,6 @@
-//! QUIC without any middleware: each message is a stream of its own, and the next one, the freshest by
-//! then, is opened when all of the last one was acknowledged. There is one subscriber, at the far host.
+//! QUIC without any middleware: each message is a stream of its own. When the stream has been
+//! acknowledged completely, the next one opens with the newest message. There is one subscriber, at
+//! the far host.
 
 use std::{
     fs,
@@ -32,10 +33,10 @@ use crate::{
 /// The name in the subscriber's certificate.
 const NAME: &str = "far";
 
-/// How long an attempt to connect may take: the subscriber may come later.
+/// Timeout of one attempt to connect. The publisher tries again, since the subscriber may come later.
 const ATTEMPT: Duration = Duration::from_millis(500);
 
-/// Where the publisher of a domain finds its subscriber.
+/// The address and certificate with which the publisher finds its subscriber.
 pub struct Quinn {
     certificate: PathBuf,
     address: SocketAddr,
@@ -94,7 +95,7 @@ impl Peer for Quinn {
         let entered = runtime.enter();
         let endpoint = Endpoint::server(config, any).map_err(failed("listen"))?;
         drop(entered);
-        // No further ahead than one: a slow handler slows the sender.
+        // A queue of one message, so that a slow handler slows the sender.
         let (messages, queue) = sync_channel(1);
         runtime.spawn(receive(endpoint, channel.max_len, messages));
         publish_certificate(&self.certificate, &certificate).map_err(failed("write a file"))?;
@@ -106,14 +107,14 @@ impl Peer for Quinn {
     }
 }
 
-/// Whoever finds the file finds all of it.
+/// Writes the file in one step, so that the publisher never reads a part of it.
 fn publish_certificate(path: &Path, certificate: &[u8]) -> std::io::Result<()> {
     let part = path.with_extension("part");
     fs::write(&part, certificate)?;
     fs::rename(part, path)
 }
 
-/// The message that is sent next.
+/// The newest message, which is sent next.
 #[derive(Default)]
 struct Freshest {
     message: Mutex<Option<Vec<u8>>>,
@@ -136,7 +137,7 @@ impl Freshest {
     }
 }
 
-/// Connects, again and again, and sends as long as that lasts.
+/// Connects and sends; connects again when the connection ends.
 async fn send(
     endpoint: Endpoint,
     certificate: PathBuf,
@@ -148,7 +149,7 @@ async fn send(
         let attempt = connect(&endpoint, &certificate, address, bbr);
         match time::timeout(ATTEMPT, attempt).await {
             Ok(Some(connection)) => {
-                // Without it there is the next one.
+                // An error ends this connection; the loop makes the next one.
                 let _ = send_over(&connection, &freshest).await;
             }
             Ok(None) => time::sleep(ATTEMPT / 10).await,
@@ -185,15 +186,15 @@ async fn send_over(
         let mut stream = connection.open_uni().await?;
         stream.write_all(&message).await?;
         stream.finish()?;
-        // Until all is acknowledged.
+        // Returns when the subscriber has acknowledged the whole stream.
         stream.stopped().await?;
     }
 }
 
-/// Takes one connection after the other.
+/// Accepts connections until the endpoint closes.
 async fn receive(endpoint: Endpoint, max_len: usize, messages: SyncSender<Vec<u8>>) {
     while let Some(incoming) = endpoint.accept().await {
-        // Who does not get through tries again.
+        // A publisher whose connection fails connects again.
         tokio::spawn(receive_from(incoming, max_len, messages.clone()));
     }
 }
@@ -219,7 +220,7 @@ pub struct Sender {
 
 impl Publish for Sender {
     fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError> {
-        // The memory of the one that nobody came for.
+        // The buffer of a message that was not sent is used again.
         let mut message = self.freshest.swap(None).unwrap_or_default();
         message.resize(len, 0);
         write(&mut message);
@@ -228,7 +229,7 @@ impl Publish for Sender {
         Ok(())
     }
 
-    /// It knows no subscribers: whoever comes, comes.
+    /// This peer does not count its subscribers.
     fn matched(&mut self) -> Result<usize, PeerError> {
         Ok(0)
     }

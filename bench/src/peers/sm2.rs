@@ -1,5 +1,6 @@
-//! SM2: one Manager, a node in each process. Messages are written into loans, short ones copied.
-//! Over a link each host has a Manager and a [gateway], and topics are keep-last, the default.
+//! SM2: one Manager, and a node in each process. Short messages are copied; longer ones are written
+//! into loans. Over a link, each host has a Manager and a [gateway], and topics are keep-last (the
+//! default).
 
 use std::{fmt::Display, path::PathBuf, time::Duration};
 
@@ -17,10 +18,10 @@ use crate::{
 
 mod gateway;
 
-/// How long a reliable message waits for a subscriber, and whatever else may be waited for.
+/// Timeout for connections, calls and reliable messages.
 const TIMEOUT: Duration = Duration::from_nanos(TIMEOUT_NS);
 
-/// How often a server looks whether it is time to stop.
+/// The interval at which a server checks whether to stop.
 const LOOK: Duration = Duration::from_millis(250);
 
 /// A node.
@@ -29,14 +30,14 @@ pub struct Sm2 {
     mode: Mode,
 }
 
-/// Up to this length, in bytes, a message is copied: shorter than a loan takes.
+/// The longest message that is copied, in bytes: copying it is faster than taking a loan.
 const SHORT: usize = 1_024;
 
-/// How many messages a subscriber takes at a time, if it takes many.
+/// The most messages that `sm2-batch` takes in one call.
 const BATCH: usize = 64;
 
-/// What differs between `sm2`, `sm2-drop`, `sm2-sealed`, `sm2-spin` and `sm2-batch`. Another way of using SM2 is a line here,
-/// where it matters below, and in the catalogue.
+/// The differences between `sm2`, `sm2-drop`, `sm2-sealed`, `sm2-spin` and `sm2-batch`. To add a
+/// configuration of SM2, add a field here, its use below, and a peer in the catalogue.
 #[derive(Clone, Copy)]
 struct Mode {
     reliable: bool,
@@ -76,7 +77,7 @@ impl Peer for Sm2 {
     type Publisher = Sender;
     type Subscriber<H: Handler> = Receiver<H>;
 
-    /// The same Manager as that of the program `sm2-manager`.
+    /// Runs the Manager that the program `sm2-manager` runs.
     fn serve(domain: &Domain, ready: impl FnOnce()) -> Result<(), PeerError> {
         if let Some(side) = domain.side {
             return gateway::serve(domain, side, &socket(domain), ready);
@@ -177,7 +178,7 @@ fn depth(channel: &Channel) -> u16 {
 pub struct Sender {
     publisher: Publisher<[u8]>,
     batch: bool,
-    /// Short ones, to be copied.
+    /// The buffer of short messages.
     messages: Vec<u8>,
 }
 
@@ -229,7 +230,7 @@ impl Publish for Sender {
     fn flush(&mut self) -> Result<(), PeerError> {
         match self.publisher.flush_timeout(TIMEOUT) {
             Ok(true) => Ok(()),
-            Ok(false) => Err(PeerError::new("flush", "a subscriber does not take")),
+            Ok(false) => Err(PeerError::new("flush", "a subscriber takes no messages")),
             Err(error) => Err(failed("flush")(error)),
         }
     }
@@ -243,7 +244,7 @@ pub struct Receiver<H> {
 }
 
 impl<H: Handler> Receiver<H> {
-    /// As many as there are at a time.
+    /// Takes up to `BATCH` messages per call.
     fn pump_batches(&mut self, timeout: Duration) -> Result<(), PeerError> {
         let handler = &mut self.handler;
         let (mut flow, mut failure) = (Flow::Continue, None);
@@ -263,7 +264,8 @@ impl<H: Handler> Receiver<H> {
 
 impl<H: Handler> Subscribe<H> for Receiver<H> {
     fn pump(&mut self, until_ns: u64) -> Result<(), PeerError> {
-        // Reading the clock for each message would be seen at millions of them a second.
+        // One reading of the clock per call: at millions of messages per second, one reading per
+        // message would show in the figures.
         let timeout = Instant(until_ns).since(Instant(now_ns()));
         if self.batch {
             return self.pump_batches(timeout);

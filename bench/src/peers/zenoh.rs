@@ -1,8 +1,8 @@
 //! Zenoh: peer to peer over TCP, through a router, or through its shared memory provider.
 //!
-//! Handlers are called on Zenoh's own threads, as its documentation does for whatever has to be
-//! fast. Congestion control is `Block` at one host: nothing is dropped, as in `rmw_zenoh` for
-//! reliable topics. Over a link there is a router at each host, and all is as Zenoh's defaults have it.
+//! Handlers are called on Zenoh's own threads, which its documentation recommends for low latency.
+//! At one host, congestion control is `Block`: nothing is dropped, as in `rmw_zenoh` for reliable
+//! topics. Over a link, there is a router at each host, and all settings are Zenoh's defaults.
 
 use std::{
     error::Error,
@@ -34,10 +34,10 @@ use crate::{
     payload::HEADER_BYTES,
 };
 
-/// How long a call, and whatever else, may take.
+/// Timeout for connections and calls.
 const TIMEOUT: Duration = Duration::from_nanos(TIMEOUT_NS);
 
-/// The shared memory of a publisher: so many messages, and not less than so many bytes.
+/// The shared memory of a publisher: room for this many messages, and at least this many bytes.
 const SHM_MESSAGES: usize = 4;
 const SHM_BYTES: usize = 1 << 20;
 
@@ -51,15 +51,16 @@ fn failed(action: &'static str) -> impl FnOnce(Failed) -> PeerError {
 pub struct Zenoh {
     session: Session,
     shm: bool,
-    /// Publishers are as the defaults have them.
+    /// True if publishers use Zenoh's defaults.
     plain: bool,
 }
 
-/// What differs between the processes of a domain and its ways of using Zenoh.
+/// The settings that differ between the processes of a domain and between the Zenoh peers.
 struct Setup {
     mode: &'static str,
-    /// Endpoints.
+    /// The endpoints to listen at.
     listen: Vec<String>,
+    /// The endpoints to connect to.
     connect: Vec<String>,
     shm: bool,
 }
@@ -67,7 +68,7 @@ struct Setup {
 impl Setup {
     fn of(domain: &Domain, first: bool) -> Self {
         let port = domain.port;
-        // Port 0: any that is free, for peers that come later.
+        // Later peers listen at port 0, which is any free port.
         let (mode, listen, connect) = match (domain.peer.as_str(), first) {
             ("zenoh-router", _) => ("client", None, Some(port)),
             ("zenoh-rmw", _) => ("peer", Some(0), Some(port)),
@@ -99,10 +100,13 @@ impl Setup {
         }
     }
 
-    /// All defaults, but: no multicast, so that runs on one network do not meet, addresses of
-    /// the loopback interface or the link, and a first peer that may be a little late.
+    /// Opens a session with Zenoh's defaults, except for these settings:
+    ///
+    /// - no multicast, so that runs on one network do not connect to each other;
+    /// - addresses of the loopback interface or of the link;
+    /// - repeated attempts to connect, since the first peer may start late.
     fn open(&self) -> Result<Session, Failed> {
-        // As JSON.
+        // The debug format of strings is valid JSON here.
         let endpoints = |all: &[String]| format!("{all:?}");
         let mut config = Config::default();
         for (key, value) in [
@@ -178,8 +182,8 @@ impl Peer for Zenoh {
             .callback(move |sample| called.message(sample.payload()))
             .wait()
             .map_err(failed("declare a subscriber"))?;
-        // A publisher can ask only whether anybody is there: where several are waited for, each
-        // has a token, which comes after its declaration.
+        // A Zenoh publisher can only ask whether it has any subscriber. Where it waits for several,
+        // each subscriber declares a token after itself, and the publisher counts the tokens.
         let token = (channel.subscribers > 1).then(|| {
             let name = format!("{}/tokens/{}", channel.name, self.session.zid());
             self.session.liveliness().declare_token(name).wait()
@@ -209,7 +213,7 @@ impl Peer for Zenoh {
         };
         while !there().map_err(failed("look for the server"))? {
             if now_ns() > until_ns {
-                return Err(PeerError::new("wait for the server", "it does not come"));
+                return Err(PeerError::new("wait for the server", "timed out"));
             }
             sleep_until(now_ns() + 1_000_000);
         }
@@ -235,7 +239,7 @@ impl Peer for Zenoh {
                 let (answer, memory) = &mut *state;
                 let request = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
                 let reply = memory.message(request.len(), |reply| answer(&request, reply));
-                // The client notices if nothing comes.
+                // If the reply cannot be sent, the call of the client times out.
                 if let Ok(reply) = reply {
                     let _ = query.reply(&key, reply).express(true).wait();
                 }
@@ -261,13 +265,13 @@ impl Zenoh {
     }
 }
 
-/// Where few messages are under way, each is sent at once, as in Zenoh's own latency benchmark;
-/// where many are, they are sent in batches, as in its throughput benchmark.
+/// True if each message is sent at once, as in Zenoh's own latency benchmark. Channels with many
+/// messages in flight send them in batches, as in Zenoh's throughput benchmark.
 const fn is_urgent(channel: &Channel) -> bool {
     channel.depth <= 8
 }
 
-/// Where messages are written.
+/// The memory in which messages are written.
 enum Memory {
     Heap(Pool),
     Shm(Box<ShmProvider<PosixShmProviderBackend>>),
@@ -296,7 +300,8 @@ impl Memory {
     }
 }
 
-/// Buffers that come back when Zenoh has sent them: warm ones, and no copy into its own.
+/// Buffers that are used again when Zenoh has sent them. Their pages stay mapped, and Zenoh sends
+/// from them without a copy.
 #[derive(Clone, Default)]
 struct Pool(Arc<Mutex<Vec<Vec<u8>>>>);
 
@@ -382,7 +387,7 @@ pub struct Receiver<H> {
 /// The handler, which Zenoh's threads call.
 struct Shared<H> {
     handler: Mutex<H>,
-    /// It has said [`Flow::Return`].
+    /// True when the handler has returned [`Flow::Return`].
     returned: Mutex<bool>,
     changed: Condvar,
 }
@@ -390,7 +395,8 @@ struct Shared<H> {
 impl<H: Handler> Shared<H> {
     fn message(&self, payload: &ZBytes) {
         let mut handler = lock(&self.handler);
-        // Putting a fragmented message together is a copy: who reads the header alone needs none.
+        // `to_bytes` copies a fragmented message. A handler that reads only the header gets the
+        // first fragment instead.
         let mut slices = payload.slices();
         let flow = match slices.next() {
             Some(first) if handler.wants() == Read::Header && first.len() >= HEADER_BYTES => {

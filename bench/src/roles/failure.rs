@@ -1,4 +1,4 @@
-//! How a role fails.
+//! The error type of roles.
 
 /// Any error that ends a role.
 pub(super) type Failure = Box<dyn std::error::Error>;

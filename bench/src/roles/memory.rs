@@ -1,4 +1,4 @@
-//! What the memory allows: messages are written and read within one process.
+//! Writes and reads messages within one process, to measure the memory alone.
 
 use std::{
     hint::black_box,
@@ -13,9 +13,9 @@ use crate::{
     stats::{Durations, Spread},
 };
 
-/// Each thread writes a message into memory of its own, and reads it as often as said, again and
-/// again. The rates of all threads add up: what they would do together for one publisher and its
-/// subscribers if telling each other cost nothing.
+/// Each thread repeatedly writes a message into memory of its own and reads it `readers` times. The
+/// result adds up the rates of all threads: the rate of a publisher and its subscribers on as many
+/// cores if communication cost nothing.
 pub(super) fn work(work: &MemoryWork) -> Outcome {
     let start = Barrier::new(work.threads);
     let one_way = std::sync::Mutex::new(None);
@@ -23,7 +23,7 @@ pub(super) fn work(work: &MemoryWork) -> Outcome {
         let threads: Vec<_> = (0..work.threads)
             .map(|_| {
                 scope.spawn(|| {
-                    let (hz, spread) = turn(work, &start);
+                    let (hz, spread) = run_thread(work, &start);
                     *one_way.lock().unwrap_or_else(PoisonError::into_inner) = Some(spread);
                     hz
                 })
@@ -39,10 +39,10 @@ pub(super) fn work(work: &MemoryWork) -> Outcome {
     }
 }
 
-fn turn(work: &MemoryWork, start: &Barrier) -> (f64, Spread) {
+fn run_thread(work: &MemoryWork, start: &Barrier) -> (f64, Spread) {
     let mut message = vec![0; work.len];
     let mut one_way = Durations::with_capacity(1 << 16);
-    // The clock is read around several messages where one is about as short as that.
+    // Reading the clock takes about as long as a short message: read it once per batch.
     let batch = (65_536 / work.len).max(1) as u64;
     start.wait();
     let start_ns = now_ns();

@@ -1,4 +1,4 @@
-//! What the processes of a run do. Each role is one loop, the same for every peer.
+//! The roles of the processes of a run. Each role is one loop, the same for every peer.
 
 use std::{fs::File, process::ExitCode};
 
@@ -25,13 +25,13 @@ mod watch;
 
 use failure::Failure;
 
-/// Does it; says what came of it.
+/// Runs a job, given as JSON, and reports its outcome to the director.
 #[must_use]
 pub fn run(job: &str) -> ExitCode {
-    // Whoever is started by a director ends with it, whatever ends that.
+    // The kernel kills this process when the director ends, for whatever reason.
     let _ = prctl::set_pdeathsig(Signal::SIGKILL);
     match play(job) {
-        // It has said what it found out.
+        // The role has reported its outcome itself, or has none.
         Ok(Outcome::Nothing) => ExitCode::SUCCESS,
         Ok(outcome) => {
             let said = say(&Said::Done(outcome));
@@ -44,7 +44,7 @@ pub fn run(job: &str) -> ExitCode {
         Err(reason) => {
             let reason = reason.to_string();
             eprintln!("{reason}");
-            // If nobody listens, standard error has it.
+            // If the director is gone, the reason is on standard error.
             let _ = say(&Said::Failed { reason });
             ExitCode::FAILURE
         }
@@ -58,7 +58,7 @@ fn play(job: &str) -> Result<Outcome, Failure> {
         core,
         network,
     } = serde_json::from_str(job)?;
-    // Before any other thread is there: they inherit both.
+    // Before the first thread starts: threads inherit the network namespace and the core.
     if let Some(network) = network {
         setns(File::open(network)?, CloneFlags::CLONE_NEWNET)?;
     }
@@ -67,7 +67,7 @@ fn play(job: &str) -> Result<Outcome, Failure> {
         cores.set(core)?;
         sched_setaffinity(Pid::from_raw(0), &cores)?;
     }
-    // These wait as their peer does, not for the director.
+    // These roles wait inside the peer, so that they cannot wait for the director's words.
     let leave = matches!(role, Role::Daemon | Role::Node { .. });
     control::listen(leave)?;
     with_peer!(domain, P => match role {

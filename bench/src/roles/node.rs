@@ -1,4 +1,4 @@
-//! Nodes that only are there, daemons, and subscribers that come and go.
+//! Daemons, idle nodes, and subscribers that exit after their first message.
 
 use super::Failure;
 use crate::{
@@ -14,14 +14,14 @@ const HOURS_NS: u64 = 36_000_000_000_000;
 /// Serves until the director ends.
 pub(super) fn daemon<P: Peer>(domain: &Domain) -> Result<Outcome, Failure> {
     P::serve(domain, || {
-        // A director that is gone is noticed at the end of standard input.
+        // If the director is gone, standard input has ended, which ends this process.
         let _ = say(&Said::Ready);
     })?;
     Ok(Outcome::Nothing)
 }
 
-/// Has a channel, and hears its neighbour's; ready when its own neighbour hears it. Ends with the
-/// director.
+/// Publishes on a channel of its own, and subscribes to the channel of the next node. Ready when the
+/// previous node has subscribed to its channel. Ends with the director.
 pub(super) fn node<P: Peer>(
     domain: &Domain,
     number: usize,
@@ -43,7 +43,7 @@ pub(super) fn node<P: Peer>(
     Ok(Outcome::Nothing)
 }
 
-/// Nothing comes.
+/// A handler for channels without messages.
 struct Silent;
 
 impl Handler for Silent {
@@ -52,7 +52,7 @@ impl Handler for Silent {
     }
 }
 
-/// Waits for the first message.
+/// Waits for the first message, and reports the time since the start of the process.
 pub(super) fn join<P: Peer>(
     domain: &Domain,
     channel: &Channel,
@@ -70,12 +70,12 @@ pub(super) fn join<P: Peer>(
             return Ok(Outcome::Joined { after_ns });
         }
         if now_ns() >= until_ns || reached(Stage::End) {
-            return Err(PeerError::new("join", "no message comes").into());
+            return Err(PeerError::new("join", "no message arrived").into());
         }
     }
 }
 
-/// When the first message was in hand.
+/// The time at which the first message arrived; 0 before.
 struct First(u64);
 
 impl Handler for First {

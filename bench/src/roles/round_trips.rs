@@ -1,4 +1,4 @@
-//! Ping and echo: two topics, one message under way.
+//! Ping and echo: two channels, and one message in flight.
 
 use super::Failure;
 use crate::{
@@ -10,10 +10,10 @@ use crate::{
     stats::{Durations, Spread},
 };
 
-/// How many round trips warm up.
+/// The number of round trips before the counted ones.
 const WARM_UP: u64 = 100;
 
-/// How long a message may take there and back, in nanoseconds.
+/// Timeout of one round trip, in nanoseconds.
 const RETURN_NS: u64 = 1_000_000_000;
 
 fn channel(name: &str, trips: &RoundTrips) -> Channel {
@@ -26,7 +26,7 @@ fn channel(name: &str, trips: &RoundTrips) -> Channel {
     }
 }
 
-/// Reads a message as a subscriber would; the header, and whether it is whole.
+/// Reads a message as a subscriber would; returns the header, and whether the message is intact.
 fn look(message: &[u8], read: Read) -> (Header, bool) {
     let header = peek(message).unwrap_or_default();
     let whole = match read {
@@ -36,8 +36,8 @@ fn look(message: &[u8], read: Read) -> (Header, bool) {
     (header, whole)
 }
 
-/// Sends, waits, and measures. First without any clock but its own around the whole trip, then
-/// with stamps in the messages.
+/// Measures round trips. First it measures the whole trip with its own clock alone, then one way
+/// with times in the messages.
 pub(super) fn ping<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outcome, Failure> {
     let peer = P::open(domain, "ping", true)?;
     let mut publisher = peer.publisher(&channel("bench/ping", trips))?;
@@ -75,9 +75,9 @@ pub(super) fn ping<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outco
             }
         }
     };
-    let nothing = || PeerError::new("ping", "nothing comes back");
+    let nothing = || PeerError::new("ping", "no message came back");
     let until_ns = now_ns() + TIMEOUT_NS;
-    // The way back may not be there yet.
+    // The echo may not be connected to our subscriber yet.
     while trip(false)?.is_none() {
         if now_ns() > until_ns {
             return Err(nothing().into());
@@ -100,7 +100,7 @@ pub(super) fn ping<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outco
     })
 }
 
-/// As often, and as long, as was said.
+/// Calls `trip` until the count or the time of the job is reached.
 pub(super) fn repeat(
     trips: &RoundTrips,
     mut trip: impl FnMut() -> Result<(), PeerError>,
@@ -115,10 +115,10 @@ pub(super) fn repeat(
     Ok(())
 }
 
-/// What ping makes of that which comes back.
+/// The handler of the messages that come back to the ping.
 struct Pong {
     read: Read,
-    /// The number that is waited for; 0 once it is there.
+    /// The number of the expected message; 0 when it has arrived.
     expected: u64,
     torn: u64,
     one_way: Durations,

@@ -1,4 +1,4 @@
-//! A client and a server.
+//! The client and the server of a service.
 
 use super::{Failure, round_trips::repeat};
 use crate::{
@@ -10,7 +10,7 @@ use crate::{
     stats::{Durations, Spread},
 };
 
-/// How many calls warm up.
+/// The number of calls before the counted ones.
 const WARM_UP: u64 = 100;
 
 fn channel(trips: &RoundTrips) -> Channel {
@@ -23,7 +23,7 @@ fn channel(trips: &RoundTrips) -> Channel {
     }
 }
 
-/// Calls, one after the other.
+/// Calls the service, one call after the other.
 pub(super) fn call<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outcome, Failure> {
     let peer = P::open(domain, "client", false)?;
     let channel = channel(trips);
@@ -64,7 +64,7 @@ pub(super) fn call<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outco
     })
 }
 
-/// Answers with a message of the same number; one that is torn gets another number.
+/// Replies with the number of the request; to a torn request, with number 0.
 pub(super) fn serve<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outcome, Failure> {
     let peer = P::open(domain, "server", true)?;
     let answer = |request: &[u8], reply: &mut [u8]| {
@@ -75,7 +75,7 @@ pub(super) fn serve<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outc
         fill(header, reply);
     };
     let ready = || {
-        // A director that is gone is noticed at the end of standard input.
+        // If the director is gone, standard input has ended, which ends this process.
         let _ = say(&Said::Ready);
     };
     peer.answer(&channel(trips), answer, ready)?;

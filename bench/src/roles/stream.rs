@@ -1,4 +1,4 @@
-//! One publisher, and its subscribers.
+//! The publisher and the subscribers of a stream.
 
 use super::{Failure, tally::Tally};
 use crate::{
@@ -9,14 +9,15 @@ use crate::{
     peers::{Peer, PeerError, Publish, Subscribe},
 };
 
-/// How long a subscriber may sleep before it looks whether it is time to end, in nanoseconds:
-/// longer than what lies between two messages, so that looking costs nothing.
+/// The interval at which a subscriber checks whether to end, in nanoseconds. It is longer than the
+/// time between two messages, so that the checks cost nothing.
 const LOOK_NS: u64 = 250_000_000;
 
-/// How many unstamped messages are published between two looks at the clock.
+/// The number of unstamped messages between two readings of the clock.
 const RUN: usize = 64;
 
-/// Publishes when told to, counts in the middle, and goes on until told to stop.
+/// Publishes from `go` to `stop`. Messages between the warm-up and the end of the counted part are
+/// counted.
 pub(super) fn publish<P: Peer>(domain: &Domain, stream: &Stream) -> Result<Outcome, Failure> {
     let peer = P::open(domain, "publisher", true)?;
     let publisher = peer.publisher(&stream.channel)?;
@@ -34,12 +35,12 @@ pub(super) fn publish<P: Peer>(domain: &Domain, stream: &Stream) -> Result<Outco
     let counted = source.run(stream.seconds, COUNTED)?;
     let seconds = (now_ns() - start_ns) as f64 / 1e9;
     say(&Said::Measured)?;
-    // The director looks at everybody's memory now, as it is while messages flow.
+    // The director now measures the memory of all processes while messages flow.
     while !reached(Stage::Stop) {
         source.run(0.05, 0)?;
     }
     source.publisher.flush()?;
-    // Its memory is read as long as it is there.
+    // Subscribers read from this process' memory until the director ends it.
     say(&Said::Done(Outcome::Published { counted, seconds }))?;
     wait_for(Stage::End);
     Ok(Outcome::Nothing)
@@ -52,11 +53,11 @@ struct Source<'a, P> {
 }
 
 impl<P: Publish> Source<'_, P> {
-    /// Publishes for so many seconds; how many messages that were.
+    /// Publishes for this many seconds, and returns the number of messages.
     ///
-    /// Each is due at its time, counted from the first one: being late once makes none of the
-    /// others late. A publisher that cannot keep up publishes fewer, but not longer. Told to stop, one with a
-    /// rate does at once.
+    /// Each message is due at a fixed time after the first one, so that one late message does not
+    /// delay the others. A publisher that cannot keep up publishes fewer messages in the same time.
+    /// With a rate, `stop` ends the stream at once.
     fn run(&mut self, seconds: f64, flags: u64) -> Result<u64, PeerError> {
         let start_ns = now_ns();
         let end_ns = start_ns + (seconds * 1e9) as u64;
@@ -108,7 +109,7 @@ impl<P: Publish> Source<'_, P> {
     }
 }
 
-/// Receives until told to end.
+/// Receives until standard input ends.
 pub(super) fn subscribe<P: Peer>(
     domain: &Domain,
     channel: &Channel,

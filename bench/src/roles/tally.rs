@@ -1,4 +1,4 @@
-//! What a subscriber makes of the messages that come.
+//! The handler of a subscriber: checks each message, and counts.
 
 use crate::{
     clock::now_ns,
@@ -8,24 +8,24 @@ use crate::{
     stats::Durations,
 };
 
-/// Where no message says when it was published, the clock is read for every so many-th only: it
-/// would be what is measured.
+/// Messages between two readings of the clock when messages carry no times. Reading the clock for
+/// each of them would take longer than receiving it.
 const CLOCK_EACH: u64 = 256;
 
-/// Reads each message, and counts.
+/// Counts of received messages, and their latencies.
 pub(super) struct Tally {
     read: Read,
     counted: u64,
     torn: u64,
     stale: u64,
-    /// The number of the message before.
+    /// The number of the last message.
     last: Option<u64>,
     span: Span,
     latencies: Durations,
     handovers: Durations,
 }
 
-/// From the first counted message to the last one at which the clock was read.
+/// The time from the first counted message to the last one for which the clock was read.
 #[derive(Clone, Copy, Default)]
 struct Span {
     first_ns: u64,
@@ -67,7 +67,7 @@ impl Tally {
         }
     }
 
-    /// One more that is measured; `in_hand_ns` when it came.
+    /// Counts a message that arrived at `in_hand_ns`.
     fn count(&mut self, header: Header, in_hand_ns: u64) {
         self.counted += 1;
         let stamped = header.start_ns != 0;

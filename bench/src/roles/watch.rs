@@ -1,4 +1,5 @@
-//! A subscriber that notes when each message came, for workloads that look at parts of a stream.
+//! A subscriber that records the arrival of each message, for workloads that measure parts of a
+//! stream.
 
 use super::Failure;
 use crate::{
@@ -9,10 +10,10 @@ use crate::{
     peers::{Flow, Handler, Peer, Subscribe},
 };
 
-/// How long it may sleep before it looks whether it is time to end, in nanoseconds.
+/// The interval at which a watcher checks whether to end, in nanoseconds.
 const LOOK_NS: u64 = 250_000_000;
 
-/// Receives until told to end.
+/// Receives until standard input ends.
 pub(super) fn watch<P: Peer>(
     domain: &Domain,
     channel: &Channel,
@@ -57,7 +58,7 @@ impl Handler for Watcher {
             }),
             Err(_) => self.watch.torn += 1,
         }
-        // The end may have come, and a stream may not.
+        // Return after each message: the caller checks whether standard input has ended.
         Flow::Return
     }
 }

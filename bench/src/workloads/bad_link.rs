@@ -1,8 +1,8 @@
-//! The paper's figure 2: a camera, a subscriber beside it, and one that comes to it over a bad link.
+//! The paper's figure 2: a camera, a local subscriber, and a remote one that joins over a bad link.
 //!
-//! 1 MB at 30 Hz is eight times what the link carries: most messages cannot cross it. What is asked is how
-//! many do, how old they are then, and whether the local subscriber feels any of it. Messages of 100 kB are
-//! four fifths of what it carries: there all of them can.
+//! 1 MB at 30 Hz is eight times the capacity of the link, so most messages cannot cross it. The case
+//! measures how many do, how old they are on arrival, and whether the local subscriber is disturbed.
+//! Messages of 100 kB are four fifths of the capacity, so all of them can cross.
 
 use std::{ops::Range, time::Duration};
 
@@ -21,19 +21,19 @@ use crate::{
 /// The length of the paper's messages, in bytes.
 const LEN: usize = 1_000_000;
 
-/// The length of messages that the link carries at this rate, in bytes.
+/// The length of messages that the link can carry at `RATE_HZ`, in bytes.
 const SHORT_LEN: usize = 100_000;
 
-/// Messages in each second.
+/// Messages per second.
 const RATE_HZ: f64 = 30.0;
 
-/// How long there is only the local subscriber.
+/// The duration of the first part, with only the local subscriber.
 const ALONE: Duration = Duration::from_secs(2);
 
-/// How long the remote one may take until it counts.
+/// The time from the start of the remote subscriber to the second part.
 const SETTLE: Duration = Duration::from_secs(3);
 
-/// How long messages may be on their way when the publisher has stopped.
+/// The time that subscribers have for the last messages after the publisher has stopped.
 const DRAIN: Duration = Duration::from_millis(300);
 
 pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {
@@ -51,7 +51,7 @@ pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {
         case(options, "wifi-100kB", wifi, SHORT_LEN, 8.0),
     ];
     if options.pauses {
-        // Long enough for a long one.
+        // Long enough to contain a long pause.
         cases.push(case(options, "wifi-pauses", Profile::wifi(), LEN, 36.0));
     }
     cases
@@ -64,7 +64,7 @@ fn case(
     len: usize,
     seconds: f64,
 ) -> Box<dyn Case> {
-    Box::new(BadLink {
+    Box::new(LossyLinkCase {
         label,
         profile,
         len,
@@ -73,16 +73,16 @@ fn case(
     })
 }
 
-struct BadLink {
+struct LossyLinkCase {
     label: &'static str,
     profile: Profile,
-    /// Of each message, in bytes.
+    /// The length of each message, in bytes.
     len: usize,
     seconds: f64,
     read: Read,
 }
 
-impl Case for BadLink {
+impl Case for LossyLinkCase {
     fn label(&self) -> String {
         self.label.to_owned()
     }
@@ -103,13 +103,13 @@ impl Case for BadLink {
     }
 }
 
-impl BadLink {
+impl LossyLinkCase {
     fn play(&self, peer: &PeerInfo, world: &mut World) -> Result<Seen, Failure> {
         let has_local = peer.reach != Reach::LinkAlone;
         let channel = Channel {
             name: "bench/camera".to_owned(),
             max_len: self.len,
-            // The freshest is asked for: a second one that waits is a frame older.
+            // Only the newest message is of interest: a second one in the queue is a frame older.
             depth: 1,
             lossless: false,
             subscribers: usize::from(has_local),
@@ -119,7 +119,7 @@ impl BadLink {
             len: self.len,
             rate_hz: Some(RATE_HZ),
             warm_up_s: 0.5,
-            // It is told when to stop.
+            // The director sends `stop`.
             seconds: 3_600.0,
             stamped: true,
         };
@@ -160,7 +160,7 @@ impl BadLink {
     }
 }
 
-/// From when to when, by the clock that is in the messages.
+/// Runs `work`, and returns its start and end on the clock of the messages' times.
 fn timed(work: impl FnOnce() -> Result<(), Failure>) -> Result<Range<u64>, Failure> {
     let start_ns = now_ns();
     work()?;
@@ -175,15 +175,15 @@ fn watched(world: &mut World, watcher: ProcessId) -> Result<Watch, Failure> {
     }
 }
 
-/// What came of it.
+/// The results of one run.
 struct Seen {
     local: Option<Watch>,
     remote: Watch,
-    /// When there was only the local subscriber.
+    /// The first part, with only the local subscriber.
     before: Range<u64>,
-    /// When there were both.
+    /// The second part, with both subscribers.
     after: Range<u64>,
-    /// Of all near processes, in percent of one core.
+    /// The CPU time of all near processes, in percent of one core.
     cpu_percent: f64,
 }
 
@@ -192,7 +192,7 @@ impl Seen {
         self.remote.torn + self.local.as_ref().map_or(0, |local| local.torn)
     }
 
-    /// What came over the link.
+    /// The figures of the remote subscriber.
     fn remote_figures(&self, len: usize, rate_bit: f64) -> Vec<Figure> {
         let hz = self.remote.hz(&self.after);
         let goodput_bit = hz * len as f64 * 8.0;
@@ -209,7 +209,7 @@ impl Seen {
             .remote
             .durations(&self.after, |it| it.in_hand_ns - it.handed_ns);
         let ages = ages.spread();
-        // What does not come has no age.
+        // Without messages, there are no ages.
         if ages.count > 0 {
             figures.extend([
                 figure("remote_age_p50", "ms", ages.p50 / 1e6),
@@ -219,7 +219,7 @@ impl Seen {
         figures
     }
 
-    /// What came to the subscriber beside the publisher, if there is one.
+    /// The figures of the local subscriber, if there is one.
     fn local_figures(&self) -> Vec<Figure> {
         let Some(local) = &self.local else {
             return Vec::new();
@@ -240,7 +240,7 @@ impl Seen {
 }
 
 impl Watch {
-    /// Those that came within a span.
+    /// The messages that arrived within a span.
     fn within<'a>(&'a self, span: &'a Range<u64>) -> impl Iterator<Item = &'a Arrival> {
         let came = |it: &&Arrival| span.contains(&it.in_hand_ns);
         self.arrivals.iter().filter(came)
@@ -256,7 +256,7 @@ impl Watch {
         durations
     }
 
-    /// How many between the first and the last of a span did not come.
+    /// The number of messages that are missing between the first and the last one of a span.
     fn missing(&self, span: &Range<u64>) -> u64 {
         let mut numbers: Vec<_> = self.within(span).map(|it| it.number).collect();
         numbers.sort_unstable();

@@ -1,28 +1,28 @@
-//! A case of a workload, and the figures that it gives.
+//! The cases of a workload, and their figures.
 
 use crate::{job::Read, peers::PeerInfo, world::Failure};
 
-/// Options of the command line that hold for all cases.
+/// Options of the command line that apply to all cases.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// How subscribers read messages.
+    /// The part of each message that subscribers read.
     pub read: Read,
-    /// How long each case counts, in seconds, if it is not the workload's own choice.
+    /// The duration of the counted part of each case, in seconds; `None` is the workload's default.
     pub seconds: Option<f64>,
     /// The length of large messages, in bytes.
     pub size: usize,
-    /// How many nodes join, if it is not the workload's own choice.
+    /// The number of nodes that join; `None` is the workload's default.
     pub nodes: Option<usize>,
-    /// The link also stands still, in a case of its own.
+    /// True to add a case in which the link pauses at times.
     pub pauses: bool,
 }
 
-/// Something that can be run on a peer.
+/// A measurement that can run on any peer.
 pub trait Case {
-    /// The prefix of its figures' names; empty if the workload has no other case.
+    /// The prefix of the names of its figures; empty if the workload has no other case.
     fn label(&self) -> String;
 
-    /// Runs it once.
+    /// Runs the case once.
     ///
     /// # Errors
     ///
@@ -33,15 +33,15 @@ pub trait Case {
 /// One number of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// Its name.
+    /// The name.
     pub name: &'static str,
-    /// Its unit.
+    /// The unit.
     pub unit: &'static str,
-    /// Its value, in `unit`.
+    /// The value, in `unit`.
     pub value: f64,
 }
 
-/// A figure.
+/// Makes a figure.
 #[must_use]
 pub const fn figure(name: &'static str, unit: &'static str, value: f64) -> Figure {
     Figure { name, unit, value }

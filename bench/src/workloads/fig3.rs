@@ -1,4 +1,4 @@
-//! The paper's figure 3: what 10 MB at 10 Hz cost.
+//! The paper's figure 3: CPU and memory of 10 MB messages at 10 Hz.
 
 use super::{
     Case, Figure, Options,

@@ -1,4 +1,4 @@
-//! The paper's figure 4: 10 MB to five subscribers, faster and faster.
+//! The paper's figure 4: 10 MB messages to five subscribers, at increasing rates.
 
 use super::{
     Case, Figure, Options, figure,
@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{peers::PeerInfo, world::Failure};
 
-/// Messages in each second.
+/// Messages per second.
 const TARGETS_HZ: [f64; 7] = [10.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0];
 
 pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {

@@ -1,4 +1,4 @@
-//! A subscriber starts, and hears a publisher that was there before.
+//! A subscriber starts while a publisher is running.
 
 use super::{Case, Figure, Options, figure};
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
     world::{Failure, TIMEOUT, World},
 };
 
-/// How many, one after the other, in each run.
+/// The number of subscribers in each run, one after the other.
 const JOINERS: usize = 20;
 
 pub(super) fn cases(_: &Options) -> Vec<Box<dyn Case>> {
@@ -30,7 +30,7 @@ impl Case for Join {
             max_len: 64,
             depth: 8,
             lossless: false,
-            // It waits for nobody.
+            // The publisher does not wait for subscribers.
             subscribers: 0,
         };
         let stream = Stream {

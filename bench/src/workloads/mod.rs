@@ -1,6 +1,6 @@
-//! What is measured. A workload is a list of cases; each case runs on every peer in turn.
+//! The workloads. A workload is a list of cases; each case runs on every peer in turn.
 //!
-//! To add one: a module, and a line in [`WORKLOADS`].
+//! To add a workload, add a module and an entry in [`WORKLOADS`].
 
 use crate::{
     link,
@@ -24,21 +24,21 @@ pub use case::{Case, Figure, Options, figure};
 /// A workload of the command line.
 #[derive(Debug)]
 pub struct Workload {
-    /// Its name there.
+    /// The name on the command line.
     pub name: &'static str,
-    /// What it is, in a line.
+    /// A description in one line.
     pub about: &'static str,
-    /// Its cases.
+    /// Makes the cases.
     pub cases: fn(&Options) -> Vec<Box<dyn Case>>,
-    /// Which figures stand in tables and plots; all are in the results.
+    /// The figures in tables and plots; the results contain all figures.
     pub shown: &'static [&'static str],
-    /// Whether a peer can run it, or why not.
+    /// Checks that a peer can run the workload; the error says why not.
     pub supports: fn(&PeerInfo) -> Result<(), &'static str>,
-    /// Whether it can be run on this machine, or why not.
+    /// Checks that this machine can run the workload; the error says why not.
     pub available: fn() -> Result<(), String>,
 }
 
-/// All of them.
+/// All workloads.
 pub const WORKLOADS: &[Workload] = &[
     Workload {
         name: "fig3",
@@ -89,7 +89,7 @@ pub const WORKLOADS: &[Workload] = &[
     },
     Workload {
         name: "throughput",
-        about: "64 B messages, 1 to 1, none lost: how many in a second",
+        about: "64 B messages, 1 to 1, none lost: messages per second",
         cases: throughput::cases,
         shown: &["received_hz", "lost", "torn", "cpu"],
         supports: loses_nothing,
@@ -127,7 +127,7 @@ pub const WORKLOADS: &[Workload] = &[
     },
     Workload {
         name: "bad-link",
-        about: "1 MB at 30 Hz to a local subscriber, and to one behind 30.8 Mbit/s and 15 ms, which loses 0 or 4 %",
+        about: "1 MB at 30 Hz to a local subscriber, and to a remote one over 30.8 Mbit/s, 15 ms and 0 or 4 % loss",
         cases: bad_link::cases,
         shown: &[
             "remote_goodput",
@@ -160,8 +160,8 @@ const fn anywhere() -> Result<(), String> {
 
 const fn everybody(peer: &PeerInfo) -> Result<(), &'static str> {
     match (peer.batches, peer.reach) {
-        (true, _) => Err("one message at a time: the same as sm2"),
-        (false, Reach::LinkAlone) => Err("it is about two hosts"),
+        (true, _) => Err("it differs from sm2 only with many messages per call"),
+        (false, Reach::LinkAlone) => Err("it needs two hosts"),
         (false, Reach::Host | Reach::Link) => Ok(()),
     }
 }
@@ -169,7 +169,7 @@ const fn everybody(peer: &PeerInfo) -> Result<(), &'static str> {
 const fn crosses_a_link(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.reach {
         Reach::Host => {
-            Err("all of it is at one host, or this program does not use its way to another")
+            Err("it runs at one host only, or this program does not use its network transport")
         }
         Reach::Link | Reach::LinkAlone => Ok(()),
     }
@@ -177,7 +177,7 @@ const fn crosses_a_link(peer: &PeerInfo) -> Result<(), &'static str> {
 
 fn moves_messages(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.name {
-        "raw-memcpy" => Err("no process talks to another there"),
+        "raw-memcpy" => Err("it has one process and no communication"),
         _ => everybody(peer),
     }
 }
@@ -192,7 +192,7 @@ fn loses_nothing(peer: &PeerInfo) -> Result<(), &'static str> {
 const fn has_nodes(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.nodes {
         true => everybody(peer),
-        false => Err("it knows no nodes, or none that sleep"),
+        false => Err("it has no nodes, or its nodes do not sleep"),
     }
 }
 

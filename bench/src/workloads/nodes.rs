@@ -1,4 +1,4 @@
-//! Many nodes join, and then have nothing to do.
+//! Many nodes join, and then are idle.
 
 use std::{
     thread,
@@ -12,10 +12,10 @@ use crate::{
     world::{Failure, World},
 };
 
-/// How long all of them may take to find each other.
+/// Timeout until all nodes have connected to their neighbours.
 const JOINING: Duration = Duration::from_secs(120);
 
-/// From then on nothing is left to do, where discovery comes to an end.
+/// The time after which nodes are idle, unless their discovery never ends.
 const SETTLING: Duration = Duration::from_secs(2);
 
 pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {
@@ -29,7 +29,7 @@ pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {
 
 struct Nodes {
     count: usize,
-    /// How long they are watched doing nothing.
+    /// The duration for which the idle nodes are measured.
     idle: Duration,
 }
 

@@ -1,4 +1,4 @@
-//! One message there and back, by length.
+//! Round trips of one message, for several lengths.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::{
     world::{Failure, TIMEOUT, World},
 };
 
-/// In bytes.
+/// The lengths of messages, in bytes.
 const LENGTHS: [usize; 5] = [64, 1_024, 16_384, 131_072, 1_048_576];
 
 pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {
@@ -77,7 +77,8 @@ fn figures(pinged: &Outcome, echoed: &Outcome) -> Vec<Figure> {
 
 impl PingPong {
     fn memory(&self, peer: &'static PeerInfo) -> Result<Vec<Figure>, Failure> {
-        // One writes and one reads; while one does, the other one waits.
+        // A ping and its echo never work at the same time: one subscriber, and `memory_alone`
+        // uses the time of one write and one read.
         let setting = Setting {
             len: self.0.len,
             subscribers: 1,
@@ -96,7 +97,7 @@ impl PingPong {
     }
 }
 
-/// Sixty-four bytes, for services.
+/// Round trips of 64 bytes, for services.
 pub(super) const fn short(read: Read, seconds: f64) -> RoundTrips {
     RoundTrips {
         len: 64,

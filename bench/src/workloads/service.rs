@@ -1,4 +1,4 @@
-//! A request and its reply.
+//! Round trips of a request and its reply.
 
 use std::time::Duration;
 

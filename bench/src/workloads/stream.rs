@@ -1,5 +1,4 @@
-//! A publisher and its subscribers: what figures 3 to 5 of the paper, and throughput, have in
-//! common.
+//! A publisher and its subscribers: the common part of figures 3 to 5 of the paper and of throughput.
 
 use std::{
     thread,
@@ -13,13 +12,13 @@ use crate::{
     world::{Failure, TIMEOUT, World},
 };
 
-/// How long messages may be on their way when the publisher has stopped.
+/// The time that subscribers have for the last messages after the publisher has stopped.
 const DRAIN: Duration = Duration::from_millis(300);
 
-/// How often memory is looked at, while messages flow.
+/// The number of memory measurements while messages flow.
 const LOOKS: usize = 5;
 
-/// A stream, and who reads it.
+/// A stream and its subscribers.
 #[derive(Clone, Debug)]
 pub(super) struct Setting {
     pub(super) len: usize,
@@ -28,25 +27,25 @@ pub(super) struct Setting {
     pub(super) seconds: f64,
     pub(super) read: Read,
     pub(super) depth: usize,
-    /// It is about messages that arrive.
+    /// True if nothing may be dropped.
     pub(super) lossless: bool,
-    /// Messages say when they were published.
+    /// True if messages carry the time of their publication.
     pub(super) stamped: bool,
 }
 
-/// What came of it.
+/// The results of one run.
 #[derive(Debug)]
 pub(super) struct Run {
-    /// Counted messages that were published.
+    /// The number of counted messages that were published.
     published: u64,
     receptions: Vec<Reception>,
-    /// Of all processes, in percent of one core.
+    /// The CPU time of all processes, in percent of one core.
     cpu_percent: f64,
-    /// Of all processes, in bytes.
+    /// The memory of all processes, in bytes.
     pss_bytes: f64,
 }
 
-/// Runs it once.
+/// Runs a stream once.
 pub(super) fn run(peer: &'static PeerInfo, setting: &Setting) -> Result<Run, Failure> {
     let mut world = World::new(peer)?;
     let channel = Channel {
@@ -109,7 +108,7 @@ pub(super) fn run(peer: &'static PeerInfo, setting: &Setting) -> Result<Run, Fai
     })
 }
 
-/// The mean of a few looks, spread over the time between two messages.
+/// The mean of several measurements of memory, spread over the time between two messages.
 fn memory(world: &World, setting: &Setting) -> Result<f64, Failure> {
     let apart = setting.rate_hz.map_or(0.02, |rate| 1.37 / rate).min(0.2);
     let mut sum = 0;
@@ -130,7 +129,7 @@ impl Run {
         self.receptions.iter().map(of).fold(0.0, f64::max)
     }
 
-    /// How many messages a subscriber got in each second.
+    /// Received messages per second: the mean of all subscribers, and the slowest one.
     pub(super) fn rate(&self) -> Vec<Figure> {
         let slowest = self.receptions.iter().map(|reception| reception.hz);
         vec![
@@ -143,7 +142,7 @@ impl Run {
         ]
     }
 
-    /// What did not arrive, or not as it was written.
+    /// Messages that did not arrive, or that differ from the written ones.
     pub(super) fn losses(&self) -> Vec<Figure> {
         let received: u64 = self
             .receptions
@@ -161,8 +160,8 @@ impl Run {
         ]
     }
 
-    /// From the beginning of writing to the end of reading, and the part of it that is the
-    /// peer's: from handing over to having in hand.
+    /// Latency from the start of writing to the end of reading, and the peer's part of it: from
+    /// publishing to receiving.
     pub(super) fn latency(&self) -> Vec<Figure> {
         let ms = |ns: f64| ns / 1e6;
         vec![
@@ -173,7 +172,7 @@ impl Run {
         ]
     }
 
-    /// CPU and memory.
+    /// CPU time and memory.
     pub(super) fn costs(&self) -> Vec<Figure> {
         vec![
             figure("cpu", "%", self.cpu_percent),
@@ -182,8 +181,8 @@ impl Run {
     }
 }
 
-/// What the memory alone allows: the same writing and reading, by as many threads as there are
-/// cores to do it.
+/// Measures the memory alone: the same writing and reading, on one thread per process of the stream
+/// and at most one per core.
 pub(super) fn memory_alone(
     peer: &'static PeerInfo,
     setting: &Setting,

@@ -1,4 +1,4 @@
-//! Small messages, one after the other, none lost.
+//! Small messages as fast as possible, none lost.
 
 use super::{
     Case, Figure, Options, figure,

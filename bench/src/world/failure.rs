@@ -1,64 +1,64 @@
-//! What can go wrong in a case.
+//! Reasons why a case failed.
 
 use std::{io, time::Duration};
 
 use crate::{job::Said, link::LinkError};
 
-/// Why a case has no figures.
+/// The reason why a case has no figures.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// A process said why it cannot go on.
+    /// A process reported an error.
     #[error("{process}: {reason}")]
     Said {
-        /// Which one.
+        /// The name of the process.
         process: String,
-        /// What it said.
+        /// The reason that it reported.
         reason: String,
     },
-    /// A process ended without a word.
-    #[error("{process} ended without a word: {status}{}", in_brackets(.stderr))]
+    /// A process ended without a report.
+    #[error("{process} ended without a report: {status}{}", in_brackets(.stderr))]
     Ended {
-        /// Which one.
+        /// The name of the process.
         process: String,
-        /// How.
+        /// The exit status.
         status: String,
-        /// The end of its standard error.
+        /// The last line of its standard error.
         stderr: String,
     },
     /// A process took too long.
     #[error("{process} did not {action} within {limit:?}{}", in_brackets(.stderr))]
     TimedOut {
-        /// Which one.
+        /// The name of the process.
         process: String,
-        /// What it was to do.
+        /// The action that was expected of it.
         action: &'static str,
-        /// How long that may take.
+        /// The longest time that the action may take.
         limit: Duration,
-        /// The end of its standard error.
+        /// The last line of its standard error.
         stderr: String,
     },
-    /// A process said something else than was expected.
-    #[error("{process} said {said:?} when it was to {action}")]
+    /// A process sent another line than the expected one.
+    #[error("{process} sent {said:?} when it was expected to {action}")]
     Unexpected {
-        /// Which one.
+        /// The name of the process.
         process: String,
-        /// What it said.
+        /// The line that it sent.
         said: Box<Said>,
-        /// What it was to do.
+        /// The action that was expected of it.
         action: &'static str,
     },
-    /// The person at the keyboard has had enough.
+    /// SIGINT or SIGTERM ended the run.
     #[error("interrupted")]
     Interrupted,
-    /// The hosts of the case have no way to each other.
+    /// There is no link between the hosts of the case.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The system refused what every case needs.
+    /// A system call that every case needs has failed.
     #[error("cannot {action}: {source}")]
     Io {
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
 }

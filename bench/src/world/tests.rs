@@ -22,7 +22,11 @@ fn who_ends_without_a_word_is_reported_at_once() {
     let (mut world, process) = started();
     let failure = world.ready(process).unwrap_err();
     assert!(matches!(failure, Failure::Ended { .. }), "{failure}");
-    assert!(failure.to_string().starts_with("node ended without a word"));
+    assert!(
+        failure
+            .to_string()
+            .starts_with("node ended without a report")
+    );
 }
 
 #[test]
@@ -60,7 +64,7 @@ fn what_is_said_otherwise_than_expected_is_told_with_what_was() {
     let failure = world.unexpected(process, Said::Measured, "set up");
     assert_eq!(
         failure.to_string(),
-        "node said Measured when it was to set up"
+        "node sent Measured when it was expected to set up"
     );
 }
 

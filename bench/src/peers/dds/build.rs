@@ -1,4 +1,4 @@
-//! Compiling the libraries.
+//! Compiles the libraries of the DDS peers.
 
 use std::{
     env, fs,
@@ -9,7 +9,7 @@ use std::{
 
 const HEADER: &str = include_str!("../../../dds/bench_dds.h");
 
-/// How a library is made.
+/// The source of a library, and the command that compiles it.
 struct Recipe {
     file: &'static str,
     source: &'static str,
@@ -38,11 +38,11 @@ fn recipe(vendor: &str) -> Option<Recipe> {
     }
 }
 
-/// The compiled library of this vendor. Made once, in a folder beside this program.
+/// The compiled library of this vendor, in a folder beside this program. Compiled on first use.
 ///
 /// # Errors
 ///
-/// Why it cannot be made, and which packages are needed.
+/// The reason why it cannot be compiled, and the packages that it needs.
 pub(super) fn built(vendor: &str) -> Result<PathBuf, String> {
     let recipe = recipe(vendor).ok_or_else(|| format!("there is no library for {vendor}"))?;
     let program = env::current_exe().map_err(|error| error.to_string())?;
@@ -65,7 +65,7 @@ fn compile(recipe: &Recipe, dir: &Path, path: &Path) -> Result<(), String> {
     let source = dir.join(recipe.file);
     fs::write(dir.join("bench_dds.h"), HEADER).map_err(said)?;
     fs::write(&source, recipe.source).map_err(said)?;
-    // Another run may be doing the same: whoever is last puts the same thing in place.
+    // Another run may compile the same library; both put the same file in place.
     let unfinished = path.with_extension(std::process::id().to_string());
     let output = Command::new(recipe.compiler)
         .args(["-O2", "-fPIC", "-shared", "-o"])

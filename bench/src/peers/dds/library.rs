@@ -7,12 +7,12 @@ use std::{
 
 use crate::{job::Channel, peers::contract::PeerError};
 
-/// Writes a message.
+/// A callback that writes a message.
 pub(super) type Write = unsafe extern "C" fn(*mut c_void, *mut u8, usize);
-/// Sees a message; not 0: enough.
+/// A callback that handles a message; a result other than 0 ends the pump.
 pub(super) type Read = unsafe extern "C" fn(*mut c_void, *const u8, usize) -> c_int;
 
-/// A channel as C has it.
+/// `bench_topic` of `bench_dds.h`: a channel.
 #[repr(C)]
 pub(super) struct RawTopic {
     name: *const c_char,
@@ -22,7 +22,7 @@ pub(super) struct RawTopic {
 }
 
 impl RawTopic {
-    /// Valid as long as the name.
+    /// The result holds a pointer to `name`, and is valid as long as it.
     pub(super) fn new(channel: &Channel, name: &CString) -> Self {
         Self {
             name: name.as_ptr(),
@@ -36,7 +36,7 @@ impl RawTopic {
 type Publish = unsafe extern "C" fn(*mut c_void, usize, Write, *mut c_void) -> c_int;
 type Pump = unsafe extern "C" fn(*mut c_void, u64, Read, *mut c_void) -> c_int;
 
-/// A library that is loaded, and stays so.
+/// A loaded library, which is never unloaded.
 pub(super) struct Library {
     error: unsafe extern "C" fn() -> *const c_char,
     pub(super) open: unsafe extern "C" fn(u32, *const c_char) -> *mut c_void,
@@ -48,14 +48,14 @@ pub(super) struct Library {
 }
 
 impl Library {
-    /// Loads it, for as long as the process lives.
+    /// Loads a library for the life of the process.
     pub(super) fn load(path: &Path) -> Result<&'static Self, PeerError> {
         let failed = || PeerError::caused::<libloading::Error>("load its library");
-        // SAFETY: this program has just compiled it itself, beside its own binary; what runs when
-        // it is loaded is what the DDS implementation does in every program.
+        // SAFETY: this program has compiled the library itself, in a folder beside its binary. On
+        // loading, only the initializers of the DDS implementation run.
         let library = unsafe { libloading::Library::new(path) }.map_err(failed())?;
         let library = Box::leak(Box::new(library));
-        // SAFETY: the types are those of `bench_dds.h`, which the library was compiled with.
+        // SAFETY: the types match `bench_dds.h`, with which the library was compiled.
         unsafe {
             Ok(Box::leak(Box::new(Self {
                 error: *library.get(b"bench_error\0").map_err(failed())?,
@@ -69,7 +69,7 @@ impl Library {
         }
     }
 
-    /// Not null, or why.
+    /// Returns the pointer, or the library's error if it is null.
     pub(super) fn checked(
         &self,
         pointer: *mut c_void,
@@ -81,13 +81,14 @@ impl Library {
         }
     }
 
-    /// Not negative, or why.
+    /// Returns the code, or the library's error if it is negative.
     pub(super) fn done(&self, code: c_int, action: &'static str) -> Result<usize, PeerError> {
         usize::try_from(code).map_err(|_| self.failure(action))
     }
 
     fn failure(&self, action: &'static str) -> PeerError {
-        // SAFETY: it returns a text that ends with 0 and stays until this thread's next call.
+        // SAFETY: `bench_error` returns a text that ends with 0 and is valid until this thread's
+        // next call.
         let reason = unsafe { CStr::from_ptr((self.error)()) };
         PeerError::new(action, reason.to_string_lossy())
     }

@@ -1,8 +1,8 @@
-//! Cyclone DDS and Fast DDS as Debian has them.
+//! Cyclone DDS and Fast DDS, as packaged by Debian.
 //!
-//! They speak C and C++: `bench/dds/` has a library for each, with the few functions of
-//! `bench_dds.h`, which is compiled when it is needed. So the loops, the payload and its check are
-//! the same as for every other peer.
+//! Their interfaces are C and C++. `bench/dds/` has a small library for each, which implements
+//! `bench_dds.h` and is compiled on first use. The loops, the payload and its check are the same as
+//! for every other peer.
 
 use std::{
     ffi::{CString, c_int, c_void},
@@ -20,16 +20,16 @@ mod library;
 
 use library::{Library, RawTopic};
 
-/// Whether the peer's library can be built here.
+/// Checks that the peer's library can be compiled on this machine.
 ///
 /// # Errors
 ///
-/// Why not, and which packages are needed.
+/// The reason why it cannot be compiled, and the packages that it needs.
 pub fn available(peer: &str) -> Result<(), String> {
     build::built(vendor(peer).0).map(drop)
 }
 
-/// The library, and the mode in which it is used: what stands before and after the dash.
+/// The vendor and the mode of a peer: the parts of its name before and after the dash.
 fn vendor(peer: &str) -> (&str, &str) {
     peer.split_once('-').unwrap_or((peer, ""))
 }
@@ -49,9 +49,10 @@ impl Peer for Dds {
         let path = build::built(vendor).map_err(PeerError::caused("build its library"))?;
         let library = Library::load(&path)?;
         let mode = text(mode)?;
-        // Runs at the same time should not meet; there are 232 domains.
+        // A domain number of its own for each run, so that runs at the same time do not connect;
+        // DDS has 232 domains.
         let number = u32::from(domain.port) % 200;
-        // SAFETY: the function is that of `bench_dds.h`, and the text lives as long as the call.
+        // SAFETY: the function is `bench_open` of `bench_dds.h`, and the text outlives the call.
         let participant = unsafe { (library.open)(number, mode.as_ptr()) };
         Ok(Self {
             participant: library.checked(participant, "open a participant")?,
@@ -62,7 +63,7 @@ impl Peer for Dds {
     fn publisher(&self, channel: &Channel) -> Result<Sender, PeerError> {
         let name = text(&channel.name)?;
         let raw = RawTopic::new(channel, &name);
-        // SAFETY: the participant lives as long as the process, the channel as long as the call.
+        // SAFETY: the participant lives as long as the process, and the channel outlives the call.
         let publisher = unsafe { (self.library.publish_on)(self.participant, &raw) };
         Ok(Sender {
             publisher: self.library.checked(publisher, "make a publisher")?,
@@ -77,7 +78,7 @@ impl Peer for Dds {
     ) -> Result<Receiver<H>, PeerError> {
         let name = text(&channel.name)?;
         let raw = RawTopic::new(channel, &name);
-        // SAFETY: as for publishers.
+        // SAFETY: the participant lives as long as the process, and the channel outlives the call.
         let subscriber = unsafe { (self.library.subscribe_to)(self.participant, &raw) };
         Ok(Receiver {
             subscriber: self.library.checked(subscriber, "make a subscriber")?,
@@ -104,8 +105,8 @@ impl Publish for Sender {
     fn publish(&mut self, len: usize, write: impl FnOnce(&mut [u8])) -> Result<(), PeerError> {
         let mut write = Some(write);
         let call = call_write(&write);
-        // SAFETY: the publisher lives as long as the process; `call` gets `write`, which lives as
-        // long as the call.
+        // SAFETY: the publisher lives as long as the process. `call` gets a pointer to `write`,
+        // which outlives the call.
         let code = unsafe {
             (self.library.publish)(
                 self.publisher,
@@ -124,17 +125,17 @@ impl Publish for Sender {
     }
 }
 
-/// A C function that calls such a closure.
+/// A C function that calls a closure of this type.
 fn call_write<W: FnOnce(&mut [u8])>(_: &Option<W>) -> library::Write {
     unsafe extern "C" fn call<W: FnOnce(&mut [u8])>(
         context: *mut c_void,
         message: *mut u8,
         len: usize,
     ) {
-        // SAFETY: `publish` passes its closure on, which nothing else refers to.
+        // SAFETY: `context` points to the closure in `publish`, and nothing else refers to it.
         let write = unsafe { &mut *context.cast::<Option<W>>() };
         if let Some(write) = write.take() {
-            // SAFETY: the library gives so many bytes, initialized, for this call alone.
+            // SAFETY: the library passes `len` initialized bytes, for the duration of this call.
             write(unsafe { slice::from_raw_parts_mut(message, len) });
         }
     }
@@ -151,8 +152,8 @@ pub struct Receiver<H> {
 impl<H: Handler> Subscribe<H> for Receiver<H> {
     fn pump(&mut self, until_ns: u64) -> Result<(), PeerError> {
         let timeout_ns = until_ns.saturating_sub(now_ns());
-        // SAFETY: the subscriber lives as long as the process; `call_read` gets the handler, which
-        // lives as long as the call, and is called on this thread.
+        // SAFETY: the subscriber lives as long as the process. `call_read` gets a pointer to the
+        // handler, which outlives the call, and runs on this thread.
         let code = unsafe {
             (self.library.pump)(
                 self.subscriber,
@@ -174,10 +175,11 @@ unsafe extern "C" fn call_read<H: Handler>(
     message: *const u8,
     len: usize,
 ) -> c_int {
-    // SAFETY: `pump` passes its handler on, which nothing else refers to meanwhile.
+    // SAFETY: `context` points to the handler in `pump`, and nothing else refers to it during the
+    // call.
     let handler = unsafe { &mut *context.cast::<H>() };
-    // SAFETY: the library gives so many bytes, which stay as they are during this call, as far as
-    // it keeps its word: a message that it lets be overwritten meanwhile is found torn.
+    // SAFETY: the library passes `len` initialized bytes, and must not change them during this
+    // call. If it overwrites a loaned message nevertheless, the check finds the message torn.
     let message = unsafe { slice::from_raw_parts(message, len) };
     c_int::from(handler.message(message) == Flow::Return)
 }

@@ -1,15 +1,14 @@
-//! Sleeping at a word of shared memory.
+//! Futexes in shared memory.
 
 use std::{sync::atomic::AtomicU32, time::Duration};
 
 use nix::{libc, sys::time::TimeSpec};
 
-/// Sleeps until somebody wakes, as long as the word is still `expected`; not longer than this.
-/// May return early.
+/// Sleeps until [`wake_all`], at most for `timeout`, if the word is `expected`. May return early.
 pub(super) fn wait(word: &AtomicU32, expected: u32, timeout: Duration) {
     let timeout = TimeSpec::from_duration(timeout);
-    // SAFETY: the word lives as long as its borrow, and the timeout until the call returns; the
-    // kernel reads both and writes neither. Whatever it returns means: look again.
+    // SAFETY: the word and the timeout outlive the call; the kernel reads both and writes neither.
+    // The result is not needed: the caller checks its condition again in every case.
     unsafe {
         libc::syscall(
             libc::SYS_futex,
@@ -21,9 +20,9 @@ pub(super) fn wait(word: &AtomicU32, expected: u32, timeout: Duration) {
     }
 }
 
-/// Wakes all who sleep there.
+/// Wakes all threads that sleep at the word.
 pub(super) fn wake_all(word: &AtomicU32) {
-    // SAFETY: the kernel uses the address as a name only.
+    // SAFETY: the kernel does not access the memory; the address only identifies the futex.
     unsafe {
         libc::syscall(libc::SYS_futex, word.as_ptr(), libc::FUTEX_WAKE, i32::MAX);
     }

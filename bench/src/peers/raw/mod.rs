@@ -1,5 +1,5 @@
-//! What the kernel and the memory allow without any middleware: no discovery, no types, nobody
-//! who might crash. The floor that the others stand on.
+//! Mechanisms of the kernel without any middleware: no discovery, no types, no recovery from a
+//! crash. They show the least time that each mechanism takes.
 
 use crate::job::{Channel, Domain};
 use crate::peers::contract::{Handler, Peer, PeerError, Publish, Subscribe};
@@ -14,7 +14,7 @@ use sealed::{SealedReceiver, SealedSender};
 use seqpacket::{PacketReceiver, PacketSender};
 use shared::{SharedReceiver, SharedSender, Waiting};
 
-/// A process that knows the folder.
+/// A process that knows the folder of the domain.
 pub struct Raw {
     domain: Domain,
 }
@@ -87,11 +87,11 @@ impl Peer for Raw {
 
 /// A publisher.
 pub enum RawSender {
-    /// Waits at the memory itself.
+    /// Shared memory, with a futex or spinning.
     Shared(SharedSender),
-    /// Waits at sockets.
+    /// Sockets, with long messages in shared memory.
     Packet(PacketSender),
-    /// The same, and each message is a file of its own.
+    /// Sockets that carry one sealed file per message.
     Sealed(SealedSender),
 }
 

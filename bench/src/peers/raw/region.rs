@@ -1,8 +1,8 @@
 //! Memory that processes share: a few counters, and slots for messages.
 //!
-//! One publisher writes message `n` into slot `n % slots`, once every subscriber has given back
-//! the message that was there, and then counts it as published. Each subscriber takes the
-//! messages in order and counts them as consumed.
+//! The publisher writes message `n` into slot `n % slots` when every subscriber has consumed the
+//! earlier message in that slot, and then counts message `n` as published. Each subscriber takes
+//! the messages in order and counts them as consumed.
 
 use std::{
     fs::{File, OpenOptions},
@@ -16,38 +16,38 @@ use std::{
 
 use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
 
-/// Nobody consumes here.
+/// The count of consumed messages of a place without a subscriber.
 pub(super) const FREE: u64 = u64::MAX;
 
-/// So many subscribers at most.
+/// The largest number of subscribers.
 pub(super) const PLACES: usize = 16;
 
-/// Messages begin on a page of their own.
+/// The offset of the first slot: one page.
 const SLOTS_AT: usize = 4_096;
 
-/// Alone on two cache lines: processors fetch them in pairs.
+/// A value with two cache lines for itself: processors fetch lines in pairs.
 #[repr(C, align(128))]
 pub(super) struct Line<T>(pub(super) T);
 
-/// What stands at the start of the memory; all zero is a valid value.
+/// The start of the memory. All zero is a valid value.
 #[repr(C)]
 pub(super) struct Counters {
-    /// How many messages were published.
+    /// The number of published messages.
     pub(super) published: Line<AtomicU64>,
-    /// Changes with each wake-up of subscribers.
+    /// The futex of subscribers; changes with each wake-up.
     pub(super) bell: Line<AtomicU32>,
-    /// How many subscribers sleep, or are about to.
+    /// The number of subscribers that sleep or are about to sleep.
     pub(super) sleepers: Line<AtomicU32>,
-    /// Changes with each wake-up of the publisher.
+    /// The futex of the publisher; changes with each wake-up.
     pub(super) room_bell: Line<AtomicU32>,
-    /// Whether the publisher sleeps, or is about to.
+    /// 1 if the publisher sleeps or is about to sleep.
     pub(super) room_sleepers: Line<AtomicU32>,
-    /// How many messages each subscriber has consumed; 0 is `FREE`, others are one less.
+    /// One more than the number of messages that each subscriber has consumed; 0 is `FREE`.
     consumed: [Line<AtomicU64>; PLACES],
 }
 
 impl Counters {
-    /// How many messages this subscriber has consumed.
+    /// The number of messages that this subscriber has consumed.
     pub(super) fn consumed(&self, place: usize) -> u64 {
         self.consumed[place]
             .0
@@ -55,14 +55,14 @@ impl Counters {
             .wrapping_sub(1)
     }
 
-    /// This subscriber has consumed so many.
+    /// Sets the number of messages that this subscriber has consumed.
     pub(super) fn consume(&self, place: usize, count: u64) {
         self.consumed[place]
             .0
             .store(count.wrapping_add(1), Ordering::Release);
     }
 
-    /// A place for a subscriber, who gets what is published from now on.
+    /// Takes a place for a subscriber, which receives all messages published from now on.
     pub(super) fn join(&self) -> Option<usize> {
         (0..PLACES).find(|&place| {
             let now = self.published.0.load(Ordering::Acquire) + 1;
@@ -73,20 +73,20 @@ impl Counters {
         })
     }
 
-    /// Those who consume.
+    /// The number of subscribers.
     pub(super) fn joined(&self) -> usize {
         let places = 0..PLACES;
         places.filter(|&place| self.consumed(place) != FREE).count()
     }
 
-    /// What the slowest has consumed; `FREE` if nobody is there.
+    /// The number of messages that the slowest subscriber has consumed; `FREE` without subscribers.
     pub(super) fn slowest(&self) -> u64 {
         let consumed = (0..PLACES).map(|place| self.consumed(place));
         consumed.min().unwrap_or(FREE)
     }
 }
 
-/// The memory, mapped.
+/// The mapped memory.
 pub(super) struct Region {
     start: NonNull<u8>,
     bytes: NonZeroUsize,
@@ -94,12 +94,12 @@ pub(super) struct Region {
     slots: usize,
 }
 
-// SAFETY: the mapping belongs to the process, not to a thread; it is only reached through
-// atomics, and through slots whose exclusiveness the counters establish between processes anyway.
+// SAFETY: the mapping belongs to the process, not to a thread. It is accessed through atomics, and
+// through slots that the counters reserve for one writer or for readers.
 unsafe impl Send for Region {}
 
 impl Region {
-    /// Makes the memory, or opens that of the same `len` and `slots`.
+    /// Makes the memory, or opens the existing one of the same `len` and `slots`.
     pub(super) fn open(path: &Path, len: usize, slots: usize) -> io::Result<Self> {
         let align = if len >= 4_096 { 4_096 } else { 64 };
         let stride = len.next_multiple_of(align);
@@ -138,39 +138,39 @@ impl Region {
         unsafe { self.start.add(at) }
     }
 
-    /// The memory of message `number`, for its author.
+    /// The memory of message `number`, for its publisher.
     ///
     /// # Safety
     ///
-    /// The caller is the only publisher, and every subscriber has consumed the message that was
-    /// there before.
+    /// The caller is the only publisher, and every subscriber has consumed the earlier message in
+    /// the slot.
     pub(super) unsafe fn write(&mut self, number: u64, len: usize) -> &mut [u8] {
         assert!(
             len <= self.stride,
             "longer than the channel's longest message"
         );
-        // SAFETY: inside the mapping; nobody else reads or writes it, as the caller says.
+        // SAFETY: the slot is inside the mapping; the caller guarantees that nobody else accesses it.
         unsafe { slice::from_raw_parts_mut(self.slot(number).as_ptr(), len) }
     }
 
-    /// The message `number`.
+    /// Message `number`, for a subscriber.
     ///
     /// # Safety
     ///
-    /// It is published, and this subscriber has not consumed it yet.
+    /// The message is published, and this subscriber has not consumed it yet.
     pub(super) unsafe fn read(&self, number: u64, len: usize) -> &[u8] {
         assert!(
             len <= self.stride,
             "longer than the channel's longest message"
         );
-        // SAFETY: inside the mapping; its author does not write to it before this subscriber
-        // has consumed it, as the caller says.
+        // SAFETY: the slot is inside the mapping. The publisher does not write to it before this
+        // subscriber has consumed the message, which the caller guarantees not to have happened.
         unsafe { slice::from_raw_parts(self.slot(number).as_ptr(), len) }
     }
 }
 
-/// Large messages have two slots: one is read while the next one is written. Small ones have a
-/// ring that bounds how often a side waits.
+/// The number of slots for messages of this length. Large messages have two: one is read while
+/// the next one is written. Small ones have many, so that both sides wait less often.
 pub(super) const fn slots(len: usize) -> usize {
     match len {
         0..=4_096 => 1_024,
@@ -181,8 +181,8 @@ pub(super) const fn slots(len: usize) -> usize {
 
 impl Drop for Region {
     fn drop(&mut self) {
-        // SAFETY: this is the mapping that was made, and nothing borrowed from it is left.
-        // An error would mean that it is not mapped, which is what is wanted.
+        // SAFETY: this is the mapping of `open`, and no borrow of it is left. An error could only
+        // mean that nothing is mapped there, which is the intended state.
         let _ = unsafe { munmap(self.start.cast(), self.bytes.get()) };
     }
 }
@@ -198,7 +198,7 @@ mod tests {
         let other = Region::open(&dir.path().join("shared"), 64, 2).unwrap();
         // SAFETY: no subscriber is there, and there is one publisher.
         unsafe { one.write(3, 64) }.fill(7);
-        // SAFETY: its author does not write any more.
+        // SAFETY: the publisher has stopped writing.
         assert_eq!(unsafe { other.read(3, 64) }, [7; 64]);
         // SAFETY: as above.
         assert_eq!(unsafe { other.read(2, 64) }, [0; 64]);

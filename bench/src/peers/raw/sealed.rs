@@ -1,4 +1,5 @@
-//! Sealed messages by hand: a new memfd for each, written by `pwrite`, sealed, and sent to all.
+//! Sealed messages without SM2: each message is a new memfd, which is written with `pwrite`, sealed,
+//! and sent to all subscribers.
 
 use std::{
     fs::File,
@@ -29,10 +30,10 @@ use crate::{
     peers::contract::{Flow, Handler},
 };
 
-/// How many messages a subscriber may be behind.
+/// The number of messages that a subscriber may be behind the publisher.
 const AHEAD: u64 = 2;
 
-/// Writes.
+/// The sending end.
 pub struct SealedSender {
     door: Door,
     subscribers: Vec<(OwnedFd, u64)>,
@@ -52,7 +53,7 @@ impl SealedSender {
         })
     }
 
-    /// Lets in who waits at the door.
+    /// Accepts all waiting connections; returns the number of subscribers.
     pub(super) fn matched(&mut self) -> io::Result<usize> {
         while let Some(socket) = self.door.accept()? {
             self.subscribers.push((socket, self.published));
@@ -94,7 +95,7 @@ impl SealedSender {
     }
 }
 
-/// Reads.
+/// The receiving end.
 pub struct SealedReceiver {
     socket: OwnedFd,
     len: usize,
@@ -115,12 +116,12 @@ impl SealedReceiver {
             let Some(file) = file else { return Ok(()) };
             let len = NonZeroUsize::new(self.len).ok_or(io::ErrorKind::InvalidInput)?;
             let flags = MapFlags::MAP_SHARED | MapFlags::MAP_POPULATE;
-            // SAFETY: without MAP_FIXED the kernel chooses addresses that nothing uses.
+            // SAFETY: without MAP_FIXED, the kernel chooses unused addresses.
             let start = unsafe { mmap(None, len, ProtFlags::PROT_READ, flags, &file, 0)? };
-            // SAFETY: the file is as long, and sealed: nobody changes or shrinks it.
+            // SAFETY: the file has this length, and its seals prevent all changes.
             let message = unsafe { std::slice::from_raw_parts(start.as_ptr().cast(), self.len) };
             let flow = handler.message(message);
-            // SAFETY: it was mapped just before, and nothing of it is used any more.
+            // SAFETY: this is the mapping made above, and no borrow of it is left.
             unsafe { munmap(start, self.len)? };
             let packet = number.to_le_bytes();
             let packet = [IoSlice::new(&packet)];
@@ -135,7 +136,8 @@ impl SealedReceiver {
         }
     }
 
-    /// The next message: its number and its file, if the time is not over. None: no more comes.
+    /// Waits for the next message, and returns its number and file; no file if the time is over.
+    /// Returns `None` if the publisher is gone.
     fn take(&self, until_ns: u64) -> io::Result<Option<(u64, Option<OwnedFd>)>> {
         loop {
             let mut number = [0; 8];
@@ -159,7 +161,7 @@ impl SealedReceiver {
                 _ => None,
             });
             let file = file.ok_or(io::ErrorKind::InvalidData)?;
-            // SAFETY: the kernel has just made it, and nobody else knows its number.
+            // SAFETY: `recvmsg` has just returned the descriptor, and nothing else owns it.
             let file = unsafe { OwnedFd::from_raw_fd(file) };
             return Ok(Some((u64::from_le_bytes(number), Some(file))));
         }

@@ -1,5 +1,5 @@
-//! Seqpacket sockets: short messages travel in them, long ones in slots whose numbers they carry.
-//! Giving a slot back is a packet too.
+//! Seqpacket sockets. A short message is a packet. A long one is in a slot of shared memory: a
+//! packet carries its number, and another packet gives the slot back.
 
 use std::{
     io::{self, IoSlice},
@@ -31,10 +31,10 @@ use crate::{
 /// Messages up to this length travel in the packet.
 const INLINE_BYTES: usize = 4_096;
 
-/// How long a subscriber sleeps before it looks at the clock.
+/// The interval at which a waiting subscriber reads the clock.
 const LOOK: TimeVal = TimeVal::new(0, 200_000);
 
-/// Where subscribers knock.
+/// The socket to which subscribers connect.
 pub(super) struct Door(OwnedFd);
 
 impl Door {
@@ -45,23 +45,23 @@ impl Door {
         Ok(Self(listener))
     }
 
-    /// Who waits there, if anybody does.
+    /// The next connection, if one is waiting.
     pub(super) fn accept(&self) -> io::Result<Option<OwnedFd>> {
         if !readable(&self.0, 0)? {
             return Ok(None);
         }
         let fd = accept4(self.0.as_raw_fd(), SockFlag::SOCK_CLOEXEC)?;
-        // SAFETY: the kernel has just made it, and nobody else knows its number.
+        // SAFETY: `accept4` has just returned the descriptor, and nothing else owns it.
         Ok(Some(unsafe { std::os::fd::FromRawFd::from_raw_fd(fd) }))
     }
 }
 
-/// Knocks at a door, as soon as there is one.
+/// Connects to the publisher's socket; waits until the socket exists.
 pub(super) fn knock(path: &Path) -> io::Result<OwnedFd> {
     let socket = seqpacket()?;
     let address = UnixAddr::new(path)?;
     let mut tries = 0;
-    // The publisher may be about to open it.
+    // The publisher may not have made the socket yet.
     while let Err(error) = connect(socket.as_raw_fd(), &address) {
         if !matches!(error, Errno::ENOENT | Errno::ECONNREFUSED) || tries > 10_000 {
             return Err(error.into());
@@ -73,11 +73,11 @@ pub(super) fn knock(path: &Path) -> io::Result<OwnedFd> {
     Ok(socket)
 }
 
-/// Writes.
+/// The sending end.
 pub struct PacketSender {
     door: Door,
     subscribers: Vec<Subscriber>,
-    /// As long as there are fewer, the door is looked at with each message.
+    /// The expected number of subscribers. While fewer are connected, each message accepts new ones.
     expected: usize,
     region: Option<Region>,
     published: u64,
@@ -112,7 +112,7 @@ impl PacketSender {
         })
     }
 
-    /// Lets in who waits at the door.
+    /// Accepts all waiting connections; returns the number of subscribers.
     pub(super) fn matched(&mut self) -> io::Result<usize> {
         while let Some(socket) = self.door.accept()? {
             self.subscribers.push(Subscriber {
@@ -143,8 +143,8 @@ impl PacketSender {
                 subscriber.consumed = u64::from_le_bytes(word);
             }
         }
-        // SAFETY: this is the channel's only publisher, and everybody has consumed what was in
-        // the slot: that was just waited for.
+        // SAFETY: this is the channel's only publisher, and the loop above has waited until every
+        // subscriber had consumed the earlier message in the slot.
         write(unsafe { region.write(self.published, len) });
         let number = self.published.to_le_bytes();
         self.published += 1;
@@ -152,7 +152,7 @@ impl PacketSender {
     }
 }
 
-/// Sends to all; who is gone is forgotten.
+/// Sends to all subscribers, and forgets those that are gone.
 fn send_all(subscribers: &mut Vec<Subscriber>, packet: &[u8]) -> io::Result<()> {
     let mut result = Ok(());
     subscribers.retain(|subscriber| match send(&subscriber.socket, packet) {
@@ -166,7 +166,7 @@ fn send_all(subscribers: &mut Vec<Subscriber>, packet: &[u8]) -> io::Result<()> 
     result
 }
 
-/// Waits for room.
+/// Sends a packet; blocks while the socket is full.
 fn send(socket: &OwnedFd, packet: &[u8]) -> nix::Result<()> {
     let packet = [IoSlice::new(packet)];
     sendmsg::<()>(
@@ -188,7 +188,7 @@ fn readable(fd: &OwnedFd, timeout_ms: u16) -> nix::Result<bool> {
     }
 }
 
-/// Reads.
+/// The receiving end.
 pub struct PacketReceiver {
     socket: OwnedFd,
     region: Option<Region>,
@@ -219,7 +219,7 @@ impl PacketReceiver {
                 Err(error) => return Err(error.into()),
             };
             if received == 0 {
-                // The publisher is gone; nothing comes any more.
+                // The publisher is gone, so no more messages can arrive.
                 crate::clock::sleep_until(until_ns);
                 return Ok(());
             }
@@ -231,8 +231,8 @@ impl PacketReceiver {
                         .first_chunk()
                         .ok_or(io::ErrorKind::InvalidData)?;
                     let number = u64::from_le_bytes(*number);
-                    // SAFETY: the publisher has just said that it is published, and waits for
-                    // this subscriber before it writes there again.
+                    // SAFETY: the packet says that the message is published, and the publisher
+                    // waits for this subscriber before it writes to the slot again.
                     let flow = handler.message(unsafe { region.read(number, self.len) });
                     match send(&self.socket, &(number + 1).to_le_bytes()) {
                         Ok(()) | Err(Errno::EPIPE | Errno::ECONNRESET) => flow,

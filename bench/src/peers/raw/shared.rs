@@ -1,4 +1,4 @@
-//! Both sides wait at the shared memory itself: asleep, or spinning.
+//! Shared memory alone: both sides wait at its words, with a futex or by spinning.
 
 use std::{
     hint, io,
@@ -16,22 +16,22 @@ use crate::{
     peers::contract::{Flow, Handler, PeerError, TIMEOUT_NS},
 };
 
-/// How often a spinning side looks at the clock.
+/// The number of spins between two readings of the clock.
 const SPINS: u32 = 1_024;
 
-/// How a side waits for the other one.
+/// The way in which a side waits for the other one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Waiting {
     Futex,
     Spin,
 }
 
-/// Writes.
+/// The sending end.
 pub struct SharedSender {
     region: Region,
     waiting: Waiting,
     published: u64,
-    /// What the slowest subscriber had consumed when that was looked at.
+    /// The number of messages that the slowest subscriber had consumed when it was last read.
     slowest: u64,
 }
 
@@ -55,15 +55,16 @@ impl SharedSender {
         write: impl FnOnce(&mut [u8]),
     ) -> Result<(), PeerError> {
         self.wait_for_room()?;
-        // SAFETY: this is the channel's only publisher, and the slowest subscriber has consumed
-        // what was in the slot: that was just waited for.
+        // SAFETY: this is the channel's only publisher, and `wait_for_room` has waited until the
+        // slowest subscriber had consumed the earlier message in the slot.
         write(unsafe { self.region.write(self.published, len) });
         self.published += 1;
         let counters = self.region.counters();
         match self.waiting {
             Waiting::Spin => (counters.published.0).store(self.published, Ordering::Release),
             Waiting::Futex => {
-                // Pairs with the subscriber's: it announces its sleep, and then looks again.
+                // Pairs with the SeqCst fence in the subscriber's `wait`, between its entry in
+                // `sleepers` and its last look at `published`: one side sees the other's store.
                 (counters.published.0).store(self.published, Ordering::SeqCst);
                 fence(Ordering::SeqCst);
                 ring(&counters.sleepers.0, &counters.bell.0);
@@ -72,7 +73,7 @@ impl SharedSender {
         Ok(())
     }
 
-    /// Until everybody has consumed what is in the next slot.
+    /// Waits until every subscriber has consumed the message in the next slot.
     fn wait_for_room(&mut self) -> Result<(), PeerError> {
         let needed = (self.published + 1).saturating_sub(self.region.slots() as u64);
         if self.slowest != FREE && self.slowest >= needed {
@@ -91,14 +92,14 @@ impl SharedSender {
             },
         );
         if !in_time {
-            return Err(PeerError::new("publish", "a subscriber does not take"));
+            return Err(PeerError::new("publish", "a subscriber takes no messages"));
         }
         self.slowest = slowest;
         Ok(())
     }
 }
 
-/// Reads.
+/// The receiving end.
 pub struct SharedReceiver {
     region: Region,
     waiting: Waiting,
@@ -141,12 +142,13 @@ impl SharedReceiver {
                 return;
             }
             while self.consumed < published {
-                // SAFETY: it is published, and not consumed yet.
+                // SAFETY: the message is published, and this subscriber has not consumed it yet.
                 let flow = handler.message(unsafe { self.region.read(self.consumed, self.len) });
                 self.consumed += 1;
                 counters.consume(self.place, self.consumed);
                 if self.waiting == Waiting::Futex {
-                    // Pairs with the publisher's: it announces its sleep, and then looks again.
+                    // Pairs with the SeqCst fence in the publisher's `wait`, between its entry in
+                    // `room_sleepers` and its last look at the counts of consumed messages.
                     fence(Ordering::SeqCst);
                     ring(&counters.room_sleepers.0, &counters.room_bell.0);
                 }
@@ -167,7 +169,7 @@ impl Drop for SharedReceiver {
     }
 }
 
-/// Wakes those who sleep, if there are any.
+/// Wakes all sleepers, if there are any.
 fn ring(sleepers: &AtomicU32, bell: &AtomicU32) {
     if sleepers.load(Ordering::SeqCst) != 0 {
         bell.fetch_add(1, Ordering::SeqCst);
@@ -175,7 +177,7 @@ fn ring(sleepers: &AtomicU32, bell: &AtomicU32) {
     }
 }
 
-/// Waits until `there`; whether it was in time.
+/// Waits until `there` returns true, at most until `until_ns`; returns whether it did.
 fn wait(
     waiting: Waiting,
     (sleepers, bell): (&AtomicU32, &AtomicU32),

@@ -1,4 +1,4 @@
-//! A host of two: a Manager, and a gateway that knows the other host's.
+//! One of two hosts: a Manager, and a gateway that is connected to the gateway of the other host.
 
 use std::{
     fmt::Write,
@@ -15,10 +15,10 @@ use crate::{
     peers::contract::PeerError,
 };
 
-/// Where gateways listen: each host has all ports for itself.
+/// The UDP port of both gateways; each host has its own network.
 const PORT: u16 = 7_633;
 
-/// Serves a host until the director ends. The far host is the first: it makes both keys.
+/// Serves a host until the director ends. The far host starts first, and makes the keys of both.
 pub(super) fn serve(
     domain: &Domain,
     side: Side,
@@ -26,17 +26,17 @@ pub(super) fn serve(
     ready: impl FnOnce(),
 ) -> Result<(), PeerError> {
     let manager = Background::start(socket, Options::default());
-    let _manager = manager.map_err(PeerError::caused("be Manager"))?;
+    let _manager = manager.map_err(PeerError::caused("run a Manager"))?;
     let config = configuration(domain, side, socket)?;
     let runtime = Runtime::new().map_err(PeerError::caused("start threads"))?;
     let gateway = runtime.block_on(Gateway::start(&config));
-    let mut gateway = gateway.map_err(PeerError::caused("be a gateway"))?;
+    let mut gateway = gateway.map_err(PeerError::caused("run a gateway"))?;
     ready();
     let ended = runtime.block_on(gateway.ended());
-    Err(PeerError::new("be a gateway", ended.to_string()))
+    Err(PeerError::new("run a gateway", ended.to_string()))
 }
 
-/// What the first example of a gateway's configuration says: the other one, and that everything may go everywhere.
+/// A configuration that names the other gateway as peer and allows all names in both directions.
 fn configuration(domain: &Domain, side: Side, socket: &Path) -> Result<Config, PeerError> {
     let other = match side {
         Side::Near => Side::Far,
