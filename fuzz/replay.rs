@@ -31,7 +31,7 @@ pub(crate) fn targets() -> Vec<String> {
     shims.iter().filter_map(name).collect()
 }
 
-/// Those that have seeds.
+/// The targets that have seeds.
 pub(crate) fn corpora() -> Vec<String> {
     let corpora = entries(&folder("corpus"));
     let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into());

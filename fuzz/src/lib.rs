@@ -32,7 +32,7 @@ pub fn control_codec(data: &[u8]) {
     fuzzed::control_codec(data);
 }
 
-/// What gateways send: the decoders and their naive twins, on the same bytes.
+/// Frames of gateways: the decoders and their naive twins, on the same bytes.
 pub fn gateway_frames(data: &[u8]) {
     fuzzed::gateway_frames(data);
 }

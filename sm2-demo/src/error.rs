@@ -1,10 +1,10 @@
-//! Why a demo failed.
+//! The errors of the demos.
 
 use std::{io, path::PathBuf};
 
 use sm2_manager::StartError;
 
-/// Why a demo failed. Each text is one line.
+/// The reason why a demo failed. Each text is one line.
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
     /// The output cannot be written.

@@ -1,4 +1,4 @@
-//! Where the demo's socket is, for as long as its processes connect.
+//! The private folder of the demo's socket, which exists until all processes have connected.
 
 use std::{
     env,
@@ -17,24 +17,24 @@ use tempfile::TempDir;
 
 use crate::error::DemoError;
 
-/// The path of a socket is short, and this is what is left of it.
+/// The longest parent path: the path of a socket is limited to 107 bytes, and the rest is for names.
 const PARENT_MAX_BYTES: usize = 64;
 
-/// How the names of the folders begin.
+/// The prefix of the folders' names.
 const PREFIX: &str = "sm2-demo-";
 
-/// The socket in it.
+/// The name of the socket.
 pub(crate) const SOCKET: &str = "demo.sock";
 
 /// The file that the Manager of a demo has locked.
 const LOCK: &str = "demo.sock.lock";
 
-/// A folder that is younger may be one whose Manager is about to take its lock: to try that lock would
-/// already be in its way.
+/// Younger folders are left alone: their Manager may be about to take its lock, and fails if this
+/// process holds the lock at that time.
 const MIN_AGE: Duration = Duration::from_secs(60);
 
-/// A folder of the demo's own, which goes with it. Those of demos that were killed while they
-/// started are removed.
+/// Makes a folder for this demo, which is removed when it is dropped. Also removes the folders of
+/// demos that were killed while they started.
 ///
 /// # Errors
 ///
@@ -52,7 +52,7 @@ pub(crate) fn private() -> Result<TempDir, DemoError> {
     })
 }
 
-/// What cannot be looked at or removed stays: it is in nobody's way.
+/// Removes the folders of killed demos. Ignores errors: such a folder does no harm.
 fn remove_leftovers(parent: &Path) {
     let entries = fs::read_dir(parent).into_iter().flatten().flatten();
     for entry in entries {
@@ -61,7 +61,7 @@ fn remove_leftovers(parent: &Path) {
             .as_encoded_bytes()
             .starts_with(PREFIX.as_bytes());
         let path = entry.path();
-        // Of the entry itself: a link elsewhere is not followed.
+        // The metadata of the entry itself: symbolic links are not followed.
         if is_ours
             && entry
                 .metadata()
@@ -72,8 +72,8 @@ fn remove_leftovers(parent: &Path) {
     }
 }
 
-/// Whether a folder is of this user, and of a demo that is dead: nobody holds its lock. (A process'
-/// number would say nothing about one in another container.)
+/// True if a folder belongs to this user and to a demo that has ended: no process holds its lock.
+/// (Process numbers would not identify processes in other containers.)
 fn is_leftover(folder: &Path, found: &Metadata) -> bool {
     let age = found.modified().ok().and_then(|at| at.elapsed().ok());
     let is_old = age.is_some_and(|age| age > MIN_AGE);

@@ -1,25 +1,25 @@
-//! What the demo sends: bytes that differ with message and position, so that a stale, torn
-//! or shifted message shows, written and checked at about the speed of memory.
+//! The payload of the demo's messages. Its bytes depend on the message and on their position, so that
+//! a stale, torn or shifted message is found. It is written and checked at about the speed of memory.
 //!
-//! The first 8 bytes are the message's number. The words of 8 bytes after it form an
-//! arithmetic progression: its start is the number, mixed; its step is odd, so no two
-//! words of a message are equal. A last word that is cut short has its first bytes.
+//! The first 8 bytes are the number of the message. The words of 8 bytes after it form an arithmetic
+//! progression that starts with the mixed number. The step is odd, so no two words of a message are
+//! equal. If the last word does not fit, its first bytes are written.
 
 use std::iter;
 
 /// The shortest message: its number, and a word.
 pub(crate) const MIN_BYTES: u64 = 16;
 
-/// How many words are compared before the result is looked at.
+/// The number of words that are compared before the result is checked.
 const BLOCK_WORDS: usize = 512;
 
 /// 2^64 divided by the golden ratio; odd.
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// The first byte that is not what was written.
+/// An error: the message differs from the written one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Damage {
-    /// Where it is.
+    /// The offset of the first wrong byte.
     pub(crate) offset: usize,
 }
 
@@ -38,7 +38,7 @@ pub(crate) fn fill(number: u64, message: &mut [u8]) {
     rest.copy_from_slice(&word.to_le_bytes()[..rest.len()]);
 }
 
-/// Compares every byte of `message` with what [`fill`] writes; the message's number.
+/// Compares every byte of `message` with the bytes that [`fill`] writes, and returns its number.
 pub(crate) fn check(message: &[u8]) -> Result<u64, Damage> {
     let (words, rest) = message.as_chunks::<8>();
     let Some((first, body)) = words.split_first() else {
@@ -66,7 +66,8 @@ pub(crate) fn check(message: &[u8]) -> Result<u64, Damage> {
     }
 }
 
-/// Where `bytes` differ from the progression that starts with `word`; their length if nowhere.
+/// The offset at which `bytes` differ from the progression that starts with `word`; their length if
+/// they do not differ.
 fn first_difference(word: u64, bytes: &[u8]) -> usize {
     let words = iter::successors(Some(word), |word| Some(word.wrapping_add(STEP)));
     let expected = words.flat_map(u64::to_le_bytes);
@@ -76,7 +77,7 @@ fn first_difference(word: u64, bytes: &[u8]) -> usize {
         .count()
 }
 
-/// The finaliser of splitmix64: every bit of the number changes about half of the result's.
+/// The finaliser of splitmix64: each bit of the number changes about half of the bits of the result.
 const fn start(number: u64) -> u64 {
     let mut mixed = number.wrapping_add(STEP);
     mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

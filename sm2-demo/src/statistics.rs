@@ -1,44 +1,44 @@
-//! Latencies and what is said of them.
+//! Latencies and their percentiles.
 
 use serde::{Deserialize, Serialize};
 use sm2_proto::Instant;
 
-/// Every latency of a run, exactly: a run has at most [`MESSAGES_MAX`] messages.
+/// All latencies of a run, which has at most [`MESSAGES_MAX`] messages.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Latencies {
     nanos: Vec<u64>,
-    /// From here on they belong to the second that is running.
+    /// The index of the first latency of the current second.
     second: usize,
 }
 
-/// How many messages a run may have: 8 bytes are kept for each.
+/// The largest number of messages of a run; 8 bytes are kept for each.
 pub(crate) const MESSAGES_MAX: u64 = 1_000_000;
 
 /// Percentiles of latencies, in microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Percentiles {
-    /// Half of the messages were faster, or as fast.
+    /// The median.
     pub(crate) p50: f64,
-    /// 99 of 100 messages were.
+    /// The 99th percentile.
     pub(crate) p99: f64,
-    /// All were.
+    /// The longest latency.
     pub(crate) max: f64,
 }
 
 impl Latencies {
-    /// A message took this long.
+    /// Adds the latency of a message.
     pub(crate) fn record(&mut self, nanos: u64) {
         self.nanos.push(nanos);
     }
 
-    /// Percentiles of those recorded since the last call.
+    /// The percentiles of the latencies since the last call.
     pub(crate) fn take_second(&mut self) -> Percentiles {
         let second = &self.nanos[self.second..];
         self.second = self.nanos.len();
         Percentiles::of(second.to_vec())
     }
 
-    /// Percentiles of all.
+    /// The percentiles of all latencies.
     pub(crate) fn total(&self) -> Percentiles {
         Percentiles::of(self.nanos.clone())
     }

@@ -1,4 +1,4 @@
-//! One way of a link: what goes in comes out in its time and order, or not at all. Reads no clock.
+//! One direction of a link: delays packets, keeps their order, and may lose them. Reads no clock.
 
 use std::{
     collections::VecDeque,
@@ -10,26 +10,26 @@ use crate::{pauses::Pauses, profile::Profile, random::Random};
 /// Bytes of IP and UDP headers.
 pub const HEADERS_BYTES: usize = 28;
 
-/// One of the two ways; `T` is what goes there.
+/// One direction of a link, which carries items of type `T`.
 #[derive(Debug)]
 pub struct Lane<T> {
     rate_bit: f64,
     delay: Duration,
     jitter: Duration,
     queue: Duration,
-    /// When it has carried all that it was given.
+    /// The time at which the sender has sent all datagrams at the link's rate.
     free: Instant,
-    /// When the last one arrives: none overtakes another.
+    /// The arrival time of the last item; no later item arrives before it.
     arrived: Instant,
     pauses: Pauses,
     random: Random,
-    /// When each arrives.
-    flying: VecDeque<(Instant, T)>,
+    /// The items in flight, with their arrival times.
+    in_flight: VecDeque<(Instant, T)>,
 }
 
 impl<T> Lane<T> {
-    /// An empty one. `salt` is another one for each way: both have the same pauses, counted from
-    /// `epoch`, and differ in jitter and loss.
+    /// An empty lane. `salt` differs between the two directions: they have the same pauses, counted
+    /// from `epoch`, and different jitter and loss.
     #[must_use]
     pub fn new(profile: &Profile, epoch: Instant, salt: u64) -> Self {
         Self {
@@ -41,12 +41,12 @@ impl<T> Lane<T> {
             arrived: epoch,
             pauses: Pauses::new(&profile.pauses, epoch, profile.seed),
             random: Random::new(profile.seed.wrapping_add(salt << 32)),
-            flying: VecDeque::new(),
+            in_flight: VecDeque::new(),
         }
     }
 
-    /// When a datagram with so much payload has left its host at the link's rate; none: it is lost,
-    /// since the queue is full or by chance.
+    /// The time at which a datagram of this payload has left its host at the link's rate. `None` if it
+    /// is lost, because the queue is full or by random loss.
     pub fn shape(&mut self, now: Instant, len_bytes: usize, loss_permille: u32) -> Option<Instant> {
         let begins = self.free.max(now);
         if begins - now > self.queue {
@@ -58,26 +58,26 @@ impl<T> Lane<T> {
         (!is_lost).then_some(self.free)
     }
 
-    /// Takes what has left its host at `sent`.
-    pub fn push(&mut self, sent: Instant, what: T) {
+    /// Takes an item that has left its host at `sent`.
+    pub fn push(&mut self, sent: Instant, item: T) {
         let jitter = self.jitter.mul_f64(self.random.part());
         let due = (sent + self.delay + jitter).max(self.arrived);
         self.arrived = self.pauses.hold(due);
-        self.flying.push_back((self.arrived, what));
+        self.in_flight.push_back((self.arrived, item));
     }
 
-    /// The next one, if it has arrived.
+    /// Removes the next item, if it has arrived.
     pub fn pop(&mut self, now: Instant) -> Option<T> {
         match self.due() {
-            Some(due) if due <= now => self.flying.pop_front().map(|(_, what)| what),
+            Some(due) if due <= now => self.in_flight.pop_front().map(|(_, item)| item),
             _ => None,
         }
     }
 
-    /// When the next one arrives.
+    /// The arrival time of the next item.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        self.flying.front().map(|(due, _)| *due)
+        self.in_flight.front().map(|(due, _)| *due)
     }
 }
 

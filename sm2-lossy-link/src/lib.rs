@@ -1,14 +1,19 @@
-//! A bad link on this machine, for tests and demos: it carries so much, loses some, takes its time, and
-//! stands still every so often.
+//! A lossy link between two hosts on this machine, for tests and demos. It has a limited rate, random
+//! loss, delay, jitter and pauses.
 //!
-//! | kind | what it is | what it needs |
-//! | --- | --- | --- |
-//! | [`Kind::Namespaces`] | two hosts with an IP stack each; the kernel limits and loses | root, `ip`, `tc`, `nft` |
-//! | [`Kind::Relay`] | a relay on loopback that limits and loses by itself | nothing |
+//! | kind | hosts | rate and loss | requirements |
+//! | --- | --- | --- | --- |
+//! | [`Kind::Namespaces`] | two network namespaces | `tc` and `nft` of the kernel | root, `ip`, `tc`, `nft` |
+//! | [`Kind::Relay`] | the loopback interface | a relay in this process | none |
 //!
-//! In both, a relay adds delay, jitter and pauses. First [`BadLink::open`]; then whatever is at the far host, made
-//! within [`BadLink::enter`]; then [`BadLink::connect`] to its UDP address; then the near host's. Namespaces
-//! have no names: they are gone with the link, or with the process, however it ends.
+//! In both kinds, a relay adds delay, jitter and pauses. To use a link:
+//!
+//! 1. [`LossyLink::open`] makes the link.
+//! 2. Make the sockets and processes of the far host within [`LossyLink::enter`].
+//! 3. [`LossyLink::connect`] to the UDP address of the far host yields the address for the near host.
+//! 4. Make the sockets and processes of the near host within [`LossyLink::enter`].
+//!
+//! The namespaces have no names: the kernel removes them when the link is dropped or the process ends.
 
 mod lane;
 mod namespace;
@@ -37,7 +42,7 @@ use self::{
     relay::{Controls, Options, Relay},
 };
 
-/// What a link is made of.
+/// The implementation of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Network namespaces of Linux.
@@ -47,7 +52,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// One word for reports.
+    /// The name of the kind in reports.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -57,13 +62,13 @@ impl Kind {
     }
 }
 
-/// A bad link, until it is dropped.
+/// A lossy link, which exists until it is dropped.
 #[derive(Debug)]
-pub struct BadLink {
+pub struct LossyLink {
     profile: Profile,
     relays: Vec<Relay>,
     medium: Medium,
-    /// What is lost now, and whether it is cut.
+    /// The current loss in permille, and whether the link is cut.
     now: Mutex<(u32, bool)>,
     epoch: Instant,
 }
@@ -74,8 +79,8 @@ enum Medium {
     Relay(Arc<Controls>),
 }
 
-impl BadLink {
-    /// Of namespaces where it can be, else of a relay; and then why.
+impl LossyLink {
+    /// Makes a link of namespaces if possible. Otherwise makes a relay, and returns the reason.
     #[must_use]
     pub fn open(profile: Profile) -> (Self, Option<Unavailable>) {
         match Self::namespaces(profile.clone()) {
@@ -84,7 +89,7 @@ impl BadLink {
         }
     }
 
-    /// Two hosts and what is between them, each with a network of its own.
+    /// Makes a link of three namespaces: two hosts, and the network between them.
     ///
     /// # Errors
     /// See [`Unavailable`].
@@ -93,7 +98,7 @@ impl BadLink {
         Ok(Self::new(profile, Medium::Namespaces(network)))
     }
 
-    /// Both hosts are this machine.
+    /// Makes a link whose hosts both use the loopback interface.
     #[must_use]
     pub fn relay(profile: Profile) -> Self {
         let controls = Controls::default();
@@ -112,7 +117,7 @@ impl BadLink {
         }
     }
 
-    /// What it is made of.
+    /// The implementation of the link.
     #[must_use]
     pub const fn kind(&self) -> Kind {
         match self.medium {
@@ -121,13 +126,13 @@ impl BadLink {
         }
     }
 
-    /// How it was at first.
+    /// The properties that the link had at first.
     #[must_use]
     pub const fn profile(&self) -> &Profile {
         &self.profile
     }
 
-    /// A host's network, if it has one of its own.
+    /// The network namespace of a host; `None` for a relay.
     #[must_use]
     pub const fn host(&self, side: Side) -> Option<&Namespace> {
         match &self.medium {
@@ -136,8 +141,8 @@ impl BadLink {
         }
     }
 
-    /// The network between the hosts, if there is one: an interface `near`, an interface `far`, and
-    /// nothing that goes from one to the other unless somebody adds it.
+    /// The network between the hosts; `None` for a relay. It has the interfaces `near` and `far`, and
+    /// does not forward packets between them unless the caller adds routes.
     #[must_use]
     pub const fn between(&self) -> Option<&Namespace> {
         match &self.medium {
@@ -146,7 +151,7 @@ impl BadLink {
         }
     }
 
-    /// Does some work at a host: what sockets it makes and what processes it starts stay there.
+    /// Calls `work` at a host: sockets and processes that it makes belong to the host's network.
     ///
     /// # Errors
     /// See [`Namespace::enter`].
@@ -160,7 +165,8 @@ impl BadLink {
         }
     }
 
-    /// Where hosts listen; the port is any. A host may move: it listens at all of its addresses.
+    /// The address at which hosts listen, with any port. In a namespace it covers all addresses of the
+    /// host, so that the host may change its address.
     #[must_use]
     pub const fn listen(&self) -> SocketAddr {
         let ip = match self.medium {
@@ -170,13 +176,13 @@ impl BadLink {
         SocketAddr::new(std::net::IpAddr::V4(ip), 0)
     }
 
-    /// Where near hosts reach `far`, a UDP address of the far host, over the link. In a relay each such way
-    /// has the link's rate for itself.
+    /// Returns the address at which the near host reaches `far`, a UDP address of the far host, over
+    /// the link. With [`Kind::Relay`], each such connection has the full rate of the link.
     ///
     /// # Errors
-    /// There are no sockets or no threads.
+    /// A socket or a thread cannot be made.
     pub fn connect(&mut self, far: SocketAddr) -> io::Result<SocketAddr> {
-        let (place, near, far, shaping) = match &self.medium {
+        let (namespace, near, far, shaping) = match &self.medium {
             Medium::Namespaces(network) => {
                 let ip = network::link_address(Side::Near, far.is_ipv6());
                 let far = network::from_outside(far, Side::Far);
@@ -189,7 +195,7 @@ impl BadLink {
         };
         let relay = Relay::start(Options {
             profile: self.profile.clone(),
-            place,
+            namespace,
             near: SocketAddr::new(near, 0),
             far,
             shaping,
@@ -200,26 +206,26 @@ impl BadLink {
         Ok(address)
     }
 
-    /// Loses so many of a hundred datagrams each way from now on.
+    /// Sets the random loss in both directions, in percent of datagrams.
     ///
     /// # Errors
-    /// `nft` does not do it.
+    /// `nft` has failed.
     pub fn set_loss(&self, percent: f64) -> Result<(), Unavailable> {
         self.change(|now| now.0 = (percent.clamp(0.0, 100.0) * 10.0).round() as u32)
     }
 
-    /// Lets nothing through.
+    /// Cuts the link: all datagrams are lost.
     ///
     /// # Errors
-    /// `nft` does not do it.
+    /// `nft` has failed.
     pub fn cut(&self) -> Result<(), Unavailable> {
         self.change(|now| now.1 = true)
     }
 
-    /// As it was before it was cut.
+    /// Restores the link after [`cut`](Self::cut).
     ///
     /// # Errors
-    /// `nft` does not do it.
+    /// `nft` has failed.
     pub fn restore(&self) -> Result<(), Unavailable> {
         self.change(|now| now.1 = false)
     }

@@ -1,5 +1,5 @@
-//! Network namespaces without a name: the kernel takes one back when nobody has it any more, so a
-//! process that is killed leaves none behind.
+//! Network namespaces without names. The kernel removes a namespace that nothing refers to, so a killed
+//! process leaves none behind.
 
 use std::{
     fs::File,
@@ -14,20 +14,20 @@ use std::{
 
 use nix::sched::{CloneFlags, setns, unshare};
 
-/// A network of its own: interfaces, addresses, routes, sockets. It lives as long as a clone of this,
-/// a thread or process in it, or a socket that was made there.
+/// A network namespace: interfaces, addresses, routes and sockets. It exists as long as a clone of
+/// this handle, a thread or process in it, or a socket of it.
 #[derive(Clone, Debug)]
 pub struct Namespace {
     handle: Arc<OwnedFd>,
 }
 
 impl Namespace {
-    /// One in which there is nothing but a loopback that is down.
+    /// Makes a namespace with only a loopback interface, which is down.
     ///
     /// # Errors
-    /// The process may not (it takes `CAP_SYS_ADMIN`), or the kernel cannot.
+    /// The process lacks `CAP_SYS_ADMIN`, or the kernel does not support namespaces.
     pub fn new() -> io::Result<Self> {
-        // Only that thread moves, and it ends here.
+        // `unshare` affects only the calling thread, which ends here.
         let handle = on_a_thread(|| {
             unshare(CloneFlags::CLONE_NEWNET)?;
             File::open("/proc/thread-self/ns/net")
@@ -37,10 +37,10 @@ impl Namespace {
         })
     }
 
-    /// Does some work there: what sockets it makes and what processes it starts stay there.
+    /// Calls `work` on a thread in the namespace: sockets and processes that it makes belong to it.
     ///
     /// # Errors
-    /// There is no thread for it, or the process may not go there any more.
+    /// The thread cannot be started, or may not enter the namespace.
     ///
     /// # Panics
     /// If the work does.
@@ -51,19 +51,19 @@ impl Namespace {
         })?
     }
 
-    /// Takes the thread that calls there, until it ends.
+    /// Moves the calling thread into the namespace for the rest of its life.
     pub(crate) fn join(&self) -> io::Result<()> {
         Ok(setns(&self.handle, CloneFlags::CLONE_NEWNET)?)
     }
 
-    /// What other processes find it by, as long as this one lives.
+    /// The path by which other processes can open the namespace while this process runs.
     #[must_use]
     pub fn path(&self) -> PathBuf {
         format!("/proc/{}/fd/{}", process::id(), self.handle.as_raw_fd()).into()
     }
 }
 
-/// Namespaces are of threads: one of its own keeps the caller where it is.
+/// Calls `work` on a thread of its own, since entering a namespace affects the whole thread.
 fn on_a_thread<T: Send>(work: impl FnOnce() -> T + Send) -> io::Result<T> {
     thread::scope(|scope| {
         let thread = thread::Builder::new().name("namespace".to_owned());

@@ -1,4 +1,4 @@
-//! Three namespaces in a row, wired by `ip`, limited by `tc`, and lossy by `nft`.
+//! Three namespaces in a row: `ip` connects them, `tc` limits the rate, and `nft` loses packets.
 //!
 //! ```text
 //! near                     link                       far
@@ -6,9 +6,9 @@
 //!                        far   10.77.2.1  <->  10.77.2.2  link0
 //! ```
 //!
-//! And the same with `fd77:1::` and `fd77:2::`. What the hosts send leaves them at the link's rate (`tbf`); what
-//! arrives in `link` is lost there by chance, before any socket or route sees it. Nothing is routed: a relay takes
-//! datagrams from one end to the other, unless somebody routes packets there.
+//! The IPv6 addresses are `fd77:1::` and `fd77:2::` with the same last digits. Each host sends at the
+//! link's rate (`tbf`). In `link`, packets are lost at random before a socket or a route receives them.
+//! `link` does not forward packets; a relay there passes datagrams on, unless the caller adds routes.
 
 use std::{
     fmt::Write as _,
@@ -22,27 +22,27 @@ use crate::{
     profile::{Profile, Side},
 };
 
-/// The interface of each host. The hosts' addresses are those of [`host_address`].
+/// The interface of each host; [`host_address`] returns its addresses.
 pub const DEVICE: &str = "link0";
 
-/// Why there are no namespaces.
+/// The reason why namespaces cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum Unavailable {
-    /// Only root may.
+    /// The process is not root.
     #[error("network namespaces need root")]
     NotRoot,
-    /// A program is not there.
+    /// A program is not installed.
     #[error("`{0}` is not installed (packages iproute2 and nftables)")]
     Missing(&'static str),
-    /// A program said no: a container without rights, or a kernel without the module.
+    /// A program failed, for example in a container without rights, or without a module of the kernel.
     #[error("`{program}` failed: {reason}")]
     Failed {
-        /// Which.
+        /// The name of the program.
         program: &'static str,
-        /// What it said first.
+        /// The first line of its standard error.
         reason: String,
     },
-    /// The system said no.
+    /// A system call failed.
     #[error("cannot make a network namespace: {0}")]
     System(#[from] io::Error),
 }
@@ -86,7 +86,7 @@ impl Network {
         }
     }
 
-    /// A cable from the host to the link.
+    /// Connects a host to the link with a pair of interfaces.
     fn wire(&self, side: Side) -> Result<(), Unavailable> {
         let (host, name) = (self.host(side), name(side));
         let link = self.link.path();
@@ -99,7 +99,7 @@ impl Network {
         tell(&self.link, "ip", &["-batch", "-"], &up(name, side, LINK))
     }
 
-    /// How much is lost from now on; if it is cut, all of it.
+    /// Sets the random loss; if the link is cut, all packets are lost.
     pub(crate) fn lose(&self, loss_permille: u32, is_cut: bool) -> Result<(), Unavailable> {
         let rule = match (is_cut, loss_permille) {
             (true, _) => "drop".to_owned(),
@@ -108,7 +108,7 @@ impl Network {
                 format!("meta l4proto {{ tcp, udp, icmp }} numgen random mod 1000 < {loss} drop")
             }
         };
-        // One transaction: there is no moment without a rule.
+        // One transaction, so that a rule is in force at all times.
         let rules = format!(
             "table inet bad_link\ndelete table inet bad_link\ntable inet bad_link {{\n\
              chain arriving {{\ntype filter hook prerouting priority 0; policy accept;\n\
@@ -118,24 +118,24 @@ impl Network {
     }
 }
 
-/// What leaves a host at a time: two Ethernet frames.
+/// The burst of the rate limit: two Ethernet frames.
 const BURST_BYTES: u32 = 3_028;
-/// Who of a cable's two ends it is.
+/// The last digit of the addresses of a pair's two ends.
 const HOST: u8 = 1;
 const LINK: u8 = 2;
 
-/// Where a host is at first, in its own namespace.
+/// The address that a host has at first, in its own namespace.
 #[must_use]
 pub fn host_address(side: Side, is_ipv6: bool) -> IpAddr {
     address(side, is_ipv6, HOST)
 }
 
-/// Where the link is, for a host that sends to the other.
+/// The address of the link, to which a host sends datagrams for the other one.
 pub(crate) fn link_address(side: Side, is_ipv6: bool) -> IpAddr {
     address(side, is_ipv6, LINK)
 }
 
-/// What `address` means to somebody else, if it was "any address" to its host.
+/// Replaces an unspecified IP address by the address of the host.
 pub(crate) fn from_outside(address: SocketAddr, side: Side) -> SocketAddr {
     match address.ip() {
         ip if ip.is_unspecified() => {
@@ -163,7 +163,8 @@ const fn name(side: Side) -> &'static str {
     }
 }
 
-/// Several datagrams in one would be lost as one: so each leaves by itself.
+/// The commands that set the addresses of an interface. Segmentation offload is off, so that each
+/// datagram is lost independently.
 fn up(device: &str, side: Side, end: u8) -> String {
     let mut text = String::new();
     for (is_ipv6, more) in [(false, "/24"), (true, "/64")] {
@@ -175,15 +176,15 @@ fn up(device: &str, side: Side, end: u8) -> String {
     text
 }
 
-/// Runs a program there, with something to read.
+/// Runs a program in a namespace, with `text` as its standard input.
 fn tell(
-    place: &Namespace,
+    namespace: &Namespace,
     program: &'static str,
     arguments: &[&str],
     text: &str,
 ) -> Result<(), Unavailable> {
     let run = || {
-        // Where these programs are, whatever the caller's path.
+        // Users' paths often lack the folders in which these programs are installed.
         let path = std::env::var("PATH").unwrap_or_else(|_| "/usr/bin:/bin".to_owned());
         let path = path + ":/usr/sbin:/sbin";
         let mut child = Command::new(program)
@@ -194,16 +195,16 @@ fn tell(
             .stderr(Stdio::piped())
             .spawn()?;
         if let Some(mut input) = child.stdin.take() {
-            // One that does not read says why.
+            // If the program ends early, its standard error has the reason.
             let _ = input.write_all(text.as_bytes());
         }
         child.wait_with_output()
     };
-    match place.enter(run)? {
+    match namespace.enter(run)? {
         Ok(output) if output.status.success() => Ok(()),
         Ok(output) => {
             let said = String::from_utf8_lossy(&output.stderr);
-            let reason = said.lines().next().unwrap_or("it did not say why");
+            let reason = said.lines().next().unwrap_or("it gave no reason");
             let reason = reason.to_owned();
             Err(Unavailable::Failed { program, reason })
         }

@@ -1,19 +1,19 @@
-//! When a link stands still.
+//! The pauses of a link.
 
 use std::time::{Duration, Instant};
 
 use crate::random::Random;
 
-/// A link that stands still every so often: what it was given meanwhile comes afterwards, in order.
+/// A kind of pause of a link. Items that would arrive during a pause arrive at its end, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pause {
-    /// How long it stands still.
+    /// The duration of a pause.
     pub length: Duration,
-    /// How long it moves between two pauses: half to one and a half of this, by chance.
+    /// The mean time between two pauses; the actual time is random, from 0.5 to 1.5 times this.
     pub every: Duration,
 }
 
-/// The pauses of one link, the same for the same seed. Both ways have the same ones.
+/// The pauses of one link. They are the same in both directions, and depend only on the seed.
 #[derive(Clone, Debug)]
 pub(crate) struct Pauses(Vec<Series>);
 
@@ -21,15 +21,15 @@ pub(crate) struct Pauses(Vec<Series>);
 #[derive(Clone, Debug)]
 struct Series {
     pause: Pause,
-    /// The one that is or comes next.
+    /// The start of the current or next pause.
     begin: Instant,
     random: Random,
 }
 
 impl Pauses {
-    /// Counted from `epoch`.
+    /// The pauses after `epoch`.
     pub(crate) fn new(pauses: &[Pause], epoch: Instant, seed: u64) -> Self {
-        // One without a length would never be over.
+        // A pause without a length would make `Series::hold` loop forever.
         let real = pauses.iter().filter(|it| !it.length.is_zero());
         let series = (seed..).zip(real).map(|(seed, &pause)| {
             let mut random = Random::new(seed);
@@ -43,10 +43,11 @@ impl Pauses {
         Self(series.collect())
     }
 
-    /// When something arrives that would without pauses arrive at `at`, which never goes back.
+    /// The arrival time of an item that would arrive at `at` without pauses. `at` must not decrease
+    /// from call to call.
     pub(crate) fn hold(&mut self, mut at: Instant) -> Instant {
         loop {
-            // The end of one may be amid another.
+            // The end of a pause may be within a pause of another series.
             let held = self.0.iter_mut().fold(at, |at, series| series.hold(at));
             if held == at {
                 return at;
@@ -98,7 +99,7 @@ mod tests {
             }
             last = held;
         }
-        // Ten minutes: some 118 short ones and 19 long ones, of which some are one.
+        // In ten minutes there are about 118 short and 19 long pauses, some of which overlap.
         assert!((90..180).contains(&ends.len()), "{}", ends.len());
     }
 
@@ -110,7 +111,7 @@ mod tests {
         for millis in 0..100_000 {
             let at = (epoch + Duration::from_millis(millis)).max(last);
             last = busy.hold(at);
-            // What one way has to carry changes nothing for the other.
+            // The traffic of one direction does not affect the pauses of the other one.
             if millis % 97 == 0 {
                 assert_eq!(idle.hold(at), last, "after {millis} ms");
             }

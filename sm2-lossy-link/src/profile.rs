@@ -4,30 +4,31 @@ use std::time::Duration;
 
 use crate::pauses::Pause;
 
-/// How a link is, each way.
+/// The properties of each direction of a link.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// What it carries, in bits per second, with all headers.
+    /// The rate in bits per second, including all headers.
     pub rate_bit: f64,
-    /// How many datagrams of a thousand it loses, each by chance.
+    /// The random loss, in datagrams per thousand.
     pub loss_permille: u32,
-    /// How long a datagram takes at least.
+    /// The least delay of a datagram.
     pub delay: Duration,
-    /// How much longer at most.
+    /// The largest random addition to the delay.
     pub jitter: Duration,
-    /// How long a datagram may wait for those before it: later ones are lost.
+    /// The longest time that a datagram may wait in the queue; datagrams that would wait longer are
+    /// lost.
     pub queue: Duration,
-    /// When it stands still.
+    /// The pauses of the link.
     pub pauses: Vec<Pause>,
-    /// The same seed makes the same jitter and pauses, and in a relay the same losses, as far as
-    /// the traffic is the same.
+    /// The seed of jitter and pauses, and of the losses of a relay. With the same traffic, the same
+    /// seed gives the same results.
     pub seed: u64,
 }
 
 impl Profile {
-    /// The Wi-Fi of the paper that SM2 goes back to (section IV-A): 30.8 Mbit/s, 4 % lost, below 15 ms to and
-    /// fro, with spikes of 102 ms and of 1,030 ms. How often those came is not said there: here the short one
-    /// comes about every 5 s, the long one about every 30 s.
+    /// The Wi-Fi link of the paper that SM2 is based on (section IV-A): 30.8 Mbit/s, 4 % loss, a round
+    /// trip below 15 ms, and spikes of 102 ms and 1,030 ms. The paper does not say how often the
+    /// spikes came; here the short pause comes about every 5 s, and the long one about every 30 s.
     #[must_use]
     pub fn wifi() -> Self {
         let pause = |length, every| Pause {
@@ -46,11 +47,11 @@ impl Profile {
     }
 }
 
-/// One of the two hosts.
+/// One of the two hosts of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// The one that connects.
+    /// The host that connects.
     Near,
-    /// The one that it connects to.
+    /// The host that is connected to.
     Far,
 }

@@ -1,17 +1,17 @@
-//! Chance that can be had again.
+//! Random numbers that are the same for the same seed.
 
 /// An xorshift generator.
 #[derive(Clone, Debug)]
 pub(crate) struct Random(u64);
 
 impl Random {
-    /// The same numbers for the same seed.
+    /// A generator with this seed.
     pub(crate) const fn new(seed: u64) -> Self {
-        // From 0 it would never come away.
+        // The state must not be 0: an xorshift generator would stay there.
         Self(seed ^ 0x9e37_79b9_7f4a_7c15 | 1)
     }
 
-    /// From 0 on, below `end`, which is not 0.
+    /// A number from 0 to below `end`, which is not 0.
     pub(crate) const fn below(&mut self, end: u64) -> u64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
@@ -19,7 +19,7 @@ impl Random {
         self.0 % end
     }
 
-    /// From 0 to 1.
+    /// A number from 0 to below 1.
     pub(crate) const fn part(&mut self) -> f64 {
         self.below(1 << 20) as f64 / (1 << 20) as f64
     }

@@ -1,4 +1,4 @@
-//! Datagrams from one end of a bad link to the other, in their time and order.
+//! The relay of a lossy link, which passes datagrams between its ends with delay and in order.
 #![allow(
     clippy::disallowed_types,
     reason = "settings between two threads; no process shares this memory"
@@ -27,41 +27,42 @@ use nix::{
 
 use crate::{lane::Lane, namespace::Namespace, profile::Profile};
 
-/// How many datagrams of a socket are read before others are sent.
+/// The most datagrams of a socket that are read before due datagrams are sent.
 const BURST: usize = 64;
-/// How many near addresses there are at a time: a host that moves has one after another.
+/// The largest number of near addresses: a host that moves uses one after another.
 const ADDRESSES_MAX: usize = 16;
-/// What the kernel keeps while the thread waits for a processor.
+/// The size of the sockets' buffers, for the time in which the thread waits for a processor.
 const KERNEL_BUFFER_BYTES: usize = 8 << 20;
-/// How long the end may not be noticed.
+/// The interval at which the thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What can be changed while it runs.
+/// Settings that can change while the relay runs.
 #[derive(Debug, Default)]
 pub(crate) struct Controls {
     pub(crate) loss_permille: AtomicU32,
     pub(crate) is_cut: AtomicBool,
 }
 
-/// What it is made of.
+/// The settings of a relay.
 pub(crate) struct Options {
     pub(crate) profile: Profile,
-    /// Where its sockets are, if not where the caller is.
-    pub(crate) place: Option<Namespace>,
-    /// Where near hosts find it; port 0 is any.
+    /// The namespace of its sockets; `None` is that of the caller.
+    pub(crate) namespace: Option<Namespace>,
+    /// The address for near hosts; port 0 is any free port.
     pub(crate) near: SocketAddr,
-    /// Where it takes what they send.
+    /// The address of the far host.
     pub(crate) far: SocketAddr,
-    /// If nobody else limits rate and loses datagrams, the relay does.
+    /// The loss and the cut of the link, if the relay limits the rate and loses datagrams; `None` if
+    /// the kernel does.
     pub(crate) shaping: Option<Arc<Controls>>,
-    /// From when pauses are counted.
+    /// The time from which pauses are counted.
     pub(crate) epoch: Instant,
 }
 
-/// A relay, until it is dropped.
+/// A relay, which runs until it is dropped.
 ///
-/// It is to the far host what a router with address translation is: each near address has a far
-/// port of its own, so a near host that moves is seen to move.
+/// It resembles a router with address translation: each near address has a far port of its own, so
+/// that the far host sees when a near host changes its address.
 #[derive(Debug)]
 pub(crate) struct Relay {
     address: SocketAddr,
@@ -81,11 +82,11 @@ impl Relay {
                 Ok((wire, address)) => (Some(wire), Ok(address)),
                 Err(error) => (None, Err(error)),
             };
-            // The caller waits for it.
+            // The caller waits for this answer.
             let _ = opened.send(address);
             if let Some(mut wire) = wire {
                 while !until.load(Ordering::Relaxed) {
-                    wire.turn();
+                    wire.run_once();
                 }
             }
         })?;
@@ -97,7 +98,7 @@ impl Relay {
         })
     }
 
-    /// Its near end.
+    /// The address of the near end.
     pub(crate) const fn address(&self) -> SocketAddr {
         self.address
     }
@@ -106,20 +107,20 @@ impl Relay {
 impl Drop for Relay {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        // It holds nothing that could be lost.
+        // A panic of the thread has no further effect.
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 
-/// One of the two ways.
+/// One of the two directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Way {
+enum Direction {
     ToFar,
     ToNear,
 }
 
-/// A datagram on its way: which near address sent it or gets it.
-struct Flying {
+/// A datagram in flight, with the near address that sent it or receives it.
+struct InFlight {
     near: SocketAddr,
     bytes: Vec<u8>,
 }
@@ -128,17 +129,17 @@ struct Wire {
     shaping: Option<Arc<Controls>>,
     far: SocketAddr,
     near: UdpSocket,
-    /// The far port of each near address, the newest last.
+    /// The far socket of each near address, the newest last.
     away: Vec<(SocketAddr, UdpSocket)>,
-    to_far: Lane<Flying>,
-    to_near: Lane<Flying>,
+    to_far: Lane<InFlight>,
+    to_near: Lane<InFlight>,
 }
 
 impl Wire {
-    /// In the thread that has it: the thread's place is the sockets' place.
+    /// Moves the calling thread into the namespace, and makes the near socket there.
     fn open(options: Options) -> io::Result<(Self, SocketAddr)> {
-        if let Some(place) = &options.place {
-            place.join()?;
+        if let Some(namespace) = &options.namespace {
+            namespace.join()?;
         }
         let near = socket(options.near)?;
         let address = near.local_addr()?;
@@ -155,11 +156,12 @@ impl Wire {
         Ok((wire, address))
     }
 
-    fn turn(&mut self) {
+    /// Sends all due datagrams, waits for the next event, and reads new datagrams.
+    fn run_once(&mut self) {
         let now = Instant::now();
-        for way in [Way::ToFar, Way::ToNear] {
-            while let Some(flying) = self.lane(way).pop(now) {
-                self.deliver(way, &flying);
+        for direction in [Direction::ToFar, Direction::ToNear] {
+            while let Some(in_flight) = self.lane(direction).pop(now) {
+                self.deliver(direction, &in_flight);
             }
         }
         let next = self.to_far.due().into_iter().chain(self.to_near.due());
@@ -174,7 +176,7 @@ impl Wire {
         let mut entries: Vec<_> = sockets
             .map(|it| PollFd::new(it.as_fd(), PollFlags::POLLIN))
             .collect();
-        // What cannot be waited for is tried.
+        // If waiting fails, reading is tried at once.
         let _ = ppoll(&mut entries, Some(TimeSpec::from_duration(timeout)), None);
     }
 
@@ -185,23 +187,24 @@ impl Wire {
                 break;
             };
             if self.ensure_away(address).is_ok() {
-                self.carry(Way::ToFar, address, &buffer[..len]);
+                self.carry(Direction::ToFar, address, &buffer[..len]);
             }
         }
         for index in 0..self.away.len() {
             for _ in 0..BURST {
                 let (address, socket) = &self.away[index];
                 let address = *address;
-                // An error is what an earlier datagram met, as it is with nobody at the far end.
+                // An error belongs to an earlier datagram, for example if no socket listens at the far
+                // end.
                 let Ok(len) = socket.recv(&mut buffer) else {
                     break;
                 };
-                self.carry(Way::ToNear, address, &buffer[..len]);
+                self.carry(Direction::ToNear, address, &buffer[..len]);
             }
         }
     }
 
-    /// A far port for each near address.
+    /// Makes the far socket of a near address, if there is none.
     fn ensure_away(&mut self, near: SocketAddr) -> io::Result<()> {
         if self.away.iter().any(|(it, _)| *it == near) {
             return Ok(());
@@ -219,50 +222,50 @@ impl Wire {
         Ok(())
     }
 
-    /// What became of one that was lost nobody knows.
-    fn deliver(&self, way: Way, flying: &Flying) {
-        let _ = match way {
-            Way::ToNear => self.near.send_to(&flying.bytes, flying.near),
-            Way::ToFar => match self.away.iter().find(|(near, _)| *near == flying.near) {
-                Some((_, socket)) => socket.send(&flying.bytes),
+    /// Sends a datagram to its destination. Errors are ignored: the datagram is lost, as on any link.
+    fn deliver(&self, direction: Direction, in_flight: &InFlight) {
+        let _ = match direction {
+            Direction::ToNear => self.near.send_to(&in_flight.bytes, in_flight.near),
+            Direction::ToFar => match self.away.iter().find(|(near, _)| *near == in_flight.near) {
+                Some((_, socket)) => socket.send(&in_flight.bytes),
                 None => return,
             },
         };
     }
 
-    fn carry(&mut self, way: Way, near: SocketAddr, bytes: &[u8]) {
+    fn carry(&mut self, direction: Direction, near: SocketAddr, bytes: &[u8]) {
         let now = Instant::now();
-        let Some(sent) = self.shape(way, bytes.len(), now) else {
+        let Some(sent) = self.shape(direction, bytes.len(), now) else {
             return;
         };
         let bytes = bytes.to_vec();
-        self.lane(way).push(sent, Flying { near, bytes });
+        self.lane(direction).push(sent, InFlight { near, bytes });
     }
 
-    /// When it has left its host, if it does.
-    fn shape(&mut self, way: Way, len_bytes: usize, now: Instant) -> Option<Instant> {
+    /// The time at which a datagram has left its host; `None` if it is lost.
+    fn shape(&mut self, direction: Direction, len_bytes: usize, now: Instant) -> Option<Instant> {
         let Some(controls) = &self.shaping else {
             return Some(now);
         };
         let loss_permille = controls.loss_permille.load(Ordering::Relaxed);
         let is_cut = controls.is_cut.load(Ordering::Relaxed);
-        let sent = self.lane(way).shape(now, len_bytes, loss_permille);
+        let sent = self.lane(direction).shape(now, len_bytes, loss_permille);
         sent.filter(|_| !is_cut)
     }
 
-    const fn lane(&mut self, way: Way) -> &mut Lane<Flying> {
-        match way {
-            Way::ToFar => &mut self.to_far,
-            Way::ToNear => &mut self.to_near,
+    const fn lane(&mut self, direction: Direction) -> &mut Lane<InFlight> {
+        match direction {
+            Direction::ToFar => &mut self.to_far,
+            Direction::ToNear => &mut self.to_near,
         }
     }
 }
 
-/// One with room for what comes while others are served.
+/// A socket with large buffers, for datagrams that arrive while the thread handles other sockets.
 fn socket(address: SocketAddr) -> io::Result<UdpSocket> {
     let socket = UdpSocket::bind(address)?;
     socket.set_nonblocking(true)?;
-    // Root may have more than the system's limit; a smaller buffer is slower, not wrong.
+    // Only root may exceed the system's limit. A smaller buffer loses more datagrams, which is legal.
     let _ = setsockopt(&socket, sockopt::RcvBufForce, &KERNEL_BUFFER_BYTES)
         .or_else(|_| setsockopt(&socket, sockopt::RcvBuf, &KERNEL_BUFFER_BYTES));
     let _ = setsockopt(&socket, sockopt::SndBuf, &KERNEL_BUFFER_BYTES);

@@ -1,4 +1,4 @@
-//! A process of the demo, as the demo sees it.
+//! The director's handle of a process of the demo.
 
 use std::{
     fmt,
@@ -11,58 +11,58 @@ use std::{
 
 use super::part::{Figures, START, Said};
 
-/// The time that a process has to end after it was told to.
+/// Timeout for the end of a process after its standard input was closed.
 const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Which part a process plays.
+/// The role of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
     Publisher,
-    /// From 1 on.
+    /// A subscriber, numbered from 1.
     Subscriber(u32),
 }
 
-/// How far it is.
+/// The progress of a process.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Stage {
     Starting,
     Ready,
     Done(Figures),
-    /// Why it ended too early.
+    /// The process failed, for this reason.
     Failed(String),
 }
 
-/// What came of a process.
+/// The result of a process.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Outcome<'a> {
     pub(crate) part: Part,
     pub(crate) stage: &'a Stage,
-    /// What it has said last of its counts.
+    /// The last counts that it reported.
     pub(crate) figures: Figures,
 }
 
-/// A running process. Dropped, it is killed.
+/// A running process, which is killed when this is dropped.
 #[derive(Debug)]
 pub(crate) struct Child {
     part: Part,
     process: process::Child,
-    /// Closed when it is to end.
+    /// Standard input; closing it tells the process to end.
     stdin: Option<ChildStdin>,
-    /// Closed by the child when it is at its end.
+    /// Standard output; the process closes it when it ends.
     stdout: Option<ChildStdout>,
-    /// The start of a line.
+    /// The incomplete last line of output.
     unread: Vec<u8>,
     stage: Stage,
     figures: Figures,
 }
 
 impl Child {
-    /// Starts `command`, in a process group of its own: Ctrl-C is for the demo, which tells
-    /// its parts to end.
+    /// Starts `command` in a process group of its own, so that Ctrl-C reaches only the director, which
+    /// then ends its processes.
     ///
     /// # Errors
     ///
-    /// What the operating system says.
+    /// The process cannot be started.
     pub(crate) fn start(part: Part, command: &mut Command) -> io::Result<Self> {
         use std::os::unix::process::CommandExt;
         let mut process = command
@@ -93,7 +93,7 @@ impl Child {
         &self.stage
     }
 
-    /// What it has said last of its counts.
+    /// The last counts that the process reported.
     pub(crate) fn figures(&self) -> Figures {
         self.figures
     }
@@ -106,25 +106,25 @@ impl Child {
         }
     }
 
-    /// Where it speaks; none once it has ended.
+    /// The descriptor of its output; `None` when it has ended.
     pub(crate) fn voice(&self) -> Option<BorrowedFd<'_>> {
         self.stdout.as_ref().map(AsFd::as_fd)
     }
 
-    /// Tells it to start.
+    /// Tells the process to start.
     pub(crate) fn begin(&mut self) {
         if let Some(stdin) = &mut self.stdin {
-            // If it is gone, its end of file says so.
+            // If the process is gone, reading its output reports that.
             let _ = stdin.write_all(START);
         }
     }
 
-    /// Tells it to end.
+    /// Tells the process to end.
     pub(crate) fn end(&mut self) {
         self.stdin = None;
     }
 
-    /// Takes in what it says, when its voice is readable.
+    /// Reads its output, when the descriptor is readable.
     pub(crate) fn listen(&mut self) {
         let mut buffer = [0; 4_096];
         let read = match &mut self.stdout {
@@ -156,7 +156,7 @@ impl Child {
         }
     }
 
-    /// It has closed its standard output: it is ending.
+    /// Handles the end of its output: the process is ending.
     fn silent(&mut self) {
         self.stdout = None;
         if matches!(self.stage, Stage::Starting | Stage::Ready) {
@@ -168,7 +168,7 @@ impl Child {
         }
     }
 
-    /// Its exit status; none if it does not end, and was killed for that.
+    /// Waits for its exit status. Kills the process after a timeout, and then returns `None`.
     fn wait(&mut self) -> Option<ExitStatus> {
         self.end();
         let until = Instant::now() + TIMEOUT;
@@ -186,7 +186,7 @@ impl Child {
 impl Drop for Child {
     fn drop(&mut self) {
         if !matches!(self.stage, Stage::Done(_)) || self.wait().is_none() {
-            // Both fail only if it has ended and is waited for already.
+            // Both fail only if the process has ended and was waited for.
             let _ = self.process.kill();
             let _ = self.process.wait();
         }

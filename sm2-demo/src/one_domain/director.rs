@@ -1,4 +1,4 @@
-//! The demo from its first process to its report.
+//! Starts the processes of the demo, shows their figures, and writes the report.
 
 use std::{
     env,
@@ -27,13 +27,13 @@ use crate::{
     waiting::readable,
 };
 
-/// How long starting all processes, and ending them, may take.
+/// Timeout for starting all processes, and for ending them.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// How often figures are shown.
+/// The interval at which figures are shown.
 const TICK: Duration = Duration::from_secs(1);
 
-/// The first ones are shown a little later, when all parts have said theirs.
+/// A delay before the figures are shown, so that all processes have reported theirs.
 const DELAY: Duration = Duration::from_millis(100);
 
 /// Runs the demo in `out`. It ends early when `stop` becomes readable, and then reports what it has.
@@ -61,7 +61,8 @@ pub fn run(
         screen: Screen::new(out, options.format),
     };
     director.gather()?;
-    // Nobody else connects: whatever ends the demo, it leaves nothing behind.
+    // All processes have connected. Removing the folder now means that nothing is left if the demo is
+    // killed.
     drop(folder);
     if director.is_stopped {
         return Ok(Ending::Stopped);
@@ -69,7 +70,7 @@ pub fn run(
     let report = director.play()?;
     director.screen.report(&report)?;
     match (report::verdict(&director.outcomes()), director.is_stopped) {
-        // Stopped before its first message.
+        // The demo was stopped before the first message.
         (Ok(()) | Err(DemoError::NothingReceived { .. }), true) => Ok(Ending::Stopped),
         (verdict, _) => verdict.map(|()| Ending::Complete),
     }
@@ -80,15 +81,15 @@ struct Director<'a> {
     count: u64,
     socket: &'a Path,
     stop: BorrowedFd<'a>,
-    /// True once `stop` was readable.
+    /// True when `stop` has become readable.
     is_stopped: bool,
-    /// The publisher, once all subscribers are there, comes last.
+    /// The subscribers, then the publisher, which starts when they are ready.
     children: Vec<Child>,
     screen: Screen<'a>,
 }
 
 impl Director<'_> {
-    /// Starts all processes; returns when all are ready, or a signal came.
+    /// Starts all processes; returns when all are ready, or on a signal.
     fn gather(&mut self) -> Result<(), DemoError> {
         let Options {
             subscribers,
@@ -155,7 +156,7 @@ impl Director<'_> {
         Ok(())
     }
 
-    /// Publishes, watches, and ends the processes.
+    /// Lets the publisher publish, shows figures, and ends the processes.
     fn play(&mut self) -> Result<Report, DemoError> {
         let pids = self.children.iter().map(Child::pid);
         let mut meter = Meter::start(pids.chain([process::id()]).collect());
@@ -172,7 +173,7 @@ impl Director<'_> {
                 self.screen.show(&self.children, &meter, &costs)?;
             }
         }
-        // While all memory is still there.
+        // Before the processes end and release their memory.
         meter.look();
         self.dismiss()?;
         Ok(Report::new(
@@ -184,7 +185,7 @@ impl Director<'_> {
         ))
     }
 
-    /// Ends the subscribers, who then report.
+    /// Ends the subscribers, which then report their totals.
     fn dismiss(&mut self) -> Result<(), DemoError> {
         let until = Instant::now() + TIMEOUT;
         self.children.iter_mut().for_each(Child::end);
@@ -194,7 +195,7 @@ impl Director<'_> {
         Ok(())
     }
 
-    /// Waits until a process says something, a signal comes, or `until`.
+    /// Waits for a line of a process, a signal, or the time `until`.
     fn listen(&mut self, until: Instant) -> Result<(), DemoError> {
         let mut fds: Vec<_> = self.children.iter().filter_map(Child::voice).collect();
         if !self.is_stopped {
@@ -220,7 +221,7 @@ impl Director<'_> {
         self.children.iter().any(|child| is(child.stage()))
     }
 
-    /// Until the publisher is done, as long as anybody receives.
+    /// True until the publisher is done, or no subscriber is left.
     fn is_publishing(&self) -> bool {
         let ready = |child: &Child| *child.stage() == Stage::Ready;
         let (publisher, mut subscribers) =

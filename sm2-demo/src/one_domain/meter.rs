@@ -1,19 +1,19 @@
-//! What the processes of the demo cost together.
+//! The processor time and memory of all processes of the demo.
 
 use std::time::{Duration, Instant};
 
 use crate::process_cost;
 
-/// What one process costs.
+/// The processor time and memory of one process.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Cost {
-    /// Of one processor, since the last look.
+    /// Processor time since the last measurement, in percent of one processor.
     pub(crate) cpu_percent: f64,
-    /// Its share of the memory that it maps; none if this user may not know.
+    /// The proportional set size; `None` if this user may not read it.
     pub(crate) pss_bytes: Option<u64>,
 }
 
-/// Looks at processes again and again, from [`start`](Meter::start) on.
+/// Measures processes repeatedly, from [`start`](Meter::start) on.
 #[derive(Debug)]
 pub(crate) struct Meter {
     pids: Vec<u32>,
@@ -24,14 +24,14 @@ pub(crate) struct Meter {
     pss_bytes_max: Option<u64>,
 }
 
-/// What all processes cost from the start to the last look.
+/// The processor time and memory of all processes, from the start to the last measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Total {
-    /// Of one processor: 200 are two whole ones.
+    /// Processor time in percent of one processor: 200 is two full processors.
     pub(crate) cpu_percent: f64,
-    /// The most that it was at a look.
+    /// The largest measured sum of proportional set sizes.
     pub(crate) pss_bytes: Option<u64>,
-    /// From the start to the last look.
+    /// The time from the start to the last measurement.
     pub(crate) wall: Duration,
 }
 
@@ -49,7 +49,7 @@ impl Meter {
         }
     }
 
-    /// The costs of each process, in the order of the pids.
+    /// Measures each process, in the order of the pids.
     pub(crate) fn look(&mut self) -> Vec<Cost> {
         let now = Instant::now();
         let passed = now - self.looked;
@@ -66,7 +66,7 @@ impl Meter {
                 }
             })
             .collect();
-        // Those who have ended map nothing any more.
+        // Processes that have ended have no memory.
         let pss_bytes = costs.iter().filter_map(|cost| cost.pss_bytes).sum::<u64>();
         if pss_bytes > 0 {
             self.pss_bytes_max = self.pss_bytes_max.max(Some(pss_bytes));
@@ -78,7 +78,7 @@ impl Meter {
         self.started.elapsed()
     }
 
-    /// As of the last look.
+    /// The totals at the last measurement.
     pub(crate) fn total(&self) -> Total {
         let used: Duration = self.at_look.iter().sum();
         let before: Duration = self.at_start.iter().sum();
@@ -91,7 +91,7 @@ impl Meter {
     }
 }
 
-/// A process that is gone keeps the time that it had.
+/// The processor time of a process; the last known value if the process is gone.
 fn cpu_time(pid: u32, before: Option<Duration>) -> Duration {
     process_cost::cpu_time(pid).or(before).unwrap_or_default()
 }

@@ -1,6 +1,7 @@
-//! What the demo and its processes say to each other: lines of JSON on a part's standard output.
-//! A part's standard input says when to start (a line) and when to end (its end of file,
-//! which also comes when the demo dies).
+//! The protocol between the director and the processes of the demo.
+//!
+//! A process writes lines of JSON to its standard output. A line on its standard input tells it to
+//! start. The end of its standard input tells it to end; this also happens when the director dies.
 
 use std::io::{self, Write};
 
@@ -17,54 +18,55 @@ pub(crate) const DEPTH: u16 = 8;
 /// The line that starts the publisher.
 pub(crate) const START: &[u8] = b"start\n";
 
-/// One line of a part.
+/// One line of a process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Said {
-    /// Connected and declared; the publisher also has all its subscribers.
+    /// The process is connected and has declared its interfaces; the publisher also has all its
+    /// subscribers.
     Ready,
-    /// About every second: totals, and the rate and latencies of that second.
+    /// Totals, and the rate and latencies of the last second; sent about every second.
     Progress(Figures),
-    /// At the end, of the whole run.
+    /// The figures of the whole run; sent at the end.
     Done(Figures),
-    /// It cannot go on.
+    /// The process cannot continue.
     Failed {
-        /// Why, in one line.
+        /// The reason, in one line.
         reason: String,
     },
 }
 
-/// What a part has counted.
+/// The counts of a process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Figures {
-    /// Messages published, or received.
+    /// The number of published or received messages.
     pub(crate) messages: u64,
-    /// Messages that are missing between those received.
+    /// The number of messages that are missing between received ones.
     pub(crate) lost: u64,
-    /// Received messages that are not what was published.
+    /// The number of received messages that differ from the published ones.
     pub(crate) damaged: u64,
-    /// Where the first of these is damaged.
+    /// The position of the first wrong byte.
     pub(crate) first_damage: Option<Spot>,
     /// Messages per second.
     pub(crate) hz: f64,
-    /// From publishing to receiving.
+    /// Latency from publishing to receiving.
     pub(crate) latency_us: Percentiles,
 }
 
-/// A place in a message.
+/// A position in a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Spot {
-    /// The count of the received message, from 1 on.
+    /// The count of the received message, from 1.
     pub(crate) message: u64,
-    /// The byte.
+    /// The offset of the byte.
     pub(crate) offset: u64,
 }
 
-/// Says it.
+/// Sends a line to the director.
 ///
 /// # Errors
 ///
-/// What standard output says: the demo is gone.
+/// Standard output is closed: the director is gone.
 pub(crate) fn say(said: &Said) -> io::Result<()> {
     let mut out = io::stdout().lock();
     serde_json::to_writer(&mut out, said)?;

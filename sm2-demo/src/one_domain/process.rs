@@ -15,7 +15,7 @@ use crate::error::DemoError;
 ///
 /// [`DemoError::Output`].
 pub fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
-    // Without it the end of standard input would end this process too, only later.
+    // If this fails, the end of standard input ends this process, only later.
     let _ = prctl::set_pdeathsig(Signal::SIGKILL);
     let result = match arguments.role {
         Role::Publisher => publisher::run(arguments),

@@ -21,18 +21,19 @@ use crate::{
     waiting::{drive, pause},
 };
 
-/// How long subscribers may take to be linked.
+/// Timeout for the links of all subscribers.
 const GATHERING: Duration = Duration::from_secs(20);
 
-/// How long subscribers may take to check what is published, at the end.
+/// Timeout for the subscribers to check the last messages.
 const SETTLING: Duration = Duration::from_secs(5);
-/// How often it looks for that.
+/// The interval at which the publisher checks for that.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// How often it reports.
+/// The interval of reports.
 const SECOND: Duration = Duration::from_secs(1);
 
-/// Publishes when it is told to start, all messages or until standard input ends; stays until then.
+/// Publishes all messages from the start line on, or until standard input ends. Returns when standard
+/// input has ended.
 pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let node = Node::builder(&arguments.name)
         .socket(&arguments.socket)
@@ -56,14 +57,15 @@ pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let figures = publish(arguments, &node, &publisher)?;
     settle(&node, &publisher)?;
     say(&Said::Done(figures)).map_err(DemoError::Output)?;
-    // Its memory is measured, and its messages are read, as long as it is there.
+    // Until standard input ends, the director measures this process, and subscribers read from its
+    // memory.
     let end = |_| DemoError::Output(io::ErrorKind::BrokenPipe.into());
     stdin.read(&mut line).map_err(end)?;
     Ok(())
 }
 
-/// Publishes each message when it is due, counted from the first one: being late once makes
-/// none of the others late.
+/// Publishes each message at a fixed time after the first one, so that one late message does not delay
+/// the others.
 fn publish(
     arguments: &ProcessArguments,
     node: &Node,
@@ -81,7 +83,7 @@ fn publish(
     let mut figures = Figures::default();
     let (mut report_at, mut reported) = (start.after(SECOND), (start, 0));
     for number in 0..arguments.count {
-        // A machine that is too slow publishes less, but not longer.
+        // A slow machine publishes fewer messages in the same time.
         if pause(node, io::stdin().as_fd(), due(number))? || clock::now() >= end {
             break;
         }
@@ -104,11 +106,11 @@ fn publish(
     Ok(figures)
 }
 
-/// Waits until all that was published was given back, or nothing happens any more.
+/// Waits until subscribers have released all messages, or until the timeout.
 fn settle(node: &Node, publisher: &Publisher<[u8]>) -> Result<(), DemoError> {
     let until = clock::now().after(SETTLING);
     while publisher.counters().in_flight > 0 && clock::now() < until {
-        // What comes back by a ring wakes nobody who does not wait for room.
+        // A release by a ring wakes a publisher only if it waits for room, so poll.
         let soon = clock::now().after(LOOK).min(until);
         let ready = drive(node, &[io::stdin().as_fd()], Some(soon))?;
         if ready == [true] {

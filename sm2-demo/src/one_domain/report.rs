@@ -1,4 +1,4 @@
-//! What the demo found: the object that `--json` prints, and the verdict.
+//! The report of the demo: the object that `--json` prints, and the verdict.
 
 use serde::Serialize;
 
@@ -13,40 +13,41 @@ use crate::{
     statistics::{Percentiles, hundredths},
 };
 
-/// The whole run. Field names are part of the command's interface.
+/// The report of a run. Its field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Report {
-    /// Messages published.
+    /// The number of published messages.
     pub(crate) published: u64,
-    /// Bytes of each.
+    /// The length of each message, in bytes.
     pub(crate) size_bytes: u64,
     /// `pooled` or `sealed`.
     pub(crate) integrity: &'static str,
-    /// Whether a signal ended it before all messages were published.
+    /// True if a signal ended the run before all messages were published.
     pub(crate) interrupted: bool,
-    /// One for each subscriber.
+    /// The results of each subscriber.
     pub(crate) subscribers: Vec<Subscriber>,
-    /// Processor time of all processes, Manager included, over the wall time: 200 are two
-    /// whole processors.
+    /// Processor time of all processes, including the Manager, in percent of the wall time: 200 is two
+    /// full processors.
     pub(crate) cpu_percent_total: f64,
-    /// Proportional set size of all processes, the largest sum seen; null if it cannot be read.
+    /// The largest measured sum of the proportional set sizes of all processes; null if they cannot be
+    /// read.
     pub(crate) pss_bytes_total: Option<u64>,
-    /// Seconds from the first message until all were received.
+    /// The time from the first message until all were received, in seconds.
     pub(crate) wall_s: f64,
 }
 
-/// What one subscriber has seen.
+/// The results of one subscriber.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Subscriber {
-    /// Messages received.
+    /// The number of received messages.
     pub(crate) received: u64,
-    /// Messages published that it has not received.
+    /// The number of published messages that it has not received.
     pub(crate) lost: u64,
-    /// Messages received that differ from what was published.
+    /// The number of received messages that differ from the published ones.
     pub(crate) damaged: u64,
     /// Messages per second, from the first to the last.
     pub(crate) hz: f64,
-    /// From publishing to receiving, in microseconds.
+    /// Latency from publishing to receiving, in microseconds.
     pub(crate) latency_us: Percentiles,
 }
 
@@ -82,8 +83,8 @@ impl Subscriber {
     fn new(published: u64, figures: Figures) -> Self {
         Self {
             received: figures.messages,
-            // All were linked before the first message: what did not come is lost, also after
-            // the last that came.
+            // All subscribers were linked before the first message, so that every message that is
+            // missing is lost, including those after the last received one.
             lost: published.saturating_sub(figures.messages),
             damaged: figures.damaged,
             hz: figures.hz,
@@ -92,8 +93,8 @@ impl Subscriber {
     }
 }
 
-/// Whether the run is a success: nothing was damaged, every process came to its end, and every
-/// subscriber received something.
+/// Checks that the run is a success: no message was damaged, no process failed, and every subscriber
+/// received a message.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! Where the demo's figures appear.
+//! The output of the demo.
 
 use std::io::Write;
 
@@ -10,14 +10,14 @@ use super::{
 };
 use crate::{error::DemoError, options::Format, output::write_json};
 
-/// With more lines than this a table may not fit a terminal, and could not be redrawn.
+/// The longest table that is redrawn: a longer one may not fit a terminal.
 const REDRAWN_LINES: usize = 20;
 
-/// Standard output: a table that is redrawn, a line each second, or nothing but the report.
+/// The writer of a table that is redrawn, of a line each second, or of the report alone.
 pub(crate) struct Screen<'a> {
     out: &'a mut dyn Write,
     format: Format,
-    /// How many lines of a table are above the cursor.
+    /// The number of lines of the table above the cursor.
     drawn: usize,
 }
 
@@ -30,11 +30,11 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// What the demo is about to do.
+    /// Announces the run.
     ///
     /// # Errors
     ///
-    /// [`DemoError::Output`], as all of these.
+    /// [`DemoError::Output`], as for all methods of this type.
     pub(crate) fn announce(&mut self, text: &str) -> Result<(), DemoError> {
         if self.format != Format::Json {
             writeln!(self.out, "{text}")?;
@@ -42,7 +42,7 @@ impl<'a> Screen<'a> {
         Ok(self.out.flush()?)
     }
 
-    /// The figures of this second.
+    /// Shows the figures of the last second.
     pub(crate) fn show(
         &mut self,
         children: &[Child],
@@ -66,7 +66,7 @@ impl<'a> Screen<'a> {
         Ok(self.out.flush()?)
     }
 
-    /// The end.
+    /// Writes the report.
     pub(crate) fn report(&mut self, report: &Report) -> Result<(), DemoError> {
         if self.format == Format::Json {
             return write_json(self.out, report);
@@ -78,17 +78,17 @@ impl<'a> Screen<'a> {
         Ok(self.out.flush()?)
     }
 
-    /// Takes the last table away.
+    /// Erases the last table.
     fn erase(&mut self) -> Result<(), DemoError> {
         match std::mem::take(&mut self.drawn) {
             0 => Ok(()),
-            // Up to its first line, and clear from there.
+            // Moves up to the first line of the table, and clears the screen from there.
             lines => Ok(write!(self.out, "\x1b[{lines}A\x1b[J")?),
         }
     }
 }
 
-/// The parts, then the Manager: as the meter has them.
+/// The rows of the processes, then that of the Manager, in the order of the meter.
 fn rows(children: &[Child], costs: &[Cost]) -> Vec<Row> {
     let parts = children
         .iter()

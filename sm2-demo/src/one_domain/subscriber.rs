@@ -17,10 +17,10 @@ use crate::{
     waiting::drive,
 };
 
-/// How often it reports.
+/// The interval of reports.
 const SECOND: Duration = Duration::from_secs(1);
 
-/// Receives until standard input ends, and then what is still there.
+/// Receives until standard input ends, and then the messages that have already arrived.
 pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     let node = Node::builder(&arguments.name)
         .socket(&arguments.socket)
@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
         match subscriber.try_recv().map_err(DemoError::node)? {
             Some(sample) => tally.take(&sample),
             None if ending => break,
-            // What was published before standard input ended is there already, or lost.
+            // All messages published before the end of standard input have arrived or are lost.
             None => ending = drive(&node, &fds, Some(tally.report_at))?[1],
         }
         tally.report()?;
@@ -48,7 +48,7 @@ pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     say(&Said::Done(tally.total())).map_err(DemoError::Output)
 }
 
-/// What was received.
+/// Counts of received messages.
 struct Tally {
     size_bytes: u64,
     figures: Figures,
@@ -95,8 +95,8 @@ impl Tally {
         }
     }
 
-    /// Compares every byte, and the message's number with the one before: a message that was there
-    /// already is whole, and yet not what was published. Where it differs.
+    /// Compares every byte, and checks that the message is newer than the last one: an old message in
+    /// memory has intact bytes, too. The error is the offset of the first difference.
     fn check(&mut self, message: &[u8]) -> Result<(), u64> {
         if message.len() as u64 != self.size_bytes {
             return Err(self.size_bytes.min(message.len() as u64));
@@ -112,7 +112,7 @@ impl Tally {
         Ok(())
     }
 
-    /// Says how the last second was, when it is over.
+    /// Reports the figures of the last second, when it is over.
     fn report(&mut self) -> Result<(), DemoError> {
         let now = clock::now();
         if now < self.report_at {
@@ -130,7 +130,7 @@ impl Tally {
         say(&Said::Progress(figures)).map_err(DemoError::Output)
     }
 
-    /// The whole run.
+    /// The figures of the whole run.
     fn total(&self) -> Figures {
         Figures {
             hz: rate(self.figures.messages, self.first, self.last),

@@ -1,5 +1,6 @@
-//! What the demo shows: a table while it runs, or a line each second where it cannot be redrawn;
-//! a table at the end. No line is wider than 79 columns, so that no terminal breaks it.
+//! The tables of the demo. While it runs, it shows a table, or a line each second if the output cannot
+//! be redrawn; at the end, it shows a summary. Lines have at most 79 columns, so that terminals do not
+//! wrap them.
 
 use std::time::Duration;
 
@@ -8,16 +9,16 @@ use sm2_proto::text::Counted;
 use super::{child::Part, meter::Cost, part::Figures, report::Report};
 use crate::output::size_text;
 
-/// One process: what it counted and what it costs.
+/// The counts and the costs of one process.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Row {
-    /// None for the Manager, which is in the demo's own process and counts nothing.
+    /// `None` for the Manager, which runs in the director's process and has no counts.
     pub(crate) part: Option<(Part, Figures)>,
-    /// Since the last time.
+    /// The costs since the last measurement.
     pub(crate) cost: Cost,
 }
 
-/// The rows of one moment, each as a line under a heading, and their costs together.
+/// A table with a line for each row, and the sums of their costs.
 pub(crate) fn table(rows: &[Row]) -> Vec<String> {
     let heading = cells(
         "",
@@ -34,7 +35,7 @@ pub(crate) fn table(rows: &[Row]) -> Vec<String> {
     [heading].into_iter().chain(lines).chain([total]).collect()
 }
 
-/// The rows of one moment in a single line: the worst of all subscribers.
+/// All rows in a single line, with the worst figures of all subscribers.
 pub(crate) fn line(elapsed: Duration, rows: &[Row]) -> String {
     let receivers = || {
         rows.iter()
@@ -55,7 +56,7 @@ pub(crate) fn line(elapsed: Duration, rows: &[Row]) -> String {
     )
 }
 
-/// The whole run.
+/// The summary of the whole run.
 pub(crate) fn summary(report: &Report) -> Vec<String> {
     let heading = format!(
         "{:<14}{:>9}{:>8}{:>9}{:>9}{:>9}{:>10}{:>10}",
@@ -129,7 +130,7 @@ fn together(rows: &[Row]) -> Cost {
     }
 }
 
-/// A latency. No message takes no time: zero is that of none.
+/// Formats a latency; zero means that there was no message.
 fn micros(latency: f64, decimals: usize) -> String {
     match latency {
         0.0 => "-".into(),

@@ -19,7 +19,7 @@ use std::{
 
 use sm2_gateway::{Config, Gateway, keys};
 use sm2_io::clock;
-use sm2_lossy_link::{BadLink, Profile, Side as End};
+use sm2_lossy_link::{LossyLink, Profile, Side as End};
 use sm2_manager::Background;
 use sm2_node::Node;
 use tokio::runtime::Runtime;
@@ -36,11 +36,11 @@ use crate::{
     waiting::pause,
 };
 
-/// How far the subscriber beside the publisher may be behind; the other one wants the newest alone.
+/// The depth of the local subscriber; the remote one takes only the newest message.
 const LOCAL_DEPTH: u16 = 4;
-/// A second is left out after something has begun.
+/// The time after a change that is left out of the figures.
 const SETTLING: Duration = Duration::from_secs(1);
-/// How long until the gateways know each other.
+/// Timeout for the connection of the gateways.
 const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// One of the two domains.
@@ -67,7 +67,7 @@ pub fn run(
         keys::generate(&folder.path().join(format!("{name}.key")))
             .map_err(|error| DemoError::Gateway(error.to_string()))?;
     }
-    let (mut link, no_namespaces) = BadLink::open(Profile::wifi());
+    let (mut link, no_namespaces) = LossyLink::open(Profile::wifi());
     if let Some(reason) = &no_namespaces {
         try_loopback().map_err(|source| DemoError::Loopback {
             no_namespaces: reason.to_string(),
@@ -112,8 +112,8 @@ fn try_loopback() -> io::Result<()> {
     socket.send_to(b"lo", socket.local_addr()?).map(drop)
 }
 
-/// What comes, in a line.
-fn announce(out: &mut dyn Write, options: &Options, link: &BadLink) -> Result<(), DemoError> {
+/// Announces the run in one line.
+fn announce(out: &mut dyn Write, options: &Options, link: &LossyLink) -> Result<(), DemoError> {
     let profile = link.profile();
     let pauses = profile.pauses.iter().map(|it| {
         let (length, every) = (it.length.as_millis(), it.every.as_secs());
@@ -122,7 +122,7 @@ fn announce(out: &mut dyn Write, options: &Options, link: &BadLink) -> Result<()
     writeln!(
         out,
         "{} at {} Hz in one domain, for {} s; to another domain over a link ({}) of {} Mbit/s that loses {} % and \
-         stands still for {}",
+         pauses for {}",
         size_text(options.size_bytes),
         options.rate_hz,
         options.seconds,
@@ -134,7 +134,7 @@ fn announce(out: &mut dyn Write, options: &Options, link: &BadLink) -> Result<()
     Ok(())
 }
 
-/// Waits until the gateways know each other.
+/// Waits until the gateways are connected.
 fn wait_for_peers(runtime: &Runtime, side: &Side) -> Result<(), DemoError> {
     let connected = async {
         let gateway = &side.gateway;
@@ -151,7 +151,7 @@ impl Side {
     fn start(
         runtime: &Runtime,
         folder: &Path,
-        link: &BadLink,
+        link: &LossyLink,
         end: End,
         peer_address: Option<SocketAddr>,
     ) -> Result<Self, DemoError> {
@@ -178,7 +178,7 @@ impl Side {
         );
         let config = Config::parse(&folder.join("gateway.toml"), &text);
         let config = config.map_err(|error| failed(error.to_string()))?;
-        // Its socket belongs to the host that it is made at.
+        // The gateway's socket belongs to the network of the host that makes it.
         let gateway = link.enter(end, || runtime.block_on(Gateway::start(&config)));
         let gateway = gateway.map_err(DemoError::system("enter a network namespace"))?;
         Ok(Self {
@@ -189,10 +189,10 @@ impl Side {
     }
 }
 
-/// Publishes, receives, and shows it second by second.
+/// Publishes and receives, and shows the figures of each second.
 fn measure(
     options: &Options,
-    link: &BadLink,
+    link: &LossyLink,
     near: &Side,
     far: &Side,
     stop: BorrowedFd<'_>,
@@ -256,7 +256,7 @@ fn measure(
     })
 }
 
-/// A line of the table.
+/// Writes a line of the table.
 fn show(
     out: &mut dyn Write,
     second: u64,
@@ -277,7 +277,7 @@ fn show(
     Ok(out.flush()?)
 }
 
-/// What a subscriber has seen so far, if it is there.
+/// The messages that a subscriber has received so far; none if it has not joined.
 fn seen(log: Option<&Log>) -> Vec<Seen> {
     log.map_or_else(Vec::new, |log| lock(log).clone())
 }

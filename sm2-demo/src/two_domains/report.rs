@@ -1,7 +1,7 @@
-//! What came of it.
+//! The report of the demo with two domains.
 
 use serde::Serialize;
-use sm2_lossy_link::BadLink;
+use sm2_lossy_link::LossyLink;
 use sm2_proto::Instant;
 
 use super::traffic::Seen;
@@ -13,15 +13,15 @@ pub(crate) struct Report {
     pub(crate) local: Local,
     pub(crate) remote: Remote,
     pub(crate) link: LinkReport,
-    /// Whether Ctrl-C came before the end.
+    /// True if Ctrl-C ended the run early.
     pub(crate) interrupted: bool,
 }
 
 impl Report {
-    /// Of what both subscribers saw before the remote one joined, and after.
+    /// Computes the figures of both subscribers before the remote one joined, and after.
     pub(crate) fn new(
         size_bytes: u64,
-        link: &BadLink,
+        link: &LossyLink,
         [before, after]: [Window; 2],
         local: &[Seen],
         away: &[Seen],
@@ -58,15 +58,15 @@ impl Report {
 /// The subscriber beside the publisher.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Local {
-    /// Messages each second before the remote one joined, and from then on.
+    /// Messages per second before the remote subscriber joined, and after.
     pub(crate) hz_before: f64,
     pub(crate) hz_after: f64,
-    /// From publishing to receiving, of 99 of 100.
+    /// The 99th percentile of the latency from publishing to receiving, before and after.
     pub(crate) p99_us_before: f64,
     pub(crate) p99_us_after: f64,
-    /// Messages that never came.
+    /// The number of messages that never arrived.
     pub(crate) lost: u64,
-    /// Messages with a wrong byte.
+    /// The number of messages with a wrong byte.
     pub(crate) damaged: u64,
 }
 
@@ -117,7 +117,7 @@ impl Window {
         }
     }
 
-    /// So many of 100 were as young, in nanoseconds.
+    /// A percentile of the ages of messages, in nanoseconds.
     pub(crate) fn age(&self, seen: &[Seen], percent: usize) -> f64 {
         let mut ages: Vec<u64> = self.of(seen).map(|it| it.age_ns).collect();
         ages.sort_unstable();
@@ -125,12 +125,12 @@ impl Window {
     }
 }
 
-/// Messages with a wrong byte.
+/// The number of messages with a wrong byte.
 fn damaged(seen: &[Seen]) -> u64 {
     seen.iter().filter(|it| it.damaged).count() as u64
 }
 
-/// Numbers that are missing between the first and the last.
+/// The number of messages that are missing between the first and the last one.
 fn lost(seen: &[Seen]) -> u64 {
     let whole = || seen.iter().filter(|it| !it.damaged);
     match (whole().next(), whole().next_back()) {

@@ -1,4 +1,4 @@
-//! Who publishes and who receives.
+//! The threads that publish and receive.
 #![allow(
     clippy::disallowed_types,
     reason = "a flag between two threads; no process shares this memory"
@@ -20,36 +20,36 @@ use sm2_proto::Instant;
 
 use crate::{error::DemoError, pattern};
 
-/// The topic.
+/// The topic of the demo.
 pub(crate) const TOPIC: &str = "camera";
-/// How long a thread may not notice that it is over.
+/// The interval at which a thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// What all threads know.
+/// The state that all threads share.
 #[derive(Debug, Default)]
 pub(crate) struct Shared {
     pub(crate) stop: AtomicBool,
-    /// When each message was published.
+    /// The time at which each message was published.
     sent: Mutex<BTreeMap<u64, Instant>>,
 }
 
-/// A message that came.
+/// A received message.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
-    /// When.
+    /// The time at which it arrived.
     pub(crate) at: Instant,
-    /// How long after it was published, in nanoseconds.
+    /// The time since its publication, in nanoseconds.
     pub(crate) age_ns: u64,
-    /// Its number.
+    /// The number of the message.
     pub(crate) number: u64,
-    /// Whether a byte is not what was sent.
+    /// True if a byte differs from the sent one.
     pub(crate) damaged: bool,
 }
 
-/// What a subscriber has seen so far.
+/// The messages that a subscriber has received so far.
 pub(crate) type Log = Arc<Mutex<Vec<Seen>>>;
 
-/// Publishes until all is over.
+/// Starts a thread that publishes until the demo ends.
 pub(crate) fn publish(
     node: Node,
     shared: Arc<Shared>,
@@ -80,7 +80,7 @@ pub(crate) fn publish(
     }))
 }
 
-/// Receives until all is over.
+/// Starts a thread that receives until the demo ends.
 pub(crate) fn subscribe(
     node: &Node,
     shared: Arc<Shared>,

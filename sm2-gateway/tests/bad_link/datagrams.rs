@@ -11,7 +11,7 @@ use std::{
 use nix::sys::socket::{ControlMessage, MsgFlags, SockaddrStorage, sendmsg, setsockopt, sockopt};
 use std::os::fd::AsRawFd;
 
-use sm2_lossy_link::{BadLink, DEVICE, Namespace, Profile, Side, host_address};
+use sm2_lossy_link::{DEVICE, LossyLink, Namespace, Profile, Side, host_address};
 
 use super::{common::until, world};
 
@@ -31,7 +31,7 @@ fn profile() -> Profile {
 }
 
 /// At a host, with room for what comes while the test waits for a processor.
-fn socket(link: &BadLink, side: Side, is_ipv6: bool) -> UdpSocket {
+fn socket(link: &LossyLink, side: Side, is_ipv6: bool) -> UdpSocket {
     let address = SocketAddr::new(host_address(side, is_ipv6), 0);
     let socket = link
         .enter(side, || UdpSocket::bind(address))
@@ -133,7 +133,7 @@ fn four_percent_are_lost_each_way_one_by_one_and_none_comes_twice_or_late() {
 #[test]
 fn a_link_that_is_cut_lets_nothing_through_and_loss_can_be_changed() {
     // The fall-back needs no rights, but has to do the same.
-    let links = [world::link(profile()), Some(BadLink::relay(profile()))];
+    let links = [world::link(profile()), Some(LossyLink::relay(profile()))];
     for mut link in links.into_iter().flatten() {
         let kind = link.kind().as_str();
         let bind = |side| {
@@ -170,7 +170,7 @@ fn what_pauses_hold_up_comes_in_the_end_and_in_order() {
         length: Duration::from_millis(100),
         every: Duration::from_millis(100),
     };
-    let mut link = BadLink::relay(Profile {
+    let mut link = LossyLink::relay(Profile {
         pauses: vec![pause],
         loss_permille: 0,
         ..profile()

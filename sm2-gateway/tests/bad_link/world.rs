@@ -7,7 +7,7 @@ use std::{
 };
 
 use sm2_gateway::Gateway;
-use sm2_lossy_link::{BadLink, Profile, Side};
+use sm2_lossy_link::{LossyLink, Profile, Side};
 use tokio::runtime::Runtime;
 
 use super::common::{ALL, Domain, report, runtime, until};
@@ -27,8 +27,8 @@ pub(crate) fn say(text: &str) {
 }
 
 /// A link of namespaces; without one, the reason is said and there is nothing to test.
-pub(crate) fn link(profile: Profile) -> Option<BadLink> {
-    BadLink::namespaces(profile)
+pub(crate) fn link(profile: Profile) -> Option<LossyLink> {
+    LossyLink::namespaces(profile)
         .inspect_err(|reason| say(&format!("skipped, no bad link: {reason}")))
         .ok()
 }
@@ -39,15 +39,15 @@ pub(crate) struct World {
     pub(crate) near: Domain,
     pub(crate) far: Domain,
     pub(crate) runtime: Runtime,
-    pub(crate) link: BadLink,
+    pub(crate) link: LossyLink,
 }
 
 impl World {
     /// Both gateways know each other.
-    pub(crate) fn new(mut link: BadLink) -> Self {
+    pub(crate) fn new(mut link: LossyLink) -> Self {
         let (near, far) = (Domain::new("near"), Domain::new("far"));
         let runtime = runtime();
-        let start = |link: &BadLink, side, peer: (&Domain, Option<SocketAddr>)| {
+        let start = |link: &LossyLink, side, peer: (&Domain, Option<SocketAddr>)| {
             let domain = if side == Side::Near { &near } else { &far };
             let config = domain.config_at(&link.listen().to_string(), &[peer], ALL);
             let started = link.enter(side, || runtime.block_on(Gateway::start(&config)));
