@@ -1,6 +1,5 @@
-//! A node in a process of its own that does what a test tells it, one command at a time,
-//! and drives its sockets in between. `src/bin/sm2-test-actor/node.rs` says which
-//! commands there are.
+//! A node in a process of its own. It carries out the commands of a test, one at a time, and drives
+//! its sockets between them. `src/bin/sm2-test-actor/node/commands.rs` lists the commands.
 
 use std::{path::Path, process::Command};
 
@@ -11,7 +10,7 @@ use crate::{
     process::{Exit, Process, actor},
 };
 
-/// A node of the library `sm2-node`, told what to do.
+/// A node of the library `sm2-node` that carries out commands.
 #[derive(Debug)]
 pub struct Actor {
     process: Process,
@@ -28,8 +27,8 @@ impl Actor {
         actor
     }
 
-    /// A node that is about to greet, with these options of the `node` actor. What comes of
-    /// it is its first [answer](Self::answer): `ready` or `failed …`.
+    /// A node that is about to greet, with these options of the `node` actor. Its first
+    /// [answer](Self::answer) is `ready` or `failed …`.
     #[must_use]
     pub fn launch(socket: &Path, name: &str, options: &[&str]) -> Self {
         let mut command = actor("node");
@@ -66,13 +65,13 @@ impl Actor {
         self.process.pid()
     }
 
-    /// What it has open now.
+    /// The descriptors and mappings that the process has now.
     #[must_use]
     pub fn census(&self) -> Census {
         self.process.census()
     }
 
-    /// Gives it a command, whose answer has to be fetched.
+    /// Sends a command; [`answer`](Self::answer) returns its answer.
     pub fn say(&mut self, command: &str) {
         self.process.say(command);
     }
@@ -83,14 +82,14 @@ impl Actor {
         self.process.expect_line()
     }
 
-    /// Gives it a command; its answer.
+    /// Sends a command, and returns its answer.
     #[track_caller]
     pub fn ask(&mut self, command: &str) -> String {
         self.say(command);
         self.answer()
     }
 
-    /// Gives it a command that succeeds; what it says besides `ok`.
+    /// Sends a command that must succeed, and returns the answer behind `ok`.
     #[track_caller]
     pub fn tell(&mut self, command: &str) -> String {
         let answer = self.ask(command);
@@ -105,13 +104,13 @@ impl Actor {
         self.process.signal(signal);
     }
 
-    /// Stops it; when this returns it does nothing any more.
+    /// Stops the process; returns when it has stopped.
     #[track_caller]
     pub fn stop(&mut self) {
         self.process.stop();
     }
 
-    /// Lets it go on.
+    /// Continues the stopped process.
     pub fn resume(&mut self) {
         self.process.resume();
     }
@@ -127,7 +126,7 @@ impl Actor {
         self.process.wait()
     }
 
-    /// What it wrote to standard error so far.
+    /// The standard error of the process so far.
     #[must_use]
     pub fn stderr(&self) -> String {
         self.process.stderr()
@@ -144,7 +143,7 @@ pub fn number(answer: &str, key: &str) -> u64 {
     value.unwrap_or_else(|| panic!("no number {key} in {answer:?}"))
 }
 
-/// What became of the messages of one link, as its sender counts (SM2-QOS-004).
+/// The fates of the messages of one link, counted by its sender (SM2-QOS-004).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Counted {
     /// The node at the other end.
@@ -185,7 +184,7 @@ impl Counted {
         number(&self.text, kind)
     }
 
-    /// Offered is delivered and dropped and in flight, exactly.
+    /// Asserts that offered is the sum of delivered, dropped and in flight.
     #[track_caller]
     pub fn adds_up(&self) {
         let sum = self.delivered + self.dropped + self.in_flight;

@@ -1,16 +1,16 @@
-//! What a process holds, by the kernel's word.
+//! The descriptors and mappings of a process, as the kernel reports them.
 
 use std::{collections::BTreeMap, fmt, fs};
 
 use crate::in_time;
 
-/// The kind of the files that nodes keep their counters in.
+/// The kind of the files with the counters of nodes.
 const COUNTERS: &str = "memfd:sm2-counters";
 
-/// The kind of the words that two sides of a link share.
+/// The kind of the files with the words that two sides of a link share.
 const RING: &str = "memfd:sm2-ring";
 
-/// The kind of what a Manager keeps the places of these files with, among others.
+/// A kind that includes the descriptors which a Manager holds in reserve for these files.
 const PLACE: &str = "anon_inode";
 
 /// Open descriptors by kind, and mappings of memory files.
@@ -22,7 +22,7 @@ pub struct Census {
 }
 
 impl Census {
-    /// What the process `pid` has open now.
+    /// The descriptors and mappings that process `pid` has now.
     #[must_use]
     pub fn of(pid: u32) -> Self {
         Self {
@@ -56,8 +56,8 @@ impl Census {
         self.rings
     }
 
-    /// The same, and the files of the counters of so many nodes, which each has once it has
-    /// declared anything, and then hands to its Manager.
+    /// This census plus the counter files of this many nodes. A node makes its file with its first
+    /// declaration, and sends it to its Manager.
     #[must_use]
     pub fn and_counters(&self, nodes: usize) -> Self {
         let mut more = self.clone();
@@ -65,7 +65,8 @@ impl Census {
         more
     }
 
-    /// The same for a Manager, which keeps a place for the file of each session until it has come.
+    /// This census for a Manager, which holds one descriptor in reserve for the counter file of each
+    /// session until the file arrives.
     #[must_use]
     pub fn and_counters_in_their_places(&self, nodes: usize) -> Self {
         let mut more = self.and_counters(nodes);
@@ -100,7 +101,7 @@ impl fmt::Display for Census {
     }
 }
 
-/// Descriptors by kind. One that closes while we look is not counted.
+/// Descriptors by kind. A descriptor that closes meanwhile is not counted.
 fn descriptors(pid: u32) -> BTreeMap<String, usize> {
     let mut kinds = BTreeMap::new();
     let Ok(entries) = fs::read_dir(format!("/proc/{pid}/fd")) else {
@@ -121,11 +122,11 @@ fn kind(target: &str) -> String {
     name.strip_prefix('/').unwrap_or(name).to_owned()
 }
 
-/// What the process does: `R`un, `S`leep, stopped (`T`), … None if there is no such process.
+/// The state of a process: `R`unning, `S`leeping, stopped (`T`), …; `None` without such a process.
 #[must_use]
 pub fn state(pid: u32) -> Option<char> {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The name in brackets before it can hold anything.
+    // The name in brackets before the state may contain any character.
     let (_, rest) = stat.rsplit_once(") ")?;
     rest.chars().next()
 }

@@ -137,7 +137,7 @@ pub struct Claim {
     pub interface: u64,
     /// The link.
     pub link: LinkId,
-    /// What only its two ends know.
+    /// The secret of its two ends.
     pub key: u64,
     /// Its version.
     pub version: u16,
@@ -209,7 +209,7 @@ pub struct Qos {
 }
 
 impl Qos {
-    /// What a plain interface wants.
+    /// The quality of service of a plain interface.
     pub const PLAIN: Self = Self {
         depth: 4,
         reliable: false,
@@ -217,7 +217,7 @@ impl Qos {
         max_borrowed: 2,
         sealed: false,
     };
-    /// The same, without losses.
+    /// Plain and reliable.
     pub const RELIABLE: Self = Self {
         reliable: true,
         ..Self::PLAIN
@@ -289,7 +289,7 @@ pub fn client(service: impl AsRef<[u8]>, qos: Qos) -> Vec<u8> {
     types.raw(qos.of_service()).bytes()
 }
 
-/// What a Manager sends.
+/// Frames from the Manager to a node.
 pub mod to_node {
     use super::{Fields, LinkId, frame};
 
@@ -324,7 +324,7 @@ pub mod to_node {
         pub interface: u64,
         /// The link.
         pub link: LinkId,
-        /// What only its two ends know.
+        /// The secret of its two ends.
         pub key: u64,
         /// Its version.
         pub version: u16,

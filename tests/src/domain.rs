@@ -22,7 +22,7 @@ use crate::{
     raw::RawNode,
 };
 
-/// A domain in a folder of its own. The folder goes when this is dropped.
+/// A domain in a folder of its own, which is removed when this is dropped.
 #[derive(Debug)]
 pub struct TempDomain {
     folder: TempDir,
@@ -33,7 +33,7 @@ impl TempDomain {
     #[must_use]
     pub fn new() -> Self {
         more_descriptors();
-        // Short: a socket's path has at most 106 bytes.
+        // A short prefix: the path of a socket has at most 106 bytes.
         let folder = tempfile::Builder::new().prefix("sm2-").tempdir();
         Self {
             folder: folder.expect("a temporary folder"),
@@ -114,7 +114,7 @@ fn more_descriptors() {
     if let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_NOFILE)
         && soft < hard
     {
-        // Where it is refused, less may do.
+        // If the system refuses, the current limit may suffice.
         let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
     }
 }
@@ -139,7 +139,7 @@ impl ManagerProcess {
         self.process.pid()
     }
 
-    /// What it has open now.
+    /// The descriptors and mappings that the process has now.
     #[must_use]
     pub fn census(&self) -> Census {
         Census::of(self.pid())
@@ -174,13 +174,13 @@ impl ManagerProcess {
         self.process.signal(signal);
     }
 
-    /// Stops it; when this returns it does nothing any more.
+    /// Stops the process; returns when it has stopped.
     #[track_caller]
     pub fn stop(&mut self) {
         self.process.stop();
     }
 
-    /// Lets it go on.
+    /// Continues the stopped process.
     pub fn resume(&mut self) {
         self.process.resume();
     }

@@ -71,7 +71,7 @@ pub struct Open {
 }
 
 impl Open {
-    /// What an end in this role says.
+    /// The OPEN of an end in this role.
     #[must_use]
     pub const fn new(role: u8, link: LinkId, window: u32) -> Self {
         Self {
@@ -84,7 +84,7 @@ impl Open {
         }
     }
 
-    /// The same, with the ring lane on offer.
+    /// This OPEN with an offer of the ring lane.
     #[must_use]
     pub const fn with_ring(self) -> Self {
         Self { lanes: 3, ..self }

@@ -1,5 +1,4 @@
-//! Files to attach: memory files with just the seals that a test wants, and what is no
-//! memory file at all.
+//! Files to attach: memory files with exactly the seals that a test wants, and other files.
 
 use std::{
     fs::File,

@@ -1,6 +1,6 @@
-//! Payloads that can be checked: what message number n of some length must hold.
+//! Payloads that can be checked: the bytes depend on the number and the length of the message.
 
-/// Fills `payload` with what message `number` holds.
+/// Fills `payload` with the bytes of message `number`.
 pub fn fill(payload: &mut [u8], number: u64) {
     let mut words = Words::of(number, payload.len());
     let mut chunks = payload.chunks_exact_mut(8);
@@ -20,7 +20,7 @@ pub fn message(number: u64, len: usize) -> Vec<u8> {
     payload
 }
 
-/// Whether `payload` is what message `number` holds, in every byte.
+/// True if every byte of `payload` is that of message `number`.
 #[must_use]
 pub fn is_intact(payload: &[u8], number: u64) -> bool {
     let mut words = Words::of(number, payload.len());
@@ -34,7 +34,7 @@ pub fn is_intact(payload: &[u8], number: u64) -> bool {
 const FACTOR: u64 = 6_364_136_223_846_793_005;
 const INCREMENT: u64 = 1_442_695_040_888_963_407;
 
-/// Words that depend on the message's number, its length, and on their place.
+/// Words that depend on the number and length of the message, and on their position.
 struct Words(u64);
 
 impl Words {

@@ -32,14 +32,14 @@ use crate::{
 pub fn actor(role: &str) -> Command {
     let mut command = Command::new(actor_path());
     command.arg(role);
-    // Nothing of the caller's domain may leak into a test.
+    // Tests must not use the domain of the caller.
     for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG", "XDG_RUNTIME_DIR"] {
         command.env_remove(variable);
     }
     command
 }
 
-/// Where Cargo says, or beside the folder of the test that is running.
+/// The path of the actor: from Cargo, or beside the folder of the running test.
 fn actor_path() -> PathBuf {
     if let Some(path) = std::env::var_os("CARGO_BIN_EXE_sm2-test-actor") {
         return path.into();
@@ -114,13 +114,13 @@ impl Process {
         self.child.id()
     }
 
-    /// What it has open now.
+    /// The descriptors and mappings that the process has now.
     #[must_use]
     pub fn census(&self) -> Census {
         Census::of(self.pid())
     }
 
-    /// Writes a line to it. A child that is gone does not hear it.
+    /// Writes a line to its standard input; ignores errors of a child that has ended.
     pub fn say(&mut self, line: &str) {
         if let Some(stdin) = &mut self.stdin {
             let _ = writeln!(stdin, "{line}").and_then(|()| stdin.flush());
@@ -149,7 +149,7 @@ impl Process {
         line
     }
 
-    /// What it wrote to standard error so far.
+    /// The standard error of the process so far.
     #[must_use]
     pub fn stderr(&self) -> String {
         lock(&self.stderr).clone()
@@ -161,15 +161,15 @@ impl Process {
         eventually(text, || lock(&self.stderr).contains(text));
     }
 
-    /// Sends it a signal; none if it is gone already.
+    /// Sends it a signal, unless it has ended.
     pub fn signal(&mut self, signal: Signal) {
-        // Until we have waited for it, its number is nobody else's.
+        // Its process number is not reused before we have waited for it.
         if !self.has_ended() {
             let _ = kill(Pid::from_raw(self.pid().cast_signed()), signal);
         }
     }
 
-    /// Stops it (SIGSTOP); when this returns it does nothing any more.
+    /// Stops the process (SIGSTOP); returns when it has stopped.
     #[track_caller]
     pub fn stop(&mut self) {
         self.signal(Signal::SIGSTOP);
@@ -177,7 +177,7 @@ impl Process {
         eventually("a process to stop", || census::state(pid) == Some('T'));
     }
 
-    /// Lets it go on (SIGCONT).
+    /// Continues the stopped process (SIGCONT).
     pub fn resume(&mut self) {
         self.signal(Signal::SIGCONT);
     }

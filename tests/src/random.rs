@@ -1,4 +1,4 @@
-//! Random choices that can be made again: a seed, printed, that `SM2_TEST_SEED` sets.
+//! Random choices that can be reproduced: the seed is printed, and `SM2_TEST_SEED` sets it.
 
 use std::{
     hash::{BuildHasher, Hasher, RandomState},

@@ -26,7 +26,7 @@ pub struct RawPeer {
 pub struct Frame {
     /// Its bytes.
     pub bytes: Vec<u8>,
-    /// What came along.
+    /// The descriptors of the datagram.
     pub fds: Vec<OwnedFd>,
 }
 
@@ -155,14 +155,14 @@ pub struct RawNode {
     peer: RawPeer,
 }
 
-/// What LINK brought to a raw node.
+/// A link that LINK has brought to a raw node.
 #[derive(Debug)]
 pub struct RawLink {
     /// The node's interface.
     pub interface: u64,
     /// The link.
     pub id: LinkId,
-    /// What only its two ends know.
+    /// The secret of its two ends.
     pub key: u64,
     /// Whether nothing on it may be displaced.
     pub reliable: bool,
@@ -342,7 +342,7 @@ impl RawNode {
         names.collect()
     }
 
-    /// What comes until the stream ends: GOODBYE and nothing else, or nothing at all.
+    /// Reads to the end of the stream, which may only be preceded by GOODBYE.
     #[track_caller]
     pub fn ended(&self) -> Option<Code> {
         let frame = self.peer.recv()?;

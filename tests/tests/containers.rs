@@ -8,8 +8,8 @@ use nix::unistd::geteuid;
 use sm2_proto::control::Item;
 use sm2_tests::{actor::Actor, domain::TempDomain, process::actor, raw::RawNode};
 
-/// What a container runtime does. `$1` is the new root (an empty folder), `$2` the folder of
-/// the socket, `$3` the program; the rest is what it is given.
+/// The steps of a container runtime. `$1` is the new root (an empty folder), `$2` the folder of the
+/// socket, `$3` the program; the rest are the program's arguments.
 const CONTAINER: &str = r#"
 set -e
 root=$1 domain=$2 program=$3

@@ -26,7 +26,7 @@ fn storm(domain: &TempDomain, name: &str, role: &str, go: &str) -> Process {
 /// The nodes that are not killed: one of each role.
 struct Survivors {
     all: [Process; 4],
-    /// What each held before it declared anything.
+    /// The descriptors and mappings of each process before its first declaration.
     baseline: [Census; 4],
 }
 
@@ -200,7 +200,7 @@ fn no_message_is_lost_when_the_manager_is_killed() {
     assert!(refused.starts_with("error ManagerGone"), "{refused}");
 }
 
-/// Whoever waits for a process that dies hears of it: nothing here runs into a deadline.
+/// Each process that waits for a dying process is told of its death: no wait runs into a deadline.
 //= SM2-SRV-005, SM2-QOS-002, SM2-OPN-007 sys
 #[test]
 fn whoever_waits_for_the_dead_hears_of_it() {

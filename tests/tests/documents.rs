@@ -115,7 +115,7 @@ fn a_broken_link_is_found() {
     assert!(!documents[Path::new("SPEC.md")].anchors.contains("nothing"));
 }
 
-/// What the tests need of one Markdown file.
+/// The parts of a Markdown file that the tests use.
 #[derive(Default)]
 struct Document {
     links: Vec<String>,

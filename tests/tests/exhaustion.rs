@@ -21,7 +21,7 @@ fn scene(domain: &TempDomain, demand: &str) -> (Actor, Actor, Actor) {
     (talker, healthy, starved)
 }
 
-/// What both forms have in common: a descriptor comes with a segment, or with the message.
+/// The common part of both forms: a descriptor comes with a segment, or with the message.
 fn starve(demand: &str) {
     let domain = TempDomain::new();
     let _manager = domain.manager();

@@ -16,7 +16,7 @@ const BATCH: u64 = 32;
 const BATCHES: u64 = 12;
 const ALL: u64 = BATCH * BATCHES;
 
-/// Who does not play along.
+/// The process that misbehaves.
 enum Culprit {
     /// A node that drives its sockets and never takes a message.
     Idle(Actor),

@@ -1,5 +1,5 @@
 //! A Manager under attack: half-open connections, floods, nodes that do not read.
-//! Whoever behaves is served all the while.
+//! Nodes that obey SPEC are served all the time.
 
 use std::{
     io::IoSlice,
@@ -124,7 +124,7 @@ fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
         false
     });
     manager.log_says("stalled");
-    // What the socket took is still there, then the end: GOODBYE did not fit.
+    // The frames in the socket are still there, then the end of the stream: GOODBYE did not fit.
     let mut pages = 0;
     while deaf.peer().recv().is_some() {
         pages += 1;
@@ -160,7 +160,7 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
             more => panic!("{more} links with one subscriber"),
         }
     }
-    // What the socket took is in flight; the rest that was sent is ours to keep.
+    // The descriptors in the socket are in flight; this process holds the others.
     let kept = manager.census().descriptors() - baseline.descriptors();
     let ahead = Policy::default().links_in_flight;
     assert!(
@@ -188,8 +188,8 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
     baseline.restored(manager.pid());
 }
 
-/// What is kept for a deaf node can still be more than there is. Then it runs out for nobody
-/// else: it is the deaf node that goes.
+/// The frames that are queued for a node that does not read can exceed the Manager's descriptors. Then
+/// only this node is disconnected.
 //= SM2-TRN-009, SM2-SES-006, SM2-LNK-004 sys
 #[test]
 fn a_node_that_does_not_take_its_links_does_not_use_up_the_descriptors() {
@@ -339,8 +339,8 @@ fn sockets_that_carry_sockets_leave_nothing_behind() {
     baseline.restored(manager.pid());
 }
 
-/// Whoever has no descriptor left for a new connection serves those that it has, and
-/// takes the new one when it can.
+/// A Manager without a free descriptor for a new connection serves its present ones, and accepts the
+/// new one when a descriptor is free.
 #[test]
 fn a_manager_that_runs_out_of_descriptors_recovers() {
     let domain = TempDomain::new();

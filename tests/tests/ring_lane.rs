@@ -61,7 +61,7 @@ impl Victim {
         }
     }
 
-    /// What comes from the friend is as it was.
+    /// Asserts that messages from the friend still arrive intact.
     #[track_caller]
     fn hears_its_friend(&mut self) {
         self.friend.tell("publish by 2 5000");
@@ -224,7 +224,7 @@ fn a_publisher_that_never_maps_the_ring_stops_nobody() {
     assert_eq!(victim.link.verdict(), None);
 }
 
-/// What is in the ring when a process is killed is there to be taken, and nothing after it.
+/// When a publisher is killed, the messages in the ring can still be taken, and no others.
 //= SM2-RNG-011 sys
 #[test]
 fn what_a_killed_publisher_left_in_the_ring_is_there() {
@@ -368,7 +368,7 @@ fn holes_in_a_ring_are_no_fault() {
             let taken = talk.listener.tell("take t 20");
             assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
         }
-        // What it took out so was never given back.
+        // The messages that it took this way were never given back.
         let link = talk.talker.counted_with("t", "raw");
         assert!(!link.open || link.in_flight <= 6, "{link:?}");
     }

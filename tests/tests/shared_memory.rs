@@ -1,4 +1,4 @@
-//! What a receiver may rely on while others write, close and die: the memory that it looks at.
+//! Guarantees for the memory that a receiver reads while other processes write, close and die.
 
 use std::os::fd::AsFd;
 
@@ -60,7 +60,7 @@ fn lengths_come_from_the_datagram_whatever_stands_in_memory() {
     let (_talker, link, mut listener) = linked(&domain, "borrow=4 reliable");
     let (segment, mut slots) = Segment::create(PAGE, 2).expect("a segment").split();
     link.end.send_fds(attach(1, PAGE, 2), &[segment.as_fd()]);
-    // What could be taken for a header, all around the message and in it.
+    // Bytes that look like a header, around the message and in it.
     slots
         .iter_mut()
         .for_each(|slot| slot.bytes_mut(4096).fill(0xff));
@@ -116,8 +116,8 @@ fn what_was_received_outlives_its_publisher() {
     }
 }
 
-/// What a program holds stays as it is when its link ends, whoever ended it: its publisher
-/// does not write there again.
+/// A message that a program holds does not change when its link ends, on either side: the publisher does
+/// not write to the slot again.
 //= SM2-PAY-005 sys
 #[test]
 fn what_is_held_is_not_written_anew_when_its_link_ends() {

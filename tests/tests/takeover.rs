@@ -95,7 +95,7 @@ impl Load {
     }
 }
 
-/// What a domain consists of but for standbys and the observer, by names that outlive a Manager.
+/// The parts of a domain, without standbys and the observer, by names that do not depend on the Manager.
 #[derive(Debug, PartialEq, Eq)]
 struct State {
     nodes: BTreeSet<String>,

@@ -1,4 +1,4 @@
-//! What may happen while a domain has no Manager, and what the next one makes of it.
+//! Events while a domain has no Manager, and their effects on the next Manager.
 
 use sm2_proto::{Farewell, LinkId, control::Item, control::ToNode};
 use sm2_tests::{

@@ -63,7 +63,7 @@ fn run_against(manager: &ManagerProcess, rows: &[Row<RawNode>]) {
     for row in rows {
         let node = manager.connect();
         (row.commit)(&node);
-        // What comes after is not answered (SM2-SES-005).
+        // Later frames are not answered (SM2-SES-005).
         let _: Result<(), SendError> = node.peer().try_send(&control::query(), &[]);
         assert_eq!(node.ended(), Some(row.violation.code()), "{row}");
         bystanders.are_untouched();

@@ -1,4 +1,4 @@
-//! What a node can do wrong towards its Manager.
+//! Violations by a node towards its Manager.
 
 use std::os::fd::{AsFd, OwnedFd};
 

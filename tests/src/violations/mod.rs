@@ -1,9 +1,9 @@
-//! The table of everything that SPEC forbids: for each way to break it the least
-//! bytes and descriptors that do.
+//! The table of everything that SPEC forbids: for each violation the shortest bytes and the descriptors
+//! that commit it.
 //!
-//! A [`Row`] is run against the side that has to notice: a Manager ([`manager`]),
-//! a node that hears from its Manager ([`node`]), or one end of a link ([`link`]).
-//! `tests/violations.rs` runs them, and holds them against [`spec`].
+//! A [`Row`] is run against the side that must find the violation: a Manager ([`manager`]), a node that
+//! receives from its Manager ([`node`]), or one end of a link ([`link`]). `tests/violations.rs` runs
+//! all rows, and compares them with [`spec`].
 
 mod frames;
 pub mod link;
@@ -18,19 +18,19 @@ use std::fmt;
 
 use sm2_proto::ViolationKind;
 
-/// One way to break SPEC, told to a `Stage` that has all that it takes.
+/// One violation of SPEC, which is committed on a `Stage`.
 pub struct Row<Stage: ?Sized> {
-    /// What has to come back.
+    /// The violation that the side must find.
     pub violation: ViolationKind,
     /// The clause that is broken (`SM2-TRN-004`), or the section.
     pub clause: &'static str,
-    /// How.
+    /// A description of the violation.
     pub what: String,
-    /// Does it.
+    /// Commits the violation.
     pub commit: Box<dyn Fn(&Stage)>,
 }
 
-/// The rows of one rule, put down one after the other.
+/// A builder for the rows of one rule.
 struct Rule<Stage: ?Sized> {
     violation: ViolationKind,
     clause: &'static str,

@@ -1,4 +1,4 @@
-//! What a Manager can do wrong towards a node.
+//! Violations by a Manager towards a node.
 
 use std::{
     cell::{Cell, RefCell},
@@ -69,7 +69,7 @@ impl NodeStage {
         self.session.send(bytes);
     }
 
-    /// What the node says next, but for its counters, which it hands over some time.
+    /// The next frame of the node, without the frame that sends its counters, which comes at any time.
     fn expect(&self) -> Vec<u8> {
         let mut bytes = self.session.expect().bytes;
         if bytes == control::counters() {
@@ -121,7 +121,7 @@ impl NodeStage {
     }
 }
 
-/// What a Manager may say of the subscriber's link.
+/// A LINK that is legal for the subscriber.
 fn link() -> Link {
     Link {
         interface: SUBSCRIBER,

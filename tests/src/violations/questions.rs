@@ -1,4 +1,4 @@
-//! What a node can do wrong with what it may ask: watching, counters, schemas.
+//! Violations by a node in its requests: watching, counters, schemas.
 
 use std::os::fd::{AsFd, OwnedFd};
 
@@ -42,8 +42,8 @@ impl Rule {
 pub(super) fn rows() -> Rows {
     let watch = Rule::new(WatchTwice, "SM2-WCH-001").row("WATCH twice", |node| {
         node.ready();
-        // Whatever the revision is, it does not change again: the second question finds the
-        // first without its answer, unless that came at once and the third finds the second.
+        // The revision does not change again. Either the second WATCH arrives before the answer to the
+        // first one, or that answer was sent at once and the third WATCH arrives before the second one's.
         node.send(control::query());
         let revision = node.revision();
         node.send(control::watch(revision));

@@ -1,4 +1,4 @@
-//! What a node can do wrong when it comes back to another Manager.
+//! Violations by a node that resumes its session with a new Manager.
 
 use sm2_proto::{
     LinkId,

@@ -45,7 +45,7 @@ pub(crate) fn edges(modules: &[Module]) -> Vec<Edge> {
                 Target::Module(all) if import.name.is_none() => {
                     add(&modules[all].file, import.line, &import.path);
                 }
-                // What the code names of the module is found where it names it.
+                // The items of the module are found where code names them.
                 Target::Module(_) | Target::External => {}
             }
         }
@@ -104,7 +104,7 @@ impl Resolver<'_> {
         Target::Module(at)
     }
 
-    /// What `name` is in this module.
+    /// The definition of `name` in this module.
     fn lookup(&self, at: usize, name: &str, imports: usize) -> Option<Target> {
         let module = &self.modules[at];
         if let Some(child) = module.children.get(name) {

@@ -205,13 +205,23 @@ fn sentences_that_readers_stumble_over_are_found() {
         findings.iter().map(ToString::to_string).collect()
     };
     let forty = "word ".repeat(40);
-    let rust = format!(
-        "//! What a node has read. It is long.\n\
-         fn f() {{}} // Who waits here stands behind code.\n\
-         /// Sends a frame. Whoever reads\n/// it is awake: the latter sleeps.\n\
-         ///\n/// {forty}\n/// {forty}\n\n\
-         // The frame is counted by whoever\n// sends it, e.g. Who is no sentence.\n"
-    );
+    let long = format!("/// {forty}");
+    let rust = [
+        "//! What a node has read. It is long.",
+        "",
+        "fn f() {} // Who waits here stands behind code.",
+        "",
+        "/// Sends a frame. Whoever reads",
+        "/// it is awake: the latter sleeps.",
+        "",
+        "///",
+        &long,
+        &long,
+        "",
+        "// The frame is counted by whoever",
+        "// sends it, e.g. the node.",
+    ];
+    let rust = rust.join("\n");
     assert_eq!(
         found("src/a.rs", &rust),
         [

@@ -27,7 +27,7 @@ pub(crate) fn is_published(package: &Value) -> bool {
     package["publish"] != Value::Array(Vec::new())
 }
 
-/// What a package that is published lacks; `exists` looks for files.
+/// The metadata that a published package lacks; `exists` looks for files.
 pub(crate) fn missing(package: &Value, exists: &dyn Fn(&Path) -> bool) -> Vec<String> {
     let manifest = package["manifest_path"].as_str().expect("a path");
     let folder = Path::new(manifest).parent().expect("a folder");

@@ -154,7 +154,10 @@ fn paragraphs(text: &str, is_markdown: bool) -> Vec<Vec<Word<'_>>> {
         let is_other = ["|", "#", "<", "!", "```"]
             .iter()
             .any(|it| prose.starts_with(it));
-        if prose.is_empty() || is_code || is_clause || is_other {
+        // A block that is indented by four columns, behind an empty line.
+        let is_indented = is_markdown && line.starts_with("    ");
+        let is_block = is_indented && paragraphs.last().is_some_and(Vec::is_empty);
+        if prose.is_empty() || is_code || is_block || is_clause || is_other {
             paragraphs.push(Vec::new());
             continue;
         }

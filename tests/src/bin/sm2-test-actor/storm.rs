@@ -1,16 +1,16 @@
-//! `storm --role ROLE`: a node that does one thing without pause, among others that are killed
-//! at any moment. Whatever goes wrong but for a peer's death ends it with a panic.
+//! `storm --role ROLE`: a node that works without pause while its peers are killed at random times.
+//! Any error other than the death of a peer is a panic.
 //!
-//! It does what standard input says, in this order:
+//! It follows the lines of standard input, in this order:
 //!
-//! | line | what | answer |
+//! | line | action | answer |
 //! | --- | --- | --- |
 //! | | connects | `connected` |
 //! | `go` | declares its interface, and works | `working` |
-//! | `stop [N]` | ends the work; a subscriber once it has publication N of the survivor | a report |
-//! | `close` | withdraws its interface, and only drives its node from then on | `closed` |
+//! | `stop [N]` | ends the work; a subscriber first waits for publication N of the survivor | a report |
+//! | `close` | withdraws its interface, and then only drives its node | `closed` |
 //!
-//! With `--go true` it does not wait for the first.
+//! With `--go true` it does not wait for `go`.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -27,11 +27,11 @@ use crate::{input::Input, options::Options};
 
 /// The node whose messages must all arrive.
 const SURVIVOR: &str = "survivor-pub";
-/// From empty to what takes a segment of its own.
+/// The sizes of messages, from empty to one that needs a segment of its own.
 const SIZES: [usize; 6] = [0, 1, 1_000, 5_000, 70_000, 300_000];
 const PAUSE: Duration = Duration::from_micros(300);
 
-/// How many calls a client has under way.
+/// The number of calls that a client has in flight.
 const CALLS: usize = 4;
 
 pub(crate) fn run(options: &Options) -> ExitCode {
@@ -66,7 +66,7 @@ struct Control {
 }
 
 impl Control {
-    /// What follows `word` in the line that is there now, if there is one.
+    /// The text behind `word`, if a line with `word` has arrived.
     fn heard(&mut self, word: &str) -> Option<String> {
         let Ok(lines) = self.input.lines() else {
             std::process::exit(0);
@@ -81,13 +81,13 @@ impl Control {
         pattern::message(number, self.random.choose(&SIZES))
     }
 
-    /// Only drives the node, until it hears `word`.
+    /// Only drives the node, until the line `word` arrives.
     fn idle(&mut self, node: &Node, word: &str) {
         self.drain(node, word, || {});
     }
 
-    /// Drives the node and drops what `take` takes, until it hears `word`: what a peer sent
-    /// before it died would keep its memory else.
+    /// Drives the node and calls `take` until the line `word` arrives: messages of dead peers keep
+    /// memory until they are taken and dropped.
     fn drain(&mut self, node: &Node, word: &str, take: impl Fn()) {
         while self.heard(word).is_none() {
             take();
@@ -113,7 +113,7 @@ fn publish(node: &Node, control: &mut Control) {
         published += 1;
         let message = control.message(published);
         let result = publisher.publish(&message).expect("published");
-        // Whoever died is not waited for.
+        // The publisher does not wait for subscribers that have died.
         assert_eq!(result.missed, 0, "publication {published}");
         thread::sleep(PAUSE);
     }
@@ -148,7 +148,7 @@ fn subscribe(node: &Node, control: &mut Control) {
     });
 }
 
-/// Every byte is right, and of a publisher that lives nothing is lost.
+/// Asserts that every byte is right, and that no message of a living publisher is lost.
 fn check(sample: &Sample<[u8]>, last: &mut HashMap<String, u64>) {
     let (number, publisher) = (sample.sequence(), sample.publisher().as_str());
     assert!(
@@ -197,7 +197,7 @@ fn call(node: &Node, control: &mut Control) {
         let call = client.send_timeout(&request, TIMEOUT);
         calls.push_back((request, call.expect("a server that lives")));
         let stopped = control.heard("stop").is_some();
-        // Each goes to the server with the fewest, so all servers have one now and then.
+        // Each call goes to the server with the fewest calls in flight, so that all servers get some.
         while calls.len() >= CALLS || (stopped && !calls.is_empty()) {
             let (request, call) = calls.pop_front().expect("a call");
             match call.wait() {
@@ -205,7 +205,7 @@ fn call(node: &Node, control: &mut Control) {
                     assert!(*reply == *request, "reply {number}");
                     replied += 1;
                 }
-                // At once, not when the time is over.
+                // Reported at once, before the timeout of the call.
                 Err(CallError::ServerGone { .. }) => failed += 1,
                 Err(error) => panic!("call {number}: {error:?}"),
             }

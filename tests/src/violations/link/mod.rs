@@ -1,7 +1,6 @@
-//! What one end of a link can do wrong towards the other.
+//! Violations by one end of a link towards the other.
 //!
-//! The real end is an interface of a real node, and the raw one belongs to a raw node
-//! of the same domain.
+//! The real end is an interface of a real node. The raw end belongs to a raw node of the same domain.
 
 mod calls;
 mod flow;
@@ -17,7 +16,7 @@ pub use stage::{LinkRow, LinkStage, Real, WINDOW};
 
 use stage::Rows;
 
-/// The rows.
+/// All rows.
 #[must_use]
 pub fn rows() -> Rows {
     let mut rows = frames::rows();

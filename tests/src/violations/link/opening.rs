@@ -36,7 +36,7 @@ fn order() -> Rows {
     all([expected, unexpected])
 }
 
-/// What is changed in the OPEN to whom, and what it is then.
+/// A wrong OPEN: the real end that receives it, its description, and the change that makes it wrong.
 type Change = (Real, &'static str, fn(&mut Open));
 
 /// OPEN with one field changed.

@@ -53,7 +53,7 @@ impl LinkStage {
     }
 }
 
-/// What is done on a ring into which a message could be put that the subscriber has not taken.
+/// A row on a ring with room for a message that the subscriber has not taken.
 fn put(
     rule: Rule,
     real: Real,
@@ -182,7 +182,7 @@ fn heads() -> Rows {
     all([ids, lengths, reserved])
 }
 
-/// What the sender finds where it puts its words.
+/// Wrong words that the sender finds at the positions where it puts its own words.
 fn displaced_words() -> Rows {
     let mut rule = Rule::new(BadWord, "SM2-RNG-005");
     for (what, bits) in [("1", 1), ("a word that was never there", word(0, 0, 9))] {
@@ -214,7 +214,7 @@ fn displaced_words() -> Rows {
     all([rule])
 }
 
-/// What the sender finds where messages are given back, and where the receiver gives them back.
+/// Wrong words that the sender finds where the receiver gives messages back.
 fn back_words() -> Rows {
     type Forge = (&'static str, fn(u64) -> u64);
     let forged: [Forge; 6] = [

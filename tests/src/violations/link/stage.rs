@@ -27,7 +27,7 @@ pub enum Real {
     BestEffort,
     /// A publisher with depth 8.
     Publisher,
-    /// A publisher that waits for nobody, but loses nothing.
+    /// A reliable publisher that does not wait for subscribers.
     ReliablePublisher,
     /// A server that takes nothing by itself: window 6.
     Server,
@@ -56,7 +56,7 @@ impl Real {
         }
     }
 
-    /// What the raw node declares to be linked with it.
+    /// The declaration of the raw node that is linked with it.
     #[must_use]
     pub fn counterpart(self) -> Vec<u8> {
         match self {
@@ -81,7 +81,7 @@ impl Real {
         }
     }
 
-    /// What the real end must say in OPEN.
+    /// The role and window that the real end must send in OPEN.
     #[must_use]
     pub const fn real_role(self) -> (u8, u32) {
         match self {
@@ -110,7 +110,7 @@ impl Real {
     }
 }
 
-/// A link that was just made, and its real end's node.
+/// A new link, and the node of its real end.
 pub struct LinkStage {
     /// The raw end; neither side's OPEN has been read.
     pub link: RawLink,
@@ -131,20 +131,20 @@ impl LinkStage {
         self.link.end.send_fds(bytes, &[fd.as_fd()]);
     }
 
-    /// The OPEN that the raw end has to say.
+    /// The OPEN of the raw end.
     #[must_use]
     pub fn greeting(&self) -> Open {
         let (role, window) = self.real.raw_role();
         Open::new(role, self.link.id, window)
     }
 
-    /// Both sides say OPEN.
+    /// Both sides send OPEN.
     pub fn open(&self) {
         self.send(self.greeting().bytes());
         self.expect_open();
     }
 
-    /// The OPEN of the real end comes.
+    /// Receives and checks the OPEN of the real end.
     pub(super) fn expect_open(&self) {
         let (role, window) = self.real.real_role();
         let mut theirs = Open::new(role, self.link.id, window);
@@ -163,7 +163,7 @@ impl LinkStage {
         }
     }
 
-    /// Opens, and has the publisher send as many messages.
+    /// Opens, and has the publisher send `count` messages.
     pub fn published(&self, count: u64) {
         self.open();
         self.victim.borrow_mut().tell("wait x 1");
@@ -186,17 +186,17 @@ impl LinkStage {
     }
 }
 
-/// What has to be done to which real end.
+/// A row, and the real end that it is run against.
 pub struct LinkRow {
-    /// The real end that has to notice.
+    /// The real end, which must find the violation.
     pub real: Real,
-    /// How it is provoked.
+    /// The violation.
     pub row: Row<LinkStage>,
 }
 
 pub(super) type Rows = Vec<LinkRow>;
 
-/// The rows of one rule, put down one after the other.
+/// A builder for the rows of one rule.
 pub(super) struct Rule {
     violation: ViolationKind,
     clause: &'static str,
@@ -213,7 +213,7 @@ impl Rule {
         }
     }
 
-    /// What is done on a link on which nothing was said.
+    /// A row on a link without any frame so far.
     pub(super) fn fresh(
         mut self,
         real: Real,
@@ -234,7 +234,7 @@ impl Rule {
         self
     }
 
-    /// What is done on an open link.
+    /// A row on an open link.
     pub(super) fn open(
         self,
         real: Real,
@@ -247,7 +247,7 @@ impl Rule {
         })
     }
 
-    /// A datagram on an open link.
+    /// A row that sends one datagram on an open link.
     pub(super) fn sent(
         self,
         real: Real,

@@ -1,21 +1,21 @@
-//! What a node can be told.
+//! The commands of a node.
 //!
 //! | command | answer |
 //! | --- | --- |
 //! | `pub`, `sub`, `server`, `client` `KEY NAME WORDS…` | `ok matched=N` |
 //! | `wait KEY N` | `ok` when N links are open |
-//! | `publish KEY COUNT SIZE` | `ok took=N missed=N`: over all of them |
-//! | `take KEY COUNT` | `ok got=N bytes=N first=N last=N lost=N damaged=N`, when so many have come |
-//! | `drain KEY` | the same, of what is there |
-//! | `hold KEY COUNT` | the same, and they are not given back until `free KEY` |
-//! | `check KEY` | `ok got=N damaged=N`, of those that are held |
+//! | `publish KEY COUNT SIZE` | `ok took=N missed=N`: the sums over all messages |
+//! | `take KEY COUNT` | `ok got=N bytes=N first=N last=N lost=N damaged=N`, when COUNT messages have come |
+//! | `drain KEY` | the answer of `take`, for the messages that have arrived |
+//! | `hold KEY COUNT` | the answer of `take`; the messages are released by `free KEY` |
+//! | `check KEY` | `ok got=N damaged=N`, for the held messages |
 //! | `counters KEY` | `ok`, and for each link ` \| peer=… open=… offered=… …` |
-//! | `call KEY SIZE` | `ok` when the request is on its way |
+//! | `call KEY SIZE` | `ok` when the request was sent |
 //! | `reply KEY` | `ok got=1 …` for the oldest call |
-//! | `serve KEY COUNT` | `ok` when so many requests have been answered with themselves |
-//! | `accept KEY` | `ok` when a request was taken, which is not answered until `answer KEY` |
-//! | `withdraw KEY` | `ok` when the interface is dropped; what is held of it stays |
-//! | `close KEY` | `ok` when that is dropped, too |
+//! | `serve KEY COUNT` | `ok` when COUNT requests have been answered with their own payloads |
+//! | `accept KEY` | `ok` when a request was taken, which `answer KEY` answers |
+//! | `withdraw KEY` | `ok` when the interface is dropped; its held messages stay |
+//! | `close KEY` | `ok` when the held messages are dropped, too |
 //! | `describe NAME HASH` | `ok`, and the text of a type |
 //! | `eat` | `ok` when the process has no descriptor left, until `spit` |
 
@@ -32,11 +32,11 @@ use sm2_tests::{TIMEOUT, pattern};
 
 use super::declare::{self, Words};
 
-/// By the key of the interface.
+/// A map by the key of the interface.
 type ByKey<T> = HashMap<String, T>;
-/// With how many messages it has sent.
+/// An interface, with the number of messages that it has sent.
 type Counting<T> = (T, u64);
-/// With the number of the message that is expected.
+/// An interface, with the number of the next expected message.
 type Expecting<T> = (T, u64);
 
 pub(super) struct Stage {
@@ -51,7 +51,7 @@ pub(super) struct Stage {
     eaten: Vec<File>,
 }
 
-/// What a command came to.
+/// The answer to a command, or its error.
 type Answer = Result<String, String>;
 
 impl Stage {
@@ -166,7 +166,7 @@ impl Stage {
         Ok(format!("took={took} missed={missed}"))
     }
 
-    /// Without a count: what is there.
+    /// Receives `count` messages; without a count, all that have arrived.
     fn receive(&mut self, key: &str, count: Option<usize>, hold: bool) -> Answer {
         let subscriber = self.subscribers.get(key).ok_or("no subscriber")?;
         let mut seen = Seen::default();
@@ -284,7 +284,7 @@ impl Stage {
     }
 }
 
-/// What was received.
+/// Counts of received messages.
 #[derive(Default)]
 struct Seen {
     got: usize,
@@ -325,7 +325,7 @@ impl Display for Seen {
     }
 }
 
-/// Answers a request with itself.
+/// Answers a request with its own payload.
 fn echo(request: Request<[u8], [u8]>) -> Answer {
     let reply = request.to_vec();
     request.reply(&reply).map_err(text)?;
