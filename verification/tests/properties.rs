@@ -13,7 +13,7 @@ use sm2_verification::properties::{
 const TEXT: &str = "\
 # Properties
 
-| group | what is shown | bound |
+| group | claim | bound |
 | --- | --- | --- |
 | ONE, TWO | numbers | up to 2 |
 

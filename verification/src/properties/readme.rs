@@ -13,7 +13,7 @@ const END: &str = "<!-- verification:end -->";
 #[must_use]
 pub fn readme_table(register: &Register) -> String {
     let mut lines = vec![
-        render(&["", "what is shown", "checks", "bound"]),
+        render(&["", "claim", "checks", "bound"]),
         render(&["---"; 4]),
     ];
     for group in register.groups() {

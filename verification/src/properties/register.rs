@@ -6,7 +6,7 @@ use super::table::{Document, Row, Rows, escaped};
 use super::{Engine, Gap, GapKind};
 use crate::clauses::ClauseId;
 
-const GROUPS: [&str; 3] = ["group", "what is shown", "bound"];
+const GROUPS: [&str; 3] = ["group", "claim", "bound"];
 const ENGINES: [&str; 2] = ["engine", "strength of the result"];
 const PROPERTIES: [&str; 4] = ["property", "statement", "clauses", "shown by"];
 const CHECKS: [&str; 6] = ["harness", "shows", "engine", "bound", "run", "last run"];
