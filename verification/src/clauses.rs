@@ -2,9 +2,9 @@
 //! a check that cites it.
 //!
 //! [`check`] reads SPEC.md and every source file below a workspace and
-//! returns a [`Report`]: who cites which clause, and each [`Gap`]. What a
-//! citation says is taken on trust; that it exists, is spelled right and
-//! names a clause in force is not.
+//! returns a [`Report`]: the citations of each clause, and each [`Gap`]. The
+//! check verifies that a citation is well-formed and names a clause in force;
+//! it does not verify that the claim of a citation is true.
 //!
 //! A clause of SPEC.md is one line: its id in bold, its level in brackets,
 //! its text. An id that was withdrawn stays as a struck-out id with the level
@@ -70,7 +70,7 @@ fn read(path: &Path) -> Result<String, CheckError> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// What [`check`] found.
+/// The result of [`check`].
 #[derive(Debug)]
 pub struct Report {
     clauses: BTreeMap<ClauseId, Traced>,
@@ -135,7 +135,7 @@ impl Report {
         &self.clauses
     }
 
-    /// What is wrong, sorted by line. Empty means that the check passes.
+    /// All gaps, sorted by line. The check passes if there are none.
     #[must_use]
     pub fn gaps(&self) -> &[Gap] {
         &self.gaps

@@ -35,7 +35,7 @@ pub enum MutantsError {
     Catalogue {
         /// Where it stands.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error of the parser.
         source: toml::de::Error,
     },
     /// A mutant cannot be made.

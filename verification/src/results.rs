@@ -1,4 +1,4 @@
-//! One line for each check, for whoever gathers what all of them have covered.
+//! One line of results for each check, for the program that collects all of them.
 
 use std::{
     env,
@@ -10,7 +10,7 @@ use std::{
 /// Names the file to append to.
 const FILE: &str = "SM2_VERIFICATION_RESULTS";
 
-/// What a check has covered, as a line of that file.
+/// The coverage of a check, as a line of the results.
 #[must_use]
 pub fn line(engine: &str, check: &str, holds: bool, took: Duration, covered: &str) -> String {
     let verdict = if holds { "ok" } else { "FAILED" };

@@ -40,7 +40,7 @@ fn each_scope_is_counted() {
     assert_eq!(counted, scopes);
 }
 
-/// What goes wrong, where, what finds it, and after how many steps at the earliest.
+/// Faults, each with its scope, the property that finds it, and the least number of steps to that.
 const FAULTS: [(Fault, &str, Property, usize); 19] = [
     (
         Fault::OpenLost,

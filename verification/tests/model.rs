@@ -17,7 +17,7 @@ const SMALL: [&str; 7] = [
     "crash-2x1",
     "stall-2x2",
 ];
-/// Those that a debug build can also search without reductions.
+/// The scopes that a debug build can also search without reductions.
 const SMALLEST: [&str; 5] = [
     "cold-2x2",
     "takeovers-2x2",
@@ -26,7 +26,7 @@ const SMALLEST: [&str; 5] = [
     "churn-once-2x2",
 ];
 
-/// What the harness does wrong, where that is seen, and by what.
+/// Faults of the harness, each with the scope and the property that find it.
 const FAULTS: [(Fault, &str, Property); 13] = [
     (Fault::UnlinkedLost, "crash-2x1", Property::OneFarewell),
     (

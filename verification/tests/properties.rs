@@ -78,7 +78,7 @@ fn gaps(session: &Session) -> Vec<GapKind> {
     gaps.into_iter().map(|it| it.kind).collect()
 }
 
-/// What reading finds wrong once `from` has become `to`.
+/// The gaps that reading finds after `from` was replaced by `to`.
 fn broken(from: &str, to: &str) -> Vec<Gap> {
     assert_eq!(TEXT.matches(from).count(), 1, "{from}");
     Register::parse(&TEXT.replace(from, to)).1

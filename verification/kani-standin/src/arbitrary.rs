@@ -7,7 +7,7 @@ pub trait Arbitrary: Sized {
     /// Any value of the type.
     fn any() -> Self;
 
-    /// Any value for which `holds`. Where there are few values, none is tried in vain.
+    /// Any value for which `holds` returns true. If there are few values, only such values are tried.
     fn any_where(holds: impl Fn(&Self) -> bool) -> Self {
         let value = Self::any();
         assume(holds(&value));

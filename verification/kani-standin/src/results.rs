@@ -1,4 +1,4 @@
-//! One line for each harness that was run, for whoever compares it with `PROPERTIES.md`.
+//! One line of results for each harness, which is compared with `PROPERTIES.md`.
 
 use std::env;
 use std::fs::OpenOptions;

@@ -58,7 +58,7 @@ pub enum Failure {
     Uncovered,
 }
 
-/// What a run did.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// How paths were found.
@@ -113,7 +113,7 @@ impl fmt::Display for Report {
 struct Choice {
     value: u64,
     alternatives: u64,
-    /// What they stand for, where they are some of the numbers below 256.
+    /// The values of the choices, if they are a subset of the numbers below 256.
     legal: Vec<u8>,
 }
 
@@ -184,7 +184,7 @@ impl State {
         });
     }
 
-    /// What the choice that comes now stands for, if this path shares it with the one before.
+    /// The value of the next choice, if this path shares it with the previous path.
     fn again(&mut self) -> Option<u8> {
         if self.random.is_some() {
             return None;

@@ -71,8 +71,8 @@ enum Found {
 
 /// A line that is the marker, ids and perhaps a kind, and nothing else.
 ///
-/// What starts with the marker is meant as a citation, unless it goes on with
-/// another `=`: that is a ruler.
+/// Reads a line that starts with the marker as a citation, unless another `=` follows: such a line is
+/// a ruler.
 fn read_comment(line: &str, marker: &str) -> Found {
     match line.trim().strip_prefix(marker) {
         Some(rest) if !rest.starts_with('=') => {

@@ -1,4 +1,4 @@
-//! What the check of the clauses can find wrong.
+//! The gaps that the check of clauses finds.
 
 use std::fmt;
 use std::io;
@@ -21,13 +21,13 @@ impl fmt::Display for SourceLine {
     }
 }
 
-/// One thing that is wrong, and where.
+/// A disagreement between SPEC.md and the citations.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{at}: {kind}")]
 pub struct Gap {
     /// The line to look at.
     pub at: SourceLine,
-    /// What is wrong there.
+    /// The kind of gap.
     pub kind: GapKind,
 }
 
@@ -101,7 +101,7 @@ pub enum GapKind {
     },
 }
 
-/// Why the check could not be made at all.
+/// The reason why the check cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckError {
     /// There is nothing to check against.
@@ -110,9 +110,9 @@ pub enum CheckError {
     /// A file or folder cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
-        /// What was read.
+        /// The path of the file or folder.
         path: PathBuf,
-        /// The system's answer.
+        /// The error of the system.
         source: io::Error,
     },
 }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// What a citing line claims.
+/// The claim of a citation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
     /// The code below implements the clause.

@@ -32,7 +32,7 @@ pub use self::{
 };
 use super::{Failure, Golden, System};
 
-/// What was counted before.
+/// The expected counts.
 pub const COUNTS: Golden = Golden {
     file: "model-counts.txt",
     text: include_str!("../../model-counts.txt"),

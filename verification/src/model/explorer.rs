@@ -10,14 +10,14 @@ use std::{
 
 use super::{Failure, Property};
 
-/// How often a search tells how far it is.
+/// The interval at which a search reports its progress.
 const TOLD_EVERY: Duration = Duration::from_secs(5);
-/// What a search looks at the clock for.
+/// The number of moments between two readings of the clock.
 const LOOKED_EVERY: usize = 4_096;
 
 /// Something whose every moment can be visited.
 pub trait System {
-    /// All there is at one time. What its hash leaves out must not matter to what can follow.
+    /// The whole state at one time. Parts that its hash leaves out must not affect later steps.
     type Moment: Hash;
     /// One thing that happens, as it reads in a trace.
     type Action: Copy + fmt::Debug + fmt::Display;
@@ -26,13 +26,13 @@ pub trait System {
     ///
     /// # Errors
     ///
-    /// What breaks on the way there.
+    /// The property that breaks on the way there.
     fn first(&self) -> Result<Self::Moment, Failure>;
 
     /// All that can happen now, always in the same order.
     fn actions(&self, moment: &Self::Moment) -> Vec<Self::Action>;
 
-    /// What has to hold in a moment in which `actions` can happen. Whether all is quiet.
+    /// Checks a moment, in which `actions` are possible. Returns whether it is quiet.
     ///
     /// # Errors
     ///
@@ -43,7 +43,7 @@ pub trait System {
     ///
     /// # Errors
     ///
-    /// What the step breaks.
+    /// The property that the step breaks.
     fn step(&self, moment: &Self::Moment, action: Self::Action) -> Result<Self::Moment, Failure>;
 
     /// By what moments are told apart. Those of one print count as one: whatever can follow
@@ -55,7 +55,7 @@ pub trait System {
     }
 }
 
-/// What a search has found.
+/// The result of a search.
 #[derive(Debug)]
 pub struct Report<A> {
     /// Different moments.
@@ -95,7 +95,7 @@ impl<A> fmt::Display for Report<A> {
 pub struct Counterexample<A> {
     /// Which, and what was seen.
     pub failure: Failure,
-    /// What happened, in order.
+    /// The actions, in order.
     pub steps: Vec<A>,
 }
 

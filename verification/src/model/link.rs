@@ -21,7 +21,7 @@ pub use self::{
 };
 use super::{Failure, Golden, Property, System};
 
-/// What was counted before.
+/// The expected counts.
 pub const COUNTS: Golden = Golden {
     file: "link-model-counts.txt",
     text: include_str!("../../link-model-counts.txt"),

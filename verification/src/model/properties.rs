@@ -1,8 +1,8 @@
-//! What has to hold, and how a breach of it is told.
+//! The checked properties, and the report of a broken one.
 
 use std::fmt;
 
-/// What is checked, with the clauses that ask for it.
+/// A checked property, with the clauses that require it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Property {
     /// `MGR-STRICT`: a correct Manager hangs up on no correct node (SM2-SES-005).
@@ -58,7 +58,7 @@ pub enum Property {
 pub struct Failure {
     /// Which.
     pub property: Property,
-    /// What was seen.
+    /// A description of the failure.
     pub what: String,
 }
 

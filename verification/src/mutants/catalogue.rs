@@ -25,19 +25,19 @@ pub struct Catalogue {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mutant {
-    /// What it is called.
+    /// The name.
     pub name: String,
-    /// What is wrong with it, in one sentence.
+    /// The fault, in one sentence.
     pub breaks: String,
     /// The properties of PROPERTIES.md that do not hold any more.
     pub properties: Vec<String>,
     /// The file, below the root of the workspace.
     pub file: PathBuf,
-    /// What stands there exactly once.
+    /// The text, which occurs exactly once in the file.
     pub from: String,
-    /// What stands there instead.
+    /// The replacement.
     pub to: String,
-    /// What has to find it.
+    /// The check that must find it.
     pub check: Check,
     /// Whether the check takes long to build: then it is no part of a quick run.
     #[serde(default)]
@@ -57,7 +57,7 @@ pub enum Check {
     Model {
         /// Its name.
         scope: String,
-        /// What has to fail there: other counts than before are not enough.
+        /// The property that must fail in the scope; other counts are not enough.
         property: String,
     },
     /// One test.

@@ -14,7 +14,7 @@ use serde::Deserialize;
 
 use super::{Check, MutantsError};
 
-/// What runs longer than this hangs: without a fault, the slowest check takes a tenth of it.
+/// A check that runs longer than this hangs. Without a fault, the slowest check takes a tenth of it.
 const LIMIT: Duration = Duration::from_secs(120);
 /// How often is looked whether a check is done.
 const PAUSE: Duration = Duration::from_millis(5);
@@ -30,7 +30,7 @@ pub(super) struct Target {
     pub(super) unit: Unit,
 }
 
-/// What of a package.
+/// The targets of a package.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Unit {
     /// The tests within the library.
@@ -44,7 +44,7 @@ pub(super) enum Unit {
 /// Where programs are, by what was built.
 pub(super) type Programs = BTreeMap<Target, PathBuf>;
 
-/// What came of running a check.
+/// The result of running a check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Ran {
     /// It found nothing.
@@ -66,8 +66,8 @@ pub(super) struct Cargo {
 }
 
 impl Cargo {
-    /// Builds targets of one package: all of them tests, or all of them programs. What the
-    /// compiler says if it refuses.
+    /// Builds targets of one package: all of them tests, or all of them programs. The error is the
+    /// message of the compiler.
     pub(super) fn build(
         &self,
         targets: &[Target],
@@ -165,7 +165,7 @@ fn finish(command: &mut Command) -> io::Result<Option<ExitStatus>> {
 }
 
 impl Check {
-    /// What has to be built for it.
+    /// The target to build for the check.
     pub(super) fn target(&self) -> Target {
         let (package, unit) = match self {
             Self::Harness { .. } => ("sm2-proto", Unit::Lib),
@@ -228,7 +228,7 @@ impl Check {
     }
 }
 
-/// What a test said when it failed: the line below the first *panicked at*.
+/// The message of a failed test: the line below the first *panicked at*.
 fn reason(said: &str) -> String {
     let mut lines = said.lines();
     let panicked = lines.find(|it| it.contains("panicked at"));
@@ -244,7 +244,7 @@ fn shortened(text: &str) -> String {
     }
 }
 
-/// What Cargo says with `--message-format=json`, as far as it is of use here.
+/// The used parts of Cargo's messages with `--message-format=json`.
 #[derive(Debug, Deserialize)]
 struct Message {
     target: Option<MessageTarget>,

@@ -1,4 +1,4 @@
-//! What became of a mutant.
+//! The outcome of a mutant.
 
 use std::{fmt, time::Duration};
 
@@ -13,7 +13,7 @@ pub enum Killed {
     Hung,
 }
 
-/// What the check made of a mutant.
+/// The verdict of the check on a mutant.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// It failed, as it should.
@@ -33,7 +33,7 @@ pub struct Outcome {
     pub mutant: String,
     /// Its check.
     pub check: String,
-    /// What came of it.
+    /// The verdict.
     pub verdict: Verdict,
     /// How long building and checking took.
     pub took: Duration,

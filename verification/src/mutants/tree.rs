@@ -16,8 +16,8 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// Makes `to` what `from` is, but for build output and hidden files. What is alike already
-    /// is left alone: Cargo builds anew whatever is younger than its last build.
+    /// Makes `to` a copy of `from`, without build output and hidden files. Files that are equal
+    /// already are not written: Cargo rebuilds files that are newer than its last build.
     pub(super) fn copy(from: &Path, to: &Path) -> Result<Self, MutantsError> {
         mirror(from, to)?;
         let root = to.to_owned();
@@ -58,7 +58,7 @@ fn mirror(from: &Path, to: &Path) -> Result<(), MutantsError> {
         }
         there.insert(name);
     }
-    // What is not there any more, or was left by a check.
+    // Files that are gone in `from`, or that a check has left.
     for (_, path) in entries(to)?.into_iter().filter(|it| !there.contains(&it.0)) {
         let removed = if path.is_dir() {
             fs::remove_dir_all(&path)

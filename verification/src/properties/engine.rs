@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// What runs checks.
+/// A program that runs checks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Engine {
     /// The citations of SPEC.md.

@@ -1,4 +1,4 @@
-//! What a run covered, compared with what an earlier one did.
+//! The figures of a run, compared with those of an earlier run.
 
 /// How far a number with `~` may be from what it was, as a factor.
 const NOISE: f64 = 30.0;

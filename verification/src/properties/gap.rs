@@ -1,4 +1,4 @@
-//! What is wrong with PROPERTIES.md, or with what was run for it.
+//! Disagreements between PROPERTIES.md and a run.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use super::Engine;
 pub struct Gap {
     /// The line of PROPERTIES.md, counted from 1; none for what has no row.
     pub line: Option<usize>,
-    /// What is wrong there.
+    /// The kind of gap.
     pub kind: GapKind,
 }
 
@@ -72,43 +72,43 @@ pub enum GapKind {
     StaleEngines {
         /// The property.
         name: String,
-        /// What has to be there.
+        /// The right text.
         now: String,
     },
     /// A row whose engine ran and said nothing of it.
     #[error("{engine} reported no check `{harness}`")]
     Silent {
-        /// Who ran.
+        /// The engine that ran.
         engine: Engine,
-        /// What was not there.
+        /// The missing harness.
         harness: String,
     },
     /// A row of a full run whose check the engine does not list.
     #[error("{engine} has no check `{harness}`")]
     Unlisted {
-        /// Who was asked.
+        /// The engine that was asked.
         engine: Engine,
-        /// What is not there.
+        /// The missing harness.
         harness: String,
     },
     /// A check that ran and is in no row.
     #[error("{engine} ran `{harness}`, which has no row; --missing prints one")]
     NoRow {
-        /// Who ran it.
+        /// The engine that ran it.
         engine: Engine,
-        /// What ran.
+        /// The harness that ran.
         harness: String,
     },
     /// A row whose figures are not those of the run.
     #[error("{engine} `{harness}`: the row says `{before}`, the run `{now}`; --write writes that")]
     Stale {
-        /// Who ran it.
+        /// The engine that ran it.
         engine: Engine,
-        /// What ran.
+        /// The harness that ran.
         harness: String,
-        /// What the row says.
+        /// The figures of the row.
         before: String,
-        /// What the run said.
+        /// The figures of the run.
         now: String,
     },
     /// README.md does not have the table that PROPERTIES.md gives.

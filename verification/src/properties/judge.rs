@@ -15,19 +15,19 @@ pub enum Extent {
     Partly,
 }
 
-/// What was run.
+/// The engines and checks of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Session {
     /// How far each engine got; those that are not there were not asked.
     pub engines: BTreeMap<Engine, Extent>,
     /// The rows that were asked for; none: all.
     pub only: Option<BTreeSet<(Engine, String)>>,
-    /// What was reported.
+    /// The reported outcomes.
     pub outcomes: Vec<Outcome>,
 }
 
 impl Session {
-    /// What rows and run do not agree about. That a check failed is no gap: its verdict says so.
+    /// The disagreements between rows and run. A failed check is not a gap: its verdict reports it.
     #[must_use]
     pub fn gaps(&self, register: &Register) -> Vec<Gap> {
         let rows = register.checks().iter().filter(|it| self.asked(it));

@@ -1,11 +1,11 @@
-//! What the engines' runners report: a line for each check, its fields between tabs.
+//! The reports of the engines: one line for each check, with tabs between the fields.
 
 use super::Engine;
 
-/// What one check showed.
+/// The outcome of one check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// Who ran it.
+    /// The engine that ran it.
     pub engine: Engine,
     /// Its name, the one in the column *harness*.
     pub harness: String,

@@ -59,11 +59,11 @@ pub struct Check {
     pub harness: String,
     /// The names of the properties that it shows.
     pub shows: Vec<String>,
-    /// Who runs it.
+    /// The engine that runs it.
     pub engine: Engine,
     /// When it runs.
     pub run: Run,
-    /// What it covered when it was last run.
+    /// The figures of its last run.
     pub last_run: String,
     row: Row,
 }
@@ -209,7 +209,7 @@ impl Register {
         counted(self.checks.iter().filter(shows))
     }
 
-    /// What the tables say twice, or not in the same way.
+    /// Rows that repeat or contradict each other.
     fn disagreements(&self) -> Vec<Gap> {
         let mut gaps = Vec::new();
         let mut names = BTreeSet::new();

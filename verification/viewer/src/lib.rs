@@ -15,9 +15,9 @@ use std::{
 use sm2_verification::model::{Failure, Report, System};
 use stateright::{Checker, Model, Property};
 
-/// What holds in each state if nothing is broken.
+/// The property that holds in each state if nothing is broken.
 pub const HOLDS: &str = "nothing is broken";
-/// What holds in some.
+/// The property that holds in some states.
 pub const QUIET: &str = "all is quiet";
 
 /// A scope whose moments can be looked at.
@@ -34,7 +34,7 @@ pub struct Shown<S: System> {
     verdict: Result<bool, Failure>,
 }
 
-/// What stateright's search has counted.
+/// The counts of stateright's search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Counted {
     /// Different states.

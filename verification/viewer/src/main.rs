@@ -19,7 +19,7 @@ const USAGE: &str = "usage: sm2-model-viewer SCOPE [ADDRESS]
        sm2-model-viewer --count SCOPE
 ADDRESS is 127.0.0.1:3000 if it is not given; whoever can reach it can look.";
 
-/// What is to be done with a scope.
+/// The task for a scope.
 enum Task {
     Count,
     Serve(SocketAddr),

@@ -1,4 +1,4 @@
-//! What a run covers, and when it shows nothing.
+//! Tests of the coverage of a run, and of runs that show nothing.
 
 use super::*;
 use crate::{any, any_where};

@@ -112,7 +112,7 @@ pub(crate) fn stopped() {
     assert_eq!(look(&words), Some(4));
 }
 
-/// What must not be: words that are used again, with turns that they had already.
+/// A forbidden case: words that are used again, with turns that they had before.
 pub(crate) fn turns_begin_anew() {
     let words = words();
     write(&words, &mut 0, 1);

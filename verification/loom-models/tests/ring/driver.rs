@@ -1,5 +1,5 @@
-//! What the driver of `sm2-node` does with the machine of one end, in its order: `driver/lane.rs`,
-//! `publish.rs`, `take.rs`, and `wait.rs` as a thread goes through it that sleeps at once.
+//! The steps of `sm2-node`'s driver with the machine of one end, in their order: `driver/lane.rs`,
+//! `publish.rs`, `take.rs`, and `wait.rs` for a thread that sleeps at once.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::socket::{Read, Socket};
 
 const NOW: Instant = Instant(0);
 
-/// What a driver does in the shipped order, each of which can be left out.
+/// The steps of a driver; each of them can be left out.
 #[derive(Clone, Copy)]
 pub(crate) struct Order {
     pub(crate) parks: bool,
@@ -375,7 +375,7 @@ impl<W: Mortal> Driver<W> {
         if found.is_some() || self.words.is_dead() {
             return found;
         }
-        // What was put before the link ended, but after the look before.
+        // A message that was put after the previous look and before the end of the link.
         self.take()
     }
 

@@ -1,4 +1,4 @@
-//! What both ends of a link map: the words of a ring, and a segment of slots.
+//! The memory that both ends of a link map: the words of a ring, and a segment of slots.
 
 use loom::cell::UnsafeCell;
 use sm2_proto::limits::SLOT_HEAD;

@@ -70,7 +70,7 @@ impl Mortal for ModelRing {
     }
 }
 
-/// What is set up, and how.
+/// The settings of a scenario.
 #[derive(Clone, Copy)]
 pub(crate) struct Terms {
     pub(crate) reliable: bool,
@@ -162,7 +162,7 @@ fn left(end: &End) -> usize {
     (0..depth).filter(|index| word(*index) != 0).count()
 }
 
-/// What was put was taken or displaced, once each, or is still there.
+/// Asserts that each message was taken or displaced once, or is still in the ring.
 fn account(sender: &End, receiver: &End) {
     let mut known = sender.words.displaced.borrow().clone();
     known.extend(&receiver.seen);

@@ -1,6 +1,6 @@
 //! Two ends of a socket: queues of datagrams, and sleeping until there is something to read.
-//! System calls order memory, as the locks here do: the lock of a queue is taken by who writes to
-//! it and by who reads it, and by nobody else.
+//! System calls order memory, as the locks here do. Only the writer and the reader of a queue take
+//! its lock.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ struct State {
     closed: bool,
 }
 
-/// What a socket has to read.
+/// The next item of a socket.
 pub(crate) enum Read {
     Datagram(Vec<u8>),
     /// Nothing at this moment.

@@ -1,5 +1,5 @@
-//! What the waiting asks of the kernel: descriptors that are readable or not, and sleeping until
-//! one is. System calls order memory, as the lock here does.
+//! A model of the kernel for the waiting: descriptors that are readable or not, and sleeping until one
+//! is readable. System calls order memory, as the lock here does.
 
 use std::collections::VecDeque;
 use std::io;
@@ -21,7 +21,7 @@ struct Kernel {
     changed: Condvar,
 }
 
-/// What a descriptor, an index, stands for.
+/// The file of a descriptor, which is an index.
 enum File {
     Event(bool),
     Queue(VecDeque<InterfaceId>),
@@ -111,7 +111,7 @@ impl Epoll {
     }
 }
 
-/// What comes for an interface comes through here.
+/// The socket by which messages for an interface arrive.
 impl Socket {
     pub(crate) fn new() -> Self {
         Self(KERNEL.open(File::Queue(VecDeque::new())))

@@ -266,7 +266,7 @@ pub(crate) fn shared() {
     shared_as(false);
 }
 
-/// What must not be: the one who takes a message says that nobody sleeps.
+/// A forbidden case: the thread that takes a message clears the flag of sleepers.
 pub(crate) fn shared_unparked() {
     shared_as(true);
 }

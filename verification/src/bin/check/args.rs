@@ -1,4 +1,4 @@
-//! What the command is asked.
+//! The arguments of the command.
 
 use std::process::ExitCode;
 

@@ -26,7 +26,7 @@ const fn programs(engine: Engine) -> &'static [&'static str] {
     }
 }
 
-/// What has to be run for an engine.
+/// The commands to run for an engine.
 pub(crate) struct Plan {
     engine: Engine,
     /// Whether it is to keep to its quick bounds.
@@ -156,7 +156,7 @@ impl Plan {
         Ok(Ok(all))
     }
 
-    /// What a program says that it can check: the first word of each line.
+    /// The checks that a program lists: the first word of each line.
     fn list(&self, program: &str, root: &Path, stop: &Interrupts) -> io::Result<Listed> {
         let output = target(root).join(format!("verification/{}.list", self.engine));
         let step = Step::new(program, Reports::Itself).with(["--list"]);

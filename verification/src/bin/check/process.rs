@@ -112,7 +112,7 @@ fn end(child: &mut Child) -> io::Result<()> {
     while child.try_wait()?.is_none() && start.elapsed() < TIMEOUT {
         thread::sleep(TURN);
     }
-    // What the program started may outlive it; none left is what is wanted.
+    // Processes of the program may outlive it. An error means that none is left.
     let _ = killpg(group, Signal::SIGKILL);
     child.wait().map(drop)
 }

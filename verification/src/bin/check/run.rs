@@ -13,7 +13,7 @@ use crate::process::{Ended, Interrupts};
 use crate::screen::Screen;
 use crate::verdict::Verdict;
 
-/// What one engine did.
+/// The result of one engine.
 #[derive(Debug)]
 pub(crate) struct Ran {
     pub(crate) engine: Engine,

@@ -13,7 +13,7 @@ impl Verdict {
         *self = Self::Failed { why };
     }
 
-    /// What failed has failed.
+    /// Marks as skipped, unless it has failed.
     pub(crate) fn skip(&mut self, why: String) {
         if let Self::Held = self {
             *self = Self::Skipped { why };

@@ -1,4 +1,4 @@
-//! What can happen, and how it reads in a trace.
+//! The actions of the model, and their text in a trace.
 
 use std::fmt;
 

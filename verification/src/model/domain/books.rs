@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::{InterfaceId, LinkId};
 
-/// Who speaks.
+/// The side that sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Manager,
@@ -18,11 +18,11 @@ pub(super) struct Books(BTreeMap<(InterfaceId, LinkId), Book>);
 /// Of the Manager and the node, in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Book {
-    /// Who has named the end, or heard of it.
+    /// The sides that have named the end, or received its name.
     knows: [bool; 2],
-    /// Who has said farewell.
+    /// The sides that have sent their farewell.
     said: [bool; 2],
-    /// Who has read the other's.
+    /// The sides that have read the farewell of the other side.
     read: [bool; 2],
 }
 

@@ -1,4 +1,4 @@
-//! What can happen in a moment.
+//! The actions that are possible in a moment.
 
 use sm2_proto::{
     Datagram, InterfaceId, Machine,
@@ -26,7 +26,7 @@ impl World {
         actions
     }
 
-    /// What happens by itself, sooner or later.
+    /// The actions that happen without a choice, sooner or later.
     pub(super) fn progress(&self) -> Vec<Action> {
         let mut actions = Vec::new();
         let alive = self.manager.is_some();
@@ -61,7 +61,7 @@ impl World {
         actions
     }
 
-    /// What may happen, within the budget.
+    /// The actions that may happen, within the budget.
     fn add_choices(&self, scope: &Scope, actions: &mut Vec<Action>) {
         let alive = self.manager.is_some();
         for (at, program) in (0_u8..).zip(&self.programs) {

@@ -7,12 +7,12 @@ use super::{
     Action, Scope, World,
 };
 
-/// What a whole search comes upon.
+/// The findings of a complete search.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Findings {
     /// The prints of the moments in which all is quiet.
     pub quiet: BTreeSet<u64>,
-    /// What does not hold somewhere.
+    /// The properties that fail in some moment.
     pub failures: BTreeSet<Property>,
     /// How many moments were visited. This is what reductions change.
     pub states: usize,

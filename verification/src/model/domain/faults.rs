@@ -1,4 +1,4 @@
-//! What the harness does wrong on purpose, to see that it is found.
+//! Faults of the harness on purpose, which the search must find.
 
 use std::{collections::VecDeque, rc::Rc};
 
@@ -35,7 +35,7 @@ pub(super) fn send_down(
     queue.push_back(Down::Frame(Rc::new(frame), link));
 }
 
-/// What of a node's frame comes to be in its queue.
+/// A frame of a node as it arrives in its queue; `None` if a fault loses it.
 pub(super) fn send_up(
     fault: Option<Fault>,
     mut frame: Frame<ToManager>,

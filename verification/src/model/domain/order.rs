@@ -6,15 +6,15 @@
 //! goes round in circles here: each action spends a frame, a connection or a part of the budget.
 //! The moments between are not looked at.
 //!
-//! What follows rests on the tables of SPEC and on how queues work. Were a machine to break
-//! it, this might hide what comes of it. So the tests also search small scopes without this.
+//! The arguments below rely on the tables of SPEC and on the order of queues. If a machine broke
+//! them, this reduction might hide the effects. The tests therefore search small scopes without it, too.
 //!
 //! **A node reads a frame that it does not answer** (LINK, WITHDRAWN, DECLARED of a ready
 //! node, GOODBYE, or the end). That changes this node alone, and what it reads was sent already. The death of
-//! the node takes all of it back: having read it or not makes no difference. What the Manager
-//! sends comes behind, also its end. A link that ends at the other side is seen
-//! before or after, in the same way. Not so: what a program asks for itself (a WITHDRAW that
-//! crosses LINK is the interesting case), so the budget has none left.
+//! the node takes all of it back, whether the frame was read or not. Later frames of the Manager, and
+//! its end, come behind the frame. The end of a link at the other side has the same effect before and
+//! after. Requests of the program do not commute (a WITHDRAW that crosses LINK is the interesting
+//! case), so the budget must have none left.
 //!
 //! **A node reads any frame.** Its answer comes behind what it has sent. If the Manager
 //! ends, it is lost, be it sent before or after. Besides the above, the node must not die (the Manager
@@ -133,7 +133,8 @@ impl World {
     }
 }
 
-/// What the Manager reads next of a node whose connections before it has read to their end.
+/// The next frame that the Manager reads from a node, if it has read all earlier connections to their
+/// end.
 fn read_next(program: &Program) -> Option<(&Connection, &ToManager)> {
     let connection = program.connection.as_ref()?;
     let frame = connection.up.front()?;

@@ -1,4 +1,4 @@
-//! What drivers do: feed machines, carry out their outputs, carry frames.
+//! The drivers: they feed the machines, carry out their outputs, and carry frames.
 
 use std::rc::Rc;
 
@@ -167,7 +167,7 @@ impl World {
         Some((at, connection))
     }
 
-    /// What is sent to a node that has closed its end is lost.
+    /// Sends a frame to a node; it is lost if the node has closed its end.
     fn send_down(
         &mut self,
         scope: &Scope,

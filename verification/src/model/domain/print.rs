@@ -113,7 +113,7 @@ impl Names {
         rank.map_or(0, |rank| rank as u64 + 1)
     }
 
-    /// What a node is and has, without a word of which one it is.
+    /// The state of a node, without its identity.
     fn own(&self, tape: &Tape, program: &Program) -> u64 {
         let mut mix = Mix::default();
         for word in tape.words() {

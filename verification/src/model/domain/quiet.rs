@@ -1,4 +1,4 @@
-//! What has to hold in a moment as such, and what once nothing is left to happen by itself.
+//! The properties that hold in every moment, and those that hold when no action is left.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ use super::{
 };
 
 impl World {
-    /// What has to hold in this moment, in which `actions` can happen. Whether all is quiet.
+    /// Checks this moment, in which `actions` are possible. Returns whether it is quiet.
     ///
     /// # Errors
     ///
@@ -49,7 +49,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// What broke on the way, or does not hold there.
+    /// The property that broke on the way, or that does not hold there.
     pub fn settled(mut self, scope: &Scope) -> Result<Self, Failure> {
         self.budget = Budget::default();
         while let Some(&action) = self.actions(scope).first() {
@@ -95,7 +95,7 @@ impl World {
         self.check_mirror(scope, &ends)
     }
 
-    /// What is declared, and where the Manager has it.
+    /// The declared interfaces, and their numbers at the Manager.
     fn ends<'a>(
         &self,
         scope: &'a Scope,

@@ -1,4 +1,4 @@
-//! Who is there and what may happen: the bounds of a search.
+//! The bounds of a search: the nodes, and the events that may happen.
 
 use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
 
@@ -56,11 +56,11 @@ pub enum Fault {
 /// The bounds of one search.
 #[derive(Clone, Debug)]
 pub struct Scope {
-    /// What it is called.
+    /// The name.
     pub name: &'static str,
-    /// What each node's program wants to have declared.
+    /// The contracts that the program of each node declares.
     pub programs: Vec<Vec<Contract>>,
-    /// What may happen how often.
+    /// The limits of the numbers of events.
     pub budget: Budget,
     /// Whether programs declare as soon as they can, in one step; else each DECLARE is a
     /// step of its own, at any time.
@@ -70,7 +70,7 @@ pub struct Scope {
     /// Whether moments that differ in names alone count as one, and actions that make no
     /// difference go first.
     pub reduced: bool,
-    /// What is wrong on purpose.
+    /// The fault, if any.
     pub fault: Option<Fault>,
 }
 

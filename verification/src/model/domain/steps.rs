@@ -1,4 +1,4 @@
-//! What each action does to a moment.
+//! The effect of each action on a moment.
 
 use std::rc::Rc;
 
@@ -22,7 +22,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// What this broke.
+    /// The property that the action broke.
     pub fn step(&self, scope: &Scope, action: Action) -> Result<Self, Failure> {
         let mut next = self.clone();
         match action {
@@ -149,7 +149,7 @@ impl World {
         }
     }
 
-    /// What the Manager remembers of pairs ends with one of their sessions.
+    /// Forgets the broken pairs of a session that has ended, as the Manager does.
     fn forget_broken(&mut self, at: u8, life: u8) {
         self.broken
             .retain(|ends| !ends.iter().any(|end| (end.0, end.1) == (at, life)));
@@ -182,7 +182,7 @@ impl World {
             }
         }
         if !connection.dead {
-            // What farewells are still to come nobody will see.
+            // The remaining farewells will not be received.
             connection.books = Books::default();
             self.program(at).closed.push_back(connection);
         }

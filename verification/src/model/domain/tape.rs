@@ -1,5 +1,5 @@
-//! What a machine hashes, word for word, with the numbers that its history gave it told apart:
-//! those are renamed when moments are compared (`print.rs`).
+//! The words that a machine hashes. Numbers that depend on its history are marked: they are renamed
+//! when moments are compared (`print.rs`).
 //!
 //! A hash says nothing of what it hashes. So the numbers that this harness is free to choose lie
 //! where no other number of a machine does, and the others are known by where they stand.
@@ -23,7 +23,7 @@ const TIME_END: u64 = 2_000_000_000_000_000;
 /// How the names of nodes begin; one digit follows.
 pub(super) const NODE: &[u8] = b"node/";
 
-/// What a word stands for: its upper byte. The rest is the number itself.
+/// The mask of the upper byte of a word, which is its kind. The rest is the number.
 const KIND: u64 = 0xFF << 56;
 const SESSION: u64 = 1 << 56;
 const LINK: u64 = 2 << 56;
@@ -34,7 +34,7 @@ const KEY: u64 = 5 << 56;
 /// In a link's word: its epoch stands above its serial number.
 const EPOCH_AT: u32 = 40;
 
-/// What a link's LINK frames said is its key.
+/// The key in the LINK frames of each link.
 pub(super) type Keys = BTreeMap<LinkId, u64>;
 
 /// One word of a tape.
@@ -199,7 +199,7 @@ impl Hasher for Taker<'_> {
     }
 
     fn write_u8(&mut self, byte: u8) {
-        // What ends a text: its length is there already.
+        // The end of a text needs no word: the length is there already.
         if byte != 0xFF {
             self.plain(u64::from(byte));
         }

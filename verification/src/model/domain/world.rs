@@ -48,7 +48,7 @@ pub(super) struct Frame<T> {
     pub(super) says: T,
 }
 
-/// What a node has still to read.
+/// An item that a node has not read yet.
 #[derive(Clone, Debug, Hash)]
 pub(super) enum Down {
     /// With the descriptor of a link, for this interface.
@@ -101,9 +101,9 @@ pub struct World {
     /// Pairs that the present Manager may keep apart, since one of them ended its link.
     pub(super) broken: BTreeSet<[End; 2]>,
     pub(super) budget: Budget,
-    /// What was said of links' keys, ever.
+    /// The keys of all links so far.
     pub(super) keys: Rc<Keys>,
-    /// What went wrong in the step that led here; no such moment is gone on from.
+    /// The failure of the step that led here; the search does not continue from such a moment.
     pub(super) failure: Option<Failure>,
 }
 
@@ -155,7 +155,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// What breaks on the way there.
+    /// The property that breaks on the way there.
     pub fn new(scope: &Scope) -> Result<Self, Failure> {
         let programs = 0..scope.programs.len();
         let mut world = Self {

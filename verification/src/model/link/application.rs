@@ -1,4 +1,4 @@
-//! What the applications do: publish, call, take, give back, end.
+//! The actions of the applications: publish, call, take, release, end.
 
 use sm2_proto::{
     Farewell,
@@ -156,7 +156,7 @@ impl World {
         }
     }
 
-    /// What the application sees is what was sent, as long as it holds it.
+    /// Checks that the content of a held message is the sent one.
     //= SM2-PAY-005, SM2-OPN-005, SM2-OPN-008 model
     fn check_content(&self, at: usize, id: u64, source: Source) -> Result<(), Failure> {
         let (found, property) = match source {
@@ -222,7 +222,7 @@ impl World {
         self.feed(scope, at, Input::Close(Farewell::Done.code()))
     }
 
-    /// What it has sent can be read, its memory stays as it is.
+    /// Ends a process. Its sent frames can still be read, and its memory does not change.
     pub(super) fn die(&mut self, scope: &LinkScope, at: usize) {
         self.budget.deaths -= 1;
         let end = self.end(at);

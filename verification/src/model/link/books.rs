@@ -10,7 +10,7 @@ use super::{
     pool::Slot,
 };
 
-/// What both ends of one direction have agreed on.
+/// The limits that both ends of one direction have agreed on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FlowLimits {
     /// Whether replies go this way.
@@ -44,7 +44,7 @@ impl FlowLimits {
         }
     }
 
-    /// What is broken if another message comes than the next one.
+    /// The property that is broken if a message other than the next one arrives.
     const fn order(&self) -> Property {
         match self.replies {
             true => Property::CallsEndOnce,
@@ -81,7 +81,7 @@ pub(super) struct Entry {
     pub(super) slot: Option<Slot>,
     pub(super) status: Status,
     pub(super) stage: Stage,
-    /// What its sender knows.
+    /// The fate that its sender knows.
     pub(super) fate: Option<Fate>,
 }
 
@@ -104,7 +104,7 @@ pub(super) struct Flow {
     sequence: u64,
     /// The id that the reader would see next if none were lost.
     next_id: Option<u64>,
-    /// Who has to be told: within one step alone.
+    /// The displaced message that must be reported within the same step.
     pub(super) displaced: Option<u64>,
     pub(super) discarded: Option<u64>,
 }
@@ -237,7 +237,7 @@ impl Flow {
         self.entries.iter().filter(ready).count()
     }
 
-    /// What the application has.
+    /// The messages that the application holds.
     pub(super) fn held(&self) -> impl Iterator<Item = u64> {
         self.entries.iter().filter_map(|it| match it.stage {
             Stage::Held(sequence) => Some(sequence),

@@ -1,4 +1,4 @@
-//! What the drivers do: they feed their machines, and do what these say.
+//! The drivers: they feed their machines, and carry out the outputs.
 
 use sm2_proto::{
     Datagram,
@@ -334,7 +334,7 @@ impl World {
         Ok(())
     }
 
-    /// What was sent stays to be read, what was not read is lost.
+    /// Closes the socket of an end. Sent frames can still be read; frames that it has not read are lost.
     pub(super) fn close_socket(&mut self, scope: &LinkScope, at: usize) {
         self.wires[at].closed = true;
         self.wires[1 - at].queue.clear();

@@ -14,7 +14,7 @@ pub(super) struct Slot {
     pub(super) slot: u32,
 }
 
-/// What stands in a slot. One that has no such entry is free: anything may stand there.
+/// The content of a slot. A slot without an entry is free, and may have any content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Cell {
     /// The message of this id, which is not settled.
@@ -50,7 +50,7 @@ impl Pool {
         self.cells.insert(slot, Cell::InUse(id));
     }
 
-    /// What a reader finds.
+    /// The content that a reader finds.
     pub(super) fn read(&self, slot: Slot) -> Option<u64> {
         match self.cells.get(&slot)? {
             Cell::InUse(id) | Cell::Abandoned(id) => Some(*id),

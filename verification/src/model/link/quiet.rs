@@ -1,4 +1,4 @@
-//! What has to hold in a moment as such, and what once nothing is left to happen by itself.
+//! The properties that hold in every moment, and those that hold when no action is left.
 
 use sm2_proto::{
     Datagram, Farewell,
@@ -14,7 +14,7 @@ use super::{
 };
 
 impl World {
-    /// What has to hold in this moment, in which `actions` can happen. Whether all is quiet.
+    /// Checks this moment, in which `actions` are possible. Returns whether it is quiet.
     ///
     /// # Errors
     ///
@@ -124,7 +124,7 @@ impl World {
     }
 }
 
-/// Whatever is fed to an end that is over: nothing comes of it, and the reason stays.
+/// Checks that an end that is over ignores all inputs, and keeps its reason.
 //= SM2-OPN-005, SM2-OPN-007 model
 fn check_silence(at: usize, end: &End) -> Result<(), Failure> {
     let Some(reason) = end.over else {

@@ -1,4 +1,4 @@
-//! Which link it is and what may happen: the bounds of a search.
+//! The bounds of a search: the link, and the events that may happen.
 
 use sm2_proto::{
     LinkId,
@@ -33,7 +33,7 @@ pub enum Form {
     Sealed,
 }
 
-/// What goes wrong on purpose, to see that it is found. Each happens whenever it can.
+/// A fault on purpose, which the search must find. It happens whenever it can.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Fault {
     /// OPEN never arrives.
@@ -66,7 +66,7 @@ pub enum Fault {
     OtherCall,
     /// CANCEL arrives twice.
     CancelTwice,
-    /// What was sent before the end of the stream is lost.
+    /// Frames that were sent before the end of the stream are lost.
     EndOvertakes,
     /// A driver sends the packet that it kept after its link is over.
     KeptAfterEnd,
@@ -79,7 +79,7 @@ pub enum Fault {
 /// The bounds of one search.
 #[derive(Clone, Debug)]
 pub struct LinkScope {
-    /// What it is called.
+    /// The name.
     pub name: &'static str,
     /// Whether it is a link of a service: a caller and a server.
     pub service: bool,
@@ -99,13 +99,13 @@ pub struct LinkScope {
     pub slots: u32,
     /// How many packets a socket holds that the other end has not read.
     pub socket: usize,
-    /// What may happen how often.
+    /// The limits of the numbers of events.
     pub budget: Budget,
     /// Whether the search begins where both ends are open.
     pub settled: bool,
     /// Whether it takes seconds.
     pub quick: bool,
-    /// What is wrong on purpose.
+    /// The fault, if any.
     pub fault: Option<Fault>,
 }
 

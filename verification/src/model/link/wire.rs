@@ -12,7 +12,7 @@ use sm2_proto::{
 
 use super::Fault;
 
-/// What one end has sent and the other has not read.
+/// The frames that one end has sent and the other one has not read.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Wire {
     pub(super) queue: VecDeque<Parcel>,
@@ -27,7 +27,7 @@ pub(super) struct Parcel {
     pub(super) descriptor: Option<Descriptor>,
 }
 
-/// What a descriptor leads to.
+/// The file of a descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Descriptor {
     Segment(SegmentInfo),
@@ -98,7 +98,7 @@ pub(super) const fn message(frame: &Frame<'_>) -> Option<(u64, u64)> {
     }
 }
 
-/// What becomes of a parcel on its way: itself, unless something goes wrong.
+/// The parcels that arrive for one that was sent: the same one, unless there is a fault.
 pub(super) fn carry(parcel: Parcel, fault: Option<Fault>, queue: &mut VecDeque<Parcel>) {
     let Some(fault) = fault else {
         return queue.push_back(parcel);
@@ -124,7 +124,7 @@ fn is_data(parcel: &Parcel) -> bool {
     parcel.with_frame(data) == Some(true)
 }
 
-/// What arrives in place of a frame; none if it is none of the fault's.
+/// The frame that arrives in place of a frame; `None` if the fault does not affect it.
 fn tamper(parcel: &Parcel, frame: Frame<'_>, fault: Fault) -> Option<Vec<Parcel>> {
     let twice = || vec![parcel.clone(), parcel.clone()];
     match (fault, frame) {

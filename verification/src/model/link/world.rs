@@ -54,13 +54,13 @@ pub(super) struct End {
     pub(super) over: Option<link::End>,
     /// The packet that the socket did not take.
     pub(super) kept: Option<Packet>,
-    /// What it sends from.
+    /// The memory that it sends from.
     pub(super) pool: Pool,
     /// The segments of the other end.
     pub(super) mapped: BTreeMap<u32, SegmentInfo>,
     /// The content of sealed files of messages that were not taken yet.
     pub(super) files: BTreeMap<u64, u64>,
-    /// What the application holds.
+    /// The messages that the application holds.
     pub(super) held: BTreeMap<u64, Source>,
     /// The last publication, or the last call.
     pub(super) last: u64,
@@ -76,7 +76,7 @@ pub(super) struct End {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct World {
     pub(super) ends: [Rc<End>; 2],
-    /// What each end has sent and the other one has not read.
+    /// The frames that each end has sent and the other one has not read.
     pub(super) wires: [Wire; 2],
     /// The messages of each end.
     pub(super) flows: [Flow; 2],
@@ -209,7 +209,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// What this broke.
+    /// The property that the action broke.
     pub fn step(&self, scope: &LinkScope, action: Action) -> Result<Self, Failure> {
         let mut next = self.clone();
         match action {

@@ -6,7 +6,7 @@ use core::sync::atomic::{AtomicPtr, Ordering};
 
 use crate::memory;
 
-/// Who answers where the library runs on the processor: `../engine/replay.py`.
+/// The callbacks when the library runs on the processor; `../engine/replay.py` implements them.
 #[repr(C)]
 struct Answers {
     any: extern "C" fn(u32) -> u64,
