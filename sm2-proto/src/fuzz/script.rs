@@ -190,24 +190,8 @@ impl<'a> Script<'a> {
     }
 
     pub(crate) fn key(&mut self) -> Option<Key> {
-        Some(match self.byte()? % 5 {
-            0 => Key::Domain,
-            1 => Key::Member {
-                entity: self.entity()?,
-            },
-            2 => Key::Link {
-                link: self.link()?,
-                offering: self.entity()?,
-            },
-            3 => Key::Claim {
-                link: self.link()?,
-                entity: self.entity()?,
-            },
-            _ => Key::Unlinked {
-                offering: self.entity()?,
-                demanding: self.entity()?,
-            },
-        })
+        let choice = self.byte()?;
+        key_of(self, choice, Self::entity, Self::link)
     }
 
     pub(crate) fn item(&mut self) -> Option<Item> {
@@ -281,4 +265,31 @@ impl<'a> Script<'a> {
         };
         (0..count).map(change).collect()
     }
+}
+
+/// The key of any kind, whose parts come from `entity` and `link`.
+pub(crate) fn key_of<S>(
+    source: &mut S,
+    choice: u8,
+    entity: fn(&mut S) -> Option<EntityId>,
+    link: fn(&mut S) -> Option<LinkId>,
+) -> Option<Key> {
+    Some(match choice % 5 {
+        0 => Key::Domain,
+        1 => Key::Member {
+            entity: entity(source)?,
+        },
+        2 => Key::Link {
+            link: link(source)?,
+            offering: entity(source)?,
+        },
+        3 => Key::Claim {
+            link: link(source)?,
+            entity: entity(source)?,
+        },
+        _ => Key::Unlinked {
+            offering: entity(source)?,
+            demanding: entity(source)?,
+        },
+    })
 }

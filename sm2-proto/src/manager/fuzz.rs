@@ -12,7 +12,7 @@ use crate::{
     Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine,
     NodeId, Seals,
     control::{Key, ToManager, decode_to_node, encode_to_manager},
-    fuzz::script::Script,
+    fuzz::script::{Script, key_of},
 };
 
 const EPOCH: u64 = 1;
@@ -243,24 +243,8 @@ impl<'a> Fuzz<'a> {
     }
 
     fn key(&mut self) -> Option<Key> {
-        Some(match self.script.byte()? % 5 {
-            0 => Key::Domain,
-            1 => Key::Member {
-                entity: self.entity()?,
-            },
-            2 => Key::Link {
-                link: self.link()?,
-                offering: self.entity()?,
-            },
-            3 => Key::Claim {
-                link: self.link()?,
-                entity: self.entity()?,
-            },
-            _ => Key::Unlinked {
-                offering: self.entity()?,
-                demanding: self.entity()?,
-            },
-        })
+        let choice = self.script.byte()?;
+        key_of(self, choice, Self::entity, Self::link)
     }
 
     /// The domain's revision, or one before or after it.
