@@ -37,6 +37,26 @@ fn a_name_belongs_to_one_ready_session() {
     assert_eq!(manager.node("arm/left").nodes(), ["arm/right", "arm/left"]);
 }
 
+//= SM2-SES-001 sys
+#[test]
+fn frames_may_follow_hello_without_waiting_for_welcome() {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let node = manager.connect();
+    node.send(control::hello("arm/left"));
+    node.send(control::declare(1, &control::publisher("pose", Qos::PLAIN)));
+    node.send(control::query());
+    assert!(matches!(node.next(), ToNode::Welcome { .. }));
+    assert!(matches!(node.next(), ToNode::Declared { matches: 0, .. }));
+    assert!(matches!(node.next(), ToNode::Page { .. }));
+    // Behind a HELLO that is refused, the same frame comes before WELCOME.
+    let second = manager.connect();
+    second.send(control::hello("arm/left"));
+    second.send(control::query());
+    assert!(matches!(second.next(), ToNode::HelloRefused { .. }));
+    assert_eq!(second.ended(), Some(Code(32)), "expected-hello");
+}
+
 /// The kernel closes the sockets of a process that was killed before its parent hears of
 /// it: from then on the name is free, without any wait.
 //= SM2-SES-003, SM2-SES-006 sys
