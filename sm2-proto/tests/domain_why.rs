@@ -127,7 +127,7 @@ fn kinds_and_reliability() {
     assert_eq!(
         text(&plain, &subscriber_with("scan", None, true, false), &[]),
         "planner's subscriber of scan demands reliability, which lidar's publisher of scan does \
-         not offer.\nMake the publisher reliable, or let the subscriber do without."
+         not offer.\nMake the publisher reliable, or the subscriber best-effort."
     );
 }
 
@@ -287,16 +287,22 @@ fn refused_and_by_whom() {
     );
 }
 
-//= SM2-WCH-004, SM2-LNK-004, SM2-RES-007 test
-#[test]
-fn they_match_and_something_is_in_the_way() {
-    let unlinked = |reason| Item::Unlinked {
+const BOTH_MATCH: &str = "lidar's publisher of scan and planner's subscriber of scan match";
+
+/// The pair of both interfaces has no link for this reason.
+fn unlinked(reason: UnlinkedReason) -> Item {
+    Item::Unlinked {
         offering: at(LIDAR, 1),
         demanding: at(PLANNER, 1),
         reason,
-    };
+    }
+}
+
+//= SM2-WCH-004, SM2-LNK-004, SM2-RES-007 test
+#[test]
+fn a_matching_pair_is_not_linked() {
     let said = |more: &[Item]| text(&scan(), &sub(), more);
-    let both = "lidar's publisher of scan and planner's subscriber of scan match";
+    let both = BOTH_MATCH;
     assert_eq!(
         said(&[unlinked(UnlinkedReason::Ended { code: Code(2) })]),
         format!(
@@ -307,14 +313,11 @@ fn they_match_and_something_is_in_the_way() {
     for (code, meaning) in [
         (71, "bad-sequence"),
         (40_000, "code 40000"),
-        (0, "it wanted no more"),
+        (0, "it was no longer needed"),
         (1, "it did not greet in time"),
         (3, "it was shutting down"),
-        (
-            4,
-            "it ran out of descriptors or memory, or of what it may have",
-        ),
-        (5, "the other end was gone without a word"),
+        (4, "it ran out of descriptors, memory or quota"),
+        (5, "the other end was gone without a farewell"),
         (6, "the new Manager could not take the link over"),
     ] {
         let said = said(&[unlinked(UnlinkedReason::Ended { code: Code(code) })]);
@@ -339,30 +342,37 @@ fn they_match_and_something_is_in_the_way() {
     assert!(said(&[quota(9)]).contains("but node 9 may not have"));
     let none = said(&[unlinked(UnlinkedReason::Descriptors)]);
     assert!(none.starts_with(&format!("{both}, but the Manager had no descriptors")));
+}
+
+//= SM2-RES-002, SM2-RES-004 test
+#[test]
+fn a_matching_pair_waits_for_claims() {
+    let said = |more: &[Item]| text(&scan(), &sub(), more);
+    let both = BOTH_MATCH;
     let late = node(PLANNER, "planner", 1_000, true);
     assert_eq!(
         said(std::slice::from_ref(&late)),
         format!(
-            "{both}, but the new Manager waits for planner to tell which links it has.\n\
+            "{both}, but the new Manager waits for planner to claim existing links.\n\
              That takes a moment: ask again."
         )
     );
     let both_late = [node(LIDAR, "lidar", 1_000, true), late.clone()];
-    assert!(said(&both_late).contains("waits for lidar and planner to tell"));
+    assert!(said(&both_late).contains("waits for lidar and planner to claim"));
     let claim = Item::Claim {
         link: LINK,
         entity: at(LIDAR, 1),
     };
     assert_eq!(
         said(&[late, claim.clone()]),
-        "lidar's publisher of scan has told the new Manager of a link; planner's subscriber of \
-         scan has not told what it has yet.\n\
-         It has a few seconds for that; the link itself goes on meanwhile."
+        "lidar's publisher of scan has claimed a link from the new Manager; planner's subscriber \
+         of scan has not claimed it yet.\n\
+         It has a few seconds for that. The link works meanwhile."
     );
-    // Whoever has told all has no end of that link.
+    // A node that has sent CLAIMED without a claim of that link has no end of it.
     let due = format!(
-        "{both}, and nothing is in the way.\n\
-         If they are not linked in a moment, the Manager has more to say in its log."
+        "{both}, and nothing prevents a link.\n\
+         If they are not linked in a moment, the Manager's log says why."
     );
     assert_eq!(said(&[claim]), due);
     assert_eq!(said(&[]), due);

@@ -1,9 +1,9 @@
-//! Verdicts in plain words.
+//! The texts of verdicts: what stands between two interfaces, and what to do about it.
 
 use core::fmt;
 
 use super::{Finding, NearName, Part, Party, Reliability, Seal, TypePair, Verdict};
-use crate::{EntityId, Farewell, Kind, NodeId, Refusal, text::Counted};
+use crate::{Code, EntityId, Farewell, Kind, NodeId, Refusal, text::Counted};
 
 impl fmt::Display for Party {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -62,43 +62,16 @@ impl fmt::Display for Verdict {
             Finding::Reliability => write!(
                 f,
                 "{other} demands reliability, which {one} does not offer.\n\
-                 Make the publisher reliable, or let the subscriber do without."
+                 Make the publisher reliable, or the subscriber best-effort."
             ),
-            Finding::Claimed { by, .. } => {
-                let by = self.party(*by);
-                let absent = if by == one { other } else { one };
-                write!(
-                    f,
-                    "{by} has told the new Manager of a link; {absent} has not told what it \
-                     has yet.\nIt has a few seconds for that; the link itself goes on meanwhile."
-                )
-            }
+            Finding::Claimed { by, .. } => self.write_claimed(f, *by),
             Finding::Resuming { nodes } => {
                 write!(f, "{one} and {other} match, but the new Manager waits for ")?;
                 self.write_nodes(f, nodes)?;
-                f.write_str(" to tell which links it has.\nThat takes a moment: ask again.")
+                f.write_str(" to claim existing links.\nThat takes a moment: ask again.")
             }
-            Finding::Ended { code } => {
-                write!(
-                    f,
-                    "{one} and {other} match, but one of them ended their link: "
-                )?;
-                match Farewell::from_code(*code) {
-                    Some(farewell) => f.write_str(meaning(farewell))?,
-                    None => write!(f, "{code}")?,
-                }
-                f.write_str(".\nThey are not linked again until one of them is declared anew.")
-            }
-            Finding::Quota { node, limit } => {
-                write!(f, "{one} and {other} match, but ")?;
-                self.write_nodes(f, &[*node])?;
-                write!(
-                    f,
-                    " may not have more than {}.\n\
-                     Close some and declare again, or have the operator raise the limit.",
-                    Counted::new((*limit).into(), "link")
-                )
-            }
+            Finding::Ended { code } => self.write_ended(f, *code),
+            Finding::Quota { node, limit } => self.write_quota(f, *node, *limit),
             Finding::Descriptors => write!(
                 f,
                 "{one} and {other} match, but the Manager had no descriptors for a link.\n\
@@ -106,8 +79,8 @@ impl fmt::Display for Verdict {
             ),
             Finding::Due => write!(
                 f,
-                "{one} and {other} match, and nothing is in the way.\n\
-                 If they are not linked in a moment, the Manager has more to say in its log."
+                "{one} and {other} match, and nothing prevents a link.\n\
+                 If they are not linked in a moment, the Manager's log says why."
             ),
         }
     }
@@ -128,7 +101,7 @@ impl Verdict {
             return write!(f, "{one} and {other} are no counterparts.");
         };
         if one.entity == other.entity {
-            write!(f, "{one} is one interface; it takes two for a link.")?;
+            write!(f, "{one} is one interface: a link joins two.")?;
         } else if kind == theirs {
             write!(f, "{one} and {other} are both {kind}s.")?;
         } else {
@@ -140,8 +113,8 @@ impl Verdict {
     fn write_seals(&self, f: &mut fmt::Formatter<'_>, seals: &[Seal]) -> fmt::Result {
         if seals.is_empty() {
             return f.write_str(
-                "not sealed: nobody asks for it and no policy does, so the sender could still \
-                 change what it sent.",
+                "not sealed: neither side asks for it and no policy demands it, so the sender \
+                 could still change a message after it was sent.",
             );
         }
         f.write_str("sealed, since ")?;
@@ -157,6 +130,45 @@ impl Verdict {
             }
         }
         f.write_str(".")
+    }
+
+    fn write_claimed(&self, f: &mut fmt::Formatter<'_>, by: EntityId) -> fmt::Result {
+        let by = self.party(by);
+        let absent = if *by == self.one {
+            &self.other
+        } else {
+            &self.one
+        };
+        write!(
+            f,
+            "{by} has claimed a link from the new Manager; {absent} has not claimed it yet.\n\
+             It has a few seconds for that. The link works meanwhile."
+        )
+    }
+
+    fn write_ended(&self, f: &mut fmt::Formatter<'_>, code: Code) -> fmt::Result {
+        let Self { one, other, .. } = self;
+        write!(
+            f,
+            "{one} and {other} match, but one of them ended their link: "
+        )?;
+        match Farewell::from_code(code) {
+            Some(farewell) => f.write_str(meaning(farewell))?,
+            None => write!(f, "{code}")?,
+        }
+        f.write_str(".\nThey are not linked again until one of them is declared anew.")
+    }
+
+    fn write_quota(&self, f: &mut fmt::Formatter<'_>, node: NodeId, limit: u32) -> fmt::Result {
+        let Self { one, other, .. } = self;
+        write!(f, "{one} and {other} match, but ")?;
+        self.write_nodes(f, &[node])?;
+        write!(
+            f,
+            " may not have more than {}.\n\
+             Close some and declare again, or have the operator raise the limit.",
+            Counted::new(limit.into(), "link")
+        )
     }
 
     fn write_nodes(&self, f: &mut fmt::Formatter<'_>, nodes: &[NodeId]) -> fmt::Result {
@@ -199,7 +211,7 @@ fn write_refused(
             ", as {against} states.\nUse one type for both, or another name for one of them."
         ),
         (Refusal::TopicType { .. } | Refusal::ServiceType { .. }, None) => {
-            f.write_str(".\nWhoever stated that type is gone by now: declare it again.")
+            f.write_str(".\nThe interface that stated that type is gone by now: declare again.")
         }
         (Refusal::Quota { .. } | Refusal::NameTaken | Refusal::Version { .. }, None) => {
             f.write_str(".")
@@ -280,12 +292,12 @@ impl fmt::Display for Part {
 
 const fn meaning(farewell: Farewell) -> &'static str {
     match farewell {
-        Farewell::Done => "it wanted no more",
+        Farewell::Done => "it was no longer needed",
         Farewell::GreetingTimeout => "it did not greet in time",
         Farewell::Stalled => "the other one did not read what was sent to it",
         Farewell::ShuttingDown => "it was shutting down",
-        Farewell::Resources => "it ran out of descriptors or memory, or of what it may have",
-        Farewell::PeerGone => "the other end was gone without a word",
+        Farewell::Resources => "it ran out of descriptors, memory or quota",
+        Farewell::PeerGone => "the other end was gone without a farewell",
         Farewell::NotAdopted => "the new Manager could not take the link over",
     }
 }

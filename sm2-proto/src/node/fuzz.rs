@@ -274,23 +274,7 @@ impl Fuzz<'_> {
                 interface: script.interface()?,
                 reason: script.refusal()?,
             },
-            6..=8 => {
-                let choice = script.byte()?;
-                ToNode::Link {
-                    interface: script.interface()?,
-                    link: script.link()?,
-                    key: LinkKey(3),
-                    version: u16::from(choice < 250),
-                    reliable: choice & 1 != 0,
-                    sealed: choice & 2 != 0,
-                    peer: Peer {
-                        node: script.node()?,
-                        name: script.name()?,
-                        interface: script.interface()?,
-                        contract: script.contract()?,
-                    },
-                }
-            }
+            6..=8 => return self.link_frame(),
             9 => ToNode::Unlink {
                 interface: script.interface()?,
                 link: script.link()?,
@@ -325,6 +309,25 @@ impl Fuzz<'_> {
                 let text = Some(text);
                 ToNode::Described { data, text }
             }
+        })
+    }
+
+    fn link_frame(&mut self) -> Option<ToNode> {
+        let script = &mut self.script;
+        let choice = script.byte()?;
+        Some(ToNode::Link {
+            interface: script.interface()?,
+            link: script.link()?,
+            key: LinkKey(3),
+            version: u16::from(choice < 250),
+            reliable: choice & 1 != 0,
+            sealed: choice & 2 != 0,
+            peer: Peer {
+                node: script.node()?,
+                name: script.name()?,
+                interface: script.interface()?,
+                contract: script.contract()?,
+            },
         })
     }
 

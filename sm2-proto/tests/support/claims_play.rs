@@ -16,7 +16,7 @@ use crate::{
 pub(crate) const SLOTS: usize = 4;
 pub(crate) const INTERFACES: u64 = 3;
 
-/// What one session does; sessions and interfaces by their place in the play.
+/// One action of a session. Sessions are named by their slot, interfaces by their number.
 #[derive(Clone, Debug)]
 pub(crate) enum Op {
     Join(usize, bool, u32),
@@ -25,12 +25,12 @@ pub(crate) enum Op {
     Withdraw(usize, u64),
     Claim(usize, u64, Said),
     Claimed(usize),
-    /// Ends a link that the node has, or is told to end.
+    /// UNLINKED for a link that the node has, or for one that it was told to end.
     Unlinked(usize, usize),
     Wait(u64),
 }
 
-/// A Manager, somebody who only looks, and what SPEC makes of it all.
+/// A Manager, a node that only queries it, and the oracle of SPEC section 11.
 pub(crate) struct Play {
     bench: Bench,
     observer: NodeId,
@@ -58,23 +58,190 @@ impl Play {
 
     /// Does one thing to both. Panics if they say or show different things.
     pub(crate) fn step(&mut self, op: &Op) {
-        let Self {
-            bench,
-            oracle,
-            slots,
-            policy,
-            ..
-        } = self;
-        oracle.events.clear();
-        let events = step(bench, oracle, slots, policy, op.clone());
-        oracle.events.sort_unstable();
-        assert_eq!(told(&events), oracle.events, "{op:?}");
-        let shown = relations(bench, self.observer);
-        assert_eq!(shown, oracle.relations(), "{op:?}");
+        self.oracle.events.clear();
+        let events = self.apply(op.clone());
+        self.oracle.events.sort_unstable();
+        assert_eq!(told(&events), self.oracle.events, "{op:?}");
+        let shown = relations(&self.bench, self.observer);
+        assert_eq!(shown, self.oracle.relations(), "{op:?}");
+    }
+
+    /// Does one thing to both. Returns the outputs of the Manager.
+    fn apply(&mut self, op: Op) -> Vec<Event> {
+        match op {
+            Op::Join(at, resuming, uid) => self.join(at, resuming, uid),
+            Op::Wait(ms) => self.wait(ms),
+            Op::Leave(at)
+            | Op::Declare(at, _)
+            | Op::Withdraw(at, _)
+            | Op::Claim(at, _, _)
+            | Op::Claimed(at)
+            | Op::Unlinked(at, _) => match self.session(at) {
+                Some(session) => self.apply_to(&session, op),
+                None => Vec::new(),
+            },
+        }
+    }
+
+    /// What a session that is there does.
+    fn apply_to(&mut self, session: &Session, op: Op) -> Vec<Event> {
+        let node = session.node;
+        match op {
+            Op::Join(..) | Op::Wait(_) => Vec::new(),
+            Op::Leave(_) => {
+                self.oracle.leave(node);
+                self.bench.close(node)
+            }
+            Op::Declare(_, contract) => self.declare(session, contract),
+            Op::Withdraw(_, interface) => self.withdraw(node, interface),
+            Op::Claim(_, interface, said) => self.claim(session, interface, said),
+            Op::Claimed(_) => self.claimed(session),
+            Op::Unlinked(_, pick) => self.unlinked(node, pick),
+        }
+    }
+
+    fn session(&self, at: usize) -> Option<Session> {
+        let node = self.slots[at]?;
+        self.oracle.sessions.get(&node).cloned()
+    }
+
+    fn join(&mut self, at: usize, is_resuming: bool, uid: u32) -> Vec<Event> {
+        if self.session(at).is_some() {
+            return Vec::new();
+        }
+        let text = format!("n{at}");
+        let node = self.bench.connect(uid);
+        let greeting = if is_resuming {
+            resuming(&text)
+        } else {
+            hello(&text)
+        };
+        self.bench.send(node, &greeting);
+        self.slots[at] = Some(node);
+        self.oracle.sessions.insert(
+            node,
+            Session {
+                node,
+                uid,
+                resuming: is_resuming,
+                last: 0,
+                greet_until: self.oracle.now + 2_000,
+            },
+        );
+        Vec::new()
+    }
+
+    fn declare(&mut self, session: &Session, contract: Contract) -> Vec<Event> {
+        let node = session.node;
+        let interface = session.last + 1;
+        if interface > INTERFACES {
+            return Vec::new();
+        }
+        let entity = entity_of(node, interface);
+        self.oracle.interfaces.insert(entity, contract.clone());
+        if let Some(session) = self.oracle.sessions.get_mut(&node) {
+            session.last = interface;
+        }
+        let events = self.bench.declare(node, interface, &contract);
+        let matches = if session.resuming {
+            0
+        } else {
+            self.oracle.link_all(&self.policy, entity)
+        };
+        let answer = ToNode::Declared {
+            interface: entity.interface,
+            matches: u32::try_from(matches).expect("few"),
+        };
+        assert_eq!(events[0], Event::Sent(node, answer));
+        events
+    }
+
+    fn withdraw(&mut self, node: NodeId, interface: u64) -> Vec<Event> {
+        let entity = entity_of(node, interface);
+        if self.oracle.interfaces.remove(&entity).is_none() {
+            return Vec::new();
+        }
+        self.oracle.drop_end(entity, None, 0);
+        self.bench.send(node, &withdraw(interface))
+    }
+
+    fn claim(&mut self, session: &Session, interface: u64, said: Said) -> Vec<Event> {
+        let entity = entity_of(session.node, interface);
+        let link = LinkId {
+            epoch: EPOCH - 1,
+            serial: said.serial,
+        };
+        let is_legal = session.resuming
+            && self.oracle.interfaces.contains_key(&entity)
+            && !self.oracle.has(entity, link);
+        if !is_legal {
+            return Vec::new();
+        }
+        let frame = ToManager::Claim {
+            interface: entity.interface,
+            link,
+            key: said.key,
+            version: 1,
+            reliable: said.reliable,
+            sealed: said.sealed,
+        };
+        self.oracle.claim(&self.policy, entity, link, said);
+        self.bench.send(session.node, &frame)
+    }
+
+    fn claimed(&mut self, session: &Session) -> Vec<Event> {
+        if !session.resuming {
+            return Vec::new();
+        }
+        let node = session.node;
+        if let Some(session) = self.oracle.sessions.get_mut(&node) {
+            session.resuming = false;
+        }
+        for half in &mut self.oracle.halves {
+            if half.entity.node == node {
+                half.until = Some(self.oracle.now + 5_000);
+            }
+        }
+        let entities: Vec<EntityId> = self.oracle.interfaces.keys().copied().collect();
+        for entity in entities.into_iter().filter(|it| it.node == node) {
+            self.oracle.link_all(&self.policy, entity);
+        }
+        self.bench.send(node, &ToManager::Claimed)
+    }
+
+    fn unlinked(&mut self, node: NodeId, pick: usize) -> Vec<Event> {
+        let oracle = &mut self.oracle;
+        let mut own: BTreeSet<(EntityId, LinkId)> = oracle.told.clone();
+        own.extend(oracle.halves.iter().map(|it| (it.entity, it.id)));
+        let links = oracle.links.iter();
+        own.extend(links.flat_map(|it| it.ends.map(|end| (end, it.id))));
+        own.retain(|(entity, _)| entity.node == node);
+        let Some(&(entity, id)) = own.iter().nth(pick) else {
+            return Vec::new();
+        };
+        if !oracle.told.contains(&(entity, id)) {
+            oracle.events.push((entity, id, Some(5)));
+        }
+        oracle.drop_end(entity, Some(id), 5);
+        self.bench.send(node, &unlinked(entity.interface.0, id))
+    }
+
+    fn wait(&mut self, ms: u64) -> Vec<Event> {
+        let now = self.bench.now;
+        self.bench.now = now.after(Duration::from_millis(ms));
+        self.oracle.wait(ms);
+        self.bench.input(Input::Tick)
     }
 }
 
-/// What the Manager told everybody of links.
+const fn entity_of(node: NodeId, interface: u64) -> EntityId {
+    EntityId {
+        node,
+        interface: InterfaceId(interface),
+    }
+}
+
+/// All LINKs and UNLINKs that the Manager sent.
 fn told(events: &[Event]) -> Vec<Told> {
     let one = |node: NodeId, frame: &ToNode| match *frame {
         ToNode::Unlink {
@@ -120,163 +287,4 @@ fn relations(bench: &Bench, asks: NodeId) -> Vec<Item> {
     };
     let related = |item: &&Item| !matches!(item, Item::Unlinked { .. });
     items.iter().filter(related).cloned().collect()
-}
-
-/// What the Manager said.
-fn step(
-    bench: &mut Bench,
-    oracle: &mut Oracle,
-    slots: &mut [Option<NodeId>; SLOTS],
-    policy: &Policy,
-    op: Op,
-) -> Vec<Event> {
-    let session = |oracle: &Oracle, at: usize| {
-        let node = slots[at].filter(|node| oracle.sessions.contains_key(node));
-        node.map(|node| oracle.sessions[&node].clone())
-    };
-    let entity_of = |node: NodeId, interface: u64| EntityId {
-        node,
-        interface: InterfaceId(interface),
-    };
-    match op {
-        Op::Join(at, back, uid) if session(oracle, at).is_none() => {
-            let text = format!("n{at}");
-            let node = bench.connect(uid);
-            bench.send(node, &if back { resuming(&text) } else { hello(&text) });
-            slots[at] = Some(node);
-            oracle.sessions.insert(
-                node,
-                Session {
-                    node,
-                    uid,
-                    resuming: back,
-                    last: 0,
-                    greet_until: oracle.now + 2_000,
-                },
-            );
-            Vec::new()
-        }
-        Op::Leave(at) => match session(oracle, at) {
-            Some(Session { node, .. }) => {
-                oracle.leave(node);
-                bench.close(node)
-            }
-            None => Vec::new(),
-        },
-        Op::Declare(at, contract) => match session(oracle, at) {
-            Some(Session {
-                node,
-                resuming,
-                last,
-                ..
-            }) if last < INTERFACES => {
-                let entity = entity_of(node, last + 1);
-                oracle.interfaces.insert(entity, contract.clone());
-                if let Some(session) = oracle.sessions.get_mut(&node) {
-                    session.last += 1;
-                }
-                let events = bench.declare(node, last + 1, &contract);
-                let matches = if resuming {
-                    0
-                } else {
-                    oracle.link_all(policy, entity)
-                };
-                let answer = ToNode::Declared {
-                    interface: entity.interface,
-                    matches: u32::try_from(matches).expect("few"),
-                };
-                assert_eq!(events[0], Event::Sent(node, answer));
-                events
-            }
-            _ => Vec::new(),
-        },
-        Op::Withdraw(at, interface) => match session(oracle, at) {
-            Some(Session { node, .. })
-                if oracle.interfaces.contains_key(&entity_of(node, interface)) =>
-            {
-                let entity = entity_of(node, interface);
-                oracle.interfaces.remove(&entity);
-                oracle.drop_end(entity, None, 0);
-                bench.send(node, &withdraw(interface))
-            }
-            _ => Vec::new(),
-        },
-        Op::Claim(at, interface, said) => {
-            let id = LinkId {
-                epoch: EPOCH - 1,
-                serial: said.serial,
-            };
-            match session(oracle, at) {
-                Some(Session {
-                    node,
-                    resuming: true,
-                    ..
-                }) if oracle.interfaces.contains_key(&entity_of(node, interface))
-                    && !oracle.has(entity_of(node, interface), id) =>
-                {
-                    oracle.claim(policy, entity_of(node, interface), id, said);
-                    let frame = ToManager::Claim {
-                        interface: InterfaceId(interface),
-                        link: id,
-                        key: said.key,
-                        version: 1,
-                        reliable: said.reliable,
-                        sealed: said.sealed,
-                    };
-                    bench.send(node, &frame)
-                }
-                _ => Vec::new(),
-            }
-        }
-        Op::Claimed(at) => match session(oracle, at) {
-            Some(Session {
-                node,
-                resuming: true,
-                ..
-            }) => {
-                if let Some(session) = oracle.sessions.get_mut(&node) {
-                    session.resuming = false;
-                }
-                for half in &mut oracle.halves {
-                    if half.entity.node == node {
-                        half.until = Some(oracle.now + 5_000);
-                    }
-                }
-                let entities: Vec<EntityId> = oracle.interfaces.keys().copied().collect();
-                for entity in entities.into_iter().filter(|it| it.node == node) {
-                    oracle.link_all(policy, entity);
-                }
-                bench.send(node, &ToManager::Claimed)
-            }
-            _ => Vec::new(),
-        },
-        Op::Unlinked(at, pick) => {
-            let Some(Session { node, .. }) = session(oracle, at) else {
-                return Vec::new();
-            };
-            let mut own: BTreeSet<(EntityId, LinkId)> = oracle.told.clone();
-            own.extend(oracle.halves.iter().map(|it| (it.entity, it.id)));
-            own.extend(
-                oracle
-                    .links
-                    .iter()
-                    .flat_map(|it| it.ends.map(|end| (end, it.id))),
-            );
-            own.retain(|(entity, _)| entity.node == node);
-            let Some(&(entity, id)) = own.iter().nth(pick) else {
-                return Vec::new();
-            };
-            if !oracle.told.contains(&(entity, id)) {
-                oracle.events.push((entity, id, Some(5)));
-            }
-            oracle.drop_end(entity, Some(id), 5);
-            bench.send(node, &unlinked(entity.interface.0, id))
-        }
-        Op::Wait(ms) => {
-            bench.now = bench.now.after(Duration::from_millis(ms));
-            oracle.wait(ms);
-            bench.input(Input::Tick)
-        }
-        Op::Join(..) => Vec::new(),
-    }
 }

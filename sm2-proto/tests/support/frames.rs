@@ -282,15 +282,6 @@ pub(crate) fn to_manager() -> Union<BoxedStrategy<ToManager>> {
 }
 
 pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
-    let peer = (nodes(), names(), interfaces(), contracts()).prop_map(
-        |(node, name, interface, contract)| Peer {
-            node,
-            name,
-            interface,
-            contract,
-        },
-    );
-    let terms = any::<(u16, bool, bool)>();
     Union::new([
         (any::<u16>(), number(), nodes())
             .prop_map(|(version, epoch, node)| ToNode::Welcome {
@@ -308,19 +299,7 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
         (interfaces(), refusals())
             .prop_map(|(interface, reason)| ToNode::DeclareRefused { interface, reason })
             .boxed(),
-        (interfaces(), links(), number(), terms, peer)
-            .prop_map(
-                |(interface, link, key, (version, reliable, sealed), peer)| ToNode::Link {
-                    interface,
-                    link,
-                    key: LinkKey(key),
-                    version,
-                    reliable,
-                    sealed,
-                    peer,
-                },
-            )
-            .boxed(),
+        link_frame().boxed(),
         (interfaces(), links(), codes())
             .prop_map(|(interface, link, code)| ToNode::Unlink {
                 interface,
@@ -354,4 +333,27 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
             .prop_map(|(data, text)| ToNode::Described { data, text })
             .boxed(),
     ])
+}
+
+fn link_frame() -> impl Strategy<Value = ToNode> {
+    let peer = (nodes(), names(), interfaces(), contracts()).prop_map(
+        |(node, name, interface, contract)| Peer {
+            node,
+            name,
+            interface,
+            contract,
+        },
+    );
+    let terms = any::<(u16, bool, bool)>();
+    (interfaces(), links(), number(), terms, peer).prop_map(
+        |(interface, link, key, (version, reliable, sealed), peer)| ToNode::Link {
+            interface,
+            link,
+            key: LinkKey(key),
+            version,
+            reliable,
+            sealed,
+            peer,
+        },
+    )
 }

@@ -1,4 +1,4 @@
-//! What nodes read, and how their drivers carry out what comes of it.
+//! How nodes read their sockets, and how their drivers carry out the outputs.
 
 use sm2_proto::{
     Datagram, FdFacts, LinkId, Machine,
@@ -8,7 +8,7 @@ use sm2_proto::{
 use super::{Down, Socket, World, end_of};
 
 impl World {
-    /// Whether there was anything to read.
+    /// Feeds the next datagram to a node. Returns whether there was one.
     pub(crate) fn node_reads(&mut self, at: usize) -> bool {
         let Some(connection) = &mut self.programs[at].connection else {
             return false;
@@ -95,18 +95,7 @@ impl World {
                 node::Output::Withdrawn { interface } => {
                     assert!(!program.interfaces.contains_key(&interface));
                 }
-                node::Output::Ended(end) => {
-                    assert!(!matches!(end, End::Violation(_) | End::Local(_)), "{end}");
-                    let connection = program.connection.take().expect("connected");
-                    for down in &connection.down {
-                        if let Down::Frame(_, Some(link)) = down {
-                            self.lose(at, *link);
-                        }
-                    }
-                    if self.manager.is_some() {
-                        self.programs[at].closed.push_back(connection);
-                    }
-                }
+                node::Output::Ended(end) => self.session_ended(at, end),
                 node::Output::Resumed => {}
                 other @ (node::Output::HelloRefused(_)
                 | node::Output::TransmitCounters(_)
@@ -118,6 +107,20 @@ impl World {
         // A LINK that crossed WITHDRAW: the driver closes the descriptor.
         if let Some(link) = descriptor {
             self.lose(at, link);
+        }
+    }
+
+    /// The node's driver closes the connection, and with it the descriptors that it did not read.
+    fn session_ended(&mut self, at: usize, end: End) {
+        assert!(!matches!(end, End::Violation(_) | End::Local(_)), "{end}");
+        let connection = self.programs[at].connection.take().expect("connected");
+        for down in &connection.down {
+            if let Down::Frame(_, Some(link)) = down {
+                self.lose(at, *link);
+            }
+        }
+        if self.manager.is_some() {
+            self.programs[at].closed.push_back(connection);
         }
     }
 }
