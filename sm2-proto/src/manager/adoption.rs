@@ -1,5 +1,5 @@
-//! Links of earlier Managers: nodes that come back claim them, and a link that both of
-//! its ends have claimed is adopted (SPEC section 11).
+//! Adopts links of earlier Managers. Nodes that come back claim their links, and this Manager
+//! adopts a link once both ends have claimed it (SPEC section 11).
 
 use alloc::vec::Vec;
 
@@ -58,7 +58,7 @@ impl Manager {
         Ok(())
     }
 
-    /// Both ends have claimed a link.
+    /// Handles the second of two claims that agree.
     //= SM2-RES-004, SM2-RES-005
     fn adopt(&mut self, link: LinkId, ends: [EntityId; 2], agreed: Agreed) {
         match self.adoptable(ends, agreed) {
@@ -71,7 +71,7 @@ impl Manager {
         }
     }
 
-    /// Whether this Manager would have made such a link, now.
+    /// The pair that a claimed link joins, if this Manager would make such a link now.
     //= SM2-RES-005, SM2-MAT-003
     fn adoptable(&self, [one, other]: [EntityId; 2], agreed: Agreed) -> Option<Pair> {
         let (uid, ours) = self.whose(one)?;
@@ -83,7 +83,7 @@ impl Manager {
         (fits && !self.links.joins(pair)).then_some(pair)
     }
 
-    /// The session has claimed all that it has: now it is linked like any other.
+    /// CLAIMED: the session has claimed all its links. From now on it is linked like any other one.
     //= SM2-RES-006, SM2-RES-007, SM2-SES-004
     pub(super) fn claimed(&mut self, now: Instant, node: NodeId) {
         let Some(session) = self.sessions.remove(&node) else {
@@ -101,7 +101,7 @@ impl Manager {
         self.settle(node);
     }
 
-    /// Gives up claims whose counterparts did not come.
+    /// Gives up the claims whose counterparts did not come in time.
     //= SM2-RES-006
     pub(super) fn expire_claims(&mut self, now: Instant) {
         while let Some(node) = self.claims.pop_expired(now) {
@@ -120,14 +120,14 @@ impl Manager {
         }
     }
 
-    /// A claim is over, without a word to anybody.
+    /// Removes a claim without telling any node.
     pub(super) fn give_up_claim(&mut self, entity: EntityId, link: LinkId) {
         if self.claims.remove(link, entity) {
             self.changed(Key::Claim { link, entity });
         }
     }
 
-    /// The Manager says its farewell to a live end of a link.
+    /// Sends the Manager's UNLINK for a live end of a link.
     pub(super) fn tell(
         &mut self,
         EntityId { node, interface }: EntityId,

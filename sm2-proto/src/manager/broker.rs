@@ -1,4 +1,4 @@
-//! Interfaces and who is linked with whom (SPEC sections 4.3, 4.4 and 5).
+//! Grants interfaces and links those that match (SPEC sections 4.3, 4.4 and 5).
 
 use alloc::{sync::Arc, vec::Vec};
 
@@ -21,7 +21,7 @@ use crate::{
 #[derive(Default)]
 struct Matches {
     linked: Vec<EntityId>,
-    /// Those whose sessions may not have more links.
+    /// The counterparts whose sessions have used up their quota of links.
     full: Vec<EntityId>,
 }
 
@@ -43,7 +43,7 @@ impl Manager {
         Ok(())
     }
 
-    /// Whether an interface can be granted, and whom it is to be linked with.
+    /// Checks whether an interface can be granted, and finds the interfaces to link it with.
     //= SM2-IFC-005, SM2-IFC-006, SM2-RES-008
     fn admit(&self, id: NodeId, contract: &Contract) -> Result<Matches, Refusal> {
         let Some(session) = self.sessions.get(&id) else {
@@ -67,14 +67,14 @@ impl Manager {
         self.admit_links(id, matches.filter(|other| self.may_link(other.node)))
     }
 
-    /// Nobody is linked with a session that has not claimed all that it has.
+    /// Whether a session may be linked: not before it has claimed all its links.
     //= SM2-RES-002, SM2-RES-007
     fn may_link(&self, node: NodeId) -> bool {
         let phase = self.sessions.get(&node).map(Session::phase);
         phase == Some(Phase::Ready)
     }
 
-    /// The matches that the quotas of links leave, out of some in ascending order.
+    /// Applies the quotas of links to matches in ascending order.
     //= SM2-MAT-002
     fn admit_links(
         &self,
@@ -83,12 +83,12 @@ impl Manager {
     ) -> Result<Matches, Refusal> {
         let limit = self.policy.links_per_session();
         let mut ours = self.link_ends(id);
-        // A session's interfaces stand together, so one other count is enough.
+        // The interfaces of a session stand together in this order, so one other count is enough.
         let mut theirs = (id, 0);
         let mut admitted = Matches::default();
         for other in matches {
             if other.node == id {
-                // Both ends of the link are ours.
+                // Both ends of the link belong to this session.
                 ours += 1;
             } else {
                 if other.node != theirs.0 {
@@ -138,7 +138,8 @@ impl Manager {
             self.mark_unlinked(pair, self.quota(other.node));
         }
         let answer_at = self.outputs.len();
-        // What is announced comes: LINKs that wait may be overtaken by the link's end.
+        // DECLARED counts only the LINKs that go out now. A link that waits may end before its
+        // LINKs are sent.
         let mut announced = 0;
         for &other in &matches.linked {
             announced += usize::from(self.link(entity, other));
@@ -184,9 +185,9 @@ impl Manager {
         UnlinkedReason::Quota { node, limit }
     }
 
-    /// Links an interface with each match that it has no link with, as far as the quotas
-    /// of both go; but with none of the pairs that ended their link. Looks at no more than
-    /// `left` counterparts after an id; how many of these are spent.
+    /// Links an interface with each match that it has no link with, as far as the quotas of both
+    /// sides allow. Pairs that ended their link are left out. Checks at most `left` counterparts
+    /// after an id, and returns how many of `left` are spent.
     //= SM2-RES-007, SM2-LNK-004
     pub(super) fn link_missing(
         &mut self,
@@ -235,7 +236,7 @@ impl Manager {
         looked.max(1)
     }
 
-    /// A node that may not have one more link of this pair.
+    /// A node of this pair whose quota has no room for one more link.
     fn full(&self, pair: Pair) -> Option<NodeId> {
         let limit = self.policy.links_per_session();
         let mut nodes = pair.entities().map(|it| it.node).into_iter();
@@ -243,7 +244,7 @@ impl Manager {
         nodes.find(|&node| self.link_ends(node) + ends(node) > limit)
     }
 
-    /// Makes a link of a pair. Whether its LINKs go out at once.
+    /// Makes a link between a pair. Returns whether its LINKs go out at once.
     //= SM2-LNK-001, SM2-LNK-002, SM2-MAT-002, SM2-MAT-003, SM2-VER-002
     fn link(&mut self, one: EntityId, other: EntityId) -> bool {
         let (Some((us, ours)), Some((them, theirs))) = (self.end(one), self.end(other)) else {
@@ -272,7 +273,7 @@ impl Manager {
         !waits
     }
 
-    /// Tells both sides of a live link.
+    /// Sends the two LINKs of a live link.
     //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-007
     pub(super) fn announce(
         &mut self,
@@ -301,8 +302,7 @@ impl Manager {
         self.outputs.push_back(Output::Link { link, ends });
     }
 
-    /// A link is live from now on: one that is made, or one that is adopted. Each end is sent so
-    /// many LINKs for it at once.
+    /// Records a link that was made or adopted. `frames` LINKs of it are sent to each end at once.
     pub(super) fn record(&mut self, link: LinkId, pair: Pair, agreed: Agreed, frames: usize) {
         self.links.insert(link, pair, agreed);
         for entity in pair.entities() {
@@ -317,7 +317,7 @@ impl Manager {
         self.changed(Key::Link { link, offering });
     }
 
-    /// A link is not live any more. Whether it was.
+    /// Removes a live link. Returns whether it was live.
     pub(super) fn forget_link(&mut self, link: LinkId, pair: Pair) -> bool {
         let was_live = self.links.remove(link, pair);
         if was_live {
@@ -327,7 +327,7 @@ impl Manager {
         was_live
     }
 
-    /// An interface's user and contract.
+    /// The user and the contract of an interface.
     pub(super) fn whose(&self, entity: EntityId) -> Option<(u32, &Contract)> {
         let (record, contract) = self.end(entity)?;
         Some((record.credentials().uid, contract))
@@ -339,7 +339,7 @@ impl Manager {
         Some((record, contract))
     }
 
-    /// An interface as the other side of a link gets to know it.
+    /// An interface as LINK describes it to the other side.
     fn peer(&self, EntityId { node, interface }: EntityId) -> Option<Peer> {
         let record = self.node(node)?;
         Some(Peer {

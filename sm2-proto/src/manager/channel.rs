@@ -1,4 +1,4 @@
-//! Topics and services: who stands on which side of each, and its types.
+//! Topics and services: the interfaces on each side, and the types.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -19,8 +19,8 @@ enum Space {
     Service,
 }
 
-/// The hash comes first: the search compares numbers that stand in the tree, not
-/// texts that stand elsewhere. Names that share one are still told apart.
+/// The hash comes first, so that a search compares numbers that stand in the tree and not texts
+/// that stand elsewhere. Names with the same hash differ in the third part.
 type Key = (u64, Space, Name);
 
 /// The interfaces on one topic or service.
@@ -30,9 +30,9 @@ pub(super) struct Channel {
     offering: BTreeMap<EntityId, Arc<Contract>>,
     /// Subscribers or clients.
     demanding: BTreeMap<EntityId, Arc<Contract>>,
-    /// How many of them state a type.
+    /// The number of interfaces that state a type.
     typed: usize,
-    /// The type that all of those state.
+    /// The type that all of these interfaces state.
     types: Option<Stated>,
 }
 
@@ -51,7 +51,7 @@ impl Channels {
         Self(BTreeMap::new())
     }
 
-    /// Where an interface with this contract stands, if anybody stands there.
+    /// The channel of this contract, if any interface is on it.
     pub(super) fn get(&self, contract: &Contract) -> Option<&Channel> {
         self.0.get(&key(contract))
     }
@@ -86,12 +86,12 @@ impl Channels {
         }
     }
 
-    /// How many channels there are.
+    /// The number of channels.
     pub(super) fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// How many interfaces stand on all channels together, by a recount.
+    /// The number of interfaces on all channels together, by a recount.
     pub(super) fn ends(&self) -> usize {
         let channels = self.0.values();
         channels
@@ -99,7 +99,7 @@ impl Channels {
             .sum()
     }
 
-    /// Whether there is no more of a channel than its interfaces ask for.
+    /// Whether each channel holds exactly what its interfaces require.
     pub(super) fn are_tight(&self) -> bool {
         self.0.values().all(|it| {
             let ends = it.offering.values().chain(it.demanding.values());
@@ -111,7 +111,7 @@ impl Channels {
 }
 
 impl Channel {
-    /// A channel has one type as long as anybody there states one.
+    /// A channel has one type as long as any of its interfaces states one.
     //= SM2-IFC-005
     pub(super) fn refuse_types(&self, contract: &Contract) -> Result<(), Refusal> {
         match (&self.types, contract.types()) {
@@ -138,8 +138,7 @@ impl Channel {
         all.filter_map(|(end, matches)| matches.then_some(end))
     }
 
-    /// The interfaces on the other side after an id, in ascending order, and whether they
-    /// match.
+    /// The interfaces on the other side after an id, in ascending order, and whether they match.
     //= SM2-MAT-001
     pub(super) fn counterparts(
         &self,

@@ -9,7 +9,7 @@ use core::ops::Bound;
 use super::links::Agreed;
 use crate::{EntityId, Instant, LinkId, LinkKey, NodeId, control::Item};
 
-/// What two ends have to say alike of their link.
+/// The values that two claims have to agree on to be the two ends of one link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Claim {
     pub(super) key: LinkKey,
@@ -20,9 +20,9 @@ pub(super) struct Claim {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Claims {
     half: BTreeMap<(LinkId, EntityId), Claim>,
-    /// The same, by what a counterpart has to say.
+    /// The same claims, by the values that a counterpart has to name.
     waiting: BTreeMap<(LinkId, Claim), EntityId>,
-    /// When those of a session that has claimed all it has are given up.
+    /// The times at which the claims of sessions expire that have sent CLAIMED.
     expiring: BTreeSet<(Instant, NodeId)>,
 }
 
@@ -35,7 +35,8 @@ impl Claims {
         }
     }
 
-    /// The end that claimed the same, which waits no more; none: this one waits now.
+    /// Takes out the claim of another end that agrees with this one. If there is none, this claim
+    /// waits from now on.
     //= SM2-RES-004
     pub(super) fn meet(
         &mut self,
@@ -52,7 +53,7 @@ impl Claims {
         None
     }
 
-    /// Whether it was there.
+    /// Removes a claim that waits. Returns whether there was one.
     pub(super) fn remove(&mut self, link: LinkId, entity: EntityId) -> bool {
         let Some(claim) = self.half.remove(&(link, entity)) else {
             return false;
@@ -60,17 +61,17 @@ impl Claims {
         self.waiting.remove(&(link, claim)).is_some()
     }
 
-    /// A session is over that had claims to give up at some time.
+    /// A session with a time of expiry is over.
     pub(super) fn forget(&mut self, until: Instant, node: NodeId) {
         self.expiring.remove(&(until, node));
     }
 
-    /// The claims of a session are given up at `until`.
+    /// The claims of a session expire at `until`.
     pub(super) fn expire_at(&mut self, until: Instant, node: NodeId) {
         self.expiring.insert((until, node));
     }
 
-    /// A session whose claims are to be given up by now.
+    /// Takes out a session whose claims have expired.
     pub(super) fn pop_expired(&mut self, now: Instant) -> Option<NodeId> {
         let &(until, node) = self.expiring.first()?;
         if until > now {
@@ -105,7 +106,7 @@ impl Claims {
         self.expiring.iter().copied()
     }
 
-    /// Whether the tables say the same.
+    /// Whether the two tables agree.
     pub(super) fn agree(&self) -> bool {
         let waits = |(&(link, entity), &claim): (&(LinkId, EntityId), &Claim)| {
             self.waiting.get(&(link, claim)) == Some(&entity)

@@ -33,7 +33,8 @@ impl Manager {
     }
 }
 
-/// What counts of a text: also its name, or there could be any number of short ones.
+/// The share of a quota that a text takes. The name counts as well, or a session could register any
+/// number of short texts.
 fn cost_bytes(data: &TypeId, text: &str) -> usize {
     data.name.as_str().len() + text.len()
 }

@@ -13,14 +13,14 @@ use crate::{
 };
 
 impl Manager {
-    /// A link was never made: neither end is to be told of it.
+    /// The driver could not make a link, so neither end hears of it.
     //= SM2-IFC-002
     pub(super) fn link_failed(&mut self, link: LinkId) {
         let Some(pair) = self.links.made(link) else {
             return;
         };
         if self.pending_links.contains(pair.offering.node, link) {
-            // Nobody was asked to make it yet.
+            // The link is pending: the driver was not asked to make it yet.
             return;
         }
         self.forget_link(link, pair);
@@ -31,7 +31,7 @@ impl Manager {
         self.mark_unlinked(pair, UnlinkedReason::Descriptors);
     }
 
-    /// An end of a link that its session was never told of is gone.
+    /// Removes an end of a link that its session was never told of.
     fn unlink(&mut self, entity: EntityId, link: LinkId) {
         let record = self.sessions.get_mut(&entity.node);
         if let Some(record) = record.and_then(Session::node_mut) {
@@ -53,7 +53,7 @@ impl Manager {
         Ok(())
     }
 
-    /// An interface is gone from its session, and now from everywhere else.
+    /// Removes an interface that its session has given up from all other tables.
     //= SM2-IFC-003, SM2-SES-006
     pub(super) fn end_interface(
         &mut self,
@@ -69,7 +69,7 @@ impl Manager {
         self.member_changed(entity);
     }
 
-    /// A node's farewell to its end of a link.
+    /// UNLINKED: a node says farewell to its end of a link.
     //= SM2-LNK-003, SM2-LNK-004, SM2-RES-006
     pub(super) fn unlinked(
         &mut self,
@@ -82,7 +82,7 @@ impl Manager {
         let record = record.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
         if self.pending_links.contains(node, link) && record.has_link(interface, link) == Some(true)
         {
-            // It was not told of it, so it can but guess.
+            // The node was not told of this link, so it can only have guessed the number.
             return Err(violation!(UnknownLink, "SM2-LNK-003"));
         }
         match record.farewell(interface, link)? {
@@ -105,7 +105,7 @@ impl Manager {
         Ok(())
     }
 
-    /// A pair ended its link: it gets no other one.
+    /// A pair that ended its link is not linked again.
     //= SM2-LNK-004, SM2-WCH-004
     fn ended(&mut self, pair: Pair, code: Code) {
         for entity in pair.entities() {
@@ -116,8 +116,8 @@ impl Manager {
         self.mark_unlinked(pair, UnlinkedReason::Ended { code });
     }
 
-    /// One end of a link is gone: the other one is told, if the link was live at both and it
-    /// has heard of it.
+    /// One end of a link is gone. The other end gets UNLINK if the link was live at both ends and
+    /// its LINKs were sent.
     //= SM2-LNK-007
     fn end_link(&mut self, link: LinkId, pair: Option<Pair>, gone: EntityId, code: Code) {
         match pair {
@@ -136,7 +136,7 @@ impl Manager {
         }
     }
 
-    /// A matching pair is not linked. Beyond its quota that is not remembered.
+    /// Remembers why a matching pair is not linked, as far as the quota allows.
     //= SM2-WCH-004
     pub(super) fn mark_unlinked(&mut self, pair: Pair, reason: UnlinkedReason) {
         if self
@@ -147,14 +147,14 @@ impl Manager {
         }
     }
 
-    /// A pair is linked after all.
+    /// Forgets why a pair was not linked.
     pub(super) fn mark_linked(&mut self, pair: Pair) {
         if self.unlinked_pairs.remove(pair) {
             self.changed(key(pair));
         }
     }
 
-    /// An interface is gone, and what was remembered of it.
+    /// Forgets all unlinked pairs of an interface that is gone.
     //= SM2-WCH-004
     pub(super) fn forget_unlinked(&mut self, entity: EntityId) {
         for pair in self.unlinked_pairs.of(entity) {

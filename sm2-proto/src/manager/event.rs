@@ -1,137 +1,137 @@
-//! What goes into the Manager and what comes out of it.
+//! The inputs and outputs of the Manager.
 
 use alloc::vec::Vec;
 
 use crate::{Code, Datagram, Farewell, LinkId, NodeId, Violation};
 
-/// Who is at the other end of a connection, as the kernel says.
+/// The credentials of the process at the other end of a connection, as the kernel reports them.
 //= SM2-TRN-007
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Credentials {
-    /// User.
+    /// The user.
     pub uid: u32,
-    /// Group.
+    /// The group.
     pub gid: u32,
-    /// Process.
+    /// The process.
     pub pid: i32,
 }
 
-/// What happens to a Manager. Only `LinkFailed` may come while outputs wait.
+/// An input of the Manager. Only `LinkFailed` may be fed while outputs wait.
 #[derive(Clone, Debug)]
 pub enum Input<'a> {
     /// A connection was accepted.
     Connected {
-        /// The driver's number for it: greater than all before, not zero.
+        /// The driver's number for the connection: greater than all numbers before, and not zero.
         session: NodeId,
-        /// Whose it is.
+        /// The peer's credentials.
         credentials: Credentials,
     },
     /// A node sent a datagram.
     Datagram {
-        /// Which node.
+        /// The node's session.
         session: NodeId,
-        /// What it sent.
+        /// The datagram and the facts about its descriptors.
         datagram: Datagram<'a>,
     },
-    /// A node's end of the connection is gone.
+    /// A node closed its end of the connection.
     Closed {
-        /// Which node.
+        /// The node's session.
         session: NodeId,
     },
-    /// A node does not read, or does not take descriptors: give it up.
+    /// A node does not read its socket or does not take descriptors: the Manager gives it up.
     Stalled {
-        /// Which node.
+        /// The node's session.
         session: NodeId,
     },
-    /// There was no socket pair for a link: its two ends know nothing of it.
+    /// The driver could not make the socket pair of a link. Neither end has been told of the link.
     LinkFailed {
-        /// Which link.
+        /// The link.
         link: LinkId,
     },
-    /// A node's socket has taken all that was sent to it. To be fed when that is so, at least if
-    /// [`Manager::awaits_room`](super::Manager::awaits_room) says so.
+    /// A node's socket has taken all that was sent to it. The driver has to feed this input at
+    /// least when [`Manager::awaits_room`](super::Manager::awaits_room) is true for the session.
     Drained {
-        /// Which node.
+        /// The node's session.
         session: NodeId,
     },
     /// The deadline has come.
     Tick,
-    /// The Manager has given up its lock, for whoever wants to take over: say goodbye to
-    /// the standbys, which are nodes whose names begin with
+    /// The Manager has released its lock so that a standby can take over. It says goodbye to all
+    /// standbys, which are the nodes whose names begin with
     /// [`STANDBY_PREFIX`](super::STANDBY_PREFIX).
     DismissStandbys,
-    /// The Manager ends: say goodbye to everybody. Their links live on.
+    /// The Manager ends and says goodbye to all nodes. Their links stay.
     Shutdown,
 }
 
-/// What the driver has to do.
+/// A task for the driver.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Output {
     /// Send a frame.
     Send {
-        /// To whom.
+        /// The receiver.
         session: NodeId,
         /// The datagram.
         frame: Vec<u8>,
     },
-    /// Make a socket pair and send one end with each of the two frames. If
-    /// there is none to be had, feed [`Input::LinkFailed`] and send neither.
+    /// Make a socket pair and send one end with each of the two frames. If the system has no
+    /// descriptors for it, feed [`Input::LinkFailed`] and send neither frame.
     Link {
-        /// Which link.
+        /// The link.
         link: LinkId,
-        /// To whom, and what.
+        /// The two receivers and their frames.
         ends: [(NodeId, Vec<u8>); 2],
     },
-    /// Keep the descriptor of the datagram just handled as long as the session lives: the
-    /// file of its counters.
+    /// Keep the descriptor of the datagram just handled until the session ends: it is the file of
+    /// the node's counters.
     KeepCounters {
-        /// Whose.
+        /// The node's session.
         session: NodeId,
     },
     /// Send a frame with a duplicate of the descriptor that was kept for a session.
     SendCounters {
-        /// To whom.
+        /// The receiver.
         session: NodeId,
         /// The datagram.
         frame: Vec<u8>,
-        /// Whose counters.
+        /// The session whose counters are sent.
         of: NodeId,
     },
-    /// Send the goodbye, if any, as far as the socket takes it, and close the
-    /// connection. The machine does not know the session any more.
+    /// Send the goodbye, if any, as far as the socket takes it, and close the connection. The
+    /// machine has forgotten the session.
     HangUp {
-        /// Whose.
+        /// The session.
         session: NodeId,
-        /// The datagram to send.
+        /// The GOODBYE frame.
         goodbye: Option<Vec<u8>>,
-        /// Why.
+        /// The reason.
         cause: Cause,
     },
 }
 
-/// Why a session is over.
+/// The reason for which a session ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Cause {
     /// The node broke SPEC.
     Violation(Violation),
-    /// Its end of the connection is gone.
+    /// The node closed its end of the connection.
     Gone,
-    /// It said goodbye.
+    /// The node said goodbye.
     Goodbye(Code),
-    /// The Manager gave it up.
+    /// The Manager gave the node up.
     Farewell(Farewell),
 }
 
-/// What a driver did wrong. Nothing has changed.
+/// A mistake of the driver. The machine has not changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Misuse {
-    /// Numbers of connections must grow.
+    /// The numbers of connections must grow.
     #[error("session numbers must grow: {0} was used before")]
     SessionNumber(NodeId),
 }
 
 impl Cause {
-    /// The code to say goodbye with; none if nobody is there to hear it.
+    /// The code of the GOODBYE; `None` if the node does not listen any more.
     pub(super) fn code(self) -> Option<Code> {
         match self {
             Self::Violation(violation) => Some(violation.code()),

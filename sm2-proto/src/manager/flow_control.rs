@@ -5,8 +5,8 @@ use super::{Manager, links::Pair, node_record::NodeRecord, session::Session};
 use crate::{EntityId, LinkId, NodeId};
 
 impl Manager {
-    /// Whether the Manager holds back LINKs until it knows that a session's socket has taken all
-    /// that was sent to it: then feed [`Input::Drained`](super::Input::Drained).
+    /// Whether the Manager holds back LINKs until a session's socket has taken all that was sent to
+    /// it. The driver reports that with [`Input::Drained`](super::Input::Drained).
     #[must_use]
     pub fn awaits_room(&self, session: NodeId) -> bool {
         self.sessions

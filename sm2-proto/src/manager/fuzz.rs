@@ -1,8 +1,8 @@
 //! The body of the fuzz target `manager_session`.
 //!
-//! The bytes are a list of operations on a few connections to a Manager with
-//! small quotas. An operation is a byte, its kind in the lower half and the
-//! connection in the upper one, and then what [`Fuzz::step`] reads for it.
+//! The bytes are a list of operations on a few connections to a Manager with small quotas. The
+//! first byte of an operation holds its kind in the lower half and the connection in the upper
+//! half. The bytes after it are the operands that [`Fuzz::step`] reads.
 
 use alloc::{collections::BTreeSet, vec::Vec};
 use core::time::Duration;
@@ -40,7 +40,7 @@ const SOCKET: FdFacts = FdFacts {
     seals: Seals(0),
 };
 const FDS: [FdFacts; 2] = [SOCKET; 2];
-/// What may come with COUNTERS: each check has one that fails it.
+/// Descriptors that may come with COUNTERS: each check is failed by one of them.
 const FILES: [FdFacts; 4] = [
     FdFacts {
         regular: true,
@@ -60,8 +60,8 @@ const FILES: [FdFacts; 4] = [
     },
 ];
 
-/// The Manager takes whatever comes, sends only what a node accepts, never more
-/// than its links call for, and never to whom it hung up on.
+/// The Manager takes any bytes and sends only frames that a node accepts. It never sends more than
+/// its links call for, and nothing to a session that it has hung up on.
 //= SM2-FRM-001, SM2-SES-005, SM2-SES-006 fuzz
 pub(crate) fn session(data: &[u8]) {
     let mut fuzz = Fuzz {
@@ -91,16 +91,16 @@ struct Fuzz<'a> {
     now: Instant,
     connections: [NodeId; CONNECTIONS],
     connected: u64,
-    /// Who has connected and was not hung up on.
+    /// The sessions that have connected and were not hung up on.
     open: BTreeSet<NodeId>,
-    /// Whose counters are kept.
+    /// The sessions whose counters are kept.
     counting: BTreeSet<NodeId>,
-    /// How many of the next links find no descriptors.
+    /// The number of links to come that find no descriptors.
     shortage: u8,
 }
 
 impl<'a> Fuzz<'a> {
-    /// One operation; none when the bytes are used up.
+    /// Does one operation; `None` when the bytes are used up.
     fn step(&mut self) -> Option<()> {
         let operation = self.script.byte()?;
         let at = usize::from(operation >> 4) % CONNECTIONS;
@@ -164,7 +164,7 @@ impl<'a> Fuzz<'a> {
         });
     }
 
-    /// A frame that is legal as such, of few names and small numbers.
+    /// A legal frame with few names and small numbers.
     fn frame(&mut self) -> Option<ToManager> {
         Some(match self.script.byte()? % 12 {
             0 => {
@@ -233,7 +233,7 @@ impl<'a> Fuzz<'a> {
         })
     }
 
-    /// One of this Manager's links, or of another one's.
+    /// A link of this Manager or of another one.
     fn link(&mut self) -> Option<LinkId> {
         let serial = self.script.byte()?;
         Some(LinkId {
@@ -253,7 +253,7 @@ impl<'a> Fuzz<'a> {
         Some((self.manager.revision() + 2).saturating_sub(ago))
     }
 
-    /// A legal one.
+    /// A legal contract.
     fn contract(&mut self) -> Option<Contract> {
         let choice = self.script.byte()?;
         self.script.contract_as(choice, 1)
@@ -264,8 +264,8 @@ impl<'a> Fuzz<'a> {
     }
 
     fn feed(&mut self, input: Input<'_>) {
-        // One answer, one hang-up, whoever did not greet in time, whoever waits for
-        // changes, the links, and the claims.
+        // One answer, one hang-up, the sessions that did not greet in time, the watchers, the
+        // links, and the claims.
         let links = self.manager.links() + POLICY.links_per_session;
         let sessions = self.manager.sessions();
         let most = 2 + 2 * sessions + links + sessions * POLICY.links_per_session;

@@ -1,5 +1,5 @@
-//! COUNTERS and INSPECT: whoever keeps counters hands over their file, and whoever wants
-//! to read them gets it (SM2-CNT-001, SM2-CNT-002).
+//! COUNTERS hands the file of a node's counters to the Manager, and INSPECT asks for such a file
+//! (SM2-CNT-001, SM2-CNT-002).
 
 use super::{Manager, Output, session::Session};
 use crate::{

@@ -1,10 +1,10 @@
-//! What must hold between the tables of a Manager after each input, in debug builds.
+//! The invariants between the tables of a Manager. Debug builds check them after each input.
 
 use super::{Manager, links::Pair, node_record::NodeRecord, phase::Phase, session::Session};
 use crate::match_contracts;
 
-/// A domain with more interfaces and links than this is looked at once in [`SPACING`]
-/// revisions: a look costs as much as the domain is large.
+/// A larger domain is checked only once in [`SPACING`] revisions, because the cost of a check grows
+/// with the domain.
 const SMALL: usize = 64;
 const SPACING: u64 = 64;
 

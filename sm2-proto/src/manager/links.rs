@@ -1,4 +1,4 @@
-//! The links that are live at both ends: whose they are, and with what QoS.
+//! The links that are live at both ends, with their pairs and their QoS.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -18,7 +18,7 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// An interface with this contract, and a counterpart of it.
+    /// The pair of an interface with this contract and a counterpart.
     pub(super) const fn new(one: EntityId, contract: &Contract, other: EntityId) -> Self {
         let (offering, demanding) = match contract.kind() {
             Kind::Publisher | Kind::Server => (one, other),
@@ -49,23 +49,23 @@ impl Pair {
     }
 }
 
-/// What holds on a link as long as it lives.
+/// The version and the QoS of a link, which stay as long as it lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Agreed {
     pub(super) version: u16,
     pub(super) qos: LinkQos,
 }
 
-/// What a farewell still has to reach is each session's to know
-/// ([`Session`](super::session::Session)): here a link ends with the first one.
+/// A link leaves this table with its first farewell. Each [`Session`](super::session::Session)
+/// knows which farewells are still to come.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Links {
     epoch: u64,
     secret: Secret,
     last_serial: u64,
-    /// By number and offering side, for adopted links may have one number (SM2-RES-004).
+    /// By number and offering side: adopted links may share a number (SM2-RES-004).
     live: BTreeMap<(LinkId, EntityId), (EntityId, Agreed)>,
-    /// The same, by whom they join.
+    /// The same links, by their pairs.
     pairs: BTreeSet<Pair>,
 }
 
@@ -99,26 +99,26 @@ impl Links {
         self.secret.key(link.serial)
     }
 
-    /// The pair of a link that this Manager made and that is live, and what holds on it.
+    /// The pair, the version and the QoS of a live link that this Manager made.
     pub(super) fn made_as(&self, link: LinkId) -> Option<(Pair, Agreed)> {
         let pair = self.made(link)?;
         let &(_, agreed) = self.live.get(&(link, pair.offering))?;
         Some((pair, agreed))
     }
 
-    /// A link is live. No two of them join the same pair.
+    /// Adds a live link. No two live links join the same pair.
     pub(super) fn insert(&mut self, link: LinkId, pair: Pair, agreed: Agreed) {
         self.live
             .insert((link, pair.offering), (pair.demanding, agreed));
         self.pairs.insert(pair);
     }
 
-    /// Whether the link was live until now.
+    /// Removes a link. Returns whether it was live.
     pub(super) fn remove(&mut self, link: LinkId, pair: Pair) -> bool {
         self.live.remove(&(link, pair.offering)).is_some() && self.pairs.remove(&pair)
     }
 
-    /// The pair of a link that this Manager made and that is live.
+    /// The pair of a live link that this Manager made.
     pub(super) fn made(&self, link: LinkId) -> Option<Pair> {
         let mut rest = self.live.range((link, EntityId::FIRST)..);
         let (&(found, offering), &(demanding, _)) = rest.next()?;
@@ -144,7 +144,7 @@ impl Links {
         rest.map(|(&(link, offering), &rest)| item(link, offering, rest))
     }
 
-    /// Every link and whom it joins.
+    /// Every link and its pair.
     pub(super) fn iter(&self) -> impl Iterator<Item = (LinkId, Pair)> {
         self.live
             .iter()
@@ -163,7 +163,7 @@ impl Links {
         self.live.len()
     }
 
-    /// Whether both tables say the same.
+    /// Whether the two tables agree.
     pub(super) fn agree(&self) -> bool {
         self.pairs.len() == self.live.len() && self.iter().all(|(_, pair)| self.joins(pair))
     }
@@ -180,7 +180,7 @@ fn item(link: LinkId, offering: EntityId, (demanding, agreed): (EntityId, Agreed
     }
 }
 
-/// What the keys of this Manager's links follow from.
+/// The secret from which the keys of this Manager's links follow.
 #[derive(Clone, PartialEq, Eq, Hash)]
 struct Secret(u128);
 
@@ -192,7 +192,7 @@ impl Secret {
     }
 }
 
-/// A log must not tell it: who knows it can claim every link.
+/// Logs must not show the secret: a process that knows it can claim every link.
 impl fmt::Debug for Secret {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Secret")

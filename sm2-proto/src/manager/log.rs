@@ -1,4 +1,4 @@
-//! What has changed in the domain lately: one key for each revision.
+//! The latest changes of the domain: one key for each revision.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -11,7 +11,7 @@ use crate::control::Key;
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Log {
     revision: u64,
-    /// The last ones; the last of them led to `revision`.
+    /// The latest changes; the last of them led to `revision`.
     changed: VecDeque<Key>,
     limit: usize,
 }
@@ -37,8 +37,8 @@ impl Log {
         }
     }
 
-    /// What changed after a revision, each with the revision that it led to. None if
-    /// that is not remembered, or there was no such revision.
+    /// The changes after a revision, each with the revision that it led to. `None` if some of them
+    /// are forgotten, or if there was no such revision.
     pub(super) fn since(&self, after: u64) -> Option<impl Iterator<Item = (u64, Key)>> {
         let count = usize::try_from(self.revision.checked_sub(after)?).ok()?;
         let skipped = self.changed.len().checked_sub(count)?;

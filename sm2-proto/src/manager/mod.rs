@@ -1,22 +1,21 @@
-//! The Manager: who is in the domain and who is linked with whom (SPEC sections 4, 5).
+//! The Manager: the nodes of a domain, their interfaces and their links (SPEC sections 4 and 5).
 //!
 //! | to do | call |
 //! | --- | --- |
 //! | feed, drain, deadline | [`Machine`]; at the deadline, feed [`Input::Tick`] |
 //! | inspect | [`Manager::revision`], [`Manager::sessions`], [`Manager::links`], [`Manager::awaits_room`] |
 //!
-//! One machine serves all sessions. The driver numbers the connections that it
-//! accepts, makes the socket pairs that [`Output::Link`] asks for, and closes
-//! the connections that [`Output::HangUp`] names. A violation ends the session
-//! of whoever committed it and nothing else.
+//! One machine serves all sessions. The driver numbers the connections that it accepts, makes the
+//! socket pairs that [`Output::Link`] asks for, and closes the connections that [`Output::HangUp`]
+//! names. A violation ends the session of the node that committed it, and nothing else.
 //!
-//! Each input costs O(log n) in the size of the domain, plus the counterparts on the topic
-//! or service, or the links, that it touches. What would take longer is done in parts: then the
-//! deadline has come already, and each [`Input::Tick`] does one part. LINKs wait for those
-//! who do not read ([`Manager::awaits_room`]).
+//! Each input costs O(log n) in the size of the domain, plus the counterparts or links that it
+//! affects. Longer work is done in parts: the deadline is then in the past, and each
+//! [`Input::Tick`] does one part. LINKs wait for nodes that do not read their sockets
+//! ([`Manager::awaits_room`]).
 //!
-//! A complete driver in a loop of its own, with what it owes the machine, is the example
-//! `own_loop` of `sm2-manager`.
+//! The example `own_loop` of `sm2-manager` is a complete driver in a loop of its own, with all its
+//! duties.
 
 mod adoption;
 mod broker;
@@ -92,23 +91,23 @@ pub struct Manager {
     claims: Claims,
     unlinked_pairs: UnlinkedPairs,
     schemas: Schemas,
-    /// Who waits for the domain to change.
+    /// The sessions that wait for a change of the domain.
     watchers: BTreeSet<NodeId>,
-    /// By when each session that is not ready has to be. They came in the order
-    /// of their numbers, so the first one's deadline is the earliest.
+    /// The time by which each session that is not ready has to be. Sessions are numbered in the
+    /// order in which they came, so the first deadline is the earliest.
     greeting: BTreeMap<NodeId, Instant>,
     pending_links: PendingLinks,
-    /// The sessions that have claimed all they have, and are not linked with all others yet.
+    /// The sessions that have sent CLAIMED and are not linked with all their matches yet.
     settling: RoundRobin,
-    /// Since when something was put off that can be done now.
+    /// The time since which deferred work can be done.
     due: Option<Instant>,
     outputs: VecDeque<Output>,
 }
 
 impl Manager {
-    /// A Manager without sessions. `epoch` is a number that no other Manager
-    /// of this domain has used (SM2-SES-007): a random one will do. `secret` is a
-    /// random number that nobody else knows: the keys of links follow from it (SM2-LNK-002).
+    /// A Manager without sessions. `epoch` is a number that no other Manager of this domain has
+    /// used (SM2-SES-007); a random number will do. `secret` is a random number that no other
+    /// process knows: the keys of links follow from it (SM2-LNK-002).
     //= SM2-SES-007
     #[must_use]
     pub const fn new(epoch: u64, secret: u128, policy: Policy) -> Self {
@@ -139,13 +138,13 @@ impl Manager {
         self.log.revision()
     }
 
-    /// How many connections there are, ready or not.
+    /// The number of connections, ready or not.
     #[must_use]
     pub fn sessions(&self) -> usize {
         self.sessions.len()
     }
 
-    /// How many links are live at both ends.
+    /// The number of links that are live at both ends.
     #[must_use]
     pub fn links(&self) -> usize {
         self.links.len()
@@ -159,8 +158,8 @@ impl Machine for Manager {
     type End = Infallible;
     type Misuse = Misuse;
 
-    /// Takes one input. Inputs for sessions that have ended are ignored: their datagrams may
-    /// still have been on the way.
+    /// Takes one input. Inputs for sessions that have ended are ignored: their datagrams may have
+    /// been read before the end.
     fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), MisuseError<Misuse>> {
         if !matches!(input, Input::LinkFailed { .. }) {
             debug_assert_drained(&self.outputs);
@@ -199,8 +198,8 @@ impl Machine for Manager {
         self.outputs.pop_front()
     }
 
-    /// The time of the next [`Input::Tick`]. A time in the past means: at once, but after all
-    /// other inputs that have come; a Tick does only a part of what there is to do.
+    /// The time of the next [`Input::Tick`]. A time in the past means: at once, but after all other
+    /// inputs that have come, because a tick does only a part of the work.
     fn deadline(&self) -> Option<Instant> {
         let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
         [greeting, self.claims.deadline(), self.due]
@@ -245,7 +244,8 @@ impl Manager {
         }
     }
 
-    /// One frame of one session that its phase allows, and the descriptor that came along.
+    /// Handles one frame that is legal in the session's phase, and the descriptor that came with
+    /// it.
     fn step(
         &mut self,
         now: Instant,
@@ -369,7 +369,7 @@ impl Manager {
         });
     }
 
-    /// A welcomed node is gone, and with it everything that it registered.
+    /// Removes a welcomed node and all that it registered.
     fn end_node(&mut self, id: NodeId, mut record: NodeRecord) {
         self.names.remove(record.name());
         self.node_changed(id);
@@ -394,7 +394,7 @@ impl Manager {
         }
     }
 
-    /// Every session is over. Nobody is told of the links: they live on.
+    /// Ends every session. Nodes hear nothing of their links, which live on.
     //= SM2-SES-008
     fn shut_down(&mut self) {
         for (link, pair) in self.links.iter().collect::<Vec<_>>() {
@@ -407,7 +407,7 @@ impl Manager {
         }
     }
 
-    /// Those that wait for the end of this Manager are told that it has come.
+    /// Says goodbye to all standbys, which wait for the end of this Manager.
     //= SM2-RES-010
     fn dismiss_standbys(&mut self) {
         let sessions = self.sessions.iter();

@@ -1,5 +1,5 @@
-//! The Manager's record of a welcomed node: its interfaces, their ends of links, and what else it
-//! registered.
+//! The Manager's record of a welcomed node: its interfaces, their ends of links, and its other
+//! registrations.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -22,40 +22,40 @@ pub(super) struct NodeRecord {
     name: Name,
     last_interface: u64,
     interfaces: BTreeMap<InterfaceId, Interface>,
-    /// The latest refused interfaces, and why.
+    /// The latest refused interfaces, and the reasons.
     refused: BTreeMap<InterfaceId, (Contract, Refusal)>,
-    /// How many LINKs the node was sent since its socket last had taken all that was sent.
+    /// The number of LINKs that were sent since the node's socket had last taken all that was sent
+    /// to it.
     pub(super) links_in_flight: usize,
-    /// How many ends of links all interfaces have together.
+    /// The number of link ends of all interfaces together.
     link_ends: usize,
-    /// Whether the driver keeps the file of its counters.
+    /// Whether the driver keeps the file of the node's counters.
     pub(super) has_counters: bool,
-    /// The types whose texts it registered, and what they cost.
+    /// The types whose texts the node registered.
     schemas: BTreeSet<TypeId>,
     schema_bytes: usize,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Interface {
-    /// Shared with its channel.
+    /// Shared with the channel.
     contract: Arc<Contract>,
-    /// The links of which nobody has taken leave, and whom each joins; none as long as
-    /// the other end has not claimed it.
+    /// The links of which neither side has said farewell, and their pairs. A link has no pair as
+    /// long as the other end has not claimed it.
     live: BTreeMap<LinkId, Option<Pair>>,
-    /// Those for which UNLINK was sent and UNLINKED has not come.
+    /// The links for which UNLINK was sent and UNLINKED has not come.
     told: BTreeSet<LinkId>,
 }
 
-/// What is left of an interface: its contract and its live links.
+/// The remains of an interface: its contract and its live links.
 pub(super) type Remains = (Arc<Contract>, BTreeMap<LinkId, Option<Pair>>);
 
-/// How far the farewells of a link's end have come when the node says its own
-/// (SM2-LNK-003).
+/// Which farewells of a link's end were said before the node's own (SM2-LNK-003).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Farewells {
-    /// The node is first and has to be answered. Whom the link joined.
+    /// None: the node is first and has to be answered. The link joined this pair.
     First(Option<Pair>),
-    /// UNLINK was sent before: both are said.
+    /// The Manager's UNLINK: now both are said.
     Both,
 }
 
@@ -83,7 +83,7 @@ impl NodeRecord {
         &self.name
     }
 
-    /// The last number that an interface or a refusal has.
+    /// The greatest number of an interface or refusal.
     pub(super) const fn last_interface(&self) -> InterfaceId {
         InterfaceId(self.last_interface)
     }
@@ -163,7 +163,7 @@ impl NodeRecord {
         );
     }
 
-    /// Remembers a refusal. The one that is forgotten for it.
+    /// Remembers a refusal. Returns the one that is forgotten in its place.
     //= SM2-WCH-004
     pub(super) fn refuse(
         &mut self,
@@ -192,24 +192,24 @@ impl NodeRecord {
         superseded
     }
 
-    /// The numbers of what was refused and is remembered.
+    /// The numbers of the refusals that are remembered.
     pub(super) fn refused(&self) -> impl ExactSizeIterator<Item = InterfaceId> {
         self.refused.keys().copied()
     }
 
-    /// What is left of an interface, which is gone from here.
+    /// Removes an interface and returns its remains.
     pub(super) fn withdraw(&mut self, interface: InterfaceId) -> Option<Remains> {
         let interface = self.interfaces.remove(&interface)?;
         self.link_ends -= interface.live.len() + interface.told.len();
         Some((interface.contract, interface.live))
     }
 
-    /// How many ends of links have not been taken leave of on both sides.
+    /// The number of link ends for which not both farewells are said.
     pub(super) const fn link_ends(&self) -> usize {
         self.link_ends
     }
 
-    /// The live ends of links, and whom each joins.
+    /// The live ends of links, and their pairs.
     pub(super) fn live_ends(&self) -> impl Iterator<Item = (InterfaceId, LinkId, Option<Pair>)> {
         self.interfaces.iter().flat_map(|(&id, it)| {
             let live = it.live.iter();
@@ -217,7 +217,7 @@ impl NodeRecord {
         })
     }
 
-    /// Whether a link is live, and whom it joins.
+    /// The pair of a live link; `None` if the link is not live.
     pub(super) fn live_link(&self, interface: InterfaceId, link: LinkId) -> Option<Option<Pair>> {
         self.interfaces.get(&interface)?.live.get(&link).copied()
     }
@@ -228,7 +228,7 @@ impl NodeRecord {
         half.map(|(interface, link, _)| (interface, link))
     }
 
-    /// Whether the count of ends is what a recount says.
+    /// Whether the count of link ends equals a recount.
     pub(super) fn counts_its_ends(&self) -> bool {
         let told: usize = self.interfaces.values().map(|it| it.told.len()).sum();
         self.link_ends == self.live_ends().count() + told
@@ -245,7 +245,7 @@ impl NodeRecord {
         self.insert_link(interface, link, None);
     }
 
-    /// The interface has a link; if it has claimed it, it is adopted now.
+    /// The interface has a link. A claimed link is adopted by this call.
     pub(super) fn link(&mut self, interface: InterfaceId, link: LinkId, pair: Pair) {
         self.insert_link(interface, link, Some(pair));
     }
@@ -258,7 +258,7 @@ impl NodeRecord {
         }
     }
 
-    /// A link was never made.
+    /// Removes a link that was never made.
     pub(super) fn unlink(&mut self, interface: InterfaceId, link: LinkId) {
         if let Some(interface) = self.interfaces.get_mut(&interface)
             && interface.live.remove(&link).is_some()
@@ -267,7 +267,7 @@ impl NodeRecord {
         }
     }
 
-    /// UNLINK is sent for a live link.
+    /// Notes that UNLINK is sent for a live link.
     pub(super) fn tell(&mut self, interface: InterfaceId, link: LinkId) {
         if let Some(interface) = self.interfaces.get_mut(&interface)
             && interface.live.remove(&link).is_some()
@@ -276,7 +276,7 @@ impl NodeRecord {
         }
     }
 
-    /// UNLINKED has come: the end is never named again.
+    /// Notes that UNLINKED has come: this end is never named again.
     //= SM2-LNK-003
     pub(super) fn farewell(
         &mut self,
@@ -296,8 +296,8 @@ impl NodeRecord {
         Ok(farewells)
     }
 
-    /// The session registers the text of a type. Whether it is to be kept: it is new
-    /// here, and within the quota.
+    /// Registers the text of a type. Returns whether the text is to be kept: it is new here and
+    /// within the quota.
     //= SM2-SCH-001
     pub(super) fn register(&mut self, data: &TypeId, cost_bytes: usize, quota: usize) -> bool {
         let bytes = self.schema_bytes + cost_bytes;
@@ -308,7 +308,7 @@ impl NodeRecord {
         true
     }
 
-    /// The types whose texts it registered.
+    /// The types whose texts the node registered.
     pub(super) fn schemas(&self) -> impl Iterator<Item = &TypeId> {
         self.schemas.iter()
     }

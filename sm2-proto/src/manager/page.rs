@@ -1,4 +1,4 @@
-//! QUERY: the domain's state, a page at a time (SM2-IFC-007).
+//! QUERY: the state of the domain, a page at a time (SM2-IFC-007).
 
 use alloc::vec::Vec;
 
@@ -61,7 +61,7 @@ impl Manager {
     /// All items after a key, in the order of their keys.
     fn items(&self, after: Option<Key>) -> impl Iterator<Item = Item> {
         let domain = after.is_none().then(|| self.domain());
-        // Each kind of item starts after a key that no item has, or after that of `after`.
+        // Each kind of item starts after a key that no item has, or after the key in `after`.
         let after = after.unwrap_or(Key::Domain);
         let members = match after {
             Key::Domain => Some(EntityId::FIRST),
@@ -97,7 +97,7 @@ impl Manager {
             .chain(unlinked)
     }
 
-    /// Nodes, interfaces and refusals after an id.
+    /// The nodes, interfaces and refusals after an id.
     fn members(&self, after: EntityId) -> impl Iterator<Item = Item> {
         let rest = self.sessions.range(after.node..);
         rest.flat_map(move |(&id, session)| {

@@ -1,19 +1,19 @@
-//! How far a session has come, and what it may then ask (SPEC section 4.1).
+//! The phases of a session, and the requests that are legal in each (SPEC section 4.1).
 
 use crate::{Violation, control::ToManager};
 
-/// The state of a session; an ended one is not kept.
+/// The state of a session; a session that has ended is not kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Phase {
     /// Connected; its HELLO has not been granted.
     Greeting,
-    /// Welcomed; it claims the links that it brought along (SM2-RES-002).
+    /// Welcomed; the node claims the links that it brought along (SM2-RES-002).
     Resuming,
-    /// Welcomed, and all its links are known.
+    /// Welcomed; the Manager knows all links of the node.
     Ready,
 }
 
-/// What a frame asks for.
+/// The kind of a frame from a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Request {
     /// HELLO
@@ -84,7 +84,7 @@ impl Request {
     }
 }
 
-/// Whether a session may ask this now.
+/// Checks whether a request is legal in a phase.
 //= SM2-SES-001, SM2-RES-003
 pub const fn legal(phase: Phase, request: Request) -> Result<(), Violation> {
     match (phase, request) {

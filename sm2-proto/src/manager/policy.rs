@@ -1,4 +1,4 @@
-//! What the operator allows: quotas per user and per session, and when to seal.
+//! The operator's policy: quotas per user and per session, and when to seal.
 
 use core::time::Duration;
 
@@ -7,12 +7,12 @@ use crate::{Quota, Refusal, control::Limits, limits::LINKS_MAX};
 /// The Manager's own limits (SPEC section 2) and its policy on integrity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Policy {
-    /// How long a connection may take until it is ready: its HELLO is granted, and what
-    /// it brought along is claimed.
+    /// The time within which a connection has to become ready: its HELLO is granted and its links
+    /// are claimed.
     pub greeting: Duration,
-    /// How long a claim waits for its counterpart after CLAIMED.
+    /// The time for which a claim waits for its counterpart after CLAIMED.
     pub recovery: Duration,
-    /// Connections of one user that are not welcomed.
+    /// Connections of one user that are not welcomed yet.
     pub greetings_per_user: usize,
     /// Welcomed sessions of one user.
     pub sessions_per_user: usize,
@@ -20,7 +20,7 @@ pub struct Policy {
     pub interfaces_per_session: usize,
     /// Interfaces of all sessions of one user.
     pub interfaces_per_user: usize,
-    /// Ends of links of one session; more than [`LINKS_MAX`] count as that.
+    /// Ends of links of one session; at most [`LINKS_MAX`] count.
     pub links_per_session: usize,
     /// Schema texts of one session, with the names of their types, in bytes.
     pub schema_bytes_per_session: usize,
@@ -30,9 +30,9 @@ pub struct Policy {
     pub unlinked_per_session: usize,
     /// Changes of the domain that are remembered.
     pub changes_remembered: usize,
-    /// LINKs that a session is sent before its socket has taken all of them; none counts as one.
+    /// LINKs that a session is sent before its socket has taken all of them; 0 counts as 1.
     pub links_in_flight: usize,
-    /// How many pairs of a session that has claimed all it has are looked at for one input.
+    /// Pairs of a session that are checked for one input after its CLAIMED.
     pub pairs_per_turn: usize,
     /// Whether every link of the domain is sealed.
     pub seal_all: bool,
@@ -63,7 +63,7 @@ impl Default for Policy {
 }
 
 impl Policy {
-    /// Whether a link is sealed whatever its two sides want.
+    /// Whether a link is sealed even if neither side asks for it.
     //= SM2-MAT-003
     pub(super) const fn seals(&self, same_user: bool) -> bool {
         self.seal_all || (!same_user && !self.waive_user_boundary)
@@ -82,7 +82,7 @@ impl Policy {
         }
     }
 
-    /// What of this everybody may know.
+    /// The part of the policy that every node may know.
     pub(super) fn limits(&self) -> Limits {
         Limits {
             sessions_per_user: count(self.sessions_per_user),
@@ -95,7 +95,7 @@ impl Policy {
     }
 }
 
-/// More than `limit` is refused.
+/// Refuses a count above `limit`.
 //= SM2-IFC-006
 pub(super) fn within(limit: usize, wanted: usize, quota: Quota) -> Result<(), Refusal> {
     if wanted <= limit {
@@ -107,7 +107,7 @@ pub(super) fn within(limit: usize, wanted: usize, quota: Quota) -> Result<(), Re
     })
 }
 
-/// As it goes on the wire.
+/// A count as a frame carries it.
 pub(super) fn count(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }

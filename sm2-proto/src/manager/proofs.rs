@@ -133,7 +133,7 @@ const NOW: Instant = Instant(0);
 /// The session that a harness is about.
 const OURS: NodeId = NodeId(3);
 
-/// One that has nothing to do with it.
+/// A session that the harness must not affect.
 const OTHER: NodeId = NodeId(4);
 
 const fn user(uid: u32) -> Credentials {
@@ -201,7 +201,7 @@ fn session_numbers_are_fresh() {
     kani::cover!(last == u64::MAX, "no number is left");
 }
 
-/// HELLO is granted exactly if nothing speaks against it, and refused for the first reason.
+/// HELLO is granted exactly if no rule forbids it, and refused for the first rule that does.
 //= SM2-SES-002, SM2-SES-003, SM2-IFC-006 kani
 #[cfg_attr(kani, kani::proof)]
 // Two sessions; names of one byte, frames of at most 12.
@@ -259,7 +259,7 @@ fn hello_is_refused_in_order() {
         Phase::Ready
     };
     assert!(phase == if granted { ready } else { Phase::Greeting });
-    // Whoever is not ready has a deadline.
+    // A session that is not ready has a deadline.
     assert_eq!(manager.greeting.contains_key(&OURS), phase != Phase::Ready);
     assert_eq!(manager.names.len(), 1 + usize::from(granted));
     kani::cover!(
@@ -274,8 +274,8 @@ fn any_version() -> u16 {
     one_of(&[0, 1, 2, u16::MAX])
 }
 
-/// MGR-ABSORB: a session ends once, with a GOODBYE if one is due; then nothing that still comes
-/// from it has any effect. Nobody else notices.
+/// MGR-ABSORB: a session ends once, with a GOODBYE if one is due. After that no input for it has
+/// any effect, and no other session notices.
 //= SM2-SES-001, SM2-SES-005, SM2-SES-006, SM2-RES-003 kani
 #[cfg_attr(kani, kani::proof)]
 // Two sessions; frames of one byte.

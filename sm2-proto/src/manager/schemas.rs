@@ -7,7 +7,7 @@ use crate::TypeId;
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Registered {
     text: String,
-    /// How many sessions registered it.
+    /// The number of sessions that registered the text.
     sessions: usize,
 }
 
@@ -19,12 +19,12 @@ impl Schemas {
         Self(BTreeMap::new())
     }
 
-    /// The text of a type, if anybody registered it.
+    /// The text of a type, if a session registered one.
     pub(super) fn get(&self, data: &TypeId) -> Option<&String> {
         Some(&self.0.get(data)?.text)
     }
 
-    /// One more session has it. The text stays that of the first one.
+    /// Adds one session to a text. The text of the first session stays.
     pub(super) fn insert(&mut self, data: TypeId, text: String) {
         let registered = self
             .0
@@ -33,7 +33,7 @@ impl Schemas {
         registered.sessions += 1;
     }
 
-    /// One session less has it.
+    /// Removes one session from a text.
     pub(super) fn remove(&mut self, data: &TypeId) {
         match self.0.get_mut(data) {
             Some(registered) if registered.sessions > 1 => registered.sessions -= 1,
@@ -41,7 +41,7 @@ impl Schemas {
         }
     }
 
-    /// Whether these are all that the sessions registered, and no more.
+    /// Whether these are exactly the registrations of all sessions.
     pub(super) fn are<'a>(&self, registered: impl Iterator<Item = &'a TypeId>) -> bool {
         let mut recount = BTreeMap::new();
         for data in registered {

@@ -27,7 +27,7 @@ pub(super) enum Session {
     /// Welcomed; the Manager knows all links of the node.
     Ready {
         node: NodeRecord,
-        /// As long as some interfaces are not linked yet with all that they match.
+        /// Exists until all interfaces are linked with all their matches.
         settling: Option<Settling>,
         /// The time at which claims without a counterpart are given up.
         claims_until: Option<Instant>,
@@ -37,20 +37,20 @@ pub(super) enum Session {
 /// The claims of a node that has not sent CLAIMED yet.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Resumption {
-    /// How many claims came.
+    /// The number of claims that have come.
     claims: usize,
-    /// Pairs whose adopted links ended again: they are not linked anew.
+    /// Pairs whose adopted links ended: they are not linked again.
     ended: BTreeSet<Pair>,
 }
 
 /// The interfaces that are still to be linked after CLAIMED (SM2-RES-007).
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Settling {
-    /// Which interface comes next, and after which of its counterparts.
+    /// The next interface, and the counterpart after which to go on.
     next: (InterfaceId, EntityId),
-    /// The last interface that was there at CLAIMED.
+    /// The last interface that existed at CLAIMED.
     last: InterfaceId,
-    /// Pairs that are not linked anew.
+    /// Pairs that are not linked again.
     ended: BTreeSet<Pair>,
 }
 
@@ -89,13 +89,13 @@ impl Session {
         }
     }
 
-    /// Whether it is a Manager that waits for the end of this one.
+    /// Whether the node is a Manager that waits for the end of this one.
     pub(super) fn is_standby(&self) -> bool {
         self.node()
             .is_some_and(|it| it.name().as_str().starts_with(STANDBY_PREFIX))
     }
 
-    /// HELLO is granted. Only [`Session::Greeting`] has a HELLO to grant.
+    /// Grants HELLO. Only [`Session::Greeting`] has a HELLO to grant.
     pub(super) fn welcome(&mut self, name: Name, resuming: bool) -> Result<(), Violation> {
         let Self::Greeting(credentials) = *self else {
             return Err(violation!(UnexpectedHello, "SM2-SES-001"));
@@ -116,8 +116,8 @@ impl Session {
         Ok(())
     }
 
-    /// All links are claimed, and those without a counterpart are given up at `claims_until`. The
-    /// interfaces that are there now are to be linked with all that they match.
+    /// Ends the resumption: all links are claimed, and claims without a counterpart expire at
+    /// `claims_until`. The interfaces that exist now are to be linked with all their matches.
     pub(super) fn claimed(self, claims_until: Option<Instant>) -> Self {
         match self {
             Self::Resuming { node, resumption } => Self::Ready {
@@ -133,7 +133,7 @@ impl Session {
         }
     }
 
-    /// The time at which its claims without a counterpart are given up.
+    /// The time at which the claims without a counterpart expire.
     pub(super) const fn claims_until(&self) -> Option<Instant> {
         match self {
             Self::Greeting(_) | Self::Resuming { .. } => None,
@@ -141,14 +141,14 @@ impl Session {
         }
     }
 
-    /// Its claims without a counterpart are given up now.
+    /// The claims without a counterpart have expired.
     pub(super) const fn claims_expired(&mut self) {
         if let Self::Ready { claims_until, .. } = self {
             *claims_until = None;
         }
     }
 
-    /// Whether some interfaces are not linked yet with all that they match.
+    /// Whether some interfaces are not linked with all their matches yet.
     pub(super) const fn is_settling(&self) -> bool {
         match self {
             Self::Greeting(_) | Self::Resuming { .. } => false,
@@ -173,7 +173,8 @@ impl Session {
         Some((EntityId { node, interface }, after))
     }
 
-    /// The interface is linked with its counterparts up to this one, or with all of them.
+    /// Notes that the interface is linked with its counterparts up to this one, or with all of
+    /// them.
     pub(super) const fn settled(&mut self, interface: InterfaceId, up_to: Option<EntityId>) {
         if let Self::Ready {
             settling: Some(settling),
@@ -187,7 +188,7 @@ impl Session {
         }
     }
 
-    /// Whether a pair that is not settled has ended its link.
+    /// Whether this pair ended its link before the session was settled.
     pub(super) fn has_ended(&self, pair: Pair) -> bool {
         match self {
             Self::Greeting(_) | Self::Resuming { .. } => false,
@@ -197,7 +198,7 @@ impl Session {
         }
     }
 
-    /// A link has ended before all is claimed, or settled.
+    /// Notes that a link has ended before the session was settled.
     //= SM2-RES-007
     pub(super) fn ended(&mut self, pair: Pair) {
         match self {
@@ -215,7 +216,7 @@ impl Session {
         }
     }
 
-    /// Spends a claim: a node can have no more open links than the limit of links.
+    /// Spends a claim. A node has no more open links than the limit of links.
     //= SM2-RES-008
     pub(super) const fn may_claim(&mut self) -> bool {
         match self {

@@ -15,13 +15,13 @@ use crate::{
     control::{Item, UnlinkedReason},
 };
 
-/// For each pair: why.
+/// The reason for each pair.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct UnlinkedPairs {
     reasons: BTreeMap<Pair, UnlinkedReason>,
     /// The same pairs, the demanding side first.
     by_demanding: BTreeSet<(EntityId, EntityId)>,
-    /// How many of them each node offers. A node that offers none has no entry.
+    /// The number of pairs that each node offers. A node that offers none has no entry.
     offered: BTreeMap<NodeId, usize>,
 }
 
@@ -34,7 +34,7 @@ impl UnlinkedPairs {
         }
     }
 
-    /// Whether there is room for it.
+    /// Adds a pair, or gives it another reason. Returns whether the quota has room for it.
     pub(super) fn insert(&mut self, pair: Pair, reason: UnlinkedReason, limit: usize) -> bool {
         if !self.reasons.contains_key(&pair) {
             let offered = self.offered.get(&pair.offering.node).copied();
@@ -49,7 +49,7 @@ impl UnlinkedPairs {
         true
     }
 
-    /// Whether it was there.
+    /// Removes a pair. Returns whether it was there.
     pub(super) fn remove(&mut self, pair: Pair) -> bool {
         if self.reasons.remove(&pair).is_none() {
             return false;
@@ -94,7 +94,7 @@ impl UnlinkedPairs {
         self.reasons.keys().copied()
     }
 
-    /// Whether the tables say the same, and no node offers more than its quota.
+    /// Whether the tables agree, and no node offers more than its quota.
     pub(super) fn agree(&self, limit: usize) -> bool {
         let mut recount = BTreeMap::new();
         for pair in self.iter() {

@@ -1,4 +1,4 @@
-//! What each user has of what the policy limits per user.
+//! The connections, sessions and interfaces that each user has, for the quotas per user.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{Quota, Refusal};
 
-/// What one user has.
+/// The usage of one user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 struct Usage {
     greeting: usize,
@@ -19,7 +19,7 @@ struct Usage {
     interfaces: usize,
 }
 
-/// What each user has. A user with nothing has no entry.
+/// The usage of each user. A user without any has no entry.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Users(BTreeMap<u32, Usage>);
 
@@ -28,8 +28,8 @@ impl Users {
         Self(BTreeMap::new())
     }
 
-    /// A connection came. Whether the user may have it; it counts until it
-    /// leaves in any case.
+    /// Adds a connection. Returns whether the quota allows it; the connection counts until it
+    /// leaves in either case.
     pub(super) fn connect(&mut self, uid: u32, policy: &Policy) -> bool {
         let usage = self.0.entry(uid).or_default();
         usage.greeting += 1;
@@ -80,7 +80,7 @@ impl Users {
         within(limit, interfaces + 1, Quota::InterfacesPerUser)
     }
 
-    /// Whether every charge is what a recount says.
+    /// Whether every count equals a recount.
     pub(super) fn are<'a>(&self, sessions: impl Iterator<Item = &'a Session>) -> bool {
         let mut recount: BTreeMap<u32, Usage> = BTreeMap::new();
         for session in sessions {

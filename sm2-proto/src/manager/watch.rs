@@ -1,4 +1,4 @@
-//! WATCH: what has changed since a revision (SM2-WCH-001, SM2-WCH-002).
+//! WATCH: the changes since a revision (SM2-WCH-001, SM2-WCH-002).
 
 use alloc::{collections::BTreeSet, vec::Vec};
 use core::mem;
@@ -10,12 +10,12 @@ use crate::{
     limits::DATAGRAM_MAX,
 };
 
-/// What a CHANGES takes besides its changes, at most: its number, the revision, the
-/// option, how many changes there are, and whether there are more.
+/// The greatest size of a CHANGES without its changes: the number of the frame, the revision, the
+/// option, the number of changes, and the flag for more.
 const HEAD_BYTES: usize = 1 + 10 + 1 + 3 + 1;
 
 impl Manager {
-    /// Something that a page can show has changed. Every change goes through here.
+    /// Notes that an item has changed. Every change goes through this function.
     pub(super) fn changed(&mut self, key: Key) {
         self.log.push(key);
     }
@@ -34,9 +34,9 @@ impl Manager {
         Ok(())
     }
 
-    /// Answers all who wait, if the domain has changed since the last input was handled.
-    /// They all waited for a change of that revision. Whoever is gone since has changed
-    /// the domain by that, and is not waited for any more either.
+    /// Answers all watchers if the last input has changed the domain. All of them waited for a
+    /// change of the revision before. A watcher that is gone has changed the domain by its end, and
+    /// is dropped here.
     //= SM2-WCH-001
     pub(super) fn wake_watchers(&mut self, before: u64) {
         if self.log.revision() == before || self.watchers.is_empty() {

@@ -1,4 +1,4 @@
-//! What goes into a node's session and what comes out of it.
+//! The inputs and outputs of a node's machine.
 
 use alloc::{string::String, vec::Vec};
 
@@ -7,30 +7,31 @@ use crate::{
     control::{Change, Item, Key, Peer},
 };
 
-/// What happens to a node. `Datagram` requires that the outputs of the input before are drained:
-/// its descriptor belongs to the next output. All other inputs may come while outputs wait.
+/// An input of a node. `Datagram` requires that the outputs of the input before are drained,
+/// because its descriptor belongs to the next output. All other inputs may be fed while outputs
+/// wait.
 #[derive(Clone, Debug)]
 pub enum Input<'a> {
     /// The Manager sent a datagram.
     Datagram(Datagram<'a>),
-    /// The Manager's end of the connection is gone.
+    /// The Manager closed its end of the connection.
     Eof,
-    /// After [`Output::HelloRefused`]: greet again, under this name.
+    /// Greet again under this name, after [`Output::HelloRefused`].
     Greet(Name),
-    /// Drop an interface that was declared, and all its links with it; without a session
-    /// also one whose declaration waits.
+    /// Withdraw an interface that was declared, and with it all its links. Without a session, this
+    /// also takes back a declaration that has not been sent.
     Withdraw {
-        /// Which.
+        /// The interface.
         interface: InterfaceId,
     },
-    /// The machine of a link has ended. Harmless if the Manager said so first, and
-    /// without a session: then the link is forgotten.
+    /// The machine of a link has ended. This input has no effect if the Manager ended the link
+    /// first. Without a session the link is only forgotten.
     Unlinked {
-        /// Of which interface.
+        /// The interface of the link.
         interface: InterfaceId,
-        /// Which link.
+        /// The link.
         link: LinkId,
-        /// Why.
+        /// The reason.
         code: Code,
     },
     /// Ask for a page of the domain's state.
@@ -43,146 +44,148 @@ pub enum Input<'a> {
         /// The revision that is known.
         after: u64,
     },
-    /// Hand over the file of this node's counters, once per session.
+    /// Hand the file of this node's counters to the Manager, once per session.
     Counters,
     /// Ask for the counters of a node.
     Inspect {
-        /// Which.
+        /// The node.
         node: NodeId,
     },
     /// Register the text of a type.
     Schema {
-        /// Which type.
+        /// The type.
         data: TypeId,
-        /// Its text (SPEC Annex A); its hash is the type's.
+        /// The text of the type (SPEC Annex A), which has the type's hash.
         text: String,
     },
     /// Ask for the text of a type.
     Describe {
-        /// Which type.
+        /// The type.
         data: TypeId,
     },
-    /// After [`Output::Ended`] or [`Output::HelloRefused`]: there is a new connection with
-    /// a Manager. The node greets again, and brings along what it has (SM2-RES-002).
+    /// There is a new connection with a Manager, after [`Output::Ended`] or
+    /// [`Output::HelloRefused`]. The node greets again and brings its interfaces and links along
+    /// (SM2-RES-002).
     Reconnected,
     /// End the session, if there is one, and the machine.
     Close(Code),
 }
 
-/// What the driver has to do, or to know.
+/// A task for the driver, or an event for the program.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Output {
     /// Send these bytes as one datagram.
     Transmit(Vec<u8>),
-    /// Send these bytes as one datagram, and with it the file of this node's counters.
+    /// Send these bytes as one datagram, with the file of this node's counters.
     TransmitCounters(Vec<u8>),
-    /// The Manager has granted the greeting; after the first time [`Output::Resumed`]
-    /// follows when it knows all that we have.
+    /// The Manager has granted the greeting. From the second time on, [`Output::Resumed`] follows
+    /// once the Manager knows all interfaces and links of this node.
     Welcomed {
-        /// Our number.
+        /// The number of this node.
         node: NodeId,
         /// The Manager's incarnation.
         epoch: u64,
     },
-    /// The Manager did not grant the greeting: greet again or close.
+    /// The Manager has refused the greeting: greet again or close.
     HelloRefused(Refusal),
     /// The interface is live.
     Declared {
-        /// Which.
+        /// The interface.
         interface: InterfaceId,
-        /// How many interfaces it matched.
+        /// The number of interfaces that it matched.
         matches: u32,
     },
-    /// The interface was not granted. One that was live in an earlier session keeps its
-    /// links and is declared again with the next session (SM2-RES-009); of any other
-    /// the number is spent.
+    /// The interface was refused. An interface that was live in an earlier session keeps its links
+    /// and is declared again in the next session (SM2-RES-009). Of any other interface, the number
+    /// is spent.
     DeclareRefused {
-        /// Which.
+        /// The interface.
         interface: InterfaceId,
-        /// Why.
+        /// The reason.
         reason: Refusal,
     },
-    /// A link: its socket is the descriptor of the datagram just handled.
+    /// A link was made. Its socket is the descriptor of the datagram just handled.
     Linked {
-        /// Of which interface.
+        /// The interface of the link.
         interface: InterfaceId,
-        /// Which link.
+        /// The link.
         link: LinkId,
-        /// The version to speak on it.
+        /// The protocol version of the link.
         version: u16,
-        /// Whether nothing on it may be displaced.
+        /// Whether no message may be displaced.
         reliable: bool,
-        /// Whether every message on it is inline or sealed.
+        /// Whether every message is inline or sealed.
         sealed: bool,
-        /// The other side.
+        /// The interface on the other side.
         peer: Peer,
     },
-    /// The Manager ended a link, or did with an earlier session: end its machine with this code.
+    /// The Manager ended this link, now or with an earlier session: end its machine with this code.
     Unlink {
-        /// Of which interface.
+        /// The interface of the link.
         interface: InterfaceId,
-        /// Which link.
+        /// The link.
         link: LinkId,
-        /// Why.
+        /// The reason.
         code: Code,
     },
-    /// The interface is gone at the Manager too, if there is one.
+    /// The interface is withdrawn; the Manager, if there is one, has confirmed it.
     Withdrawn {
-        /// Which.
+        /// The interface.
         interface: InterfaceId,
     },
     /// A page of the domain's state.
     Page {
-        /// Of which revision.
+        /// The revision of the page.
         revision: u64,
-        /// In ascending order of their keys.
+        /// The items, in ascending order of their keys.
         items: Vec<Item>,
-        /// Where to go on, if more follow.
+        /// The key after which the next page starts, if more items follow.
         next: Option<Key>,
     },
     /// The domain has changed: the answer to [`Input::Watch`].
     Changes {
-        /// What the changes lead to.
+        /// The revision after these changes.
         revision: u64,
-        /// The changes; none if the Manager does not remember them all.
+        /// The changes; `None` if the Manager has forgotten some of them.
         changes: Option<Vec<Change>>,
-        /// Whether there are more at once.
+        /// Whether more changes are there already.
         more: bool,
     },
-    /// The counters of a node: the file is the descriptor of the datagram just handled.
+    /// The counters of a node. Their file is the descriptor of the datagram just handled.
     Inspected {
-        /// Which node.
+        /// The node.
         node: NodeId,
     },
-    /// A node has no counters, or is not there.
+    /// A node has no counters, or does not exist.
     NotInspected {
-        /// Which node.
+        /// The node.
         node: NodeId,
     },
-    /// The text of a type, if anybody registered it.
+    /// The text of a type, if a node registered one.
     Described {
-        /// Which type.
+        /// The type.
         data: TypeId,
-        /// Its text (SPEC Annex A).
+        /// The text of the type (SPEC Annex A).
         text: Option<String>,
     },
-    /// All that the node brought along from earlier sessions is declared and claimed.
+    /// The Manager knows all interfaces and links that this node brought along.
     Resumed,
-    /// The session is over: close the connection. Always its last output. Links go on;
-    /// the machine waits for [`Input::Reconnected`], unless we closed it.
+    /// The session is over: close the connection. This is always the last output of a session.
+    /// Links stay, and the machine waits for [`Input::Reconnected`], unless this node closed the
+    /// session.
     Ended(End),
 }
 
-/// Why a session is over.
+/// The reason for which a session ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum End {
-    /// We closed it.
+    /// This node closed the session.
     #[error("closed by this node ({0})")]
     Local(Code),
     /// The Manager said goodbye.
     #[error("the Manager hung up: {0}")]
     Peer(Code),
-    /// The Manager's end is gone without a word.
+    /// The Manager closed the connection without a goodbye.
     #[error("the Manager is gone")]
     Eof,
     /// The Manager broke SPEC.
@@ -190,17 +193,17 @@ pub enum End {
     Violation(Violation),
 }
 
-/// The reason why an input was not taken. `Ended` names the end of the latest session; while
+/// The reason for which an input was not taken. `Ended` names the end of the latest session; while
 /// [`Node::is_away`](super::Node::is_away), another session may follow.
 pub type Error = crate::Error<End, Misuse>;
 
-/// What a caller did wrong. Nothing was sent and nothing has changed.
+/// A mistake of the caller. Nothing was sent and nothing has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Misuse {
-    /// The session is not ready.
+    /// The Manager has not welcomed the node yet.
     #[error("the Manager has not welcomed this node yet")]
     NotReady,
-    /// A greeting is legal only after a refusal.
+    /// A second greeting is legal only after a refusal.
     #[error("the Manager has not refused a greeting")]
     NotRefused,
     /// The session is not over.
@@ -224,12 +227,12 @@ pub enum Misuse {
     /// The text is not a schema with the type's hash (SM2-SCH-001).
     #[error("the text is no schema of that type: its hash is another, or it is malformed")]
     Schema,
-    /// The contract is out of range.
+    /// A QoS value of the contract is out of range.
     #[error("{field} is {value}, which is out of range (SM2-FRM-003)")]
     Qos {
-        /// Which value.
+        /// The name of the value.
         field: &'static str,
-        /// What it is.
+        /// The value.
         value: u16,
     },
 }

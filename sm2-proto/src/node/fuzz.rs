@@ -1,8 +1,8 @@
 //! The body of the fuzz target `node_session`.
 //!
-//! The bytes are a list of what a hostile Manager sends and of what the program around the
-//! node asks for. [`Session`] is what a correct Manager would know of the node: whatever the
-//! Manager does, the node must not break SPEC.
+//! The bytes are a list of datagrams of a hostile Manager and of requests of the program.
+//! [`Session`] is the view of a correct Manager: whatever the Manager sends, the node must not
+//! break SPEC.
 
 use alloc::{collections::BTreeSet, vec::Vec};
 
@@ -21,7 +21,7 @@ const FD: [FdFacts; 2] = [FdFacts {
     seals: crate::Seals(0),
 }; 2];
 
-/// The node takes whatever comes, says only what its Manager has to accept, and an ended one
+/// The node takes any bytes and sends only frames that its Manager has to accept. After its end it
 /// answers with its first reason.
 //= SM2-FRM-001, SM2-NOD-001, SM2-NOD-003 fuzz
 pub(crate) fn session(data: &[u8]) {
@@ -40,7 +40,7 @@ pub(crate) fn session(data: &[u8]) {
         Some(end) if !fuzz.node.is_away() => end,
         _ => End::Local(crate::Code(0)),
     };
-    // Harmless if it has ended already.
+    // Has no effect if the node has ended already.
     let closed = fuzz.node.handle(NOW, Input::Close(crate::Code(0)));
     assert!(closed.is_ok() || closed == Err(Error::Ended(first)));
     fuzz.drain();
@@ -57,7 +57,7 @@ pub(crate) fn session(data: &[u8]) {
     assert_eq!((fuzz.node.end(), fuzz.node.poll()), (Some(first), None));
 }
 
-/// What a correct Manager knows of one session.
+/// The state of one session as a correct Manager knows it.
 struct Session {
     phase: Phase,
     /// Whether a greeting waits for its answer.
@@ -65,7 +65,7 @@ struct Session {
     resuming: bool,
     last_interface: u64,
     live: BTreeSet<InterfaceId>,
-    /// WITHDRAW sent, WITHDRAWN not received.
+    /// WITHDRAW is sent, and WITHDRAWN has not come.
     dropping: BTreeSet<InterfaceId>,
     /// Links that the node may say farewell to.
     links: BTreeSet<(InterfaceId, LinkId)>,
@@ -108,7 +108,7 @@ impl Session {
             ToNode::Link {
                 interface, link, ..
             } => {
-                // One that crossed WITHDRAW is legal, and over (SM2-IFC-004).
+                // A LINK that crossed WITHDRAW is legal and has no effect (SM2-IFC-004).
                 if self.live.contains(&interface) {
                     self.links.insert((interface, link));
                 } else {
@@ -169,13 +169,13 @@ impl Session {
 struct Fuzz<'a> {
     script: Script<'a>,
     node: Node,
-    /// None when it is over and the next one has not begun.
+    /// `None` between the end of a session and the next one.
     session: Option<Session>,
     welcomed: bool,
 }
 
 impl Fuzz<'_> {
-    /// One operation; none when the bytes are used up.
+    /// Does one operation; `None` when the bytes are used up.
     fn step(&mut self) -> Option<()> {
         let operation = self.script.byte()?;
         match operation % 16 {
@@ -254,7 +254,7 @@ impl Fuzz<'_> {
         })
     }
 
-    /// A frame that is legal as such.
+    /// A legal frame.
     fn frame(&mut self) -> Option<ToNode> {
         let script = &mut self.script;
         Some(match script.byte()? % 16 {

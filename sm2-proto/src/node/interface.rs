@@ -11,37 +11,37 @@ use crate::{
     match_contracts,
 };
 
-/// Where an interface stands.
+/// The state of an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum State {
-    /// Never answered; its DECLARE goes out with CLAIMED.
+    /// No Manager has answered it; DECLARE goes out after CLAIMED.
     Queued,
-    /// DECLARE sent, for the first time as far as we know.
+    /// DECLARE is sent, and no Manager has granted the interface before.
     Declaring,
-    /// DECLARED received in an earlier session, and not in this one.
+    /// DECLARED came in an earlier session, and DECLARE is not sent in this one.
     Dormant,
-    /// DECLARE sent again.
+    /// DECLARED came in an earlier session, and DECLARE is sent in this one.
     Renewing,
-    /// As *renewing*, and to be withdrawn as soon as that is answered.
+    /// As *renewing*; the program has withdrawn the interface since.
     Doomed,
-    /// DECLARED received in this session.
+    /// DECLARED came in this session.
     Live,
-    /// WITHDRAW sent.
+    /// WITHDRAW is sent.
     Dropping,
 }
 
-/// Where one end of a link stands (SM2-LNK-003).
+/// The state of one end of a link (SM2-LNK-003).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Standing {
-    /// Made in an earlier session; this one's Manager does not know of it from us.
+    /// Made in an earlier session, and not claimed in this one.
     Unclaimed,
     /// Made or claimed in this session; neither side has said farewell.
     Known,
-    /// We have said farewell.
+    /// This node has said farewell.
     Left,
 }
 
-/// One end of a link: what LINK said of it.
+/// The fields of LINK that CLAIM repeats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Link {
     pub(super) key: LinkKey,
@@ -49,34 +49,34 @@ pub(super) struct Link {
     pub(super) qos: LinkQos,
 }
 
-/// What an answer to DECLARE leads to.
+/// The effect of an answer to DECLARE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answered {
-    /// The program's own DECLARE: it hears of it.
+    /// The program's own DECLARE is answered: the program is told.
     First,
-    /// A renewed one.
+    /// A DECLARE that the machine repeated is answered.
     Renewed,
-    /// A renewed one of an interface that the program gave up meanwhile.
+    /// As `Renewed`, but the program has withdrawn the interface since.
     Doomed,
 }
 
-/// What withdrawing leads to.
+/// The effect of withdrawing an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Withdrawal {
-    /// WITHDRAW has to go out.
+    /// WITHDRAW has to be sent.
     Send,
-    /// Nothing until the Manager has answered.
+    /// WITHDRAW waits for the answer to DECLARE.
     Wait,
-    /// The Manager does not have the interface: it is gone.
+    /// The Manager does not know the interface, which is removed at once.
     Forget,
 }
 
-/// What UNLINK has to be answered with.
+/// The answer to UNLINK.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
-    /// UNLINKED: the Manager said farewell first.
+    /// UNLINKED, because the Manager said farewell first.
     Unlinked,
-    /// Nothing: we did, or the interface is being dropped.
+    /// None, because this node said farewell first or drops the interface.
     Nothing,
 }
 
@@ -96,12 +96,14 @@ impl Interface {
         }
     }
 
-    /// Whether its DECLARE has to go out with CLAIMED; if so, it does.
+    /// The contract, if DECLARE is due for the first time. The interface counts as declared from
+    /// now on.
     pub(super) fn declare(&mut self) -> Option<&Contract> {
         self.step(State::Queued, State::Declaring)
     }
 
-    /// Whether its DECLARE has to go out again with WELCOME; if so, it does.
+    /// The contract, if DECLARE has to be repeated in this session. The interface counts as
+    /// declared from now on.
     //= SM2-RES-002, SM2-RES-009
     pub(super) fn renew(&mut self) -> Option<&Contract> {
         self.step(State::Dormant, State::Renewing)
@@ -115,7 +117,7 @@ impl Interface {
         Some(&self.contract)
     }
 
-    /// DECLARED came in.
+    /// DECLARED has come.
     pub(super) fn declared(&mut self) -> Result<Answered, Violation> {
         let (state, answered) = match self.state {
             State::Declaring => (State::Live, Answered::First),
@@ -127,7 +129,7 @@ impl Interface {
         Ok(answered)
     }
 
-    /// DECLARE_REFUSED came in. Only a renewed interface lives on.
+    /// DECLARE_REFUSED has come. Only a renewed interface stays.
     //= SM2-RES-009
     pub(super) fn refused(&mut self) -> Result<Answered, Violation> {
         match self.state {
@@ -141,14 +143,15 @@ impl Interface {
         }
     }
 
-    /// The program gives the interface up.
+    /// The program withdraws the interface.
     pub(super) fn withdraw(&mut self) -> Result<Withdrawal, Misuse> {
         match self.state {
             State::Live => {
                 self.state = State::Dropping;
                 Ok(Withdrawal::Send)
             }
-            // WITHDRAW of a refused interface would be a violation: first the answer.
+            // WITHDRAW of a refused interface would be a violation, so the answer has to come
+            // first.
             State::Renewing => {
                 self.state = State::Doomed;
                 Ok(Withdrawal::Wait)
@@ -158,7 +161,7 @@ impl Interface {
         }
     }
 
-    /// WITHDRAWN came in.
+    /// WITHDRAWN has come.
     pub(super) fn withdrawn(&self) -> Result<(), Violation> {
         match self.state {
             State::Dropping => Ok(()),
@@ -166,7 +169,7 @@ impl Interface {
         }
     }
 
-    /// The session is over. Whether the interface lives on.
+    /// The session is over. Returns whether the interface stays.
     //= SM2-NOD-003
     pub(super) fn away(&mut self) -> bool {
         self.state = match self.state {
@@ -182,7 +185,8 @@ impl Interface {
         true
     }
 
-    /// A Manager welcomed us. Its own links of earlier sessions are over: these.
+    /// Removes and returns the links of the Manager with this epoch: it ended them with the earlier
+    /// session.
     //= SM2-RES-002, SM2-SES-006
     pub(super) fn forget(&mut self, epoch: u64) -> impl Iterator<Item = LinkId> + use<> {
         let links = core::mem::take(&mut self.links);
@@ -207,8 +211,8 @@ impl Interface {
         })
     }
 
-    /// LINK came in. Whether the link is to be used: one that crossed our
-    /// WITHDRAW is legal, and over.
+    /// LINK has come. Returns whether the link is to be used: a LINK that crossed WITHDRAW is
+    /// legal, but has no effect.
     //= SM2-LNK-005, SM2-IFC-004
     pub(super) fn link(&mut self, id: LinkId, link: Link, peer: &Peer) -> Result<bool, Violation> {
         if !self.is_declared() {
@@ -219,7 +223,8 @@ impl Interface {
         }
         let asked = match_contracts(&self.contract, &peer.contract)
             .map_err(|_| violation!(BadLink, "SM2-LNK-005"))?;
-        // The Manager seals for reasons of its own too; no other term is its choice.
+        // Only sealing may go beyond what both sides ask for, because the Manager has reasons of
+        // its own.
         let qos = link.qos;
         let fits = asked.reliable == qos.reliable && asked.sealed <= qos.sealed;
         if !fits || link.version != VERSION || self.links.len() == LINKS_MAX {
@@ -229,7 +234,7 @@ impl Interface {
         Ok(self.state == State::Live)
     }
 
-    /// UNLINK came in.
+    /// UNLINK has come.
     //= SM2-LNK-003, SM2-IFC-004
     pub(super) fn unlink(&mut self, link: LinkId) -> Result<Answer, Violation> {
         if !self.is_declared() {
@@ -247,8 +252,8 @@ impl Interface {
         Ok(answer)
     }
 
-    /// Our end of a link is over. Whether UNLINKED has to go out: not if the
-    /// Manager said farewell first or does not know of the link, nor after WITHDRAW.
+    /// The machine of a link has ended. Returns whether UNLINKED has to go out. It must not if the
+    /// Manager said farewell first or does not know the link, nor after WITHDRAW.
     //= SM2-LNK-004, SM2-IFC-004
     pub(super) fn close_link(&mut self, link: LinkId) -> bool {
         match self.links.get_mut(&link) {
@@ -264,7 +269,7 @@ impl Interface {
         }
     }
 
-    /// Whether the Manager may speak of the interface's links.
+    /// Whether the Manager may name the interface's links.
     const fn is_declared(&self) -> bool {
         matches!(self.state, State::Live | State::Dropping)
     }

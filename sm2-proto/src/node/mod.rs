@@ -1,4 +1,4 @@
-//! A node's dealings with its Managers, as the node sees them (SPEC sections 4.2, 4.3, 5 and 11).
+//! A node's sessions with its Managers, from the node's side (SPEC sections 4.2, 4.3, 5 and 11).
 //!
 //! | to do | call |
 //! | --- | --- |
@@ -10,18 +10,18 @@
 //!
 //! # One machine, many sessions
 //!
-//! The end of a session ends no link: that is the driver's to honour. The machine lives on, too;
+//! The end of a session ends no link: the driver keeps the links open. The machine goes on as well;
 //! only [`Input::Close`] ends it. The order of calls:
 //!
-//! 1. [`Node::new`] on a new connection; it greets.
-//! 2. [`Output::Welcomed`]: from now on interfaces can be declared, at any time.
-//! 3. [`Output::Ended`]: close the connection. The machine is *away*. Links go on, and
-//!    [`Input::Unlinked`], [`Input::Withdraw`] and [`Node::declare`] work as ever.
-//! 4. Connect anew, when and as often as SM2-RES-001 says, and feed [`Input::Reconnected`].
-//!    The machine greets, declares again what was live, and claims what is still linked.
-//!    [`Output::HelloRefused`] is no end: greet again, or close the connection and feed
-//!    [`Input::Reconnected`] with the next one.
-//! 5. [`Output::Resumed`]: the new Manager knows all that the old one did.
+//! 1. [`Node::new`] on a new connection. The first output is the greeting.
+//! 2. [`Output::Welcomed`]: interfaces can be declared from now on, at any time.
+//! 3. [`Output::Ended`]: close the connection. The machine is *away*. Links stay, and
+//!    [`Input::Unlinked`], [`Input::Withdraw`] and [`Node::declare`] stay legal.
+//! 4. Connect again, when and as often as SM2-RES-001 allows, and feed [`Input::Reconnected`]. The
+//!    machine greets, declares its live interfaces again, and claims its open links.
+//!    [`Output::HelloRefused`] does not end the machine: greet again, or close the connection and
+//!    feed [`Input::Reconnected`] with the next one.
+//! 5. [`Output::Resumed`]: the new Manager knows all interfaces and links of the node.
 //!
 //! | state | what is legal there | leads to |
 //! | --- | --- | --- |
@@ -32,10 +32,10 @@
 //! | away | [`Node::declare`], [`Input::Withdraw`], [`Input::Unlinked`], [`Input::Reconnected`] | greeting |
 //! | ended | nothing | |
 //!
-//! [`Input::Close`] is legal in every state but the last, and leads there. Each
-//! [`Input::Withdraw`] that is taken is answered with one [`Output::Withdrawn`], at the latest by
-//! the end of the session, unless [`Input::Close`] ends all at once. What else was asked and not
-//! answered is forgotten with the session.
+//! [`Input::Close`] is legal in every state but the last, and leads there. Each [`Input::Withdraw`]
+//! that is taken is answered with one [`Output::Withdrawn`], at the latest at the end of the
+//! session; only [`Input::Close`] drops that answer. All other requests without an answer are
+//! forgotten with the session.
 
 mod event;
 #[cfg(feature = "fuzzing")]
@@ -84,7 +84,7 @@ impl Node {
         node
     }
 
-    /// Our number, once welcomed and as long as the session lives.
+    /// The number of this node while it has a session.
     #[must_use]
     pub const fn id(&self) -> Option<NodeId> {
         match self.phase.session() {
@@ -93,7 +93,7 @@ impl Node {
         }
     }
 
-    /// The Manager's incarnation, once welcomed and as long as the session lives.
+    /// The Manager's incarnation while there is a session.
     #[must_use]
     pub const fn epoch(&self) -> Option<u64> {
         match self.phase.session() {
@@ -102,19 +102,20 @@ impl Node {
         }
     }
 
-    /// Whether the Manager has welcomed us and knows all that we have.
+    /// Whether the Manager has welcomed this node and knows all its interfaces and links.
     #[must_use]
     pub const fn is_ready(&self) -> bool {
         matches!(self.phase, Phase::Ready(..))
     }
 
-    /// Whether the session is over and [`Input::Reconnected`] is waited for.
+    /// Whether the session is over and the machine waits for [`Input::Reconnected`].
     #[must_use]
     pub const fn is_away(&self) -> bool {
         matches!(self.phase, Phase::Away(..))
     }
 
-    /// Why the session is over, if it is; for good unless [`Node::is_away`].
+    /// The reason for which the session is over, if it is. The reason is final unless
+    /// [`Node::is_away`].
     #[must_use]
     pub const fn end(&self) -> Option<End> {
         match self.phase {
@@ -123,8 +124,8 @@ impl Node {
         }
     }
 
-    /// Declares an interface and allots its number. Without a session, or while one
-    /// is resumed, DECLARE goes out after CLAIMED.
+    /// Declares an interface and allots its number. Without a session, or while one is resumed,
+    /// DECLARE goes out after CLAIMED.
     ///
     /// # Errors
     ///
@@ -156,8 +157,8 @@ impl Machine for Node {
     ///
     /// # Errors
     ///
-    /// [`Error::Misuse`] if this is no time for it: nothing has changed.
-    /// [`Error::Ended`] if the session has ended, or the node has: see [`Node::is_away`].
+    /// [`Error::Misuse`] if the input is not legal in this state: nothing has changed.
+    /// [`Error::Ended`] if the session or the machine has ended: see [`Node::is_away`].
     fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
         match input {
             Input::Datagram(datagram) => {
@@ -221,7 +222,7 @@ impl Machine for Node {
 }
 
 impl Node {
-    /// Fails without a connection with a Manager.
+    /// Fails if there is no connection with a Manager.
     fn check_session(&self) -> Result<(), Error> {
         self.end().map_or(Ok(()), |end| Err(Error::Ended(end)))
     }

@@ -12,8 +12,8 @@ use super::{
 };
 use crate::{Contract, InterfaceId, LinkId, NodeId, control::ToManager};
 
-/// What a node keeps from one session to the next. A node has none until its first WELCOME: then
-/// its HELLO says that it does not resume.
+/// The interfaces that a node keeps from one session to the next. A node has none until its first
+/// WELCOME; until then its HELLO says that it does not resume.
 pub(super) type Known = Option<Interfaces>;
 
 /// The state of the machine: the rows of the tables in SPEC sections 4.2 and 11.
@@ -34,7 +34,7 @@ pub(super) enum Phase {
     Ended(End),
 }
 
-/// What exists between WELCOME and the end of the session.
+/// The data that exists between WELCOME and the end of the session.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Session {
     /// The number that the Manager gave to this node.
@@ -79,7 +79,7 @@ impl Phase {
         }
     }
 
-    /// Takes the interfaces along. The caller sets the next phase.
+    /// Takes the interfaces out. The caller sets the next phase.
     pub(super) fn take_known(&mut self) -> Known {
         match self.take() {
             Self::Resuming(session) | Self::Ready(session) => Some(session.interfaces),

@@ -22,7 +22,7 @@ fn node(phase: Phase) -> Node {
     node
 }
 
-/// What a node without interfaces keeps once it was welcomed.
+/// The interfaces of a node that was welcomed and has declared none.
 fn known() -> Option<Interfaces> {
     Some(Interfaces::default())
 }
@@ -31,8 +31,8 @@ fn session() -> Session {
     Session::new(NodeId(1), 2, Interfaces::default())
 }
 
-/// CLI-IDS: an interface has a number that is greater than all before it, from any count; when
-/// no number is left, nothing is declared.
+/// CLI-IDS: an interface gets a number that is greater than all numbers before it, from any count.
+/// When no number is left, nothing is declared.
 //= SM2-IFC-001 kani
 #[cfg_attr(kani, kani::proof)]
 // Names of one byte, frames of at most 24.
@@ -57,7 +57,7 @@ fn interface_numbers_are_fresh() {
         let interfaces = node.phase.interfaces_mut().expect("welcomed");
         assert_eq!(interfaces.last, last + 1);
         assert!(interfaces.by_id.contains_key(&interface));
-        // DECLARE goes out at once if the session is ready, else behind CLAIMED.
+        // DECLARE goes out at once if the session is ready, otherwise after CLAIMED.
         let ready = node.is_ready();
         let declaring = node.phase.session().map_or(0, |it| it.declaring.len());
         assert_eq!(declaring, usize::from(ready));
@@ -67,8 +67,8 @@ fn interface_numbers_are_fresh() {
     kani::cover!(last == u64::MAX, "no number is left");
 }
 
-/// CLI-ABSORB: after its own end a node answers everything with its first reason, and says
-/// nothing; away, it takes nothing that needs a session.
+/// CLI-ABSORB: after its own end a node answers every input with its first reason, and sends
+/// nothing. While it is away, it takes no input that needs a session.
 //= SM2-NOD-001, SM2-NOD-003, SM2-SES-005 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(26))]
@@ -92,7 +92,7 @@ fn an_ended_node_is_silent() {
     };
     let is_final = end == End::Local(code);
     let breaks = end == End::Violation(violation);
-    // Without a session nothing can end it.
+    // A session that does not exist cannot end.
     kani::assume(is_final || !was_away);
     let verdict = node.handle(NOW, input);
     assert_eq!(verdict.is_err(), breaks);
@@ -119,7 +119,7 @@ fn an_ended_node_is_silent() {
             code: Code(0),
         },
     };
-    // Away, links still end; there is nobody to tell.
+    // While the node is away, links can still end, but there is no Manager to tell.
     let forgets = matches!(later, Input::Unlinked { .. }) && !is_final;
     let before = node.clone();
     let verdict = node.handle(NOW, later);

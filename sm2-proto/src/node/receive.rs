@@ -1,4 +1,4 @@
-//! What the Manager says (the tables of SPEC sections 4.2 and 4.3).
+//! The handlers of the Manager's frames (the tables of SPEC sections 4.2 and 4.3).
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -26,7 +26,7 @@ impl Node {
         })
     }
 
-    /// One frame in the session's phase: the table of SPEC section 4.2.
+    /// Handles one frame in the phase of the session: the table of SPEC section 4.2.
     fn step(&mut self, frame: ToNode) -> Result<(), Violation> {
         match self.phase {
             Phase::Away(..) | Phase::Ended(_) => Ok(()),

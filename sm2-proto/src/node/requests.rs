@@ -1,4 +1,5 @@
-//! What a session has asked its Manager and waits for. Forgotten with the session.
+//! The requests of a session that the Manager has not answered. They are forgotten with the
+//! session.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -10,9 +11,9 @@ use crate::{NodeId, TypeId, Violation, schema::Schema};
 
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Requests {
-    /// Queries without their page.
+    /// QUERYs without their page.
     queries: u64,
-    /// Whether a WATCH is without its CHANGES.
+    /// Whether a WATCH waits for its CHANGES.
     watching: bool,
     /// Whether COUNTERS was sent.
     counters: bool,

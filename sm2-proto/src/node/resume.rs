@@ -1,4 +1,4 @@
-//! From one session to the next (SPEC section 11).
+//! The end of a session, and the resumption in the next one (SPEC section 11).
 
 use super::{
     End, Error, Misuse, Node, Output,
@@ -33,7 +33,7 @@ impl Node {
         self.phase = Phase::Greeting(known);
     }
 
-    /// WELCOME has come: the node declares again what was live.
+    /// WELCOME has come: the node declares its live interfaces again.
     //= SM2-NOD-002, SM2-RES-002, SM2-SES-006
     pub(super) fn welcome(
         &mut self,

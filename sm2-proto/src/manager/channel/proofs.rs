@@ -1,4 +1,5 @@
-//! Harnesses for topics and services: one interface more or less, from any state of two.
+//! Harnesses for topics and services: an interface is added or removed, from any state of two
+//! interfaces.
 
 use alloc::sync::Arc;
 
@@ -12,13 +13,13 @@ fn name(text: &str) -> Name {
     Name::new(text).expect("a legal name")
 }
 
-/// A type of which only the hash differs.
+/// A type that differs in its hash only.
 fn data(hash: u64) -> TypeId {
     let name = name("t");
     TypeId { name, hash }
 }
 
-/// An interface on "a" or on "b", with a type or, where it need not have one, with none.
+/// An interface on "a" or on "b", with a type or, if its kind allows that, without one.
 fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
     let qos = ServiceQos {
         depth: 1,
@@ -78,8 +79,8 @@ const fn entity(node: u64) -> EntityId {
     EntityId { node, interface }
 }
 
-/// A topic or service has one type as long as anybody states one; topics and services of one
-/// name have nothing to do with each other. Matches are the counterparts, in ascending order.
+/// A topic or service has one type as long as any interface states one. A topic and a service of
+/// one name do not affect each other. Matches are the counterparts, in ascending order.
 //= SM2-NAM-002, SM2-IFC-005, SM2-MAT-001 kani
 #[cfg_attr(kani, kani::proof)]
 // Three interfaces; names of one byte.
@@ -88,7 +89,7 @@ fn a_channel_has_one_type() {
     let mut channels = Channels::new();
     let mut there = alloc::vec::Vec::new();
     for node in 0..below(3) as u64 {
-        // Those who state a type state the same.
+        // All interfaces that state a type state the same one.
         let contract = Arc::new(any_contract("a", &[1]));
         channels.insert(entity(node), &contract);
         there.push((entity(node), contract));

@@ -1,4 +1,4 @@
-//! Harnesses for claims: one step from any two that wait.
+//! Harnesses for claims: one step from any two claims that wait.
 
 use super::{Agreed, Claim, Claims, EntityId, LinkId, NodeId};
 use crate::{
@@ -37,8 +37,8 @@ fn any_claim() -> (LinkId, Claim) {
     (one_of(&LINKS), Claim { key, agreed })
 }
 
-/// MGR-CLAIM: a claim joins the one that names the same link, key, version and QoS, and no
-/// other one; who does not know the key joins nobody.
+/// MGR-CLAIM: a claim joins the claim with the same link, key, version and QoS, and no other one. A
+/// node that does not know the key joins no link.
 //= SM2-RES-004 kani
 #[cfg_attr(kani, kani::proof)]
 // Two claims.
@@ -46,7 +46,7 @@ fn any_claim() -> (LinkId, Claim) {
 fn only_the_same_claims_meet() {
     let mut claims = Claims::new();
     let waiting = [any_claim(), any_claim()];
-    // They would have met.
+    // Two equal claims would have met.
     kani::assume(waiting[0] != waiting[1]);
     let there = below(3);
     for (at, (link, claim)) in waiting.into_iter().enumerate().take(there) {
@@ -70,8 +70,8 @@ fn only_the_same_claims_meet() {
     kani::cover!(met == Some(entity(1)), "the second one");
 }
 
-/// A claim is given up once, and takes no other one with it; a session that is over has no
-/// time by which its claims are given up.
+/// A claim is given up once, and no other claim with it. A session that is over has no time of
+/// expiry.
 //= SM2-RES-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(5))]

@@ -11,7 +11,7 @@ const OURS: LinkId = LinkId {
     serial: 1,
 };
 
-/// Made by another Manager, and claimed twice under one number.
+/// Two links of another Manager, claimed under one number.
 const ADOPTED: LinkId = LinkId {
     epoch: 6,
     serial: 1,
@@ -49,7 +49,7 @@ fn links(live: [bool; 3]) -> Links {
     links
 }
 
-/// A pair has one link, a link ends once, and adopted links of one number are told apart; only
+/// A pair has one link, a link ends once, and adopted links with one number are told apart. Only
 /// links that this Manager made can fail to be made.
 //= SM2-MAT-002, SM2-RES-004, SM2-RES-005 kani
 #[cfg_attr(kani, kani::proof)]
@@ -71,7 +71,7 @@ fn a_pair_has_one_link() {
             kani::cover!(at == 2 && live[1], "two of one number");
         }
         1 => {
-            // Of a pair under another link's number nothing ends.
+            // A pair and the number of another link together end nothing.
             let other = one_of(&LINKS).0;
             let found = links.remove(other, pair);
             assert_eq!(found, is_live && other == link);

@@ -11,8 +11,8 @@ fn key(revision: u64) -> Key {
     Key::Member { entity }
 }
 
-/// All changes after a revision are told, each with its own, or none if one of them is forgotten
-/// or the domain never had that revision.
+/// All changes after a revision are listed, each with its own revision. None are listed if one of
+/// them is forgotten, or if the domain never had that revision.
 //= SM2-WCH-002, SM2-IFC-007 kani
 #[cfg_attr(kani, kani::proof)]
 // At most three changes are remembered.

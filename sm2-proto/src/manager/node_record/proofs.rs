@@ -1,4 +1,4 @@
-//! Harnesses for the record of one node: one step from any state of its books.
+//! Harnesses for the record of one node: one step from any state of its tables.
 
 use alloc::{
     collections::{BTreeMap, BTreeSet},
@@ -27,8 +27,8 @@ fn name() -> Name {
     Name::new("a").expect("a legal name")
 }
 
-/// MGR-IDS: a number of an interface is taken exactly if it is greater than all before it,
-/// whatever they were; when the last one is taken, none is left.
+/// MGR-IDS: a number of an interface is taken exactly if it is greater than all numbers before it.
+/// When the last number is taken, none is left.
 //= SM2-IFC-001 kani
 #[cfg_attr(kani, kani::proof)]
 fn interface_numbers_grow() {
@@ -55,7 +55,7 @@ fn interface_numbers_grow() {
     kani::cover!(last == u64::MAX, "no number is left");
 }
 
-/// Where the end of a link stands.
+/// The stages of a link's end.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
     Gone,
@@ -141,12 +141,12 @@ fn farewells_of_a_links_end() {
             stages[0] = if live { Stage::Told } else { stage };
         }
         2 => {
-            // Only a link that was just made, and never told of, is taken back.
+            // Only a link that was just made, and of which the node was not told, is taken back.
             record.unlink(OURS, link);
             stages[0] = if live { Stage::Gone } else { stage };
         }
         3 => {
-            // What was told of is over: its number is not used again.
+            // A number that was told to the node is not used again.
             kani::assume(stage != Stage::Told);
             record.link(OURS, link, PAIR);
             stages[0] = Stage::Joined;
@@ -171,7 +171,7 @@ fn farewells_of_a_links_end() {
     assert!(record.counts_its_ends());
 }
 
-/// What is remembered of refusals and of texts stays within its quota; the oldest refusal is
+/// The refusals and texts that are remembered stay within their quotas. The oldest refusal is
 /// forgotten first.
 //= SM2-WCH-004, SM2-SCH-001 kani
 #[cfg_attr(kani, kani::proof)]

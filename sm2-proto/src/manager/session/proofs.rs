@@ -7,7 +7,7 @@ use crate::{
     manager::{Credentials, node_record::NodeRecord},
 };
 
-/// A session may claim as many links as there can be, and only until CLAIMED.
+/// A session may claim as many links as a node can have, and only until CLAIMED.
 //= SM2-RES-003, SM2-RES-008 kani
 #[cfg_attr(kani, kani::proof)]
 fn claims_are_bounded() {

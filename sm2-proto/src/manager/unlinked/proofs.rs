@@ -13,7 +13,7 @@ const fn entity(node: u64) -> EntityId {
     }
 }
 
-/// Two nodes that offer; two that demand, of which one offers too.
+/// Two nodes that offer, and two that demand; one node does both.
 const PAIRS: [Pair; 4] = [
     pair(entity(1), entity(2)),
     pair(entity(1), entity(3)),
@@ -38,7 +38,7 @@ fn books(there: [bool; 4]) -> UnlinkedPairs {
     books
 }
 
-/// No node offers more unlinked pairs than its quota; what is remembered is found from both sides,
+/// No node offers more unlinked pairs than its quota. A remembered pair is found from both sides,
 /// and forgotten from both.
 //= SM2-WCH-004 kani
 #[cfg_attr(kani, kani::proof)]

@@ -1,10 +1,10 @@
-//! Harnesses for what users are charged: one step from any charges.
+//! Harnesses for the usage of users: one step from any usage.
 
 use super::{super::policy::count, Policy, Quota, Refusal, Usage, Users};
 use crate::proofs::{below, one_of};
 
-/// MGR-CHARGES from any charges: each step changes what it is about, and no other user; a user
-/// with nothing has no entry; what is left decides refusals.
+/// MGR-CHARGES: each step changes the counts that it is about, and those of no other user. A user
+/// without any usage has no entry. The counts decide refusals.
 //= SM2-IFC-006 kani
 #[cfg_attr(kani, kani::proof)]
 // Two users.
@@ -40,7 +40,7 @@ fn a_step_changes_its_own_charge() {
             assert_eq!(users.connect(1, &policy), usage.greeting <= limit);
         }
         1 => {
-            // Whoever is welcomed was not before.
+            // A connection that is welcomed was greeting before.
             kani::assume(greeting > 0);
             (usage.greeting, usage.welcomed) = (greeting - 1, welcomed + 1);
             users.greet(1);
@@ -76,7 +76,7 @@ fn a_step_changes_its_own_charge() {
     assert_refusals(&users, usage, &policy);
 }
 
-/// The quotas of user 1 refuse exactly what goes beyond them.
+/// The quotas of user 1 refuse exactly the requests that exceed them.
 fn assert_refusals(users: &Users, usage: Usage, policy: &Policy) {
     let limit = policy.sessions_per_user;
     let refused = |quota| {

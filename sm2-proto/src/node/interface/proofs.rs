@@ -19,7 +19,8 @@ const STATES: [State; 7] = [
     State::Dropping,
 ];
 
-/// The rows of SPEC section 4.3, and what the Manager has not heard of in this session.
+/// The rows of SPEC section 4.3, and a row for interfaces of which the Manager has not heard in
+/// this session.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Row {
     Unheard,
@@ -119,7 +120,7 @@ fn any_standing(state: State) -> Option<Standing> {
         Some(Standing::Left),
     ]);
     kani::assume(match state {
-        // No Manager has ever granted it.
+        // No Manager has ever granted the interface.
         State::Queued | State::Declaring => standing.is_none(),
         // All its links are of earlier sessions.
         State::Dormant | State::Renewing | State::Doomed => {
@@ -130,30 +131,31 @@ fn any_standing(state: State) -> Option<Standing> {
     standing
 }
 
-/// A state that this session's Manager has not heard of, has to answer, knows, or forgets.
+/// A state of which this session's Manager has not heard, or which it has to answer, knows, or
+/// forgets.
 pub(in crate::node) fn any_interface() -> Interface {
     let state = one_of(&STATES);
     interface(state, [any_standing(state), any_standing(state)])
 }
 
-/// What a node's books have to say of it: whether it waits for an answer to DECLARE.
+/// Whether the interface stands in the queue of DECLAREs without an answer.
 pub(in crate::node) fn is_declaring(interface: &Interface) -> bool {
     row(interface.state) == Row::Declaring
 }
 
-/// Whether it may be so without a session.
+/// Whether the interface may be in this state without a session.
 pub(in crate::node) fn is_unheard(interface: &Interface) -> bool {
     row(interface.state) == Row::Unheard
 }
 
-/// Whether it may be so while the session is resumed (false: once it is).
+/// Whether the interface may be in this state while the session is resumed, or (false) afterwards.
 pub(in crate::node) fn fits(interface: &Interface, resuming: bool) -> bool {
     match interface.state {
         State::Queued => resuming,
         State::Declaring => !resuming,
         State::Renewing | State::Doomed => resuming,
         State::Dormant | State::Dropping => true,
-        // What was brought along is claimed by then.
+        // All links of earlier sessions are claimed by then.
         State::Live => {
             let mut standings = interface.links.values().map(|(standing, _)| *standing);
             resuming || standings.all(|it| it != Standing::Unclaimed)
@@ -161,9 +163,8 @@ pub(in crate::node) fn fits(interface: &Interface, resuming: bool) -> bool {
     }
 }
 
-/// Whether LINK of an unknown link, and UNLINK of the first one, are legal now, and whether
-/// they mean anything: not if they crossed WITHDRAW.
-/// None: neither is legal.
+/// Whether LINK of an unknown link, and UNLINK of the first one, are legal now, and whether they
+/// have an effect. They have none if they crossed WITHDRAW. `None`: neither is legal.
 pub(in crate::node) fn expected_link(interface: &Interface) -> Option<bool> {
     match row(interface.state) {
         Row::Unheard | Row::Declaring => None,
@@ -172,7 +173,7 @@ pub(in crate::node) fn expected_link(interface: &Interface) -> Option<bool> {
     }
 }
 
-/// CLI-DROPPING and the other rows: what the Manager may say of an interface.
+/// CLI-DROPPING and the other rows: the frames that the Manager may send about an interface.
 //= SM2-IFC-002, SM2-IFC-004, SM2-LNK-003, SM2-LNK-005, SM2-RES-009 kani
 #[cfg_attr(kani, kani::proof)]
 // Two links; names of one byte.
@@ -200,7 +201,8 @@ fn interface_table() {
         1 => {
             let answer = it.refused();
             assert_eq!(answer.is_ok(), at == Row::Declaring);
-            // One that was granted before lives on, and is declared again with the next session.
+            // An interface that was granted before stays, and is declared again in the next
+            // session.
             if answer == Ok(Answered::Renewed) {
                 assert!(before.state == State::Renewing && it.state == State::Dormant);
                 assert!(it.links == before.links);
@@ -243,7 +245,8 @@ fn interface_table() {
     assert!(it.state == before.state || at == Row::Declaring);
 }
 
-/// Of one end UNLINKED goes out once in a session, whoever is first, and never behind WITHDRAW.
+/// UNLINKED goes out once in a session for each end, whichever side is first, and never after
+/// WITHDRAW.
 //= SM2-LNK-003, SM2-LNK-004, SM2-IFC-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
@@ -266,8 +269,8 @@ fn one_farewell_of_each_end() {
     kani::cover!(standing == Some(Standing::Left), "said before");
 }
 
-/// What the program and the session do to an interface: declared once, renewed once with each
-/// session, claimed once, and gone only when it was given up.
+/// The program and the session change an interface in this order: declared once, renewed once in
+/// each session, claimed once, and removed only after it was withdrawn.
 //= SM2-RES-002, SM2-RES-009, SM2-NOD-003, SM2-SES-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
@@ -333,7 +336,7 @@ fn interfaces_outlive_sessions() {
     }
 }
 
-/// LINK is taken exactly with a peer that matches, and with the QoS that both ask for; only
+/// LINK is taken exactly with a peer that matches, and with the QoS that both sides ask for; only
 /// `sealed` may be more.
 //= SM2-LNK-005, SM2-MAT-003, SM2-VER-002 kani
 #[cfg_attr(kani, kani::proof)]

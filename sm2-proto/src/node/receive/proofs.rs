@@ -1,4 +1,4 @@
-//! Harnesses for what the Manager says: one frame in any phase, with one interface in any state.
+//! Harnesses for the Manager's frames: one frame in any phase, with one interface in any state.
 
 use alloc::{string::String, vec::Vec};
 
@@ -13,7 +13,7 @@ use crate::{
     proofs::{below, one_of},
 };
 
-/// The interface that the node has; 2 is one that it does not have.
+/// The interface of the node; number 2 is an interface that it does not have.
 const OURS: InterfaceId = InterfaceId(1);
 
 const LINK: LinkId = LinkId {
@@ -21,7 +21,8 @@ const LINK: LinkId = LinkId {
     serial: 1,
 };
 
-/// A node in any phase, with an interface that this phase allows, and with questions or none.
+/// A node in any phase, with an interface that this phase allows, and with or without open
+/// requests.
 fn any_node() -> Node {
     let mut node = Node::new(Name::new("n").expect("a legal name"));
     node.outputs.clear();
@@ -45,7 +46,7 @@ fn any_node() -> Node {
         insert(&mut node, interface);
     }
     if let Phase::Resuming(session) = &node.phase {
-        // It would be ready otherwise.
+        // Without a DECLARE to be answered the node would be ready.
         kani::assume(!session.declaring.is_empty());
     }
     if let Phase::Ready(session) | Phase::Resuming(session) = &mut node.phase
@@ -59,7 +60,7 @@ fn any_node() -> Node {
     node
 }
 
-/// Gives the node its interface, which in turn means that it was welcomed.
+/// Gives the node its interface, which implies that it was welcomed.
 fn insert(node: &mut Node, interface: Interface) {
     match &mut node.phase {
         Phase::Resuming(session) | Phase::Ready(session) => {
@@ -84,7 +85,7 @@ fn data() -> TypeId {
     }
 }
 
-/// Any frame but LINK, which needs a peer and is the interface's own business.
+/// Any frame but LINK, which needs a peer and is proved with the interface.
 fn any_frame(interface: InterfaceId) -> ToNode {
     let code = Code(3);
     match below(12) {
@@ -133,8 +134,8 @@ fn any_frame(interface: InterfaceId) -> ToNode {
     }
 }
 
-/// CLI-PHASE: what the tables of SPEC sections 4.2 and 4.3 say of a frame. A violation changes
-/// nothing and has no other effect than the end of the session.
+/// CLI-PHASE: a frame has the effect that the tables of SPEC sections 4.2 and 4.3 state. A
+/// violation ends the session and has no other effect.
 //= SM2-NOD-001, SM2-NOD-002, SM2-IFC-002, SM2-IFC-007, SM2-WCH-001, SM2-CNT-002, SM2-SCH-002 kani
 //= SM2-FRM-004, SM2-LNK-003 kani
 #[cfg_attr(kani, kani::proof)]
@@ -165,7 +166,7 @@ fn session_table() {
         (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) => {
             Err(violation!(UnknownInterface, "SM2-IFC-002"))
         }
-        // That link is none of the interface's.
+        // The interface does not have this link.
         (_, ToNode::Unlink { .. }) => match ours.and_then(expected_link) {
             Some(_) => Err(violation!(UnknownLink, "SM2-LNK-003")),
             None => Err(violation!(UnknownInterface, "SM2-LNK-003")),
@@ -214,7 +215,7 @@ fn claims_wait_for_all_answers() {
     kani::assume(matches!(node.phase, Phase::Resuming(_)));
     let more = kani::any::<bool>();
     if more && let Some(session) = node.phase.session_mut() {
-        // Another one waits behind it.
+        // Another interface waits for its answer as well.
         session.declaring.push_back(InterfaceId(2));
         let interfaces = &mut session.interfaces.by_id;
         interfaces.insert(InterfaceId(2), interfaces[&OURS].clone());
