@@ -1,24 +1,24 @@
-//! How long to wait before each attempt to connect.
+//! The wait before each attempt to connect.
 
 use core::time::Duration;
 
-/// The longest that the first wait can be.
+/// The upper bound of the first wait.
 const FIRST: Duration = Duration::from_millis(10);
 
-/// Waits that double up to a longest one, each of them random.
+/// Random waits whose upper bound doubles with each attempt, up to a limit.
 //= SM2-RES-001
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Backoff {
-    /// The longest that any wait can be.
+    /// The upper bound of every wait.
     most: Duration,
-    /// The longest that the next wait can be.
+    /// The upper bound of the next wait.
     longest: Duration,
     random: u64,
 }
 
 impl Backoff {
-    /// Before the first attempt. `seed`: another one for each who waits; `most`: the longest wait
-    /// of all, 10 ms or more.
+    /// The waits before the first attempt. `seed` has to differ between processes; `most` is the
+    /// upper bound of every wait, at least 10 ms.
     #[must_use]
     pub const fn new(seed: u64, most: Duration) -> Self {
         Self {
@@ -28,16 +28,18 @@ impl Backoff {
         }
     }
 
-    /// There was a connection for so long. Two sides that do not get along must not greet each
-    /// other as often as they can: one that ends before the longest wait counts as one more attempt.
+    /// Notes that a connection lasted for this long. A connection that ended before the longest
+    /// wait counts as one more failed attempt, so that two sides that reject each other do not
+    /// reconnect at full speed.
     pub fn ended_after(&mut self, connection: Duration) {
         if connection >= self.most {
             self.longest = FIRST;
         }
     }
 
-    /// The first time anything up to 10 ms: all who wait for one may have lost it at the same
-    /// moment. Then twice as long each time, and never less than half of that.
+    /// The next wait. The first wait is random between zero and 10 ms, because many processes may
+    /// have lost their connection at the same moment. Later waits double, and are random between
+    /// half and all of their upper bound.
     #[must_use]
     pub fn wait(&mut self) -> Duration {
         let longest = self.longest;
@@ -50,7 +52,7 @@ impl Backoff {
         shortest + self.random_up_to(longest - shortest)
     }
 
-    /// Anything from zero to this.
+    /// A random number from zero to this one.
     pub(crate) fn random_up_to(&mut self, most: Duration) -> Duration {
         let span_ns = u64::try_from(most.as_nanos()).unwrap_or(u64::MAX - 1);
         Duration::from_nanos(self.random() % (span_ns + 1))

@@ -1,24 +1,24 @@
-//! Why a session or link ended: SPEC section 10, the one table of codes.
+//! The codes with which sessions and links end: SPEC section 10.
 
 use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// A code as it travels in GOODBYE, UNLINK, UNLINKED and CLOSE.
+/// A code as GOODBYE, UNLINK, UNLINKED and CLOSE carry it.
 ///
 /// Any number is legal; [`fmt::Display`] names those that this version knows.
 //= SM2-COD-001
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Code(pub u16);
 
-/// The one way to write a table of codes: a closed enum, and what the wire and the log say of it.
-/// A table whose rows name a clause also has the method `clause`.
+/// Defines a table of codes: a closed enum with the numbers and names of its rows. A table whose
+/// rows name a clause also has the method `clause`.
 macro_rules! codes {
     ($(#[$doc:meta])* $enum:ident { $($variant:ident = $code:literal, $name:literal, $clause:literal;)* }) => {
         $crate::code::codes! { $(#[$doc])* $enum { $($variant = $code, $name;)* } }
 
         impl $enum {
-            /// The clause that defines it.
+            /// The clause that defines the code.
             #[must_use]
             pub const fn clause(self) -> $crate::Clause {
                 match self { $(Self::$variant => $crate::clause!($clause),)* }
@@ -34,22 +34,22 @@ macro_rules! codes {
         }
 
         impl $enum {
-            /// Every one, in the order of the codes.
+            /// All rows, in the order of the codes.
             pub const ALL: &[Self] = &[$(Self::$variant),*];
 
-            /// Its code on the wire.
+            /// The code as frames carry it.
             #[must_use]
             pub const fn code(self) -> $crate::Code {
                 $crate::Code(self as u16)
             }
 
-            /// Its name in SPEC's table of codes.
+            /// The name in SPEC's table of codes.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name,)* }
             }
 
-            /// The one with this code.
+            /// The row with this code.
             #[must_use]
             pub const fn from_code(code: $crate::Code) -> Option<Self> {
                 match code.0 { $($code => Some(Self::$variant),)* _ => None }
@@ -73,7 +73,7 @@ macro_rules! codes {
 pub(crate) use codes;
 
 codes! {
-    /// An end that is nobody's breach of SPEC.
+    /// An end of a session or link that is no breach of SPEC.
     Farewell {
         Done = 0, "done", "SM2-COD-001";
         GreetingTimeout = 1, "greeting-timeout", "SM2-SES-004";
@@ -86,7 +86,7 @@ codes! {
 }
 
 codes! {
-    /// The kinds of [`Violation`](crate::Violation), by their codes on the wire.
+    /// The kinds of [`Violation`](crate::Violation), by the codes that frames carry.
     ViolationKind {
         FrameTooLong = 16, "frame-too-long";
         FdCount = 17, "fd-count";

@@ -1,4 +1,4 @@
-//! What a node declares: the interface's kind, name, types and quality of service.
+//! The contract of an interface: its kind, name, types and quality of service.
 
 use core::fmt;
 
@@ -12,7 +12,7 @@ use crate::{Name, limits::QOS_MAX};
 pub struct TypeId {
     /// The type's name, without any language's module path.
     pub name: Name,
-    /// The hash of its schema.
+    /// The hash of the type's schema.
     pub hash: u64,
 }
 
@@ -22,40 +22,40 @@ impl fmt::Display for TypeId {
     }
 }
 
-/// What a publisher offers.
+/// The QoS that a publisher offers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Offer {
-    /// How many messages a link's sender keeps that the window does not admit yet.
+    /// The number of messages that a link's sender keeps while the window does not admit them.
     pub depth: u16,
     /// Whether the publisher can wait for slow subscribers.
     pub reliable: bool,
-    /// How many of its last messages it keeps for late joiners.
+    /// The number of last messages that the publisher keeps for late joiners.
     pub latched: u16,
-    /// Whether it sends every message sealed.
+    /// Whether the publisher sends every message sealed.
     pub sealed: bool,
 }
 
-/// What a subscriber demands.
+/// The QoS that a subscriber demands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Demand {
-    /// How many messages it keeps that the application has not taken.
+    /// The number of messages that are kept for the application.
     pub depth: u16,
-    /// Whether nothing may be displaced.
+    /// Whether no message may be displaced.
     pub reliable: bool,
-    /// How many messages the application may hold at a time, per link.
+    /// The number of messages that the application may hold at a time, per link.
     pub max_borrowed: u16,
-    /// Whether it takes sealed messages only.
+    /// Whether the subscriber takes sealed messages only.
     pub sealed: bool,
 }
 
-/// What a server or client wants of its links.
+/// The QoS that a server or client demands of its links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct ServiceQos {
-    /// How many messages it keeps that the application has not taken.
+    /// The number of messages that are kept for the application.
     pub depth: u16,
-    /// How many messages the application may hold at a time, per link.
+    /// The number of messages that the application may hold at a time, per link.
     pub max_borrowed: u16,
-    /// Whether it takes sealed messages only.
+    /// Whether this side takes sealed messages only.
     pub sealed: bool,
 }
 
@@ -68,16 +68,16 @@ pub enum Contract {
         topic: Name,
         /// The type of its messages.
         data: TypeId,
-        /// What the publisher offers.
+        /// The QoS that the publisher offers.
         offer: Offer,
     },
     /// Receives the messages of a topic.
     Subscriber {
         /// The topic.
         topic: Name,
-        /// The type of its messages; none takes every type.
+        /// The type of its messages; `None` takes every type.
         data: Option<TypeId>,
-        /// What the subscriber demands.
+        /// The QoS that the subscriber demands.
         demand: Demand,
     },
     /// Answers the calls of a service.
@@ -88,16 +88,16 @@ pub enum Contract {
         request: TypeId,
         /// The type of replies.
         reply: TypeId,
-        /// What the server wants of its links.
+        /// The QoS that the server demands.
         qos: ServiceQos,
     },
     /// Calls a service.
     Client {
         /// The service.
         service: Name,
-        /// The types of requests and replies; none takes every pair.
+        /// The types of requests and replies; `None` takes every pair.
         types: Option<(TypeId, TypeId)>,
-        /// What the client wants of its links.
+        /// The QoS that the client demands.
         qos: ServiceQos,
     },
 }
@@ -117,7 +117,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The kind that this one links with.
+    /// The kind that links with this one.
     #[must_use]
     pub const fn counterpart(self) -> Self {
         match self {
@@ -128,7 +128,7 @@ impl Kind {
         }
     }
 
-    /// The word for it.
+    /// The name of the kind.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -146,20 +146,20 @@ impl fmt::Display for Kind {
     }
 }
 
-/// A value of the quality of service is out of its range (SM2-FRM-003).
+/// A QoS value is out of its range (SM2-FRM-003).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{field} is {value}: it must be {min} to {QOS_MAX}")]
 pub struct QosError {
-    /// Which value.
+    /// The name of the value.
     pub field: &'static str,
-    /// What it is.
+    /// The value.
     pub value: u16,
-    /// The least that it may be.
+    /// The least legal value.
     pub min: u16,
 }
 
 impl Contract {
-    /// The interface's kind.
+    /// The kind of the interface.
     #[must_use]
     pub const fn kind(&self) -> Kind {
         match self {
@@ -179,7 +179,7 @@ impl Contract {
         }
     }
 
-    /// Whether this side wants every message of its links sealed.
+    /// Whether this side demands that every message of its links is sealed.
     #[must_use]
     pub const fn sealed(&self) -> bool {
         match self {
@@ -189,8 +189,8 @@ impl Contract {
         }
     }
 
-    /// How many unreleased messages this side accepts on each of its links
-    /// (its `window`, SM2-OPN-003): zero for a publisher.
+    /// The number of unreleased messages that this side accepts on each of its links (its `window`,
+    /// SM2-OPN-003). A publisher accepts none.
     #[must_use]
     pub const fn window(&self) -> u32 {
         match self {
@@ -202,7 +202,7 @@ impl Contract {
         }
     }
 
-    /// Checks the ranges of the quality of service.
+    /// Checks the ranges of the QoS values.
     //= SM2-FRM-003
     pub fn check_qos(&self) -> Result<(), QosError> {
         let (depth, borrowed, latched) = match self {

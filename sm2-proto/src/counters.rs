@@ -1,11 +1,11 @@
-//! A node's counters, as they lie in a shared file, and what tools compute from them.
+//! The format of a node's counters in a shared file, and the figures that tools compute from them.
 //!
-//! The file is [`ENTRY_BYTES`] of header, then as many bytes for each entry; all fields are
-//! `u64`, little-endian ([`field`] names them). Reading and writing the file is done by
-//! `sm2-io`; here are the words once they are copied, and arithmetic that takes any
-//! content: a file's author is not trusted.
+//! The file is [`ENTRY_BYTES`] of header, then as many bytes for each entry. All fields are `u64`,
+//! little-endian; [`field`] names them. `sm2-io` reads and writes the file. This module works on
+//! words that were copied out, and its arithmetic takes any content, because the author of a file
+//! is not trusted.
 //!
-//! Units: times and delays are nanoseconds, times of the host's monotonic clock.
+//! Times and delays are nanoseconds; times are of the host's monotonic clock.
 
 use core::time::Duration;
 
@@ -19,19 +19,19 @@ pub const MAGIC: u64 = u64::from_le_bytes(*b"SM2C\x01\0\0\0");
 /// The fields of an entry, and of the header.
 pub const ENTRY_FIELDS: usize = 64;
 
-/// The bytes of an entry, and of the header.
+/// The size of an entry and of the header, in bytes.
 pub const ENTRY_BYTES: u64 = 8 * ENTRY_FIELDS as u64;
 
 /// The size of the largest file, in bytes.
 pub const MAX_FILE_BYTES: u64 = 4_194_304;
 
-/// The entries of the largest file.
+/// The number of entries in the largest file.
 pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
 
-/// How many messages an entry remembers one by one.
+/// The number of messages that an entry remembers one by one.
 pub const RECENT: usize = 32;
 
-/// Where the fields of an entry are (SM2-CNT-004).
+/// The positions of an entry's fields (SM2-CNT-004).
 //= SM2-CNT-004
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
@@ -55,7 +55,7 @@ pub mod field {
     pub const IN_FLIGHT: usize = 15;
     pub const DELAY_SUM: usize = 16;
     pub const DELAY_MAX: usize = 17;
-    /// The first of those that are zero, up to [`RECENT`].
+    /// The first of the fields that are zero, up to [`RECENT`].
     pub const RESERVED: usize = 18;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
@@ -68,7 +68,7 @@ pub const KIND_INTERFACE: u64 = 1;
 /// The field [`KIND`](field::KIND) of one end of a link.
 pub const KIND_LINK: u64 = 2;
 
-/// How many entries a file of `size_bytes` has; `None` if no file of counters has that size.
+/// The number of entries of a file of `size_bytes`; `None` if no file of counters has that size.
 #[must_use]
 //= SM2-CNT-003
 pub const fn entries_in(size_bytes: u64) -> Option<u32> {
@@ -91,36 +91,36 @@ pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
     fields
 }
 
-/// Where message number `message` (the first is 1) stands among the recent ones.
+/// The index of message number `message` (the first is 1) among the recent ones.
 #[must_use]
 //= SM2-CNT-004
 pub const fn recent_index(message: u64) -> usize {
     (message.wrapping_sub(1) % RECENT as u64) as usize
 }
 
-/// What a node has counted of one interface, or of its end of one link.
+/// The counters of one interface, or of its end of one link.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Entry {
     /// The interface.
     pub interface: InterfaceId,
-    /// The link of which this is one end; `None`: the interface as a whole.
+    /// The link of which this is one end; `None` for the interface as a whole.
     pub link: Option<LinkId>,
     /// Messages published, or taken by the application; requests taken; calls sent.
     pub messages: u64,
-    /// The length of these messages, together.
+    /// The sum of the lengths of these messages, in bytes.
     pub bytes: u64,
-    /// When the last of them was published or taken; zero if there is none.
+    /// The time at which the last of them was published or taken; zero if there is none.
     pub last: Instant,
-    /// Messages that were gone before the application saw them.
+    /// Messages that were lost before the application saw them.
     pub lost: u64,
-    /// Sending side of a link: what became of the messages. Else zeros.
+    /// The fates of the messages on the sending side of a link; zeros elsewhere.
     pub fates: Counters,
-    /// Receiving side: from publication to taking, all messages together.
+    /// The sum of the delays from publication to taking, on the receiving side.
     pub delay_sum_ns: u64,
-    /// Receiving side: the longest of these delays.
+    /// The longest of these delays.
     pub delay_max_ns: u64,
-    /// The last messages, by [`recent_index`]: a sending side notes when each was published,
-    /// a receiving side its delay. See [`recent`](Self::recent).
+    /// The last messages, by [`recent_index`]: a sending side notes the time of each publication, a
+    /// receiving side its delay. See [`recent`](Self::recent).
     pub recent_ns: [u64; RECENT],
 }
 
@@ -142,8 +142,8 @@ impl Default for Entry {
 }
 
 impl Entry {
-    /// Reads an entry; `None` if it is not in use, is being written, or is not as SM2-CNT-004
-    /// says: a kind that is unknown, an interface with a link, a reserved field that is not zero.
+    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-004:
+    /// a kind that is unknown, an interface with a link, or a reserved field that is not zero.
     #[must_use]
     //= SM2-CNT-004
     pub fn from_words(words: &[u64; ENTRY_FIELDS]) -> Option<Self> {
@@ -220,8 +220,8 @@ impl Entry {
         words
     }
 
-    /// What is noted of the last messages, at most [`RECENT`], the oldest first: times of
-    /// publication on a sending side, delays on a receiving one.
+    /// The notes of at most [`RECENT`] last messages, the oldest first: times of publication on a
+    /// sending side, delays on a receiving side.
     //= SM2-CNT-004
     pub fn recent(&self) -> impl ExactSizeIterator<Item = u64> + Clone + '_ {
         let noted = self.messages.min(RECENT as u64);
@@ -229,8 +229,8 @@ impl Entry {
         (0..noted as usize).map(move |n| self.recent_ns[recent_index(oldest + n as u64 + 1)])
     }
 
-    /// The times between the last messages of a sending side; `None` with less than two. A
-    /// gap that would be negative counts as zero.
+    /// The times between the last messages of a sending side; `None` with less than two messages. A
+    /// negative gap counts as zero.
     #[must_use]
     pub fn gaps(&self) -> Option<Summary> {
         let next = self.recent().skip(1);
@@ -249,9 +249,9 @@ impl Entry {
         self.delay_sum_ns.checked_div(self.messages)
     }
 
-    /// How much came between an earlier look at the same entry and this one, which was
-    /// `elapsed` later. `None` if no time has passed, or if these are counters of something
-    /// else: other numbers, or less than before.
+    /// The rates between an earlier copy of the same entry and this one, which was made `elapsed`
+    /// later. `None` if no time has passed, or if the entry counts something else: its ids differ,
+    /// or a count is less than before.
     #[must_use]
     pub fn rate_since(&self, earlier: &Self, elapsed: Duration) -> Option<Rate> {
         let same = (self.interface, self.link) == (earlier.interface, earlier.link);
@@ -268,7 +268,7 @@ impl Entry {
     }
 }
 
-/// How fast counters grow.
+/// The rates at which counters grow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rate {
     /// Messages per second.
@@ -277,23 +277,23 @@ pub struct Rate {
     pub bytes_per_s: f64,
 }
 
-/// Some durations in brief.
+/// A summary of durations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Summary {
-    /// How many there are, at least one.
+    /// The number of durations, at least one.
     pub count: u32,
     /// Their mean, rounded down.
     pub mean_ns: u64,
-    /// The shortest.
+    /// The shortest duration.
     pub min_ns: u64,
-    /// The longest.
+    /// The longest duration.
     pub max_ns: u64,
-    /// Their standard deviation (of just these, not estimated for others), rounded down.
+    /// The standard deviation of just these durations, rounded down.
     pub std_dev_ns: u64,
 }
 
 impl Summary {
-    /// Of at most 2^32 durations in nanoseconds; `None` if there are none.
+    /// The summary of at most 2^32 durations in nanoseconds; `None` if there are none.
     #[must_use]
     pub fn of(durations: impl Iterator<Item = u64> + Clone) -> Option<Self> {
         let mut count = 0_u32;
@@ -321,8 +321,8 @@ impl Summary {
         })
     }
 
-    /// Where these are the times between messages: messages per second; `None` if
-    /// no time passed between them.
+    /// Messages per second, if these are the times between messages; `None` if no time passed
+    /// between them.
     #[must_use]
     pub fn per_second(&self) -> Option<f64> {
         (self.mean_ns > 0).then(|| 1e9 / self.mean_ns as f64)

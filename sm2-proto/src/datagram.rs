@@ -1,14 +1,14 @@
-//! One received datagram, as a driver hands it to a machine.
+//! A received datagram, as a driver hands it to a machine.
 
 use crate::{FdFacts, Violation, limits::DATAGRAM_MAX};
 
-/// What one read of a socket brought. The descriptors themselves stay with the
-/// driver, which closes them unless an output of the machine asks for them.
+/// The result of one read of a socket. The descriptors themselves stay with the driver, which
+/// closes them unless an output of the machine asks for them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Datagram<'a> {
     /// The bytes; never empty (an empty read is the end of the stream).
     pub bytes: &'a [u8],
-    /// What the kernel says of each descriptor that came along.
+    /// The facts about each descriptor that came with the datagram.
     pub fds: &'a [FdFacts],
     /// `MSG_TRUNC`: the datagram was longer than the buffer.
     pub data_truncated: bool,
@@ -28,7 +28,7 @@ impl<'a> Datagram<'a> {
         }
     }
 
-    /// The checks that come before the first byte is read.
+    /// Makes the checks that come before the first byte is read.
     //= SM2-TRN-004, SM2-TRN-005
     pub(crate) fn check(&self) -> Result<(), Violation> {
         if self.data_truncated || self.bytes.len() > DATAGRAM_MAX {
@@ -40,7 +40,7 @@ impl<'a> Datagram<'a> {
         Ok(())
     }
 
-    /// A frame carries exactly as many descriptors as its type names.
+    /// Checks that a frame carries exactly as many descriptors as its type names.
     //= SM2-TRN-005
     pub(crate) fn check_fds(&self, expected: usize) -> Result<(), Violation> {
         if self.fds.len() == expected {

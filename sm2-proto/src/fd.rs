@@ -1,4 +1,4 @@
-//! What a driver learned from the kernel about a descriptor that came with a frame.
+//! The facts that a driver asks the kernel about a descriptor that came with a frame.
 //!
 //! The machines never see a descriptor. The driver asks the kernel
 //! (`fstat`, `F_GET_SEALS`) and hands over these facts; the machine decides
@@ -15,20 +15,20 @@ impl Seals {
     pub const SHRINK: Self = Self(0x2);
     /// `F_SEAL_GROW`: the file cannot become larger.
     pub const GROW: Self = Self(0x4);
-    /// `F_SEAL_WRITE`: nobody, its author included, can write any more.
+    /// `F_SEAL_WRITE`: no process, its author included, can write any more.
     pub const WRITE: Self = Self(0x8);
     /// `F_SEAL_FUTURE_WRITE`: only mappings that exist already can write.
     pub const FUTURE_WRITE: Self = Self(0x10);
 
-    /// What a message of its own must carry (SPEC, payload form *sealed*).
+    /// The seals of a sealed message's file (SPEC, payload form *sealed*).
     pub const SEALED: Self = Self(0x1 | 0x2 | 0x4 | 0x8);
-    /// What a shared segment must carry (SPEC, payload form *pooled*).
+    /// The seals of a shared segment (SPEC, payload form *pooled*).
     pub const POOLED: Self = Self(0x1 | 0x2 | 0x4 | 0x10);
 
-    /// What the file of a ring must carry (SPEC, the ring lane).
+    /// The seals of a ring's file (SPEC, the ring lane).
     pub const RING: Self = Self(0x1 | 0x2 | 0x4);
 
-    /// Whether all bits of `needed` are set here. More seals never hurt.
+    /// Whether all seals of `needed` are set. More seals do no harm.
     #[must_use]
     pub const fn contains(self, needed: Self) -> bool {
         self.0 & needed.0 == needed.0
@@ -42,6 +42,6 @@ pub struct FdFacts {
     pub regular: bool,
     /// `st_size`, read after the seals: a size is only stable once it is sealed.
     pub size_bytes: u64,
-    /// The seals; none where the kernel answers that the file cannot have any.
+    /// The seals; `None` if the kernel answers that the file cannot have any.
     pub seals: Seals,
 }

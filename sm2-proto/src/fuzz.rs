@@ -1,7 +1,7 @@
-//! The bodies of fuzz targets in `fuzz/`, each beside the machine that it is about.
+//! The bodies of the fuzz targets in `fuzz/`, each beside the machine that it tests.
 //!
-//! Those that compare with an oracle are with the oracles, in `tests/fuzzed/`; those of other
-//! crates in the `fuzz.rs` of these. [`Script`] is what all of them read.
+//! Bodies that compare with an oracle stand beside the oracles, in `tests/fuzzed/`. Bodies of other
+//! crates stand in their `fuzz.rs`. All bodies read their bytes with [`Script`].
 
 pub(crate) mod script;
 
@@ -12,37 +12,38 @@ pub fn domain_mirror(data: &[u8]) {
     crate::domain::fuzz::mirror(data);
 }
 
-/// Beacons that anybody sends, and what becomes of attempts to connect.
+/// Beacons of any sender, and the results of attempts to connect.
 pub fn gateway_discovery(data: &[u8]) {
     crate::gateway::fuzz::discovery(data);
 }
 
-/// Frames and headers of a hostile gateway, and what the gateway itself asks for.
+/// Frames and headers of a hostile gateway, and requests of the gateway itself.
 pub fn gateway_session(data: &[u8]) {
     crate::gateway::fuzz::session(data);
 }
 
-/// Datagrams and operations on one end of a link, in the order that the bytes say.
+/// Datagrams and operations on one end of a link, in any order.
 pub fn link_frames(data: &[u8]) {
     crate::link::fuzz::frames(data);
 }
 
-/// Operations on a few sessions of one Manager, in the order that the bytes say.
+/// Operations on a few sessions of one Manager, in any order.
 pub fn manager_session(data: &[u8]) {
     crate::manager::fuzz::session(data);
 }
 
-/// Frames of a hostile Manager and operations on one node, in the order that the bytes say.
+/// Frames of a hostile Manager and operations on one node, in any order.
 pub fn node_session(data: &[u8]) {
     crate::node::fuzz::session(data);
 }
 
-/// Operations on one end of a link of the ring lane, whose words answer what the bytes say.
+/// Operations on one end of a link on the ring lane, whose memory answers with words from the
+/// input.
 pub fn ring_words(data: &[u8]) {
     crate::link::fuzz::words(data);
 }
 
-/// Two schema texts, parted by a line feed.
+/// Two schema texts with a line feed between them.
 pub fn schema_text(data: &[u8]) {
     crate::schema::fuzz::text(data);
 }

@@ -1,4 +1,4 @@
-//! The numbers by which sessions, interfaces and links are told apart.
+//! The ids of sessions, interfaces and links.
 
 use core::fmt;
 
@@ -12,12 +12,12 @@ pub struct NodeId(pub u64);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct InterfaceId(pub u64);
 
-/// Identifies an interface of a node in the domain or, with interface 0, the node itself.
+/// An interface of a node in the domain or, with interface 0, the node itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct EntityId {
-    /// Its node.
+    /// The node.
     pub node: NodeId,
-    /// The node's number for it.
+    /// The node's number for the interface.
     pub interface: InterfaceId,
 }
 

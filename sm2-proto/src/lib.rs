@@ -1,9 +1,8 @@
 //! SM2's protocols as pure state machines, and the frames that they speak.
 //!
-//! Nothing here does I/O, reads a clock, holds a descriptor or needs std. A
-//! driver feeds what happened and carries out what comes back; the drivers of
-//! this project are `sm2-manager` and `sm2-node`. What is legal is said by
-//! SPEC.md alone: comments that begin with `//=` cite its clauses.
+//! Nothing here does I/O, reads a clock, holds a descriptor or needs std. A driver feeds inputs and
+//! carries out outputs; the drivers of this project are `sm2-manager` and `sm2-node`. SPEC.md alone
+//! defines the protocols: comments that begin with `//=` cite its clauses.
 //!
 //! | machine | one for |
 //! | --- | --- |
@@ -25,21 +24,21 @@
 //! 2. `poll()` returns the next output. The driver carries out each output until there is none.
 //! 3. `deadline()` is the time of the next call if nothing happens earlier.
 //!
-//! A received descriptor stays with the driver. The machine sees the kernel's
-//! [`FdFacts`] about it and answers with an output that asks for it, or not.
-//! A machine that has ended answers every input with its first reason.
+//! A received descriptor stays with the driver. The machine sees the kernel's [`FdFacts`] about it,
+//! and the driver keeps the descriptor only if an output asks for it. A machine that has ended
+//! answers every input with its first reason.
 //!
 //! # Three kinds of wrong
 //!
-//! A [`Violation`] is the peer's: it broke SPEC, and its session or link ends.
-//! A *misuse* is the caller's: nothing was sent and nothing has changed. I/O
-//! errors are the driver's and unknown here. A [`Refusal`] is none of these:
-//! the request was legal, and the session goes on.
+//! A [`Violation`] is a mistake of the peer: it broke SPEC, and its session or link ends. A
+//! *misuse* is a mistake of the caller: nothing was sent and nothing has changed. I/O errors belong
+//! to the driver and do not appear here. A [`Refusal`] is none of these: the request was legal, and
+//! the session goes on.
 //!
 //! # Peers are not trusted
 //!
-//! Decoders yield only what SPEC allows and leave nothing over. Everything a
-//! peer can make a machine keep is bounded by [`limits`].
+//! Decoders yield only values that SPEC allows, and consume all bytes. All memory that a peer can
+//! make a machine keep is bounded by [`limits`].
 #![no_std]
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]

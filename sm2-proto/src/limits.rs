@@ -1,4 +1,4 @@
-//! Every cap of the protocol in one place (SPEC section 2).
+//! Every limit of the protocol in one place (SPEC section 2).
 
 /// The longest datagram, in bytes.
 //= SM2-TRN-004
@@ -17,15 +17,15 @@ pub const WINDOW_MAX: u32 = 2_048;
 pub const CALLS_MAX: usize = 1_024;
 /// The most bytes of a frame between gateways, without its length.
 pub const GATEWAY_FRAME_MAX: usize = 65_536;
-/// The most gateways that a message comes through, its origin included.
+/// The most gateways that a message passes, its origin included.
 pub const HOPS_MAX: usize = 8;
-/// The most datagrams of a second that a gateway looks at for beacons.
+/// The most datagrams per second in which a gateway looks for beacons.
 pub const BEACONS_PER_S: u32 = 256;
-/// The most offers of one gateway to another that are not gone.
+/// The most offers of one gateway to another that are not withdrawn.
 pub const OFFERS_MAX: usize = 4_096;
-/// The most questions of one gateway to another without an answer.
+/// The most requests of one gateway to another without an answer.
 pub const QUESTIONS_MAX: usize = 64;
-/// The most messages of topics that a gateway has in the making for one peer.
+/// The most messages of topics that a gateway has in flight to one peer.
 pub const MESSAGES_IN_FLIGHT_MAX: usize = 64;
 /// The most segments attached at a time, per link and direction.
 pub const SEGMENTS_MAX: usize = 256;
@@ -35,8 +35,8 @@ pub const LINKS_MAX: usize = 65_536;
 pub const SEGMENT_BYTES_MAX: u64 = 1 << 41;
 /// The most slots in one segment.
 pub const SLOTS_MAX: u32 = 65_536;
-/// What a segment's stride is a multiple of, in bytes: the size of a cache line, and the greatest
-/// alignment that a slot has.
+/// A segment's stride is a multiple of this, in bytes: the size of a cache line, and the greatest
+/// alignment of a slot.
 pub const STRIDE_UNIT: u64 = 64;
 /// The most sequence numbers in one RELEASE.
 pub const RELEASE_MAX: usize = 512;
@@ -46,11 +46,11 @@ pub const MESSAGE_HEAD: usize = 48;
 pub const SCHEMA_TEXT_MAX: usize = 32_768;
 /// The most brackets that are open at any place of a schema text.
 pub const SCHEMA_DEPTH_MAX: usize = 64;
-/// The segments on the ring lane have numbers below this.
+/// Segments on the ring lane have numbers below this one.
 pub const RING_SEGMENTS_MAX: u32 = 32_768;
 /// The length of the head at the end of a slot, in bytes.
 pub const SLOT_HEAD: usize = 64;
-/// How many bytes of items the Manager puts into one PAGE before it ends it.
+/// The size of items at which the Manager ends a PAGE, in bytes.
 pub const PAGE_BYTES: usize = 32_768;
 
 const _: () = assert!(SLOT_HEAD as u64 <= STRIDE_UNIT);

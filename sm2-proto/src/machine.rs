@@ -49,10 +49,9 @@ pub trait Machine {
     fn deadline(&self) -> Option<Instant>;
 }
 
-/// Why [`Machine::handle`] did not do what its input asked for.
+/// The reason for which [`Machine::handle`] did not do what its input asked for.
 ///
-/// A violation of the peer is neither of the two for a machine that serves many peers: such a
-/// machine ends one session and goes on.
+/// A machine that serves many peers reports no violation here: it ends one session and goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Error<E, M> {
     /// The machine has ended for this reason, the first one that occurred.

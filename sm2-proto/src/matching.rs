@@ -1,17 +1,17 @@
-//! Whether two interfaces match, and with what QoS (SPEC section 4.4).
+//! The rules by which two interfaces match, and the QoS of their link (SPEC section 4.4).
 
 use crate::{Contract, TypeId};
 
-/// What a link between two matching interfaces is like.
+/// The QoS of a link between two matching interfaces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct LinkQos {
-    /// Whether nothing on it may be displaced.
+    /// Whether no message may be displaced.
     pub reliable: bool,
-    /// Whether every message on it is inline or sealed.
+    /// Whether every message is inline or sealed.
     pub sealed: bool,
 }
 
-/// Why two interfaces do not match. The first that applies, in this order.
+/// The reason for which two interfaces do not match: the first that applies, in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mismatch {
     /// Their kinds are not counterparts.
@@ -20,11 +20,11 @@ pub enum Mismatch {
     Name,
     /// Their types differ.
     Type,
-    /// The subscriber demands what the publisher does not offer.
+    /// The subscriber demands reliability, which the publisher does not offer.
     Reliability,
 }
 
-/// Whether the two match, and the QoS that the two sides alone ask for.
+/// Checks whether two interfaces match. Returns the QoS that the two sides alone ask for.
 //= SM2-MAT-001, SM2-MAT-003
 pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mismatch> {
     if one.kind().counterpart() != other.kind() {
@@ -51,7 +51,7 @@ pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mism
     })
 }
 
-/// The reliability of a link; none where the demand exceeds the offer.
+/// The reliability of a link; `None` if the demand exceeds the offer.
 const fn reliability(offered: bool, demanded: bool) -> Option<bool> {
     match (offered, demanded) {
         (false, true) => None,
@@ -67,7 +67,7 @@ pub(crate) enum Types<'a> {
 }
 
 impl Contract {
-    /// The types that this interface states; none where it takes any.
+    /// The types that this interface states; `None` if it takes any.
     pub(crate) const fn types(&self) -> Option<Types<'_>> {
         match self {
             Self::Publisher { data, .. }

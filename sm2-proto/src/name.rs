@@ -1,4 +1,4 @@
-//! The one name grammar (SPEC section 2): nothing to normalise, nothing to bypass.
+//! The grammar of names (SPEC section 2). Each name has one spelling.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -16,7 +16,7 @@ use crate::limits::NAME_MAX;
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 pub struct Name(String);
 
-/// Why a text is not a [`Name`].
+/// The reason for which a text is not a [`Name`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
     /// The text is empty.
@@ -28,19 +28,19 @@ pub enum NameError {
     /// A segment between slashes is empty.
     #[error("a name has no empty segment: `/` stands between two segments only (byte {0})")]
     EmptySegment(usize),
-    /// A byte that no name has.
+    /// A byte that no name contains.
     #[error("a name holds only A-Z a-z 0-9 _ - and /, not what stands at byte {0}")]
     BadByte(usize),
 }
 
 impl Name {
-    /// Checks `text` against the grammar, as it stands.
+    /// Checks `text` against the grammar without changing it.
     pub fn new(text: &str) -> Result<Self, NameError> {
         check(text.as_bytes())?;
         Ok(Self(text.to_owned()))
     }
 
-    /// As [`Name::new`], for what a person typed: one leading `/` is dropped.
+    /// As [`Name::new`], for text that a person typed: one leading `/` is dropped.
     pub fn typed(text: &str) -> Result<Self, NameError> {
         Self::new(text.strip_prefix('/').unwrap_or(text))
     }

@@ -1,4 +1,4 @@
-//! Harnesses for what all machines share: contracts, seals, codes, counters.
+//! Harnesses for the types that all machines share: contracts, seals, codes, counters.
 //!
 //! Under `cargo kani` these are proofs; under `cargo test` a stand-in for the `kani` crate
 //! runs them (`verification/README.md`).
@@ -16,12 +16,12 @@ use crate::{
     match_contracts,
 };
 
-/// Any index of something with so many elements, at most 256.
+/// Any index into this many elements, at most 256.
 pub(crate) fn below(len: usize) -> usize {
     usize::from(kani::any_where(|at: &u8| usize::from(*at) < len))
 }
 
-/// Any of these.
+/// Any of these values.
 pub(crate) fn one_of<T: Clone>(all: &[T]) -> T {
     all[below(all.len())].clone()
 }
@@ -37,7 +37,7 @@ fn type_id(first: bool) -> TypeId {
     }
 }
 
-/// A subscriber of which nothing matters.
+/// A subscriber for harnesses to which its contract does not matter.
 pub(crate) fn subscriber() -> Contract {
     Contract::Subscriber {
         topic: name(true),
@@ -118,7 +118,7 @@ fn matching_is_symmetric() {
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn legal_contracts_have_legal_windows() {
-    // Of a publisher the second one is `latched`, which may be none.
+    // The second value of a publisher is `latched`, which may be zero.
     let (depth, other): (u16, u16) = kani::any();
     let contract = contract(depth, other);
     let publishes = matches!(contract, Contract::Publisher { .. });
@@ -209,8 +209,8 @@ fn truncated_datagrams_are_refused() {
     kani::cover!(len > DATAGRAM_MAX && !data_truncated, "one byte too long");
 }
 
-/// A datagram without a cut has exactly the number of descriptors that its type names, and
-/// whatever was cut off is reported first.
+/// A whole datagram has exactly the number of descriptors that its type names. A cut is reported
+/// before anything else.
 //= SM2-TRN-004, SM2-TRN-005 kani
 #[cfg_attr(kani, kani::proof)]
 fn descriptors_are_counted() {
@@ -230,7 +230,7 @@ fn descriptors_are_counted() {
     kani::cover!(came == wanted && came == 1, "one");
 }
 
-/// A deadline is never before the moment that it is counted from, and exact until the end of time.
+/// A deadline is never before the moment from which it counts, and exact until the end of time.
 //= SM2-SES-004, SM2-RES-006 kani
 #[cfg_attr(kani, kani::proof)]
 fn deadlines_saturate() {
@@ -259,7 +259,7 @@ fn deadlines_saturate() {
 //= SM2-SEG-001, SM2-CNT-003 kani
 #[cfg_attr(kani, kani::proof)]
 fn seals_are_all_needed() {
-    // Those that the kernel has, and two that it may get.
+    // The seals that the kernel has, and two more that it may get.
     let has: u8 = kani::any();
     let needed = kani::any_where(|needed: &u8| *needed < 32);
     let contains = Seals(u32::from(has)).contains(Seals(u32::from(needed)));
@@ -277,8 +277,7 @@ fn seals_are_all_needed() {
     kani::cover!(missing == 1 && needed.count_ones() == 4, "one is missing");
 }
 
-/// What a stranger's file says does no harm to whoever reads it: no count of messages, time or
-/// delay is too large.
+/// No count of messages, time or delay in a stranger's file makes a reader overflow or panic.
 //= SM2-CNT-004, SM2-CNT-005 kani
 #[cfg_attr(kani, kani::proof)]
 // 32 recent messages.

@@ -1,4 +1,4 @@
-//! Why a legal request was not granted. The session goes on.
+//! The reasons for which a legal request is not granted. The session goes on.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,12 +10,12 @@ pub enum Refusal {
     /// Another node of the domain has this name.
     #[error("another node of this domain has that name: choose another one or stop that node")]
     NameTaken,
-    /// The Manager speaks none of the versions named.
+    /// The Manager speaks none of the versions that the node named.
     #[error("the Manager speaks protocol versions {min} to {max} only: update the older side")]
     Version {
-        /// The oldest that it speaks.
+        /// The oldest version that the Manager speaks.
         min: u16,
-        /// The newest that it speaks.
+        /// The newest version that the Manager speaks.
         max: u16,
     },
     /// The topic carries another type.
@@ -35,14 +35,14 @@ pub enum Refusal {
     /// A quota is used up.
     #[error("the quota of {limit} {quota} is used up: close some, or have the operator raise it")]
     Quota {
-        /// Which quota.
+        /// The quota.
         quota: Quota,
-        /// How many it allows.
+        /// The limit that the quota sets.
         limit: u32,
     },
 }
 
-/// What is counted.
+/// The objects that a quota counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Quota {
     /// Ready sessions of one user.

@@ -1,4 +1,4 @@
-//! Time is a value: the drivers read the clock, the machines only compare.
+//! Time as a value: drivers read the clock, machines only compare.
 
 use core::time::Duration;
 
@@ -21,7 +21,7 @@ impl Instant {
         Self(self.0.saturating_add(nanos))
     }
 
-    /// How long it is from `earlier` to here; zero if `earlier` is later.
+    /// The time from `earlier` to this moment; zero if `earlier` is later.
     #[must_use]
     pub fn since(self, earlier: Self) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))

@@ -1,4 +1,4 @@
-//! A breach of SPEC: what it is called on the wire, and the clause that it breaks.
+//! A breach of SPEC: its kind as frames carry it, and the clause that it breaks.
 
 use core::fmt;
 
@@ -34,7 +34,7 @@ impl<K: Copy> Violation<K> {
         self.clause
     }
 
-    /// Its code on the wire.
+    /// The code that frames carry.
     #[must_use]
     pub fn code(self) -> Code
     where
@@ -58,7 +58,7 @@ impl<K: Into<Code>> From<Violation<K>> for Code {
     }
 }
 
-/// Makes a [`Violation`] of a kind and a clause. It stands where the breach is found.
+/// Makes a [`Violation`] of a kind and a clause. The macro stands where the breach is found.
 ///
 /// The kind is one of [`ViolationKind`], or of another table if that is named:
 ///

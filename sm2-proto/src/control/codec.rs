@@ -84,12 +84,13 @@ pub(crate) fn encode<T: Serialize>(frame: &T) -> Vec<u8> {
     postcard::to_allocvec(frame).unwrap_or_default()
 }
 
-/// Why bytes are not exactly one frame in its only encoding (SM2-FRM-001, SM2-FRM-002).
+/// The reasons for which bytes are not exactly one frame in its only encoding (SM2-FRM-001,
+/// SM2-FRM-002).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DecodeError {
     /// No frame has this number.
     UnknownFrame,
-    /// A field is not as the frame's definition says.
+    /// A field breaks the frame's definition.
     Malformed,
     /// A text is not UTF-8.
     BadUtf8,
@@ -114,7 +115,7 @@ impl From<DecodeError> for Violation {
     }
 }
 
-/// Reads one of so many frames: exactly one, in its only encoding.
+/// Reads one frame of this many types: exactly one, in its only encoding.
 //= SM2-FRM-001, SM2-FRM-002
 pub(crate) fn decode<T: Serialize + DeserializeOwned>(
     bytes: &[u8],
@@ -132,8 +133,8 @@ pub(crate) fn decode<T: Serialize + DeserializeOwned>(
     });
     let frame = T::deserialize(&mut deserializer).map_err(|error| match error {
         Error::DeserializeBadUtf8 => DecodeError::BadUtf8,
-        // A type refused the value just read. Of the texts in frames only
-        // names are refused; all else that is refused is an enumeration's number.
+        // A type refused the value just read. Names are the only texts that frames refuse; all
+        // other refused values are numbers of enumerations.
         Error::SerdeDeCustom if text.get() => DecodeError::BadName,
         _ => DecodeError::Malformed,
     })?;

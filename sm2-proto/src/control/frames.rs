@@ -12,85 +12,85 @@ use crate::{Code, Contract, InterfaceId, LinkId, LinkKey, Name, NodeId, Refusal,
 pub enum ToManager {
     /// The node greets.
     Hello {
-        /// The oldest version that it speaks.
+        /// The oldest version that the node speaks.
         min_version: u16,
-        /// The newest version that it speaks.
+        /// The newest version that the node speaks.
         max_version: u16,
-        /// What it wants to be called.
+        /// The name that the node asks for.
         name: Name,
-        /// Whether it comes back with interfaces and links from an earlier session.
+        /// Whether the node brings along interfaces and links from an earlier session.
         resuming: bool,
     },
-    /// The node has a new interface.
+    /// The node declares an interface.
     Declare {
-        /// The node's number for it.
+        /// The node's number for the interface.
         interface: InterfaceId,
-        /// What it is.
+        /// The contract.
         contract: Contract,
     },
-    /// The node drops an interface.
+    /// The node withdraws an interface.
     Withdraw {
-        /// Which.
+        /// The interface.
         interface: InterfaceId,
     },
-    /// The node's end of a link is gone.
+    /// The node's end of a link is closed.
     Unlinked {
-        /// Of which interface.
+        /// The interface of the link.
         interface: InterfaceId,
-        /// Which link.
+        /// The link.
         link: LinkId,
-        /// Why.
+        /// The reason.
         code: Code,
     },
     /// The node asks for a page of the domain's state.
     Query {
-        /// The last item that it knows.
+        /// The last item that the node knows.
         after: Option<Key>,
     },
-    /// The node hangs up.
+    /// The node ends the session.
     Goodbye {
-        /// Why.
+        /// The reason.
         code: Code,
     },
-    /// The resuming node has an open link that an earlier Manager made.
+    /// A resuming node claims an open link that an earlier Manager made.
     Claim {
-        /// Of which interface.
+        /// The interface of the link.
         interface: InterfaceId,
-        /// Which link.
+        /// The link.
         link: LinkId,
-        /// What only its two ends know.
+        /// The key that the earlier Manager sent with LINK.
         key: LinkKey,
-        /// The version spoken on it.
+        /// The protocol version of the link.
         version: u16,
-        /// Whether nothing on it may be displaced.
+        /// Whether no message may be displaced.
         reliable: bool,
-        /// Whether every message on it is inline or sealed.
+        /// Whether every message is inline or sealed.
         sealed: bool,
     },
-    /// The resuming node has claimed all that it has.
+    /// A resuming node has claimed all its links.
     Claimed,
     /// The node waits for a change of the domain.
     Watch {
-        /// The revision that it knows.
+        /// The revision that the node knows.
         after: u64,
     },
-    /// The node's counters; their file comes along.
+    /// The node's counters. The descriptor of their file comes along.
     Counters,
     /// The node asks for the counters of a node.
     Inspect {
-        /// Which.
+        /// The node.
         node: NodeId,
     },
     /// The node registers the text of a type.
     Schema {
-        /// Which type.
+        /// The type.
         data: TypeId,
-        /// Its text (SPEC Annex A).
+        /// The text of the type (SPEC Annex A).
         text: String,
     },
     /// The node asks for the text of a type.
     Describe {
-        /// Which type.
+        /// The type.
         data: TypeId,
     },
 }
@@ -98,125 +98,125 @@ pub enum ToManager {
 /// A frame from the Manager to a node.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ToNode {
-    /// The node is in.
+    /// The Manager grants the greeting.
     Welcome {
         /// The version of this session.
         version: u16,
         /// This Manager's incarnation.
         epoch: u64,
-        /// The node's number.
+        /// The number of the node.
         node: NodeId,
     },
-    /// The greeting was not granted; the node may greet again.
+    /// The Manager refuses the greeting. The node may greet again.
     HelloRefused {
-        /// Why.
+        /// The reason.
         reason: Refusal,
     },
     /// The interface is live.
     Declared {
-        /// Which.
+        /// The interface.
         interface: InterfaceId,
-        /// How many LINKs for it follow at once.
+        /// The number of LINKs for the interface that follow at once.
         matches: u32,
     },
-    /// The interface was not granted.
+    /// The Manager refuses the interface.
     DeclareRefused {
-        /// Which.
+        /// The interface.
         interface: InterfaceId,
-        /// Why.
+        /// The reason.
         reason: Refusal,
     },
-    /// A link for an interface; one end of its socket pair comes along.
+    /// A link for an interface. One end of its socket pair comes along.
     Link {
         /// The node's interface.
         interface: InterfaceId,
         /// The link.
         link: LinkId,
-        /// What only its two ends know.
+        /// The key with which the node claims the link from the next Manager.
         key: LinkKey,
-        /// The version to speak on it.
+        /// The protocol version of the link.
         version: u16,
-        /// Whether nothing on it may be displaced.
+        /// Whether no message may be displaced.
         reliable: bool,
-        /// Whether every message on it is inline or sealed.
+        /// Whether every message is inline or sealed.
         sealed: bool,
-        /// The other side.
+        /// The interface on the other side.
         peer: Peer,
     },
-    /// A link is over.
+    /// The Manager ends a link.
     Unlink {
-        /// Of which interface.
+        /// The interface of the link.
         interface: InterfaceId,
-        /// Which link.
+        /// The link.
         link: LinkId,
-        /// Why.
+        /// The reason.
         code: Code,
     },
-    /// The interface is gone.
+    /// The interface is withdrawn.
     Withdrawn {
-        /// Which.
+        /// The interface.
         interface: InterfaceId,
     },
     /// A page of the domain's state.
     Page {
-        /// Of which revision.
+        /// The revision of the page.
         revision: u64,
-        /// In ascending order of their keys.
+        /// The items, in ascending order of their keys.
         items: Vec<Item>,
-        /// Where to go on, if more follow.
+        /// The key after which the next page starts, if more items follow.
         next: Option<Key>,
     },
-    /// The Manager hangs up.
+    /// The Manager ends the session.
     Goodbye {
-        /// Why.
+        /// The reason.
         code: Code,
     },
     /// The domain has changed.
     Changes {
-        /// What the changes lead to.
+        /// The revision after these changes.
         revision: u64,
-        /// The changes; none if the Manager does not remember them all.
+        /// The changes; `None` if the Manager has forgotten some of them.
         changes: Option<Vec<Change>>,
-        /// Whether there are more at once.
+        /// Whether more changes are there already.
         more: bool,
     },
-    /// The counters of a node; their file comes along.
+    /// The counters of a node. The descriptor of their file comes along.
     Inspected {
-        /// Which node.
+        /// The node.
         node: NodeId,
     },
-    /// A node has no counters, or is not there.
+    /// A node has no counters, or does not exist.
     NotInspected {
-        /// Which node.
+        /// The node.
         node: NodeId,
     },
-    /// The text of a type, if anybody registered it.
+    /// The text of a type, if a node registered one.
     Described {
-        /// Which type.
+        /// The type.
         data: TypeId,
-        /// Its text (SPEC Annex A).
+        /// The text of the type (SPEC Annex A).
         text: Option<String>,
     },
 }
 
-/// The other side of a link.
+/// The interface on the other side of a link.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Peer {
-    /// Its node.
+    /// The node.
     pub node: NodeId,
-    /// Its node's name.
+    /// The name of the node.
     pub name: Name,
-    /// Its interface.
+    /// The node's number for the interface.
     pub interface: InterfaceId,
-    /// What the interface is.
+    /// The contract.
     pub contract: Contract,
 }
 
 impl ToManager {
-    /// How many frame types there are.
+    /// The number of frame types.
     pub(super) const COUNT: u32 = 13;
 
-    /// How many descriptors the frame carries.
+    /// The number of descriptors that the frame carries.
     pub(super) const fn fds(&self) -> usize {
         match self {
             Self::Counters => 1,
@@ -226,10 +226,10 @@ impl ToManager {
 }
 
 impl ToNode {
-    /// How many frame types there are.
+    /// The number of frame types.
     pub(super) const COUNT: u32 = 13;
 
-    /// How many descriptors the frame carries.
+    /// The number of descriptors that the frame carries.
     pub(super) const fn fds(&self) -> usize {
         match self {
             Self::Link { .. } | Self::Inspected { .. } => 1,

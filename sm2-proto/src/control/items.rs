@@ -1,16 +1,16 @@
-//! What a domain consists of, as PAGE and CHANGES show it. The order of variants and
-//! fields is the wire format, and that of [`Key`] the order of the items.
+//! The items of a domain, as PAGE and CHANGES show them. The order of variants and fields is the
+//! wire format, and the order of [`Key`] is the order of the items.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{Code, Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal};
 
-/// One thing in the domain.
+/// An item of the domain.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Item {
     /// The domain itself.
     Domain {
-        /// What the operator allows.
+        /// The public part of the operator's policy.
         limits: Limits,
     },
     /// A node.
@@ -23,23 +23,23 @@ pub enum Item {
         uid: u32,
         /// Its process, as the kernel says.
         pid: i32,
-        /// Whether it is still claiming links of an earlier Manager.
+        /// Whether the node is still claiming links of an earlier Manager.
         resuming: bool,
     },
     /// An interface.
     Interface {
-        /// Where it is.
+        /// The id of the interface.
         entity: EntityId,
-        /// What it is.
+        /// The contract.
         contract: Contract,
     },
-    /// An interface that was not granted (SM2-WCH-004).
+    /// An interface that was refused (SM2-WCH-004).
     Refusal {
         /// The number that was spent on it.
         entity: EntityId,
-        /// What it would have been.
+        /// The contract that was refused.
         contract: Contract,
-        /// Why not.
+        /// The reason.
         reason: Refusal,
     },
     /// A link.
@@ -50,11 +50,11 @@ pub enum Item {
         offering: EntityId,
         /// The subscriber or client.
         demanding: EntityId,
-        /// The version spoken on it.
+        /// The protocol version of the link.
         version: u16,
-        /// Whether nothing on it may be displaced.
+        /// Whether no message may be displaced.
         reliable: bool,
-        /// Whether every message on it is inline or sealed.
+        /// Whether every message is inline or sealed.
         sealed: bool,
     },
     /// A link of an earlier Manager that one end has claimed, and the other has not yet.
@@ -70,12 +70,12 @@ pub enum Item {
         offering: EntityId,
         /// The subscriber or client.
         demanding: EntityId,
-        /// Why.
+        /// The reason.
         reason: UnlinkedReason,
     },
 }
 
-/// What the operator allows.
+/// The public part of the operator's policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Limits {
     /// Welcomed sessions of one user.
@@ -92,18 +92,18 @@ pub struct Limits {
     pub waive_user_boundary: bool,
 }
 
-/// Which item. Items are listed in this order.
+/// The key of an item. Items are listed in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Key {
     /// The domain itself.
     Domain,
     /// A node (interface 0), an interface, or a refusal.
     Member {
-        /// Where it is.
+        /// The id.
         entity: EntityId,
     },
-    /// A link. Its number alone would not do: whoever invents two claims may choose one
-    /// that others have (SM2-RES-004).
+    /// A link. The number alone does not identify one: a process that invents two claims may choose
+    /// a number that another link has (SM2-RES-004).
     Link {
         /// Its number.
         link: LinkId,
@@ -126,42 +126,42 @@ pub enum Key {
     },
 }
 
-/// Why two interfaces that match are not linked.
+/// The reason for which two interfaces that match are not linked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum UnlinkedReason {
     /// One of them ended their link.
     Ended {
-        /// Why.
+        /// The code with which the link ended.
         code: Code,
     },
-    /// A node may not have more links.
+    /// A node has used up its quota of links.
     Quota {
-        /// Which node.
+        /// The node.
         node: NodeId,
-        /// How many it may have.
+        /// The quota.
         limit: u32,
     },
     /// The Manager had no descriptors for a link.
     Descriptors,
 }
 
-/// What became of an item.
+/// A change of an item.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Change {
-    /// It is there, like this.
+    /// The item is new, or has changed.
     Set {
-        /// The item.
+        /// The item as it is now.
         item: Item,
     },
-    /// It is gone.
+    /// The item is gone.
     Removed {
-        /// Which item.
+        /// The key of the item.
         key: Key,
     },
 }
 
 impl Item {
-    /// Which item it is.
+    /// The key of this item.
     #[must_use]
     pub const fn key(&self) -> Key {
         match self {

@@ -1,8 +1,8 @@
 //! Harnesses for the bytes of control frames.
 //!
-//! postcard and serde are no code of this project, and make heavy work for a prover: what is
-//! gone through here are short frames, one change of a whole frame, and the fields of frames
-//! of fixed shape. All other frames are fuzzed and compared with a naive decoder.
+//! postcard and serde are no code of this project and are costly for a prover. These harnesses
+//! cover short frames, one change of a whole frame, and the fields of frames of fixed shape. All
+//! other frames are fuzzed and compared with a naive decoder.
 
 use alloc::{string::String, vec::Vec};
 
@@ -15,7 +15,7 @@ use crate::{
     proofs::{below, one_of},
 };
 
-/// With any number of descriptors that is not too large.
+/// The bytes with any small number of descriptors.
 fn datagram<'a>(bytes: &'a [u8], files: &'a [FdFacts; 2], fds: usize) -> Datagram<'a> {
     Datagram {
         fds: &files[..fds],
@@ -35,7 +35,7 @@ fn short_frames_to_a_manager_are_canonical() {
     let fds = usize::from(bytes[0] == 9);
     let decoded = decode_to_manager(&datagram(&bytes[..len], &files, fds));
     if bytes[0] >= 13 {
-        // Also a number that goes on behind the first byte: all numbers are small.
+        // Also a number that continues after its first byte: all numbers are small.
         let long = bytes[0] >= 0x80 && bytes[1] == 0;
         assert!(decoded == Err(violation!(UnknownFrame, "SM2-FRM-001")) || long);
     }
@@ -129,13 +129,13 @@ fn any_frame() -> ToManager {
     }
 }
 
-/// Where the length of a number changes.
+/// The values at which the length of a number changes.
 fn any_number() -> u64 {
     one_of(&[0, 127, 128, 16_383, 16_384, u64::MAX])
 }
 
-/// A frame is read back as it was; with one byte more, one less, another number of descriptors,
-/// or a number that is longer than it need be, it is none.
+/// A frame is read back unchanged. It is refused with one byte more or less, another number of
+/// descriptors, or a number that is longer than necessary.
 //= SM2-FRM-001, SM2-FRM-002, SM2-TRN-005 kani
 #[cfg_attr(kani, kani::proof)]
 // Frames of at most 40 bytes.
@@ -211,7 +211,7 @@ fn schema_texts_have_their_length() {
     kani::cover!(!is_legal, "one byte too long");
 }
 
-/// The numbers of nodes, which a frame carries, are whole: none is cut off.
+/// The numbers of nodes are read in full length from a frame.
 //= SM2-FRM-001 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
