@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 use sm2_io::DomainSocketError;
 use sm2_io::counters::CounterError;
-use sm2_proto::domain::Nonsense;
+use sm2_proto::domain::BrokenAnswer;
 use sm2_proto::limits::MESSAGE_MAX;
 use sm2_proto::node::End;
 use sm2_proto::schema::ParseError;
@@ -487,7 +487,7 @@ pub enum QueryError {
     TimedOut,
     /// The Manager's answer describes a domain that breaks the specification.
     #[error(transparent)]
-    Nonsense(#[from] Nonsense),
+    BrokenAnswer(#[from] BrokenAnswer),
     /// The file of a node's counters is not legal.
     #[error(transparent)]
     Counters(#[from] CounterError),

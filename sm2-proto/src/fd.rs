@@ -42,6 +42,6 @@ pub struct FdFacts {
     pub regular: bool,
     /// `st_size`, read after the seals: a size is only stable once it is sealed.
     pub size_bytes: u64,
-    /// The seals; `None` if the kernel answers that the file cannot have any.
+    /// The seals; empty if the kernel answers that the file cannot have any.
     pub seals: Seals,
 }

@@ -5,7 +5,7 @@ mod support;
 use proptest::{collection::vec, option, prelude::*};
 use sm2_proto::{
     control::{Change, Item, Key},
-    domain::{Ask, Domain, Mirror, Nonsense},
+    domain::{Ask, BrokenAnswer, Domain, Mirror},
 };
 use support::{
     cases,
@@ -21,16 +21,19 @@ fn a_mirror_reads_pages_and_then_changes() {
     let set = |item: &Item| Change::Set { item: item.clone() };
     let mut mirror = Mirror::new();
     assert_eq!(mirror.ask(), Some(Ask::Page { after: None }));
-    assert_eq!(mirror.changes(2, None, false), Err(Nonsense::Unasked));
+    assert_eq!(
+        mirror.changes(2, None, false),
+        Err(BrokenAnswer::Unrequested)
+    );
     assert_eq!(mirror.page(7, vec![lidar.clone()], Some(first)), Ok(vec![]));
     assert_eq!(mirror.ask(), Some(Ask::Page { after: Some(first) }));
     // The domain changed meanwhile.
     assert_eq!(mirror.page(9, vec![planner.clone()], None), Ok(vec![]));
     assert_eq!(mirror.ask(), Some(Ask::Changes { after: 7 }));
-    assert_eq!(mirror.page(9, vec![], None), Err(Nonsense::Unasked));
+    assert_eq!(mirror.page(9, vec![], None), Err(BrokenAnswer::Unrequested));
     assert_eq!(
         mirror.changes(7, Some(vec![]), false),
-        Err(Nonsense::Revision)
+        Err(BrokenAnswer::OldRevision)
     );
     assert_eq!(
         mirror.changes(8, Some(vec![set(&planner)]), true),
@@ -44,10 +47,10 @@ fn a_mirror_reads_pages_and_then_changes() {
     assert_eq!(mirror.ask(), None);
     assert_eq!(mirror.domain().revision(), 9);
     // Exact, it follows.
-    assert_eq!(mirror.page(9, vec![], None), Err(Nonsense::Unasked));
+    assert_eq!(mirror.page(9, vec![], None), Err(BrokenAnswer::Unrequested));
     assert_eq!(
         mirror.changes(9, Some(vec![]), false),
-        Err(Nonsense::Revision)
+        Err(BrokenAnswer::OldRevision)
     );
     let changes = mirror.changes(10, Some(vec![set(&planner), set(&lidar)]), false);
     assert_eq!(changes, Ok(vec![set(&lidar)]), "only what is news");
@@ -86,12 +89,15 @@ fn a_mirror_does_not_take_nonsense() {
         (vec![], Some(Key::Domain)),
         (vec![lidar.clone()], Some(planner.key())),
     ] {
-        assert_eq!(mirror.page(1, items, next), Err(Nonsense::Order));
+        assert_eq!(mirror.page(1, items, next), Err(BrokenAnswer::OutOfOrder));
         assert_eq!(mirror, before);
     }
     let key = planner.key();
     mirror.page(1, vec![planner], Some(key)).expect("sense");
-    assert_eq!(mirror.page(1, vec![lidar], None), Err(Nonsense::Order));
+    assert_eq!(
+        mirror.page(1, vec![lidar], None),
+        Err(BrokenAnswer::OutOfOrder)
+    );
     assert_eq!(mirror.page(1, vec![], None).map(|it| it.len()), Ok(1));
 }
 

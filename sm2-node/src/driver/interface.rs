@@ -1,4 +1,4 @@
-//! One declared interface: its links, what it has on its way out, and the calls it made.
+//! One declared interface: its links, its outgoing messages, and its calls.
 
 use std::collections::VecDeque;
 
@@ -13,9 +13,9 @@ use super::outbox::Outbox;
 use super::status::LinkStatus;
 use super::token::LinkToken;
 
-/// How many links that ended are remembered one by one; of older ones only the sum is.
+/// The number of ended links that are remembered one by one; older ones are only summed up.
 const HISTORY: usize = 64;
-/// How many links that ended may still have messages that the application did not take.
+/// The number of ended links that may still hold messages that the application has not taken.
 const ENDED_WITH_MESSAGES: usize = 64;
 
 #[derive(Debug)]
@@ -26,30 +26,31 @@ pub(crate) struct Interface {
     pub(crate) outbox: Outbox,
     /// Keys of the last messages, the oldest first.
     pub(super) latched: VecDeque<u64>,
-    /// How many messages were published.
+    /// The number of published messages.
     pub(super) published: u64,
     pub(super) calls: Calls,
     /// Whether a client may call the server of that node.
     pub(crate) servers: fn(&Name) -> bool,
-    /// How many LINK frames DECLARED announced that have not come (SM2-IFC-002).
+    /// The number of LINKs that DECLARED announced and that have not come yet (SM2-IFC-002).
     pub(super) links_due: u32,
-    /// Why the Manager of this session does not have it, though an earlier one had.
+    /// The reason for which this session's Manager refused the interface, though an earlier one had
+    /// granted it.
     pub(super) refused_again: Option<Refusal>,
-    /// Where its counters are.
+    /// The entry of its counters.
     pub(super) entry: Option<CounterEntry>,
     /// The link from which the last message was taken.
     pub(super) last_taken: LinkToken,
-    /// How many publications the application will never see, as far as it knows.
+    /// The number of publications that the application will never see, as far as the node knows.
     pub(crate) lost: u64,
     pub(super) ended: VecDeque<LinkStatus>,
     pub(super) ended_sum: Counters,
-    /// Links that are over, for the Manager to know.
+    /// Links that have ended, for the Manager to be told.
     pub(super) farewells: Vec<(LinkId, Code)>,
-    /// Tokens of links that are no more.
+    /// Tokens of links that were removed.
     pub(super) gone: Vec<LinkToken>,
 }
 
-/// How far the declaration has come.
+/// The progress of the declaration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum State {
     Declaring,
@@ -100,12 +101,13 @@ impl Interface {
                 .any(|link| link.end().is_none() && !link.is_open())
     }
 
-    /// Whether the Manager of this session has it, if that one knows all of this node.
+    /// Whether this session's Manager has granted the interface, once it knows all interfaces of
+    /// the node.
     pub(super) fn is_granted(&self) -> bool {
         matches!(self.state, State::Live { .. }) && self.refused_again.is_none()
     }
 
-    /// How many links are open.
+    /// The number of open links.
     pub(crate) fn open_links(&self) -> usize {
         self.links().filter(|link| link.is_open()).count()
     }
@@ -133,7 +135,7 @@ impl Interface {
         }
     }
 
-    /// Ends all links. What their sockets took reaches the other sides.
+    /// Closes all links. Messages that their sockets have taken still reach the other sides.
     pub(super) fn close(&mut self, tools: &mut Tools<'_>) {
         for link in self.links.iter_mut() {
             let farewell = Input::Close(Farewell::Done.code());
@@ -143,7 +145,7 @@ impl Interface {
         tools.counting.free(self.entry.take());
     }
 
-    /// Takes back what the other sides gave back, on the ring lane.
+    /// Takes back the messages that the other sides have released on the ring lane.
     pub(crate) fn harvest(&mut self, tools: &mut Tools<'_>) {
         if matches!(self.contract, Contract::Subscriber { .. }) {
             return;
@@ -153,7 +155,7 @@ impl Interface {
             link.harvest(tools, &mut self.outbox);
             is_over |= link.end().is_some() && !link.buried;
         }
-        // By what was found in its ring: the Manager is to know.
+        // The link ended by a fault in its ring, so the Manager has to be told.
         if is_over {
             self.bury_ended(tools);
         }
@@ -166,7 +168,7 @@ impl Interface {
         self.links.iter().any(LinkDriver::is_ready)
     }
 
-    /// Somebody is about to sleep until something happens here.
+    /// Prepares the links for a thread that is about to sleep until the interface has an event.
     pub(super) fn park(&mut self) {
         for link in self.links.iter_mut() {
             link.park();
@@ -177,8 +179,9 @@ impl Interface {
         self.links.iter().map(LinkDriver::token)
     }
 
-    /// Does what follows from a change of a link: replays what is latched, hands out
-    /// replies, retires segments, buries it. Called whenever a link was fed.
+    /// Does the work that follows from a change of a link: replays latched messages, hands out
+    /// replies, retires segments, and removes the link if it has ended. Every caller that feeds a
+    /// link calls this function.
     pub(super) fn settle_link(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         self.replay(token, tools);
         let Some(link) = self.links.get_mut(token) else {
@@ -201,9 +204,9 @@ impl Interface {
         }
     }
 
-    /// Links that ended while they were sent to.
+    /// Links that ended during a send.
     pub(super) fn bury_ended(&mut self, tools: &mut Tools<'_>) {
-        // Nothing is allocated unless a link ended.
+        // Nothing is allocated unless a link has ended.
         let mut tokens = Vec::new();
         for link in self.links.iter() {
             if link.end().is_some() && !link.buried {
@@ -216,7 +219,7 @@ impl Interface {
         self.detach_segments(tools);
     }
 
-    /// A link is over: the Manager is to know, and its counters are to be kept.
+    /// A link has ended: notes it for the Manager, and keeps its counters.
     fn bury(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         let Some(link) = self.links.get_mut(token) else {
             return;
@@ -238,8 +241,8 @@ impl Interface {
         self.drop_oldest_messages(tools);
     }
 
-    /// An application that never takes its messages must not collect those of every
-    /// publisher that ever was.
+    /// An application that never takes its messages must not collect those of every publisher that
+    /// ever was.
     fn drop_oldest_messages(&mut self, tools: &mut Tools<'_>) {
         let buried = self.links.iter().filter(|link| link.buried).count();
         let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
@@ -258,13 +261,13 @@ impl Interface {
         }
     }
 
-    /// So many messages came, and the application will never see them.
+    /// Counts messages that have come and that the application will never see.
     pub(super) fn lose(&mut self, messages: u64, tools: &mut Tools<'_>) {
         self.lost += messages;
         (tools.counting).note(self.entry.as_ref(), |entry| entry.lost(messages));
     }
 
-    /// Tells all links of segments that are over.
+    /// Tells all links which segments have ended.
     pub(crate) fn detach_segments(&mut self, tools: &mut Tools<'_>) {
         while let Some(segment) = self.outbox.over.pop() {
             for link in self.links.iter_mut().filter(|link| link.end().is_none()) {
@@ -273,7 +276,7 @@ impl Interface {
         }
     }
 
-    /// Changes one link, if it is there, and does what follows from it.
+    /// Changes one link, if it exists, and does the work that follows from the change.
     pub(super) fn with_link<R>(
         &mut self,
         token: LinkToken,

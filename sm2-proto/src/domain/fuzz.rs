@@ -3,7 +3,7 @@
 use alloc::{collections::BTreeMap, format, vec::Vec};
 use core::time::Duration;
 
-use super::{Ask, Domain, Mirror, NEAR_MAX, Nonsense, nearest, why};
+use super::{Ask, BrokenAnswer, Domain, Mirror, NEAR_MAX, nearest, why};
 use crate::{
     EntityId,
     control::{Change, Item, Key},
@@ -11,8 +11,9 @@ use crate::{
     fuzz::script::Script,
 };
 
-/// Whatever a Manager says, a mirror holds what it said and no more, refuses only what nobody
-/// asked for or leads nowhere, and says nothing that its changes do not.
+/// Whatever a Manager sends, a mirror holds just that. The mirror refuses only answers that were
+/// not requested or lead to no later state. A program that follows its changes has the same items
+/// as the mirror.
 //= SM2-WCH-003 fuzz
 pub(crate) fn mirror(data: &[u8]) {
     let mut fuzz = Fuzz {
@@ -30,14 +31,14 @@ pub(crate) fn mirror(data: &[u8]) {
 struct Fuzz<'a> {
     script: Script<'a>,
     mirror: Mirror,
-    /// What somebody knows who saw only the changes that the mirror gave.
+    /// The state of a program that sees only the changes that the mirror returned.
     follower: BTreeMap<Key, Item>,
-    /// How many items were sent.
+    /// The number of items that were sent.
     said: usize,
 }
 
 impl Fuzz<'_> {
-    /// One operation; none when the bytes are used up.
+    /// Does one operation; `None` when the bytes are used up.
     fn step(&mut self) -> Option<()> {
         let choice = self.script.byte()?;
         let before = self.mirror.clone();
@@ -58,7 +59,7 @@ impl Fuzz<'_> {
                 self.said += items.len();
                 let taken = self.mirror.page(revision, items, next);
                 let asked = matches!(asked, Some(Ask::Page { .. }));
-                assert_eq!(taken == Err(Nonsense::Unasked), !asked);
+                assert_eq!(taken == Err(BrokenAnswer::Unrequested), !asked);
                 taken
             }
             3..=5 => {
@@ -69,7 +70,7 @@ impl Fuzz<'_> {
                 let changes = (choice & 8 == 0).then_some(changes);
                 let taken = self.mirror.changes(revision, changes, choice & 0x10 != 0);
                 let asked = !matches!(asked, Some(Ask::Page { .. }));
-                assert_eq!(taken == Err(Nonsense::Unasked), !asked);
+                assert_eq!(taken == Err(BrokenAnswer::Unrequested), !asked);
                 taken
             }
             6 => {
@@ -105,7 +106,7 @@ impl Fuzz<'_> {
         assert!(self.follower.values().eq(items), "the changes tell it all");
     }
 
-    /// Asks each question of the tools about each entity that the items name.
+    /// Asks every query of the tools about each entity that the items name.
     fn look(&self) {
         let domain = self.mirror.domain();
         let entities: Vec<EntityId> = domain.items().flat_map(entities).take(12).collect();
@@ -147,7 +148,7 @@ fn entities(item: &Item) -> Vec<EntityId> {
 //= SM2-CNT-004 fuzz
 fn counters(script: &mut Script<'_>) -> Option<()> {
     let mut words = [0; ENTRY_FIELDS];
-    // The turn and the kind of a legal entry, unless the bytes say otherwise.
+    // The turn and the kind of a legal entry, unless the bytes choose others.
     (words[0], words[1]) = (2, 2);
     let named = script.bytes()?;
     for pair in named.chunks_exact(2) {

@@ -1,11 +1,11 @@
-//! How a mirror comes to be exact, and stays so (SM2-WCH-003).
+//! A mirror of the domain becomes exact, and stays exact, by pages and changes (SM2-WCH-003).
 
 use alloc::vec::Vec;
 
 use super::Domain;
 use crate::control::{Change, Item, Key};
 
-/// What to ask the Manager.
+/// The next request to the Manager.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Ask {
     /// QUERY; the answer goes to [`Mirror::page`].
@@ -20,29 +20,29 @@ pub enum Ask {
     },
 }
 
-/// What no Manager says that obeys SPEC. The mirror is as it was.
+/// The Manager's answer breaks SPEC. The mirror has not changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum Nonsense {
-    /// Nobody asked for it.
-    #[error("the Manager sent a page or changes that the mirror did not ask for")]
-    Unasked,
-    /// Items come in ascending order and after what was asked (SM2-IFC-007).
+pub enum BrokenAnswer {
+    /// The mirror has not asked for this answer.
+    #[error("the Manager sent a page or changes that were not requested")]
+    Unrequested,
+    /// Items come in ascending order and after the key in the request (SM2-IFC-007).
     #[error("the Manager sent items out of their order (SM2-IFC-007)")]
-    Order,
+    OutOfOrder,
     /// Changes lead to a later revision (SM2-WCH-001).
-    #[error("the Manager sent changes that lead nowhere (SM2-WCH-001)")]
-    Revision,
+    #[error("the Manager sent changes that lead to no later revision (SM2-WCH-001)")]
+    OldRevision,
 }
 
 /// A domain that follows its Manager.
 ///
-/// Ask what [`Mirror::ask`] says until it says nothing: then [`Mirror::domain`] is exact as of
-/// its revision. To follow it, ask for the changes after that revision.
+/// Send the requests that [`Mirror::ask`] returns until it returns `None`: then [`Mirror::domain`]
+/// is exact as of its revision. To follow the domain, ask for the changes after that revision.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Mirror {
     /// The last exact state.
     domain: Domain,
-    /// The next one, as far as it is known.
+    /// The next exact state, as far as it is known.
     next: Option<Reading>,
 }
 
@@ -78,7 +78,7 @@ impl Mirror {
         }
     }
 
-    /// What to ask now; nothing if the mirror is exact.
+    /// The next request; `None` if the mirror is exact.
     #[must_use]
     pub fn ask(&self) -> Option<Ask> {
         let Reading { domain, step } = self.next.as_ref()?;
@@ -103,42 +103,42 @@ impl Mirror {
         self.domain
     }
 
-    /// There is another Manager, or another session: everything is read anew.
-    /// [`Mirror::domain`] stays what it is until then.
+    /// There is another Manager or another session, so everything is read again. [`Mirror::domain`]
+    /// keeps the last exact state until then.
     pub fn restart(&mut self) {
         self.next = Self::new().next;
     }
 
-    /// Takes a page. Gives what has changed since the last exact state as soon as
-    /// there is a new one, and nothing before.
+    /// Takes a page. Once a new state is exact, returns the changes since the last exact state.
     ///
     /// # Errors
     ///
-    /// [`Nonsense`]: the mirror is as it was.
+    /// [`BrokenAnswer`]: the mirror has not changed.
     //= SM2-IFC-007, SM2-WCH-003
     pub fn page(
         &mut self,
         revision: u64,
         items: Vec<Item>,
         next: Option<Key>,
-    ) -> Result<Vec<Change>, Nonsense> {
-        let reading = self.next.as_mut().ok_or(Nonsense::Unasked)?;
+    ) -> Result<Vec<Change>, BrokenAnswer> {
+        let reading = self.next.as_mut().ok_or(BrokenAnswer::Unrequested)?;
         let after = match reading.step {
             Step::FirstPage => None,
             Step::Pages(after) => Some(after),
-            Step::Changes => return Err(Nonsense::Unasked),
+            Step::Changes => return Err(BrokenAnswer::Unrequested),
         };
         let mut last = after;
         for item in &items {
             let key = Some(item.key());
             if key <= last {
-                return Err(Nonsense::Order);
+                return Err(BrokenAnswer::OutOfOrder);
             }
             last = key;
         }
-        // A page that others follow holds something, else it would be asked for again and again.
+        // An empty page with a next page would make the mirror ask for the same page again and
+        // again.
         if next.is_some() && (items.is_empty() || next != last) {
-            return Err(Nonsense::Order);
+            return Err(BrokenAnswer::OutOfOrder);
         }
         if after.is_none() {
             reading.domain.revision = revision;
@@ -154,34 +154,34 @@ impl Mirror {
         Ok(Vec::new())
     }
 
-    /// Takes changes: those that [`Mirror::ask`] asked for, or, of an exact mirror, those
-    /// after its revision. Gives what [`Mirror::page`] gives.
+    /// Takes changes: those that [`Mirror::ask`] asked for or, if the mirror is exact, those after
+    /// its revision. Returns the same as [`Mirror::page`].
     ///
     /// # Errors
     ///
-    /// [`Nonsense`]: the mirror is as it was.
+    /// [`BrokenAnswer`]: the mirror has not changed.
     //= SM2-WCH-002, SM2-WCH-003
     pub fn changes(
         &mut self,
         revision: u64,
         changes: Option<Vec<Change>>,
         more: bool,
-    ) -> Result<Vec<Change>, Nonsense> {
+    ) -> Result<Vec<Change>, BrokenAnswer> {
         let revision_known = match &self.next {
             None => self.domain.revision,
             Some(reading) if reading.step == Step::Changes => reading.domain.revision,
-            Some(_) => return Err(Nonsense::Unasked),
+            Some(_) => return Err(BrokenAnswer::Unrequested),
         };
         let Some(mut changes) = changes else {
             self.restart();
             return Ok(Vec::new());
         };
         if revision <= revision_known {
-            return Err(Nonsense::Revision);
+            return Err(BrokenAnswer::OldRevision);
         }
         if self.next.is_none() && !more {
-            // The way of every day: its cost is that of the changes.
-            changes.retain(|change| self.domain.is_news(change));
+            // The usual case: its cost grows with the changes only.
+            changes.retain(|change| self.domain.makes_a_difference(change));
             self.domain.apply(revision, changes.iter().cloned());
             return Ok(changes);
         }

@@ -1,16 +1,16 @@
-//! The mirror of a domain: who is there, who is linked with whom, and why, or why not.
+//! The mirror of a domain: its nodes, interfaces and links, and the reasons why interfaces are
+//! linked or not.
 //!
 //! | to do | call |
 //! | --- | --- |
-//! | keep a mirror | [`Mirror`]: says what to ask the Manager, takes the answers |
-//! | look around | [`Domain::nodes`], [`Domain::interfaces`], [`Domain::links`], [`Domain::find`] |
-//! | see what is used up | [`Domain::users`], [`Domain::sessions`], [`Domain::limits`] |
+//! | keep a mirror | [`Mirror`] makes the requests and takes the answers |
+//! | list items | [`Domain::nodes`], [`Domain::interfaces`], [`Domain::links`], [`Domain::find`] |
+//! | compare usage with quotas | [`Domain::users`], [`Domain::sessions`], [`Domain::limits`] |
 //! | explain a pair | [`why`] |
-//! | explain a lonely interface | [`nearest`] |
+//! | explain an interface without links | [`nearest`] |
 //!
-//! A [`Domain`] is what a Manager said, and as true as that: it may name nodes that it does
-//! not show. Whoever reads it gets an answer without them, never a panic, and it holds no more
-//! than what was sent.
+//! A [`Domain`] holds the items that a Manager sent, and nothing else. An item may name nodes that
+//! the domain does not show. All methods then answer without them; none panics.
 
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
@@ -26,7 +26,7 @@ mod why;
 use alloc::{collections::BTreeMap, vec::Vec};
 
 pub use self::{
-    mirror::{Ask, Mirror, Nonsense},
+    mirror::{Ask, BrokenAnswer, Mirror},
     names::NearName,
     near::{NEAR_MAX, Near, nearest},
     usage::{SessionUsage, UserUsage},
@@ -36,7 +36,7 @@ pub use self::{
 };
 use crate::control::{Change, Item, Key};
 
-/// Everything that a domain consists of, as of one revision.
+/// All items of a domain, as of one revision.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Domain {
     revision: u64,
@@ -44,7 +44,7 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// A domain without anything in it.
+    /// A domain without items.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -53,7 +53,7 @@ impl Domain {
         }
     }
 
-    /// Of which revision it is. Revisions of different Managers have nothing in common.
+    /// The revision of these items. Revisions of different Managers cannot be compared.
     #[must_use]
     pub const fn revision(&self) -> u64 {
         self.revision
@@ -87,15 +87,16 @@ impl Domain {
         self.revision = revision;
     }
 
-    /// Whether the change makes any difference here.
-    fn is_news(&self, change: &Change) -> bool {
+    /// Whether the change makes a difference here.
+    fn makes_a_difference(&self, change: &Change) -> bool {
         match change {
             Change::Set { item } => self.get(&item.key()) != Some(item),
             Change::Removed { key } => self.items.contains_key(key),
         }
     }
 
-    /// The changes that make `newer` of this one: first what is gone, then what is there.
+    /// The changes that turn this domain into `newer`: first the items that are gone, then those
+    /// that are new or different.
     #[must_use]
     pub fn difference(&self, newer: &Self) -> Vec<Change> {
         let gone = self.items.keys().filter(|key| newer.get(key).is_none());

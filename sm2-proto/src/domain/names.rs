@@ -1,11 +1,11 @@
-//! Names that somebody may have meant to be the same.
+//! Names that a person may have meant to be the same.
 
 use serde::Serialize;
 
 use crate::Name;
 
-/// How two names that differ look alike. The first that applies, in this order: the
-/// likelier mistake first.
+/// The way in which two different names look alike: the first that applies, in this order, because
+/// the likelier mistake comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NearName {
@@ -13,13 +13,13 @@ pub enum NearName {
     Case,
     /// One character is missing, too many or another, or two neighbours are swapped.
     Edit,
-    /// The one is the other without some segments: `scan` and `front/scan`.
+    /// One name is the other without some segments: `scan` and `front/scan`.
     Segments,
     /// All segments but the last are equal: `front/scan` and `front/image`.
     Leading,
 }
 
-/// How the two look alike, if they differ and do.
+/// The way in which the two look alike, if they differ and look alike.
 pub(super) fn near(one: &Name, other: &Name) -> Option<NearName> {
     let (one, other) = (one.as_str(), other.as_str());
     if one == other {
@@ -51,11 +51,12 @@ fn one_edit(one: &[u8], other: &[u8]) -> bool {
     }
 }
 
-/// Whether the shorter is the longer without segments that stand together, not the last.
+/// Whether the shorter name is the longer one without some adjacent segments, the last one not
+/// among them.
 fn without_segments(longer: &str, shorter: &str) -> bool {
     let (mut longer, mut shorter) = (longer.split('/'), shorter.split('/'));
     let mut last = None;
-    // From the front as far as they agree, then what is left of the shorter from the back.
+    // Compares from the front as far as both agree, then the rest of the shorter one from the back.
     let rest = loop {
         let Some(segment) = shorter.next() else {
             break None;
@@ -66,7 +67,7 @@ fn without_segments(longer: &str, shorter: &str) -> bool {
         last = Some(segment);
     };
     match rest {
-        // All of the shorter stands in front; its last segment has to be the last of both.
+        // If the whole shorter name stands in front, its last segment has to be the last of both.
         None => longer.next_back().is_some_and(|it| Some(it) == last),
         Some(first) => {
             let mut left = core::iter::once(first).chain(shorter);

@@ -1,4 +1,4 @@
-//! For an interface that nobody is linked with: who comes nearest, and why that is not enough.
+//! The nearest counterparts of an interface without links, and what keeps each from being linked.
 
 use alloc::vec::Vec;
 use core::fmt;
@@ -8,15 +8,15 @@ use serde::Serialize;
 use super::{Domain, Finding, NearName, Verdict, names, why};
 use crate::EntityId;
 
-/// How many counterparts [`nearest`] names at most.
+/// The greatest number of counterparts that [`nearest`] returns.
 pub const NEAR_MAX: usize = 8;
 
-/// A counterpart that is not linked with an interface, but could have been meant.
+/// A counterpart that is not linked with an interface, but may have been meant.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Near {
-    /// Where the counterpart is.
+    /// The id of the counterpart.
     pub entity: EntityId,
-    /// Why the two are not linked.
+    /// The reason why the two are not linked.
     pub verdict: Verdict,
 }
 
@@ -26,7 +26,7 @@ impl fmt::Display for Near {
     }
 }
 
-/// How near a counterpart comes, nearest first.
+/// The nearness of a counterpart, nearest first.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Rank {
     Matches,
@@ -35,14 +35,14 @@ enum Rank {
     Name(NearName),
 }
 
-/// The counterparts that come nearest to being linked with the interface `entity` and are
-/// not: the best first, at most [`NEAR_MAX`]. None if the domain has no such interface.
+/// The counterparts that come nearest to being linked with the interface `entity` and are not: the
+/// best first, at most [`NEAR_MAX`]. Empty if the domain has no such interface.
 #[must_use]
 pub fn nearest(domain: &Domain, entity: EntityId) -> Vec<Near> {
     let Some(ours) = domain.interface(entity) else {
         return Vec::new();
     };
-    // First what costs little: a verdict looks at every link.
+    // The cheap comparisons come first, because a verdict looks at every link.
     let counterparts = domain.interfaces().filter_map(|it| {
         let counterpart = it.contract.kind().counterpart() == ours.contract.kind();
         let same_name = it.contract.name() == ours.contract.name();

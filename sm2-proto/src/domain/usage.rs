@@ -1,20 +1,20 @@
-//! What of the quotas is used up.
+//! The used part of each quota.
 
 use alloc::collections::BTreeMap;
 
 use super::Domain;
 use crate::NodeId;
 
-/// What a user has.
+/// The usage of a user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct UserUsage {
     /// Sessions, of `Limits::sessions_per_user`.
     pub sessions: u32,
-    /// Interfaces of all of them, of `Limits::interfaces_per_user`.
+    /// Interfaces of all these sessions, of `Limits::interfaces_per_user`.
     pub interfaces: u32,
 }
 
-/// What a session has.
+/// The usage of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SessionUsage {
     /// Interfaces, of `Limits::interfaces_per_session`.
@@ -24,7 +24,7 @@ pub struct SessionUsage {
 }
 
 impl Domain {
-    /// What each user has.
+    /// The usage of each user.
     #[must_use]
     pub fn users(&self) -> BTreeMap<u32, UserUsage> {
         let mut users: BTreeMap<_, UserUsage> = BTreeMap::new();
@@ -37,7 +37,7 @@ impl Domain {
         users
     }
 
-    /// What each session has.
+    /// The usage of each session.
     #[must_use]
     pub fn sessions(&self) -> BTreeMap<NodeId, SessionUsage> {
         let mut sessions: BTreeMap<_, SessionUsage> = self

@@ -1,4 +1,4 @@
-//! Why two interfaces are linked, or are not.
+//! The reason why two interfaces are linked or not.
 
 use alloc::{string::String, vec::Vec};
 
@@ -9,153 +9,155 @@ use crate::{
     Code, EntityId, InterfaceId, Kind, LinkId, Name, NodeId, Refusal, TypeId, schema::Schema,
 };
 
-/// Why two interfaces are linked, or are not.
+/// The reason why two interfaces are linked or not.
 ///
-/// [`Display`](core::fmt::Display) gives one line that says what is, and, where somebody can
-/// do something about it, a second one that says what.
+/// [`Display`](core::fmt::Display) writes one line with the finding, and a second line with a
+/// remedy if there is one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Verdict {
-    /// The publisher or server, if there is just one; else the one with the lower id.
+    /// The publisher or server, if exactly one of the two is one; otherwise the one with the lower
+    /// id.
     pub one: Party,
-    /// The other one.
+    /// The other interface.
     pub other: Party,
-    /// What it is that decides.
+    /// The finding that decides.
     pub finding: Finding,
 }
 
 /// An interface, with the names that the domain has for it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Party {
-    /// Where it is.
+    /// The id of the interface.
     pub entity: EntityId,
-    /// The name of its node; none if the domain shows no such node.
+    /// The name of its node; `None` if the domain shows no such node.
     pub node: Option<Name>,
-    /// Whose process that is.
+    /// The user of the node's process.
     pub uid: Option<u32>,
-    /// What it is; none if the domain shows no such interface.
+    /// The kind; `None` if the domain shows no such interface.
     pub kind: Option<Kind>,
-    /// Its topic or service.
+    /// The topic or service.
     pub name: Option<Name>,
 }
 
-/// What decides. The first that applies, in this order, but `Linked` before all others.
+/// The finding that decides: the first that applies, in this order, but `Linked` before all others.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Finding {
     /// The domain has no such interface.
     Unknown {
-        /// Which.
+        /// The interface.
         entity: EntityId,
     },
     /// They are linked.
     Linked {
         /// The link's number.
         link: LinkId,
-        /// The version spoken on it.
+        /// The protocol version of the link.
         version: u16,
-        /// Whether anything on it may be displaced, and why.
+        /// Whether a message may be displaced, and why.
         reliability: Reliability,
-        /// Why every message on it is sealed or inline; empty if they need not be.
+        /// The reasons why every message is sealed or inline; empty if messages need not be.
         sealed: Vec<Seal>,
     },
     /// Their kinds are not counterparts.
     Kinds,
     /// Their names differ.
     Names {
-        /// How they look alike, if they do.
+        /// The way in which they look alike, if they do.
         near: Option<NearName>,
     },
-    /// One was not granted.
+    /// One of them was refused.
     Refused {
-        /// Which.
+        /// The refused interface.
         entity: EntityId,
-        /// Why not.
+        /// The reason.
         reason: Refusal,
-        /// An interface whose type stands against it, if that is why.
+        /// An interface that states the other type, if the type is the reason.
         against: Option<Party>,
     },
     /// Their types differ.
     Types {
-        /// The types that do.
+        /// The types that differ.
         differ: Vec<TypePair>,
     },
-    /// The subscriber demands what the publisher does not offer.
+    /// The subscriber demands reliability, which the publisher does not offer.
     Reliability,
     /// They match; one end has claimed their link, and the other has not yet.
     Claimed {
         /// The link's number.
         link: LinkId,
-        /// Who has.
+        /// The end that has claimed the link.
         by: EntityId,
     },
     /// They match; a node is still claiming links of an earlier Manager.
     Resuming {
-        /// Which.
+        /// The nodes that are still claiming.
         nodes: Vec<NodeId>,
     },
     /// They match; one of them ended their link, and the Manager does not link them again.
     Ended {
-        /// Why.
+        /// The code with which the link ended.
         code: Code,
     },
-    /// They match; a node may not have more links.
+    /// They match; a node has used up its quota of links.
     Quota {
-        /// Which.
+        /// The node.
         node: NodeId,
-        /// How many it may have.
+        /// The quota.
         limit: u32,
     },
     /// They match; the Manager had no descriptors for a link.
     Descriptors,
-    /// They match and nothing is in the way.
+    /// They match, and no rule prevents a link.
     Due,
 }
 
-/// Whether anything on a link may be displaced, and why.
+/// Whether a message of a link may be displaced, and why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reliability {
-    /// Nothing: it is a service's.
+    /// Nothing is displaced: the link belongs to a service.
     Service,
-    /// Nothing: the subscriber demands so.
+    /// Nothing is displaced: the subscriber demands reliability.
     Demanded,
-    /// The oldest: the subscriber does not demand otherwise, though the publisher offers it.
+    /// The oldest message is displaced: the subscriber does not demand reliability, though the
+    /// publisher offers it.
     NotDemanded,
-    /// The oldest: the publisher offers nothing else.
+    /// The oldest message is displaced: the publisher does not offer reliability.
     NotOffered,
 }
 
-/// Why every message on a link is inline or sealed (SM2-MAT-003).
+/// A reason why every message of a link is inline or sealed (SM2-MAT-003).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Seal {
     /// One of its ends asks for it.
     Asked {
-        /// Which.
+        /// The end that asks for it.
         by: EntityId,
     },
     /// The domain's policy seals every link.
     Policy,
     /// They belong to different users.
     Users,
-    /// An earlier Manager wanted it so.
+    /// An earlier Manager sealed the link.
     Kept,
 }
 
-/// Two types that should be one.
+/// Two types that have to be equal.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct TypePair {
-    /// Of what.
+    /// The payload that they describe.
     pub part: Part,
-    /// What the publisher or server states.
+    /// The type that the publisher or server states.
     pub offered: TypeId,
-    /// What the subscriber or client states.
+    /// The type that the subscriber or client states.
     pub demanded: TypeId,
-    /// Where their schemas differ first, if those are known: [`Verdict::with_schemas`].
+    /// The first difference of their schemas, if both are known: see [`Verdict::with_schemas`].
     pub difference: Option<String>,
 }
 
-/// What a type is of.
+/// The payload that a type describes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
@@ -168,8 +170,8 @@ pub enum Part {
 }
 
 impl Verdict {
-    /// Whether the contracts of the two match (SM2-MAT-001), so that they are linked or
-    /// would be, were nothing else in the way.
+    /// Whether the contracts of the two match (SM2-MAT-001), so that only other rules can prevent a
+    /// link.
     #[must_use]
     pub const fn matches(&self) -> bool {
         match self.finding {
@@ -195,7 +197,7 @@ impl Verdict {
         matches!(self.finding, Finding::Linked { .. })
     }
 
-    /// The types whose schema texts would tell more: for [`Verdict::with_schemas`].
+    /// The types whose schema texts would explain more: for [`Verdict::with_schemas`].
     pub fn types(&self) -> impl Iterator<Item = &TypeId> {
         let differ = match &self.finding {
             Finding::Types { differ } => &differ[..],
@@ -204,7 +206,7 @@ impl Verdict {
         differ.iter().flat_map(|it| [&it.offered, &it.demanded])
     }
 
-    /// Adds where the types differ, as far as `text` knows their schemas.
+    /// Adds the first difference of types that differ, if `text` knows their schemas.
     #[must_use]
     pub fn with_schemas(mut self, mut text: impl FnMut(&TypeId) -> Option<String>) -> Self {
         if let Finding::Types { differ } = &mut self.finding {

@@ -1,4 +1,4 @@
-//! What there is in a domain, by kind.
+//! The nodes, interfaces and links of a domain.
 
 use alloc::vec::Vec;
 
@@ -26,11 +26,11 @@ pub struct NodeView<'a> {
 /// An interface, granted or refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InterfaceView<'a> {
-    /// Where it is.
+    /// The id.
     pub entity: EntityId,
-    /// What it is, or would have been.
+    /// The contract, granted or refused.
     pub contract: &'a Contract,
-    /// Why it was refused, if it was.
+    /// The reason of the refusal, if it was refused.
     pub refused: Option<&'a Refusal>,
 }
 
@@ -43,16 +43,16 @@ pub struct LinkView {
     pub offering: EntityId,
     /// The subscriber or client.
     pub demanding: EntityId,
-    /// The version spoken on it.
+    /// The protocol version of the link.
     pub version: u16,
-    /// Whether nothing on it may be displaced.
+    /// Whether no message may be displaced.
     pub reliable: bool,
-    /// Whether every message on it is inline or sealed.
+    /// Whether every message is inline or sealed.
     pub sealed: bool,
 }
 
 impl LinkView {
-    /// Whether one of its ends is there.
+    /// Whether one of its ends is this interface.
     #[must_use]
     pub fn touches(&self, entity: EntityId) -> bool {
         self.offering == entity || self.demanding == entity
@@ -60,7 +60,7 @@ impl LinkView {
 }
 
 impl Domain {
-    /// What the operator allows, if the Manager says so.
+    /// The public part of the operator's policy, if the Manager has sent it.
     #[must_use]
     pub fn limits(&self) -> Option<&Limits> {
         match self.get(&Key::Domain)? {
@@ -81,7 +81,7 @@ impl Domain {
         self.get(&Key::Member { entity }).and_then(as_node)
     }
 
-    /// The node of that name.
+    /// The node of this name.
     #[must_use]
     pub fn node_named(&self, name: &str) -> Option<NodeView<'_>> {
         self.nodes().find(|node| node.name.as_str() == name)
@@ -115,7 +115,7 @@ impl Domain {
         self.items().filter_map(as_link)
     }
 
-    /// The links of one interface; one with itself comes once.
+    /// The links of one interface. A link that joins it with itself comes once.
     pub fn links_of(&self, entity: EntityId) -> impl Iterator<Item = LinkView> {
         self.links().filter(move |link| link.touches(entity))
     }
@@ -128,8 +128,8 @@ impl Domain {
         })
     }
 
-    /// Why two interfaces that match are not linked, if the Manager says so: the
-    /// publisher or server first.
+    /// The reason why two interfaces that match are not linked, if the Manager has stated one. The
+    /// publisher or server comes first.
     #[must_use]
     pub fn unlinked_reason(
         &self,
@@ -146,8 +146,8 @@ impl Domain {
         }
     }
 
-    /// The interfaces that a person means: `node:topic`, or `topic` alone, or `node` alone
-    /// if no topic or service has that name. One leading `/` of each name is dropped.
+    /// The interfaces that a person names with `node:topic`, with `topic` alone, or with `node`
+    /// alone if no topic or service has that name. One leading `/` of each name is dropped.
     #[must_use]
     pub fn find(&self, text: &str) -> Vec<EntityId> {
         if let Some((node, name)) = text.split_once(':') {

@@ -1,4 +1,4 @@
-//! Why two interfaces are linked or not, as the items of a domain explain it.
+//! Derives from the items of a domain why two interfaces are linked or not.
 
 use alloc::vec::Vec;
 
@@ -10,7 +10,7 @@ use crate::{
     Contract, EntityId, Kind, Mismatch, Refusal, TypeId, control::UnlinkedReason, match_contracts,
 };
 
-/// Why the two are linked, or are not. The order of the two does not matter.
+/// The reason why the two interfaces are linked or not. Their order does not matter.
 //= SM2-MAT-001, SM2-MAT-003, SM2-WCH-004
 #[must_use]
 pub fn why(domain: &Domain, one: EntityId, other: EntityId) -> Verdict {
@@ -27,7 +27,7 @@ pub fn why(domain: &Domain, one: EntityId, other: EntityId) -> Verdict {
     }
 }
 
-/// The publisher or server first, if there is just one; else the lower id.
+/// The publisher or server first, if exactly one of the two is one; otherwise the lower id.
 fn sorted(domain: &Domain, one: EntityId, other: EntityId) -> (EntityId, EntityId) {
     let rank = |entity| {
         let kind = domain.interface(entity).map(|it| it.contract.kind());
@@ -55,7 +55,7 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
         }
         Some(Mismatch::Type | Mismatch::Reliability) | None => {}
     }
-    // An interface that is not there cannot be linked, whatever its type.
+    // An interface that does not exist cannot be linked, whatever its type.
     let refused = [one, other].into_iter().find_map(|it| {
         let reason = it.refused?.clone();
         Some(Finding::Refused {
@@ -74,7 +74,7 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
     }
 }
 
-/// Why two interfaces that match are not linked.
+/// The reason why two interfaces that match are not linked.
 fn obstacle(domain: &Domain, offering: EntityId, demanding: EntityId) -> Finding {
     match domain.unlinked_reason(offering, demanding) {
         Some(UnlinkedReason::Ended { code }) => return Finding::Ended { code },
@@ -84,7 +84,7 @@ fn obstacle(domain: &Domain, offering: EntityId, demanding: EntityId) -> Finding
     }
     let resuming = |entity: EntityId| domain.node(entity.node).is_some_and(|it| it.resuming);
     let claim = |by, absent| {
-        // Whose counterpart is still to come may be the other one.
+        // The claim may wait for the end at the other interface.
         let (link, _) = domain.claims().find(|&(_, entity)| entity == by)?;
         resuming(absent).then_some(Finding::Claimed { link, by })
     };
@@ -146,7 +146,7 @@ fn seals(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) ->
     seals
 }
 
-/// The types that differ where both state one.
+/// The types that differ, if both interfaces state one.
 fn types(offering: &Contract, demanding: &Contract) -> Vec<TypePair> {
     let pair = |part, offered: &TypeId, demanded: &TypeId| {
         (offered != demanded).then(|| TypePair {

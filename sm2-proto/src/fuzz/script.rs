@@ -1,4 +1,4 @@
-//! Bytes as a list of choices among few names and small numbers, so that they meet.
+//! Reads bytes as a list of choices among few names and small numbers, so that choices repeat.
 
 use alloc::{string::String, vec::Vec};
 
@@ -12,47 +12,47 @@ use crate::{
 const NAMES: [&str; 4] = ["a", "b", "c", "d/e"];
 const TEXTS: [&str; 4] = ["plain:u8", "postcard:string", "postcard:u64", "plain:"];
 
-/// The bytes, spent from the front. Every method gives `None` when they are used up.
+/// The bytes, spent from the front. Every method returns `None` when they are used up.
 #[derive(Clone, Debug)]
 pub struct Script<'a>(&'a [u8]);
 
 impl<'a> Script<'a> {
-    /// All of them are still to be spent.
+    /// A script of which no byte is spent.
     #[must_use]
     pub const fn new(data: &'a [u8]) -> Self {
         Self(data)
     }
 
-    /// The next one.
+    /// The next byte.
     pub fn byte(&mut self) -> Option<u8> {
         let (&byte, rest) = self.0.split_first()?;
         self.0 = rest;
         Some(byte)
     }
 
-    /// One of so many choices, from 0.
+    /// One of this many choices, from 0.
     ///
     /// # Panics
     ///
-    /// If there is none.
+    /// There is no choice.
     pub fn below(&mut self, choices: u8) -> Option<usize> {
         Some(usize::from(self.byte()? % choices))
     }
 
-    /// As many as a byte says, or what is left.
+    /// As many bytes as the next byte says, or the rest.
     pub fn bytes(&mut self) -> Option<&'a [u8]> {
         let len = self.byte()?;
         Some(self.at_most(len.into()))
     }
 
-    /// So many, or what is left.
+    /// This many bytes, or the rest.
     pub fn at_most(&mut self, len: usize) -> &'a [u8] {
         let (bytes, rest) = self.0.split_at(len.min(self.0.len()));
         self.0 = rest;
         bytes
     }
 
-    /// Small, but for one in 256.
+    /// A number that is small but for one in 256.
     pub fn number(&mut self) -> Option<u64> {
         Some(match self.byte()? {
             u8::MAX => u64::MAX,
@@ -60,7 +60,7 @@ impl<'a> Script<'a> {
         })
     }
 
-    /// Mostly `right`; sometimes next to it, sometimes far from it.
+    /// Mostly `right`; sometimes a number next to it, sometimes one far from it.
     pub(crate) fn near(&mut self, right: u64) -> Option<u64> {
         Some(match self.byte()? {
             0xff => right.wrapping_add(1),
@@ -107,7 +107,7 @@ impl<'a> Script<'a> {
         })
     }
 
-    /// A type and its text, or one that is not its.
+    /// A type and its text, or the text of another type.
     pub(crate) fn schema(&mut self) -> Option<(TypeId, String)> {
         let choice = usize::from(self.byte()?);
         let text = TEXTS[choice % TEXTS.len()];
@@ -117,14 +117,14 @@ impl<'a> Script<'a> {
         Some((TypeId { name, hash }, text.into()))
     }
 
-    /// Legal, but for one in 256.
+    /// A contract that is legal but for one in 256.
     pub(crate) fn contract(&mut self) -> Option<Contract> {
         let choice = self.byte()?;
         // Zero is out of range.
         self.contract_as(choice, u16::from(choice != u8::MAX))
     }
 
-    /// The one of this number, with this depth.
+    /// The contract of this number, with this depth.
     pub(crate) fn contract_as(&mut self, choice: u8, depth: u16) -> Option<Contract> {
         let [reliable, sealed, stated] = [4, 8, 16].map(|bit| choice & bit != 0);
         let name = self.name()?;

@@ -217,7 +217,8 @@ impl NodeRecord {
         })
     }
 
-    /// The pair of a live link; `None` if the link is not live.
+    /// The pair of a live link, which the link lacks until its other end has claimed it. The outer
+    /// `None`: the link is not live.
     pub(super) fn live_link(&self, interface: InterfaceId, link: LinkId) -> Option<Option<Pair>> {
         self.interfaces.get(&interface)?.live.get(&link).copied()
     }

@@ -6,7 +6,7 @@ use crate::{
     proofs::{below, one_of},
 };
 
-/// Both ends of each range of bytes that a name may have, and what is beside them.
+/// Both ends of each range of bytes that a name may have, and their neighbours.
 const BYTES: [u8; 22] = *b"az{`AZ[@09:/._^-,. \0\x7f\xff";
 
 fn is_legal_byte(byte: u8) -> bool {
@@ -25,7 +25,7 @@ fn is_name(bytes: &[u8]) -> bool {
             .all(|segment| !segment.is_empty() && segment.iter().all(|it| is_legal_byte(*it)))
 }
 
-/// NAM-GRAMMAR: any text of up to three bytes, of those around which the grammar changes.
+/// NAM-GRAMMAR: any text of up to three of the bytes at which the grammar changes.
 //= SM2-NAM-001 kani
 #[cfg_attr(kani, kani::proof)]
 // Four bytes.
@@ -42,7 +42,7 @@ fn names_follow_the_grammar() {
     let empty = Err(NameError::Empty);
     assert_eq!(verdict == empty, bytes.is_empty());
     if let Err(NameError::BadByte(at) | NameError::EmptySegment(at)) = verdict {
-        // What stands before it is the beginning of a name.
+        // The bytes before it are the beginning of a name.
         let before = bytes[..at].strip_suffix(b"/").unwrap_or(&bytes[..at]);
         assert!(before.is_empty() || is_name(before));
     }

@@ -1,4 +1,4 @@
-//! Where two schemas differ, for a person who wants to know why two programs do not fit.
+//! The first difference of two schemas, for a person who wants to know why two programs do not fit.
 
 use alloc::{format, string::String};
 use core::fmt;
@@ -10,11 +10,11 @@ use super::tree::{Encoding, Field, Type};
 /// `acceleration: array of 3 f64 here, array of 4 f64 there`
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// The fields that lead there, such as `points[].x`; empty for the message itself.
+    /// The fields that lead to this place, such as `points[].x`; empty for the message itself.
     pub path: String,
-    /// What the one schema has there.
+    /// The first schema's type, field or variant at this place.
     pub here: String,
-    /// What the other has there.
+    /// The second schema's type, field or variant at this place.
     pub there: String,
 }
 
@@ -88,7 +88,8 @@ fn fields(path: &str, here: &[Field], there: &[Field]) -> Option<Difference> {
     )
 }
 
-/// What has named members: the first name that differs, or else what differs in a member.
+/// Compares the named members of two types: the first name that differs, or else the first
+/// difference within a member.
 fn members<'a>(
     path: &str,
     (one, many): (&str, &str),
@@ -124,7 +125,7 @@ fn difference(path: &str, here: String, there: String) -> Option<Difference> {
     Some(Difference { path, here, there })
 }
 
-/// A type in a few words, however large it is.
+/// A short description of a type, however large the type is.
 fn brief(ty: &Type) -> String {
     let count = |len: usize, what: &str| format!("{len} {what}{}", if len == 1 { "" } else { "s" });
     match ty {

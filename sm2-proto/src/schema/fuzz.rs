@@ -5,7 +5,7 @@ use core::str;
 
 use super::{Layout, Schema, hash};
 
-/// Only what is exactly the text of a schema is read; what is read says the same again.
+/// Only the exact text of a schema is read, and a schema that was read is written as the same text.
 //= SM2-TYP-001 fuzz
 pub(crate) fn text(data: &[u8]) {
     let Ok(text) = str::from_utf8(data) else {

@@ -1,5 +1,5 @@
-//! The hash of each kind of type, made of the hashes of its parts. All `const`, so that a
-//! program's types have theirs at compile time.
+//! The hash of each kind of type, computed from the hashes of its parts. All functions are `const`,
+//! so that a program's types have their hashes at compile time.
 
 /// The hash of a text: FNV-1a, 64 bits.
 #[must_use]
@@ -26,7 +26,7 @@ pub const fn array(element: u64, len: u64) -> u64 {
     elements.text(";").hex(len).text("]").0
 }
 
-/// The hash of as many values of one type as a message says.
+/// The hash of a list of values of one type.
 #[must_use]
 pub const fn list(element: u64) -> u64 {
     Hasher::new().text("list[").hex(element).text("]").0
@@ -51,7 +51,7 @@ pub const fn option(value: u64) -> u64 {
     Hasher::new().text("option[").hex(value).text("]").0
 }
 
-/// The hash of a message type: how a structure becomes bytes.
+/// The hash of a message type: an encoding, and the hash of the structure that is encoded.
 #[must_use]
 pub const fn message(encoding: &str, structure: u64) -> u64 {
     Hasher::new().text(encoding).text(":").hex(structure).0

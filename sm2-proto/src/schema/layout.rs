@@ -1,24 +1,24 @@
-//! Where the values of a plain message lie.
+//! The positions of values in a plain message.
 
 use super::{Field, Type};
 use crate::limits::MESSAGE_MAX;
 
-/// How many bytes a plain value takes.
+/// The number of bytes that a plain value takes.
 ///
-/// Plain values have no padding (SPEC Annex A), so each begins where the one before it ends.
-/// Their alignment is not known: `u32` stands for numbers with and without one.
+/// Plain values have no padding (SPEC Annex A), so each begins where the one before it ends. Their
+/// alignment is not known: `u32` stands for numbers with and without one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
-    /// What is always there, at most [`MESSAGE_MAX`].
+    /// The size of the fixed part, at most [`MESSAGE_MAX`].
     pub fixed_bytes: u64,
-    /// The size of an element of the list at its end, at least 1, if it has one.
+    /// The size of an element of the list at the end, at least 1; `None` without a list.
     pub element_bytes: Option<u64>,
 }
 
-/// Why a type has no plain layout.
+/// The reason for which a type has no plain layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoLayout {
-    /// Only encodings can express it.
+    /// Only an encoding can express the type.
     #[error("plain messages hold numbers, booleans, characters, arrays and structures only")]
     Kind,
     /// A list in a list, or before another field.
@@ -62,7 +62,7 @@ impl Layout {
         }
     }
 
-    /// How many elements the list at the end has in a value of this many bytes; 0 if there is
+    /// The number of elements in the list at the end of a value of this many bytes; 0 if there is
     /// no list. `None` if no value has this size.
     #[must_use]
     pub fn elements(&self, bytes: u64) -> Option<u64> {
@@ -73,11 +73,11 @@ impl Layout {
         }
     }
 
-    /// The size of a type whose values all have the same.
+    /// The size of a type whose values all have the same size.
     ///
     /// # Errors
     ///
-    /// [`NoLayout`] if they have not.
+    /// [`NoLayout`] if their sizes differ.
     pub fn size_of(ty: &Type) -> Result<u64, NoLayout> {
         let layout = Self::of(ty)?;
         match layout.element_bytes {
@@ -92,7 +92,7 @@ impl Layout {
             if before.element_bytes.is_some() {
                 return Err(NoLayout::ListNotLast);
             }
-            // Both are at most MESSAGE_MAX: the sum does not overflow.
+            // Both are at most MESSAGE_MAX, so the sum does not overflow.
             let fixed_bytes = before.fixed_bytes + this.fixed_bytes;
             if fixed_bytes > MESSAGE_MAX {
                 return Err(NoLayout::TooLong);

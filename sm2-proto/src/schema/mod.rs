@@ -1,12 +1,12 @@
-//! Schemas: what a message's bytes mean, as a text and as a tree (SPEC Annex A).
+//! Schemas: the meaning of a message's bytes, as a text and as a tree (SPEC Annex A).
 //!
-//! The text is what programs register with the Manager and what tools get from it:
-//! `postcard:struct{frame:string,points:list[struct{0:f64,1:f64,}],}`. It certifies itself: the
+//! Programs register the text with the Manager, and tools get it from there:
+//! `postcard:struct{frame:string,points:list[struct{0:f64,1:f64,}],}`. The text proves itself: the
 //! hash of the type, which programs compare, follows from it ([`Schema::hash`]).
 //!
-//! [`Schema::parse`] is the only way to a [`Schema`], so whoever has one has a tree of at most
-//! [`SCHEMA_DEPTH_MAX`](crate::limits::SCHEMA_DEPTH_MAX) levels whose names are legal, and
-//! whose text ([`Display`](fmt::Display)) is the one that it came from.
+//! [`Schema::parse`] is the only way to make a [`Schema`]. So every schema has at most
+//! [`SCHEMA_DEPTH_MAX`](crate::limits::SCHEMA_DEPTH_MAX) levels, legal names, and the text
+//! ([`Display`](fmt::Display)) from which it was made.
 
 mod difference;
 #[cfg(feature = "fuzzing")]
@@ -25,7 +25,7 @@ pub use self::layout::{Layout, NoLayout};
 pub use self::parse::{ParseError, Reason, is_name};
 pub use self::tree::{Encoding, Field, Scalar, Type, Variant};
 
-/// What the bytes of a message type are: an encoding, and what is encoded.
+/// The schema of a message type: an encoding and the type that is encoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Schema {
     encoding: Encoding,
@@ -37,19 +37,19 @@ impl Schema {
     ///
     /// # Errors
     ///
-    /// [`ParseError`] for anything that is not exactly the text of a schema (SM2-TYP-001).
+    /// [`ParseError`] for any text that is not exactly that of a schema (SM2-TYP-001).
     pub fn parse(text: &str) -> Result<Self, ParseError> {
         let (encoding, root) = parse::schema(text)?;
         Ok(Self { encoding, root })
     }
 
-    /// How the value becomes bytes.
+    /// The encoding, which turns a value into bytes.
     #[must_use]
     pub const fn encoding(&self) -> &Encoding {
         &self.encoding
     }
 
-    /// What is encoded.
+    /// The type that is encoded.
     #[must_use]
     pub const fn root(&self) -> &Type {
         &self.root
@@ -61,7 +61,7 @@ impl Schema {
         hash::message(self.encoding.name(), self.root.hash())
     }
 
-    /// Where this schema and another one differ first, if they do.
+    /// The first difference between this schema and another one, if they differ.
     #[must_use]
     pub fn difference(&self, other: &Self) -> Option<Difference> {
         let [here, there] = [self, other].map(|it| (&it.encoding, &it.root));

@@ -1,4 +1,4 @@
-//! From a schema text to its tree: strict, so that each schema has exactly one text.
+//! Reads a schema text into its tree. Reading is strict, so that each schema has exactly one text.
 
 use alloc::{boxed::Box, collections::BTreeSet, vec::Vec};
 
@@ -8,17 +8,17 @@ use crate::limits::{SCHEMA_DEPTH_MAX, SCHEMA_TEXT_MAX};
 /// The longest name of an encoding, in bytes.
 const ENCODING_NAME_MAX: usize = 32;
 
-/// Why a text is not that of a schema.
+/// The first error of a text that is not that of a schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("not a schema text: {reason}, at byte {at}")]
 pub struct ParseError {
-    /// Where, as an offset in bytes.
+    /// The offset of the error, in bytes.
     pub at: usize,
-    /// What was expected there.
+    /// The rule that the text breaks there.
     pub reason: Reason,
 }
 
-/// What is wrong with a text that is not that of a schema.
+/// The rule that a text breaks which is not that of a schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Reason {
     /// The whole text is too long.
@@ -27,25 +27,25 @@ pub enum Reason {
     /// Too many brackets are open.
     #[error("it is nested more than {SCHEMA_DEPTH_MAX} deep")]
     TooDeep,
-    /// It does not begin with the name of an encoding.
+    /// The text does not begin with the name of an encoding.
     #[error("expected the name of an encoding: 1 to {ENCODING_NAME_MAX} of a-z, 0-9, `-`, `_`")]
     Encoding,
     /// No type has this name.
     #[error("expected a type, such as u8, string or struct{{…}}")]
     Type,
-    /// A field or variant has no name, or one with characters that names do not have.
+    /// A field or variant has no name, or its name has an illegal character.
     #[error("expected a name")]
     Name,
-    /// Two fields, or two variants, are named alike.
+    /// Two fields, or two variants, have the same name.
     #[error("this name is there already")]
     NameTwice,
-    /// The length of an array.
+    /// The length of an array is malformed.
     #[error("expected 16 hexadecimal digits, 0-9 and a-f")]
     Length,
-    /// Another character than the only one that can follow.
+    /// Only one character can follow, and another one does.
     #[error("expected `{0}`")]
     Expected(char),
-    /// The schema is over before the text is.
+    /// The schema ends before the text.
     #[error("expected the end")]
     End,
 }
@@ -77,23 +77,24 @@ pub(super) fn schema(text: &str) -> Result<(Encoding, Type), ParseError> {
     Ok((encoding, root))
 }
 
-/// Whether fields and variants can have this name.
+/// Whether a field or variant can have this name.
 #[must_use]
 pub fn is_name(text: &str) -> bool {
     !text.is_empty() && text.chars().all(is_name_char)
 }
 
-/// The rule needs no tables of Unicode. Whoever prints names escapes what is not printable.
+/// The rule needs no tables of Unicode. A program that prints names has to escape unprintable
+/// characters.
 const fn is_name_char(c: char) -> bool {
     c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '\u{a0}'..)
 }
 
-/// Its stack is bounded by `depth`, and what it makes by the text's length: each node of the
-/// tree takes at least two bytes.
+/// Reads the text in one pass. `depth` bounds the stack, and the length of the text bounds the
+/// memory: each node of the tree takes at least two bytes of text.
 struct Parser<'a> {
     text: &'a str,
     at: usize,
-    /// How many brackets are open.
+    /// The number of open brackets.
     depth: usize,
 }
 

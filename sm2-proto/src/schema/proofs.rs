@@ -1,4 +1,4 @@
-//! Harnesses for schema texts: what is read is what was written, and its hash follows from it.
+//! Harnesses for schema texts: a text is read back unchanged, and its hash follows from it.
 
 use alloc::string::{String, ToString};
 
@@ -52,7 +52,7 @@ fn wrap(inner: &str, part: u64) -> (String, u64) {
     (text, hash)
 }
 
-/// The hash of a type is that of its parts' hashes, and does not depend on how it is written down.
+/// The hash of a type follows from the hashes of its parts, and from nothing else.
 //= SM2-NAM-003, SM2-TYP-001 kani
 #[cfg_attr(kani, kani::proof)]
 // Texts of at most 70 bytes.
@@ -77,7 +77,7 @@ fn hashes_follow_from_the_parts() {
     kani::cover!(whole == "plain:u8", "the other one");
 }
 
-/// One byte changed anywhere: it is no schema any more, or the schema of just that text.
+/// A text with one byte changed is no schema any more, or the schema of just that text.
 //= SM2-TYP-001 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(72))]

@@ -54,7 +54,7 @@ fn a_text_and_its_tree_are_the_same() {
     assert_eq!(fields[1].ty().to_string(), "array[f64;0000000000000003]");
 }
 
-/// The numbers that `sm2-node` has for these types in its tests.
+/// The hashes that the tests of `sm2-node` expect for these types.
 //= SM2-NAM-003 test
 #[test]
 fn the_hash_follows_from_the_text() {
@@ -385,7 +385,7 @@ proptest! {
         prop_assert_eq!(Schema::parse(&text), Ok(schema.clone()));
         prop_assert_eq!(schema.difference(&schema), None);
         prop_assert_eq!(schema.hash(), hash_of_text(&text));
-        // Whatever it says: it ends without a panic.
+        // Any text is read without a panic.
         let _ = Layout::of(schema.root());
     }
 
@@ -403,7 +403,7 @@ proptest! {
     fn no_text_makes_it_panic(text in ".{0,60}", schema in schemas(), at in any::<u16>()) {
         let _ = Schema::parse(&text);
         let _ = Schema::parse(&format!("plain:{text}"));
-        // Texts that are nearly right, and read to nothing else.
+        // Texts that are nearly legal are not read as another schema.
         let mut near: Vec<char> = schema.to_string().chars().collect();
         let at = usize::from(at) % near.len();
         near[at] = text.chars().next().unwrap_or('{');

@@ -5,21 +5,21 @@ use core::fmt;
 
 use super::hash;
 
-/// How a value becomes bytes.
+/// The way in which a value becomes bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// As it lies in memory, without padding.
+    /// As the value lies in memory, without padding.
     Plain,
     /// The postcard format, as in control frames.
     Postcard,
     /// JSON, as serde writes it.
     Json,
-    /// One that SPEC does not know.
+    /// An encoding that SPEC does not define.
     Other(Box<str>),
 }
 
 impl Encoding {
-    /// Its name in schema texts.
+    /// The name in schema texts.
     #[must_use]
     pub const fn name(&self) -> &str {
         match self {
@@ -47,22 +47,22 @@ pub enum Type {
     Scalar(Scalar),
     /// `string`
     Text,
-    /// Values of several types, each with a name; those of a tuple are `0`, `1`, ….
+    /// Values of several types, each with a name. The fields of a tuple are named `0`, `1`, ….
     Struct(Vec<Field>),
     /// One of several variants.
     Enum(Vec<Variant>),
     /// `len` values of one type.
     Array {
-        /// The type of each.
+        /// The type of each value.
         element: Box<Type>,
-        /// How many.
+        /// The number of values.
         len: u64,
     },
-    /// As many values of one type as the message says.
+    /// A list of values of one type, whose length the message states.
     List(Box<Type>),
-    /// As a list, without order.
+    /// A list whose values differ from each other and have no order.
     Set(Box<Type>),
-    /// Pairs.
+    /// A list of pairs whose first values differ from each other.
     Map {
         /// The type of a pair's first value.
         key: Box<Type>,
@@ -81,13 +81,13 @@ pub struct Field {
 }
 
 impl Field {
-    /// Its name; a number for the field of a tuple.
+    /// The name; a number for the field of a tuple.
     #[must_use]
     pub const fn name(&self) -> &str {
         &self.name
     }
 
-    /// What it holds.
+    /// The type.
     #[must_use]
     pub const fn ty(&self) -> &Type {
         &self.ty
@@ -102,13 +102,13 @@ pub struct Variant {
 }
 
 impl Variant {
-    /// Its name.
+    /// The name.
     #[must_use]
     pub const fn name(&self) -> &str {
         &self.name
     }
 
-    /// What it holds.
+    /// The fields.
     #[must_use]
     pub fn fields(&self) -> &[Field] {
         &self.fields
@@ -124,16 +124,16 @@ macro_rules! scalars {
         }
 
         impl Scalar {
-            /// All of them.
+            /// All scalars.
             pub const ALL: &'static [Self] = &[$(Self::$variant),*];
 
-            /// Its name in schema texts.
+            /// The name in schema texts.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name,)* }
             }
 
-            /// How many bytes it takes in memory.
+            /// The size in memory, in bytes.
             #[must_use]
             pub const fn size_bytes(self) -> u64 {
                 match self { $(Self::$variant => $size,)* }
