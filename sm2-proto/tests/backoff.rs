@@ -21,7 +21,7 @@ fn waits_double_up_to_the_longest_and_differ() {
                 seen.insert(wait);
             }
             assert!(round == 0 || seen.len() > limits.len());
-            // A connection that was none changes nothing.
+            // A connection without a duration changes nothing.
             backoff.ended_after(MOST - Duration::from_nanos(1));
             assert!(backoff.wait() >= MOST / 2);
             backoff.ended_after(MOST);

@@ -1,5 +1,5 @@
-//! Random claims of a few sessions, honest and not, against an oracle of SPEC section 11
-//! that is a few lists: who is linked with whom, whose claim waits, who is told what.
+//! Random claims of a few sessions, honest and not, against an oracle of SPEC section 11 that
+//! consists of a few lists: the links, the claims that wait, and the frames to each node.
 
 #[path = "support/claims_oracle.rs"]
 mod claims_oracle;

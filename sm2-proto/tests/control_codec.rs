@@ -1,5 +1,5 @@
-//! The codec of control frames: every frame there and back, every other datagram
-//! refused by its name, and a second decoder that agrees on both.
+//! The codec of control frames: every frame is read back, every other datagram is refused with the
+//! right violation, and a second decoder agrees on both.
 
 #[path = "support/direction.rs"]
 mod direction;
@@ -214,7 +214,7 @@ fn only_the_shortest_varint() {
             "{longer:?}"
         );
     }
-    // More bytes than the type can need, or bits beyond it, are out of range.
+    // A number with more bytes than its type can need, or with bits beyond it, is out of range.
     let too_long = [[0x80; 10].as_slice(), &[0]].concat();
     let too_large = [[0xff; 9].as_slice(), &[2]].concat();
     for number in [too_long, too_large] {
@@ -395,7 +395,7 @@ fn texts() {
     );
 }
 
-/// When several rules are broken, the first of SPEC section 10's order is named.
+/// If a datagram breaks several rules, the first one in the order of SPEC section 10 is named.
 //= SM2-COD-001 test
 #[test]
 fn precedence() {
@@ -408,7 +408,7 @@ fn precedence() {
     not_canonical.splice(1..2, [0x81, 0]);
     let mut trailing = not_canonical.clone();
     trailing.push(0);
-    // The bool after the bad depth: bytes are read before ranges are judged.
+    // The bool after the bad depth: bytes are read before ranges are checked.
     let mut malformed = trailing.clone();
     let at = malformed.len() - 2;
     malformed[at] = 2;

@@ -1,11 +1,11 @@
 //! Replays `tests/vectors/control.json`, the golden vectors of control frames.
 //!
-//! A vector is one datagram `to` the Manager or a node, with so many `fds`, in a
-//! session where `before` has happened: frames received and, with `>` in front,
-//! frames that the receiver had sent itself. (The Manager's own frames follow
-//! from those it received; its epoch is 1, the session its first.) `truncated`
-//! says what the kernel cut, `file` what a descriptor is that is no file of counters.
-//! Then it is either a `frame`, in SPEC's words, or a `violation`.
+//! A vector is one datagram `to` the Manager or a node, with `fds` descriptors, in a session after
+//! `before`. `before` lists frames that were received and, with `>` in front, frames that the
+//! receiver had sent itself. (The Manager's own frames follow from those it received; its epoch is
+//! 1, the session its first.) `truncated` names what the kernel cut, and `file` the kind of a
+//! descriptor that is no file of counters. The vector is either a `frame`, in SPEC's words, or a
+//! `violation`.
 
 #[path = "support/naive_control.rs"]
 mod naive;
@@ -65,7 +65,7 @@ struct File {
     seals: u32,
 }
 
-/// What each descriptor is, unless a vector says otherwise.
+/// The facts about each descriptor, unless a vector states others.
 const COUNTERS: FdFacts = FdFacts {
     regular: true,
     size_bytes: 1_024,
@@ -101,7 +101,7 @@ fn meaning(frame: &impl serde::Serialize) -> Value {
     meaning.into()
 }
 
-/// Variants as SPEC spells them. Names of the vectors are all in small letters.
+/// Variants as SPEC spells them. Names in the vectors are in small letters.
 fn spell(value: Value) -> Value {
     match value {
         Value::Object(fields) => {
@@ -116,7 +116,7 @@ fn spell(value: Value) -> Value {
     }
 }
 
-/// What looks like a variant and is a name.
+/// A name that looks like a variant.
 const NAMES: [&str; 3] = ["Scan", "sensor/Image", "Az_09-/b"];
 
 fn words(variant: &str, between: char) -> String {
@@ -174,8 +174,8 @@ impl Vector {
         }
     }
 
-    /// What the datagram leads to in its session: the violation, and the code
-    /// of the goodbye that goes out.
+    /// The effect of the datagram in its session: the violation, and the code of the goodbye that
+    /// goes out.
     fn replay(&self) -> Option<(Violation, Code)> {
         match self.to {
             Receiver::Manager => self.replay_to_manager(),
@@ -391,7 +391,7 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         let found = frames.any(|it| it.contains(&with_fields) || it.contains(&without));
         assert!(found, "{variant}");
     }
-    // Those of sessions, and of the one descriptor that a node hands over.
+    // The violations of sessions, and of the one descriptor that a node hands over.
     let of_files = [
         ViolationKind::NotAMemfd,
         ViolationKind::SealsMissing,

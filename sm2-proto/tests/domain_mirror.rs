@@ -1,4 +1,4 @@
-//! How a mirror follows its Manager.
+//! A mirror that follows its Manager.
 
 mod support;
 
@@ -27,7 +27,7 @@ fn a_mirror_reads_pages_and_then_changes() {
     );
     assert_eq!(mirror.page(7, vec![lidar.clone()], Some(first)), Ok(vec![]));
     assert_eq!(mirror.ask(), Some(Ask::Page { after: Some(first) }));
-    // The domain changed meanwhile.
+    // The domain has changed since.
     assert_eq!(mirror.page(9, vec![planner.clone()], None), Ok(vec![]));
     assert_eq!(mirror.ask(), Some(Ask::Changes { after: 7 }));
     assert_eq!(mirror.page(9, vec![], None), Err(BrokenAnswer::Unrequested));
@@ -46,7 +46,7 @@ fn a_mirror_reads_pages_and_then_changes() {
     assert_eq!(changes, Ok(vec![set(&planner)]), "lidar came and went");
     assert_eq!(mirror.ask(), None);
     assert_eq!(mirror.domain().revision(), 9);
-    // Exact, it follows.
+    // An exact mirror follows changes.
     assert_eq!(mirror.page(9, vec![], None), Err(BrokenAnswer::Unrequested));
     assert_eq!(
         mirror.changes(9, Some(vec![]), false),
@@ -54,14 +54,15 @@ fn a_mirror_reads_pages_and_then_changes() {
     );
     let changes = mirror.changes(10, Some(vec![set(&planner), set(&lidar)]), false);
     assert_eq!(changes, Ok(vec![set(&lidar)]), "only what is news");
-    // A part of them is no exact state.
+    // A part of the changes is no exact state.
     let changes = mirror.changes(11, Some(vec![gone.clone()]), true);
     assert_eq!(changes, Ok(vec![]));
     assert_eq!(mirror.domain().revision(), 10);
     let changes = mirror.changes(12, Some(vec![set(&lidar)]), false);
     assert_eq!(changes, Ok(vec![]), "it came back");
     assert_eq!(mirror.domain().revision(), 12);
-    // The Manager has forgotten, or is another one: everything anew, and what differs.
+    // The Manager has forgotten the changes, or is another one: the mirror reads everything again
+    // and returns the differences.
     assert_eq!(mirror.changes(50, None, false), Ok(vec![]));
     assert_eq!(mirror.ask(), Some(Ask::Page { after: None }));
     assert_eq!(
@@ -104,8 +105,8 @@ fn a_mirror_does_not_take_nonsense() {
 proptest! {
     #![proptest_config(cases(1_000))]
 
-    /// What differs between two domains makes the one of the other, and a mirror that is
-    /// told it arrives there.
+    /// The differences between two domains turn the one into the other, and a mirror that gets them
+    /// arrives there.
     //= SM2-WCH-003 test
     #[test]
     fn differences_are_exact(
@@ -137,7 +138,7 @@ proptest! {
             mirror.page(2, tail, None).expect("sense");
             mirror.changes(2, Some(changes), false).expect("sense");
             prop_assert_eq!(mirror.domain(), &new);
-            // Exact, it is told the same way back.
+            // An exact mirror follows the same changes backwards.
             let back = new.difference(&old);
             let told = mirror.changes(3, Some(back.clone()), false);
             prop_assert_eq!(told, Ok(back));

@@ -1,13 +1,11 @@
-//! Random histories of a domain: the shipped Manager and the shipped nodes,
-//! with everything between them in flight as long as chance will have it,
-//! against a naive oracle.
+//! Random histories of a domain: the shipped Manager and the shipped nodes, with frames in flight
+//! for a random time, against a naive oracle.
 //!
-//! Checked at each step: no correct node and no Manager is ever accused of a
-//! violation; refusals, links and pages are what the oracle says; revisions and
-//! link ids are not used twice. Checked whenever all is quiet: both sides of
-//! each link know of it, and there is one for each pair that is to have one.
-//! Checked at the end: nothing is kept of the dead, and rogues changed nothing
-//! in what the others saw.
+//! Checked at each step: no correct node and no Manager is accused of a violation; refusals, links
+//! and pages equal those of the oracle; revisions and link ids are not used twice. Checked whenever
+//! all is quiet: both sides of each link know of it, and each pair that is to have a link has one.
+//! Checked at the end: no state is kept of nodes that are gone, and rogues have changed nothing
+//! that other nodes see.
 
 mod support;
 
@@ -22,7 +20,7 @@ use support::{
     world::World,
 };
 
-/// One thing that happens. The numbers pick among whoever it can happen to.
+/// One event. The numbers pick among the nodes, interfaces and links that it can happen to.
 #[derive(Clone, Debug)]
 enum Op {
     Start { slot: usize, name: u8, uid: u32 },
@@ -62,7 +60,7 @@ fn contract() -> impl Strategy<Value = Contract> {
     })
 }
 
-/// What no state allows: garbage, or frames that name what nobody has.
+/// Frames that no state allows: garbage, or unknown ids.
 fn breach() -> impl Strategy<Value = Vec<u8>> {
     let nowhere = InterfaceId(u64::MAX);
     let unlinked = ToManager::Unlinked {
@@ -114,7 +112,7 @@ fn op() -> impl Strategy<Value = Op> {
     ]
 }
 
-/// How many LINKs may be sent ahead: so few that they wait, or so many that they hardly do.
+/// The number of LINKs in flight: so few that links wait, or so many that they hardly do.
 fn ahead() -> impl Strategy<Value = usize> {
     prop_oneof![3 => 1..4_usize, 1 => Just(16)]
 }

@@ -1,4 +1,4 @@
-//! What there is in a domain, and what of it is used up.
+//! The nodes, interfaces and links of a domain, and the used part of its quotas.
 
 mod support;
 

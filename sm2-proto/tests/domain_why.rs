@@ -1,4 +1,4 @@
-//! What a domain's mirror says of two interfaces, word for word.
+//! The texts of a domain's mirror about two interfaces, word for word.
 
 mod support;
 
@@ -255,7 +255,7 @@ fn refused_and_by_whom() {
          (schema 0000000000000007), as lidar's publisher of scan states.\n\
          Use one type for both, or another name for one of them."
     );
-    // Whoever stated the type has gone since; a refused one states nothing.
+    // The interface that stated the type is gone. A refused interface states none.
     let refused = [
         refusal(at(LIDAR, 1), &scan(), &stated),
         refusal(at(PLANNER, 1), &image, &stated),
@@ -404,7 +404,7 @@ fn the_nearest_come_first() {
             .collect::<Vec<_>>()
     };
     assert_eq!(near(&domain), [6, 5, 3, 2, 1]);
-    // Whoever is linked is not named.
+    // An interface that is linked is not named.
     domain.page([Item::Link {
         link: LINK,
         offering: at(LIDAR, 1),
@@ -423,8 +423,8 @@ fn the_nearest_come_first() {
 proptest! {
     #![proptest_config(cases(1_000))]
 
-    /// A verdict says *matches* of just those that do, whichever is named first, and
-    /// there are words for it.
+    /// A verdict says *matches* of exactly those pairs that match, whichever interface is named
+    /// first, and has a text for each finding.
     //= SM2-MAT-001 test
     #[test]
     fn why_agrees_with_the_rule(items in vec(items(), 0..40), one in entities(), other in entities()) {
@@ -441,7 +441,7 @@ proptest! {
             }
             _ => false,
         };
-        // A link is what the Manager says, whatever else it says.
+        // The Manager alone says which links there are, whatever other items it sends.
         prop_assert!(verdict.matches() == matches || verdict.is_linked());
         let near = nearest(&domain, one);
         prop_assert!(near.len() <= NEAR_MAX);
@@ -449,7 +449,7 @@ proptest! {
             let expected = why(&domain, one, near.entity);
             prop_assert_eq!(near.verdict, expected);
         }
-        // Whoever counts and lists meets nothing that it stumbles over.
+        // Counting and listing work on any items.
         prop_assert!(domain.sessions().len() >= domain.users().len());
     }
 }

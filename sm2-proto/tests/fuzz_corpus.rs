@@ -58,7 +58,7 @@ fn every_seed() {
     }
 }
 
-/// None is forgotten: each target has seeds, and a test that replays them.
+/// Each target has seeds, and a test that replays them.
 #[test]
 fn every_target() {
     let names: Vec<_> = TARGETS.iter().map(|(name, _)| (*name).to_owned()).collect();

@@ -1,4 +1,4 @@
-//! Take-over: which links of an earlier Manager are adopted, and what is linked anew
+//! Take-over: the links of an earlier Manager that are adopted, and the pairs that are linked anew
 //! (SPEC section 11).
 
 #[path = "support/claims.rs"]
@@ -41,7 +41,7 @@ fn a_link_that_both_ends_claim_is_adopted() {
         }
         let adopted = [link_item(LINK, entity(a, OFFERING), entity(b, DEMANDING))];
         assert_eq!(relations(&bench, a), adopted);
-        // Nothing is made, nobody is told.
+        // No link is made, and no node is told.
         for node in [b, a] {
             assert_eq!(claimed(&mut bench, node), []);
         }
@@ -79,7 +79,7 @@ fn both_ends_of_one_node() {
     assert_eq!(bench.manager.links(), 0);
 }
 
-/// Until CLAIMED nobody is linked with a session, also not with itself.
+/// Until CLAIMED a session is not linked, not even with itself.
 //= SM2-RES-002, SM2-RES-007 test
 #[test]
 fn nothing_is_linked_before_claimed() {
@@ -97,21 +97,20 @@ fn nothing_is_linked_before_claimed() {
     };
     let made = links_made(&claimed(&mut bench, a));
     let made: Vec<_> = made.into_iter().map(|(_, ends)| ends).collect();
-    // In the order of a's interfaces; nothing with c, which is still busy.
+    // In the order of a's interfaces, and not with c, which is still resuming.
     let expected = [
         ends((a, 1), (a, 2)),
         ends((a, 1), (b, 1)),
         ends((a, 2), (b, 2)),
     ];
     assert_eq!(made, expected);
-    // What a declares now is linked at once, with all but c.
+    // An interface that a declares now is linked at once, with all but c.
     assert_eq!(bench.declared(a, 3, &wanted()).len(), 2);
     let made = links_made(&claimed(&mut bench, c));
     assert_eq!(made.len(), 1 + 3 + 2);
 }
 
-/// What differs in anything belongs to nobody, and what belongs together is adopted all
-/// the same.
+/// Claims that differ in any field do not meet, and the claims that agree are adopted all the same.
 //= SM2-RES-004, SM2-RES-006 test
 #[test]
 fn claims_that_differ() {
@@ -154,8 +153,8 @@ fn claims_that_differ() {
     }
 }
 
-/// Two that invent a link under the number of another one, before or after its owners
-/// come, or do whatever else they like: the owners see nothing of it.
+/// Two nodes invent a link under the number of another one, before or after its owners claim it,
+/// and do other things: the owners notice nothing.
 //= SM2-RES-004 test
 #[test]
 fn whoever_does_not_know_the_key_changes_nothing() {
@@ -194,7 +193,8 @@ fn whoever_does_not_know_the_key_changes_nothing() {
     assert_eq!(relations(&bench, a), [adopted]);
 }
 
-/// Adopted by its QoS, or told `not-adopted` and, where they match, linked anew.
+/// Each link is adopted if its QoS fits. Otherwise both ends are told `not-adopted` and, if they
+/// match, linked anew.
 fn adoption(policy: Policy, one: (u32, &Contract), other: (u32, &Contract), qos: [bool; 2]) {
     let [reliable, sealed] = qos;
     let mut bench = Bench::new(policy);
@@ -214,7 +214,7 @@ fn adoption(policy: Policy, one: (u32, &Contract), other: (u32, &Contract), qos:
         assert_eq!(seen_by(events, a), [unlink(1, LINK, 6)]);
         assert_eq!(seen_by(events, b), [unlink(2, LINK, 6)]);
     };
-    // What a Manager would make of the two now.
+    // The QoS with which a Manager would link the two now.
     let mut anew = Bench::new(policy);
     let (c, d) = (anew.node(one.0, "c"), anew.node(other.0, "d"));
     anew.declared(c, 1, one.1);
@@ -309,13 +309,13 @@ fn a_pair_has_one_link() {
     assert_eq!(claimed(&mut bench, b), []);
 }
 
-/// A link that was adopted and ended is not made anew, whoever of its ends still resumes.
+/// A link that was adopted and has ended is not made again, whichever of its ends still resumes.
 //= SM2-RES-007, SM2-LNK-004 test
 #[test]
 fn a_pair_that_ended_its_link_stays_unlinked() {
     for a_is_ready in [false, true] {
         let (mut bench, a, b) = both_back(Policy {
-            // Also where nobody can see it.
+            // Also where no page shows it.
             unlinked_per_session: 0,
             ..UNLIMITED
         });

@@ -1,4 +1,5 @@
-//! What nodes hand to the Manager for others to ask for: counters, and texts of types.
+//! The counters and the texts of types that nodes hand to the Manager, and that other nodes ask
+//! for.
 
 mod support;
 
@@ -41,7 +42,7 @@ fn counters_are_kept_and_handed_on() {
     let (a, b) = (bench.node(1, "a"), bench.node(2, "b"));
     let inspect = |bench: &mut Bench, of| bench.send(b, &ToManager::Inspect { node: of });
     let none = |of| Event::Sent(b, ToNode::NotInspected { node: of });
-    // Before there are any, of oneself, and of nobody.
+    // INSPECT before there are counters, of the node itself, and of a number without a node.
     for of in [a, b, NodeId(0), NodeId(99)] {
         assert_eq!(inspect(&mut bench, of), [none(of)]);
     }
@@ -53,7 +54,7 @@ fn counters_are_kept_and_handed_on() {
         assert_eq!(inspect(&mut bench, a), std::slice::from_ref(&answer));
     }
     assert_eq!(inspect(&mut bench, b), [none(b)]);
-    // A connection that does not greet has none either.
+    // A connection that has not greeted has no counters either.
     let greeting = bench.connect(1);
     assert_eq!(inspect(&mut bench, greeting), [none(greeting)]);
     bench.close(a);
@@ -85,7 +86,7 @@ fn files_that_are_no_counters() {
     for size in [0, 512, 1_023, 1_025, 1_536 + 8, 4_194_304 + 512, u64::MAX] {
         bad.push((violation!(BadSize, "SM2-CNT-001"), with(size)));
     }
-    // The first that applies.
+    // The first check that fails names the violation.
     bad.push((violation!(NotAMemfd, "SM2-CNT-001"), FdFacts::default()));
     bad.push((
         violation!(SealsMissing, "SM2-CNT-001"),
@@ -104,7 +105,7 @@ fn files_that_are_no_counters() {
         let events = hand_over(&mut bench.clone(), node, file);
         assert_eq!(events, [Event::CountersKept(node)], "{file:?}");
     }
-    // Once, whatever comes with the second.
+    // COUNTERS is legal once, whatever comes with the second one.
     hand_over(&mut bench, node, COUNTERS);
     for file in [COUNTERS, FdFacts::default()] {
         let events = hand_over(&mut bench.clone(), node, file);
@@ -113,7 +114,7 @@ fn files_that_are_no_counters() {
             [hung_up(node, violation!(CountersTwice, "SM2-CNT-001"))]
         );
     }
-    // It comes along, and alone.
+    // The descriptor comes along, and only that one.
     for fds in [0, 2] {
         let bytes = encode_to_manager(&ToManager::Counters);
         let datagram = Datagram {
@@ -137,7 +138,7 @@ fn register(bench: &mut Bench, node: NodeId, data: &TypeId, text: &str) -> Vec<E
     bench.send(node, &ToManager::Schema { data, text })
 }
 
-/// What a node is told of a type.
+/// The Manager's answers about types.
 fn described(bench: &mut Bench, node: NodeId, data: &TypeId) -> Option<String> {
     let frame = ToManager::Describe { data: data.clone() };
     let events = bench.send(node, &frame);
@@ -164,7 +165,7 @@ fn texts_live_as_long_as_somebody_who_registered_them() {
         assert_eq!(register(&mut bench, node, &pose, POSE), []);
     }
     assert_eq!(bench.manager.revision(), revision);
-    // The name and the hash make the type.
+    // Name and hash together identify a type.
     let namesake = TypeId {
         hash: pose.hash + 1,
         ..pose.clone()
@@ -223,7 +224,7 @@ fn texts_beyond_the_quota_are_not_kept() {
         }
         let found = [&first, &second].map(|data| described(&mut bench, b, data).is_some());
         assert_eq!(found, [kept > 0, kept > 1]);
-        // It is each session's own.
+        // Each session has its own registrations.
         register(&mut bench, b, &first, POSE);
         assert_eq!(
             described(&mut bench, b, &first).is_some(),
@@ -234,7 +235,7 @@ fn texts_beyond_the_quota_are_not_kept() {
     }
 }
 
-/// Nothing of it is left when all are gone; the machine's invariants say the rest.
+/// No text is left once all sessions are gone. The machine's invariants check the rest.
 //= SM2-CNT-001, SM2-SCH-001, SM2-SES-006 test
 #[test]
 fn nothing_is_left() {

@@ -1,4 +1,4 @@
-//! Take-over: what a session that comes back may claim, and how claims end (SPEC
+//! Take-over: the claims that a resuming session may make, and the ways in which claims end (SPEC
 //! section 11).
 
 #[path = "support/claims.rs"]
@@ -63,7 +63,7 @@ fn claims_that_break_spec() {
     }
 }
 
-/// An interface has a link once: as a claim, adopted, or told that it is over.
+/// An interface has a link once: as a claim, adopted, or told that the link is over.
 //= SM2-RES-003 test
 #[test]
 fn the_same_link_twice() {
@@ -116,7 +116,7 @@ fn a_claim_without_counterpart_expires() {
     bench.now = start.after(Duration::from_secs(1));
     assert_eq!(claimed(&mut bench, a), []);
     bench.now = start.after(Duration::from_millis(1_500));
-    // Its time starts with CLAIMED, and is that of the claimer alone.
+    // The time of a claim starts with CLAIMED of its own session.
     bench.send(b, &claim(DEMANDING, LINK, KEY + 1));
     let events = claimed(&mut bench, b);
     assert_eq!(links_made(&events).len(), 1, "a claim hinders nobody");
@@ -141,7 +141,7 @@ fn a_claim_without_counterpart_expires() {
 #[test]
 fn a_claim_ends_like_any_link() {
     let claims = |bench: &Bench, asks| relations(bench, asks).len();
-    // UNLINKED: answered, and that was it.
+    // UNLINKED is answered, and then the link is over.
     let (mut bench, a, b) = both_back(UNLIMITED);
     bench.send(a, &claim(OFFERING, LINK, KEY));
     let mut withdrawn = bench.clone();
@@ -151,7 +151,7 @@ fn a_claim_ends_like_any_link() {
     let rule = violation(&mut bench.clone(), a, &unlinked(OFFERING, LINK));
     assert_eq!(rule, violation!(UnknownLink, "SM2-LNK-003"));
     assert_eq!(claims(&bench, b), 0);
-    // The counterpart comes too late, and is left alone with its claim.
+    // The counterpart comes too late, and its own claim stays without one.
     bench.send(b, &claim(DEMANDING, LINK, KEY));
     assert_eq!((bench.manager.links(), claims(&bench, b)), (0, 1));
     // WITHDRAW.
@@ -160,7 +160,7 @@ fn a_claim_ends_like_any_link() {
     };
     assert_eq!(withdrawn.withdraw(a, OFFERING), [Event::Sent(a, gone)]);
     assert_eq!(claims(&withdrawn, b), 0);
-    // The claimer dies while it resumes, and after it.
+    // The node that claims dies, while it resumes and after that.
     let mut later = dead.clone();
     claimed(&mut later, a);
     for bench in [&mut dead, &mut later] {
@@ -202,7 +202,7 @@ fn quotas_of_links() {
         reason: UnlinkedReason::Quota { node: a, limit: 2 },
     };
     assert_eq!(relations(&bench, a).last(), Some(&unlinked));
-    // A session's own pair takes two ends.
+    // A pair of one session has two ends, too.
     let both = [
         (1, publisher("map", &data("Map"))),
         (2, subscriber("map", None)),
@@ -246,7 +246,7 @@ fn other_quotas_hold_from_the_first_frame() {
     assert_eq!(bench.send(b, &resuming("b")), [Event::Sent(b, refused)]);
 }
 
-/// Nobody can have more open links than there can be, told to end them or not.
+/// No node can have more open links than the limit, whether or not it was told that they ended.
 //= SM2-RES-008 test
 #[test]
 fn claims_without_end() {
@@ -287,13 +287,13 @@ fn the_time_to_greet_runs_until_claimed() {
     assert_eq!(bench.input(Input::Tick), [hung_up]);
     assert_eq!(bench.manager.deadline(), None);
     assert!(bench.is_known(b));
-    // Its name and its interface are gone with it.
+    // The name and the interface of the session are gone with it.
     bench.hello(b, "a");
     let c = bench.node(1, "a");
     assert_eq!(bench.declared(c, 1, &wanted()), []);
 }
 
-/// A name that another node took in the meantime is refused, as ever.
+/// A name that another node has taken in the meantime is refused.
 //= SM2-RES-001, SM2-SES-003 test
 #[test]
 fn a_name_taken_across_the_gap() {
@@ -314,7 +314,7 @@ fn a_name_taken_across_the_gap() {
     ));
 }
 
-/// What was refused on the way back can neither be claimed for nor linked.
+/// An interface that was refused during the resumption can neither be claimed for nor linked.
 //= SM2-RES-009, SM2-IFC-005 test
 #[test]
 fn an_interface_that_is_refused_now() {
@@ -333,7 +333,7 @@ fn an_interface_that_is_refused_now() {
     assert_eq!(claimed(&mut bench, a), []);
 }
 
-/// A node shows that it is resuming until it is not.
+/// A node is shown as resuming until it has sent CLAIMED.
 //= SM2-IFC-007 test
 #[test]
 fn resuming_shows() {
@@ -350,7 +350,7 @@ fn resuming_shows() {
     assert!(bench.manager.revision() > revision);
 }
 
-/// The key is the same at both ends, another one for each link and each Manager.
+/// The key is the same at both ends, and another one for each link and each Manager.
 //= SM2-LNK-002 test
 #[test]
 fn keys_of_links() {

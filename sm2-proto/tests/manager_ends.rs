@@ -1,4 +1,5 @@
-//! Whom the Manager gives up, and what is left when a session, or the Manager, ends.
+//! The sessions that the Manager gives up, and the state that is left when a session or the Manager
+//! ends.
 
 mod support;
 
@@ -41,7 +42,7 @@ fn whoever_does_not_greet_in_time_is_given_up() {
     let third = bench.connect(1);
     let due = start.after(Duration::from_secs(2));
     assert_eq!(bench.manager.deadline(), Some(due));
-    // A refusal does not buy time, a grant ends the wait.
+    // A refusal does not prolong the time to greet; a grant ends it.
     bench.hello(third, "third");
     let refused = ToNode::HelloRefused {
         reason: Refusal::NameTaken,
@@ -56,7 +57,7 @@ fn whoever_does_not_greet_in_time_is_given_up() {
         Event::HungUp(session, Some(Code(1)), cause)
     };
     bench.now = due;
-    // HELLO in the last moment comes too late.
+    // A HELLO at the last moment comes too late.
     let mut late = bench.clone();
     let both = [hung_up(first), hung_up(twin)];
     assert_eq!(late.hello(first, "first"), both);
@@ -69,7 +70,7 @@ fn whoever_does_not_greet_in_time_is_given_up() {
     assert!(bench.is_known(third));
 }
 
-/// Connections come and go; what is kept of them does not add up.
+/// Connections come and go, and no memory of them accumulates.
 //= SM2-SES-004 test
 #[test]
 fn the_deadline_is_that_of_a_session_that_waits() {
@@ -111,7 +112,7 @@ fn session_numbers_grow() {
     assert_eq!(manager.sessions(), 2);
 }
 
-/// A misuse changes nothing, not even what the time that has passed would.
+/// A misuse changes nothing, and does not even apply the time that has passed.
 //= SM2-SES-007 test
 #[test]
 fn a_misuse_changes_nothing() {
@@ -174,7 +175,7 @@ fn only_standbys_are_told_early_of_a_hand_over() {
     assert_eq!(bench.input(Input::DismissStandbys), []);
 }
 
-/// HELLO, DECLARE and all else of one session do not reach another one's.
+/// HELLO, DECLARE and all other frames of one session do not affect another one.
 //= SM2-TRN-007, SM2-IFC-003 test
 #[test]
 fn interfaces_belong_to_their_session() {

@@ -1,5 +1,5 @@
-//! LINKs in measure: what a session is sent ahead of its socket, what waits for it, and how much
-//! one input costs, counted in outputs and looks, not in time.
+//! Flow control for LINK frames: how many a session is sent ahead of its socket, which links wait,
+//! and the cost of one input. The cost is counted in outputs and pairs, not in time.
 
 mod support;
 
@@ -23,7 +23,7 @@ const POLICY: Policy = Policy {
     ..UNLIMITED
 };
 
-/// Everything that the Manager has put off, while these sessions read all that they get.
+/// All outputs of the deferred work, while these sessions read everything that they get.
 fn rest(bench: &mut Bench, readers: &[NodeId]) -> Vec<Event> {
     let mut events = Vec::new();
     loop {
@@ -49,7 +49,7 @@ fn links(events: &[Event]) -> Vec<LinkId> {
     links.collect()
 }
 
-/// A session with so many publishers of one topic.
+/// A session with this many publishers of one topic.
 fn offering(bench: &mut Bench, text: &str, publishers: u64) -> NodeId {
     let node = bench.node(1, text);
     for interface in 1..=publishers {
@@ -103,8 +103,8 @@ fn who_does_not_read_holds_up_nobody_else() {
     assert_eq!([told(deaf), told(fine), told(c)], [AHEAD, 10, 10 + AHEAD]);
 }
 
-/// What is never read costs a session no more than the LINKs ahead and their ends, whatever
-/// others do.
+/// A session that never reads costs the Manager no more than the LINKs in flight and the ends of
+/// its links, whatever other nodes do.
 //= SM2-LNK-007 test
 #[test]
 fn nobody_fills_the_queue_of_another_session() {
@@ -128,7 +128,7 @@ fn nobody_fills_the_queue_of_another_session() {
 #[test]
 fn an_honest_session_is_not_made_to_stall() {
     const QUEUE_BYTES: usize = 1 << 20;
-    /// What a frame takes besides its bytes, at most.
+    /// The overhead of a frame besides its bytes, at most.
     const EACH: usize = 64;
     let mut bench = Bench::new(Policy::default());
     let long = |prefix: char| format!("{prefix}{}", "x".repeat(254));
@@ -182,7 +182,7 @@ fn links_that_end_before_are_never_named() {
     let events = bench.withdraw(a, 5);
     assert_eq!(seen_by(&events, b), [], "{events:?}");
     assert_eq!(bench.manager.links(), 5);
-    // One of the two is gone; the other one is told of as soon as there is room.
+    // One of the two is gone. The other one is told as soon as there is room.
     assert_eq!(
         links(&rest(&mut bench, &[a, b])),
         [LinkId {
@@ -215,7 +215,7 @@ fn nobody_knows_a_link_that_it_was_not_told_of() {
     assert_eq!(bench.manager.links(), 0);
 }
 
-/// Where descriptors are short nothing is sent, so nothing has to be read before the others.
+/// Without descriptors no LINK is sent, so no frame has to be read before the others.
 //= SM2-LNK-007, SM2-IFC-002 test
 #[test]
 fn links_that_fail_leave_their_room_to_others() {
@@ -231,7 +231,7 @@ fn links_that_fail_leave_their_room_to_others() {
     assert_eq!(bench.manager.links(), 6);
 }
 
-/// The first call goes to whoever is there, however slow the other servers are.
+/// The first call goes to the server that is there, however slow the other servers are.
 //= SM2-LNK-007 test
 #[test]
 fn matches_counts_only_what_follows_at_once() {
@@ -246,7 +246,7 @@ fn matches_counts_only_what_follows_at_once() {
     }
 }
 
-/// So many subscribers that each match so many publishers, and one CLAIMED.
+/// This many subscribers, each of which matches this many publishers, and one CLAIMED.
 //= SM2-RES-007, SM2-LNK-007 test
 #[test]
 fn one_claimed_is_settled_in_parts() {
@@ -272,7 +272,7 @@ fn one_claimed_is_settled_in_parts() {
     let mut others = 0;
     while bench.manager.deadline() == Some(bench.now) {
         assert!(events.len() <= 2 * AHEAD, "{} outputs", events.len());
-        // Whoever comes in between is served in between.
+        // An input that comes in between is handled in between.
         let probe = bench.node(1, &format!("probe{ticks}"));
         let served = bench.declare(probe, 1, &subscriber("map", None));
         assert!(matches!(
@@ -317,7 +317,8 @@ fn what_happens_while_a_session_is_settled() {
     }
     let first = links(&bench.send(b, &ToManager::Claimed));
     assert_eq!(first.len(), 1, "one pair was looked at");
-    // A publisher more is linked with all three at once; one of these ends, and for good.
+    // A new publisher is linked with all three at once. One of these links ends, and is not made
+    // again.
     let new = bench.declared(a, 4, &scan());
     assert_eq!(new.len(), 3);
     bench.unlinked(a, 4, new[2]);
@@ -355,7 +356,7 @@ fn what_happens_while_a_session_is_settled() {
     assert!(pairs.values().all(|&times| times == 1));
 }
 
-/// Sessions that are settled take turns, so none waits for another one's end.
+/// Sessions are settled in turn, so none waits until another one is finished.
 //= SM2-RES-007 test
 #[test]
 fn sessions_are_settled_in_turns() {

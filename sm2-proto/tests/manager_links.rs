@@ -1,4 +1,4 @@
-//! Who the Manager links with whom, with what QoS, and how links end.
+//! The pairs that the Manager links, the QoS of the links, and the ways in which links end.
 
 mod support;
 
@@ -16,7 +16,7 @@ use support::{
     },
 };
 
-/// The QoS on which a link between users `a` and `b` comes to be.
+/// The QoS with which a link between users `a` and `b` is made.
 fn qos(policy: Policy, one: (u32, &Contract), other: (u32, &Contract)) -> Option<(bool, bool)> {
     let mut bench = Bench::new(policy);
     let a = bench.node(one.0, "a");
@@ -69,7 +69,7 @@ fn terms_of_topics() {
                             || (other_user && !waive);
                         let expected = reliable.map(|reliable| (reliable, sealed));
                         assert_eq!(qos(policy, one, other), expected);
-                        // It does not matter who comes first.
+                        // The order of the declarations does not matter.
                         assert_eq!(qos(policy, other, one), expected);
                     }
                 }
@@ -163,7 +163,7 @@ fn farewells() {
         let link = bench.declared(b, 1, &subscriber("scan", None))[0];
         (bench, a, b, link)
     };
-    // a is first: it is answered and b told; b answers, and both are done.
+    // a is first: it is answered and b is told. b answers, and both are done.
     let (mut bench, a, b, link) = linked();
     let events = bench.unlinked(a, 1, link);
     let said = |node| Event::Sent(node, unlink(1, link, 5));
@@ -178,7 +178,7 @@ fn farewells() {
         let hung_up = Event::HungUp(node, Some(Code(37)), cause);
         assert_eq!(events.last(), Some(&hung_up), "a second farewell");
     }
-    // Both at once: UNLINKED of b crosses its UNLINK.
+    // Both at once: UNLINKED of b crosses the Manager's UNLINK.
     let (mut bench, a, b, link) = linked();
     bench.unlinked(a, 1, link);
     assert_eq!(bench.unlinked(b, 1, link), []);
@@ -187,7 +187,7 @@ fn farewells() {
     let events = bench.withdraw(a, 1);
     assert_eq!(seen_by(&events, b), [unlink(1, link, 0)]);
     assert_eq!(bench.unlinked(b, 1, link), []);
-    // UNLINK is on its way to a, which withdraws and so never answers.
+    // UNLINK is in flight to a, which withdraws and so never answers.
     let (mut bench, a, b, link) = linked();
     bench.unlinked(b, 1, link);
     let gone = ToNode::Withdrawn {
@@ -212,10 +212,10 @@ fn a_link_without_descriptors_never_was() {
     assert_eq!(bench.input(Input::LinkFailed { link }), []);
     assert_eq!(bench.manager.links(), 0);
     assert_ne!(bench.manager.revision(), revision, "a page shows one less");
-    // The quota is free again, and withdrawing tells nobody of it.
+    // The quota is free again, and the withdrawal causes no UNLINK.
     assert_eq!(seen_by(&bench.withdraw(b, 1), a), []);
     assert_eq!(bench.declared(b, 2, &subscriber("scan", None)).len(), 1);
-    // A number that no link has is nobody's.
+    // A number that no link has.
     let mut strange = before;
     for epoch in [EPOCH, EPOCH + 1] {
         let link = sm2_proto::LinkId { epoch, serial: 9 };

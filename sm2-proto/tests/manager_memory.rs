@@ -1,4 +1,4 @@
-//! What the Manager remembers of what it did not grant and did not link (SM2-WCH-004).
+//! The refusals and the unlinked pairs that the Manager remembers (SM2-WCH-004).
 
 mod support;
 
@@ -29,7 +29,7 @@ fn items(bench: &Bench, asks: NodeId) -> Vec<Item> {
     }
 }
 
-/// The numbers of what was refused, and why.
+/// The numbers of refused interfaces, and the reasons.
 fn refused(bench: &Bench, node: NodeId) -> Vec<(u64, Contract, Refusal)> {
     let refused = items(bench, node)
         .into_iter()
@@ -92,7 +92,7 @@ fn the_last_refusals_are_shown() {
         assert_eq!(refused(&bench, b), expected);
     }
     assert_eq!(refused(&bench, a), []);
-    // They are each session's own.
+    // Each session has its own refusals.
     bench.declare(a, 2, &wrong("scan"));
     assert_eq!(refused(&bench, a).len(), 1);
     assert_eq!(refused(&bench, b).len(), 16);
@@ -103,7 +103,7 @@ fn the_last_refusals_are_shown() {
     assert_eq!(items(&bench, c).len(), 2);
 }
 
-/// Granted to the same session, of the same kind and name: nothing else supersedes it.
+/// An interface of the same session, kind and name is granted. Only that supersedes a refusal.
 //= SM2-WCH-004 test
 #[test]
 fn what_is_granted_supersedes_what_was_refused() {
@@ -128,7 +128,7 @@ fn what_is_granted_supersedes_what_was_refused() {
     let after = bench.manager.revision();
     bench.declared(b, 8, &scan());
     assert_eq!(numbers(&bench), []);
-    // Whoever watches hears of both.
+    // A watcher hears of both.
     let events = bench.send(a, &ToManager::Watch { after });
     let [
         Event::Sent(
@@ -166,7 +166,8 @@ fn a_refusal_shows_its_quota() {
     assert_eq!(refused(&bench, node), [(7, scan(), reason)]);
 }
 
-/// Why a pair is not linked, from its first moment to the end of one of its interfaces.
+/// The reason why a pair is not linked is shown from the first moment to the end of one of its
+/// interfaces.
 //= SM2-WCH-004, SM2-LNK-004, SM2-IFC-002, SM2-MAT-002 test
 #[test]
 fn causes() {
@@ -177,7 +178,7 @@ fn causes() {
     });
     let (a, b, c) = (bench.node(1, "a"), bench.node(1, "b"), bench.node(1, "c"));
     bench.declared(a, 1, &scan());
-    // Matching is not all: this one demands what nobody offers.
+    // The types match, but this subscriber demands reliability that no publisher offers.
     let unreliable = support::contracts::publisher_with("lost", &data("T"), false, false);
     bench.declared(c, 1, &unreliable);
     bench.declared(c, 2, &subscriber_with("lost", None, true, false));
@@ -192,7 +193,7 @@ fn causes() {
     let quota = UnlinkedReason::Quota { node: a, limit };
     let quota = (entity(a, 1), entity(c, 3), quota);
     assert_eq!(unlinked(&bench, a), [failed, quota]);
-    // The other's farewell does not change why.
+    // The other side's farewell does not change the reason.
     bench.unlinked(b, 2, link);
     bench.send(
         a,
@@ -235,10 +236,10 @@ fn so_many_unlinked_pairs_for_each_session() {
     bench.declared(b, 2, &scan());
     let shown = |bench: &Bench| unlinked(bench, a).len();
     assert_eq!(shown(&bench), 256, "of 299 + 1");
-    // The quota is of the offering side's session; a has its own.
+    // The quota belongs to the session of the offering side; a has its own.
     bench.declared(a, 2, &publisher("map", &data("Map")));
     assert_eq!(shown(&bench), 512);
-    // Each that goes makes room for the next.
+    // Each pair that goes makes room for the next one.
     bench.withdraw(c, 2);
     assert_eq!(shown(&bench), 510);
     bench.withdraw(b, 1);

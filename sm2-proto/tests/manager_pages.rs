@@ -1,4 +1,4 @@
-//! QUERY: a domain larger than a datagram, read a page at a time.
+//! QUERY: a domain that is larger than a datagram, read a page at a time.
 
 mod support;
 
@@ -50,7 +50,7 @@ fn contract(interface: u64) -> Contract {
     server(&format!("{long}/{interface}"), &types[0], &types[1])
 }
 
-/// Some nodes, with interfaces 2, 4, 6, … each; and all of it in order.
+/// Some nodes with interfaces 2, 4, 6, … each, and all items in order.
 fn domain() -> (Bench, Vec<Item>) {
     let mut bench = Bench::new(Policy::default());
     let limits = Limits {
@@ -65,7 +65,7 @@ fn domain() -> (Bench, Vec<Item>) {
     for number in 1..=NODES {
         let text = format!("node-{number}");
         let node = bench.node(1000, &text);
-        // A connection that does not greet is not shown.
+        // A connection that has not greeted is not shown.
         bench.connect(1000);
         items.push(Item::Node {
             node,
@@ -90,7 +90,7 @@ fn at(node: u64, interface: u64) -> EntityId {
     EntityId { node, interface }
 }
 
-/// Two nodes with each other kind of item.
+/// Two nodes with an item of each other kind.
 fn others(bench: &mut Bench, items: &mut Vec<Item>) {
     let node = bench.node(1000, "linked");
     let offers = publisher("scan", &data("Scan"));
@@ -201,7 +201,7 @@ fn a_page_starts_after_any_position() {
         serial: 0,
     };
     let last = at(u64::MAX, u64::MAX);
-    // Keys that nobody has, at the beginning and at the end of each kind.
+    // Keys that no item has, at the beginning and at the end of each kind.
     let strange = [at(0, 0), last].into_iter().flat_map(|entity| {
         [
             Key::Member { entity },
@@ -231,7 +231,7 @@ fn a_page_starts_after_any_position() {
     }
 }
 
-/// What changes between two pages changes the revision.
+/// A change between two pages changes the revision.
 //= SM2-IFC-007 test
 #[test]
 fn a_change_between_pages_shows() {
@@ -240,7 +240,7 @@ fn a_change_between_pages_shows() {
     bench.withdraw(NodeId(1), 2);
     let second = query(&mut bench, NodeId(1), first.next);
     assert!(second.revision > first.revision);
-    // What no page shows does not: a connection, and a greeting that is refused.
+    // Events that no page shows do not change it: a connection, and a greeting that is refused.
     let stranger = bench.connect(1000);
     bench.hello(stranger, "node-1");
     bench.close(stranger);

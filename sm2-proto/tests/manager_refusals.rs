@@ -1,4 +1,4 @@
-//! What the Manager refuses, and each quota exactly at its limit.
+//! The Manager's refusals, and each quota exactly at its limit.
 
 mod support;
 
@@ -36,7 +36,7 @@ fn a_name_is_taken_until_its_session_ends() {
         refusal(&bench.hello(second, "arm")),
         Some(&Refusal::NameTaken)
     );
-    // It may try as often as it likes, and another name at once.
+    // A node may try again as often as it likes, and with another name at once.
     assert_eq!(
         refusal(&bench.hello(second, "arm")),
         Some(&Refusal::NameTaken)
@@ -48,7 +48,7 @@ fn a_name_is_taken_until_its_session_ends() {
         node: second,
     };
     assert_eq!(bench.hello(second, "arm"), [Event::Sent(second, welcome)]);
-    // A name that was refused is not taken by that.
+    // A refused greeting does not take the name.
     let third = bench.connect(1);
     bench.hello(third, "arm");
     bench.hello(third, "leg");
@@ -159,7 +159,7 @@ fn interfaces_per_user() {
     bench.withdraw(b, 1);
     bench.declared(a, 3, &scan());
     assert_eq!(refusal(&bench.declare(b, 2, &scan())), Some(&reason));
-    // All that a session had is given back when it ends.
+    // All charges of a session are given back when it ends.
     bench.close(a);
     bench.declared(b, 3, &scan());
     bench.declared(b, 4, &scan());
@@ -186,7 +186,7 @@ fn links_per_session_of_whoever_declares() {
     assert_eq!(bench.manager.links(), 0, "all or nothing");
     bench.withdraw(publishers[0], 1);
     assert_eq!(bench.declared(node, 2, &wanted).len(), 2);
-    // At the limit: an interface without matches is granted, one with a match not.
+    // At the limit, an interface without matches is granted, and one with a match is refused.
     bench.declared(node, 3, &subscriber("image", None));
     assert_eq!(refusal(&bench.declare(node, 4, &wanted)), Some(&reason));
     // A link that has ended counts until both farewells are said.
@@ -199,7 +199,7 @@ fn links_per_session_of_whoever_declares() {
     assert_eq!(bench.manager.links(), 0);
     assert_eq!(bench.unlinked(node, 2, link), []);
     assert_eq!(bench.declared(publishers[1], 2, &scan()).len(), 1);
-    // Withdrawing gives back what nobody has answered for.
+    // WITHDRAW gives back the links whose farewells were never answered.
     bench.withdraw(node, 2);
     assert_eq!(bench.declared(node, 5, &wanted).len(), 2);
 }
@@ -215,15 +215,15 @@ fn links_per_session_of_the_other_side() {
     for interface in 1..=5 {
         bench.declared(full, interface, &scan());
     }
-    // Its share is counted within one DECLARE too.
+    // The links of one DECLARE count together, too.
     let one = bench.node(1, "one");
     assert_eq!(bench.declared(one, 1, &subscriber("scan", None)).len(), 3);
-    // The pair is not linked; the one who declares is granted, and others linked.
+    // The pair is not linked. The interface is granted and linked with others.
     let two = bench.node(1, "two");
     bench.declared(two, 1, &scan());
     let three = bench.node(1, "three");
     assert_eq!(bench.declared(three, 1, &subscriber("scan", None)).len(), 1);
-    // Room again: only for whoever declares from then on.
+    // There is room again, but only for interfaces that are declared from then on.
     bench.close(one);
     assert_eq!(bench.manager.links(), 1);
     let told = (1..=3).map(|interface| bench.withdraw(full, interface));
@@ -233,7 +233,7 @@ fn links_per_session_of_the_other_side() {
     assert_eq!(bench.declared(four, 1, &subscriber("scan", None)).len(), 3);
 }
 
-/// Both ends of a link within one session count there.
+/// Both ends of a link within one session count.
 //= SM2-MAT-001, SM2-MAT-002 test
 #[test]
 fn links_within_one_session() {
@@ -273,7 +273,7 @@ fn links_within_one_session() {
         bench.withdraw(node, 2);
         let again = bench.declared(node, 3, &subscriber("scan", None));
         assert_eq!(again.len(), 1);
-        // Withdrawing one end tells the other, which is the same session.
+        // Withdrawing one end tells the other end, which belongs to the same session.
         let frames = seen_by(&bench.withdraw(node, 1), node);
         let gone = ToNode::Withdrawn {
             interface: InterfaceId(1),
@@ -294,7 +294,7 @@ fn types_of_a_topic() {
     let theirs = Refusal::TopicType {
         theirs: data("Scan"),
     };
-    // Whoever takes any type fixes none.
+    // A subscriber of any type fixes no type.
     bench.declared(node, 1, &subscriber("scan", None));
     bench.declared(node, 2, &subscriber("scan", Some(&data("Scan"))));
     let wrong = [
@@ -309,15 +309,15 @@ fn types_of_a_topic() {
         assert_eq!(refusal(&events), Some(&theirs), "{contract:?}");
     }
     bench.declared(other, 10, &subscriber("scan", None));
-    // A service of that name is something else.
+    // A service of that name is independent.
     bench.declared(other, 11, &server("scan", &data("Image"), &data("Image")));
-    // The type is free once the last one who stated it is gone.
+    // The type is free once the last interface that states it is gone.
     bench.declared(other, 12, &scan());
     bench.withdraw(node, 2);
     assert_eq!(refusal(&bench.declare(node, 3, &wrong[0])), Some(&theirs));
     bench.withdraw(other, 12);
     assert_eq!(bench.declared(node, 4, &wrong[0]).len(), 2);
-    // Also when it goes without a word.
+    // Also when the session ends without GOODBYE.
     bench.close(node);
     bench.declared(other, 13, &scan());
 }
@@ -369,7 +369,7 @@ fn greetings_per_user() {
     let cause = Cause::Farewell(Farewell::Resources);
     assert_eq!(events, [Event::HungUp(third, Some(Code(4)), cause)]);
     bench.connect(2);
-    // Whoever is ready, or gone, does not count any more.
+    // A session that is ready, or gone, is not charged as greeting any more.
     bench.hello(first, "first");
     bench.connect(1);
     let (_, events) = bench.try_connect(1);

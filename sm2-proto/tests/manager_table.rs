@@ -1,5 +1,5 @@
-//! SPEC 4.1, cell by cell: what each state makes of each frame, and that a
-//! violation hurts nobody but whoever committed it.
+//! SPEC section 4.1, cell by cell: the effect of each frame in each state. A violation ends the
+//! session that committed it and affects no other one.
 
 mod support;
 
@@ -76,8 +76,7 @@ struct Scene {
     publisher: NodeId,
     subscriber: NodeId,
     offender: NodeId,
-    /// The offender's link with the honest publisher, if it is ready; its claim, if it
-    /// is resuming.
+    /// The offender's link with the honest publisher, if it is ready; its claim, if it is resuming.
     link: Option<LinkId>,
 }
 
@@ -194,7 +193,7 @@ fn end_to_end() {
                     Some(violation.code()),
                     Cause::Violation(violation),
                 )),
-                // Whoever said goodbye is not answered.
+                // A node that has said goodbye is not answered.
                 (Ok(()), Request::Goodbye) => Some((scene.offender, None, Cause::Goodbye(Code(0)))),
                 (Ok(()), _) => None,
             };
@@ -208,7 +207,7 @@ fn end_to_end() {
     }
 }
 
-/// Every way for a ready session to break SPEC, as the datagram that does it.
+/// Every way in which a ready session can break SPEC, as the datagram that does it.
 fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
     let other_epoch = LinkId {
         epoch: EPOCH + 1,
@@ -280,7 +279,7 @@ fn offend(scene: &mut Scene, bytes: &[u8], fds: usize) -> Vec<Event> {
     scene.bench.datagram(scene.offender, datagram)
 }
 
-/// What only a session that resumes can do wrong, and what it must not do as any.
+/// The rules that only a resuming session can break, and rules that hold for every session.
 fn breaches_while_resuming() -> Vec<(Violation, Vec<u8>, usize)> {
     let own = LinkId {
         epoch: EPOCH,
@@ -300,7 +299,7 @@ fn breaches_while_resuming() -> Vec<(Violation, Vec<u8>, usize)> {
     breaches
 }
 
-/// The others see nothing of a session that breaks SPEC while it resumes.
+/// The other sessions notice nothing of a session that breaks SPEC while it resumes.
 //= SM2-SES-005, SM2-SES-006, SM2-RES-003 test
 #[test]
 fn a_violation_while_resuming_is_nobody_elses() {
@@ -319,7 +318,7 @@ fn a_violation_while_resuming_is_nobody_elses() {
     }
 }
 
-/// What takes two frames.
+/// Violations that take two frames.
 //= SM2-WCH-001, SM2-CNT-001, SM2-RES-003 test
 #[test]
 fn a_violation_by_the_second_frame() {
@@ -367,7 +366,7 @@ fn a_violation_ends_its_session_alone() {
         let mut scene = scene(Phase::Ready);
         let mut left = scene.bench.clone();
         let events = offend(&mut scene, &bytes, fds);
-        // The other side of its link is told once; then it is hung up on, once.
+        // The other end of its link is told once. Then the offender is hung up on, once.
         let goodbye = Event::HungUp(
             scene.offender,
             Some(violation.code()),
@@ -375,7 +374,7 @@ fn a_violation_ends_its_session_alone() {
         );
         let told = Event::Sent(scene.publisher, unlink(1, link, 5));
         assert_eq!(events, [told.clone(), goodbye], "{violation}");
-        // For everybody else it is as if the offender had just gone.
+        // For all other sessions it is as if the offender had closed its connection.
         let gone = left.close(scene.offender);
         let gone_silently = Event::HungUp(scene.offender, None, Cause::Gone);
         assert_eq!(gone, [told, gone_silently]);
@@ -383,7 +382,7 @@ fn a_violation_ends_its_session_alone() {
     }
 }
 
-/// Whoever broke SPEC while greeting leaves no trace at all.
+/// A node that breaks SPEC while it greets leaves no trace.
 //= SM2-SES-005, SM2-SES-006 test
 #[test]
 fn a_violation_before_the_greeting_leaves_no_trace() {
@@ -398,7 +397,7 @@ fn a_violation_before_the_greeting_leaves_no_trace() {
             assert_eq!(without.manager, scene.bench.manager);
             assert_eq!(scene.bench.manager.revision(), revision);
         } else {
-            // A HELLO is the one legal thing here.
+            // HELLO is the only legal frame here.
             assert!(matches!(
                 events[..],
                 [Event::Sent(_, ToNode::Welcome { .. })]
@@ -407,7 +406,7 @@ fn a_violation_before_the_greeting_leaves_no_trace() {
     }
 }
 
-/// After the hang-up nothing that comes is answered, whatever it is.
+/// After the hang-up no datagram of the session is answered.
 //= SM2-SES-005 test
 #[test]
 fn an_ended_session_is_not_answered() {
@@ -421,8 +420,7 @@ fn an_ended_session_is_not_answered() {
     assert_eq!(scene.bench.manager, before);
 }
 
-/// What the honest pair sees of the rest of its session does not depend on
-/// how the offender ended.
+/// The rest of the honest pair's session does not depend on how the offender ended.
 //= SM2-SES-006 test
 #[test]
 fn the_others_go_on_alike() {

@@ -1,4 +1,4 @@
-//! WATCH: whoever reads pages and then changes has the domain as it is.
+//! WATCH: a node that reads pages and then changes has the domain as it is.
 
 mod support;
 
@@ -82,7 +82,7 @@ fn whoever_waits_is_answered_once() {
     for node in [a, b] {
         assert_eq!(bench.send(node, &watch(now)), []);
     }
-    // What changes nothing wakes nobody.
+    // An input that changes nothing wakes no watcher.
     assert_eq!(bench.input(Input::Tick), []);
     let stranger = bench.connect(1);
     bench.close(stranger);
@@ -94,16 +94,16 @@ fn whoever_waits_is_answered_once() {
         assert_eq!(answers[0].revision, bench.manager.revision());
         assert_eq!(keys(&answers[0]), [(member(c, 1), true)]);
     }
-    // It is a question each time.
+    // Each WATCH is answered once.
     let events = bench.withdraw(c, 1);
     assert_eq!(seen_by(&events, a), []);
-    // One's own change counts as well, and a revision of the past does not wait.
+    // A node's own change counts as well, and a WATCH of a past revision does not wait.
     let answer = asked(&mut bench, a, now);
     assert_eq!(keys(&answer), [(member(c, 1), false)]);
     bench.send(a, &watch(answer.revision));
     let events = bench.declare(a, 1, &scan());
     assert_eq!(seen_by(&events, a).len(), 2);
-    // Whoever waits and dies is not told, and leaves nothing behind.
+    // A watcher that dies is not answered and leaves no state.
     bench.send(a, &watch(bench.manager.revision()));
     let events = bench.close(a);
     assert_eq!(events.len(), 1, "{events:?}");
@@ -123,13 +123,13 @@ fn a_second_watch() {
         let hung_up = Event::HungUp(node, Some(Code(40)), cause);
         assert_eq!(events, [hung_up]);
     }
-    // After the answer it is not the second one.
+    // A WATCH after the answer is not a second one.
     bench.declare(node, 1, &scan());
     let now = bench.manager.revision();
     assert_eq!(bench.send(node, &watch(now)), []);
 }
 
-/// Each key once, in the order of its first change, as it is now.
+/// Each key once, in the order of its first change, with its present item.
 //= SM2-WCH-002 test
 #[test]
 fn changes_of_one_key_are_one_change() {
@@ -176,7 +176,7 @@ fn changes_of_one_key_are_one_change() {
     );
 }
 
-/// The oldest refusal makes room for the next, and whoever watches hears of both.
+/// The oldest refusal makes room for the next one, and a watcher hears of both.
 //= SM2-WCH-004 test
 #[test]
 fn a_refusal_that_is_forgotten_is_removed() {
@@ -223,7 +223,7 @@ fn what_is_forgotten_or_never_was() {
     asked(&mut bench, node, u64::MAX);
 }
 
-/// More than a datagram holds comes in parts, each as full as can be.
+/// Changes that do not fit into a datagram come in parts, each as full as possible.
 //= SM2-WCH-002, SM2-WCH-003, SM2-TRN-004 test
 #[test]
 fn changes_that_do_not_fit() {
@@ -237,7 +237,7 @@ fn changes_that_do_not_fit() {
         bench.declared(node, interface, &contract);
         expected.push((member(node, interface), true));
     }
-    // The first part is over before what became of this one.
+    // The first part ends before the latest change of this item.
     bench.withdraw(node, 3);
     expected[2].1 = false;
     let mut after = start;
@@ -253,7 +253,7 @@ fn changes_that_do_not_fit() {
         if !answer.more {
             break;
         }
-        // One more would not have fitted.
+        // One more change would not have fitted.
         let (changes, revision) = (answer.changes, answer.revision);
         let bytes = encode_to_node(&ToNode::Changes {
             revision,
@@ -264,19 +264,19 @@ fn changes_that_do_not_fit() {
         assert_eq!(revision - start, all.len() as u64, "{before}");
     }
     assert!(parts > 2);
-    // What changed again after its part comes again.
+    // An item that changed again after its part comes again.
     let again = (member(node, 3), false);
     assert_eq!(all.pop(), Some(again));
     assert_eq!(all, expected);
     assert_eq!(after, bench.manager.revision());
 }
 
-/// The domain as somebody sees it who reads pages, and then only changes.
+/// The domain as a node sees it that reads pages, and after that only changes.
 #[derive(Clone, Debug, Default)]
 struct Reader {
     items: BTreeMap<Key, Item>,
     revision: u64,
-    /// Where the next page starts, while there are more.
+    /// The key after which the next page starts, if more follow.
     reading: Option<Option<Key>>,
 }
 
@@ -288,7 +288,7 @@ impl Reader {
         }
     }
 
-    /// Reads one page, or what changed. Whether it has all now.
+    /// Reads one page, or the changes. Returns whether the state is exact.
     fn step(&mut self, bench: &mut Bench, node: NodeId) -> bool {
         if let Some(after) = self.reading {
             let events = bench.send(node, &ToManager::Query { after });
@@ -332,7 +332,7 @@ impl Reader {
     }
 }
 
-/// The exact state, all pages at one revision.
+/// The exact state: all pages at one revision.
 fn exact(bench: &mut Bench, node: NodeId) -> BTreeMap<Key, Item> {
     let mut reader = Reader::fresh();
     while reader.reading.is_some() {
@@ -385,7 +385,7 @@ fn contract(choice: u8) -> Contract {
 proptest! {
     #![proptest_config(cases(150))]
 
-    /// At any time, with any pages read before or after any change, also when the log
+    /// This holds at any time, with any pages read before or after any change, also when the log
     /// does not reach back far enough.
     //= SM2-WCH-003, SM2-IFC-007 test
     #[test]
@@ -399,7 +399,7 @@ proptest! {
         let mut reader = Reader::fresh();
         let mut was_exact = (0, BTreeMap::new());
         for op in ops {
-            // What a node must not do is left out: its session would end.
+            // Frames that a node must not send are left out, because its session would end.
             let send = |bench: &mut Bench, node: NodeId, frame: &ToManager| {
                 let mut after = bench.clone();
                 let events = after.send(node, frame);
@@ -446,7 +446,7 @@ proptest! {
                     prop_assert_eq!(&reader.items, &exact(&mut bench, observer));
                 },
             }
-            // A revision is one state.
+            // A revision identifies one state.
             let now = (bench.manager.revision(), exact(&mut bench, observer));
             if now.0 == was_exact.0 {
                 prop_assert_eq!(&now.1, &was_exact.1);

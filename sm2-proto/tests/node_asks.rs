@@ -1,4 +1,4 @@
-//! What a node asks its Manager, and answers that nobody asked for (SPEC section 4.5).
+//! The requests of a node to its Manager, and answers that were not requested (SPEC section 4.5).
 
 mod support;
 
@@ -100,7 +100,7 @@ fn a_schema_has_the_hash_of_its_type() {
     };
     node.handle(NOW, describe).expect("ready");
     let broken = |bad: ToNode| violation(&mut node.clone(), &bad);
-    // Out of order, malformed, of another type.
+    // Out of order, malformed, or of another type.
     assert_eq!(
         broken(frame(&other, None)),
         violation!(UnexpectedSchema, "SM2-SCH-002")
@@ -124,7 +124,7 @@ fn a_schema_has_the_hash_of_its_type() {
     }
     let unasked = violation(&mut node.clone(), &frame(&point, None));
     assert_eq!(unasked, violation!(UnexpectedSchema, "SM2-SCH-002"));
-    // What we register is checked too.
+    // The texts that the node registers are checked as well.
     let schema = |data: &TypeId, text: &str| Input::Schema {
         data: data.clone(),
         text: text.to_owned(),

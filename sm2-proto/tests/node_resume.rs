@@ -1,4 +1,5 @@
-//! A node whose Manager ends, and what it brings along to the next one (SPEC section 11).
+//! A node whose Manager ends, and the interfaces and links that it brings along to the next one
+//! (SPEC section 11).
 
 mod support;
 
@@ -58,7 +59,7 @@ fn give_up(node: &mut Node, interface: u64) -> Vec<Output> {
     drain(node)
 }
 
-/// Interfaces 1 to `count` are live, each with the link of its number.
+/// Interfaces 1 to `count` are live, and each has the link of its number.
 fn live(count: u64) -> Node {
     let mut node = Node::new(name("lidar"));
     receive(&mut node, &welcome()).expect("legal");
@@ -71,7 +72,7 @@ fn live(count: u64) -> Node {
     node
 }
 
-/// The frames that come of this one.
+/// The frames that the node sends after this one.
 fn answer(node: &mut Node, frame: &ToNode) -> Vec<ToManager> {
     sent(&receive(node, frame).expect("legal"))
 }
@@ -142,8 +143,8 @@ fn a_node_with_nothing_to_resume_says_so() {
     ));
 }
 
-/// Live, dropped before the answer, ended by us without an answer, declared and not
-/// answered: each becomes what it was on its way to.
+/// One interface is live, one is withdrawn before its answer, one has an unanswered WITHDRAW, and
+/// one is declared and not answered. Each reaches the state that it was on its way to.
 //= SM2-RES-002, SM2-RES-009, SM2-SES-006 test
 #[test]
 fn what_was_on_its_way_when_the_manager_ended() {
@@ -173,11 +174,11 @@ fn what_was_on_its_way_when_the_manager_ended() {
     // Link 4 of interface 4 was over before.
     let claims = [claim(1), claim_of(4, 14), ToManager::Claimed, declare(5)];
     assert_eq!(answer(&mut node, &declared(4)), claims);
-    // The one that never was answered is the program's affair as ever.
+    // The program is told about the interface that was never answered.
     let outputs = receive(&mut node, &declared(5)).expect("legal");
     assert!(matches!(&outputs[..], [Output::Declared { .. }]));
 
-    // The refused one kept its link, and has another try with the next Manager.
+    // The refused interface has kept its link, and is declared again with the next Manager.
     let mut later = node.clone();
     node.handle(NOW, Input::Eof).expect("a session");
     node.handle(NOW, Input::Reconnected).expect("away");
@@ -194,7 +195,7 @@ fn what_was_on_its_way_when_the_manager_ended() {
         ToManager::Claimed,
     ];
     assert_eq!(answer(&mut node, &declared(5)), claims);
-    // Given up, it is not withdrawn from a Manager that does not have it.
+    // An interface that was withdrawn is not withdrawn from a Manager that does not know it.
     later.handle(NOW, unlinked(3, link_id(3))).expect("ready");
     assert_eq!(drain(&mut later), []);
     assert_eq!(give_up(&mut later, 3), [is_gone(3)]);
@@ -221,7 +222,7 @@ fn away_links_end_and_interfaces_come_and_go() {
     assert_eq!(node.handle(NOW, twice), Err(Misuse::NotLive.into()));
     node.handle(NOW, Input::Reconnected).expect("away");
     drain(&mut node);
-    // The same while it greets.
+    // The same while the node greets.
     assert_eq!(node.declare(contract()), Ok(InterfaceId(6)));
     assert_eq!(give_up(&mut node, 5), [is_gone(5)]);
     assert_eq!(
@@ -241,7 +242,7 @@ fn withdrawn_between_welcome_and_claimed() {
     let mut node = live(4);
     come_back(&mut node);
     receive(&mut node, &declared(1)).expect("legal");
-    // One that is granted is withdrawn at once, others when they are answered.
+    // An interface that is granted is withdrawn at once, the others when they are answered.
     assert_eq!(sent(&give_up(&mut node, 1)), [withdraw(1)]);
     assert_eq!(give_up(&mut node, 2), []);
     assert_eq!(give_up(&mut node, 3), []);
@@ -265,10 +266,10 @@ fn a_claimed_link_is_a_link_like_any_other() {
         link: link_id(1),
         code: Code(5),
     }];
-    // The Manager ends it,
+    // The Manager ends the link,
     let mut node = interface_in("claimed");
     assert_eq!(answer(&mut node, &unlink(1, 1)), farewell);
-    // or we do,
+    // or this node does,
     let mut node = interface_in("claimed");
     node.handle(NOW, unlinked(1, link_id(1))).expect("ready");
     assert_eq!(sent(&drain(&mut node)), farewell);
@@ -352,7 +353,7 @@ fn a_refused_greeting_is_no_end() {
     }
 }
 
-/// Whatever was asked is forgotten with the session: its answer has nothing to do in the next.
+/// All requests are forgotten with the session: an answer in the next session is a violation.
 //= SM2-WCH-001, SM2-CNT-002, SM2-SCH-002, SM2-IFC-007, SM2-IFC-002 test
 #[test]
 fn no_question_outlives_its_session() {
@@ -372,7 +373,7 @@ fn no_question_outlives_its_session() {
     ask(&mut node);
 }
 
-/// The Manager dies after any part of the exchange, and the next one gets the whole of it.
+/// The Manager dies after any part of the exchange, and the next one gets the whole exchange.
 //= SM2-RES-001, SM2-RES-002, SM2-RES-009 test
 #[test]
 fn a_manager_that_dies_in_the_middle_of_resumption() {
@@ -396,7 +397,7 @@ fn a_manager_that_dies_in_the_middle_of_resumption() {
         node.handle(NOW, Input::Eof).expect("a session");
         node.handle(NOW, Input::Reconnected).expect("away");
         assert_eq!(sent(&drain(&mut node)), [hello(true)]);
-        // Interface 4 counts as declared as soon as that was answered, link 40 once it came.
+        // Interface 4 counts as declared once DECLARED has come, link 40 once LINK has come.
         let answered = heard > 4;
         let last = if answered { 4 } else { 3 };
         let mut again = answer(&mut node, &welcome_in(LATER + 1));
@@ -413,7 +414,7 @@ fn a_manager_that_dies_in_the_middle_of_resumption() {
     }
 }
 
-/// A contract that was declared is the one that is declared again.
+/// The contract that was declared is declared again.
 //= SM2-RES-002 test
 #[test]
 fn contracts_are_kept() {

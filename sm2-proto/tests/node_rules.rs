@@ -1,4 +1,4 @@
-//! What a node's session makes of a Manager that breaks the rules, and of one that does not.
+//! A node's session with a Manager that breaks the rules, and with one that does not.
 
 #[path = "support/frames.rs"]
 mod frames;
@@ -49,7 +49,7 @@ fn a_violation_is_said_once_and_answers_for_ever() {
     };
     misplaced(&mut node, end);
     assert!(node.is_away());
-    // The machine itself is over only when we say so.
+    // Only this node ends the machine itself.
     let local = End::Local(Code(0));
     node.handle(NOW, Input::Close(Code(0))).expect("away");
     assert_eq!(
@@ -178,7 +178,7 @@ fn a_link_that_cannot_be() {
         violation(&mut ready(), &link(1, 1)),
         violation!(LinkNumber, "SM2-LNK-005")
     );
-    // The id is judged before what the link is.
+    // The id is checked before the contents of the link.
     let mut both = frames[0].clone();
     if let ToNode::Link { link, .. } = &mut both {
         *link = link_id(1);
@@ -233,7 +233,7 @@ fn one_farewell_each() {
         link: link_id(1),
         code: Code(5),
     };
-    // The node is first; the Manager's own farewell is the answer, or crossed it.
+    // The node is first. The Manager's own farewell is the answer, or has crossed it.
     let mut node = ready();
     assert_eq!(over(&mut node), [unlinked]);
     assert_eq!(over(&mut node), [], "once");
@@ -243,7 +243,7 @@ fn one_farewell_each() {
         violation(&mut node, &unlink(1, 1)),
         violation!(UnknownLink, "SM2-LNK-003")
     );
-    // The Manager is first; the machine of the link ends later.
+    // The Manager is first. The machine of the link ends later.
     let mut node = ready();
     receive(&mut node, &unlink(1, 1)).expect("legal");
     assert_eq!(over(&mut node), []);
@@ -355,8 +355,8 @@ fn the_node_hangs_up() {
     assert_eq!(receive(&mut node, &goodbye), Ok(vec![ended]));
 }
 
-/// What a Manager may send, and what it must not: any frame, or one about the
-/// few interfaces and links that the node has.
+/// Frames that a Manager may or must not send: any frame, or one about the few interfaces and links
+/// that the node has.
 fn any_frame() -> impl Strategy<Value = ToNode> {
     let few = || 0..4_u64;
     prop_oneof![
@@ -374,7 +374,7 @@ fn any_frame() -> impl Strategy<Value = ToNode> {
 proptest! {
     #![proptest_config(cases(400))]
 
-    /// Whatever Managers send, a node keeps to SPEC itself, and says why it leaves.
+    /// Whatever Managers send, the node keeps to SPEC, and names the reason when it ends a session.
     //= SM2-NOD-001, SM2-LNK-003, SM2-IFC-004 test
     #[test]
     fn hostile_managers(steps in vec((any_frame(), 0..9_u8, 0..4_u64), 1..80)) {
@@ -383,7 +383,7 @@ proptest! {
         for (frame, own, number) in steps {
             let interface = InterfaceId(number);
             let link = link_id(number);
-            // Misuse and an end before this are answered; neither matters here.
+            // Misuse and an end before this are reported; neither matters here.
             let _ = match own {
                 0 | 1 => node.declare(contract()).map(drop),
                 2 => node.handle(NOW, Input::Withdraw { interface }),
@@ -411,7 +411,7 @@ proptest! {
     }
 }
 
-/// What a node may have put out from its greeting on, whatever its Manager did.
+/// The frames that a node may have sent since its greeting, whatever its Manager did.
 fn check_session(node: &Node, outputs: &[Output]) -> Result<(), TestCaseError> {
     let ended = outputs.iter().filter(|it| matches!(it, Output::Ended(_)));
     prop_assert_eq!(ended.count(), usize::from(node.end().is_some()));
@@ -424,7 +424,7 @@ fn check_session(node: &Node, outputs: &[Output]) -> Result<(), TestCaseError> {
     if let Some(at) = goodbye {
         prop_assert_eq!(at + 1, frames.len(), "the last frame");
     }
-    // HELLO first, whatever is claimed before CLAIMED, and nothing declared twice.
+    // HELLO comes first, all claims before CLAIMED, and no interface is declared twice.
     let greets = matches!(frames.first(), Some(ToManager::Hello { .. }));
     prop_assert!(greets);
     let claimed = frames
@@ -441,7 +441,7 @@ fn check_session(node: &Node, outputs: &[Output]) -> Result<(), TestCaseError> {
             declared = interface.0;
         }
     }
-    // Each end of a link is taken leave of once, as long as its number is not new.
+    // Each end of a link has one farewell, as long as its number is not used again.
     let mut said = Vec::new();
     for output in outputs {
         match output {

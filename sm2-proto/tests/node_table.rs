@@ -1,4 +1,4 @@
-//! SPEC 4.2, 4.3 and 11, cell by cell, as the node sees its Manager.
+//! SPEC sections 4.2, 4.3 and 11, cell by cell, from the node's side.
 
 mod support;
 
@@ -47,7 +47,7 @@ const SESSION: &str = "
     ended     ended             ended             ended    ended
 ";
 
-/// *Own* names a link that the interface has, *Other* one that it has not.
+/// *Own* names a link that the interface has, *Other* one that it does not have.
 const INTERFACE: &str = "
     -          Declared           DeclareRefused     Link
     declaring  live               gone               unknown-interface
@@ -144,7 +144,7 @@ fn every_state_of_the_session_and_frame() {
             "Unlink" => receive(&mut node, &unlink(1, 1)),
             "Withdrawn" => {
                 let interface = InterfaceId(1);
-                // Only a node that is ready can have asked for it.
+                // Only a ready node can have requested the answer.
                 let _ = node.handle(NOW, Input::Withdraw { interface });
                 drain(&mut node);
                 receive(&mut node, &withdrawn(1))
@@ -160,7 +160,7 @@ fn every_state_of_the_session_and_frame() {
         };
         let over = || if node.is_away() { "away" } else { "ended" };
         let actual = match (&result, node.end()) {
-            // In a session that is over, a violation is what it ended with before.
+            // In a session that is over, the reported end is the first one.
             (Err(Error::Ended(End::Violation(violation))), _) => violation.kind().name(),
             (_, Some(_)) => over(),
             (Ok(outputs), None) => match outputs[..] {

@@ -1,10 +1,9 @@
-//! Random histories of a domain whose Manager is killed and replaced: the shipped Managers and
-//! the shipped nodes, with frames in flight delivered or lost as chance will have it.
+//! Random histories of a domain whose Manager is killed and replaced: the shipped Managers and the
+//! shipped nodes, with frames in flight that are delivered or lost at random.
 //!
-//! Checked at each step: nobody is ever accused of a violation. Checked whenever all is quiet:
-//! each pair that is to be linked has exactly one link, and that is the one it had, as long as
-//! neither end gave it up; what nodes hold is what the Manager shows; and
-//! `sm2_proto::domain` explains it.
+//! Checked at each step: no side is accused of a violation. Checked whenever all is quiet: each
+//! pair that is to be linked has exactly one link, which is the one that it had as long as neither
+//! end closed it; the nodes hold what the Manager shows; and `sm2_proto::domain` explains it.
 
 mod support;
 #[path = "support/takeover/mod.rs"]
@@ -18,32 +17,32 @@ use support::{
 };
 use takeover::{NODES, World};
 
-/// One thing that happens. The numbers pick among whatever it can happen to.
+/// One event. The numbers pick among the nodes, interfaces and links that it can happen to.
 #[derive(Clone, Debug)]
 enum Step {
     Declare(usize, Contract),
     Withdraw(usize, usize),
-    /// A node meets a violation on a link, say.
+    /// A node closes a link, for example after a violation.
     Break(usize, usize),
-    /// A node sees that the other end of a link is gone.
+    /// A node sees that the other end of a link is closed.
     Notice(usize),
     ManagerReads(usize),
     NodeReads(usize),
-    /// The Manager ends; of what it meant to send, a part is not sent any more.
+    /// The Manager ends, and a part of its outputs is never sent.
     Kill(usize),
-    /// It says goodbye first.
+    /// The Manager says goodbye first.
     Shutdown,
     Start,
     Reconnect(usize),
     /// The Manager gives a node up.
     Stall(usize),
-    /// The Manager goes on with what it put off.
+    /// The Manager continues its deferred work.
     GoOn,
     Settle,
 }
 
 fn contract() -> impl Strategy<Value = Contract> {
-    // A second type now and then: what is declared again may be refused.
+    // Some interfaces state a second type, so a repeated declaration may be refused.
     let data = prop_oneof![6 => Just("A"), 1 => Just("B")].prop_map(data);
     let topic = prop_oneof![Just("scan"), Just("image")];
     (topic, data, any::<[bool; 3]>()).prop_map(|(topic, data, [offers, reliable, sealed])| {
@@ -74,7 +73,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// Almost everything is put off, or hardly anything.
+/// Almost all links wait, or hardly any.
 fn policy() -> impl Strategy<Value = Policy> {
     let few = || prop_oneof![2 => Just(1_usize), 1 => Just(2), 1 => Just(256)];
     (few(), few()).prop_map(|(links_in_flight, pairs_per_turn)| Policy {

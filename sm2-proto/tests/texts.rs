@@ -1,4 +1,4 @@
-//! What people read of values: in errors, and where a program prints them.
+//! The texts of values, in errors and in the output of programs.
 
 use sm2_proto::{
     Code, Farewell, LinkId, Name,

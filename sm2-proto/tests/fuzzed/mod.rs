@@ -1,7 +1,7 @@
 //! The bodies of the fuzz targets that compare with an oracle, beside the oracles.
 //!
-//! `fuzz_corpus.rs` replays them, `fuzz/src/lib.rs` compiles them for libFuzzer; both name the
-//! modules that these use at their root.
+//! `fuzz_corpus.rs` replays them, and `fuzz/src/lib.rs` compiles them for libFuzzer. Both declare
+//! at their root the modules that these bodies use.
 
 mod control_codec;
 mod gateway_frames;

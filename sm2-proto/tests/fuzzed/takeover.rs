@@ -7,9 +7,9 @@ use crate::{
     takeover::{NODES, World},
 };
 
-/// Managers that take over from each other, in two views. Odd first byte: correct nodes that
-/// come back, with frames in flight lost or not; nobody is accused, and links that nobody gave
-/// up go on. Even: any claims of any sessions, against a book of claims that is a few lists.
+/// Managers that take over from each other, in two kinds of runs. Odd first byte: correct nodes
+/// come back, with frames in flight lost or not; no side is accused, and links that neither end
+/// closed stay. Even: any claims of any sessions, against an oracle that consists of a few lists.
 //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-005, SM2-RES-006, SM2-RES-007 fuzz
 //= SM2-NOD-003, SM2-LNK-003, SM2-MAT-002 fuzz
 pub(crate) fn takeover(bytes: &[u8]) {
@@ -47,7 +47,7 @@ fn contract_of(choice: u8, data_name: &str) -> Contract {
     }
 }
 
-/// One thing that happens to the domain.
+/// One event of the domain.
 fn history(world: &mut World, script: &mut Script<'_>) -> Option<()> {
     let byte = script.byte()?;
     let node = usize::from(byte >> 5) % NODES;
@@ -71,7 +71,7 @@ fn history(world: &mut World, script: &mut Script<'_>) -> Option<()> {
     Some(())
 }
 
-/// One thing that a session does.
+/// One action of a session.
 fn claim_op(script: &mut Script<'_>) -> Option<Op> {
     let byte = script.byte()?;
     let at = usize::from(byte >> 6) % SLOTS;
@@ -81,7 +81,7 @@ fn claim_op(script: &mut Script<'_>) -> Option<Op> {
             Op::Join(at, choice % 5 != 0, 1 + u32::from(choice >= 0xe0))
         }
         4 => Op::Leave(at),
-        // One type for all: the book of claims knows no refusals.
+        // One type for all, because the oracle of claims knows no refusals.
         5..=12 => Op::Declare(at, contract_of(script.byte()?, "A")),
         13 => Op::Withdraw(at, interface(script)?),
         14..=24 => {
