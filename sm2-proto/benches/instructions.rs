@@ -1,13 +1,13 @@
-//! What the machines cost, in instructions: the same number on each run of one build, so that a
-//! change of a few of them shows. Needs valgrind, and the runner in the version of `gungraun` that
-//! stands in Cargo.lock:
+//! The cost of the machines in instructions. The number is the same on each run of one build, so a
+//! change of a few instructions shows. This benchmark needs valgrind, and the runner in the version
+//! of `gungraun` in Cargo.lock:
 //!
 //! ```sh
 //! cargo install --locked gungraun-runner@VERSION
 //! cargo bench -p sm2-proto --bench instructions
 //! ```
 //!
-//! Where one of these is missing, it says so and does nothing.
+//! If one of these is missing, the program prints that and does nothing.
 #![allow(missing_docs, reason = "what the macros of gungraun write has none")]
 
 use std::{
@@ -34,7 +34,7 @@ use support::{
     contracts::{data, scan, subscriber},
 };
 
-// What a step gives back is dropped where nobody counts.
+// The result of a step is dropped outside of the measured part.
 
 #[library_benchmark]
 #[bench::steady(RingPair::steady())]
@@ -128,7 +128,7 @@ library_benchmark_group!(
 );
 library_benchmark_group!(name = matching, benchmarks = [contracts, publisher]);
 
-/// The entry that `gungraun` makes, which asks nobody whether it can run.
+/// The entry point that `gungraun` generates, which does not check its requirements.
 mod counted {
     use super::{decode, matching, ring};
 

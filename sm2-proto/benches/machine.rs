@@ -1,4 +1,4 @@
-//! What the machines cost, in wall time: no sockets, no shared memory, no other process.
+//! The cost of the machines in wall time: no sockets, no shared memory, no other process.
 //!
 //! `cargo bench -p sm2-proto --bench machine [-- PART_OF_A_NAME]`
 

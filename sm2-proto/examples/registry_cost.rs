@@ -1,7 +1,7 @@
-//! What an operation costs the Manager in a small domain and in a large one.
+//! The cost of an operation of the Manager in a small domain and in a large one.
 //!
-//! Each repetition declares a subscriber, which is linked with one publisher,
-//! and withdraws it again; what goes to whom is encoded as always.
+//! Each repetition declares a subscriber, which is linked with one publisher, and withdraws it
+//! again. All frames are encoded as usual.
 //!
 //! `cargo run --release -p sm2-proto --example registry_cost`
 
@@ -19,13 +19,13 @@ const LARGE: u64 = 5_000;
 /// Interfaces of one session.
 const PER_SESSION: u64 = 50;
 const REPETITIONS: u64 = 20_000;
-/// A large domain may cost so many times what a small one does.
+/// The limit of the ratio between the costs in a large domain and in a small one.
 const ALLOWED: f64 = 2.0;
 
 fn main() {
     let mut domains = [SMALL, LARGE].map(Domain::new);
     let mut costs = [const { Vec::new() }; 2];
-    // By turns, so that whatever else the machine does hits both alike.
+    // The two domains take turns, so that other load of the machine affects both alike.
     for repetition in 0..REPETITIONS {
         for (domain, costs) in domains.iter_mut().zip(&mut costs) {
             costs.push(domain.declare_and_withdraw(repetition));
@@ -165,7 +165,7 @@ impl Domain {
                 linked = Some(ends.map(|(session, _)| session));
             }
         }
-        // Everybody reads at once.
+        // All nodes read at once.
         for session in linked.into_iter().flatten() {
             if self.manager.awaits_room(session) {
                 let drained = self.manager.handle(Instant(0), Input::Drained { session });

@@ -1,4 +1,4 @@
-//! What is measured, for wall time and for instructions alike.
+//! The operations that are measured, for wall time and for instructions alike.
 
 #[path = "../../tests/support/bench.rs"]
 pub(crate) mod bench;
@@ -28,7 +28,7 @@ use crate::{
     ring_support::{RECEIVER, Rig, SENDER, head},
 };
 
-/// The words of a ring, flat and atomic as in a driver, in memory that nobody shares.
+/// The words of a ring, flat and atomic as in a driver, in memory of one process.
 struct FlatWords {
     layout: RingLayout,
     words: Vec<AtomicU64>,
@@ -67,7 +67,7 @@ impl RingMemory for FlatWords {
     }
 }
 
-/// Both ends of an open link of the ring lane, and what they share. Nobody sleeps.
+/// Both ends of an open link on the ring lane, and their memory. No side sleeps.
 pub(crate) struct RingPair {
     sender: Link,
     receiver: Link,
@@ -79,7 +79,7 @@ pub(crate) struct RingPair {
 }
 
 impl RingPair {
-    /// So many messages find room, and so many may be held.
+    /// The number of messages for which there is room, and which may be held.
     pub(crate) const DEPTH: u16 = 64;
     const SEGMENT: SegmentInfo = SegmentInfo {
         id: 1,
@@ -87,7 +87,7 @@ impl RingPair {
         slots: 4 * Self::DEPTH as u32,
     };
 
-    /// A pair that has gone once around its slots, so that nothing is done for the first time.
+    /// A pair that has gone once around its slots, so that no first-time cost is measured.
     pub(crate) fn steady() -> Box<Self> {
         let mut rig = Rig::open(false, Self::DEPTH, Self::DEPTH);
         rig.attach(Self::SEGMENT);
@@ -110,7 +110,7 @@ impl RingPair {
         pair
     }
 
-    /// As many messages as find room are sent, taken and given back; none is harvested.
+    /// Sends, takes and gives back as many messages as there is room for. None is harvested.
     pub(crate) fn carry_turn(&mut self) {
         for _ in 0..Self::DEPTH {
             self.send();
@@ -161,7 +161,7 @@ impl RingPair {
         self.oldest += 1;
     }
 
-    /// Settles all messages that were given back; how many they are.
+    /// Settles all messages that were given back, and returns their number.
     pub(crate) fn harvest(&mut self) -> usize {
         let mut count = 0;
         let harvested = self.sender.harvest(&self.words, |_, _| count += 1);
@@ -247,7 +247,7 @@ const LONGEST: &str = match str::from_utf8(&[b'a'; sm2_proto::limits::NAME_MAX])
     Err(_) => panic!("a is a letter"),
 };
 
-/// A domain of subscribers on one topic, each of a node of its own, and a node that is about to
+/// A domain of subscribers on one topic, each with a node of its own, and a node that is about to
 /// declare their publisher.
 #[derive(Clone)]
 pub(crate) struct Audience {
@@ -274,7 +274,7 @@ impl Audience {
         })
     }
 
-    /// The publisher is declared, matched and linked; all frames of it are made.
+    /// Declares the publisher, which is matched and linked, and encodes all frames.
     pub(crate) fn declare_publisher(&mut self) {
         let Bench { manager, now, .. } = &mut self.bench;
         let input = Input::Datagram {

@@ -1,11 +1,11 @@
-//! Wall time of one step of a cycle: what has to happen before and after it is not measured.
+//! Measures one step of a cycle in wall time, without the steps before and after it.
 
 use std::time::{Duration, Instant};
 
 use criterion::Bencher;
 
-/// Measures `step`. In each turn `before` runs `turn` times, then `step`, then `after`, as
-/// often each: so the clock is read twice for so many steps, not for each one.
+/// Measures `step`. Each turn runs `before`, `step` and `after` `turn` times each, so that the
+/// clock is read twice per turn and not twice per step.
 pub(crate) fn in_turns<S, R>(
     bencher: &mut Bencher<'_>,
     turn: u64,

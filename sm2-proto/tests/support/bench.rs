@@ -1,4 +1,4 @@
-//! A Manager on the bench: frames in, readable events out.
+//! A Manager under test: frames in, readable events out.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use std::time::Duration;
@@ -34,13 +34,13 @@ pub(crate) const UNLIMITED: Policy = Policy {
     waive_user_boundary: false,
 };
 
-/// One output of the Manager, its frames read.
+/// One output of the Manager, with its frames decoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Event {
     Sent(NodeId, ToNode),
     Linked(LinkId, [(NodeId, ToNode); 2]),
     CountersKept(NodeId),
-    /// To whom, and whose.
+    /// The receiver, and the owner of the counters.
     CountersSent(NodeId, ToNode, NodeId),
     HungUp(NodeId, Option<Code>, Cause),
 }
@@ -138,7 +138,7 @@ impl Bench {
         )
     }
 
-    /// Declares what must be granted; the links that come of it.
+    /// Declares an interface that must be granted. Returns the events.
     pub(crate) fn declared(
         &mut self,
         session: NodeId,
@@ -245,7 +245,7 @@ pub(crate) fn unlink(interface: u64, link: LinkId, code: u16) -> ToNode {
     }
 }
 
-/// What a node gets to see of some events, in order.
+/// The events that a node sees, in order.
 pub(crate) fn seen_by(events: &[Event], node: NodeId) -> Vec<ToNode> {
     let frames = events.iter().flat_map(|event| match event {
         Event::Sent(to, frame) => vec![(*to, frame)],

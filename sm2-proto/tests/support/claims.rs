@@ -30,7 +30,7 @@ pub(crate) fn wanted() -> Contract {
     subscriber("scan", None)
 }
 
-/// A session that is back and has declared these again.
+/// A session that has come back and has declared these interfaces again.
 pub(crate) fn back(bench: &mut Bench, text: &str, interfaces: &[(u64, Contract)]) -> NodeId {
     back_as(bench, 1, text, interfaces)
 }
@@ -74,7 +74,7 @@ pub(crate) fn items(bench: &Bench, asks: NodeId) -> Vec<Item> {
     }
 }
 
-/// The links, claims and unlinked pairs that somebody sees.
+/// The links, claims and unlinked pairs that a node sees.
 pub(crate) fn relations(bench: &Bench, asks: NodeId) -> Vec<Item> {
     let mut items = items(bench, asks);
     items.retain(|item| {

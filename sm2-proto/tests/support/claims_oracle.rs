@@ -1,4 +1,4 @@
-//! What SPEC section 11 makes of claims: lists, and no thought of cost.
+//! An oracle of SPEC section 11 that consists of lists and is as slow as it likes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use sm2_proto::{
 
 use crate::support::bench::EPOCH;
 
-/// What a claim says.
+/// The fields of a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Said {
     pub(crate) serial: u64,
@@ -26,7 +26,7 @@ pub(crate) struct Session {
     pub(crate) greet_until: u64,
 }
 
-/// One link: its number, how it is and whom it joins, the offering side first.
+/// One link: its number, its QoS and its two ends, the offering side first.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Link {
     pub(crate) id: LinkId,
@@ -43,7 +43,7 @@ pub(crate) struct Half {
     pub(crate) until: Option<u64>,
 }
 
-/// What a session is told: to end a link, or of a new one.
+/// A frame to a session: to end a link, or about a new one.
 pub(crate) type Told = (EntityId, LinkId, Option<u16>);
 
 #[derive(Clone, Debug, Default)]
@@ -52,7 +52,7 @@ pub(crate) struct Oracle {
     pub(crate) interfaces: BTreeMap<EntityId, Contract>,
     pub(crate) links: Vec<Link>,
     pub(crate) halves: Vec<Half>,
-    /// Ends that were told and have not answered.
+    /// Ends for which UNLINK was sent and UNLINKED has not come.
     pub(crate) told: BTreeSet<(EntityId, LinkId)>,
     /// Pairs that ended a link.
     ended: BTreeSet<[EntityId; 2]>,
@@ -69,7 +69,7 @@ impl Oracle {
         }
     }
 
-    /// The QoS that SPEC demands of a link; none if the two do not match.
+    /// The QoS that SPEC demands of a link; `None` if the two do not match.
     pub(crate) fn qos(
         &self,
         policy: &Policy,
@@ -86,7 +86,8 @@ impl Oracle {
         if offers { [one, other] } else { [other, one] }
     }
 
-    /// Links one with all that it can be linked with, for `session` is ready.
+    /// Links one interface with all others that it can be linked with, because its session is
+    /// ready.
     pub(crate) fn link_all(&mut self, policy: &Policy, one: EntityId) -> usize {
         let before = self.links.len();
         let others: Vec<EntityId> = self.interfaces.keys().copied().collect();
@@ -160,7 +161,7 @@ impl Oracle {
         }
     }
 
-    /// An end of a link, or all of an interface, is gone.
+    /// Removes an end of a link, or all ends of an interface.
     pub(crate) fn drop_end(&mut self, entity: EntityId, only: Option<LinkId>, code: u16) {
         let dropped = |id: LinkId| only.is_none_or(|only| only == id);
         self.halves

@@ -83,7 +83,7 @@ impl Play {
         }
     }
 
-    /// What a session that is there does.
+    /// Does one action of a session that exists.
     fn apply_to(&mut self, session: &Session, op: Op) -> Vec<Event> {
         let node = session.node;
         match op {

@@ -1,4 +1,4 @@
-//! Short ways to say names and contracts.
+//! Short constructors of names and contracts.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
@@ -35,7 +35,7 @@ pub(crate) fn scan() -> Contract {
     publisher("scan", &data("Scan"))
 }
 
-/// Without a type it takes every one.
+/// Without a type, the subscriber takes every type.
 pub(crate) fn subscriber(topic: &str, data: Option<&TypeId>) -> Contract {
     subscriber_with(topic, data, false, false)
 }

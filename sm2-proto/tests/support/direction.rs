@@ -15,7 +15,7 @@ pub(crate) const FDS: [FdFacts; 3] = [FdFacts {
     seals: sm2_proto::Seals(0),
 }; 3];
 
-/// What a frame means, and its bytes again.
+/// The meaning of a frame, and its bytes after another encoding.
 pub(crate) type Decoded = Result<(Value, Vec<u8>), Violation>;
 
 /// One of the two directions, so that each property is written once.
@@ -55,7 +55,7 @@ pub(crate) fn datagram(bytes: &[u8], fds: usize) -> Datagram<'_> {
 }
 
 impl Direction {
-    /// Both decoders say the same, and what is accepted has this one encoding.
+    /// Both decoders agree, and an accepted frame has only this encoding.
     pub(crate) fn agrees(&self, bytes: &[u8], fds: usize) -> Result<(), TestCaseError> {
         let decoded = (self.decode)(&datagram(bytes, fds));
         if let Ok((_, again)) = &decoded {
@@ -77,7 +77,7 @@ impl Direction {
         violation
     }
 
-    /// Checks that both decoders agree on the frame, and on it after each of the edits.
+    /// Checks that both decoders agree on the frame, and on the frame after each of the edits.
     pub(crate) fn mutants_agree(
         &self,
         frame: &[u8],

@@ -13,7 +13,7 @@ use sm2_proto::{
     control::{Change, Item, Key, Limits, Peer, ToManager, ToNode, UnlinkedReason},
 };
 
-/// Numbers of every length on the wire.
+/// Numbers of every length in a frame.
 fn number() -> impl Strategy<Value = u64> + Clone {
     (any::<u64>(), 0..64_u32).prop_map(|(number, shift)| number >> shift)
 }
@@ -59,7 +59,7 @@ fn keys() -> impl Strategy<Value = Key> + Clone {
     ]
 }
 
-/// Texts that a frame takes; whether they are schemas is the machines' to say.
+/// Texts that a frame takes. The machines decide whether they are schemas.
 fn texts() -> impl Strategy<Value = String> {
     prop_oneof![
         "[ -~]{0,40}",

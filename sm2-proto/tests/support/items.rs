@@ -1,4 +1,4 @@
-//! The items of a domain, those that make sense and those that do not.
+//! Items of a domain, consistent ones and others.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use proptest::prelude::*;
@@ -59,7 +59,7 @@ pub(crate) fn link(reliable: bool, sealed: bool) -> Item {
     }
 }
 
-/// lidar with the one interface and planner with the other, and whatever else there is.
+/// lidar with the one interface and planner with the other, and further items.
 pub(crate) fn domain(one: &Contract, other: &Contract, more: &[Item]) -> Domain {
     let mut domain = Domain::new();
     domain.page([
@@ -100,7 +100,7 @@ pub(crate) fn entities() -> impl Strategy<Value = EntityId> + Clone {
     (1..4_u64, 0..4_u64).prop_map(|(node, interface)| at(node, interface))
 }
 
-/// Whatever a Manager says, sense or not.
+/// Any items that a Manager may send, consistent or not.
 pub(crate) fn items() -> impl Strategy<Value = Item> {
     let refusals = prop_oneof![
         Just(Refusal::NameTaken),

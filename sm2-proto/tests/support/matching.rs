@@ -1,9 +1,10 @@
-//! Whether two interfaces are to be linked, and how: SM2-MAT-001 and SM2-MAT-003 as they read,
-//! without the code that the machines use. The model in `verification/` has this file as well.
+//! The rules SM2-MAT-001 and SM2-MAT-003 written from SPEC alone, without the code of the machines:
+//! whether two interfaces are to be linked, and with what QoS. The model in `verification/` uses
+//! this file as well.
 
 use sm2_proto::Contract;
 
-/// What both sides of a link have to know of it.
+/// The properties of a link that both sides have to know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct LinkQos {
     pub(crate) reliable: bool,

@@ -1,4 +1,4 @@
-//! What several tests share.
+//! Helpers that several tests share.
 #![allow(dead_code, reason = "each test uses a part")]
 
 pub(crate) mod bench;
@@ -13,7 +13,7 @@ pub(crate) mod world;
 
 use proptest::test_runner::Config;
 
-/// So many cases, unless `PROPTEST_CASES` says otherwise.
+/// This many cases, unless `PROPTEST_CASES` sets another number.
 pub(crate) fn cases(default: u32) -> Config {
     let chosen = std::env::var_os("PROPTEST_CASES").is_some();
     let cases = if chosen {

@@ -1,6 +1,5 @@
-//! A second decoder of control frames, written from SPEC section 3 alone: by
-//! hand, one byte after the other. It yields what a frame means as JSON, or the
-//! name of the violation.
+//! A second decoder of control frames, written from SPEC section 3 alone: by hand, one byte after
+//! the other. It returns the meaning of a frame as JSON, or the name of the violation.
 
 use serde_json::{Value, json};
 
@@ -117,7 +116,8 @@ pub(crate) fn to_node(bytes: &[u8], fds: usize) -> Read<Value> {
     })
 }
 
-/// `body` reads a frame of a known number; how many descriptors go with it.
+/// `body` reads a frame of a known number. `fds` is the number of descriptors that belong to the
+/// frame.
 fn frame(
     bytes: &[u8],
     fds: usize,
@@ -269,7 +269,7 @@ impl Reader<'_> {
         Ok(Value::Array(changes))
     }
 
-    /// Any text, here; a long one is no schema's.
+    /// Any text; the decoder does not check the length of a schema's text.
     fn schema(&mut self) -> Read<String> {
         let len = self.u64()?;
         if len > self.rest.len() as u64 {
@@ -278,11 +278,11 @@ impl Reader<'_> {
         let (text, rest) = self.rest.split_at(len as usize);
         self.rest = rest;
         self.bad_schema |= len > 32_768;
-        // SPEC has no other word for bytes that are no text.
+        // SPEC has no other name for bytes that are no text.
         String::from_utf8(text.to_vec()).map_err(|_| "bad-name")
     }
 
-    /// `depth` and `max_borrowed` are at least 1, `latched` is not.
+    /// `depth` and `max_borrowed` are at least 1; `latched` may be 0.
     fn qos(&mut self, least: u16) -> Read<u16> {
         let value = self.u16()?;
         self.bad_qos |= value < least || value > 1_024;

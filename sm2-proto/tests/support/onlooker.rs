@@ -1,5 +1,5 @@
-//! Somebody who reads the domain's pages after each step, and has watched it from the
-//! first revision on.
+//! A node that reads the domain's pages after each step, and has watched the domain from the first
+//! revision on.
 
 use std::collections::BTreeMap;
 
@@ -14,9 +14,9 @@ use super::bench::{Event, read};
 #[derive(Clone, Debug)]
 pub(crate) struct Onlooker {
     revision: u64,
-    /// What the pages said at that revision.
+    /// The items of the pages at that revision.
     items: Vec<Item>,
-    /// What the changes make of the empty domain.
+    /// The items that follow from the changes to the empty domain.
     mirror: BTreeMap<Key, Item>,
 }
 
@@ -29,8 +29,8 @@ impl Onlooker {
         }
     }
 
-    /// Pages show exactly what is expected, a revision is one state, and whoever watches
-    /// has it too.
+    /// Checks that pages show exactly the expected items, that a revision identifies one state, and
+    /// that the watcher has the same items.
     //= SM2-IFC-007, SM2-WCH-002, SM2-WCH-003 test
     pub(crate) fn check(&mut self, manager: &Manager, session: NodeId, expected: &[Item]) {
         let items = list(manager, session);
@@ -45,7 +45,7 @@ impl Onlooker {
         (self.revision, self.items) = (revision, items);
     }
 
-    /// Applies what has changed since the last look.
+    /// Applies the changes since the last call.
     fn watch(&mut self, manager: &Manager, session: NodeId) {
         let after = self.revision;
         let answer = ask(manager, session, &ToManager::Watch { after });
@@ -67,7 +67,7 @@ impl Onlooker {
     }
 }
 
-/// All pages together, without disturbing anybody.
+/// All pages together. The Manager is cloned, so no session is affected.
 fn list(manager: &Manager, session: NodeId) -> Vec<Item> {
     let mut items = Vec::new();
     let mut after = None;

@@ -1,4 +1,4 @@
-//! What a domain looks like according to SPEC 4.3, 4.4 and 5: lists, and no thought of cost.
+//! An oracle of SPEC sections 4.3, 4.4 and 5 that consists of lists and is as slow as it likes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -27,16 +27,16 @@ pub(crate) struct Oracle {
     sessions: BTreeMap<NodeId, Session>,
     interfaces: BTreeMap<End, Contract>,
     links: BTreeMap<LinkId, [End; 2]>,
-    /// Pairs that are not linked although they match: a node ended their link,
-    /// or there were no descriptors for it.
+    /// Matching pairs that are not linked, because a node ended their link or because there were no
+    /// descriptors for it.
     unlinked: BTreeMap<[End; 2], UnlinkedReason>,
-    /// All that was refused and not granted later.
+    /// All refusals whose interface was not granted later.
     refused: BTreeMap<End, (Contract, Refusal)>,
-    /// How many links were made.
+    /// The number of links that were made.
     made: u64,
-    /// Links that nobody was told of.
+    /// Links of which no node was told.
     unheard: BTreeSet<LinkId>,
-    /// How many LINKs a session may be sent ahead of its reading.
+    /// The number of LINKs that a session may be sent ahead of its reading.
     links_in_flight: usize,
 }
 
@@ -69,10 +69,10 @@ impl Oracle {
             .insert(self.links[&link], UnlinkedReason::Descriptors);
     }
 
-    /// A node's legal frame, and what the Manager made of it.
+    /// Checks the Manager's outputs for a legal frame of a node.
     //= SM2-LNK-007 test
     pub(crate) fn handled(&mut self, node: NodeId, frame: ToManager, events: &[Event]) {
-        // One answer, and for each link that is concerned no more than its own frames.
+        // One answer, and only the frames of the links that the input affects.
         let ends = self.links.values().flatten();
         let links = ends.filter(|&&(it, _)| it == node).count();
         let declares = matches!(frame, ToManager::Declare { .. });
@@ -102,7 +102,7 @@ impl Oracle {
         }
     }
 
-    /// What the Manager had put off.
+    /// The outputs of deferred work.
     pub(crate) fn ticked(&mut self, events: &[Event]) {
         assert!(events.len() <= self.links_in_flight, "{events:?}");
         for event in events {
@@ -110,7 +110,7 @@ impl Oracle {
         }
     }
 
-    /// Both sides of a link that was made are told of it, once, as long as both are there.
+    /// Both sides of a link that was made are told of it, once, as long as both exist.
     //= SM2-LNK-007 test
     fn linked(&mut self, event: &Event) {
         let Event::Linked(link, ends) = event else {
@@ -125,7 +125,7 @@ impl Oracle {
         assert!(ends.iter().all(|end| self.interfaces.contains_key(end)));
     }
 
-    /// The first of the two farewells says why.
+    /// The first of the two farewells states the reason.
     fn unlinked(&mut self, end: End, link: LinkId, code: Code) {
         let pair = self.links[&link];
         let ended = self.unlinked.contains_key(&pair);
@@ -184,7 +184,7 @@ impl Oracle {
         }
     }
 
-    /// The pairs that are to be linked, and how.
+    /// The pairs that are to be linked, and their QoS.
     pub(crate) fn pairs(&self) -> BTreeMap<[End; 2], LinkQos> {
         let mut pairs = BTreeMap::new();
         for (&one, ours) in &self.interfaces {
@@ -201,7 +201,7 @@ impl Oracle {
         pairs
     }
 
-    /// Everything that QUERY can show, without the process ids, in the order of the keys.
+    /// All items that QUERY can show, without the process ids, in the order of the keys.
     //= SM2-WCH-004 test
     pub(crate) fn listing(&self, limits: Limits) -> Vec<Item> {
         let mut items = vec![Item::Domain { limits }];

@@ -1,4 +1,4 @@
-//! A node on the bench: what its Manager sends it, and what comes of that.
+//! A node under test: frames of its Manager in, outputs out.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use sm2_proto::{
@@ -148,7 +148,7 @@ pub(crate) fn refused(interface: u64) -> ToNode {
     }
 }
 
-/// Everything that can be asked is asked: a page, changes, the counters of node 4, a schema.
+/// Makes every request: a page, changes, the counters of node 4, and a schema.
 pub(crate) fn ask(node: &mut Node) {
     for input in [
         Input::Query { after: None },
@@ -160,7 +160,7 @@ pub(crate) fn ask(node: &mut Node) {
     }
 }
 
-/// A ready node with interface 1 *live* with link 1, 2 *declaring*, and everything asked.
+/// A ready node with interface 1 *live* with link 1, 2 *declaring*, and every request open.
 pub(crate) fn ready() -> Node {
     let mut node = Node::new(name("lidar"));
     receive(&mut node, &welcome()).expect("legal");
@@ -199,7 +199,7 @@ pub(crate) fn claim_of(interface: u64, serial: u64) -> ToManager {
     }
 }
 
-/// The session is over, and there is another one, with a Manager of the epoch [`LATER`].
+/// The session is over, and another one has begun, with a Manager of the epoch [`LATER`].
 pub(crate) fn come_back(node: &mut Node) -> Vec<Output> {
     node.handle(NOW, Input::Eof).expect("a session");
     node.handle(NOW, Input::Reconnected).expect("away");

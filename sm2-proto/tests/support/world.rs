@@ -1,5 +1,5 @@
-//! The shipped Manager and shipped nodes, joined by queues that behave as
-//! seqpacket sockets do: first in, first out, and the end of the stream last.
+//! The shipped Manager and shipped nodes, joined by queues that behave as seqpacket sockets do:
+//! first in, first out, and the end of the stream last.
 
 mod checks;
 
@@ -20,7 +20,7 @@ use super::{
 
 const NOW: Instant = Instant(1);
 
-/// What the default policy allows (SPEC section 2).
+/// The default policy (SPEC section 2).
 const LIMITS: Limits = Limits {
     sessions_per_user: 1_024,
     interfaces_per_session: 1_024,
@@ -30,26 +30,26 @@ const LIMITS: Limits = Limits {
     waive_user_boundary: false,
 };
 
-/// What the kernel says of one end of a link's socket pair.
+/// The kernel's facts about one end of a link's socket pair.
 const SOCKET: FdFacts = FdFacts {
     regular: false,
     size_bytes: 0,
     seals: Seals(0),
 };
 
-/// One connection's two directions. What a closed end still had to read is lost.
+/// The two directions of one connection. Datagrams that a closed end has not read are lost.
 #[derive(Clone, Debug, Default)]
 struct Socket {
     to_manager: VecDeque<Vec<u8>>,
-    /// Each with its descriptors.
+    /// Each datagram with its descriptors.
     to_node: VecDeque<(Vec<u8>, &'static [FdFacts])>,
-    /// The node's end is closed, and the Manager has not read that far.
+    /// The node's end is closed, and the Manager has not read to the end of the stream.
     node_is_gone: bool,
-    /// The Manager's end is closed, and the node has not read that far.
+    /// The Manager's end is closed, and the node has not read to the end of the stream.
     manager_is_gone: bool,
 }
 
-/// A program with one node, which does all that it is told to.
+/// A program with one node that carries out all outputs.
 #[derive(Clone, Debug)]
 struct Process {
     session: NodeId,
@@ -65,22 +65,22 @@ pub(crate) struct World {
     sockets: BTreeMap<NodeId, Socket>,
     processes: Vec<Option<Process>>,
     connections: u64,
-    /// How many of the next links find no descriptors.
+    /// The number of links to come that find no descriptors.
     shortage: u8,
-    /// Links that found none and that the oracle has not heard of.
+    /// Links that found no descriptors and that the oracle does not know yet.
     failed: Vec<LinkId>,
-    /// Somebody who looks at the domain all the time.
+    /// A node that reads the domain all the time.
     onlooker: Onlooker,
-    /// What each node got to read, over all time.
+    /// All that each node has read.
     trace: Vec<(NodeId, Vec<u8>)>,
-    /// Whether rogues send their bytes, or just go.
+    /// Whether rogues send their bytes, or only close their connection.
     rogues: bool,
-    /// The policy's.
+    /// The limit of the policy.
     links_in_flight: usize,
 }
 
 impl World {
-    /// No node is sent more than so many LINKs ahead of its reading.
+    /// No node is sent more than this many LINKs ahead of its reading.
     pub(crate) fn new(slots: usize, rogues: bool, links_in_flight: usize) -> Self {
         let policy = Policy {
             links_in_flight,
@@ -123,7 +123,7 @@ impl World {
         session
     }
 
-    // What programs do.
+    // The actions of programs.
 
     pub(crate) fn start(&mut self, slot: usize, name: Name, uid: u32) {
         let slot = self.slot(slot);
@@ -157,7 +157,7 @@ impl World {
             let links: Vec<LinkId> = process.links.keys().map(|&(_, link)| link).collect();
             process.links.retain(|&(it, _), _| it != interface);
             self.tell(slot, node::Input::Withdraw { interface });
-            // Their machines end too; nobody is to hear of that.
+            // The machines of their links end too, and no UNLINKED must follow.
             let code = Code(0);
             for link in links {
                 self.tell(
@@ -172,7 +172,7 @@ impl World {
         }
     }
 
-    /// A link's machine ends: by CLOSE, its peer's death, or a violation there.
+    /// A link's machine ends: by CLOSE, its peer's death, or a violation on the link.
     pub(crate) fn end_link(&mut self, slot: usize, pick: usize) {
         let slot = self.slot(slot);
         let process = self.processes[slot].as_mut();
@@ -230,7 +230,7 @@ impl World {
         }
     }
 
-    /// A program turns on the Manager, then dies; or comes only to do so.
+    /// A program attacks the Manager and dies. The program may have come only for that.
     pub(crate) fn go_rogue(&mut self, slot: usize, bytes: &[u8]) {
         let slot = self.slot(slot);
         let session = match self.processes[slot].take() {
@@ -241,7 +241,7 @@ impl World {
             Some(socket) if self.rogues && !socket.manager_is_gone => {
                 socket.to_manager.push_back(bytes.to_vec());
                 socket.to_node.clear();
-                // So that nothing of it is left once the Manager hangs up.
+                // No state of the program is left once the Manager hangs up.
                 socket.node_is_gone = true;
             }
             _ => self.node_closes(session),
@@ -311,7 +311,7 @@ impl World {
         }
     }
 
-    // What the kernel does.
+    // The actions of the kernel.
 
     fn node_closes(&mut self, session: NodeId) {
         if let Some(socket) = self.sockets.get_mut(&session) {
@@ -333,7 +333,7 @@ impl World {
         }
     }
 
-    /// The Manager reads from one of the sockets that have something. Whether one had.
+    /// The Manager reads from one of the sockets with datagrams. Returns whether there was one.
     pub(crate) fn manager_reads(&mut self, pick: usize) -> bool {
         let readable = self.sockets.iter().filter(|(_, socket)| {
             !socket.manager_is_gone && (!socket.to_manager.is_empty() || socket.node_is_gone)
@@ -367,7 +367,7 @@ impl World {
         true
     }
 
-    /// One of the nodes that have something to read does. Whether one had.
+    /// One of the nodes with datagrams reads. Returns whether there was one.
     pub(crate) fn node_reads(&mut self, pick: usize) -> bool {
         let mut readable = Vec::new();
         for (slot, process) in self.processes.iter().enumerate() {
@@ -400,7 +400,7 @@ impl World {
         true
     }
 
-    /// The Manager goes on with what it put off. Whether it had put off anything.
+    /// The Manager does a part of its deferred work. Returns whether there was any.
     pub(crate) fn tick(&mut self) -> bool {
         let due = self.manager.deadline().is_some_and(|due| due <= NOW);
         if due {
@@ -418,7 +418,7 @@ impl World {
         }
     }
 
-    /// Everything that is under way arrives.
+    /// Everything in flight arrives.
     pub(crate) fn settle(&mut self) {
         while self.manager_reads(0) | self.node_reads(0) | self.tick() {}
         self.check_links();

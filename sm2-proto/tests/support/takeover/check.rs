@@ -1,4 +1,4 @@
-//! What has to be so when all is quiet.
+//! The checks that hold when all is quiet.
 
 use sm2_proto::{
     Contract, EntityId, InterfaceId, LinkId,
@@ -10,7 +10,7 @@ use sm2_proto::{
 use super::{Pair, Socket, World};
 
 impl World {
-    /// What has to be so when all is quiet.
+    /// The checks that hold when all is quiet.
     pub(crate) fn check(&mut self) {
         let domain = self.look();
         let entities: Vec<_> = self.entities();
@@ -25,7 +25,8 @@ impl World {
         let mut shown = 0;
         for (link, pair) in self.held() {
             assert_eq!(pair.sockets, [Socket::Held; 2], "{link}");
-            // A link of two that were refused goes on, and is not claimed (SM2-RES-009).
+            // A link whose two interfaces were refused stays open, and is not claimed
+            // (SM2-RES-009).
             let granted = |end| entities.iter().any(|it| it.end == end);
             let [one, other] = pair.ends.map(granted);
             assert_eq!(one, other, "{link} has no claim of one end");
@@ -73,7 +74,7 @@ impl World {
         self.pairs.iter().filter(held)
     }
 
-    /// What the present Manager has granted.
+    /// The interfaces that the present Manager has granted.
     fn entities(&self) -> Vec<Granted> {
         let mut entities = Vec::new();
         for (at, program) in self.programs.iter().enumerate() {
@@ -92,7 +93,7 @@ impl World {
         entities
     }
 
-    /// The domain, as the first node reads it.
+    /// The domain as the first node reads it.
     //= SM2-WCH-003 model
     fn look(&mut self) -> Domain {
         self.programs[0].mirror.restart();

@@ -22,7 +22,7 @@ const USER: Credentials = Credentials {
     pid: 1,
 };
 
-/// Where one end of a link's socket pair is.
+/// The place of one end of a link's socket pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Socket {
     Underway,
@@ -35,7 +35,7 @@ enum Socket {
 struct Pair {
     ends: [(usize, InterfaceId); 2],
     sockets: [Socket; 2],
-    /// Whether anybody had reason to end it.
+    /// Whether any side had a reason to end the link.
     doomed: bool,
 }
 
@@ -43,11 +43,11 @@ struct Pair {
 struct Interface {
     contract: Contract,
     answered: bool,
-    /// By the present session's Manager, though an earlier one granted it.
+    /// The present session's Manager refused it, though an earlier one had granted it.
     refused: bool,
 }
 
-/// What a node has still to read.
+/// A datagram or event that a node has still to read.
 #[derive(Clone, Debug)]
 enum Down {
     Frame(Vec<u8>, Option<LinkId>),
@@ -81,7 +81,7 @@ pub(crate) struct World {
     manager: Option<Manager>,
     programs: Vec<Program>,
     pairs: BTreeMap<LinkId, Pair>,
-    /// Pairs that the present Manager may keep apart, since one of them broke its link.
+    /// Pairs that the present Manager need not link, because one side ended their link.
     broken: BTreeSet<[(usize, InterfaceId); 2]>,
 }
 
@@ -144,7 +144,7 @@ impl World {
         if self.manager.is_none() || !self.programs[at].node.is_away() {
             return;
         }
-        // A Manager hears those who are gone before those who come.
+        // A Manager reads the ends of old connections before it accepts new ones.
         while self.manager_reads_closed(at) {}
         self.connect(at);
         self.feed_node(at, node::Input::Reconnected, None);
@@ -170,7 +170,7 @@ impl World {
         };
         let withdrawn = node::Input::Withdraw { interface };
         if program.node.handle(self.now, withdrawn).is_err() {
-            // It is being declared.
+            // The interface is being declared.
             return;
         }
         program.interfaces.remove(&interface);
@@ -197,7 +197,7 @@ impl World {
         self.say_unlinked(at, interface, link, Code(71));
     }
 
-    /// The other end of a link is gone: so is ours.
+    /// The other end of a link is closed, so this end is closed as well.
     pub(crate) fn notice(&mut self, at: usize) {
         for (interface, link) in self.programs[at].links.clone() {
             let Pair { ends, sockets, .. } = &self.pairs[&link];
@@ -244,7 +244,7 @@ impl World {
         }
     }
 
-    /// A descriptor that nobody received.
+    /// A descriptor is lost because its receiver has closed the connection.
     fn lose(&mut self, at: usize, link: LinkId) {
         if let Some(pair) = self.pairs.get_mut(&link) {
             pair.doomed = true;
@@ -300,7 +300,7 @@ impl World {
         }
     }
 
-    /// Whether there was anything to read.
+    /// Reads one datagram. Returns whether there was one.
     pub(crate) fn manager_reads(&mut self, at: usize) -> bool {
         if self.manager_reads_closed(at) {
             return true;
@@ -374,7 +374,7 @@ impl World {
         }
     }
 
-    /// The Manager goes on with what it put off. Whether it had put off anything.
+    /// The Manager does a part of its deferred work. Returns whether there was any.
     pub(crate) fn go_on(&mut self) -> bool {
         let deadline = self.manager.as_ref().and_then(Manager::deadline);
         let due = deadline.is_some_and(|due| due <= self.now);
@@ -384,7 +384,7 @@ impl World {
         due
     }
 
-    /// A node has read something: all of it, it may be.
+    /// A node has read something. If it has read everything, the Manager is told.
     pub(super) fn drained(&mut self, at: usize) {
         if let (Some(connection), Some(manager)) = (&self.programs[at].connection, &self.manager)
             && connection.down.is_empty()
@@ -400,7 +400,7 @@ impl World {
         connections.into_iter().find(|it| it.session == session)
     }
 
-    /// What is sent to a node that has closed its end is lost.
+    /// A datagram to a node that has closed its end is lost.
     fn send(&mut self, session: NodeId, down: Down) -> bool {
         let connection = self.connection(session);
         connection
@@ -429,7 +429,7 @@ impl World {
             programs.iter().position(of).expect("a session of ours")
         };
         let ours = entities.map(|(session, interface)| (owner(session), interface));
-        // Its WITHDRAW is on the way.
+        // Its WITHDRAW is in flight.
         let is_withdrawn = |&(at, interface): &(usize, InterfaceId)| {
             !programs[at].interfaces.contains_key(&interface)
         };
@@ -446,8 +446,7 @@ impl World {
         }
     }
 
-    /// Everybody reads and reconnects until there is nothing left to do, and all claims
-    /// that are to come have come.
+    /// All nodes read and reconnect until nothing is left to do and every claim has come.
     pub(crate) fn settle(&mut self) {
         self.start();
         loop {

@@ -1,4 +1,4 @@
-//! What has to hold.
+//! The checks of the world.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use super::{LIMITS, World};
 use crate::support::oracle::{End, LinkQos, pair};
 
 impl World {
-    /// Pages and changes show exactly what the oracle says.
+    /// Pages and changes show exactly the oracle's items.
     pub(super) fn check_listing(&mut self) {
         assert_eq!(self.manager.sessions(), self.oracle.sessions());
         if let Some(session) = self.oracle.a_ready_session() {
@@ -17,8 +17,8 @@ impl World {
         }
     }
 
-    /// When nothing is under way, both sides of each link know of it, alike,
-    /// and there is a link for each pair that is to have one.
+    /// When nothing is in flight, both sides of each link know of it with the same QoS, and each
+    /// pair that is to be linked has a link.
     pub(super) fn check_links(&self) {
         let mut known: BTreeMap<[End; 2], Vec<(LinkId, LinkQos)>> = BTreeMap::new();
         for process in self.processes.iter().flatten() {
@@ -38,8 +38,8 @@ impl World {
         assert_eq!(self.manager.links(), known.len());
     }
 
-    /// Nobody is sent more LINKs than the policy allows before it has read all; one more is the
-    /// second of a link of its own two ends.
+    /// No session is sent more LINKs than the policy allows before it has read all of them. One
+    /// more is allowed if a link joins two interfaces of the session.
     //= SM2-LNK-007 test
     pub(super) fn check_pace(&self, session: NodeId) {
         let waiting = self.sockets[&session].to_node.iter();
@@ -50,8 +50,8 @@ impl World {
         );
     }
 
-    /// Nothing is kept of whoever is gone; the machine's own invariants, which
-    /// are checked after each input, say the rest.
+    /// No state is kept of sessions that are gone. The machine's own invariants, which are checked
+    /// after each input, cover the rest.
     pub(crate) fn end(mut self) -> (Manager, Vec<(NodeId, Vec<u8>)>) {
         self.settle();
         let last = (self.manager.clone(), std::mem::take(&mut self.trace));
