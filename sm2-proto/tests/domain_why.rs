@@ -48,8 +48,9 @@ fn linked_and_on_what_terms() {
     assert_eq!(
         text(&scan(), &sub(), &[link(false, false)]),
         "lidar's publisher of scan and planner's subscriber of scan are linked.\n\
-         not reliable, since the subscriber does not demand it; not sealed: nobody asks for it \
-         and no policy does, so the sender could still change what it sent."
+         not reliable, since the subscriber does not demand it; not sealed: neither side \
+         asks for it and no policy demands it, so the sender could still change a message after it \
+         was sent."
     );
     let plain = publisher_with("scan", &data("Scan"), false, false);
     let qos = said(&plain, &sub(), &[link(false, false)]);
@@ -122,7 +123,7 @@ fn kinds_and_reliability() {
     );
     let domain = domain(&scan(), &sub(), &[]);
     let itself = why(&domain, at(LIDAR, 1), at(LIDAR, 1)).to_string();
-    assert!(itself.starts_with("lidar's publisher of scan is one interface; it takes two"));
+    assert!(itself.starts_with("lidar's publisher of scan is one interface: a link joins two."));
     let plain = publisher_with("scan", &data("Scan"), false, false);
     assert_eq!(
         text(&plain, &subscriber_with("scan", None, true, false), &[]),
@@ -262,7 +263,7 @@ fn refused_and_by_whom() {
     ];
     assert!(
         text(&scan(), &image, &refused)
-            .ends_with(".\nWhoever stated that type is gone by now: declare it again.")
+            .ends_with(".\nThe interface that stated that type is gone by now: declare again.")
     );
     let (add, sum) = (data("Add"), data("Sum"));
     let stated = Refusal::ServiceType {

@@ -25,7 +25,7 @@ pub(crate) fn mirror(data: &[u8]) {
     while fuzz.step().is_some() {
         fuzz.check();
     }
-    fuzz.look();
+    fuzz.query_all();
 }
 
 struct Fuzz<'a> {
@@ -80,7 +80,7 @@ impl Fuzz<'_> {
             }
             _ => {
                 counters(&mut self.script)?;
-                self.look();
+                self.query_all();
                 Ok(Vec::new())
             }
         };
@@ -107,7 +107,7 @@ impl Fuzz<'_> {
     }
 
     /// Asks every query of the tools about each entity that the items name.
-    fn look(&self) {
+    fn query_all(&self) {
         let domain = self.mirror.domain();
         let entities: Vec<EntityId> = domain.items().flat_map(entities).take(12).collect();
         for &one in &entities {

@@ -42,7 +42,7 @@ impl Manager {
         let record = record.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
         record.claim(interface, link);
         if record.link_ends() > limit {
-            self.tell(entity, link, Farewell::Resources.code());
+            self.send_unlink(entity, link, Farewell::Resources.code());
             return Ok(());
         }
         match self.claims.meet(link, entity, claim) {
@@ -65,7 +65,7 @@ impl Manager {
             Some(pair) => self.record(link, pair, agreed, 0),
             None => {
                 for end in ends {
-                    self.tell(end, link, Farewell::NotAdopted.code());
+                    self.send_unlink(end, link, Farewell::NotAdopted.code());
                 }
             }
         }
@@ -74,8 +74,8 @@ impl Manager {
     /// The pair that a claimed link joins, if this Manager would make such a link now.
     //= SM2-RES-005, SM2-MAT-003
     fn adoptable(&self, [one, other]: [EntityId; 2], agreed: Agreed) -> Option<Pair> {
-        let (uid, ours) = self.whose(one)?;
-        let (their_uid, theirs) = self.whose(other)?;
+        let (uid, ours) = self.user_and_contract(one)?;
+        let (their_uid, theirs) = self.user_and_contract(other)?;
         let qos = match_contracts(ours, theirs).ok()?;
         let pair = Pair::new(one, ours, other);
         let sealed = qos.sealed || self.policy.seals(uid == their_uid);
@@ -115,7 +115,7 @@ impl Manager {
             for (interface, link) in half.unwrap_or_default() {
                 let entity = EntityId { node, interface };
                 self.give_up_claim(entity, link);
-                self.tell(entity, link, Farewell::PeerGone.code());
+                self.send_unlink(entity, link, Farewell::PeerGone.code());
             }
         }
     }
@@ -128,7 +128,7 @@ impl Manager {
     }
 
     /// Sends the Manager's UNLINK for a live end of a link.
-    pub(super) fn tell(
+    pub(super) fn send_unlink(
         &mut self,
         EntityId { node, interface }: EntityId,
         link: LinkId,
@@ -136,7 +136,7 @@ impl Manager {
     ) {
         let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
         if let Some(record) = record {
-            record.tell(interface, link);
+            record.begin_unlink(interface, link);
             self.send(
                 node,
                 &ToNode::Unlink {

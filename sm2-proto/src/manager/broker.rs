@@ -202,12 +202,12 @@ impl Manager {
         let Some(contract) = contract else {
             return left;
         };
-        let mut looked = 0;
+        let mut checked = 0;
         let mut last = None;
         let mut missing = Vec::new();
         if let Some(channel) = self.channels.get(&contract) {
             for (other, matches) in channel.counterparts(&contract, after).take(left) {
-                looked += 1;
+                checked += 1;
                 last = Some(other);
                 let pair = Pair::new(entity, &contract, other);
                 if matches
@@ -220,7 +220,7 @@ impl Manager {
             }
         }
         if let Some(session) = self.sessions.get_mut(&entity.node) {
-            let more = last.filter(|_| looked == left);
+            let more = last.filter(|_| checked == left);
             session.settled(entity.interface, more);
         }
         for other in missing {
@@ -233,7 +233,7 @@ impl Manager {
             }
         }
         // An interface without counterparts costs something, too.
-        looked.max(1)
+        checked.max(1)
     }
 
     /// A node of this pair whose quota has no room for one more link.
@@ -328,7 +328,7 @@ impl Manager {
     }
 
     /// The user and the contract of an interface.
-    pub(super) fn whose(&self, entity: EntityId) -> Option<(u32, &Contract)> {
+    pub(super) fn user_and_contract(&self, entity: EntityId) -> Option<(u32, &Contract)> {
         let (record, contract) = self.end(entity)?;
         Some((record.credentials().uid, contract))
     }

@@ -25,17 +25,17 @@ impl Manager {
         }
         self.forget_link(link, pair);
         for entity in pair.entities() {
-            self.unlink(entity, link);
+            self.remove_link(entity, link);
         }
         self.not_sent(pair);
         self.mark_unlinked(pair, UnlinkedReason::Descriptors);
     }
 
     /// Removes an end of a link that its session was never told of.
-    fn unlink(&mut self, entity: EntityId, link: LinkId) {
+    fn remove_link(&mut self, entity: EntityId, link: LinkId) {
         let record = self.sessions.get_mut(&entity.node);
         if let Some(record) = record.and_then(Session::node_mut) {
-            record.unlink(entity.interface, link);
+            record.remove_link(entity.interface, link);
         }
     }
 
@@ -127,9 +127,9 @@ impl Manager {
                 let other = pair.other(gone);
                 if self.forget_link(link, pair) {
                     if unheard_of {
-                        self.unlink(other, link);
+                        self.remove_link(other, link);
                     } else {
-                        self.tell(other, link, code);
+                        self.send_unlink(other, link, code);
                     }
                 }
             }

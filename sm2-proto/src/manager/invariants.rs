@@ -124,7 +124,7 @@ impl Manager {
     }
 
     fn is_match(&self, pair: Pair) -> bool {
-        let [one, other] = pair.entities().map(|it| self.whose(it));
+        let [one, other] = pair.entities().map(|it| self.user_and_contract(it));
         matches!((one, other), (Some((_, one)), Some((_, other)))
             if match_contracts(one, other).is_ok())
     }

@@ -82,7 +82,7 @@ use crate::{
 pub struct Manager {
     policy: Policy,
     log: Log,
-    last_session: u64,
+    last_session: NodeId,
     sessions: BTreeMap<NodeId, Session>,
     names: BTreeSet<Name>,
     users: Users,
@@ -114,7 +114,7 @@ impl Manager {
         Self {
             policy,
             log: Log::new(policy.changes_remembered),
-            last_session: 0,
+            last_session: NodeId(0),
             sessions: BTreeMap::new(),
             names: BTreeSet::new(),
             users: Users::new(),
@@ -165,7 +165,7 @@ impl Machine for Manager {
             debug_assert_drained(&self.outputs);
         }
         if let Input::Connected { session, .. } = input
-            && session.0 <= self.last_session
+            && session <= self.last_session
         {
             return Err(Misuse::SessionNumber(session).into());
         }
@@ -212,7 +212,7 @@ impl Machine for Manager {
 impl Manager {
     //= SM2-SES-007
     fn connect(&mut self, now: Instant, id: NodeId, who: Credentials) {
-        self.last_session = id.0;
+        self.last_session = id;
         self.sessions.insert(id, Session::new(who));
         self.greeting.insert(id, now.after(self.policy.greeting));
         if !self.users.connect(who.uid, &self.policy) {

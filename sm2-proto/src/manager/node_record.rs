@@ -20,7 +20,7 @@ use crate::{
 pub(super) struct NodeRecord {
     credentials: Credentials,
     name: Name,
-    last_interface: u64,
+    last_interface: InterfaceId,
     interfaces: BTreeMap<InterfaceId, Interface>,
     /// The latest refused interfaces, and the reasons.
     refused: BTreeMap<InterfaceId, (Contract, Refusal)>,
@@ -44,7 +44,7 @@ struct Interface {
     /// long as the other end has not claimed it.
     live: BTreeMap<LinkId, Option<Pair>>,
     /// The links for which UNLINK was sent and UNLINKED has not come.
-    told: BTreeSet<LinkId>,
+    unlinking: BTreeSet<LinkId>,
 }
 
 /// The remains of an interface: its contract and its live links.
@@ -64,7 +64,7 @@ impl NodeRecord {
         Self {
             credentials,
             name,
-            last_interface: 0,
+            last_interface: InterfaceId(0),
             interfaces: BTreeMap::new(),
             refused: BTreeMap::new(),
             links_in_flight: 0,
@@ -85,7 +85,7 @@ impl NodeRecord {
 
     /// The greatest number of an interface or refusal.
     pub(super) const fn last_interface(&self) -> InterfaceId {
-        InterfaceId(self.last_interface)
+        self.last_interface
     }
 
     /// The first interface from this number on.
@@ -97,10 +97,10 @@ impl NodeRecord {
     /// Spends an interface number.
     //= SM2-IFC-001
     pub(super) fn number(&mut self, interface: InterfaceId) -> Result<(), Violation> {
-        if interface.0 <= self.last_interface {
+        if interface <= self.last_interface {
             return Err(violation!(InterfaceNumber, "SM2-IFC-001"));
         }
-        self.last_interface = interface.0;
+        self.last_interface = interface;
         Ok(())
     }
 
@@ -158,7 +158,7 @@ impl NodeRecord {
             Interface {
                 contract,
                 live: BTreeMap::new(),
-                told: BTreeSet::new(),
+                unlinking: BTreeSet::new(),
             },
         );
     }
@@ -200,7 +200,7 @@ impl NodeRecord {
     /// Removes an interface and returns its remains.
     pub(super) fn withdraw(&mut self, interface: InterfaceId) -> Option<Remains> {
         let interface = self.interfaces.remove(&interface)?;
-        self.link_ends -= interface.live.len() + interface.told.len();
+        self.link_ends -= interface.live.len() + interface.unlinking.len();
         Some((interface.contract, interface.live))
     }
 
@@ -231,14 +231,14 @@ impl NodeRecord {
 
     /// Whether the count of link ends equals a recount.
     pub(super) fn counts_its_ends(&self) -> bool {
-        let told: usize = self.interfaces.values().map(|it| it.told.len()).sum();
-        self.link_ends == self.live_ends().count() + told
+        let unlinking: usize = self.interfaces.values().map(|it| it.unlinking.len()).sum();
+        self.link_ends == self.live_ends().count() + unlinking
     }
 
     /// Whether the interface has this link, at any stage; `None` without such an interface.
     pub(super) fn has_link(&self, interface: InterfaceId, link: LinkId) -> Option<bool> {
         let interface = self.interfaces.get(&interface)?;
-        Some(interface.live.contains_key(&link) || interface.told.contains(&link))
+        Some(interface.live.contains_key(&link) || interface.unlinking.contains(&link))
     }
 
     /// The interface has claimed a link.
@@ -260,7 +260,7 @@ impl NodeRecord {
     }
 
     /// Removes a link that was never made.
-    pub(super) fn unlink(&mut self, interface: InterfaceId, link: LinkId) {
+    pub(super) fn remove_link(&mut self, interface: InterfaceId, link: LinkId) {
         if let Some(interface) = self.interfaces.get_mut(&interface)
             && interface.live.remove(&link).is_some()
         {
@@ -269,11 +269,11 @@ impl NodeRecord {
     }
 
     /// Notes that UNLINK is sent for a live link.
-    pub(super) fn tell(&mut self, interface: InterfaceId, link: LinkId) {
+    pub(super) fn begin_unlink(&mut self, interface: InterfaceId, link: LinkId) {
         if let Some(interface) = self.interfaces.get_mut(&interface)
             && interface.live.remove(&link).is_some()
         {
-            interface.told.insert(link);
+            interface.unlinking.insert(link);
         }
     }
 
@@ -288,7 +288,7 @@ impl NodeRecord {
         let interface = interface.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
         let farewells = if let Some(pair) = interface.live.remove(&link) {
             Farewells::First(pair)
-        } else if interface.told.remove(&link) {
+        } else if interface.unlinking.remove(&link) {
             Farewells::Both
         } else {
             return Err(violation!(UnknownLink, "SM2-LNK-003"));

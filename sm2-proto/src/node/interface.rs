@@ -23,7 +23,7 @@ enum State {
     /// DECLARED came in an earlier session, and DECLARE is sent in this one.
     Renewing,
     /// As *renewing*; the program has withdrawn the interface since.
-    Doomed,
+    WithdrawalQueued,
     /// DECLARED came in this session.
     Live,
     /// WITHDRAW is sent.
@@ -57,7 +57,7 @@ pub(super) enum Answered {
     /// A DECLARE that the machine repeated is answered.
     Renewed,
     /// As `Renewed`, but the program has withdrawn the interface since.
-    Doomed,
+    WithdrawalQueued,
 }
 
 /// The effect of withdrawing an interface.
@@ -122,7 +122,7 @@ impl Interface {
         let (state, answered) = match self.state {
             State::Declaring => (State::Live, Answered::First),
             State::Renewing => (State::Live, Answered::Renewed),
-            State::Doomed => (State::Dropping, Answered::Doomed),
+            State::WithdrawalQueued => (State::Dropping, Answered::WithdrawalQueued),
             _ => return Err(violation!(UnknownInterface, "SM2-IFC-002")),
         };
         self.state = state;
@@ -134,7 +134,7 @@ impl Interface {
     pub(super) fn refused(&mut self) -> Result<Answered, Violation> {
         match self.state {
             State::Declaring => Ok(Answered::First),
-            State::Doomed => Ok(Answered::Doomed),
+            State::WithdrawalQueued => Ok(Answered::WithdrawalQueued),
             State::Renewing => {
                 self.state = State::Dormant;
                 Ok(Answered::Renewed)
@@ -153,11 +153,11 @@ impl Interface {
             // WITHDRAW of a refused interface would be a violation, so the answer has to come
             // first.
             State::Renewing => {
-                self.state = State::Doomed;
+                self.state = State::WithdrawalQueued;
                 Ok(Withdrawal::Wait)
             }
             State::Queued | State::Dormant => Ok(Withdrawal::Forget),
-            State::Declaring | State::Doomed | State::Dropping => Err(Misuse::NotLive),
+            State::Declaring | State::WithdrawalQueued | State::Dropping => Err(Misuse::NotLive),
         }
     }
 
@@ -175,7 +175,7 @@ impl Interface {
         self.state = match self.state {
             State::Queued | State::Declaring => State::Queued,
             State::Dormant | State::Renewing | State::Live => State::Dormant,
-            State::Doomed | State::Dropping => return false,
+            State::WithdrawalQueued | State::Dropping => return false,
         };
         self.links
             .retain(|_, (standing, _)| *standing != Standing::Left);

@@ -48,11 +48,11 @@ pub(super) struct Session {
 }
 
 /// The interfaces of a node. They outlive sessions.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Interfaces {
     pub(super) by_id: BTreeMap<InterfaceId, Interface>,
     /// The greatest number that was ever allotted.
-    pub(super) last: u64,
+    pub(super) last: InterfaceId,
 }
 
 impl Phase {
@@ -136,12 +136,19 @@ impl Session {
 }
 
 impl Interfaces {
+    pub(super) const fn new() -> Self {
+        Self {
+            by_id: BTreeMap::new(),
+            last: InterfaceId(0),
+        }
+    }
+
     /// Allots the next number to an interface that is not declared yet.
     //= SM2-IFC-001
     pub(super) fn allot(&mut self, contract: Contract) -> Result<InterfaceId, Misuse> {
-        let number = self.last.checked_add(1);
-        self.last = number.ok_or(Misuse::NumbersSpent)?;
-        let interface = InterfaceId(self.last);
+        let number = self.last.0.checked_add(1);
+        let interface = InterfaceId(number.ok_or(Misuse::NumbersSpent)?);
+        self.last = interface;
         self.by_id.insert(interface, Interface::new(contract));
         Ok(interface)
     }

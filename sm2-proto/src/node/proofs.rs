@@ -24,11 +24,11 @@ fn node(phase: Phase) -> Node {
 
 /// The interfaces of a node that was welcomed and has declared none.
 fn known() -> Option<Interfaces> {
-    Some(Interfaces::default())
+    Some(Interfaces::new())
 }
 
 fn session() -> Session {
-    Session::new(NodeId(1), 2, Interfaces::default())
+    Session::new(NodeId(1), 2, Interfaces::new())
 }
 
 /// CLI-IDS: an interface gets a number that is greater than all numbers before it, from any count.
@@ -45,7 +45,7 @@ fn interface_numbers_are_fresh() {
     ]));
     let last: u64 = kani::any();
     let interfaces = node.phase.interfaces_mut().expect("welcomed");
-    interfaces.last = last;
+    interfaces.last = InterfaceId(last);
     let before = node.clone();
     let declared = node.declare(subscriber());
     if last == u64::MAX {
@@ -55,7 +55,7 @@ fn interface_numbers_are_fresh() {
         let interface = InterfaceId(last + 1);
         assert_eq!(declared, Ok(interface));
         let interfaces = node.phase.interfaces_mut().expect("welcomed");
-        assert_eq!(interfaces.last, last + 1);
+        assert_eq!(interfaces.last, interface);
         assert!(interfaces.by_id.contains_key(&interface));
         // DECLARE goes out at once if the session is ready, otherwise after CLAIMED.
         let ready = node.is_ready();

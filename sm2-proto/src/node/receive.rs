@@ -48,7 +48,7 @@ impl Node {
             ) => self.welcome(version, epoch, node)?,
             (Phase::Greeting(_), ToNode::HelloRefused { reason }) => {
                 self.phase = Phase::Refused(self.phase.take_known());
-                self.tell(Output::HelloRefused(reason));
+                self.emit(Output::HelloRefused(reason));
             }
             (_, ToNode::Welcome { .. } | ToNode::HelloRefused { .. }) => {
                 return Err(violation!(UnexpectedWelcome, "SM2-NOD-001"));
@@ -93,7 +93,7 @@ impl Node {
                 next,
             } => {
                 session.requests.page()?;
-                self.tell(Output::Page {
+                self.emit(Output::Page {
                     revision,
                     items,
                     next,
@@ -105,7 +105,7 @@ impl Node {
                 more,
             } => {
                 session.requests.changes()?;
-                self.tell(Output::Changes {
+                self.emit(Output::Changes {
                     revision,
                     changes,
                     more,
@@ -113,15 +113,15 @@ impl Node {
             }
             ToNode::Inspected { node } => {
                 session.requests.inspected(node)?;
-                self.tell(Output::Inspected { node });
+                self.emit(Output::Inspected { node });
             }
             ToNode::NotInspected { node } => {
                 session.requests.inspected(node)?;
-                self.tell(Output::NotInspected { node });
+                self.emit(Output::NotInspected { node });
             }
             ToNode::Described { data, text } => {
                 session.requests.described(&data, text.as_deref())?;
-                self.tell(Output::Described { data, text });
+                self.emit(Output::Described { data, text });
             }
         }
         Ok(())
@@ -129,9 +129,9 @@ impl Node {
 
     fn declared(&mut self, interface: InterfaceId, matches: u32) -> Result<(), Violation> {
         match self.answered(interface)?.declared()? {
-            Answered::First => self.tell(Output::Declared { interface, matches }),
+            Answered::First => self.emit(Output::Declared { interface, matches }),
             Answered::Renewed => {}
-            Answered::Doomed => self.send(&ToManager::Withdraw { interface }),
+            Answered::WithdrawalQueued => self.send(&ToManager::Withdraw { interface }),
         }
         self.claim_when_answered();
         Ok(())
@@ -141,12 +141,12 @@ impl Node {
         match self.answered(interface)?.refused()? {
             Answered::First => {
                 self.forget_interface(interface);
-                self.tell(Output::DeclareRefused { interface, reason });
+                self.emit(Output::DeclareRefused { interface, reason });
             }
-            Answered::Renewed => self.tell(Output::DeclareRefused { interface, reason }),
-            Answered::Doomed => {
+            Answered::Renewed => self.emit(Output::DeclareRefused { interface, reason }),
+            Answered::WithdrawalQueued => {
                 self.forget_interface(interface);
-                self.tell(Output::Withdrawn { interface });
+                self.emit(Output::Withdrawn { interface });
             }
         }
         self.claim_when_answered();
@@ -159,7 +159,7 @@ impl Node {
         let ours = ours.ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
         ours.withdrawn()?;
         self.forget_interface(interface);
-        self.tell(Output::Withdrawn { interface });
+        self.emit(Output::Withdrawn { interface });
         Ok(())
     }
 
@@ -180,7 +180,7 @@ impl Node {
         if asked.link(link, ours, &peer)? {
             let Link { version, qos, .. } = ours;
             let LinkQos { reliable, sealed } = qos;
-            self.tell(Output::Linked {
+            self.emit(Output::Linked {
                 interface,
                 link,
                 version,
@@ -207,7 +207,7 @@ impl Node {
                 link,
                 code,
             });
-            self.tell(Output::Unlink {
+            self.emit(Output::Unlink {
                 interface,
                 link,
                 code,
@@ -238,7 +238,7 @@ impl Node {
         }
     }
 
-    fn tell(&mut self, output: Output) {
+    fn emit(&mut self, output: Output) {
         self.outputs.push_back(output);
     }
 }

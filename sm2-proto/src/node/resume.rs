@@ -46,7 +46,7 @@ impl Node {
         }
         self.outputs.push_back(Output::Welcomed { node, epoch });
         let Some(mut interfaces) = self.phase.take_known() else {
-            self.phase = Phase::Ready(Session::new(node, epoch, Interfaces::default()));
+            self.phase = Phase::Ready(Session::new(node, epoch, Interfaces::new()));
             return Ok(());
         };
         // The Manager sends no UNLINK for a link whose two ends are both of this node.

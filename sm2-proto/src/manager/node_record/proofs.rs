@@ -34,7 +34,7 @@ fn name() -> Name {
 fn interface_numbers_grow() {
     let mut record = record();
     let (last, wanted): (u64, u64) = kani::any();
-    record.last_interface = last;
+    record.last_interface = InterfaceId(last);
     let verdict = record.number(InterfaceId(wanted));
     let grows = wanted > last;
     let expected = if grows {
@@ -43,7 +43,8 @@ fn interface_numbers_grow() {
         Err(violation!(InterfaceNumber, "SM2-IFC-001"))
     };
     assert_eq!(verdict, expected);
-    assert_eq!(record.last_interface, if grows { wanted } else { last });
+    let latest = if grows { wanted } else { last };
+    assert_eq!(record.last_interface, InterfaceId(latest));
     assert!(!grows || wanted > 0);
     let again = record.number(InterfaceId(wanted));
     assert_eq!(
@@ -62,10 +63,10 @@ enum Stage {
     /// Claimed, without a counterpart.
     Half,
     Joined,
-    Told,
+    Unlinking,
 }
 
-const STAGES: [Stage; 4] = [Stage::Gone, Stage::Half, Stage::Joined, Stage::Told];
+const STAGES: [Stage; 4] = [Stage::Gone, Stage::Half, Stage::Joined, Stage::Unlinking];
 
 const LINKS: [LinkId; 2] = [
     LinkId {
@@ -88,14 +89,14 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
     let mut interface = Interface {
         contract: Arc::new(subscriber()),
         live: BTreeMap::new(),
-        told: BTreeSet::new(),
+        unlinking: BTreeSet::new(),
     };
     for (link, stage) in LINKS.into_iter().zip(stages) {
         match stage {
             Stage::Gone => continue,
             Stage::Half => drop(interface.live.insert(link, None)),
             Stage::Joined => drop(interface.live.insert(link, Some(PAIR))),
-            Stage::Told => drop(interface.told.insert(link)),
+            Stage::Unlinking => drop(interface.unlinking.insert(link)),
         }
         record.link_ends += 1;
     }
@@ -122,7 +123,7 @@ fn farewells_of_a_links_end() {
                 Stage::Gone => Err(violation!(UnknownLink, "SM2-LNK-003")),
                 Stage::Half => Ok(Farewells::First(None)),
                 Stage::Joined => Ok(Farewells::First(Some(PAIR))),
-                Stage::Told => Ok(Farewells::Both),
+                Stage::Unlinking => Ok(Farewells::Both),
             };
             assert_eq!(verdict, expected);
             let again = record.farewell(OURS, link);
@@ -137,17 +138,17 @@ fn farewells_of_a_links_end() {
             kani::cover!(expected == Ok(Farewells::Both), "both are said");
         }
         1 => {
-            record.tell(OURS, link);
-            stages[0] = if live { Stage::Told } else { stage };
+            record.begin_unlink(OURS, link);
+            stages[0] = if live { Stage::Unlinking } else { stage };
         }
         2 => {
             // Only a link that was just made, and of which the node was not told, is taken back.
-            record.unlink(OURS, link);
+            record.remove_link(OURS, link);
             stages[0] = if live { Stage::Gone } else { stage };
         }
         3 => {
             // A number that was told to the node is not used again.
-            kani::assume(stage != Stage::Told);
+            kani::assume(stage != Stage::Unlinking);
             record.link(OURS, link, PAIR);
             stages[0] = Stage::Joined;
             kani::cover!(stage == Stage::Half, "adopted");

@@ -14,7 +14,7 @@ const STATES: [State; 7] = [
     State::Declaring,
     State::Dormant,
     State::Renewing,
-    State::Doomed,
+    State::WithdrawalQueued,
     State::Live,
     State::Dropping,
 ];
@@ -32,7 +32,7 @@ enum Row {
 const fn row(state: State) -> Row {
     match state {
         State::Queued | State::Dormant => Row::Unheard,
-        State::Declaring | State::Renewing | State::Doomed => Row::Declaring,
+        State::Declaring | State::Renewing | State::WithdrawalQueued => Row::Declaring,
         State::Live => Row::Live,
         State::Dropping => Row::Dropping,
     }
@@ -123,7 +123,7 @@ fn any_standing(state: State) -> Option<Standing> {
         // No Manager has ever granted the interface.
         State::Queued | State::Declaring => standing.is_none(),
         // All its links are of earlier sessions.
-        State::Dormant | State::Renewing | State::Doomed => {
+        State::Dormant | State::Renewing | State::WithdrawalQueued => {
             matches!(standing, None | Some(Standing::Unclaimed))
         }
         State::Live | State::Dropping => true,
@@ -153,7 +153,7 @@ pub(in crate::node) fn fits(interface: &Interface, resuming: bool) -> bool {
     match interface.state {
         State::Queued => resuming,
         State::Declaring => !resuming,
-        State::Renewing | State::Doomed => resuming,
+        State::Renewing | State::WithdrawalQueued => resuming,
         State::Dormant | State::Dropping => true,
         // All links of earlier sessions are claimed by then.
         State::Live => {
@@ -190,8 +190,8 @@ fn interface_table() {
         0 => {
             let answer = it.declared();
             assert_eq!(answer.is_ok(), at == Row::Declaring);
-            if before.state == State::Doomed {
-                assert!(answer == Ok(Answered::Doomed) && it.state == State::Dropping);
+            if before.state == State::WithdrawalQueued {
+                assert!(answer == Ok(Answered::WithdrawalQueued) && it.state == State::Dropping);
             } else if answer.is_ok() {
                 assert!(it.state == State::Live);
                 let first = before.state == State::Declaring;
@@ -294,7 +294,9 @@ fn interfaces_outlive_sessions() {
                 State::Live => Ok(Withdrawal::Send),
                 State::Renewing => Ok(Withdrawal::Wait),
                 State::Queued | State::Dormant => Ok(Withdrawal::Forget),
-                State::Declaring | State::Doomed | State::Dropping => Err(Misuse::NotLive),
+                State::Declaring | State::WithdrawalQueued | State::Dropping => {
+                    Err(Misuse::NotLive)
+                }
             };
             assert_eq!(it.withdraw(), expected);
             let gone = expected == Ok(Withdrawal::Forget);
@@ -304,7 +306,7 @@ fn interfaces_outlive_sessions() {
             );
         }
         3 => {
-            let given_up = matches!(before.state, State::Doomed | State::Dropping);
+            let given_up = matches!(before.state, State::WithdrawalQueued | State::Dropping);
             let lives = it.away();
             assert_eq!(lives, !given_up);
             if lives {

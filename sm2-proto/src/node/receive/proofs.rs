@@ -26,7 +26,7 @@ const LINK: LinkId = LinkId {
 fn any_node() -> Node {
     let mut node = Node::new(Name::new("n").expect("a legal name"));
     node.outputs.clear();
-    let session = Session::new(NodeId(4), 70, Interfaces::default());
+    let session = Session::new(NodeId(4), 70, Interfaces::new());
     node.phase = one_of(&[
         Phase::Greeting(None),
         Phase::Refused(None),
@@ -69,12 +69,12 @@ fn insert(node: &mut Node, interface: Interface) {
             }
         }
         Phase::Greeting(known) | Phase::Refused(known) | Phase::Away(_, known) => {
-            *known = Some(Interfaces::default());
+            *known = Some(Interfaces::new());
         }
         Phase::Ended(_) => {}
     }
     let interfaces = node.phase.interfaces_mut().expect("it has not ended");
-    interfaces.last = OURS.0;
+    interfaces.last = OURS;
     interfaces.by_id.insert(OURS, interface);
 }
 
@@ -147,7 +147,8 @@ fn session_table() {
     let frame = any_frame(named);
     let mut before = node.clone();
     let asked = (before.phase.session()).is_some_and(|it| it.requests != Default::default());
-    let interfaces = before.phase.interfaces_mut().cloned().unwrap_or_default();
+    let interfaces = before.phase.interfaces_mut().cloned();
+    let interfaces = interfaces.unwrap_or(Interfaces::new());
     let ours = interfaces.by_id.get(&named);
     let is_asked_for = ours.is_some_and(is_declaring);
     let welcomes = matches!(frame, ToNode::Welcome { .. } | ToNode::HelloRefused { .. });
