@@ -1,4 +1,4 @@
-//! What the Manager says, and what it is told.
+//! Carries out the outputs of the node's machine, and feeds it the requests of handles.
 
 use std::io;
 use std::sync::Arc;
@@ -29,7 +29,7 @@ impl Inner {
         }
     }
 
-    /// Does all that the session's machine says: the one place where its outputs are matched.
+    /// Carries out all outputs of the session's machine. Only this function matches them.
     pub(super) fn drain_session(&mut self, mut came: Incoming, epoll: &Epoll) {
         while let Some(output) = self.session.poll() {
             match output {
@@ -87,8 +87,8 @@ impl Inner {
         }
     }
 
-    /// The first Manager has nothing to learn of this node; any other knows all of it
-    /// only when it is [resumed](Self::resumed).
+    /// The first Manager knows all interfaces of this node at once, because there are none. Any
+    /// other Manager knows them only when the session is [resumed](Self::resumed).
     fn welcomed(&mut self) {
         for interface in self.interfaces.values_mut() {
             interface.refused_again = None;
@@ -118,7 +118,7 @@ impl Inner {
     }
 
     //= SM2-NOD-003
-    // Links are left alone.
+    // Links stay open.
     fn ended(&mut self, end: End, epoll: &Epoll) {
         self.session.hang_up(end, epoll);
         self.questions.forget();
@@ -137,7 +137,8 @@ impl Inner {
                 }
                 interface.state = state;
             }
-            // Whoever declared it has given up waiting. Refused already, if it is not live.
+            // The caller that declared it no longer waits for the answer. An interface that was
+            // refused is gone already.
             None => self.session.tell(Input::Withdraw { interface: id }),
         }
         self.sleepers.wake(Topic::Interface(id));
@@ -159,7 +160,7 @@ impl Inner {
         }
     }
 
-    /// A new link, whose socket came along.
+    /// Adds a link, whose socket came with LINK.
     fn linked(
         &mut self,
         id: InterfaceId,
@@ -203,19 +204,19 @@ impl Inner {
         self.sleepers.wake(Topic::Interface(id));
     }
 
-    // ---- what handles ask for ----
+    // ---- requests of handles ----
 
-    /// Why there is no Manager that knows all of this node, if there is none.
+    /// The reason for which no Manager knows all interfaces of this node, if there is one.
     pub(crate) const fn away(&self) -> Option<End> {
         self.session.away
     }
 
-    /// Why the last greeting was not granted, if it was not.
+    /// The reason for which the last greeting was refused, if it was.
     pub(crate) const fn greeting_refusal(&self) -> Option<&Refusal> {
         self.session.refused.as_ref()
     }
 
-    /// Whether a Manager is there that knows all of this node.
+    /// Whether a Manager is connected that knows all interfaces and links of this node.
     pub(crate) const fn is_connected(&self) -> bool {
         self.session.is_ready()
     }
@@ -228,13 +229,13 @@ impl Inner {
         self.session.epoch()
     }
 
-    /// Whether the Manager that is there has this interface.
+    /// Whether the connected Manager has granted this interface.
     pub(crate) fn is_registered(&self, id: InterfaceId) -> bool {
         let interface = self.interfaces.get(&id);
         self.is_connected() && interface.is_some_and(Interface::is_granted)
     }
 
-    /// Sends DECLARE, as soon as there is a Manager.
+    /// Declares an interface. DECLARE is sent as soon as a Manager is connected.
     pub(crate) fn declare(
         &mut self,
         contract: Contract,
@@ -252,8 +253,8 @@ impl Inner {
         Ok(id)
     }
 
-    /// Tells this Manager and all that follow what a type looks like. The text's hash must be
-    /// that of the type.
+    /// Registers the schema text of a type with this Manager and with all that follow. The text
+    /// must have the type's hash.
     //= SM2-SCH-001
     pub(crate) fn register_schema(&mut self, data: TypeId, text: String, epoll: &Epoll) {
         if self.schemas.get(&data) == Some(&text) {
@@ -264,7 +265,7 @@ impl Inner {
         self.drain_session(Incoming::default(), epoll);
     }
 
-    /// Ends an interface: its links with CLOSE, and then with the Manager.
+    /// Closes the links of an interface and withdraws the interface.
     pub(crate) fn withdraw(&mut self, id: InterfaceId, epoll: &Epoll) {
         self.with(id, epoll, |interface, tools| interface.close(tools));
         if let Some(interface) = self.interfaces.remove(&id) {

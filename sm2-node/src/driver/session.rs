@@ -1,4 +1,4 @@
-//! The node's session with its Manager: socket and machine.
+//! The node's session with its Manager: the socket and the machine.
 
 use std::collections::VecDeque;
 use std::io::IoSlice;
@@ -17,18 +17,19 @@ use super::datagram::{Incoming, receive};
 pub(super) struct Session {
     socket: Option<SeqPacket>,
     machine: Node,
-    /// Frames that the socket did not take yet. Bounded by what this node declares and asks.
+    /// Frames that the socket has not taken. Their number is bounded by the declarations and
+    /// requests of this node.
     unsent: VecDeque<Frame>,
-    /// Whether we wait until the socket is writable.
+    /// Whether the epoll set also watches for the socket to become writable.
     blocked: bool,
-    /// Why the last session is over, as long as no Manager knows again what this node has.
+    /// The end of the last session, until a Manager again knows all interfaces of this node.
     pub(super) away: Option<End>,
-    /// Why the last greeting was not granted, if it was not.
+    /// The reason for which the last greeting was refused, if it was.
     pub(super) refused: Option<Refusal>,
     welcomed: bool,
 }
 
-/// One datagram on its way out.
+/// A datagram to be sent.
 #[derive(Debug)]
 struct Frame {
     bytes: Vec<u8>,
@@ -49,7 +50,7 @@ impl Session {
         }
     }
 
-    /// There is a new connection, which the epoll set watches.
+    /// Takes a new connection, which the epoll set watches already.
     pub(super) fn connected(&mut self, socket: SeqPacket) {
         debug_assert!(self.socket.is_none() && self.unsent.is_empty());
         self.socket = Some(socket);
@@ -61,13 +62,13 @@ impl Session {
         self.welcomed
     }
 
-    /// A Manager has welcomed this node; whether it was the first.
+    /// Notes that a Manager has welcomed this node. Returns whether it is the first one.
     pub(super) fn welcomed(&mut self) -> bool {
         self.refused = None;
         !std::mem::replace(&mut self.welcomed, true)
     }
 
-    /// Whether a Manager is there that knows all of this node.
+    /// Whether a Manager is connected that knows all interfaces and links of this node.
     pub(super) const fn is_ready(&self) -> bool {
         self.machine.is_ready()
     }
@@ -84,8 +85,8 @@ impl Session {
         self.machine.declare(contract)
     }
 
-    /// Tells the Manager something. What it does not apply to is over anyway: the session,
-    /// or what the input names.
+    /// Feeds an input. An error only says that the session, or the object of the input, has ended,
+    /// so there is nothing left to do.
     pub(super) fn tell(&mut self, input: Input<'_>) {
         let _ = self.machine.handle(sm2_io::clock::now(), input);
     }
@@ -98,7 +99,7 @@ impl Session {
         });
     }
 
-    /// Reads one datagram. `None` if none is there.
+    /// Reads one datagram; `None` if there is none.
     pub(super) fn receive(&mut self, buffer: &mut [u8]) -> Option<Incoming> {
         let incoming = match receive(self.socket.as_ref()?, buffer) {
             Ok(incoming) => incoming,
@@ -123,18 +124,18 @@ impl Session {
         Some(incoming)
     }
 
-    /// What the machine wants done next.
+    /// The next output of the machine.
     pub(super) fn poll(&mut self) -> Option<Output> {
         self.machine.poll()
     }
 
-    /// Sends a frame, after those that wait.
+    /// Sends a frame after all unsent ones.
     pub(super) fn send(&mut self, bytes: Vec<u8>, fd: Option<OwnedFd>, epoll: &Epoll) {
         self.unsent.push_back(Frame { bytes, fd });
         self.flush(epoll);
     }
 
-    /// Sends what the socket takes.
+    /// Sends as many unsent frames as the socket takes.
     pub(super) fn flush(&mut self, epoll: &Epoll) {
         let Some(socket) = &self.socket else {
             self.unsent.clear();
@@ -143,8 +144,8 @@ impl Session {
         while let Some(Frame { bytes, fd }) = self.unsent.front() {
             let fd = fd.as_ref().map(AsFd::as_fd);
             match socket.send(&[IoSlice::new(bytes)], fd.as_slice()) {
-                // Whoever is gone has sent all it will: that is read first, and then the
-                // end of the stream (SM2-TRN-006).
+                // The Manager has closed its end. The frames that it sent before, and then the end
+                // of the stream, are read first (SM2-TRN-006).
                 Ok(()) | Err(SendError::Closed) => {}
                 Err(SendError::WouldBlock) => break,
                 Err(error) => tracing::warn!(%error, "a frame for the Manager was lost"),
@@ -163,7 +164,7 @@ impl Session {
         }
     }
 
-    /// The session is over: says why, and closes the connection.
+    /// Logs the end of the session and closes the connection.
     pub(super) fn hang_up(&mut self, end: End, epoll: &Epoll) {
         match end {
             End::Violation(violation) => tracing::warn!(
@@ -171,7 +172,7 @@ impl Session {
                 clause = %violation.clause(),
                 "the Manager broke the protocol; the session is over, links go on"
             ),
-            // Each attempt that is refused ends like this, and was reported.
+            // The refusal was reported before; each refused attempt ends like this.
             _ if self.refused.is_some() => {}
             End::Peer(code)
                 if ![Farewell::Done.code(), Farewell::ShuttingDown.code()].contains(&code) =>
