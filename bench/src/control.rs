@@ -10,7 +10,7 @@ use std::{
     thread,
 };
 
-use crate::job::Said;
+use crate::job::ProcessEvent;
 
 /// The progress that the director has allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -81,8 +81,8 @@ pub fn wait_for(stage: Stage) {
 /// # Errors
 ///
 /// Standard output is closed: the director is gone.
-pub fn say(said: &Said) -> io::Result<()> {
-    let mut line = serde_json::to_vec(said)?;
+pub fn send_event(event: &ProcessEvent) -> io::Result<()> {
+    let mut line = serde_json::to_vec(event)?;
     line.push(b'\n');
     let mut out = io::stdout().lock();
     out.write_all(&line)?;

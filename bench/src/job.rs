@@ -1,7 +1,7 @@
 //! The protocol between the director and the processes of a run.
 //!
 //! The director starts each process with a [`Job`] as its argument. The process prints one line of
-//! JSON, a [`Said`], per event. It reads the words `go` and `stop` from its standard input, and
+//! JSON, a [`ProcessEvent`], per event. It reads the words `go` and `stop` from its standard input, and
 //! exits when its standard input ends.
 
 use std::path::PathBuf;
@@ -212,7 +212,7 @@ pub struct MemoryWork {
 /// One line of output of a process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Said {
+pub enum ProcessEvent {
     /// The process has declared its interfaces.
     Ready,
     /// The counted part begins.
@@ -311,18 +311,18 @@ pub struct Arrival {
 
 #[cfg(test)]
 mod tests {
-    use super::{Outcome, Read, Reception, Said};
+    use super::{Outcome, ProcessEvent, Read, Reception};
 
     #[test]
     fn what_is_said_is_one_line_and_understood() {
-        let said = Said::Done(Outcome::Received(Reception {
+        let event = ProcessEvent::Done(Outcome::Received(Reception {
             counted: 3,
             hz: 1.5,
             ..Reception::default()
         }));
-        let line = serde_json::to_string(&said).unwrap();
+        let line = serde_json::to_string(&event).unwrap();
         assert!(!line.contains('\n'));
-        assert_eq!(serde_json::from_str::<Said>(&line).unwrap(), said);
+        assert_eq!(serde_json::from_str::<ProcessEvent>(&line).unwrap(), event);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use tempfile::TempDir;
 
 use crate::{
     interrupt,
-    job::{Cores, Domain, Job, Outcome, ROLE_COMMAND, Role, Said, Side},
+    job::{Cores, Domain, Job, Outcome, ProcessEvent, ROLE_COMMAND, Role, Side},
     leftovers::Leftovers,
     link::Link,
     measure,
@@ -45,8 +45,8 @@ pub struct World {
     networks: Option<[PathBuf; 2]>,
     dir: TempDir,
     processes: Vec<Process>,
-    events: Receiver<(usize, Option<Said>)>,
-    sender: Sender<(usize, Option<Said>)>,
+    events: Receiver<(usize, Option<ProcessEvent>)>,
+    sender: Sender<(usize, Option<ProcessEvent>)>,
     // Removes the files that are left when all processes have ended.
     leftovers: Leftovers,
 }
@@ -58,7 +58,7 @@ struct Process {
     child: Child,
     stdin: Option<ChildStdin>,
     stderr: PathBuf,
-    said: VecDeque<Option<Said>>,
+    reported: VecDeque<Option<ProcessEvent>>,
 }
 
 /// The index of a process of a world.
@@ -201,7 +201,7 @@ impl World {
             child,
             stdin,
             stderr,
-            said: VecDeque::new(),
+            reported: VecDeque::new(),
         });
         let sender = self.sender.clone();
         thread::Builder::new().spawn(move || {
@@ -211,8 +211,8 @@ impl World {
             {
                 let Ok(line) = line else { break };
                 // Libraries may print other lines.
-                if let Ok(said) = serde_json::from_str(&line)
-                    && sender.send((id, Some(said))).is_err()
+                if let Ok(event) = serde_json::from_str(&line)
+                    && sender.send((id, Some(event))).is_err()
                 {
                     return;
                 }
@@ -223,8 +223,8 @@ impl World {
         Ok(ProcessId(id))
     }
 
-    /// Sends a word to a process. If the process has ended, [`hear`](Self::hear) reports that.
-    pub fn tell(&mut self, process: ProcessId, word: &str) {
+    /// Sends a word to a process. If the process has ended, [`next_event`](Self::next_event) reports that.
+    pub fn send_word(&mut self, process: ProcessId, word: &str) {
         if let Some(stdin) = &mut self.processes[process.0].stdin {
             let _ = writeln!(stdin, "{word}");
         }
@@ -240,26 +240,26 @@ impl World {
     /// # Errors
     ///
     /// See [`Failure`].
-    pub fn hear(
+    pub fn next_event(
         &mut self,
         process: ProcessId,
         action: &'static str,
         limit: Duration,
-    ) -> Result<Said, Failure> {
+    ) -> Result<ProcessEvent, Failure> {
         let until = Instant::now() + limit;
         loop {
-            match self.processes[process.0].said.pop_front() {
-                Some(Some(Said::Failed { reason })) => {
+            match self.processes[process.0].reported.pop_front() {
+                Some(Some(ProcessEvent::Failed { reason })) => {
                     let process = self.processes[process.0].name.clone();
-                    return Err(Failure::Said { process, reason });
+                    return Err(Failure::Reported { process, reason });
                 }
-                Some(Some(said)) => return Ok(said),
+                Some(Some(event)) => return Ok(event),
                 Some(None) => return Err(self.ended(process)),
                 None => {}
             }
             let left = until.saturating_duration_since(Instant::now());
             match self.events.recv_timeout(left.min(LOOK)) {
-                Ok((id, said)) => self.note(id, said)?,
+                Ok((id, event)) => self.note(id, event)?,
                 Err(_) if interrupt::came() => return Err(Failure::Interrupted),
                 Err(RecvTimeoutError::Timeout) if left > LOOK => {}
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
@@ -285,7 +285,7 @@ impl World {
         loop {
             let left = until.saturating_duration_since(Instant::now());
             match self.events.recv_timeout(left.min(LOOK)) {
-                Ok((id, said)) => self.note(id, said)?,
+                Ok((id, event)) => self.note(id, event)?,
                 Err(_) if interrupt::came() => return Err(Failure::Interrupted),
                 Err(_) if left.is_zero() => return Ok(()),
                 Err(_) => {}
@@ -293,18 +293,18 @@ impl World {
         }
     }
 
-    /// Keeps the line of a process for [`hear`](Self::hear). A failure of any process fails the case.
-    fn note(&mut self, id: usize, said: Option<Said>) -> Result<(), Failure> {
+    /// Keeps the line of a process for [`next_event`](Self::next_event). A failure of any process fails the case.
+    fn note(&mut self, id: usize, event: Option<ProcessEvent>) -> Result<(), Failure> {
         let process = &mut self.processes[id];
-        match said {
-            Some(Said::Failed { reason }) => Err(Failure::Said {
+        match event {
+            Some(ProcessEvent::Failed { reason }) => Err(Failure::Reported {
                 process: process.name.clone(),
                 reason,
             }),
             // The process has ended although its standard input is open.
             None if process.stdin.is_some() => Err(self.ended(ProcessId(id))),
-            said => {
-                process.said.push_back(said);
+            event => {
+                process.reported.push_back(event);
                 Ok(())
             }
         }
@@ -331,20 +331,20 @@ impl World {
     pub fn expect(
         &mut self,
         process: ProcessId,
-        expected: &Said,
+        expected: &ProcessEvent,
         action: &'static str,
         limit: Duration,
     ) -> Result<(), Failure> {
-        match self.hear(process, action, limit)? {
-            said if said == *expected => Ok(()),
-            said => Err(self.unexpected(process, said, action)),
+        match self.next_event(process, action, limit)? {
+            event if event == *expected => Ok(()),
+            event => Err(self.unexpected(process, event, action)),
         }
     }
 
-    fn unexpected(&self, process: ProcessId, said: Said, action: &'static str) -> Failure {
+    fn unexpected(&self, process: ProcessId, event: ProcessEvent, action: &'static str) -> Failure {
         Failure::Unexpected {
             process: self.processes[process.0].name.clone(),
-            said: Box::new(said),
+            event: Box::new(event),
             action,
         }
     }
@@ -355,7 +355,7 @@ impl World {
     ///
     /// See [`Failure`].
     pub fn ready(&mut self, process: ProcessId) -> Result<(), Failure> {
-        self.expect(process, &Said::Ready, "set up", TIMEOUT)
+        self.expect(process, &ProcessEvent::Ready, "set up", TIMEOUT)
     }
 
     /// Waits for the results of a process.
@@ -365,9 +365,9 @@ impl World {
     /// See [`Failure`].
     pub fn outcome(&mut self, process: ProcessId, limit: Duration) -> Result<Outcome, Failure> {
         let action = "report its results";
-        match self.hear(process, action, limit)? {
-            Said::Done(outcome) => Ok(outcome),
-            said => Err(self.unexpected(process, said, action)),
+        match self.next_event(process, action, limit)? {
+            ProcessEvent::Done(outcome) => Ok(outcome),
+            event => Err(self.unexpected(process, event, action)),
         }
     }
 

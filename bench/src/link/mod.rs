@@ -134,8 +134,8 @@ fn ip(commands: &str) -> io::Result<()> {
     match output.status.success() {
         true => Ok(()),
         false => {
-            let said = String::from_utf8_lossy(&output.stderr);
-            let reason = said.lines().next().unwrap_or("it gave no reason");
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            let reason = stderr.lines().next().unwrap_or("it gave no reason");
             Err(io::Error::other(format!("`ip`: {reason}")))
         }
     }

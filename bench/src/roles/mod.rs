@@ -9,18 +9,18 @@ use nix::{
 };
 
 use crate::{
-    control::{self, say},
-    job::{Job, Outcome, Role, Said},
+    control::{self, send_event},
+    job::{Job, Outcome, ProcessEvent, Role},
     with_peer,
 };
 
 mod failure;
 mod memory;
 mod node;
+mod reception;
 mod round_trips;
 mod service;
 mod stream;
-mod tally;
 mod watch;
 
 use failure::Failure;
@@ -34,9 +34,9 @@ pub fn run(job: &str) -> ExitCode {
         // The role has reported its outcome itself, or has none.
         Ok(Outcome::Nothing) => ExitCode::SUCCESS,
         Ok(outcome) => {
-            let said = say(&Said::Done(outcome));
+            let sent = send_event(&ProcessEvent::Done(outcome));
             control::wait_for(control::Stage::End);
-            match said {
+            match sent {
                 Ok(()) => ExitCode::SUCCESS,
                 Err(_) => ExitCode::FAILURE,
             }
@@ -45,7 +45,7 @@ pub fn run(job: &str) -> ExitCode {
             let reason = reason.to_string();
             eprintln!("{reason}");
             // If the director is gone, the reason is on standard error.
-            let _ = say(&Said::Failed { reason });
+            let _ = send_event(&ProcessEvent::Failed { reason });
             ExitCode::FAILURE
         }
     }

@@ -3,8 +3,8 @@
 use super::Failure;
 use crate::{
     clock::now_ns,
-    control::{Stage, reached, say},
-    job::{Channel, Domain, Outcome, Said},
+    control::{Stage, reached, send_event},
+    job::{Channel, Domain, Outcome, ProcessEvent},
     peers::{Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS},
 };
 
@@ -15,7 +15,7 @@ const HOURS_NS: u64 = 36_000_000_000_000;
 pub(super) fn daemon<P: Peer>(domain: &Domain) -> Result<Outcome, Failure> {
     P::serve(domain, || {
         // If the director is gone, standard input has ended, which ends this process.
-        let _ = say(&Said::Ready);
+        let _ = send_event(&ProcessEvent::Ready);
     })?;
     Ok(Outcome::Nothing)
 }
@@ -38,7 +38,7 @@ pub(super) fn node<P: Peer>(
     let mut publisher = peer.publisher(&channel(number))?;
     let mut subscriber = peer.subscriber(&channel((number + 1) % count), Silent)?;
     publisher.wait_matched(1)?;
-    say(&Said::Ready)?;
+    send_event(&ProcessEvent::Ready)?;
     subscriber.pump(now_ns() + HOURS_NS)?;
     Ok(Outcome::Nothing)
 }

@@ -3,8 +3,8 @@
 use super::Failure;
 use crate::{
     clock::now_ns,
-    control::{Stage, reached, say, wait_for},
-    job::{Channel, Domain, Outcome, Read, RoundTrips, Said},
+    control::{Stage, reached, send_event, wait_for},
+    job::{Channel, Domain, Outcome, ProcessEvent, Read, RoundTrips},
     payload::{Header, check, fill, peek, stamp},
     peers::{Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS},
     stats::{Durations, Spread},
@@ -47,7 +47,7 @@ pub(super) fn ping<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outco
         torn: 0,
         one_way: Durations::default(),
     };
-    say(&Said::Ready)?;
+    send_event(&ProcessEvent::Ready)?;
     wait_for(Stage::Go);
     let mut subscriber = peer.subscriber(&channel("bench/pong", trips), pong)?;
     publisher.wait_matched(1)?;
@@ -169,7 +169,7 @@ where
         failed: None,
     };
     let mut subscriber = peer.subscriber(&channel("bench/ping", trips), echo)?;
-    say(&Said::Ready)?;
+    send_event(&ProcessEvent::Ready)?;
     while !reached(Stage::End) {
         subscriber.pump(now_ns() + 250_000_000)?;
         if let Some(error) = subscriber.with(|echo| echo.failed.take()) {

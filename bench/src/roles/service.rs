@@ -3,8 +3,8 @@
 use super::{Failure, round_trips::repeat};
 use crate::{
     clock::now_ns,
-    control::{Stage, say, wait_for},
-    job::{Channel, Domain, Outcome, RoundTrips, Said},
+    control::{Stage, send_event, wait_for},
+    job::{Channel, Domain, Outcome, ProcessEvent, RoundTrips},
     payload::{Header, check, fill, peek},
     peers::{Call, Peer},
     stats::{Durations, Spread},
@@ -28,7 +28,7 @@ pub(super) fn call<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outco
     let peer = P::open(domain, "client", false)?;
     let channel = channel(trips);
     let mut client = peer.client(&channel)?;
-    say(&Said::Ready)?;
+    send_event(&ProcessEvent::Ready)?;
     wait_for(Stage::Go);
     let (mut number, mut torn) = (0, 0);
     let mut round_trips = Durations::with_capacity(trips.count);
@@ -76,7 +76,7 @@ pub(super) fn serve<P: Peer>(domain: &Domain, trips: &RoundTrips) -> Result<Outc
     };
     let ready = || {
         // If the director is gone, standard input has ended, which ends this process.
-        let _ = say(&Said::Ready);
+        let _ = send_event(&ProcessEvent::Ready);
     };
     peer.answer(&channel(trips), answer, ready)?;
     Ok(Outcome::Nothing)

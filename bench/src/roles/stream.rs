@@ -1,10 +1,10 @@
 //! The publisher and the subscribers of a stream.
 
-use super::{Failure, tally::Tally};
+use super::{Failure, reception::ReceptionCounter};
 use crate::{
     clock::{now_ns, sleep_until},
-    control::{Stage, reached, say, wait_for},
-    job::{Channel, Domain, Outcome, Read, Said, Stream},
+    control::{Stage, reached, send_event, wait_for},
+    job::{Channel, Domain, Outcome, ProcessEvent, Read, Stream},
     payload::{COUNTED, Header, fill, stamp},
     peers::{Peer, PeerError, Publish, Subscribe},
 };
@@ -21,7 +21,7 @@ const RUN: usize = 64;
 pub(super) fn publish<P: Peer>(domain: &Domain, stream: &Stream) -> Result<Outcome, Failure> {
     let peer = P::open(domain, "publisher", true)?;
     let publisher = peer.publisher(&stream.channel)?;
-    say(&Said::Ready)?;
+    send_event(&ProcessEvent::Ready)?;
     wait_for(Stage::Go);
     let mut source = Source {
         publisher,
@@ -30,18 +30,18 @@ pub(super) fn publish<P: Peer>(domain: &Domain, stream: &Stream) -> Result<Outco
     };
     source.publisher.wait_matched(stream.channel.subscribers)?;
     source.run(stream.warm_up_s, 0)?;
-    say(&Said::Measuring)?;
+    send_event(&ProcessEvent::Measuring)?;
     let start_ns = now_ns();
     let counted = source.run(stream.seconds, COUNTED)?;
     let seconds = (now_ns() - start_ns) as f64 / 1e9;
-    say(&Said::Measured)?;
+    send_event(&ProcessEvent::Measured)?;
     // The director now measures the memory of all processes while messages flow.
     while !reached(Stage::Stop) {
         source.run(0.05, 0)?;
     }
     source.publisher.flush()?;
     // Subscribers read from this process' memory until the director ends it.
-    say(&Said::Done(Outcome::Published { counted, seconds }))?;
+    send_event(&ProcessEvent::Done(Outcome::Published { counted, seconds }))?;
     wait_for(Stage::End);
     Ok(Outcome::Nothing)
 }
@@ -117,12 +117,12 @@ pub(super) fn subscribe<P: Peer>(
     number: usize,
 ) -> Result<Outcome, Failure> {
     let peer = P::open(domain, &format!("subscriber-{number}"), false)?;
-    let mut subscriber = peer.subscriber(channel, Tally::new(read))?;
-    say(&Said::Ready)?;
+    let mut subscriber = peer.subscriber(channel, ReceptionCounter::new(read))?;
+    send_event(&ProcessEvent::Ready)?;
     while !reached(Stage::End) {
         subscriber.pump(now_ns() + LOOK_NS)?;
     }
     Ok(Outcome::Received(
-        subscriber.with(|tally| tally.reception()),
+        subscriber.with(|counter| counter.reception()),
     ))
 }

@@ -4,8 +4,8 @@
 use super::Failure;
 use crate::{
     clock::now_ns,
-    control::{Stage, reached, say},
-    job::{Arrival, Channel, Domain, Outcome, Read, Said, Watch},
+    control::{Stage, reached, send_event},
+    job::{Arrival, Channel, Domain, Outcome, ProcessEvent, Read, Watch},
     payload::{check, peek},
     peers::{Flow, Handler, Peer, Subscribe},
 };
@@ -23,7 +23,7 @@ pub(super) fn watch<P: Peer>(
     let peer = P::open(domain, &format!("watcher-{number}"), false)?;
     let watch = Watch::default();
     let mut subscriber = peer.subscriber(channel, Watcher { read, watch })?;
-    say(&Said::Ready)?;
+    send_event(&ProcessEvent::Ready)?;
     while !reached(Stage::End) {
         subscriber.pump(now_ns() + LOOK_NS)?;
     }

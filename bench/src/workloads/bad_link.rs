@@ -11,7 +11,7 @@ use sm2_lossy_link::Profile;
 use super::{Case, Figure, Options, figure};
 use crate::{
     clock::now_ns,
-    job::{Arrival, Channel, Outcome, Read, Role, Said, Side, Stream, Watch},
+    job::{Arrival, Channel, Outcome, ProcessEvent, Read, Role, Side, Stream, Watch},
     link::Link,
     peers::{PeerInfo, Reach},
     stats::Durations,
@@ -137,8 +137,8 @@ impl LossyLinkCase {
         if let Some(local) = local {
             world.ready(local)?;
         }
-        world.tell(publisher, "go");
-        world.expect(publisher, &Said::Measuring, "publish", TIMEOUT)?;
+        world.send_word(publisher, "go");
+        world.expect(publisher, &ProcessEvent::Measuring, "publish", TIMEOUT)?;
         let before = timed(|| world.let_run(ALONE))?;
         let remote = world.start_at(Side::Far, "remote", watcher(1))?;
         world.ready(remote)?;
@@ -146,8 +146,8 @@ impl LossyLinkCase {
         let cpu_before = world.cpu_ns_at(Side::Near)?;
         let after = timed(|| world.let_run(Duration::from_secs_f64(self.seconds)))?;
         let cpu_ns = world.cpu_ns_at(Side::Near)?.saturating_sub(cpu_before);
-        world.tell(publisher, "stop");
-        world.expect(publisher, &Said::Measured, "stop", TIMEOUT)?;
+        world.send_word(publisher, "stop");
+        world.expect(publisher, &ProcessEvent::Measured, "stop", TIMEOUT)?;
         world.outcome(publisher, TIMEOUT)?;
         world.let_run(DRAIN)?;
         Ok(Seen {

@@ -3,7 +3,7 @@
 use super::{Case, Figure, Options, figure};
 use crate::{
     clock::now_ns,
-    job::{Channel, Outcome, Role, Said, Stream},
+    job::{Channel, Outcome, ProcessEvent, Role, Stream},
     peers::PeerInfo,
     stats::Durations,
     world::{Failure, TIMEOUT, World},
@@ -43,8 +43,8 @@ impl Case for Join {
         };
         let publisher = world.start("publisher", Role::Publisher(stream))?;
         world.ready(publisher)?;
-        world.tell(publisher, "go");
-        world.expect(publisher, &Said::Measuring, "publish", TIMEOUT)?;
+        world.send_word(publisher, "go");
+        world.expect(publisher, &ProcessEvent::Measuring, "publish", TIMEOUT)?;
         let mut durations = Durations::default();
         for number in 0..JOINERS {
             let role = Role::Joiner {

@@ -7,7 +7,7 @@ use std::{
 
 use super::{Case, Figure, Options, figure};
 use crate::{
-    job::{Role, Said},
+    job::{ProcessEvent, Role},
     peers::PeerInfo,
     world::{Failure, World},
 };
@@ -51,7 +51,7 @@ impl Case for Nodes {
         }
         for node in nodes {
             let left = JOINING.saturating_sub(start.elapsed());
-            world.expect(node, &Said::Ready, "join", left)?;
+            world.expect(node, &ProcessEvent::Ready, "join", left)?;
         }
         let ready = start.elapsed();
         let cpu_ready = world.cpu_ns()?;

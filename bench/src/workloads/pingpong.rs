@@ -44,7 +44,7 @@ impl Case for PingPong {
         world.ready(ping)?;
         let echo = world.start("echo", Role::Echo(self.0.clone()))?;
         world.ready(echo)?;
-        world.tell(ping, "go");
+        world.send_word(ping, "go");
         let limit = TIMEOUT + Duration::from_secs_f64(2.0 * self.0.seconds);
         let pinged = world.outcome(ping, limit)?;
         world.end(echo);

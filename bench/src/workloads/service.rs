@@ -27,10 +27,10 @@ impl Case for Service {
         world.ready(server)?;
         let client = world.start("client", Role::Client(self.0.clone()))?;
         world.ready(client)?;
-        world.tell(client, "go");
+        world.send_word(client, "go");
         let limit = TIMEOUT + Duration::from_secs_f64(self.0.seconds);
         let outcome = world.outcome(client, limit)?;
-        world.tell(server, "stop");
+        world.send_word(server, "stop");
         let Outcome::RoundTrips {
             round_trip_ns,
             torn,

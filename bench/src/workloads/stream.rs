@@ -7,7 +7,7 @@ use std::{
 
 use super::{Figure, figure};
 use crate::{
-    job::{Channel, MemoryWork, Outcome, Read, Reception, Role, Said, Stream},
+    job::{Channel, MemoryWork, Outcome, ProcessEvent, Read, Reception, Role, Stream},
     peers::PeerInfo,
     world::{Failure, TIMEOUT, World},
 };
@@ -77,15 +77,20 @@ pub(super) fn run(peer: &'static PeerInfo, setting: &Setting) -> Result<Run, Fai
     for &subscriber in &subscribers {
         world.ready(subscriber)?;
     }
-    world.tell(publisher, "go");
-    world.expect(publisher, &Said::Measuring, "find its subscribers", TIMEOUT)?;
+    world.send_word(publisher, "go");
+    world.expect(
+        publisher,
+        &ProcessEvent::Measuring,
+        "find its subscribers",
+        TIMEOUT,
+    )?;
     let (before, start) = (world.cpu_ns()?, Instant::now());
     let limit = TIMEOUT + Duration::from_secs_f64(setting.seconds);
-    world.expect(publisher, &Said::Measured, "publish", limit)?;
+    world.expect(publisher, &ProcessEvent::Measured, "publish", limit)?;
     let cpu_ns = world.cpu_ns()?.saturating_sub(before);
     let cpu_percent = cpu_ns as f64 / start.elapsed().as_nanos() as f64 * 100.0;
     let pss_bytes = memory(&world, setting)?;
-    world.tell(publisher, "stop");
+    world.send_word(publisher, "stop");
     let published = match world.outcome(publisher, TIMEOUT)? {
         Outcome::Published { counted, .. } => counted,
         _ => 0,

@@ -2,14 +2,14 @@
 
 use std::{io, time::Duration};
 
-use crate::{job::Said, link::LinkError};
+use crate::{job::ProcessEvent, link::LinkError};
 
 /// The reason why a case has no figures.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
     /// A process reported an error.
     #[error("{process}: {reason}")]
-    Said {
+    Reported {
         /// The name of the process.
         process: String,
         /// The reason that it reported.
@@ -38,12 +38,12 @@ pub enum Failure {
         stderr: String,
     },
     /// A process sent another line than the expected one.
-    #[error("{process} sent {said:?} when it was expected to {action}")]
+    #[error("{process} sent {event:?} when it was expected to {action}")]
     Unexpected {
         /// The name of the process.
         process: String,
         /// The line that it sent.
-        said: Box<Said>,
+        event: Box<ProcessEvent>,
         /// The action that was expected of it.
         action: &'static str,
     },

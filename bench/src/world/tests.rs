@@ -2,7 +2,7 @@ use std::{fs, path::Path, time::Duration};
 
 use super::{Failure, World, core, tail};
 use crate::{
-    job::{Cores, Role, Said},
+    job::{Cores, ProcessEvent, Role},
     peers::{PEERS, catalogue::find},
 };
 
@@ -33,7 +33,9 @@ fn who_ends_without_a_word_is_reported_at_once() {
 fn who_says_nothing_is_not_waited_for_any_longer_than_said() {
     let (mut world, process) = started();
     // Its end has not been heard of yet, or has: either is a failure, and nothing hangs.
-    let failure = world.hear(process, "speak", Duration::ZERO).unwrap_err();
+    let failure = world
+        .next_event(process, "speak", Duration::ZERO)
+        .unwrap_err();
     assert!(matches!(
         failure,
         Failure::TimedOut { .. } | Failure::Ended { .. }
@@ -61,7 +63,7 @@ fn nothing_is_left_of_a_world() {
 #[test]
 fn what_is_said_otherwise_than_expected_is_told_with_what_was() {
     let (world, process) = started();
-    let failure = world.unexpected(process, Said::Measured, "set up");
+    let failure = world.unexpected(process, ProcessEvent::Measured, "set up");
     assert_eq!(
         failure.to_string(),
         "node sent Measured when it was expected to set up"

@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::part::{Figures, START, Said};
+use super::part::{Figures, ProcessEvent, START};
 
 /// Timeout for the end of a process after its standard input was closed.
 const TIMEOUT: Duration = Duration::from_secs(5);
@@ -107,7 +107,7 @@ impl Child {
     }
 
     /// The descriptor of its output; `None` when it has ended.
-    pub(crate) fn voice(&self) -> Option<BorrowedFd<'_>> {
+    pub(crate) fn output_fd(&self) -> Option<BorrowedFd<'_>> {
         self.stdout.as_ref().map(AsFd::as_fd)
     }
 
@@ -125,45 +125,45 @@ impl Child {
     }
 
     /// Reads its output, when the descriptor is readable.
-    pub(crate) fn listen(&mut self) {
+    pub(crate) fn read_output(&mut self) {
         let mut buffer = [0; 4_096];
         let read = match &mut self.stdout {
             Some(stdout) => stdout.read(&mut buffer),
             None => return,
         };
         match read {
-            Ok(0) => self.silent(),
-            Ok(len) => self.hear(&buffer[..len]),
+            Ok(0) => self.close_output(),
+            Ok(len) => self.read_events(&buffer[..len]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(_) => self.silent(),
+            Err(_) => self.close_output(),
         }
     }
 
-    fn hear(&mut self, bytes: &[u8]) {
+    fn read_events(&mut self, bytes: &[u8]) {
         self.unread.extend_from_slice(bytes);
         while let Some(end) = self.unread.iter().position(|&byte| byte == b'\n') {
             let line: Vec<u8> = self.unread.drain(..=end).collect();
             match serde_json::from_slice(&line) {
-                Ok(Said::Ready) => self.stage = Stage::Ready,
-                Ok(Said::Progress(figures)) => self.figures = figures,
-                Ok(Said::Done(figures)) => {
+                Ok(ProcessEvent::Ready) => self.stage = Stage::Ready,
+                Ok(ProcessEvent::Progress(figures)) => self.figures = figures,
+                Ok(ProcessEvent::Done(figures)) => {
                     self.figures = figures;
                     self.stage = Stage::Done(figures);
                 }
-                Ok(Said::Failed { reason }) => self.stage = Stage::Failed(reason),
-                Err(error) => self.stage = Stage::Failed(format!("said what is no word: {error}")),
+                Ok(ProcessEvent::Failed { reason }) => self.stage = Stage::Failed(reason),
+                Err(error) => self.stage = Stage::Failed(format!("sent an invalid line: {error}")),
             }
         }
     }
 
     /// Handles the end of its output: the process is ending.
-    fn silent(&mut self) {
+    fn close_output(&mut self) {
         self.stdout = None;
         if matches!(self.stage, Stage::Starting | Stage::Ready) {
             let status = self.wait();
             self.stage = Stage::Failed(match status {
                 Some(status) => format!("ended too early ({status})"),
-                None => "fell silent".into(),
+                None => "closed its output".into(),
             });
         }
     }

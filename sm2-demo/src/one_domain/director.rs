@@ -169,12 +169,12 @@ impl Director<'_> {
             }
             if Instant::now() >= tick {
                 tick += TICK;
-                let costs = meter.look();
+                let costs = meter.measure();
                 self.screen.show(&self.children, &meter, &costs)?;
             }
         }
         // Before the processes end and release their memory.
-        meter.look();
+        meter.measure();
         self.dismiss()?;
         Ok(Report::new(
             self.options.size_bytes,
@@ -197,7 +197,7 @@ impl Director<'_> {
 
     /// Waits for a line of a process, a signal, or the time `until`.
     fn listen(&mut self, until: Instant) -> Result<(), DemoError> {
-        let mut fds: Vec<_> = self.children.iter().filter_map(Child::voice).collect();
+        let mut fds: Vec<_> = self.children.iter().filter_map(Child::output_fd).collect();
         if !self.is_stopped {
             fds.push(self.stop);
         }
@@ -206,9 +206,12 @@ impl Director<'_> {
         if !self.is_stopped {
             self.is_stopped = ready.pop() == Some(true);
         }
-        let speakers = self.children.iter_mut().filter(|it| it.voice().is_some());
-        for (child, _) in speakers.zip(ready).filter(|(_, ready)| *ready) {
-            child.listen();
+        let running = self
+            .children
+            .iter_mut()
+            .filter(|it| it.output_fd().is_some());
+        for (child, _) in running.zip(ready).filter(|(_, ready)| *ready) {
+            child.read_output();
         }
         Ok(())
     }

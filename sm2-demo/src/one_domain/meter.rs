@@ -50,7 +50,7 @@ impl Meter {
     }
 
     /// Measures each process, in the order of the pids.
-    pub(crate) fn look(&mut self) -> Vec<Cost> {
+    pub(crate) fn measure(&mut self) -> Vec<Cost> {
         let now = Instant::now();
         let passed = now - self.looked;
         self.looked = now;

@@ -21,7 +21,7 @@ pub(crate) const START: &[u8] = b"start\n";
 /// One line of a process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Said {
+pub(crate) enum ProcessEvent {
     /// The process is connected and has declared its interfaces; the publisher also has all its
     /// subscribers.
     Ready,
@@ -67,9 +67,9 @@ pub(crate) struct Spot {
 /// # Errors
 ///
 /// Standard output is closed: the director is gone.
-pub(crate) fn say(said: &Said) -> io::Result<()> {
+pub(crate) fn send_event(event: &ProcessEvent) -> io::Result<()> {
     let mut out = io::stdout().lock();
-    serde_json::to_writer(&mut out, said)?;
+    serde_json::to_writer(&mut out, event)?;
     out.write_all(b"\n")?;
     out.flush()
 }

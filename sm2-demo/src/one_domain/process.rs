@@ -4,7 +4,7 @@ use nix::sys::{prctl, signal::Signal};
 
 use super::{
     command_line::{ProcessArguments, Role},
-    part::{self, Said},
+    part::{self, ProcessEvent},
     publisher, subscriber,
 };
 use crate::error::DemoError;
@@ -21,10 +21,10 @@ pub fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
         Role::Publisher => publisher::run(arguments),
         Role::Subscriber => subscriber::run(arguments),
     };
-    let said = result.or_else(|error| {
-        part::say(&Said::Failed {
+    let reported = result.or_else(|error| {
+        part::send_event(&ProcessEvent::Failed {
             reason: error.to_string(),
         })
     });
-    Ok(said?)
+    Ok(reported?)
 }

@@ -12,7 +12,7 @@ use sm2_proto::Instant;
 
 use super::{
     command_line::ProcessArguments,
-    part::{DEPTH, Figures, START, Said, TOPIC, say},
+    part::{DEPTH, Figures, ProcessEvent, START, TOPIC, send_event},
 };
 use crate::{
     error::DemoError,
@@ -48,7 +48,7 @@ pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     publisher
         .wait_for_subscribers_timeout(arguments.subscribers as usize, GATHERING)
         .map_err(DemoError::node)?;
-    say(&Said::Ready).map_err(DemoError::Output)?;
+    send_event(&ProcessEvent::Ready).map_err(DemoError::Output)?;
     let mut stdin = io::stdin();
     let mut line = [0; START.len()];
     if stdin.read_exact(&mut line).is_err() {
@@ -56,7 +56,7 @@ pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
     }
     let figures = publish(arguments, &node, &publisher)?;
     settle(&node, &publisher)?;
-    say(&Said::Done(figures)).map_err(DemoError::Output)?;
+    send_event(&ProcessEvent::Done(figures)).map_err(DemoError::Output)?;
     // Until standard input ends, the director measures this process, and subscribers read from its
     // memory.
     let end = |_| DemoError::Output(io::ErrorKind::BrokenPipe.into());
@@ -98,7 +98,7 @@ fn publish(
             let (since, before) = reported;
             figures.hz = (figures.messages - before) as f64 / now.since(since).as_secs_f64();
             (report_at, reported) = (now.after(SECOND), (now, figures.messages));
-            say(&Said::Progress(figures)).map_err(DemoError::Output)?;
+            send_event(&ProcessEvent::Progress(figures)).map_err(DemoError::Output)?;
         }
     }
     let seconds = clock::now().since(start).as_secs_f64();

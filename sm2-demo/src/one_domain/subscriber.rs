@@ -8,7 +8,7 @@ use sm2_proto::Instant;
 
 use super::{
     command_line::ProcessArguments,
-    part::{DEPTH, Figures, Said, Spot, TOPIC, say},
+    part::{DEPTH, Figures, ProcessEvent, Spot, TOPIC, send_event},
 };
 use crate::{
     error::DemoError,
@@ -33,23 +33,23 @@ pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
         .map_err(DemoError::node)?;
     let stdin = io::stdin();
     let fds = [subscriber.as_fd(), stdin.as_fd()];
-    let mut tally = Tally::new(arguments.size);
-    say(&Said::Ready).map_err(DemoError::Output)?;
+    let mut counter = ReceptionCounter::new(arguments.size);
+    send_event(&ProcessEvent::Ready).map_err(DemoError::Output)?;
     let mut ending = false;
     loop {
         match subscriber.try_recv().map_err(DemoError::node)? {
-            Some(sample) => tally.take(&sample),
+            Some(sample) => counter.take(&sample),
             None if ending => break,
             // All messages published before the end of standard input have arrived or are lost.
-            None => ending = drive(&node, &fds, Some(tally.report_at))?[1],
+            None => ending = drive(&node, &fds, Some(counter.report_at))?[1],
         }
-        tally.report()?;
+        counter.report()?;
     }
-    say(&Said::Done(tally.total())).map_err(DemoError::Output)
+    send_event(&ProcessEvent::Done(counter.total())).map_err(DemoError::Output)
 }
 
 /// Counts of received messages.
-struct Tally {
+struct ReceptionCounter {
     size_bytes: u64,
     figures: Figures,
     latencies: Latencies,
@@ -61,7 +61,7 @@ struct Tally {
     reported: (Instant, u64),
 }
 
-impl Tally {
+impl ReceptionCounter {
     fn new(size_bytes: u64) -> Self {
         let now = clock::now();
         Self {
@@ -127,7 +127,7 @@ impl Tally {
         };
         self.reported = (now, self.figures.messages);
         self.report_at = now.after(SECOND);
-        say(&Said::Progress(figures)).map_err(DemoError::Output)
+        send_event(&ProcessEvent::Progress(figures)).map_err(DemoError::Output)
     }
 
     /// The figures of the whole run.

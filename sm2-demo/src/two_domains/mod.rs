@@ -95,7 +95,7 @@ pub fn run(
     runtime.block_on(async { tokio::join!(near.gateway.stop(), far.gateway.stop()) });
     match options.format {
         Format::Json => write_json(out, &report)?,
-        Format::Terminal | Format::Lines => say(out, &report)?,
+        Format::Terminal | Format::Lines => write_summary(out, &report)?,
     }
     let damaged = report.local.damaged + report.remote.damaged;
     Ok(match report.interrupted {
@@ -282,7 +282,7 @@ fn seen(log: Option<&Log>) -> Vec<Seen> {
     log.map_or_else(Vec::new, |log| lock(log).clone())
 }
 
-fn say(out: &mut dyn Write, report: &Report) -> Result<(), DemoError> {
+fn write_summary(out: &mut dyn Write, report: &Report) -> Result<(), DemoError> {
     let Report { local, remote, .. } = report;
     writeln!(
         out,

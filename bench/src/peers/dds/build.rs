@@ -60,11 +60,11 @@ pub(super) fn built(vendor: &str) -> Result<PathBuf, String> {
 
 fn compile(recipe: &Recipe, dir: &Path, path: &Path) -> Result<(), String> {
     eprintln!("compiling {}", recipe.file);
-    let said = |error: std::io::Error| error.to_string();
-    fs::create_dir_all(dir).map_err(said)?;
+    let text = |error: std::io::Error| error.to_string();
+    fs::create_dir_all(dir).map_err(text)?;
     let source = dir.join(recipe.file);
-    fs::write(dir.join("bench_dds.h"), HEADER).map_err(said)?;
-    fs::write(&source, recipe.source).map_err(said)?;
+    fs::write(dir.join("bench_dds.h"), HEADER).map_err(text)?;
+    fs::write(&source, recipe.source).map_err(text)?;
     // Another run may compile the same library; both put the same file in place.
     let unfinished = path.with_extension(std::process::id().to_string());
     let output = Command::new(recipe.compiler)
@@ -78,7 +78,7 @@ fn compile(recipe: &Recipe, dir: &Path, path: &Path) -> Result<(), String> {
         let line = text.lines().find(|line| line.contains("error"));
         return Err(line.unwrap_or("it does not compile").to_owned());
     }
-    fs::rename(unfinished, path).map_err(said)
+    fs::rename(unfinished, path).map_err(text)
 }
 
 #[cfg(test)]

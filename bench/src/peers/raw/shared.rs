@@ -202,7 +202,7 @@ fn wait(
     }
     sleepers.fetch_add(1, Ordering::SeqCst);
     let in_time = loop {
-        let heard = bell.load(Ordering::SeqCst);
+        let seen = bell.load(Ordering::SeqCst);
         fence(Ordering::SeqCst);
         if there() {
             break true;
@@ -211,7 +211,7 @@ fn wait(
         if now >= until_ns {
             break false;
         }
-        futex::wait(bell, heard, Duration::from_nanos(until_ns - now));
+        futex::wait(bell, seen, Duration::from_nanos(until_ns - now));
     };
     sleepers.fetch_sub(1, Ordering::SeqCst);
     in_time

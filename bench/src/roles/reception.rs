@@ -13,7 +13,7 @@ use crate::{
 const CLOCK_EACH: u64 = 256;
 
 /// Counts of received messages, and their latencies.
-pub(super) struct Tally {
+pub(super) struct ReceptionCounter {
     read: Read,
     counted: u64,
     torn: u64,
@@ -42,7 +42,7 @@ impl Span {
     }
 }
 
-impl Tally {
+impl ReceptionCounter {
     pub(super) fn new(read: Read) -> Self {
         Self {
             read,
@@ -88,7 +88,7 @@ impl Tally {
     }
 }
 
-impl Handler for Tally {
+impl Handler for ReceptionCounter {
     fn wants(&self) -> Read {
         self.read
     }
@@ -117,7 +117,7 @@ impl Handler for Tally {
 
 #[cfg(test)]
 mod tests {
-    use super::Tally;
+    use super::ReceptionCounter;
     use crate::{
         job::Read,
         payload::{COUNTED, Header, fill},
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn torn_stale_and_uncounted_messages_are_told_apart() {
-        let mut tally = Tally::new(Read::Full);
+        let mut counter = ReceptionCounter::new(Read::Full);
         let mut torn = message(5, COUNTED, 1);
         torn[100] ^= 1;
         for message in [
@@ -149,9 +149,9 @@ mod tests {
             message(3, COUNTED, 1),
             vec![1; 7],
         ] {
-            assert_eq!(tally.message(&message), Flow::Continue);
+            assert_eq!(counter.message(&message), Flow::Continue);
         }
-        let reception = tally.reception();
+        let reception = counter.reception();
         assert_eq!((reception.torn, reception.stale), (2, 1));
         assert_eq!((reception.counted, reception.latency_ns.count), (4, 4));
         assert!(reception.hz > 0.0);
@@ -159,20 +159,20 @@ mod tests {
 
     #[test]
     fn who_reads_headers_sees_no_torn_body() {
-        let mut tally = Tally::new(Read::Header);
+        let mut counter = ReceptionCounter::new(Read::Header);
         let mut torn = message(5, COUNTED, 1);
         torn[100] ^= 1;
-        let _ = tally.message(&torn);
-        assert_eq!(tally.reception().torn, 0);
+        let _ = counter.message(&torn);
+        assert_eq!(counter.reception().torn, 0);
     }
 
     #[test]
     fn messages_without_a_stamp_have_a_rate_and_no_latency() {
-        let mut tally = Tally::new(Read::Full);
+        let mut counter = ReceptionCounter::new(Read::Full);
         for number in 0..=512 {
-            let _ = tally.message(&message(number, COUNTED, 0));
+            let _ = counter.message(&message(number, COUNTED, 0));
         }
-        let reception = tally.reception();
+        let reception = counter.reception();
         assert_eq!((reception.counted, reception.latency_ns.count), (513, 0));
         assert!(reception.hz > 0.0);
     }
