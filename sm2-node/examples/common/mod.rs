@@ -1,4 +1,4 @@
-//! What the examples share: their arguments, and how they end.
+//! Shared parts of the examples: arguments, exit statuses, timers and signals.
 #![allow(dead_code, reason = "each example uses its own part")]
 
 use std::any::type_name;
