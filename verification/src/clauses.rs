@@ -7,7 +7,7 @@
 //! it does not verify that the claim of a citation is true.
 //!
 //! A clause of SPEC.md is one line: its id in bold, its level in brackets,
-//! its text. An id that was withdrawn stays as a struck-out id with the level
+//! its text. A withdrawn id stays as a struck-out id with the level
 //! `RETIRED`. Code cites by a comment line of its own, `=` right after the
 //! comment marker, then ids separated by commas, then for a check its kind
 //! ([`CheckKind`]). Golden vectors cite by their field `clause`. An id that is a literal argument of
@@ -94,7 +94,7 @@ impl Report {
         }
     }
 
-    /// Files the citation under its clause, or says why it is none.
+    /// Adds the citation to its clause, or returns the gap.
     fn add(&mut self, citation: Citation) -> Option<Gap> {
         let Citation { id, role, at } = citation;
         let Some(traced) = self.clauses.get_mut(&id) else {
@@ -129,7 +129,7 @@ impl Report {
         gaps
     }
 
-    /// Every clause of SPEC.md with the places that cite it, by id.
+    /// Every clause of SPEC.md with its citations, by id.
     #[must_use]
     pub const fn clauses(&self) -> &BTreeMap<ClauseId, Traced> {
         &self.clauses
@@ -161,15 +161,15 @@ impl Report {
     }
 }
 
-/// One clause and who cites it.
+/// One clause and its citations.
 #[derive(Debug)]
 pub struct Traced {
-    /// How binding the clause is.
+    /// The level of the clause.
     pub level: Level,
     /// Its line in SPEC.md.
     pub at: SourceLine,
-    /// The code that says it implements the clause.
+    /// The code that cites the clause.
     pub code: Vec<SourceLine>,
-    /// The checks that say they watch it.
+    /// The checks that cite the clause.
     pub checks: Vec<(CheckKind, SourceLine)>,
 }

@@ -1,7 +1,7 @@
 //! Checks of SM2 that are not tests of one crate.
 //!
-//! It is no part of the product: no other crate depends on it, and `verification/check` calls its
-//! binaries. `README.md` beside this crate says what is checked, where, and how far that goes.
+//! No other crate depends on this one; `verification/check` calls its binaries. `README.md` beside it
+//! describes the checks and their limits.
 
 use std::{
     env,

@@ -1,8 +1,8 @@
 //! The shipped machines in every order of events within bounds.
 //!
-//! A [`System`] says what can happen at any moment; [`explore`] visits every moment that can be
-//! reached, shortest ways first, and checks each [`Property`] in it. [`domain`] is the Manager
-//! with its nodes, [`link`] the two ends of one link.
+//! A [`System`] defines the actions that are possible in a moment. [`explore`] visits every reachable
+//! moment, breadth first, and checks each [`Property`] in it. [`domain`] models the Manager with its
+//! nodes, and [`link`] the two ends of one link.
 
 pub mod domain;
 mod explorer;

@@ -1,9 +1,9 @@
-//! Whether the checks bite: faults of the shipped code, each with the check that has to find it.
+//! Faults in the shipped code, each with the check that must find it.
 //!
-//! `mutants.toml` beside this crate is the one place where they stand. A [`Mutant`] is a text
-//! that the code has exactly once, and what to put there instead; a [`Campaign`] copies the
-//! workspace, sees that every check holds there, and then makes one fault after the other.
-//! Faults of what threads share are made in `loom-models/build.rs`, and only there.
+//! `mutants.toml` beside this crate lists them. A [`Mutant`] is a text that the code has exactly once,
+//! and its replacement. A [`Campaign`] copies the workspace, checks that every check passes there, and
+//! then makes one fault after the other. Faults in code that threads share are made only in
+//! `loom-models/build.rs`.
 
 mod campaign;
 mod catalogue;
@@ -19,21 +19,21 @@ pub use self::{
     outcome::{Killed, Outcome, Verdict},
 };
 
-/// Why there is no answer.
+/// The reason why a campaign cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum MutantsError {
     /// A file or folder cannot be read or written.
     #[error("{}: {source}", path.display())]
     File {
-        /// Which.
+        /// The path of the file or folder.
         path: PathBuf,
-        /// The system's answer.
+        /// The error of the system.
         source: io::Error,
     },
-    /// The list of mutants is none.
+    /// The list of mutants is invalid.
     #[error("{}: {source}", path.display())]
     Catalogue {
-        /// Where it stands.
+        /// The path of the list.
         path: PathBuf,
         /// The error of the parser.
         source: toml::de::Error,
@@ -44,15 +44,15 @@ pub enum MutantsError {
     /// The tool or a check does not start.
     #[error("cannot run {}: {source}", program.display())]
     Start {
-        /// Which.
+        /// The path of the program.
         program: PathBuf,
-        /// The system's answer.
+        /// The error of the system.
         source: io::Error,
     },
     /// The workspace does not build even without a fault.
     #[error("the checks do not build without a mutant:\n{0}")]
     Broken(String),
-    /// Cargo built something and not the check.
+    /// Cargo succeeded without building the check.
     #[error("cargo built no {0}")]
     NoExecutable(String),
 }

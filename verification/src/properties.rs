@@ -1,9 +1,9 @@
-//! PROPERTIES.md: what is claimed of the shipped code, what shows it, and how far that went.
+//! PROPERTIES.md: claims about the shipped code, the checks that show them, and their coverage.
 //!
-//! A [`Register`] is that file: a table of properties, and tables of checks, each with what it
-//! covered when it was last run. A [`Session`] is what was run now; [`Session::gaps`] says where
-//! the two disagree, [`Session::write`] brings the register up to date. `bin/check` runs the
-//! engines; nothing here starts anything.
+//! A [`Register`] is the parsed file: a table of properties, and tables of checks with the coverage of
+//! their last run. A [`Session`] has the results of a run. [`Session::gaps`] lists the disagreements of
+//! both, and [`Session::write`] updates the register. This module starts no programs: `bin/check` runs
+//! the engines.
 
 mod engine;
 mod figures;

@@ -1,7 +1,7 @@
 //! `clauses [--list] [ROOT]`: compares SPEC.md with its citations.
 //!
-//! Prints the counts, then each gap. Status 0: no gap; 1: gaps; 2: the check
-//! could not be made.
+//! Prints the counts, then each gap. Exit status: 0 without gaps, 1 with gaps, 2 if the check cannot
+//! run.
 
 use std::env;
 use std::fmt::Write as _;
@@ -50,22 +50,22 @@ fn text(report: &Report, list: bool) -> String {
     text
 }
 
-/// A line for each clause, below it one for each place.
+/// A line for each clause, followed by a line for each citation.
 fn table(report: &Report) -> String {
     let mut text = String::new();
     for (id, traced) in report.clauses() {
         let _ = writeln!(text, "{id} {:<7} {}", traced.level, traced.at);
-        for place in &traced.code {
-            let _ = writeln!(text, "    code    {place}");
+        for line in &traced.code {
+            let _ = writeln!(text, "    code    {line}");
         }
-        for (kind, place) in &traced.checks {
-            let _ = writeln!(text, "    {kind:<7} {place}");
+        for (kind, line) in &traced.checks {
+            let _ = writeln!(text, "    {kind:<7} {line}");
         }
     }
     text
 }
 
-/// A reader that has gone away, such as `head`, is no failure.
+/// Prints a text; a closed pipe, as with `head`, is not a failure.
 fn print(text: &str, status: ExitCode) -> ExitCode {
     let _ = writeln!(io::stdout().lock(), "{text}");
     status

@@ -1,9 +1,9 @@
 //! `link-model [--quick] [--list] [SCOPE...]`: searches the scopes of one link, all of them if
 //! none is named.
 //!
-//! Prints the figures of each, and the shortest way to a failure. Status 0: all held, and the
-//! counts are those of `link-model-counts.txt`; 1: not so; 2: there is no such scope. If
-//! `SM2_VERIFICATION_RESULTS` names a file, a line for each scope is added to it.
+//! Prints the figures of each scope, and the shortest path to a failure. Exit status: 0 if all
+//! properties hold and the counts equal those in `link-model-counts.txt`, 1 if not, 2 for an unknown
+//! scope. If `SM2_VERIFICATION_RESULTS` names a file, a line for each scope is added to it.
 
 use std::env;
 use std::io::{self, Write as _};

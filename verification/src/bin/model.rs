@@ -1,12 +1,12 @@
 //! `model [--quick | SCOPE...]`: searches the scopes, all of them if none is named.
-//! `model --list`: their names. `model --step SCOPE`: a person goes through one.
+//! `model --list`: prints their names. `model --step SCOPE`: interactive steps through a scope.
 //!
-//! Prints the figures of each, and the shortest way to a failure; how far a long search is, on
-//! standard error. Status 0: all held, and the counts are those of `model-counts.txt`; 1: not so;
-//! 2: there is no such scope or option. If `SM2_VERIFICATION_RESULTS` names a file, a line for each
-//! scope is added to it.
+//! Prints the figures of each scope, and the shortest path to a failure; shows the progress of a long
+//! search on standard error. Exit status: 0 if all properties hold and the counts equal those in
+//! `model-counts.txt`, 1 if not, 2 for an unknown scope or option. If `SM2_VERIFICATION_RESULTS` names a
+//! file, a line for each scope is added to it.
 //!
-//! `model --compare SCOPE...`: searches each one with the reductions and without.
+//! `model --compare SCOPE...`: searches each scope with and without the reductions.
 
 use std::{
     env,

@@ -1,9 +1,9 @@
-//! `mutants [--list | --quick | NAME...]`: makes the faults of `mutants.toml`, all of them if none
-//! is named, and shows which check finds each. `--quick` leaves out those whose checks take
-//! long to build. If `SM2_VERIFICATION_RESULTS` names a file, a line for each is added to it.
+//! `mutants [--list | --quick | NAME...]`: makes the named faults of `mutants.toml`, or all of them, and
+//! shows the check that finds each. `--quick` leaves out faults whose checks take long to build. If
+//! `SM2_VERIFICATION_RESULTS` names a file, a line for each fault is added to it.
 //!
-//! Status 0: all were found; 1: one was not, or cannot be made any more; 2: there is no such
-//! mutant, or nothing could be run.
+//! Exit status: 0 if all faults were found, 1 if one was not found or cannot be made any more, 2 for an
+//! unknown name or if nothing could be run.
 
 use std::{
     env,
@@ -73,7 +73,7 @@ fn run() -> Result<ExitCode, Box<dyn std::error::Error>> {
     Ok(ExitCode::from(u8::from(killed < mutants.len())))
 }
 
-/// How many were killed.
+/// Runs the mutants, and returns the number of killed ones.
 fn campaign(
     out: &mut impl io::Write,
     root: &Path,
@@ -95,7 +95,7 @@ fn campaign(
     Ok(killed)
 }
 
-/// A line for each; the first word is the name.
+/// Prints a line for each mutant; the first word is the name.
 fn list(out: &mut impl io::Write, catalogue: &Catalogue) -> io::Result<()> {
     for Mutant {
         name,

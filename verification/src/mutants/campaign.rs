@@ -18,13 +18,13 @@ pub struct Campaign<'a> {
     tree: Tree,
     cargo: Cargo,
     mutants: &'a [&'a Mutant],
-    /// The checks that fail without a mutant, and what they say.
+    /// The checks that fail without a mutant, and their messages.
     broken: Vec<(&'a Check, String)>,
 }
 
 impl<'a> Campaign<'a> {
-    /// Copies the workspace at `root` to below `output`, where what is built stays for the
-    /// next run, and runs every check there without a mutant.
+    /// Copies the workspace at `root` into `output`, which keeps builds for the next run, and runs every
+    /// check there without a mutant.
     ///
     /// # Errors
     ///
@@ -47,7 +47,7 @@ impl<'a> Campaign<'a> {
         Ok(campaign)
     }
 
-    /// Runs each mutant against its check. `each` gets every line as soon as it is known.
+    /// Runs each mutant against its check, and passes each outcome to `each`.
     ///
     /// # Errors
     ///
@@ -69,7 +69,7 @@ impl<'a> Campaign<'a> {
         Ok(())
     }
 
-    /// The checks that fail without a mutant, and what they say.
+    /// The checks that fail without a mutant, and their messages.
     fn broken(&self) -> Result<Vec<(&'a Check, String)>, MutantsError> {
         let mut checks: Vec<&Check> = Vec::new();
         for mutant in self.mutants {
@@ -90,7 +90,7 @@ impl<'a> Campaign<'a> {
         Ok(broken)
     }
 
-    /// Everything that the checks need, built at once for each package.
+    /// Builds the programs of all checks, with one build for each package.
     fn programs(&self, checks: &[&Check]) -> Result<Programs, MutantsError> {
         let mut groups: BTreeMap<(String, bool), Vec<Target>> = BTreeMap::new();
         for target in checks.iter().map(|it| it.target()) {

@@ -1,4 +1,4 @@
-//! `mutants.toml`: which faults there are, and what has to find each.
+//! `mutants.toml`: the faults, and the check that must find each.
 
 use std::{
     fmt, fs,
@@ -9,14 +9,14 @@ use serde::Deserialize;
 
 use super::MutantsError;
 
-/// Where the list stands, below the root of the workspace.
+/// The path of the list, below the root of the workspace.
 const FILE: &str = "verification/mutants.toml";
 
 /// All mutants, in the order in which they are made.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Catalogue {
-    /// Those of one file follow each other: that builds faster.
+    /// The mutants; those of one file are adjacent, which builds faster.
     #[serde(rename = "mutant")]
     pub mutants: Vec<Mutant>,
 }
@@ -29,7 +29,7 @@ pub struct Mutant {
     pub name: String,
     /// The fault, in one sentence.
     pub breaks: String,
-    /// The properties of PROPERTIES.md that do not hold any more.
+    /// The properties of PROPERTIES.md that the fault breaks.
     pub properties: Vec<String>,
     /// The file, below the root of the workspace.
     pub file: PathBuf,
@@ -39,7 +39,7 @@ pub struct Mutant {
     pub to: String,
     /// The check that must find it.
     pub check: Check,
-    /// Whether the check takes long to build: then it is no part of a quick run.
+    /// True if the check takes long to build, so that quick runs leave it out.
     #[serde(default)]
     pub slow: bool,
 }
@@ -82,7 +82,7 @@ pub struct Gap {
     pub mutant: String,
     /// Where the text should be.
     pub file: PathBuf,
-    /// How often it is there.
+    /// The number of occurrences.
     pub count: usize,
 }
 
@@ -91,7 +91,7 @@ impl Catalogue {
     ///
     /// # Errors
     ///
-    /// It is not there, or no list.
+    /// The list is missing or invalid.
     pub fn load(root: &Path) -> Result<Self, MutantsError> {
         let path = root.join(FILE);
         let text = fs::read_to_string(&path).map_err(MutantsError::file(&path))?;

@@ -16,14 +16,14 @@ use super::{Check, MutantsError};
 
 /// A check that runs longer than this hangs. Without a fault, the slowest check takes a tenth of it.
 const LIMIT: Duration = Duration::from_secs(120);
-/// How often is looked whether a check is done.
+/// The interval at which the runner polls a check.
 const PAUSE: Duration = Duration::from_millis(5);
-/// So that random operations are the same ones in each run.
+/// The seed of random operations, which makes them the same in each run.
 const SEED: &str = "1";
-/// How much of what a check says is shown.
+/// The number of characters of a check's message that are shown.
 const SAID_MAX: usize = 90;
 
-/// Something that Cargo builds and that can be run.
+/// A program that Cargo builds.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Target {
     pub(super) package: String,
@@ -41,19 +41,19 @@ pub(super) enum Unit {
     Program(String),
 }
 
-/// Where programs are, by what was built.
+/// The paths of programs, by target.
 pub(super) type Programs = BTreeMap<Target, PathBuf>;
 
 /// The result of running a check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Ran {
-    /// It found nothing.
+    /// The check passed.
     Held,
-    /// It failed, and said this.
+    /// The check failed, with this message.
     Failed(String),
-    /// It found nothing that counts; what it said.
+    /// The check found another fault than the expected one, with this message.
     Missed(String),
-    /// It was still running when its time was up.
+    /// The check exceeded its time limit.
     Hung,
 }
 
@@ -61,7 +61,7 @@ pub(super) enum Ran {
 #[derive(Debug)]
 pub(super) struct Cargo {
     pub(super) root: PathBuf,
-    /// For its output and that of the checks.
+    /// The folder for the output of Cargo and of the checks.
     pub(super) work: PathBuf,
 }
 
@@ -126,7 +126,7 @@ impl Cargo {
         Ok(check.judge(status, &String::from_utf8_lossy(&said)))
     }
 
-    /// A process that nothing outside of the copy has a say in.
+    /// A command that does not depend on files or variables outside the copy.
     fn command(&self, program: &Path, folder: &Path) -> Command {
         let mut command = Command::new(program);
         command
@@ -135,7 +135,7 @@ impl Cargo {
             .env("CARGO_INCREMENTAL", "1")
             .env("CARGO_PROFILE_DEV_DEBUG", "0")
             .env("CARGO_TERM_COLOR", "never")
-            // A mutant may leave something unused.
+            // A mutant may cause warnings about unused items.
             .env("RUSTFLAGS", "--cap-lints=warn")
             .env_remove("CARGO_ENCODED_RUSTFLAGS")
             .env_remove("SM2_VERIFICATION_RESULTS")
@@ -147,7 +147,7 @@ impl Cargo {
     }
 }
 
-/// Waits for a process, but not for ever: none if its time was up.
+/// Waits for a process; `None` if it exceeds the time limit.
 fn finish(command: &mut Command) -> io::Result<Option<ExitStatus>> {
     let began = Instant::now();
     let mut process = command.spawn()?;
@@ -211,7 +211,7 @@ impl Check {
                 match (found, status.success()) {
                     (Some(found), false) => Ran::Failed(shortened(found)),
                     (_, true) => Ran::Held,
-                    // Below the counts stands what it found instead.
+                    // The line below the counts has the finding.
                     (None, false) => Ran::Missed(shortened(said.lines().nth(1).unwrap_or(said))),
                 }
             }
@@ -271,7 +271,7 @@ struct Diagnostic {
 }
 
 impl Message {
-    /// The program that was built of this unit, if the message is about that.
+    /// The program of this unit, if the message is about it.
     fn executable(&self, unit: &Unit) -> Option<PathBuf> {
         let target = self.target.as_ref()?;
         let is_test = self.profile.as_ref()?.test;

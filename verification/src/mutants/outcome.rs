@@ -4,29 +4,29 @@ use std::{fmt, time::Duration};
 
 use crate::results;
 
-/// How a check failed.
+/// The way in which a check failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Killed {
-    /// It said why: its first words.
+    /// With a message, of which these are the first words.
     Said(String),
-    /// It was still running when its time was up.
+    /// It exceeded its time limit.
     Hung,
 }
 
 /// The verdict of the check on a mutant.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// It failed, as it should.
+    /// The check failed, as it must.
     Killed(Killed),
-    /// It held, or found something else: what it said then.
+    /// The check passed, or found another fault, with this message.
     Survived(Option<String>),
-    /// There was nothing to check: what the compiler says.
+    /// The mutant does not compile, with this message.
     NotCompiled(String),
-    /// It failed without the mutant too: what it said.
+    /// The check also fails without the mutant, with this message.
     NoUse(String),
 }
 
-/// One mutant's line.
+/// The outcome of one mutant.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// The mutant.
@@ -35,18 +35,18 @@ pub struct Outcome {
     pub check: String,
     /// The verdict.
     pub verdict: Verdict,
-    /// How long building and checking took.
+    /// The time of the build and the check.
     pub took: Duration,
 }
 
 impl Outcome {
-    /// Whether the check found it.
+    /// True if the check found the mutant.
     #[must_use]
     pub const fn is_killed(&self) -> bool {
         matches!(self.verdict, Verdict::Killed(_))
     }
 
-    /// The line for the file that `SM2_VERIFICATION_RESULTS` names.
+    /// The line for the file in `SM2_VERIFICATION_RESULTS`.
     #[must_use]
     pub fn result(&self) -> String {
         let covered = match &self.verdict {

@@ -1,4 +1,4 @@
-//! A copy of the workspace, so that nothing is ever changed in the workspace itself.
+//! A copy of the workspace, so that the workspace itself is never changed.
 
 use std::{
     collections::BTreeSet,
@@ -75,7 +75,7 @@ fn copy_file(from: &Path, to: &Path) -> Result<(), MutantsError> {
     if fs::read(to).is_ok_and(|found| found == wanted) {
         return Ok(());
     }
-    // With the permissions: some are scripts.
+    // Copies the permissions, too: some files are scripts.
     fs::copy(from, to).map(drop).map_err(MutantsError::file(to))
 }
 

@@ -1,4 +1,4 @@
-//! The engines, by the words that PROPERTIES.md and the results have for them.
+//! The engines, and their names in PROPERTIES.md and in results.
 
 use std::fmt;
 
@@ -25,14 +25,14 @@ pub enum Engine {
     Angr,
     /// Fuzzing.
     LibFuzzer,
-    /// Changes of the code that a check has to notice.
+    /// Faults in the code that a check must find.
     Mutants,
     /// The Kani harnesses, as proofs.
     Kani,
 }
 
 impl Engine {
-    /// All engines, in the order in which they run: what fails soon comes first.
+    /// All engines, in the order in which they run: quick ones first.
     pub const ALL: [Self; 12] = [
         Self::Clauses,
         Self::NoStd,
@@ -48,7 +48,7 @@ impl Engine {
         Self::Kani,
     ];
 
-    /// Its word.
+    /// The name of the engine.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -67,7 +67,7 @@ impl Engine {
         }
     }
 
-    /// The engine of that word.
+    /// The engine of this name.
     #[must_use]
     pub fn named(word: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|it| it.word() == word)

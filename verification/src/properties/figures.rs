@@ -1,18 +1,18 @@
 //! The figures of a run, compared with those of an earlier run.
 
-/// How far a number with `~` may be from what it was, as a factor.
+/// The largest factor between two values of a number with `~`.
 const NOISE: f64 = 30.0;
 
-/// A part of such a text.
+/// A part of the figures.
 #[derive(Debug, PartialEq)]
 enum Part<'a> {
-    /// Words, and numbers that are the same in each run.
+    /// Words, and numbers that must be equal in each run.
     Exact(&'a str),
     /// A number with `~` in front.
     About(f64),
 }
 
-/// Whether two runs covered the same: numbers with `~` within a factor of 30, all else exactly.
+/// True if the figures of two runs agree: numbers with `~` within a factor of 30, all others exactly.
 ///
 /// ```
 /// use sm2_verification::properties::same_figures;

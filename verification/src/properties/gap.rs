@@ -4,10 +4,10 @@ use std::fmt;
 
 use super::Engine;
 
-/// One thing that is wrong, and where.
+/// A disagreement, and its line.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Gap {
-    /// The line of PROPERTIES.md, counted from 1; none for what has no row.
+    /// The line of PROPERTIES.md, counted from 1; `None` for a check without a row.
     pub line: Option<usize>,
     /// The kind of gap.
     pub kind: GapKind,
@@ -34,7 +34,7 @@ impl fmt::Display for Gap {
 /// The ways in which claims and checks can disagree.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GapKind {
-    /// A row that was not written as rows are.
+    /// A row with a wrong format.
     #[error("a row has as many cells as its header, and one space on each side of them")]
     Untidy,
     /// A name of a check without quotes.

@@ -24,12 +24,12 @@ pub(crate) struct Args {
     pub(crate) write: bool,
     pub(crate) missing: bool,
     pub(crate) table: bool,
-    /// Engines, properties and harnesses; empty: all.
+    /// The selected engines, properties and harnesses; empty for all.
     pub(crate) only: Vec<String>,
 }
 
 impl Args {
-    /// Reads the words after the program's name; else the status to end with.
+    /// Parses the arguments after the program's name. The error is the exit status.
     pub(crate) fn parse(words: impl Iterator<Item = String>) -> Result<Self, ExitCode> {
         let mut args = Self::default();
         let mut naming = false;

@@ -1,9 +1,15 @@
-//! `check`: runs every check that this machine can run, and says whether PROPERTIES.md is true.
+//! `check`: runs every check that this machine can run, and compares the results with PROPERTIES.md.
 //!
-//! Each engine runs by itself, its output in a log; what it reports goes into one table at the
-//! end, and is compared with the rows of PROPERTIES.md. Status 0: all held and all agrees; 1: not
-//! so, or nothing was run; 2: it could not be tried; 77: this machine can run none of it; 130:
-//! interrupted, with everything that was started ended.
+//! Each engine runs by itself, with its output in a log. Its results go into one table at the end, and
+//! are compared with the rows of PROPERTIES.md.
+//!
+//! Exit status:
+//!
+//! - 0: all checks passed, and the rows agree;
+//! - 1: a check failed, a row disagrees, or nothing was run;
+//! - 2: the run could not start;
+//! - 77: this machine can run none of the selected checks;
+//! - 130: interrupted; all started processes have ended.
 
 mod args;
 mod plan;
@@ -34,13 +40,13 @@ use self::run::Ran;
 use self::screen::Screen;
 use self::verdict::Verdict;
 
-/// A check failed, or files and run do not agree, or nothing was run at all.
+/// Exit status if a check failed, if rows and run disagree, or if nothing was run.
 const FAILED: u8 = 1;
-/// This machine can run nothing of what was asked for.
+/// Exit status if this machine can run none of the selected checks.
 const SKIPPED: u8 = 77;
-/// How much of a failed engine's log is shown.
+/// The number of lines of a failed engine's log that are shown.
 const LAST_LINES: usize = 25;
-/// As the shell tells of a program that SIGINT ended.
+/// Exit status of a program that SIGINT ended, as shells report it.
 const INTERRUPTED: u8 = 130;
 
 fn main() -> ExitCode {
@@ -117,7 +123,7 @@ impl Check {
         self.summary(gaps.len(), start)
     }
 
-    /// Finds out which rows were asked for; or which word means nothing.
+    /// Selects the rows; returns a word that selects nothing, if there is one.
     fn select(&mut self) -> Option<String> {
         let mut chosen = BTreeSet::new();
         for word in &self.args.only {
@@ -135,7 +141,7 @@ impl Check {
         None
     }
 
-    /// Whether all that an engine has is asked for.
+    /// True if all checks of an engine are selected.
     fn whole(&self, engine: Engine) -> bool {
         self.args.only.is_empty() || self.args.only.iter().any(|it| it == engine.word())
     }
@@ -181,7 +187,7 @@ impl Check {
         let text = fs::read_to_string(readme(&self.root))?;
         match with_table(&text, &readme_table(&self.register)) {
             Ok(text) => replace(&readme(&self.root), &text),
-            // Among the gaps.
+            // The gaps of the run include this error.
             Err(_) => Ok(()),
         }
     }
@@ -217,7 +223,7 @@ impl Check {
         Ok(gaps)
     }
 
-    /// Prints the last line, and says with which status to end.
+    /// Prints the last line, and returns the exit status.
     fn summary(&self, gaps: usize, start: Instant) -> io::Result<ExitCode> {
         let checks = self.session.outcomes.len();
         let failed = self.session.outcomes.iter().filter(|it| !it.held).count();
@@ -249,7 +255,7 @@ fn readme(root: &Path) -> PathBuf {
     root.join("verification/README.md")
 }
 
-/// Writes a file that is not so yet.
+/// Writes a file, unless it has this text already.
 fn replace(path: &Path, text: &str) -> io::Result<()> {
     if fs::read_to_string(path)? != text {
         fs::write(path, text)?;
@@ -257,7 +263,7 @@ fn replace(path: &Path, text: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// A reader that has gone away, such as `head`, ends the run.
+/// Prints a text; a closed pipe, as with `head`, ends the run.
 fn say(text: &str) -> io::Result<()> {
     writeln!(io::stdout().lock(), "{text}")
 }

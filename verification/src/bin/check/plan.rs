@@ -1,4 +1,4 @@
-//! How each engine is run.
+//! The commands that run each engine.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::env;
@@ -29,15 +29,15 @@ const fn programs(engine: Engine) -> &'static [&'static str] {
 /// The commands to run for an engine.
 pub(crate) struct Plan {
     engine: Engine,
-    /// Whether it is to keep to its quick bounds.
+    /// True if the engine is limited to its quick bounds.
     quick: bool,
-    /// Whether all of its checks are asked for, not only those of `rows`.
+    /// True if all of its checks are selected, not only those of `rows`.
     whole: bool,
-    /// The rows that are asked for, and whether they are quick ones.
+    /// The selected rows; true for quick ones.
     rows: BTreeMap<String, bool>,
 }
 
-/// Names of checks; or why there are none.
+/// Names of checks, or the reason why they cannot be listed.
 type Listed = Result<BTreeSet<String>, String>;
 
 impl Plan {
@@ -63,8 +63,8 @@ impl Plan {
         self.quick
     }
 
-    /// The programs to run, one after the other; none if all that is asked for are rows of a
-    /// full run, and this is a quick one.
+    /// The programs to run, one after the other; none if this is a quick run and all selected rows
+    /// belong to full runs.
     pub(crate) fn steps(
         &self,
         root: &Path,
@@ -99,7 +99,7 @@ impl Plan {
         }))
     }
 
-    /// The programs that list their checks: each with those of its checks that are asked for.
+    /// The programs that list their checks, each with its selected checks.
     fn listing(&self, root: &Path, stop: &Interrupts) -> io::Result<Result<Vec<Step>, String>> {
         let mut steps = Vec::new();
         for program in programs(self.engine) {
@@ -121,7 +121,7 @@ impl Plan {
         Ok(Ok(steps))
     }
 
-    /// The rows that this run has to run.
+    /// The rows that this run must run.
     fn wanted(&self) -> impl Iterator<Item = &String> {
         let wanted = |(_, quick): &(&String, &bool)| **quick || !self.quick;
         self.rows.iter().filter(wanted).map(|(name, _)| name)
@@ -135,7 +135,7 @@ impl Plan {
         self.wanted().map(step).collect()
     }
 
-    /// Which of the checks that a quick run leaves out there are.
+    /// The existing checks that a quick run leaves out.
     pub(crate) fn listed(&self, root: &Path, stop: &Interrupts) -> io::Result<Listed> {
         let full = self.rows.iter().filter(|(_, quick)| !**quick);
         let full: Vec<_> = full.map(|(name, _)| name).collect();
@@ -179,8 +179,8 @@ fn file_of(name: &str) -> &str {
 /// The command for `crate/tests/target.rs`, or for a module `crate/src/module.rs`; and for one
 /// test of such a file, `...rs::test`.
 ///
-/// Of the whole workspace, where the name is of one package alone: then nothing is built anew
-/// that `cargo test --workspace` has built.
+/// The command builds the whole workspace if the name is unique in it, so that it can use the build of
+/// `cargo test --workspace`.
 fn test_line(root: &Path, name: &str) -> io::Result<String> {
     let (file, test) = name.split_once("::").unwrap_or((name, ""));
     let path = file.trim_end_matches(".rs");

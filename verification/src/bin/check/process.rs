@@ -1,4 +1,4 @@
-//! Starting programs so that they can be ended.
+//! Starts programs in process groups, and ends them.
 
 use std::ffi::OsString;
 use std::fs::{self, OpenOptions};
@@ -15,17 +15,17 @@ use nix::sys::signal::{Signal, killpg};
 use nix::unistd::Pid;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-/// Which status says that this machine cannot run the program.
+/// Exit status of a program that this machine cannot run.
 const CANNOT: i32 = 77;
 const TURN: Duration = Duration::from_millis(50);
-/// How long a program may take to end once it was told to.
+/// Timeout for the end of a program after SIGTERM.
 const TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Whether somebody wants the run to end.
+/// A flag that a signal sets.
 pub(crate) struct Interrupts(Arc<AtomicBool>);
 
 impl Interrupts {
-    /// Takes SIGINT, SIGTERM and SIGHUP from here on.
+    /// Handles SIGINT, SIGTERM and SIGHUP from now on.
     pub(crate) fn watch() -> io::Result<Self> {
         let flag = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -34,21 +34,21 @@ impl Interrupts {
         Ok(Self(flag))
     }
 
-    /// Whether that was so.
+    /// True if a signal has arrived.
     pub(crate) fn seen(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// How a program ended.
+/// The end of a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Ended {
     Well,
     /// This machine cannot run it.
     Skipped,
-    /// Its status, in words.
+    /// It failed, with this status in words.
     Failed(String),
-    /// It was ended, with all that it had started.
+    /// It was ended by a signal, with all processes that it had started.
     Interrupted,
 }
 
@@ -101,7 +101,7 @@ pub(crate) fn run(
     }
 }
 
-/// Ends the process group of `child`: first asked, then made to.
+/// Ends the process group of `child`, by SIGTERM and then by SIGKILL.
 fn end(child: &mut Child) -> io::Result<()> {
     let Ok(id) = i32::try_from(child.id()) else {
         return child.kill();
@@ -117,7 +117,7 @@ fn end(child: &mut Child) -> io::Result<()> {
     child.wait().map(drop)
 }
 
-/// How many lines a file has.
+/// The number of lines of a file.
 pub(crate) fn lines(path: &Path) -> usize {
     let count = |text: String| text.lines().count();
     fs::read_to_string(path).map_or(0, count)

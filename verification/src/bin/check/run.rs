@@ -1,4 +1,4 @@
-//! One engine, from its first program to its verdict.
+//! Runs one engine: its programs, its results, and its verdict.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -24,7 +24,7 @@ pub(crate) struct Ran {
     pub(crate) log: PathBuf,
 }
 
-/// Runs what is planned, with log and results in `folder`; nothing if that was interrupted.
+/// Runs the planned programs, with log and results in `folder`; `None` if interrupted.
 pub(crate) fn run(
     plan: &Plan,
     root: &Path,
@@ -86,7 +86,7 @@ pub(crate) fn run(
     }))
 }
 
-/// Why what an engine reported, whose programs all ended well, cannot be right.
+/// The reason why the results of an engine cannot be right although all its programs succeeded.
 fn implausible(engine: Engine, reported: &[Outcome], nothing_to_run: bool) -> Option<String> {
     if reported.is_empty() && !nothing_to_run {
         return Some("it reported nothing".to_owned());

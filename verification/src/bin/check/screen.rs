@@ -1,4 +1,4 @@
-//! Which engine is running, on standard error.
+//! Shows the running engine on standard error.
 
 use std::io::{self, IsTerminal, Write as _};
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use sm2_verification::properties::Engine;
 
 use crate::verdict::Verdict;
 
-/// How often a line that cannot be rewritten is written.
+/// The interval of progress lines if the output is not a terminal.
 const IN_A_LOG: Duration = Duration::from_secs(60);
 const ON_A_TERMINAL: Duration = Duration::from_millis(500);
 
@@ -34,7 +34,7 @@ impl Screen {
         screen
     }
 
-    /// Says how far it got, if it is time to.
+    /// Shows the progress, if the interval is over.
     pub(crate) fn progress(&mut self, checks: impl FnOnce() -> usize) {
         let every = if self.terminal {
             ON_A_TERMINAL
@@ -48,7 +48,7 @@ impl Screen {
         }
     }
 
-    /// Says how it ended.
+    /// Shows the verdict.
     pub(crate) fn ended(&self, verdict: &Verdict, checks: usize) {
         let time_s = self.start.elapsed().as_secs_f64();
         let word = match verdict {
@@ -64,7 +64,7 @@ impl Screen {
 
     fn write(&self, word: &str) {
         let mut out = io::stderr().lock();
-        // That nobody reads along is no failure.
+        // A closed standard error is not a failure.
         let _ = if self.terminal {
             write!(out, "\r\x1b[2K{}  {word}", self.name)
         } else {

@@ -1,4 +1,4 @@
-//! One program of an engine, and where its results come from.
+//! One program of an engine, and the source of its results.
 
 use std::ffi::OsString;
 use std::fmt;
@@ -12,7 +12,7 @@ use sm2_verification::properties::Engine;
 use crate::process::{self, Ended, Interrupts};
 use crate::screen::Screen;
 
-/// Names the file to which runners append their results.
+/// The variable with the file to which runners append their results.
 const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
 
 /// One program.
@@ -21,15 +21,15 @@ pub(crate) struct Step {
     reports: Reports,
 }
 
-/// Where a program's results come from.
+/// The source of a program's results.
 pub(crate) enum Reports {
-    /// It writes them.
+    /// The program writes them.
     Itself,
-    /// It is one check, whose last line says what it covered after this text.
+    /// The program is one check; its last line has its coverage behind this text.
     After(Engine, &'static str),
-    /// It is one check that leaves no text.
+    /// The program is one check without output.
     Built(Engine),
-    /// It is a test target.
+    /// The program is a test target.
     Tests(Engine, String),
 }
 
@@ -47,13 +47,13 @@ impl Step {
         self
     }
 
-    /// Runs it for what it prints, into `output`.
+    /// Runs it with its standard output in the file `output`.
     pub(crate) fn print(&self, root: &Path, output: &Path, stop: &Interrupts) -> io::Result<Ended> {
         fs::write(output, "")?;
         process::run(&self.words, &environment(None), root, output, stop, || {})
     }
 
-    /// Runs it, and appends its result where it does not do that itself.
+    /// Runs it, and appends its result if the program does not do that itself.
     pub(crate) fn run(
         &self,
         root: &Path,
@@ -97,7 +97,7 @@ impl Step {
         let held = ended == Ended::Well && covered.is_some();
         let verdict = if held { "ok" } else { "FAILED" };
         let covered = covered.unwrap_or_else(|| "nothing".to_owned());
-        // Of tests only their own time: most of the other is their building.
+        // Only the time of the tests themselves, without that of their build.
         let time_s = finished(&text).unwrap_or_else(|| start.elapsed().as_secs_f64());
         let line = format!("{engine}\t{harness}\t{verdict}\t{time_s:.1}\t{covered}\n");
         OpenOptions::new()
@@ -115,7 +115,7 @@ impl fmt::Display for Step {
     }
 }
 
-/// How many tests passed; nothing if none did.
+/// The number of passed tests, as text; `None` if there is none.
 fn passed(log: &str) -> Option<String> {
     let count = |line: &str| {
         let (_, rest) = line.split_once("test result: ")?;
@@ -132,7 +132,7 @@ fn environment(results: Option<&Path>) -> Vec<(&'static str, OsString)> {
     all
 }
 
-/// For how long tests ran, if any did.
+/// The duration of the tests, if any ran.
 fn finished(log: &str) -> Option<f64> {
     let time_s = |line: &str| {
         let (_, rest) = line.split_once("; finished in ")?;

@@ -1,4 +1,4 @@
-//! The table that a run ends with.
+//! The table at the end of a run.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,7 @@ use crate::run::Ran;
 use crate::verdict::Verdict;
 
 const HEADER: [&str; 6] = ["property", "engine", "check", "covered", "time", "verdict"];
-/// A cell that is longer does not widen its column.
+/// The largest width of a column; longer cells do not widen it.
 const WIDEST: usize = 64;
 
 /// A line for each check that reported, and one for each engine that did not run to its end.
@@ -43,7 +43,7 @@ pub(crate) fn render(register: &Register, runs: &[Ran]) -> String {
     aligned(&lines)
 }
 
-/// The first name, and how many more.
+/// The first name, and the number of the others.
 fn shown(names: &[String]) -> String {
     match names {
         [] => "-".to_owned(),

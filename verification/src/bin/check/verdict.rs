@@ -1,6 +1,6 @@
-//! How an engine's part of the run ended.
+//! The verdict on an engine.
 
-/// How an engine's part of the run ended.
+/// The verdict on an engine.
 #[derive(Debug)]
 pub(crate) enum Verdict {
     Held,
