@@ -9,11 +9,11 @@
 //! cargo run -p sm2-node --example talker -- 10
 //! ```
 //!
-//! - **What to watch**: the descriptors of all subscribers and servers, and of each client that has pending
+//! - **Descriptors to watch**: the descriptors of all subscribers and servers, and of each client that has pending
 //!   calls; for reading, level-triggered. Each descriptor also stands for its whole node: for new links, for
 //!   room in a full socket, for the node's own timer. If a node only publishes, watch the node's own
 //!   descriptor.
-//! - **What to call**: `try_recv`. It drives the whole node first, so no other call is needed. For a node
+//! - **Calls**: `try_recv`. It drives the whole node first, so no other call is needed. For a node
 //!   that only publishes, call `spin_some()`.
 //! - **No message is missed**: a subscriber's descriptor stays readable until `try_recv` has returned that
 //!   there is no message. That holds even if another call, such as `publish` below, has read the message from

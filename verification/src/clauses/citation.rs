@@ -34,7 +34,7 @@ pub(super) fn scan_macros(text: &str, file: &Path) -> Vec<Citation> {
     named.collect()
 }
 
-/// Finds the citations in `text`, and the lines that tried to be one.
+/// Finds the citations in `text`, and the lines that resemble a citation but are malformed.
 pub(super) fn scan(text: &str, syntax: Syntax, file: &Path) -> (Vec<Citation>, Vec<Gap>) {
     let mut citations = Vec::new();
     let mut gaps = Vec::new();
@@ -107,7 +107,7 @@ fn read_role(after_ids: &str) -> Option<Role> {
 }
 
 /// The fields `"clause": "SM2-XXX-000"` of one line of JSON. `null` says that
-/// the vector watches no clause in particular.
+/// the vector checks no clause in particular.
 ///
 /// A quote before the name may not be escaped: then it is text, not a field.
 fn read_fields(line: &str) -> Found {

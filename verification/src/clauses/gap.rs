@@ -40,7 +40,7 @@ impl Gap {
 /// The ways in which SPEC.md and its citations can disagree.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GapKind {
-    /// A line of SPEC.md looks like a clause and is none.
+    /// A line of SPEC.md resembles a clause but is malformed.
     #[error(
         "malformed clause line; expected `**SM2-XXX-000** [MUST|SHOULD|MAY|DRAFT] text` or \
          `~~SM2-XXX-000~~ [RETIRED]` at the start of the line"
@@ -57,7 +57,7 @@ pub enum GapKind {
     /// SPEC.md refers to a clause that it does not have.
     #[error("the text refers to {id}, which is no clause")]
     DanglingReference {
-        /// The id that is not there.
+        /// The missing id.
         id: ClauseId,
     },
     /// A citation that cannot be read.
@@ -66,7 +66,7 @@ pub enum GapKind {
         super::CheckKind::NAMES
     )]
     UnreadableCitation {
-        /// The line as it stands.
+        /// The line.
         text: String,
     },
     /// A citation of an id that SPEC.md does not have.

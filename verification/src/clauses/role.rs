@@ -1,4 +1,4 @@
-//! In which role a place cites a clause: as code, or as a check of some kind.
+//! The role of a citation: code, or a kind of check.
 
 use std::fmt;
 
@@ -7,13 +7,13 @@ use std::fmt;
 pub enum Role {
     /// The code below implements the clause.
     Code,
-    /// The code below notices when the clause is broken.
+    /// The code below fails when the clause is broken.
     Check(CheckKind),
     /// The program names the clause, in a log for example.
     Name,
 }
 
-/// How a check watches a clause.
+/// The kind of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum CheckKind {
     /// A unit, table or property test.

@@ -1,4 +1,4 @@
-//! SPEC.md: which clauses there are, and how binding each is.
+//! The clauses of SPEC.md and their levels.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::{ClauseId, Gap, GapKind, SourceLine};
 
-/// How binding a clause is.
+/// The level of a clause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Level {
     /// In force: code and a check must cite it.
@@ -32,7 +32,7 @@ impl Level {
         Self::Retired,
     ];
 
-    /// The word that stands in brackets in SPEC.md.
+    /// The word in brackets in SPEC.md.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -62,7 +62,7 @@ pub(super) struct Spec {
     pub(super) clauses: BTreeMap<ClauseId, Clause>,
 }
 
-/// Reads the clause lines of `text` and reports what is wrong with it alone.
+/// Reads the clause lines of `text`, and returns the gaps of this text.
 pub(super) fn parse(text: &str, file: &Path) -> (Spec, Vec<Gap>) {
     let mut clauses = BTreeMap::new();
     let mut gaps = Vec::new();
@@ -125,7 +125,7 @@ fn read_retired(line: &str) -> Option<(ClauseId, Level)> {
     ends.then_some((id, Level::Retired))
 }
 
-/// A clause inside a list, a quote or a sentence would be lost without a word.
+/// A clause inside a list, a quote or a sentence would not be read, so it is reported.
 fn is_misplaced(line: &str) -> bool {
     ["**SM2-", "~~SM2-"].into_iter().any(|open| {
         line.match_indices(open).any(|(at, _)| {

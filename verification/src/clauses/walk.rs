@@ -1,11 +1,11 @@
-//! Which files may cite, and how.
+//! The files that may have citations, and their syntax.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::CheckError;
 
-/// How a file cites.
+/// The syntax of citations in a file.
 #[derive(Clone, Copy)]
 pub(super) enum Syntax {
     /// By comment lines that start with this marker.
@@ -14,7 +14,7 @@ pub(super) enum Syntax {
     Vectors,
 }
 
-/// A file that may cite.
+/// A file that may have citations.
 pub(super) struct Source {
     pub(super) path: PathBuf,
     pub(super) syntax: Syntax,
@@ -30,7 +30,7 @@ impl Source {
 /// Hidden folders that belong to the project.
 const CI_FOLDERS: [&str; 2] = [".ci", ".github"];
 
-/// All files below `root` that may cite, in the order of their paths.
+/// All files below `root` that may have citations, in the order of their paths.
 ///
 /// Build output (`target`), hidden folders but those of CI, and symbolic
 /// links are passed over.

@@ -1,7 +1,7 @@
-//! Manager and nodes together. Links are two ends that are open or closed; what flows on them is
-//! no part of this model.
+//! The Manager and its nodes. Links are two ends that are open or closed; frames on links are not part of
+//! this model.
 //!
-//! [`Scope`] says who is there and what may happen, [`World`] is one moment of it.
+//! [`Scope`] defines the nodes and the possible events. [`World`] is one moment.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 

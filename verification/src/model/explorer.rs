@@ -1,4 +1,4 @@
-//! Breadth first through all moments; the first failure has a shortest trace.
+//! Breadth-first search through all moments; the trace of the first failure has the least steps.
 
 use std::{
     collections::{HashSet, VecDeque},
@@ -15,21 +15,21 @@ const TOLD_EVERY: Duration = Duration::from_secs(5);
 /// The number of moments between two readings of the clock.
 const LOOKED_EVERY: usize = 4_096;
 
-/// Something whose every moment can be visited.
+/// A system whose reachable moments can be enumerated.
 pub trait System {
     /// The whole state at one time. Parts that its hash leaves out must not affect later steps.
     type Moment: Hash;
-    /// One thing that happens, as it reads in a trace.
+    /// One action, with its text in a trace.
     type Action: Copy + fmt::Debug + fmt::Display;
 
-    /// Where it begins.
+    /// The first moment.
     ///
     /// # Errors
     ///
     /// The property that breaks on the way there.
     fn first(&self) -> Result<Self::Moment, Failure>;
 
-    /// All that can happen now, always in the same order.
+    /// All possible actions, always in the same order.
     fn actions(&self, moment: &Self::Moment) -> Vec<Self::Action>;
 
     /// Checks a moment, in which `actions` are possible. Returns whether it is quiet.
@@ -46,8 +46,8 @@ pub trait System {
     /// The property that the step breaks.
     fn step(&self, moment: &Self::Moment, action: Self::Action) -> Result<Self::Moment, Failure>;
 
-    /// By what moments are told apart. Those of one print count as one: whatever can follow
-    /// one of them can follow the other, but for names.
+    /// The fingerprint of a moment. Moments with equal fingerprints count as one: except for names, the
+    /// same actions follow from them.
     fn print(&self, moment: &Self::Moment) -> u64 {
         let mut hasher = DefaultHasher::new();
         moment.hash(&mut hasher);
@@ -58,17 +58,17 @@ pub trait System {
 /// The result of a search.
 #[derive(Debug)]
 pub struct Report<A> {
-    /// Different moments.
+    /// The number of different moments.
     pub states: usize,
-    /// Steps between them.
+    /// The number of steps between them.
     pub transitions: usize,
-    /// The longest of the shortest ways to a moment.
+    /// The largest number of steps on a shortest path to a moment.
     pub depth: usize,
-    /// Moments in which all was quiet.
+    /// The number of quiet moments.
     pub quiet: usize,
-    /// How long it took.
+    /// The duration.
     pub time: Duration,
-    /// Whether the search stopped at its limit of states.
+    /// True if the search stopped at its limit of states.
     pub cut_short: bool,
     /// The first failure.
     pub failure: Option<Counterexample<A>>,
@@ -90,33 +90,33 @@ impl<A> fmt::Display for Report<A> {
     }
 }
 
-/// How a property comes to be broken.
+/// A trace that breaks a property.
 #[derive(Debug)]
 pub struct Counterexample<A> {
-    /// Which, and what was seen.
+    /// The broken property.
     pub failure: Failure,
     /// The actions, in order.
     pub steps: Vec<A>,
 }
 
-/// How far a search has come.
+/// The progress of a search.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
-    /// Moments reached so far.
+    /// The number of moments reached so far.
     pub states: usize,
-    /// Those of them that were not visited yet.
+    /// The number of reached moments that were not visited yet.
     pub waiting: usize,
-    /// How many steps the present one is from the beginning.
+    /// The number of steps from the first moment to the current one.
     pub depth: usize,
 }
 
-/// Visits every moment, but no more than `limit`, up to the first failure.
+/// Visits every moment, at most `limit`, up to the first failure.
 #[must_use]
 pub fn explore<S: System>(system: &S, limit: usize) -> Report<S::Action> {
     explore_telling(system, limit, |_| ())
 }
 
-/// As [`explore`]; tells every few seconds how far it is.
+/// As [`explore`], and reports its progress every few seconds.
 #[must_use]
 pub fn explore_telling<S: System>(
     system: &S,
@@ -206,7 +206,7 @@ fn guarded<T>(step: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     })
 }
 
-/// Prints are spread well as they are.
+/// A hasher that returns fingerprints unchanged: they are hashes already.
 #[derive(Default)]
 struct AsItIs(u64);
 
@@ -226,13 +226,13 @@ impl Hasher for AsItIs {
     }
 }
 
-/// How a moment was first reached: from which one, by the how manieth of its actions.
+/// The first path to a moment: the index of the moment before, and of the action among its actions.
 type Way = Option<(u32, u16)>;
 
 struct Search<'a, S: System> {
     system: &'a S,
-    /// Two moments of one print would count as one (with 10^7 moments the chance of that
-    /// is about 3 in 10^6).
+    /// The fingerprints of reached moments. Different moments with equal fingerprints would count as one;
+    /// with 10^7 moments, the probability of that is about 3 in 10^6.
     seen: HashSet<u64, BuildHasherDefault<AsItIs>>,
     ways: Vec<Way>,
     waiting: VecDeque<(S::Moment, usize, usize)>,
@@ -250,7 +250,7 @@ impl<S: System> Search<'_, S> {
         }
     }
 
-    /// Goes the shortest way again, to know its actions.
+    /// Repeats the shortest path, to get its actions.
     fn trace(
         &self,
         failure: Failure,

@@ -1,4 +1,4 @@
-//! Counts of states that were pinned.
+//! Expected counts of states.
 
 use std::{fmt, io};
 

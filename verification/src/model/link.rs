@@ -1,8 +1,8 @@
-//! One link. Both ends are the shipped machines; what joins them is two queues of frames, and
-//! what drives them is a driver and an application as [`sm2_proto::link`] asks for.
+//! One link. Both ends are the shipped machines, with two queues of frames between them. Each end has a
+//! driver and an application that follow the contract of [`sm2_proto::link`].
 //!
-//! [`LinkScope`] says which link it is and what may happen, [`World`] is one moment of it. Plain
-//! lists beside the machines say what each of them should do next.
+//! [`LinkScope`] defines the link and the possible events. [`World`] is one moment. Plain lists beside the
+//! machines give the expected behaviour.
 
 mod action;
 mod application;

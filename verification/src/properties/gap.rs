@@ -40,34 +40,34 @@ pub enum GapKind {
     /// A name of a check without quotes.
     #[error("`{0}` is not the name of a check between backticks")]
     Harness(String),
-    /// A word that no engine has.
+    /// An unknown engine.
     #[error("there is no engine `{0}`")]
     Engine(String),
-    /// Neither `quick` nor `full`.
+    /// A run other than `quick` and `full`.
     #[error("a check is run `quick` or `full`, not `{0}`")]
     Run(String),
-    /// A word that is no clause.
+    /// A word that is not the id of a clause.
     #[error("`{0}` is not the id of a clause")]
     Clause(String),
     /// A clause that SPEC.md does not have in force.
     #[error("SPEC.md has no clause {0} in force")]
     UnknownClause(String),
-    /// An engine of which nothing says how far its word goes.
+    /// An engine without a row in the table of engines.
     #[error("{0} has no row in the table of engines")]
     NoEngine(Engine),
-    /// Two rows for the same.
+    /// Two rows with one name.
     #[error("{0} has two rows")]
     Twice(String),
-    /// A property whose name does not begin as a group does.
+    /// A property whose prefix belongs to no group.
     #[error("{0} belongs to no row of the table of groups")]
     NoGroup(String),
-    /// A property that nothing shows.
+    /// A property without a check.
     #[error("no check shows {0}")]
     Unshown(String),
-    /// A check of nothing that is claimed.
+    /// A check of an unknown property.
     #[error("there is no property {0}")]
     UnknownProperty(String),
-    /// The column *shown by* is not what the tables of checks say.
+    /// The column *shown by* disagrees with the tables of checks.
     #[error("{name} is shown by: {now}; --write writes that")]
     StaleEngines {
         /// The property.
@@ -75,7 +75,7 @@ pub enum GapKind {
         /// The right text.
         now: String,
     },
-    /// A row whose engine ran and said nothing of it.
+    /// A row without a result, although its engine ran.
     #[error("{engine} reported no check `{harness}`")]
     Silent {
         /// The engine that ran.
@@ -91,7 +91,7 @@ pub enum GapKind {
         /// The missing harness.
         harness: String,
     },
-    /// A check that ran and is in no row.
+    /// A check that ran and has no row.
     #[error("{engine} ran `{harness}`, which has no row; --missing prints one")]
     NoRow {
         /// The engine that ran it.
@@ -99,7 +99,7 @@ pub enum GapKind {
         /// The harness that ran.
         harness: String,
     },
-    /// A row whose figures are not those of the run.
+    /// A row whose figures differ from those of the run.
     #[error("{engine} `{harness}`: the row says `{before}`, the run `{now}`; --write writes that")]
     Stale {
         /// The engine that ran it.
@@ -111,12 +111,12 @@ pub enum GapKind {
         /// The figures of the run.
         now: String,
     },
-    /// README.md does not have the table that PROPERTIES.md gives.
+    /// The tables in README.md differ from those generated from PROPERTIES.md.
     #[error(
         "verification/README.md: the table of checks is not that of PROPERTIES.md; --write writes it"
     )]
     Readme,
-    /// README.md has no place for the table.
+    /// README.md has no markers for the tables.
     #[error(
         "verification/README.md: no place for the table of checks: {0} and {1}, a line each, in this order"
     )]

@@ -1,26 +1,26 @@
-//! Rows against what was run.
+//! Compares rows with the results of a run.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Check, Engine, Gap, GapKind, Outcome, Register, Run, same_figures};
 
-/// How far an engine got.
+/// The part of its checks that an engine ran.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Extent {
-    /// It ran what it has to run: of each of its rows an outcome is expected.
+    /// It ran all of its checks: each of its rows must have an outcome.
     Ran,
-    /// It ran what a quick run has, and these are the names of all of its checks.
+    /// It ran the checks of a quick run. The set has the names of all of its checks.
     RanQuick(BTreeSet<String>),
-    /// It cannot run here, was not to run, or failed: silence says nothing.
+    /// It cannot run here, was not selected, or failed: a missing outcome is not a gap.
     Partly,
 }
 
 /// The engines and checks of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Session {
-    /// How far each engine got; those that are not there were not asked.
+    /// The part that each engine ran; engines that were not selected have no entry.
     pub engines: BTreeMap<Engine, Extent>,
-    /// The rows that were asked for; none: all.
+    /// The selected rows; `None` for all.
     pub only: Option<BTreeSet<(Engine, String)>>,
     /// The reported outcomes.
     pub outcomes: Vec<Outcome>,
@@ -42,7 +42,7 @@ impl Session {
         gaps
     }
 
-    /// Writes the figures of what held into their rows.
+    /// Writes the figures of passed checks into their rows.
     pub fn write(&self, register: &mut Register) {
         for outcome in self.outcomes.iter().filter(|it| it.held) {
             register.record(outcome.engine, &outcome.harness, &outcome.covered);
@@ -50,7 +50,7 @@ impl Session {
         register.record_engines();
     }
 
-    /// Rows for what has none.
+    /// Rows for the checks that have none.
     #[must_use]
     pub fn missing(&self, register: &Register) -> Vec<String> {
         let mut rows = Vec::new();

@@ -9,15 +9,15 @@ pub struct Outcome {
     pub engine: Engine,
     /// Its name, the one in the column *harness*.
     pub harness: String,
-    /// Whether it held.
+    /// True if the check passed.
     pub held: bool,
-    /// How long it took.
+    /// The duration.
     pub time_s: f64,
-    /// How far it went.
+    /// The coverage.
     pub covered: String,
 }
 
-/// A line that is no outcome.
+/// An invalid line.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "not a result: `{0}`; wanted: engine, check, `ok` or `FAILED`, seconds, covered, with tabs between"
@@ -27,7 +27,7 @@ pub struct UnreadableOutcome(pub String);
 /// Reads the lines of a results file.
 ///
 /// # Errors
-/// A line is no outcome.
+/// A line is invalid.
 pub fn outcomes(text: &str) -> Result<Vec<Outcome>, UnreadableOutcome> {
     let read = |line: &str| outcome(line).ok_or_else(|| UnreadableOutcome(line.to_owned()));
     text.lines().map(read).collect()

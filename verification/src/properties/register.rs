@@ -13,29 +13,29 @@ const CHECKS: [&str; 6] = ["harness", "shows", "engine", "bound", "run", "last r
 const SHOWN_BY: &str = "shown by";
 const LAST_RUN: &str = "last run";
 
-/// A row of the table of groups: properties whose names begin alike.
+/// A row of the table of groups: properties with common prefixes.
 #[derive(Clone, Debug)]
 pub struct Group {
-    /// How the names begin, such as `MGR`; several between commas.
+    /// The prefixes, such as `MGR`, separated by commas.
     pub prefixes: String,
-    /// In plain words.
+    /// The claim of the group.
     pub shown: String,
-    /// In plain words.
+    /// The bound of the claim.
     pub bound: String,
 }
 
 /// A row of the table of properties.
 #[derive(Clone, Debug)]
 pub struct Property {
-    /// Such as `MGR-STRICT`.
+    /// The name, such as `MGR-STRICT`.
     pub name: String,
-    /// The clauses that ask for it.
+    /// The clauses that require it.
     pub clauses: Vec<ClauseId>,
     row: Row,
 }
 
 impl Group {
-    /// Whether a property is of this group.
+    /// True if a property belongs to this group.
     #[must_use]
     pub fn has(&self, property: &str) -> bool {
         let (prefix, _) = property.split_once('-').unwrap_or((property, ""));
@@ -43,12 +43,12 @@ impl Group {
     }
 }
 
-/// Whether a check is part of a quick run.
+/// The runs that a check is part of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Run {
-    /// Of each run.
+    /// All runs.
     Quick,
-    /// Only of a full one.
+    /// Only full runs.
     Full,
 }
 
@@ -61,7 +61,7 @@ pub struct Check {
     pub shows: Vec<String>,
     /// The engine that runs it.
     pub engine: Engine,
-    /// When it runs.
+    /// The runs that it is part of.
     pub run: Run,
     /// The figures of its last run.
     pub last_run: String,
@@ -84,7 +84,7 @@ impl Check {
     }
 }
 
-/// PROPERTIES.md.
+/// The parsed PROPERTIES.md.
 #[derive(Clone, Debug)]
 pub struct Register {
     document: Document,
@@ -95,7 +95,7 @@ pub struct Register {
 }
 
 impl Register {
-    /// Reads the tables, and says what in them cannot be read.
+    /// Parses the tables; returns the gaps for the rows that cannot be parsed.
     #[must_use]
     pub fn parse(text: &str) -> (Self, Vec<Gap>) {
         let document = Document::new(text);
@@ -179,13 +179,13 @@ impl Register {
         self.checks.iter().filter(move |it| it.engine == engine)
     }
 
-    /// The text, as it was read but for what was written.
+    /// The text, with the changes that were recorded.
     #[must_use]
     pub fn text(&self) -> String {
         self.document.text()
     }
 
-    /// Writes what a check covered.
+    /// Records the figures of a check.
     pub fn record(&mut self, engine: Engine, harness: &str, covered: &str) {
         let is_it = |it: &&mut Check| it.engine == engine && it.harness == harness;
         if let Some(check) = self.checks.iter_mut().find(is_it) {
@@ -194,7 +194,7 @@ impl Register {
         }
     }
 
-    /// Writes the column *shown by* anew.
+    /// Rewrites the column *shown by*.
     pub fn record_engines(&mut self) {
         for property in &self.properties {
             let engines = self.shown_by(&property.name);
@@ -219,7 +219,7 @@ impl Register {
                 gaps.push(Gap::at(line, GapKind::NoGroup(name.clone())));
             }
             let shown_by = self.shown_by(&name);
-            // That a fault is found says something of a check, and nothing of what is shipped.
+            // A mutant shows a property of a check, not of the shipped code.
             let shows = |it: &Check| it.engine != Engine::Mutants && it.shows.contains(&name);
             if !self.checks.iter().any(shows) {
                 gaps.push(Gap::at(line, GapKind::Unshown(name.clone())));

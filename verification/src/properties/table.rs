@@ -1,4 +1,4 @@
-//! Tables of Markdown, line by line: what is not changed stays byte for byte.
+//! Tables of Markdown, line by line. Lines that are not changed stay equal byte for byte.
 
 /// A text; some of its lines are rows of tables.
 #[derive(Clone, Debug)]
