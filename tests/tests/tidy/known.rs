@@ -41,9 +41,9 @@ pub(crate) const REPETITIONS: &[(&str, usize)] = &[
 pub(crate) const SENTENCES: &[(&str, usize)] = &[
     (".", 2),
     ("sm2-cli", 131),
-    ("sm2-gateway", 127),
-    ("sm2-node", 99),
+    ("sm2-gateway", 67),
+    ("sm2-node", 54),
     ("sm2-node/derive", 1),
-    ("sm2-proto", 442),
+    ("sm2-proto", 439),
     ("tests", 2),
 ];
