@@ -34,6 +34,7 @@
 mod attachments;
 mod calls;
 mod config;
+mod frame_kind;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) mod fuzz;
 mod inbound;
@@ -45,8 +46,10 @@ mod phase;
 mod proofs;
 mod receive;
 mod ring;
+mod role;
 mod segments;
 mod socket_lane;
+mod status;
 mod types;
 pub mod wire;
 
@@ -61,14 +64,17 @@ use self::{
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
 pub use self::{
-    config::{Config, Role},
+    config::Config,
+    frame_kind::FrameKind,
     lane::{Lent, LinkMemory, NoDelivery, NoMemory},
     packet::{Attachment, Head, Packet},
-    phase::FrameKind,
     ring::{At, EMPTY, NotAWord, RingLayout, RingMemory, SlotHead, Word, doorbell},
+    role::Role,
+    segments::SegmentInfo,
+    status::Status,
     types::{
         Body, Counters, Delivery, End, Error, Fate, Input, Misuse, OutboundMessage, Output,
-        Payload, SegmentInfo, Status, TooManyBorrowed,
+        Payload, TooManyBorrowed,
     },
 };
 use crate::{Code, Instant, Violation};

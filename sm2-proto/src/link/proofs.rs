@@ -5,7 +5,7 @@ use super::{
     inbound::Inbound,
     phase::{Phase, admit},
     segments::{Geometry, Verified},
-    types::Status,
+    status::Status,
     wire::{Carrier, Form, MessageFrame, Open},
 };
 use crate::{

@@ -140,3 +140,14 @@ pub(super) struct Slot {
     pub(super) segment: u32,
     pub(super) slot: u32,
 }
+
+/// A shared segment: equal slots, one behind the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SegmentInfo {
+    /// Its number on the link.
+    pub id: u32,
+    /// The size of a slot in bytes: a multiple of 4,096, not zero.
+    pub stride: u64,
+    /// How many slots, 1 to 65,536.
+    pub slots: u32,
+}

@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 
-use super::{Packet, RingLayout};
+use super::{Packet, RingLayout, SegmentInfo, Status};
 use crate::{Code, Datagram, Instant, Violation};
 
 /// What happens to a link.
@@ -150,17 +150,6 @@ pub enum Body {
     Sealed,
 }
 
-/// A shared segment: equal slots, one behind the other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct SegmentInfo {
-    /// Its number on the link.
-    pub id: u32,
-    /// The size of a slot in bytes: a multiple of 4,096, not zero.
-    pub stride: u64,
-    /// How many slots, 1 to 65,536.
-    pub slots: u32,
-}
-
 /// One received message.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Delivery {
@@ -196,37 +185,6 @@ pub enum Payload {
     },
     /// At the start of the file that [`Output::Keep`] spoke of.
     Sealed,
-}
-
-/// How a call went (SM2-SRV-003).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(u16)]
-pub enum Status {
-    /// The payload is the reply.
-    #[default]
-    Ok = 0,
-    /// The server failed; the payload says why, in UTF-8.
-    Failed = 1,
-    /// The client cancelled the call; no payload.
-    Cancelled = 2,
-    /// The call's deadline passed; no payload.
-    DeadlinePassed = 3,
-}
-
-impl Status {
-    /// Every status, in the order of their numbers.
-    pub const ALL: [Self; 4] = [
-        Self::Ok,
-        Self::Failed,
-        Self::Cancelled,
-        Self::DeadlinePassed,
-    ];
-
-    /// Whether a reply with this status may have a payload.
-    #[must_use]
-    pub const fn has_payload(self) -> bool {
-        matches!(self, Self::Ok | Self::Failed)
-    }
 }
 
 /// What became of a message that was sent.

@@ -12,7 +12,8 @@ mod layout;
 use alloc::vec::Vec;
 
 use self::layout::Layout;
-use super::{FrameKind, Head, Role, SegmentInfo, Status};
+pub use super::frame_kind::Carrier;
+use super::{FrameKind, Head, SegmentInfo, Status};
 use crate::{Code, Datagram, Instant, LinkId, Violation, limits::MESSAGE_HEAD};
 
 const OPEN: usize = 32;
@@ -112,17 +113,6 @@ pub struct MessageFrame<'a> {
     pub rest: &'a [u8],
 }
 
-/// The frames that carry a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Carrier {
-    /// A publication.
-    Data,
-    /// A call.
-    Request,
-    /// The answer to a call.
-    Reply,
-}
-
 /// The payload forms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Form {
@@ -147,27 +137,6 @@ pub enum Given {
     Consumed = 0,
     /// They were displaced before the application saw them.
     Discarded = 1,
-}
-
-impl Carrier {
-    /// What an end with this role receives; of one that receives nothing: what it sends.
-    pub(super) const fn to(role: Role) -> Self {
-        match role {
-            Role::Sender | Role::Receiver => Self::Data,
-            Role::Server => Self::Request,
-            Role::Caller => Self::Reply,
-        }
-    }
-
-    /// The kind of its frame.
-    #[must_use]
-    pub const fn kind(self) -> FrameKind {
-        match self {
-            Self::Data => FrameKind::Data,
-            Self::Request => FrameKind::Request,
-            Self::Reply => FrameKind::Reply,
-        }
-    }
 }
 
 impl<'a> Frame<'a> {
@@ -459,14 +428,5 @@ impl Given {
             //= SM2-MSG-004
             _ => None,
         }
-    }
-}
-
-impl Status {
-    //= SM2-SRV-003
-    pub(super) fn from_number(number: u16) -> Option<Self> {
-        Self::ALL
-            .into_iter()
-            .find(|status| *status as u16 == number)
     }
 }

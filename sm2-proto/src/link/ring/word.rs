@@ -1,6 +1,6 @@
 //! What stands in the file of a ring and at the end of a slot: values, and the layout.
 
-use super::super::{Status, wire::Carrier};
+use super::super::{Status, frame_kind::Carrier};
 use crate::{
     Instant, Violation,
     limits::{QOS_MAX, RING_SEGMENTS_MAX, SLOT_HEAD, WINDOW_MAX},

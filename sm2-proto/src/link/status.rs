@@ -1,0 +1,39 @@
+//! How a call went, as its reply says.
+
+/// How a call went (SM2-SRV-003).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u16)]
+pub enum Status {
+    /// The payload is the reply.
+    #[default]
+    Ok = 0,
+    /// The server failed; the payload says why, in UTF-8.
+    Failed = 1,
+    /// The client cancelled the call; no payload.
+    Cancelled = 2,
+    /// The call's deadline passed; no payload.
+    DeadlinePassed = 3,
+}
+
+impl Status {
+    /// Every status, in the order of their numbers.
+    pub const ALL: [Self; 4] = [
+        Self::Ok,
+        Self::Failed,
+        Self::Cancelled,
+        Self::DeadlinePassed,
+    ];
+
+    /// Whether a reply with this status may have a payload.
+    #[must_use]
+    pub const fn has_payload(self) -> bool {
+        matches!(self, Self::Ok | Self::Failed)
+    }
+
+    //= SM2-SRV-003
+    pub(super) fn from_number(number: u16) -> Option<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|status| *status as u16 == number)
+    }
+}
