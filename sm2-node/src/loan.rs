@@ -43,7 +43,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             .with_due(|interface, _| (interface.needs(), interface.contract.sealed()));
         let all_sealed = needs.sealed || (needs.nobody() && sealed);
         let memory =
-            if needs.ring || (len > publisher.handle.inline_max && (needs.pooled || !all_sealed)) {
+            if needs.slot || (len > publisher.handle.inline_max && (needs.pooled || !all_sealed)) {
                 Memory::Slot(publisher.handle.lease(len)?)
             } else if len <= publisher.handle.inline_max {
                 Memory::Heap(AlignedBuffer::zeroed(len))

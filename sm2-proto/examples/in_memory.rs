@@ -233,7 +233,7 @@ impl World {
                 }
                 // The new Manager knows the link too. The link has worked all the time.
                 node::Output::Resumed if Role::of(program.contract.kind()) == Role::Sender => {
-                    self.feed_link(at, message(2));
+                    self.send(at, message(2));
                 }
                 node::Output::Linked {
                     link,
@@ -275,6 +275,14 @@ impl World {
         }
     }
 
+    fn send(&mut self, at: usize, message: OutboundMessage) {
+        if let Some(link) = &mut self.programs[at].link {
+            // On the socket lane the outputs say what became of it.
+            let _ = link.send(&NoMemory, message, |_, _| {});
+            self.drain_link(at);
+        }
+    }
+
     fn drain_link(&mut self, at: usize) {
         while let Some(link) = &mut self.programs[at].link {
             if let Some(output) = link.poll() {
@@ -283,7 +291,7 @@ impl World {
                 // The application takes the message, and releases it at once.
                 assert_eq!(delivery.payload, Payload::Inline("one scan".into()));
                 let sequence = delivery.sequence;
-                self.feed_link(at, link::Input::Release { sequence });
+                let _ = link.release(&NoMemory, sequence);
             } else {
                 return;
             }
@@ -298,7 +306,7 @@ impl World {
                 self.wires.push_back(Wire::Link(other, packet.to_vec()));
             }
             link::Output::Opened if Role::of(program.contract.kind()) == Role::Sender => {
-                self.feed_link(at, message(1));
+                self.send(at, message(1));
             }
             link::Output::Settled { key: 1, .. } => self.wires.push_back(Wire::TakeOver),
             // The subscriber has released the last message: the publisher withdraws.
@@ -395,15 +403,15 @@ fn readable(frame: Result<impl Debug, Violation>) -> String {
     }
 }
 
-fn message(key: u64) -> link::Input<'static> {
-    link::Input::Send(OutboundMessage {
+fn message(key: u64) -> OutboundMessage {
+    OutboundMessage {
         key,
         id: key,
         time: NOW,
         status: Status::Ok,
         len: 8,
         body: Body::Inline("one scan".into()),
-    })
+    }
 }
 
 fn session(program: usize) -> NodeId {

@@ -48,6 +48,10 @@ pub const SCHEMA_TEXT_MAX: usize = 32_768;
 pub const SCHEMA_DEPTH_MAX: usize = 64;
 /// Segments on the ring lane have numbers below this one.
 pub const RING_SEGMENTS_MAX: u32 = 32_768;
+/// How many messages of a ring may be displaced in a row before its receiver counts as stopped. Up to
+/// this number the low halves of sequence numbers tell how often the sender went round.
+//= SM2-RNG-011
+pub const RING_DISPLACED_MAX: u32 = 1 << 31;
 /// The length of the head at the end of a slot, in bytes.
 pub const SLOT_HEAD: usize = 64;
 /// The size of items at which the Manager ends a PAGE, in bytes.

@@ -6,18 +6,24 @@ use std::{
 };
 
 use sm2_proto::{
-    Code, Datagram, Error, Instant, Machine, Name, NodeId, TypeId,
+    Code, Contract, Datagram, Demand, Error, Instant, LinkId, Machine, Name, NodeId, TypeId,
+    VERSION,
     gateway::{
         Action, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
         discovery::{self, Discovery},
         router::{self, Router},
         session::{self, Command, PeerEvent, Session},
     },
+    link::{self, Link, wire},
     manager::{self, Credentials, Manager, Policy},
     node::{self, End, Node},
 };
 
 const NOW: Instant = Instant(0);
+const LINK: LinkId = LinkId {
+    epoch: 1,
+    serial: 1,
+};
 
 fn drain<M: Machine>(machine: &mut M) -> usize {
     core::iter::from_fn(|| machine.poll()).count()
@@ -76,6 +82,57 @@ fn an_ended_node_answers_with_its_first_reason() {
 fn a_node_is_drained_before_the_next_datagram() {
     let datagram = Datagram::new(&[0]);
     outputs_are_drained_first(&mut node(), node::Input::Datagram(datagram));
+}
+
+/// The receiving end of a link, whose OPEN was drained.
+fn link() -> Link {
+    let contract = Contract::Subscriber {
+        topic: Name::new("scan").unwrap(),
+        data: None,
+        demand: Demand {
+            depth: 1,
+            reliable: false,
+            max_borrowed: 1,
+            sealed: false,
+        },
+    };
+    let config = link::Config::new(&contract, LINK, VERSION, false, false);
+    let mut link = Link::new(config);
+    assert_eq!(drain(&mut link), 1);
+    link
+}
+
+#[test]
+fn an_ended_link_answers_with_its_first_reason() {
+    let mut link = link();
+    let code = Code(7);
+    assert_eq!(link.handle(NOW, link::Input::Close(code)), Ok(()));
+    let inputs = [
+        link::Input::Eof,
+        link::Input::Datagram(Datagram::new(&[0])),
+        link::Input::SegmentMissing,
+        link::Input::Writable,
+        link::Input::Close(Code(8)),
+    ];
+    ended_answers_with_its_first_reason(&mut link, &link::End::Local(code), inputs);
+}
+
+#[test]
+fn a_link_is_drained_before_the_next_datagram() {
+    let mut link = link();
+    let open = wire::Frame::Open(wire::Open {
+        role: link::Role::Sender as u8,
+        version: VERSION,
+        window: 0,
+        link: LINK,
+        lanes: wire::LANE_SOCKET,
+    });
+    let open = open.to_vec();
+    let datagram = Datagram::new(&open);
+    assert_eq!(link.handle(NOW, link::Input::Datagram(datagram)), Ok(()));
+    let doorbell = link::doorbell();
+    let datagram = Datagram::new(&doorbell);
+    outputs_are_drained_first(&mut link, link::Input::Datagram(datagram));
 }
 
 #[test]

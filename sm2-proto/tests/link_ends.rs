@@ -121,7 +121,7 @@ fn what_came_before_the_end_can_be_taken_after_it() {
     accept(&mut link, &Frame::Close(Code(0)));
     assert_eq!(link.take(&NoMemory).unwrap().unwrap().sequence, 1);
     assert!(link.take(&NoMemory).is_err(), "one at a time, as ever");
-    let released = link.handle(NOW, Input::Release { sequence: 1 });
+    let released = give_back(&mut link, 1);
     assert_eq!(released, Err(Error::Ended(End::Peer(Code(0)))));
     assert_eq!(link.take(&NoMemory).unwrap().unwrap().sequence, 2);
     assert_eq!(link.take(&NoMemory), Ok(None));
@@ -136,13 +136,7 @@ fn a_blocked_link_sends_nothing_until_it_is_writable() {
     accept(&mut link, &reply(1, 1));
     let taken = link.take(&NoMemory).unwrap().unwrap();
     link.handle(NOW, Input::Blocked).unwrap();
-    link.handle(
-        NOW,
-        Input::Release {
-            sequence: taken.sequence,
-        },
-    )
-    .unwrap();
+    give_back(&mut link, taken.sequence).unwrap();
     send(&mut link, message(2));
     link.handle(NOW, Input::Cancel { call: 2 }).unwrap();
     assert_eq!(drain(&mut link), []);
@@ -159,44 +153,31 @@ fn a_close_that_was_not_polled_is_dropped_when_the_socket_blocks() {
     assert_eq!(drain(&mut link), [Output::Ended(end)]);
 }
 
-#[test]
-fn a_driver_that_does_not_drain_is_told() {
-    let mut link = Link::new(config(Role::Sender));
-    feed(&mut link, &open_to(&config(Role::Sender)).to_vec(), &[]).unwrap();
-    let undrained = Err(Error::Misuse(Misuse::Undrained));
-    let again = link.clone();
-    assert_eq!(
-        feed(&mut link, &Frame::Close(Code(0)).to_vec(), &[]),
-        undrained
-    );
-    assert_eq!(link.handle(NOW, Input::Send(message(1))), undrained);
-    assert_eq!(link, again);
-    drain(&mut link);
-    assert_eq!(link.handle(NOW, Input::Send(message(1))), Ok(()));
-}
-
-/// An input that an end with that role does not have.
+/// A call or an input that an end with that role does not have.
 #[test]
 fn roles_have_their_inputs() {
-    let all = [
-        Input::Send(message(1)),
-        Input::Skip,
-        Input::Release { sequence: 1 },
-        Input::Cancel { call: 1 },
-        Input::Retire { segment: 1 },
+    type Call = fn(&mut Link) -> Result<(), Error>;
+    let all: [(&str, Call); 6] = [
+        ("send", |link| offer(link, message(1))),
+        ("skip", |link| link.handle(NOW, Input::Skip)),
+        ("pass over", |link| link.handle(NOW, Input::PassOver)),
+        ("release", |link| give_back(link, 1)),
+        ("cancel", |link| link.handle(NOW, Input::Cancel { call: 1 })),
+        ("retire", |link| {
+            link.handle(NOW, Input::Retire { segment: 1 })
+        }),
     ];
     for (role, legal) in [
-        (Role::Sender, [true, true, false, false, true]),
-        (Role::Receiver, [false, false, true, false, false]),
-        (Role::Caller, [true, false, true, true, true]),
-        (Role::Server, [true, false, true, false, true]),
+        (Role::Sender, [true, true, true, false, false, true]),
+        (Role::Receiver, [false, false, false, true, false, false]),
+        (Role::Caller, [true, false, false, true, true, true]),
+        (Role::Server, [true, false, false, true, false, true]),
     ] {
-        for (input, legal) in all.iter().zip(legal) {
+        for ((name, call), legal) in all.into_iter().zip(legal) {
             let mut link = opened(reliable(role));
             let before = link.clone();
-            let result = link.handle(NOW, input.clone());
-            let refused = result == Err(Error::Misuse(Misuse::WrongRole));
-            assert_eq!(!refused, legal, "{role:?} {input:?}");
+            let refused = call(&mut link) == Err(Error::Misuse(Misuse::WrongRole));
+            assert_eq!(!refused, legal, "{role:?}: {name}");
             assert!(legal || link == before);
         }
     }

@@ -18,9 +18,9 @@ fn take(link: &mut Link) -> Delivery {
     link.take(&NoMemory).unwrap().expect("a message is ready")
 }
 
-/// Gives a message back and gives what is sent for it.
-fn give_back(link: &mut Link, sequence: u64) -> Vec<Vec<u8>> {
-    assert_eq!(link.handle(NOW, Input::Release { sequence }), Ok(()));
+/// Gives a message back and returns the packets that are sent for it.
+fn released(link: &mut Link, sequence: u64) -> Vec<Vec<u8>> {
+    assert_eq!(give_back(link, sequence), Ok(()));
     sent(&drain(link))
         .iter()
         .map(sm2_proto::link::Packet::to_vec)
@@ -50,7 +50,7 @@ fn the_application_takes_the_oldest_and_holds_no_more_than_it_may() {
             max_borrowed: 1
         }))
     );
-    assert_eq!(give_back(&mut link, 1), [consumed(&[1])]);
+    assert_eq!(released(&mut link, 1), [consumed(&[1])]);
     assert_eq!(take(&mut link).sequence, 2);
 }
 
@@ -59,18 +59,10 @@ fn only_what_is_held_can_be_given_back() {
     let mut link = opened(reliable(Role::Receiver));
     accept(&mut link, &data(1, 1));
     let not_borrowed = Err(Error::Misuse(Misuse::NotBorrowed));
-    assert_eq!(
-        link.handle(NOW, Input::Release { sequence: 1 }),
-        not_borrowed,
-        "not taken"
-    );
+    assert_eq!(give_back(&mut link, 1), not_borrowed, "not taken");
     take(&mut link);
-    give_back(&mut link, 1);
-    assert_eq!(
-        link.handle(NOW, Input::Release { sequence: 1 }),
-        not_borrowed,
-        "twice"
-    );
+    released(&mut link, 1);
+    assert_eq!(give_back(&mut link, 1), not_borrowed, "twice");
 }
 
 //= SM2-QOS-001, SM2-MSG-004 test
@@ -107,7 +99,7 @@ fn losses_are_counted_between_what_the_application_takes() {
     let mut next = |sequence, id| {
         accept(&mut link, &data(sequence, id));
         let delivery = take(&mut link);
-        give_back(&mut link, delivery.sequence);
+        released(&mut link, delivery.sequence);
         delivery.lost
     };
     assert_eq!(next(1, 40), 0, "what was before the link is not lost");
@@ -151,7 +143,7 @@ fn releases_are_batched() {
     }
     accept(&mut link, &data(621, 621)); // displaces 601
     for sequence in (1..=600).rev() {
-        link.handle(NOW, Input::Release { sequence }).unwrap();
+        give_back(&mut link, sequence).unwrap();
     }
     assert_eq!(drain(&mut link), []);
     link.handle(NOW, Input::Writable).unwrap();
@@ -181,7 +173,7 @@ fn a_short_release_needs_no_second_piece() {
     for id in 1..=6 {
         accept(&mut link, &data(id, id));
         take(&mut link);
-        link.handle(NOW, Input::Release { sequence: id }).unwrap();
+        give_back(&mut link, id).unwrap();
     }
     link.handle(NOW, Input::Writable).unwrap();
     let [packet] = &sent(&drain(&mut link))[..] else {
@@ -238,7 +230,7 @@ fn a_slot_is_busy_until_its_release_has_left() {
     );
     assert_eq!(delivery.len, 100);
     link.handle(NOW, Input::Blocked).unwrap();
-    link.handle(NOW, Input::Release { sequence: 1 }).unwrap();
+    give_back(&mut link, 1).unwrap();
     drain(&mut link);
     assert_eq!(
         reject(&mut link.clone(), &data_pooled(2, 2, 1)),

@@ -16,7 +16,7 @@ use sm2_proto::{
 
 fn refused(link: &mut Link, message: OutboundMessage) -> Misuse {
     let before = link.clone();
-    match link.handle(NOW, Input::Send(message)) {
+    match offer(link, message) {
         Err(Error::Misuse(misuse)) => {
             assert_eq!(*link, before, "misuse changes nothing");
             misuse

@@ -30,7 +30,7 @@ fn cancel(link: &mut Link, call: u64) -> Result<Vec<u8>, Error> {
 }
 
 fn refused(link: &mut Link, message: OutboundMessage) -> Misuse {
-    match link.handle(NOW, Input::Send(message)) {
+    match offer(link, message) {
         Err(Error::Misuse(misuse)) => misuse,
         other => panic!("{other:?}"),
     }
@@ -129,15 +129,13 @@ fn a_cancelled_call_has_no_payload() {
         let mut link = server();
         accept(&mut link, &request(1, 1));
         let body = sm2_proto::link::Body::Inline(bytes::Bytes::from_static(b"x"));
-        let result = link.handle(
-            NOW,
-            Input::Send(OutboundMessage {
-                status,
-                len: 1,
-                body,
-                ..message(1)
-            }),
-        );
+        let message = OutboundMessage {
+            status,
+            len: 1,
+            body,
+            ..message(1)
+        };
+        let result = offer(&mut link, message);
         assert_eq!(result.is_ok(), legal, "{status:?}");
     }
 }

@@ -8,7 +8,7 @@ use link_support::{
 use sm2_proto::{
     Code, FdFacts, ViolationKind,
     link::{
-        Config, End, Error, FrameKind, Link, Role, SegmentInfo,
+        Config, End, Error, FrameKind, LaneKind, Link, Role, SegmentInfo,
         wire::{Carrier, Frame, Given},
     },
     violation,
@@ -157,7 +157,7 @@ fn a_lane_is_used_only_if_both_offer_it() {
         for (ours, theirs) in [(false, true), (true, false), (true, true)] {
             let mut link = opened_with(config_on(ours, role), &open_to(&config_on(theirs, role)));
             let has_ring = ours && theirs;
-            assert_eq!(link.has_ring(), has_ring, "{role:?}");
+            assert_eq!(link.lane() == LaneKind::Ring, has_ring, "{role:?}");
             let doorbell = feed(&mut link, &Frame::Doorbell.to_vec(), &[]);
             let end = Error::Ended(End::Violation(violation!(WrongLane, "SM2-RNG-001")));
             assert_eq!(doorbell, if has_ring { Ok(()) } else { Err(end) });
@@ -178,7 +178,7 @@ fn a_sealed_link_has_no_ring() {
         let open = sent(&drain(&mut link))[0].to_vec();
         assert_eq!(open[24..28], [1, 0, 0, 0]);
         let link = opened_with(sealed, &open_to(&with_ring(role)));
-        assert!(!link.has_ring() && link.is_open());
+        assert!(link.lane() == LaneKind::Socket && link.is_open());
     }
 }
 

@@ -17,7 +17,7 @@ mod link_support;
 
 use std::collections::BTreeSet;
 
-use link_support::{NOW, drain, message, sent};
+use link_support::{NOW, drain, message, offer, sent};
 use serde_json::{Map, Value, json};
 use sm2_proto::{
     Code, Datagram, FdFacts, LinkId, Seals, ViolationKind,
@@ -143,12 +143,8 @@ fn prepare(link: &mut Link, vector: &Value) {
         detach(link, u32::try_from(id.as_u64().unwrap()).unwrap());
     }
     for id in 1..=vector.get("sends").map_or(0, |it| it.as_u64().unwrap()) {
-        assert_eq!(
-            link.handle(NOW, Input::Send(message(id))),
-            Ok(()),
-            "{}",
-            vector["name"]
-        );
+        let sent = offer(link, message(id));
+        assert_eq!(sent, Ok(()), "{}", vector["name"]);
         drain(link);
     }
     if let Some(then) = vector.get("then") {

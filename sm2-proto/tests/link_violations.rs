@@ -460,9 +460,7 @@ fn assert_dead(mut link: Link, end: End) {
     let inputs = [
         Input::Datagram(Datagram::new(&close)),
         Input::Eof,
-        Input::Send(message(9)),
         Input::Skip,
-        Input::Release { sequence: 1 },
         Input::Cancel { call: 1 },
         Input::Attach(SEGMENT),
         Input::Retire { segment: 1 },
@@ -470,6 +468,8 @@ fn assert_dead(mut link: Link, end: End) {
         Input::Writable,
         Input::Close(Code(0)),
     ];
+    assert_eq!(offer(&mut link, message(9)), Err(Error::Ended(end)));
+    assert_eq!(give_back(&mut link, 1), Err(Error::Ended(end)));
     for input in inputs {
         assert_eq!(
             link.handle(NOW, input.clone()),

@@ -15,8 +15,8 @@ use sm2_proto::{
     Datagram, FdFacts, Instant,
     limits::CALLS_MAX,
     link::{
-        At, Body, Config, Counters, Error, FrameKind, Input, Misuse, OutboundMessage, Output,
-        RingLayout, Role, Status, wire::Frame,
+        At, Body, Config, Counters, Error, FrameKind, Input, LaneKind, Misuse, OutboundMessage,
+        Output, RingLayout, Role, Status, Wake, wire::Frame,
     },
 };
 
@@ -39,14 +39,14 @@ fn each_end_makes_the_ring_that_it_takes_from() {
     let requests = RingLayout::new(2, 4).unwrap();
     assert_eq!(
         pair.server.outputs,
-        [Output::Opened, Output::MakeRing(requests)]
+        [Output::MakeRing(requests), Output::Opened]
     );
     assert_eq!(kinds(&pair, SERVER), [FrameKind::Open, FrameKind::Ring]);
-    assert!(pair.server.link.has_ring() && !pair.server.link.is_open());
+    assert!(pair.server.link.lane() == LaneKind::Ring && !pair.server.link.is_open());
     pair.pump();
     // A place for the reply to each call.
     let replies = RingLayout::new(3, 4).unwrap();
-    assert_eq!(pair.caller.outputs[1], Output::MakeRing(replies));
+    assert_eq!(pair.caller.outputs[0], Output::MakeRing(replies));
     assert_eq!(pair.caller.outputs[2], Output::Ring(requests));
     assert_eq!(pair.server.outputs[2], Output::Ring(replies));
     assert!(pair.server.link.is_open() && pair.caller.link.is_open());
@@ -179,7 +179,7 @@ fn no_more_calls_than_the_limit() {
     let link = &mut pair.caller.link;
     let mut send = |id, slot| link.send(words, request(id, slot), |_, _| {});
     for id in 1..=CALLS_MAX as u64 {
-        assert_eq!(send(id, 0), Ok(false));
+        assert_eq!(send(id, 0), Ok(Wake::NotNeeded));
     }
     let misuse = |it| Err(Error::Misuse(it));
     assert_eq!(send(2000, 0), misuse(Misuse::CallLimit));
@@ -221,19 +221,19 @@ fn what_can_never_be_sent_is_refused_at_once() {
     expect(of_length(4033), Misuse::TooLong);
     let longest = of_length(4032);
     let sent = pair.caller.link.send(words, longest.clone(), |_, _| {});
-    assert_eq!(sent, Ok(false));
+    assert_eq!(sent, Ok(Wake::NotNeeded));
     let late = pair.caller.link.send(words, request(5, 1), |_, _| {});
     assert_eq!(late, Err(Error::Misuse(Misuse::IdNotGrowing)));
     let reply = (pair.server.link).send(&pair.world.rings[CALLER], good.clone(), |_, _| {});
     assert_eq!(reply, Err(Error::Misuse(Misuse::UnknownCall)));
     assert_eq!(
         pair.caller.link.handle(NOW, Input::PassOver),
-        Err(Misuse::WrongLane.into())
+        Err(Misuse::WrongRole.into())
     );
     // Before RING came nobody knows how many there is room for.
     let mut early = opened(with_ring(Role::Caller));
     let sent = early.send(words, good.clone(), |_, _| {});
-    assert_eq!(sent, Err(Error::Misuse(Misuse::WrongLane)));
+    assert_eq!(sent, Err(Error::Misuse(Misuse::NotOpen)));
 }
 
 fn cancel(pair: &mut Calls, call: u64) -> Result<(), Error> {

@@ -16,7 +16,7 @@ use sm2_proto::{
     limits::CALLS_MAX,
     link::{
         At, Body, End, Error, Fate, Input, Lent, Link, NoDelivery, OutboundMessage, Output,
-        RingMemory, Role, Status, wire::Frame,
+        RingMemory, Role, Status, Wake, wire::Frame,
     },
     violation,
 };
@@ -284,7 +284,10 @@ fn a_caller_without_measure() {
         for index in 0..words.layout.window() {
             words.write(At::Back(index), 0);
         }
-        assert_eq!(pair.server.link.release(words, sequence), Ok(false));
+        assert_eq!(
+            pair.server.link.release(words, sequence),
+            Ok(Wake::NotNeeded)
+        );
     }
     assert!(pair.server.link.end().is_some());
 }

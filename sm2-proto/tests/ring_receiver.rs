@@ -23,7 +23,7 @@ fn a_delivery_says_what_the_head_says() {
     assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
     assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 0);
     assert_eq!(rig.take(), Ok(None));
-    rig.send(4, 3).unwrap();
+    let _ = rig.send(4, 3).unwrap();
     assert!(rig.ends[RECEIVER].is_ready(&rig.words));
     assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 1);
     let expected = Delivery {
@@ -41,8 +41,8 @@ fn a_delivery_says_what_the_head_says() {
     assert_eq!(rig.take(), Ok(Some(expected)));
     assert_eq!(rig.words.forward(), [EMPTY, EMPTY]);
     // The head is copied once, of the whole slot.
-    rig.send(5, 2).unwrap();
-    rig.release(1).unwrap();
+    let _ = rig.send(5, 2).unwrap();
+    let _ = rig.release(1).unwrap();
     let calls = Cell::new(0);
     let copy = |segment, offset, len| {
         assert_eq!((segment, offset, len), (0, 2 * 4096, 4096));
@@ -63,7 +63,7 @@ fn a_peek_says_where_the_next_message_is_and_changes_nothing() {
     let mut rig = Rig::open(false, 2, 1);
     let peek = |rig: &Rig| rig.ends[RECEIVER].peek(&rig.words);
     assert_eq!(peek(&rig), None);
-    rig.send(1, 3).unwrap();
+    let _ = rig.send(1, 3).unwrap();
     let before = rig.words.forward();
     assert_eq!(peek(&rig), Some((0, 3 * 4096, 4096)));
     assert_eq!(rig.words.forward(), before);
@@ -83,7 +83,7 @@ fn a_peek_says_where_the_next_message_is_and_changes_nothing() {
 fn the_application_holds_no_more_than_it_may() {
     let mut rig = Rig::open(true, 3, 2);
     for id in 1..=3 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
     }
     assert_eq!((rig.taken().id, rig.taken().id), (1, 2));
     let before = rig.words.forward();
@@ -92,7 +92,7 @@ fn the_application_holds_no_more_than_it_may() {
     }));
     assert_eq!(rig.take(), too_many);
     assert_eq!(rig.words.forward(), before, "it stays in the ring");
-    rig.release(2).unwrap();
+    let _ = rig.release(2).unwrap();
     assert_eq!(rig.taken().id, 3);
 }
 
@@ -104,12 +104,12 @@ fn a_receiver_finds_what_a_sender_that_went_round_left() {
         for ahead in 0..40_u64 {
             let mut rig = Rig::open(false, depth, 1);
             let depth = u64::from(depth);
-            rig.send(1, 0).unwrap();
+            let _ = rig.send(1, 0).unwrap();
             assert_eq!(rig.taken().lost, 0);
-            rig.release(1).unwrap();
-            rig.harvest().unwrap();
+            let _ = rig.release(1).unwrap();
+            let _ = rig.harvest().unwrap();
             for id in 2..2 + ahead {
-                rig.send(id, (id % (depth + 2)) as u32).unwrap();
+                let _ = rig.send(id, (id % (depth + 2)) as u32).unwrap();
             }
             rig.words.take_accesses();
             let mut last = 1;
@@ -117,7 +117,7 @@ fn a_receiver_finds_what_a_sender_that_went_round_left() {
                 let delivery = rig.taken();
                 let expected = (id, id, id - last - 1);
                 assert_eq!((delivery.id, delivery.sequence, delivery.lost), expected);
-                rig.release(delivery.sequence).unwrap();
+                let _ = rig.release(delivery.sequence).unwrap();
                 last = id;
             }
             assert_eq!(rig.take(), Ok(None));
@@ -135,11 +135,11 @@ fn a_receiver_finds_what_a_sender_that_went_round_left() {
 fn lost_before_the_first_and_never_offered() {
     let mut rig = Rig::open(false, 2, 1);
     for id in [100, 101, 105] {
-        rig.send(id, (id % 7) as u32).unwrap();
+        let _ = rig.send(id, (id % 7) as u32).unwrap();
     }
     let first = rig.taken();
     assert_eq!((first.sequence, first.id, first.lost), (2, 101, 1));
-    rig.release(2).unwrap();
+    let _ = rig.release(2).unwrap();
     assert_eq!(
         rig.taken().lost,
         3,
@@ -190,8 +190,8 @@ impl RingMemory for Meanwhile<'_> {
 #[test]
 fn a_word_that_was_displaced_is_not_taken() {
     let mut rig = Rig::open(false, 2, 1);
-    rig.send(1, 1).unwrap();
-    rig.send(2, 2).unwrap();
+    let _ = rig.send(1, 1).unwrap();
+    let _ = rig.send(2, 2).unwrap();
     let went_on = |memory: &Memory| {
         memory.write(At::Forward(1), word(0, 3, 3));
     };
@@ -221,7 +221,7 @@ fn a_word_that_was_displaced_is_not_taken() {
 fn a_segment_that_is_attached_meanwhile() {
     let mut rig = Rig::open(false, 2, 1);
     rig.attach(segment(1));
-    rig.send_in(segment(1), 1, 0).unwrap();
+    let _ = rig.send_in(segment(1), 1, 0).unwrap();
     let before = (rig.ends[RECEIVER].clone(), rig.words.forward());
     assert_eq!(rig.take(), Err(NoDelivery::UnknownSegment));
     assert_eq!((rig.ends[RECEIVER].clone(), rig.words.forward()), before);
@@ -248,7 +248,7 @@ fn a_segment_that_is_unknown_once_the_socket_is_read() {
 #[test]
 fn a_segment_of_a_message_that_is_held_is_busy() {
     let mut rig = Rig::open(false, 2, 1);
-    rig.send(1, 1).unwrap();
+    let _ = rig.send(1, 1).unwrap();
     rig.taken();
     let bytes = Frame::Detach { segment: 0 }.to_vec();
     let end = End::Violation(violation!(SegmentBusy, "SM2-SEG-005"));
@@ -299,7 +299,7 @@ fn what_is_left_can_be_taken() {
     for ends_with in 0..3 {
         let mut rig = Rig::open(false, 3, 2);
         for id in 1..=5 {
-            rig.send(id, id as u32).unwrap();
+            let _ = rig.send(id, id as u32).unwrap();
         }
         let held = rig.taken();
         match ends_with {
@@ -333,7 +333,7 @@ fn what_is_left_can_be_taken() {
 #[test]
 fn depth_messages_at_most_are_left() {
     let mut rig = Rig::open(false, 2, 1);
-    rig.send(1, 1).unwrap();
+    let _ = rig.send(1, 1).unwrap();
     rig.input(RECEIVER, Input::Eof).unwrap();
     for id in 2..6 {
         let delivery = rig.take();
@@ -345,7 +345,7 @@ fn depth_messages_at_most_are_left() {
             assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
             assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 0);
         }
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
     }
 }
 
@@ -354,8 +354,8 @@ fn depth_messages_at_most_are_left() {
 #[test]
 fn a_bad_word_after_the_end() {
     let mut rig = Rig::open(false, 2, 1);
-    rig.send(1, 1).unwrap();
-    rig.send(2, 2).unwrap();
+    let _ = rig.send(1, 1).unwrap();
+    let _ = rig.send(2, 2).unwrap();
     rig.input(RECEIVER, Input::Eof).unwrap();
     rig.words.write(At::Forward(1), 5);
     assert_eq!(rig.take(), Err(NoDelivery::Ended(End::Eof)));
@@ -369,7 +369,7 @@ fn a_bad_word_after_the_end() {
 fn a_sender_that_died_while_it_made_room() {
     let mut rig = Rig::open(false, 3, 1);
     for id in 1..=3 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
     }
     rig.words.write(At::Forward(1), EMPTY);
     assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
@@ -402,7 +402,7 @@ fn a_number_with_another_form() {
     };
     rig.attach(large);
     rig.pump();
-    rig.send_in(large, 1, 1).unwrap();
+    let _ = rig.send_in(large, 1, 1).unwrap();
     let Payload::Pooled { offset, .. } = rig.taken().payload else {
         panic!("it is pooled");
     };

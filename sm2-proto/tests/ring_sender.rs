@@ -10,7 +10,7 @@ use sm2_proto::{
     limits::MESSAGE_MAX,
     link::{
         At, Body, EMPTY, End, Error, Fate, FrameKind, Input, Misuse, OutboundMessage, Output,
-        SegmentInfo, Status, wire::Frame,
+        SegmentInfo, Status, Wake, wire::Frame,
     },
     violation,
 };
@@ -22,7 +22,7 @@ const D: Fate = Fate::Discarded;
 fn a_word_is_put_at_its_index() {
     let mut rig = Rig::open(false, 3, 1);
     for (id, slot) in [(1, 4), (2, 2), (3, 0)] {
-        assert_eq!(rig.send(id, slot), Ok(false));
+        assert_eq!(rig.send(id, slot), Ok(Wake::NotNeeded));
     }
     assert_eq!(
         rig.words.forward(),
@@ -38,25 +38,25 @@ fn a_word_is_put_at_its_index() {
 fn keep_last_is_exact() {
     let mut rig = Rig::open(false, 2, 1);
     for id in 1..=2 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
     }
     assert!(!rig.room(), "one more would displace one");
     assert_eq!(rig.send(3, 1), Err(Error::Misuse(Misuse::SlotBusy)));
     for id in 3..=9 {
         // The slot of the message before the last is free since the last was sent.
-        rig.send(id, id as u32 % 3).unwrap();
+        let _ = rig.send(id, id as u32 % 3).unwrap();
         assert_eq!(rig.settled(), [(10 * (id - 2), D)]);
     }
     let taken: Vec<u64> = (0..2)
         .map(|_| {
             let delivery = rig.taken();
-            rig.release(delivery.sequence).unwrap();
+            let _ = rig.release(delivery.sequence).unwrap();
             delivery.id
         })
         .collect();
     assert_eq!(taken, [8, 9]);
     assert_eq!(rig.take(), Ok(None));
-    rig.harvest().unwrap();
+    let _ = rig.harvest().unwrap();
     assert_eq!(
         rig.settled(),
         [(80, Fate::Delivered), (90, Fate::Delivered)]
@@ -71,7 +71,7 @@ fn keep_last_is_exact() {
 fn a_full_window_takes_the_oldest_out_before_it_puts_the_next() {
     let mut rig = Rig::open(false, 2, 2);
     for id in 1..=4 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
         if id <= 2 {
             rig.taken();
         }
@@ -79,13 +79,13 @@ fn a_full_window_takes_the_oldest_out_before_it_puts_the_next() {
     // Two are held, two are in the ring: the window of four is full.
     assert_eq!(rig.ends[SENDER].in_flight(), 4);
     assert!(!rig.room());
-    rig.send(5, 5).unwrap();
+    let _ = rig.send(5, 5).unwrap();
     assert_eq!(rig.settled(), [(30, D)]);
     assert_eq!(rig.ends[SENDER].in_flight(), 4);
     assert_eq!(rig.words.forward(), [word(0, 4, 4), word(0, 5, 5)]);
     // What was given back is found now, without being asked for.
-    rig.release(1).unwrap();
-    rig.send(6, 6).unwrap();
+    let _ = rig.release(1).unwrap();
+    let _ = rig.send(6, 6).unwrap();
     assert_eq!(rig.settled(), [(40, D), (10, Fate::Delivered)]);
     assert_eq!(rig.ends[SENDER].in_flight(), 3);
 }
@@ -96,7 +96,7 @@ fn a_full_window_takes_the_oldest_out_before_it_puts_the_next() {
 fn a_receiver_that_holds_the_window_is_found() {
     let mut rig = Rig::open(false, 2, 1);
     for id in 1..=3 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
         rig.words.write(At::Forward((id % 2) as u32), EMPTY);
     }
     let end = End::Violation(violation!(WindowExceeded, "SM2-RNG-006"));
@@ -114,8 +114,8 @@ fn a_receiver_that_holds_the_window_is_found() {
 #[test]
 fn reliable_never_displaces() {
     let mut rig = Rig::open(true, 2, 1);
-    rig.send(1, 1).unwrap();
-    rig.send(2, 2).unwrap();
+    let _ = rig.send(1, 1).unwrap();
+    let _ = rig.send(2, 2).unwrap();
     let before = rig.words.forward();
     assert!(!rig.room());
     assert_eq!(rig.send(3, 3), Err(Error::Misuse(Misuse::NoRoom)));
@@ -123,17 +123,17 @@ fn reliable_never_displaces() {
     // One is taken: there is room, within the window.
     let first = rig.taken();
     assert!(rig.room());
-    rig.send(3, 3).unwrap();
+    let _ = rig.send(3, 3).unwrap();
     assert!(!rig.room());
-    rig.release(first.sequence).unwrap();
+    let _ = rig.release(first.sequence).unwrap();
     rig.taken();
     // An index is free, and the window is not until what came back is looked at.
     assert!(!rig.room());
     assert_eq!(rig.send(4, 4), Err(Error::Misuse(Misuse::NoRoom)));
-    rig.harvest().unwrap();
+    let _ = rig.harvest().unwrap();
     assert_eq!(rig.settled(), [(10, Fate::Delivered)]);
     assert!(rig.room());
-    rig.send(4, 4).unwrap();
+    let _ = rig.send(4, 4).unwrap();
     assert_eq!(rig.ends[SENDER].counters().discarded, 0);
 }
 
@@ -142,15 +142,15 @@ fn reliable_never_displaces() {
 #[test]
 fn a_deadline_that_passed() {
     let mut rig = Rig::open(true, 1, 1);
-    rig.send(1, 1).unwrap();
+    let _ = rig.send(1, 1).unwrap();
     rig.input(SENDER, Input::Skip).unwrap();
     rig.ends[SENDER].handle(NOW, Input::PassOver).unwrap();
     assert!(rig.ends[SENDER].is_stalled());
     let delivery = rig.taken();
-    rig.harvest().unwrap();
+    let _ = rig.harvest().unwrap();
     assert!(rig.ends[SENDER].is_stalled());
-    rig.release(delivery.sequence).unwrap();
-    rig.harvest().unwrap();
+    let _ = rig.release(delivery.sequence).unwrap();
+    let _ = rig.harvest().unwrap();
     assert!(!rig.ends[SENDER].is_stalled());
     let counters = rig.ends[SENDER].counters();
     assert_eq!((counters.offered, counters.deadline), (3, 1));
@@ -162,24 +162,24 @@ fn a_deadline_that_passed() {
 fn messages_come_back_in_any_order() {
     let mut rig = Rig::open(true, 3, 3);
     for id in 1..=3 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
         rig.taken();
     }
     for sequence in [2, 3, 1] {
-        assert_eq!(rig.release(sequence), Ok(false));
+        assert_eq!(rig.release(sequence), Ok(Wake::NotNeeded));
     }
     let again = Err(Error::Misuse(Misuse::NotBorrowed));
     assert_eq!(rig.release(2), again, "each once");
     let back = rig.words.back();
     assert_eq!(back[..3], [word(0, 2, 2), word(0, 3, 3), word(0, 1, 1)]);
-    rig.harvest().unwrap();
+    let _ = rig.harvest().unwrap();
     let order = [20, 30, 10].map(|key| (key, Fate::Delivered));
     assert_eq!(rig.settled(), order);
     assert_eq!(rig.words.back(), [EMPTY; 6]);
     // The next one goes to the fourth word.
-    rig.send(4, 2).unwrap();
+    let _ = rig.send(4, 2).unwrap();
     rig.taken();
-    rig.release(4).unwrap();
+    let _ = rig.release(4).unwrap();
     assert_eq!(rig.words.back()[3], word(0, 2, 4));
 }
 
@@ -187,29 +187,32 @@ fn messages_come_back_in_any_order() {
 #[test]
 fn the_bell_rings_once_for_who_is_parked() {
     let mut rig = Rig::open(true, 2, 1);
-    assert_eq!(rig.send(1, 1), Ok(false), "nobody is parked");
+    assert_eq!(rig.send(1, 1), Ok(Wake::NotNeeded), "nobody is parked");
     let delivery = rig.taken();
     rig.ends[RECEIVER].park(&rig.words);
     assert_eq!(rig.words.read(At::ReceiverParked), 1);
-    assert_eq!(rig.send(2, 2), Ok(true));
+    assert_eq!(rig.send(2, 2), Ok(Wake::Needed));
     assert_eq!(rig.words.read(At::ReceiverParked), 0);
-    assert_eq!(rig.send(3, 3), Ok(false), "once is enough");
+    assert_eq!(rig.send(3, 3), Ok(Wake::NotNeeded), "once is enough");
     rig.ends[RECEIVER].park(&rig.words);
     rig.ends[RECEIVER].unpark(&rig.words);
     assert_eq!(rig.words.read(At::ReceiverParked), 0);
     rig.ends[SENDER].park(&rig.words);
     assert_eq!(rig.words.read(At::SenderParked), 1);
-    assert_eq!(rig.release(delivery.sequence), Ok(true));
+    assert_eq!(rig.release(delivery.sequence), Ok(Wake::Needed));
     assert_eq!(rig.words.read(At::SenderParked), 0);
     rig.ends[SENDER].park(&rig.words);
     rig.taken();
-    assert!(rig.ends[RECEIVER].made_room(&rig.words));
-    assert!(!rig.ends[RECEIVER].made_room(&rig.words));
+    assert!(rig.ends[RECEIVER].made_room(&rig.words).is_needed());
+    assert!(!rig.ends[RECEIVER].made_room(&rig.words).is_needed());
     // Another value than 1 is taken away, and is no wish.
     rig.words.write(At::SenderParked, 2);
-    assert_eq!(rig.release(2), Ok(false));
+    assert_eq!(rig.release(2), Ok(Wake::NotNeeded));
     assert_eq!(rig.words.read(At::SenderParked), 0);
-    assert!(!rig.ends[SENDER].made_room(&rig.words), "not its part");
+    assert!(
+        !rig.ends[SENDER].made_room(&rig.words).is_needed(),
+        "not its part"
+    );
     // The bell itself says nothing else.
     for end in [SENDER, RECEIVER] {
         let before = rig.ends[end].clone();
@@ -223,10 +226,10 @@ fn the_bell_rings_once_for_who_is_parked() {
 #[test]
 fn only_reliable_links_tell_of_room() {
     let mut rig = Rig::open(false, 1, 1);
-    rig.send(1, 1).unwrap();
+    let _ = rig.send(1, 1).unwrap();
     rig.ends[SENDER].park(&rig.words);
     rig.taken();
-    assert!(!rig.ends[RECEIVER].made_room(&rig.words));
+    assert!(!rig.ends[RECEIVER].made_room(&rig.words).is_needed());
     assert_eq!(rig.words.read(At::SenderParked), 1);
 }
 
@@ -234,14 +237,14 @@ fn only_reliable_links_tell_of_room() {
 #[test]
 fn a_number_is_used_again_after_detached() {
     let mut rig = Rig::open(false, 2, 1);
-    rig.send(1, 1).unwrap();
+    let _ = rig.send(1, 1).unwrap();
     let retire = Input::Retire { segment: 0 };
     let busy = Err(Error::Misuse(Misuse::SegmentBusy));
     assert_eq!(rig.input(SENDER, retire.clone()), busy);
     let delivery = rig.taken();
-    rig.release(delivery.sequence).unwrap();
+    let _ = rig.release(delivery.sequence).unwrap();
     assert_eq!(rig.input(SENDER, retire.clone()), busy, "not seen yet");
-    rig.harvest().unwrap();
+    let _ = rig.harvest().unwrap();
     rig.input(SENDER, retire.clone()).unwrap();
     rig.input(SENDER, retire).unwrap();
     assert_eq!(rig.underway(SENDER), [FrameKind::Detach]);
@@ -259,7 +262,7 @@ fn a_number_is_used_again_after_detached() {
     rig.carry(RECEIVER);
     rig.attach(again);
     rig.pump();
-    rig.send_in(again, 2, 1).unwrap();
+    let _ = rig.send_in(again, 2, 1).unwrap();
     assert_eq!(rig.taken().id, 2);
 }
 
@@ -286,7 +289,7 @@ fn no_more_segments_than_the_limit() {
         rig.attach(segment(id));
     }
     rig.pump();
-    rig.send(1, 0).unwrap();
+    let _ = rig.send(1, 0).unwrap();
     // One that no message is in gives way: the 257th waits for that.
     rig.attach(segment(256));
     assert_eq!(rig.underway(SENDER), [FrameKind::Detach]);
@@ -297,7 +300,7 @@ fn no_more_segments_than_the_limit() {
     rig.pump();
     rig.attach(segment(256));
     rig.pump();
-    rig.send_in(segment(256), 2, 0).unwrap();
+    let _ = rig.send_in(segment(256), 2, 0).unwrap();
     assert!(rig.ends.iter().all(|it| it.end().is_none()));
 }
 
@@ -325,13 +328,13 @@ fn a_message_has_the_length_that_a_receiver_takes() {
     let too_long = Err(Error::Misuse(Misuse::TooLong));
     assert_eq!(send(4096 - 63, segment(0)), too_long);
     assert_eq!(send(MESSAGE_MAX + 1, huge), too_long);
-    assert_eq!(send(MESSAGE_MAX, huge), Ok(false));
+    assert_eq!(send(MESSAGE_MAX, huge), Ok(Wake::NotNeeded));
 }
 
 #[test]
 fn what_cannot_be_sent_changes_nothing() {
     let mut rig = Rig::open(false, 2, 1);
-    rig.send(5, 0).unwrap();
+    let _ = rig.send(5, 0).unwrap();
     let before = rig.ends[SENDER].clone();
     rig.words.take_accesses();
     assert_eq!(rig.send(5, 1), Err(Error::Misuse(Misuse::IdNotGrowing)));
@@ -354,7 +357,7 @@ fn what_cannot_be_sent_changes_nothing() {
 fn the_end_settles_all() {
     let mut rig = Rig::open(false, 2, 1);
     for id in 1..=3 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
     }
     assert_eq!(rig.settled(), [(10, D)]);
     rig.input(SENDER, Input::Close(Farewell::Done.code()))

@@ -9,9 +9,9 @@ use sm2_proto::{
     Instant,
     limits::{RING_SEGMENTS_MAX, SLOT_HEAD},
     link::{
-        At, Attachment, Body, Config, Error, FrameKind, Input, Lent, Link, Misuse, NoDelivery,
-        NoMemory, NotAWord, OutboundMessage, Output, RingLayout, Role, SegmentInfo, SlotHead,
-        Status, Word, doorbell,
+        At, Attachment, Body, Config, Error, FrameKind, Input, LaneKind, Lent, Link, Misuse,
+        NoDelivery, NoMemory, NotAWord, OutboundMessage, Output, RingLayout, Role, SegmentInfo,
+        SlotHead, Status, Wake, Word, doorbell,
         wire::{Carrier, Frame},
     },
     violation,
@@ -25,17 +25,17 @@ fn open_then_ring_then_all_else() {
     assert_eq!(rig.underway(RECEIVER), [FrameKind::Open]);
     assert!(rig.carry(RECEIVER));
     assert_eq!(rig.outputs[SENDER], [Output::Opened]);
-    assert!(rig.ends[SENDER].has_ring() && !rig.ends[SENDER].is_open());
+    assert!(rig.ends[SENDER].lane() == LaneKind::Ring && !rig.ends[SENDER].is_open());
     assert_eq!(
         rig.send(1, 0),
-        Err(Error::Misuse(Misuse::WrongLane)),
+        Err(Error::Misuse(Misuse::NotOpen)),
         "no message before RING"
     );
     assert!(!rig.room());
 
     assert!(rig.carry(SENDER));
     let layout = RingLayout::new(2, 3).unwrap();
-    let outputs = [Output::Opened, Output::MakeRing(layout)];
+    let outputs = [Output::MakeRing(layout), Output::Opened];
     assert_eq!(rig.outputs[RECEIVER], outputs);
     assert_eq!(rig.underway(RECEIVER), [FrameKind::Ring]);
     assert_eq!(rig.wires[RECEIVER][0].0, RING.to_vec());
@@ -181,7 +181,7 @@ fn only_segments_that_a_word_can_name() {
     rig.pump();
     assert_eq!(
         rig.send_in(segment(RING_SEGMENTS_MAX - 1), 1, 15),
-        Ok(false)
+        Ok(Wake::NotNeeded)
     );
     assert_eq!(rig.words.forward()[1], word(32_767, 15, 1));
 }
@@ -224,8 +224,8 @@ fn nothing_is_taken_before_the_lane_is_known() {
     let mut link = Link::new(with_ring(Role::Sender));
     drain(&mut link);
     assert!(!link.has_room(&NoMemory));
-    let refused = link.handle(NOW, Input::Send(message(1)));
-    assert_eq!(refused, Err(Error::Misuse(Misuse::NoRoom)));
+    let refused = link_support::offer(&mut link, message(1));
+    assert_eq!(refused, Err(Error::Misuse(Misuse::NotOpen)));
     accept(&mut link, &link_support::open_to(&with_ring(Role::Sender)));
     accept(&mut link, &RING);
     assert_eq!(link.in_flight(), 0);
@@ -240,39 +240,42 @@ fn nothing_is_taken_before_the_lane_is_known() {
     assert_eq!(sent(&link_support::send(&mut link, message(1))).len(), 1);
 }
 
+/// Each lane has the same calls: a role that does not have one, and a ring that is not lent, are misuse.
 #[test]
-fn the_calls_of_the_other_lane_are_misuse() {
+fn the_calls_are_the_same_on_both_lanes() {
     let mut rig = Rig::open(true, 2, 1);
-    let wrong = Err(Error::Misuse(Misuse::WrongLane));
-    let send = Input::Send(message(1));
-    assert_eq!(rig.input(SENDER, send.clone()), wrong);
+    let not_lent = Error::Misuse(Misuse::NotLent);
+    let sent = link_support::offer(&mut rig.ends[SENDER], message(1));
+    assert_eq!(sent, Err(not_lent));
     assert!(!rig.ends[SENDER].has_room(&NoMemory));
-    let released = rig.input(RECEIVER, Input::Release { sequence: 1 });
-    assert_eq!(released, Err(Error::Misuse(Misuse::NotBorrowed)));
-    let nothing_lent = rig.ends[RECEIVER].take(&NoMemory);
-    assert_eq!(nothing_lent, Err(NoDelivery::Misuse(Misuse::WrongLane)));
-    // The ring's calls, at the wrong end.
-    let misuse = NoDelivery::Misuse(Misuse::WrongLane);
-    let taken = rig.ends[SENDER].take(&Lent::new(&rig.words, |_, _, _| None));
-    assert_eq!(taken, Err(misuse));
-    assert_eq!(
-        rig.ends[SENDER].release(&rig.words, 1),
-        wrong.map(|()| false)
-    );
-    let harvested = rig.ends[RECEIVER].harvest(&rig.words, |_, _| {});
-    assert_eq!(harvested, wrong.map(|()| false));
-    assert!(!rig.ends[RECEIVER].has_room(&rig.words));
-    assert!(!rig.ends[SENDER].is_ready(&rig.words));
-    assert_eq!(
-        rig.ends[RECEIVER].handle(NOW, Input::PassOver),
-        Err(Misuse::WrongLane.into())
-    );
-    // And on a link of the socket lane.
-    let mut link = opened(reliable(Role::Sender));
-    let attached = link.handle(NOW, Input::Attach(segment(0)));
-    assert_eq!(attached, wrong);
-    link.park(&rig.words);
-    link.unpark(&rig.words);
+    let released = link_support::give_back(&mut rig.ends[RECEIVER], 1);
+    assert_eq!(released, Err(not_lent));
+    let taken = rig.ends[RECEIVER].take(&NoMemory);
+    assert_eq!(taken, Err(NoDelivery::Misuse(Misuse::NotLent)));
+    let ring = [rig.ends[SENDER].clone(), rig.ends[RECEIVER].clone()];
+    let socket = [Role::Sender, Role::Receiver].map(|role| opened(reliable(role)));
+    for [mut sender, mut receiver] in [ring, socket] {
+        let wrong = Err(Error::Misuse(Misuse::WrongRole));
+        let taken = sender.take(&Lent::new(&rig.words, |_, _, _| None));
+        assert_eq!(taken, Err(NoDelivery::Misuse(Misuse::WrongRole)));
+        assert_eq!(sender.release(&rig.words, 1), wrong);
+        let sent = receiver.send(&rig.words, message(1), |_, _| {});
+        assert_eq!(sent, wrong);
+        let wrong = wrong.map(drop);
+        assert_eq!(receiver.handle(NOW, Input::PassOver), wrong);
+        assert_eq!(receiver.handle(NOW, Input::Attach(segment(0))), wrong);
+        assert_eq!(sender.handle(NOW, Input::Attach(segment(0))), Ok(()));
+        let harvested = receiver.harvest(&rig.words, |_, _| {});
+        assert_eq!(harvested, Ok(Wake::NotNeeded));
+        assert!(!receiver.has_room(&rig.words) && !sender.is_ready(&rig.words));
+        assert_eq!(sender.handle(NOW, Input::PassOver), Ok(()));
+        let counters = sender.counters();
+        assert_eq!((counters.offered, counters.overwritten), (1, 1));
+    }
+    assert_eq!(rig.words.take_accesses(), 0);
+    let socket = opened(reliable(Role::Sender));
+    socket.park(&rig.words);
+    socket.unpark(&rig.words);
     assert_eq!(rig.words.take_accesses(), 0);
 }
 

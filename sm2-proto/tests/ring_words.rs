@@ -9,7 +9,7 @@ use sm2_proto::{
     limits::{MESSAGE_MAX, SLOT_HEAD},
     link::{
         At, Body, EMPTY, End, Error, Fate, FrameKind, NoDelivery, Output, SegmentInfo, Status,
-        wire::Frame,
+        Wake, wire::Frame,
     },
     violation,
 };
@@ -23,10 +23,10 @@ fn rig(reliable: bool) -> Rig {
 fn busy(reliable: bool) -> Rig {
     let mut rig = rig(reliable);
     for id in 1..=3 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
     }
     assert_eq!((rig.taken().sequence, rig.taken().sequence), (1, 2));
-    rig.release(2).unwrap();
+    let _ = rig.release(2).unwrap();
     rig
 }
 
@@ -195,10 +195,10 @@ fn words_that_a_sender_refuses_in_its_place() {
     ];
     for (id, at, bits) in rows {
         let mut rig = busy(false);
-        rig.harvest().unwrap();
+        let _ = rig.harvest().unwrap();
         rig.settled();
         for id in 4..id {
-            rig.send(id, id as u32).unwrap();
+            let _ = rig.send(id, id as u32).unwrap();
         }
         if at == At::Forward(1) {
             // The sender has not seen yet that 1 was taken.
@@ -207,14 +207,14 @@ fn words_that_a_sender_refuses_in_its_place() {
         rig.words.write(at, bits);
         let expected = match bits == word(0, 1, 1) {
             // As if it had not been taken: displaced. That it is given back too is wrong later.
-            true => Ok(false),
+            true => Ok(Wake::NotNeeded),
             false => Err(Error::Ended(end(violation!(BadWord, "SM2-RNG-005")))),
         };
         assert_eq!(rig.send(id, id as u32), expected, "{bits:x}");
         if expected.is_err() {
             assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-005"));
         } else {
-            rig.release(1).unwrap();
+            let _ = rig.release(1).unwrap();
             let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
             assert_eq!(rig.harvest(), Err(ended));
         }
@@ -241,8 +241,8 @@ fn a_reliable_sender_gets_nothing() {
         fn fence(&self) {}
     }
     let mut rig = busy(true);
-    rig.harvest().unwrap();
-    rig.send(4, 4).unwrap();
+    let _ = rig.harvest().unwrap();
+    let _ = rig.send(4, 4).unwrap();
     let message = sm2_proto::link::OutboundMessage {
         key: 50,
         id: 5,
@@ -298,7 +298,7 @@ fn given_back_twice() {
     assert_eq!(rig.harvest(), Err(ended));
     assert_eq!(rig.settled()[0], (20, Fate::Delivered));
     let mut rig = busy(false);
-    rig.harvest().unwrap();
+    let _ = rig.harvest().unwrap();
     rig.words.write(At::Back(1), word(0, 2, 2));
     assert_eq!(rig.harvest(), Err(ended), "also later");
 }
@@ -327,7 +327,7 @@ fn given_back_without_being_taken() {
 fn given_back_before_it_was_put() {
     let mut rig = rig(false);
     for id in 1..=6 {
-        rig.send(id, id as u32).unwrap();
+        let _ = rig.send(id, id as u32).unwrap();
         rig.words.write(At::Forward((id % 4) as u32), EMPTY);
     }
     // The window is full, so that the sender looks at what came back.

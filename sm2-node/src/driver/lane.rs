@@ -9,13 +9,13 @@ use std::sync::Arc;
 
 use sm2_io::{Epoll, InspectedFd, PooledMapping, Ring};
 use sm2_proto::link::{
-    self, Delivery, Error, Input, LinkMemory, Misuse, NoDelivery, OutboundMessage, RingLayout,
-    Role, Status, TooManyBorrowed, doorbell,
+    self, Delivery, Error, Input, LinkMemory, Misuse, NoDelivery, RingLayout, Role, Status,
+    TooManyBorrowed, Wake, doorbell,
 };
 use sm2_proto::{Farewell, limits::SLOT_HEAD};
 
 use super::link::{LinkDriver, Tools};
-use super::outbox::Outbox;
+use super::outbox::{NoForm, Outbox};
 
 /// The memory of a link that both sides map.
 #[derive(Debug, Default)]
@@ -79,14 +79,14 @@ impl LinkDriver {
         }
     }
 
-    /// Whether its messages go through a ring: no socket has to be read for them.
-    pub(crate) const fn has_ring(&self) -> bool {
-        self.machine.has_ring()
+    /// Whether its socket becomes readable with each message.
+    pub(crate) const fn is_woken_by_socket(&self) -> bool {
+        self.machine.is_woken_by_socket()
     }
 
-    /// Sends a message that the outbox holds. A publication for which there is no slot or no room
-    /// at this moment goes without this link. If a message cannot be put in the form that this link
-    /// needs, the link ends: it would miss what others get.
+    /// Sends a message that the outbox holds. A publication for which there is no slot or no room at
+    /// this moment is not sent on this link. If the memory for a message cannot be had otherwise, the
+    /// link ends: it would miss a message that others get.
     pub(super) fn send(
         &mut self,
         key: u64,
@@ -95,23 +95,23 @@ impl LinkDriver {
         outbox: &mut Outbox,
     ) {
         for is_last in [false, true] {
-            let message = match self.outbound(key, status, outbox) {
-                Ok(message) => message,
-                Err(error) => return self.without_form(&error, tools, outbox),
-            };
             if self.machine.end().is_some() {
                 return;
             }
+            let message = match outbox.message(key, status, self.machine.placement()) {
+                Ok(message) => message,
+                Err(error) => return self.without_form(&error, tools, outbox),
+            };
             let segment = match &message.body {
                 link::Body::Pooled { segment, .. } => Some(*segment),
                 link::Body::Inline(_) | link::Body::Sealed => None,
             };
-            // Perhaps the other side gives it back at once, so it is held before.
+            // The call itself may settle the message, so it is held before.
             outbox.hold(key);
             let settled = |key, fate| outbox.settle(key, fate);
             let misuse = match self.machine.send(&self.mapped, message, settled) {
-                Ok(bell) => return self.note_and_finish(key, bell, tools, outbox),
-                // The outputs settle it with all others.
+                Ok(wake) => return self.note_and_finish(key, wake, tools, outbox),
+                // The outputs settle it, as all others.
                 Err(Error::Ended(_)) => return self.drain_idle(tools.epoll, outbox),
                 Err(Error::Misuse(misuse)) => misuse,
             };
@@ -125,29 +125,15 @@ impl LinkDriver {
         }
     }
 
-    fn outbound(
-        &self,
-        key: u64,
-        status: Status,
-        outbox: &mut Outbox,
-    ) -> io::Result<OutboundMessage> {
-        if self.machine.needs_slot() {
-            return outbox.message_in_slot(key, status);
-        }
-        outbox.message(key, status, self.is_sealed())
-    }
-
     /// The machine has taken a message.
     fn note_and_finish(
         &mut self,
         key: u64,
-        bell: bool,
+        wake: Wake,
         tools: &mut Tools<'_>,
         outbox: &mut Outbox,
     ) {
-        if bell {
-            self.ring_the_bell();
-        }
+        self.wake(wake);
         self.drain_if_due(tools.epoll, outbox);
         if self.machine.is_due() {
             self.harvest(tools, outbox);
@@ -158,9 +144,9 @@ impl LinkDriver {
     }
 
     /// A message cannot be put in the form that this link needs.
-    fn without_form(&mut self, error: &io::Error, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    fn without_form(&mut self, error: &NoForm, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         let peer = &self.peer.name;
-        if self.machine.needs_slot() && self.role() == Role::Sender {
+        if matches!(error, NoForm::Slot(_)) && self.role() == Role::Sender {
             tracing::warn!(link = %self.id, %peer, %error, "no slot for a message");
             return self.pass_over(tools, outbox);
         }
@@ -178,7 +164,7 @@ impl LinkDriver {
             "{misuse} on {}",
             self.id
         );
-        if self.role() == Role::Sender && self.machine.needs_slot() {
+        if self.role() == Role::Sender {
             self.pass_over(tools, outbox);
         }
     }
@@ -190,14 +176,10 @@ impl LinkDriver {
 
     /// Takes back what the receiver gave back, and sends what waited for that.
     pub(super) fn harvest(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        if self.mapped.outgoing.is_none() {
-            return;
-        }
         while self.machine.end().is_none() {
             let settled = |key, fate| outbox.settle(key, fate);
-            if self.machine.harvest(&self.mapped, settled) == Ok(true) {
-                self.ring_the_bell();
-            }
+            let harvested = self.machine.harvest(&self.mapped, settled);
+            self.wake(harvested.unwrap_or_default());
             self.drain_if_due(tools.epoll, outbox);
             if !self.machine.is_due() {
                 break;
@@ -225,10 +207,10 @@ impl LinkDriver {
             match self.machine.take(&self.mapped) {
                 Ok(taken) => {
                     // The parked word stays as it is: another thread of this subscriber may sleep.
-                    if taken.is_some() && self.machine.made_room(&self.mapped) {
-                        self.ring_the_bell();
+                    if taken.is_some() {
+                        self.wake(self.machine.made_room(&self.mapped));
                     }
-                    // That a call is cancelled, or failed.
+                    // Outputs say that a call is cancelled, or failed.
                     self.drain_if_due(tools.epoll, outbox);
                     return Ok(taken);
                 }
@@ -274,9 +256,7 @@ impl LinkDriver {
             "{sequence} on {}",
             self.id
         );
-        if released == Ok(true) {
-            self.ring_the_bell();
-        }
+        self.wake(released.unwrap_or_default());
         self.drain_if_due(epoll, outbox);
     }
 
@@ -296,10 +276,14 @@ impl LinkDriver {
         }
     }
 
-    /// A socket that takes no more has something to read: its other end is awake, or will be.
+    /// Wakes the other side, if that is needed. A socket that takes no more is readable at its other
+    /// end, which is awake or will be.
     //= SM2-RNG-009
-    pub(super) fn ring_the_bell(&self) {
-        if let Some(socket) = &self.socket {
+    #[inline]
+    pub(super) fn wake(&self, wake: Wake) {
+        if wake.is_needed()
+            && let Some(socket) = &self.socket
+        {
             let _ = socket.send(&[IoSlice::new(&doorbell())], &[]);
         }
     }

@@ -10,7 +10,7 @@ use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
-use sm2_io::{CounterEntry, Epoll, Event, RecvError, SeqPacket};
+use sm2_io::{CounterEntry, Epoll, Event, RecvError, Ring, SeqPacket};
 use sm2_proto::control::Peer;
 use sm2_proto::link::{self, Counters, Delivery, End, Input, Link, Packet, Role, TooManyBorrowed};
 use sm2_proto::{Code, Datagram, Farewell, Instant, LinkId};
@@ -37,7 +37,9 @@ pub(crate) struct LinkDriver {
     pub(super) machine: Link,
     /// The rings and segments that both sides map.
     pub(super) mapped: Mapped,
-    /// The ring's file, until the other side has it.
+    /// A ring for messages to this side and its file, until both ends have agreed on a lane.
+    pub(super) prepared: Option<(Ring, OwnedFd)>,
+    /// The file of the incoming ring, until the other side has it.
     pub(super) ring_file: Option<OwnedFd>,
     /// The packet that the socket did not take.
     unsent: Option<Packet>,
@@ -85,19 +87,16 @@ impl LinkDriver {
         mut config: link::Config,
         entry: Option<CounterEntry>,
     ) -> Self {
-        let ring = prepare_ring(&mut config).map(|(ring, file)| (Some(ring), Some(file)));
-        let (incoming, ring_file) = ring.unwrap_or_default();
+        let prepared = prepare_ring(&mut config);
         Self {
             id: config.id,
             peer,
             token,
             socket: Some(socket),
             machine: Link::new(config),
-            mapped: Mapped {
-                incoming,
-                ..Mapped::default()
-            },
-            ring_file,
+            mapped: Mapped::default(),
+            prepared,
+            ring_file: None,
             unsent: None,
             kept: HashMap::new(),
             backlog: VecDeque::new(),
@@ -146,15 +145,9 @@ impl LinkDriver {
         self.machine.config().role
     }
 
-    /// The form that a message needs on it.
+    /// The form in which this link takes messages.
     pub(crate) fn needs(&self) -> Needs {
-        match self.machine.needs_slot() {
-            true => Needs {
-                ring: true,
-                ..Needs::default()
-            },
-            false => Needs::of(self.is_sealed()),
-        }
+        self.machine.placement().into()
     }
 
     /// Whether one more message would be sent or queued without loss.

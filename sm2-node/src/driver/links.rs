@@ -45,18 +45,20 @@ impl Links {
         self.0.iter_mut()
     }
 
-    /// The first link that may have a message, of those with a token greater than `after` and at
-    /// most `last`.
-    pub(super) fn ready_between(
+    /// The next link in turn that may have a message. A turn visits the links after `start` in their
+    /// order, and then the others up to `start`; `visited` is the link before, if it has begun.
+    #[inline]
+    pub(super) fn next_ready(
         &mut self,
-        after: LinkToken,
-        last: LinkToken,
+        start: LinkToken,
+        visited: Option<LinkToken>,
     ) -> Option<&mut LinkDriver> {
-        let first = self.0.partition_point(|link| link.token() <= after);
-        let mut links = self.0[first..].iter_mut();
-        links
-            .find(|link| link.token() > last || link.is_ready())
-            .filter(|link| link.token() <= last)
+        let place = |token: LinkToken| token.0.wrapping_sub(start.0).wrapping_sub(1);
+        let least = visited.map_or(0, |visited| place(visited).saturating_add(1));
+        let first = self.0.partition_point(|link| link.token() <= start);
+        let (up_to_start, after) = self.0.split_at_mut(first);
+        let mut turn = after.iter_mut().chain(up_to_start);
+        turn.find(|link| place(link.token()) >= least && link.is_ready())
     }
 
     fn place(&self, token: LinkToken) -> Option<usize> {

@@ -21,7 +21,7 @@ use bytes::Bytes;
 use sm2_io::{Segment, SegmentFd, Slot, memfd};
 use sm2_proto::Instant;
 use sm2_proto::limits::SEGMENTS_MAX;
-use sm2_proto::link::{self, Fate, SegmentInfo, Status};
+use sm2_proto::link::{self, Fate, Placement, SegmentInfo, Status};
 
 use self::messages::Messages;
 use crate::pool::{Full, Geometry, Lease, Pool};
@@ -43,39 +43,50 @@ impl Forms {
     }
 }
 
-/// Which links an interface has, and with them the forms that a message needs.
+/// The forms in which the links of an interface take messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Needs {
-    /// Links of the ring lane: a slot, however short the message is.
-    pub(crate) ring: bool,
-    /// Links of the socket lane that take slots, if the message is not inline.
+    /// Some links take slots only, however short the message is.
+    pub(crate) slot: bool,
+    /// Some links take short messages inline and others in slots.
     pub(crate) pooled: bool,
-    /// Sealed links, which take a file of its own, if the message is not inline.
+    /// Some links take short messages inline and others in files of their own.
     pub(crate) sealed: bool,
 }
 
+impl From<Placement> for Needs {
+    fn from(placement: Placement) -> Self {
+        Self {
+            slot: placement == Placement::Slot,
+            pooled: placement == Placement::InlineOrSlot,
+            sealed: placement == Placement::InlineOrSealed,
+        }
+    }
+}
+
 impl Needs {
-    /// What one link of the socket lane needs.
+    /// What a link needs that will open, whatever its lane: the message is put into a slot later if
+    /// the link takes slots only.
     pub(crate) const fn of(sealed: bool) -> Self {
         Self {
-            ring: false,
+            slot: false,
             pooled: !sealed,
             sealed,
         }
     }
 
     pub(crate) const fn nobody(self) -> bool {
-        !self.ring && !self.pooled && !self.sealed
+        !self.slot && !self.pooled && !self.sealed
     }
 
-    /// Whether a short message is to be inline: for all but links of the ring lane.
+    /// Whether some links take a short message inline.
     pub(crate) const fn inline(self) -> bool {
         self.pooled || self.sealed
     }
 
     /// What another link needs as well.
     pub(crate) const fn add(&mut self, other: Self) {
-        self.ring |= other.ring;
+        self.slot |= other.slot;
         self.pooled |= other.pooled;
         self.sealed |= other.sealed;
     }
@@ -118,6 +129,17 @@ pub(crate) enum NoSlot {
     Io(io::Error),
     /// Its memory cannot be kept from being swapped out.
     Lock(io::Error),
+}
+
+/// Why a message cannot be put in the form that a link needs.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum NoForm {
+    /// There is no slot for it at this moment.
+    #[error("no slot: {0}")]
+    Slot(io::Error),
+    /// Its bytes cannot be copied, or there is no file for them.
+    #[error(transparent)]
+    Memory(#[from] io::Error),
 }
 
 /// How memory is reserved.
@@ -314,9 +336,25 @@ impl Outbox {
         }
     }
 
-    /// The message as a link sends it; it makes the form that this link needs, if nobody
-    /// needed it up to now.
+    /// The message as a link with this placement sends it. Makes that form, if no other link
+    /// needed it before.
+    ///
+    /// # Errors
+    /// [`NoForm`]: the message cannot be put there.
     pub(super) fn message(
+        &mut self,
+        key: u64,
+        status: Status,
+        placement: Placement,
+    ) -> Result<link::OutboundMessage, NoForm> {
+        match placement {
+            Placement::Slot => self.message_in_slot(key, status),
+            Placement::InlineOrSlot => Ok(self.message_or_file(key, status, false)?),
+            Placement::InlineOrSealed => Ok(self.message_or_file(key, status, true)?),
+        }
+    }
+
+    fn message_or_file(
         &mut self,
         key: u64,
         status: Status,

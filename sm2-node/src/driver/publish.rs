@@ -94,7 +94,7 @@ impl Interface {
             if !link.is_open() {
                 continue;
             }
-            if !link.needs().ring || (link.is_reliable() && !link.has_room()) {
+            if !link.needs().slot || (link.is_reliable() && !link.has_room()) {
                 return false;
             }
             is_any_open = true;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sm2_proto::LinkId;
 use sm2_proto::control::Peer;
-use sm2_proto::link::{Counters, Delivery, End};
+use sm2_proto::link::{Counters, Delivery, End, LaneKind};
 
 use super::interface::Interface;
 use super::link::LinkDriver;
@@ -59,7 +59,7 @@ impl LinkStatus {
             open: link.is_open(),
             reliable: link.is_reliable(),
             sealed: link.is_sealed(),
-            ring: link.has_ring(),
+            ring: link.machine.lane() == LaneKind::Ring,
             counters: link.counters(),
             received: link.received,
             end: link.end(),

@@ -91,42 +91,38 @@ impl Interface {
     #[inline]
     pub(super) fn next(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
         let start = self.last_taken;
-        let (mut position, mut wrapped, mut full) = (start, false, None);
-        loop {
-            let last = if wrapped { start } else { LinkToken::LAST };
-            match self.links.ready_between(position, last) {
-                Some(link) => {
-                    let token = link.token();
-                    position = token;
-                    match link.take(tools, &mut self.outbox) {
-                        Ok(Some((delivery, source))) => {
-                            let taken = Taken {
-                                token,
-                                peer: Arc::clone(&link.peer),
-                                delivery,
-                                source,
-                            };
-                            // It may have been all that kept a link that is over.
-                            if link.end().is_some() {
-                                self.settle_link(token, tools);
-                            }
-                            self.last_taken = token;
-                            self.lost += taken.delivery.lost;
-                            return Ok(Some(taken));
-                        }
-                        // What seemed to be a message was none, or ended its link by what was found in
-                        // its ring: others have theirs.
-                        Ok(None) => self.settle_link(token, tools),
-                        Err(error) => {
-                            let peer = Arc::clone(&link.peer);
-                            full = Some(Full { error, peer });
-                        }
+        let (mut visited, mut full) = (None, None);
+        while let Some(link) = self.links.next_ready(start, visited) {
+            let token = link.token();
+            match link.take(tools, &mut self.outbox) {
+                Ok(Some((delivery, source))) => {
+                    let taken = Taken {
+                        token,
+                        peer: Arc::clone(&link.peer),
+                        delivery,
+                        source,
+                    };
+                    // The link may be over and have been kept for this message only.
+                    if link.end().is_some() {
+                        self.settle_link(token, tools);
                     }
+                    self.last_taken = token;
+                    self.lost += taken.delivery.lost;
+                    return Ok(Some(taken));
                 }
-                None if wrapped => return full.map_or(Ok(None), Err),
-                None => (position, wrapped) = (LinkToken::FIRST, true),
+                // There was no message after all, or the link ended by the content of its ring.
+                Ok(None) => self.settle_link(token, tools),
+                Err(error) => {
+                    let peer = Arc::clone(&link.peer);
+                    full = Some(Full { error, peer });
+                }
             }
+            if token == start {
+                break;
+            }
+            visited = Some(token);
         }
+        full.map_or(Ok(None), Err)
     }
 
     /// A message that was taken cannot be shown: this machine is out of memory, and the link

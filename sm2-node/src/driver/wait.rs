@@ -248,7 +248,9 @@ impl Inner {
         match topic {
             Topic::Interface(id) => self.interfaces.get(&id).is_some_and(|interface| {
                 interface.open_links() > 0
-                    && interface.links().all(|it| it.has_ring() || !it.is_open())
+                    && interface
+                        .links()
+                        .all(|it| !it.is_woken_by_socket() || !it.is_open())
             }),
             Topic::Session => false,
         }

@@ -35,7 +35,7 @@ impl Handle {
             check_len(bytes.len() as u64)?;
             forms.sealed = Some(crate::spare::seal(spare(bytes.len()), &bytes)?);
         }
-        if needs.ring || (needs.pooled && !short) {
+        if needs.slot || (needs.pooled && !short) {
             let mut lease = self.lease(bytes.len())?;
             lease.memory.bytes_mut(bytes.len()).copy_from_slice(&bytes);
             forms.pooled = Some(lease);

@@ -13,7 +13,7 @@ use sm2_proto::{
     limits::SLOT_HEAD,
     link::{
         At, Body, Delivery, Lent, Link, OutboundMessage, RingLayout, RingMemory, SegmentInfo,
-        Status,
+        Status, Wake,
         wire::{Carrier, Form, Frame, MessageFrame},
     },
     manager::{Input, Output},
@@ -140,7 +140,11 @@ impl RingPair {
         let bell = self.sender.send(&self.words, message.clone(), |_, fate| {
             panic!("{fate:?}, although there is room");
         });
-        assert_eq!(bell, Ok(false), "there is room, and nobody sleeps");
+        assert_eq!(
+            bell,
+            Ok(Wake::NotNeeded),
+            "there is room, and nobody sleeps"
+        );
     }
 
     /// Takes the next message, which is there.
@@ -157,7 +161,7 @@ impl RingPair {
     /// Gives back the oldest message that is held.
     pub(crate) fn give_back(&mut self) {
         let bell = self.receiver.release(&self.words, self.oldest);
-        assert_eq!(bell, Ok(false), "it is held, and nobody sleeps");
+        assert_eq!(bell, Ok(Wake::NotNeeded), "it is held, and nobody sleeps");
         self.oldest += 1;
     }
 

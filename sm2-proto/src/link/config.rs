@@ -1,6 +1,6 @@
 //! What a link is told when it is made.
 
-use super::{Role, RingLayout};
+use super::{RingLayout, Role};
 use crate::{
     Contract, LinkId,
     limits::{QOS_MAX, WINDOW_MAX},

@@ -15,8 +15,9 @@ use bytes::Bytes;
 pub(crate) use self::ring::words;
 use self::world::World;
 use super::{
-    Body, Input, NoDelivery, NoMemory, OutboundMessage, Role, SegmentInfo, Status,
-    wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
+    Body, Carrier, Input, LaneKind, NoDelivery, NoMemory, OutboundMessage, Role, SegmentInfo,
+    Status,
+    wire::{Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
 use crate::{Code, Datagram, FdFacts, Instant, LinkId, Seals, fuzz::Script};
 
@@ -81,7 +82,7 @@ impl World {
                 let held = self.held.iter().nth(script.below(4)?).copied();
                 let sequence = script.near(held.unwrap_or(1))?;
                 self.held.remove(&sequence);
-                self.input(Input::Release { sequence });
+                self.release(sequence);
             }
             16 => self.input(Input::Blocked),
             17 => self.input(Input::Writable),
@@ -290,7 +291,10 @@ impl World {
             len,
             body,
         };
-        if self.feed(Input::Send(message)).is_err() {
+        let before = self.link.clone();
+        let sent = self.link.send(&NoMemory, message, |_, _| {});
+        self.check(&before, sent.map(drop));
+        if sent.is_err() {
             self.pending.remove(&key);
         } else if role == Role::Caller {
             self.calls.push(id);
@@ -308,10 +312,20 @@ impl World {
                 assert!(self.held.len() <= limit);
             }
             Ok(None) => assert_eq!(self.link.ready(&NoMemory), 0),
-            // No ring is lent here.
-            Err(NoDelivery::Misuse(_)) => assert!(self.link.has_ring()),
+            Err(NoDelivery::Misuse(_)) => {
+                let receives = self.link.config().role.receives();
+                // No ring is lent here.
+                assert!(!receives || self.link.lane() == LaneKind::Ring);
+            }
             Err(_) => assert!(self.held.len() == limit && self.link.ready(&NoMemory) > 0),
         }
+        self.drain();
+    }
+
+    fn release(&mut self, sequence: u64) {
+        let before = self.link.clone();
+        let released = self.link.release(&NoMemory, sequence);
+        self.check(&before, released.map(drop));
         self.drain();
     }
 

@@ -15,9 +15,9 @@ use alloc::{
 use bytes::Bytes;
 
 use super::{
-    Config, Delivery, Frame, Packet, Payload, SegmentInfo, TooManyBorrowed,
-    segments::{Geometry, Slot, Verified, is_legal_len},
-    wire::{Carrier, Form, Given, MessageFrame},
+    Carrier, Config, Delivery, Packet, Payload, SegmentInfo, TooManyBorrowed,
+    segments::{Geometry, Slot, Verified, check_attach, is_legal_len},
+    wire::{Form, Frame, Given, MessageFrame},
 };
 use crate::{
     FdFacts, Violation,
@@ -99,24 +99,11 @@ impl Inbound {
         }
     }
 
-    /// ATTACH came. The numbers of the segments that are `leaving` are not free yet.
-    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004, SM2-RNG-010
-    pub(super) fn attach(
-        &mut self,
-        info: &SegmentInfo,
-        fds: &[FdFacts],
-        leaving: &VecDeque<u32>,
-    ) -> Result<(), Violation> {
-        let verified = Verified::pooled(fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?)?;
-        if self.segments.contains_key(&info.id) || leaving.contains(&info.id) {
-            return Err(violation!(SegmentNumber, "SM2-SEG-003"));
-        }
-        let geometry =
-            Geometry::new(info.stride, info.slots).ok_or(violation!(BadSegment, "SM2-SEG-003"))?;
-        verified.check_segment(geometry)?;
-        if self.segments.len() + leaving.len() >= SEGMENTS_MAX {
-            return Err(violation!(SegmentLimit, "SM2-SEG-004"));
-        }
+    /// ATTACH came.
+    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
+    pub(super) fn attach(&mut self, info: &SegmentInfo, fds: &[FdFacts]) -> Result<(), Violation> {
+        let is_taken = self.segments.contains_key(&info.id);
+        let geometry = check_attach(info, fds, is_taken, self.segments.len())?;
         self.segments.insert(
             info.id,
             Segment {
@@ -139,12 +126,6 @@ impl Inbound {
         }
         self.segments.remove(&segment);
         Ok(())
-    }
-
-    /// The form of an attached segment.
-    #[inline]
-    pub(super) fn geometry(&self, segment: u32) -> Option<Geometry> {
-        self.segments.get(&segment).map(|it| it.geometry)
     }
 
     /// Whether a message may come now, by the clauses of SPEC section 8 in their order.
@@ -335,15 +316,12 @@ impl Inbound {
         })
     }
 
-    /// The link is over. What is ready stays valid, all else counts as given back. Messages that
-    /// are left in a ring still need their segments.
-    //= SM2-OPN-005, SM2-OPN-007, SM2-RNG-011
-    pub(super) fn end(&mut self, has_ring: bool) {
+    /// The link is over. Messages that are ready stay valid; all others count as given back.
+    //= SM2-OPN-005, SM2-OPN-007
+    pub(super) fn end(&mut self) {
         self.consumed.clear();
         self.discarded.clear();
-        if !has_ring {
-            self.segments.clear();
-        }
+        self.segments.clear();
     }
 
     /// After the end: the application gave a message back.

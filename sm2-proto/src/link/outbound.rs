@@ -13,11 +13,11 @@ use core::mem;
 use bytes::Bytes;
 
 use super::{
-    Attachment, Body, Config, Counters, Fate, Frame, Misuse, OutboundMessage, Packet, Role,
+    Attachment, Body, Carrier, Config, Counters, Fate, Misuse, OutboundMessage, Packet, Role,
     SegmentInfo, Status,
     attachments::{Attachments, Step},
     segments::{Slot, is_legal_len},
-    wire::{Carrier, Form, Given, MessageFrame},
+    wire::{Form, Frame, Given, MessageFrame},
 };
 use crate::{
     Violation,
@@ -168,6 +168,12 @@ impl Outbound {
         self.counters.deadline += 1;
         self.stalled = true;
         Ok(())
+    }
+
+    /// A publication is not sent on this link.
+    pub(super) const fn pass_over(&mut self) {
+        self.counters.offered += 1;
+        self.counters.overwritten += 1;
     }
 
     /// Moves what the window admits.

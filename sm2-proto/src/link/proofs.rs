@@ -1,12 +1,13 @@
 //! Harnesses for a link's tables, frames, addresses and windows.
 
 use super::{
-    Body, Config, End, Error, Frame, FrameKind, Input, Link, OutboundMessage, Output, Role,
+    Body, Carrier, Config, End, Error, FrameKind, Input, Link, NoMemory, OutboundMessage, Output,
+    Role, Status, Wake,
     inbound::Inbound,
+    lane,
     phase::{Phase, admit},
     segments::{Geometry, Verified},
-    status::Status,
-    wire::{Carrier, Form, MessageFrame, Open},
+    wire::{Form, Frame, MessageFrame, Open},
 };
 use crate::{
     Code, Datagram, FdFacts, Instant, LinkId, Seals, VERSION,
@@ -399,7 +400,9 @@ fn an_ended_link_is_silent() {
     let mut link = Link::new(config(role()));
     if kani::any() {
         link.state = Ok(Phase::Open);
-        link.outbound.open(1);
+        if let lane::Lane::Socket(socket) = &mut link.lane {
+            socket.outbound.open(1);
+        }
     }
     (link.greeted, link.blocked) = kani::any();
     let close = Frame::Close(Code(3)).head();
@@ -414,7 +417,8 @@ fn an_ended_link_is_silent() {
     let asks = matches!(link.config.role, Role::Sender | Role::Caller);
     let has_message = asks && kani::any();
     if has_message {
-        assert_eq!(link.handle(NOW, Input::Send(message.clone())), Ok(()));
+        let sent = link.send(&NoMemory, message.clone(), |_, _| {});
+        assert_eq!(sent, Ok(Wake::NotNeeded));
     }
     let violation = End::Violation(violation!(UnknownFrame, "SM2-WIR-001"));
     let (end, input) = match below(5) {
@@ -456,18 +460,18 @@ fn an_ended_link_is_silent() {
     assert_eq!((ended, closes), (1, u32::from(says)));
     assert_eq!((settled, lost), (u32::from(has_message), u32::from(calls)));
     let later = match below(10) {
-        0 => Input::Eof,
-        1 => Input::Datagram(Datagram::new(&close)),
-        2 => Input::Datagram(Datagram::new(&[0xff])),
-        3 => Input::Send(message),
-        4 => Input::Skip,
-        5 => Input::Release { sequence: 1 },
-        6 => Input::Cancel { call: 1 },
-        7 => Input::Writable,
-        8 => Input::Blocked,
-        _ => Input::Close(Code(9)),
+        0 => link.handle(NOW, Input::Eof),
+        1 => link.handle(NOW, Input::Datagram(Datagram::new(&close))),
+        2 => link.handle(NOW, Input::Datagram(Datagram::new(&[0xff]))),
+        3 => link.send(&NoMemory, message, |_, _| {}).map(drop),
+        4 => link.handle(NOW, Input::Skip),
+        5 => link.release(&NoMemory, 1).map(drop),
+        6 => link.handle(NOW, Input::Cancel { call: 1 }),
+        7 => link.handle(NOW, Input::Writable),
+        8 => link.handle(NOW, Input::Blocked),
+        _ => link.handle(NOW, Input::Close(Code(9))),
     };
-    assert_eq!(link.handle(NOW, later), Err(Error::Ended(end)));
+    assert_eq!(later, Err(Error::Ended(end)));
     assert!(link.poll().is_none() && link.end() == Some(end));
     kani::cover!(closes == 1 && lost == 1, "a call is lost");
     kani::cover!(is_violation && closes == 0, "the socket takes no CLOSE");

@@ -1,12 +1,18 @@
 //! From a datagram to what it changes: the checks of SPEC section 10 in their order.
 
 use super::{
-    End, Link, Output, Role, SegmentInfo,
+    Carrier, End, Link, Output, Role, SegmentInfo,
+    lane::Lane,
     outbound::Released,
     phase::{self, Phase},
-    wire::{Carrier, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
+    ring::RingLane,
+    socket_lane::SocketLane,
+    wire::{Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
 use crate::{Datagram, FdFacts, Violation, limits::WINDOW_MAX};
+
+/// A frame of the other lane. [`phase::admit`] has refused it already.
+const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-001");
 
 impl Link {
     /// Handles one datagram. A frame that is a violation has no other effect.
@@ -16,7 +22,8 @@ impl Link {
         datagram: &Datagram<'_>,
     ) -> Result<(), Violation> {
         let frame = Frame::decode(datagram)?;
-        phase::admit(phase, self.config.role, self.ring.is_some(), frame.kind())?;
+        let is_ring = matches!(self.lane, Lane::Ring(_));
+        phase::admit(phase, self.config.role, is_ring, frame.kind())?;
         frame.check_length()?;
         match frame {
             Frame::Open(open) => self.on_open(&open),
@@ -26,7 +33,7 @@ impl Link {
             Frame::Release { given, .. } => self.on_release(&frame, given),
             Frame::Cancel { call } => self.on_cancel(call),
             Frame::Ring { depth, window } => self.on_ring(depth, window, datagram.fds),
-            // That it came is all that it says: the driver looks at the ring.
+            // It has no content: the driver looks at the ring.
             Frame::Doorbell => Ok(()),
             Frame::Detached { segment } => self.on_detached(segment),
             //= SM2-OPN-005, SM2-COD-001
@@ -55,16 +62,34 @@ impl Link {
             return Err(violation!(BadOpen, "SM2-OPN-004"));
         }
         self.state = Ok(Phase::Open);
-        self.outbound.open(open.window);
+        self.open_lane(open);
         self.events.push_back(Output::Opened);
-        if self.config.ring && open.lanes & LANE_RING != 0 {
-            self.agree_on_ring(open.window);
-        }
         Ok(())
     }
 
+    /// The lane is known.
+    //= SM2-RNG-001
+    fn open_lane(&mut self, open: &Open) {
+        if self.config.ring && open.lanes & LANE_RING != 0 {
+            let ring = RingLane::new(&self.config, open.window);
+            self.events.extend(ring.layout().map(Output::MakeRing));
+            self.lane = Lane::Ring(ring);
+            return;
+        }
+        if let Lane::Socket(socket) = &mut self.lane {
+            return socket.outbound.open(open.window);
+        }
+        let mut socket = SocketLane::new(&self.config);
+        socket.outbound.open(open.window);
+        self.lane = Lane::Socket(socket);
+    }
+
     fn on_attach(&mut self, info: SegmentInfo, fds: &[FdFacts]) -> Result<(), Violation> {
-        self.inbound.attach(&info, fds, &self.detached)?;
+        match &mut self.lane {
+            Lane::Undecided => return Err(violation!(ExpectedOpen, "SM2-OPN-001")),
+            Lane::Socket(socket) => socket.inbound.attach(&info, fds)?,
+            Lane::Ring(ring) => ring.segments.attach(&info, fds)?,
+        }
         let SegmentInfo { id, stride, slots } = info;
         self.events.push_back(Output::Attach {
             segment: id,
@@ -74,21 +99,21 @@ impl Link {
         Ok(())
     }
 
-    //= SM2-RNG-010
     fn on_detach(&mut self, segment: u32) -> Result<(), Violation> {
-        if self.ring_holds(segment) {
-            return Err(violation!(SegmentBusy, "SM2-SEG-005"));
-        }
-        self.inbound.detach(segment)?;
-        if self.ring.is_some() {
-            self.detached.push_back(segment);
+        match &mut self.lane {
+            Lane::Undecided => return Err(violation!(ExpectedOpen, "SM2-OPN-001")),
+            Lane::Socket(socket) => socket.inbound.detach(segment)?,
+            Lane::Ring(ring) => ring.on_detach(segment)?,
         }
         self.events.push_back(Output::Detach { segment });
         Ok(())
     }
 
     fn on_message(&mut self, message: &MessageFrame<'_>, fds: &[FdFacts]) -> Result<(), Violation> {
-        let admitted = self.inbound.check(message, fds)?;
+        let Lane::Socket(SocketLane { inbound, .. }) = &mut self.lane else {
+            return Err(WRONG_LANE);
+        };
+        let admitted = inbound.check(message, fds)?;
         match message.carrier {
             Carrier::Data => {}
             Carrier::Request => {
@@ -106,7 +131,7 @@ impl Link {
                 sequence: admitted.sequence(),
             });
         }
-        if let Some(sequence) = self.inbound.accept(admitted) {
+        if let Some(sequence) = inbound.accept(admitted) {
             self.events.push_back(Output::Discard { sequence });
         }
         Ok(())
@@ -114,21 +139,40 @@ impl Link {
 
     fn on_release(&mut self, frame: &Frame<'_>, given: Given) -> Result<(), Violation> {
         let Self {
-            outbound,
+            lane: Lane::Socket(SocketLane { outbound, .. }),
             served,
             events,
             ..
-        } = self;
+        } = self
+        else {
+            return Err(WRONG_LANE);
+        };
         outbound.release(frame, given, |Released { key, id, fate }| {
             served.released(id);
             events.push_back(Output::Settled { key, fate });
         })
     }
 
+    fn on_ring(&mut self, depth: u16, window: u32, fds: &[FdFacts]) -> Result<(), Violation> {
+        let Lane::Ring(ring) = &mut self.lane else {
+            return Err(WRONG_LANE);
+        };
+        let layout = ring.on_ring(&self.config, depth, window, fds)?;
+        self.events.push_back(Output::Ring(layout));
+        Ok(())
+    }
+
+    fn on_detached(&mut self, segment: u32) -> Result<(), Violation> {
+        match &mut self.lane {
+            Lane::Ring(ring) => ring.on_detached(segment),
+            Lane::Undecided | Lane::Socket(_) => Err(WRONG_LANE),
+        }
+    }
+
     fn on_cancel(&mut self, call: u64) -> Result<(), Violation> {
-        let is_new = match &self.ring {
-            None => self.served.cancel(call)?,
-            Some(ring) => self.served.cancel_of_ring(call, ring.depth())?,
+        let is_new = match &self.lane {
+            Lane::Undecided | Lane::Socket(_) => self.served.cancel(call)?,
+            Lane::Ring(ring) => self.served.cancel_of_ring(call, ring.depth())?,
         };
         if is_new {
             self.events.push_back(Output::Cancelled { call });

@@ -6,7 +6,7 @@
 use super::RingLayout;
 use crate::{
     Clause, FdFacts, Seals, Violation, ViolationKind, clause,
-    limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SLOTS_MAX, STRIDE_UNIT},
+    limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOTS_MAX, STRIDE_UNIT},
 };
 
 /// A descriptor that is a regular file and carries the seals that its use demands.
@@ -126,6 +126,27 @@ impl Geometry {
             None
         }
     }
+}
+
+/// Checks ATTACH. `is_taken`: whether its number is not free; `count`: how many numbers are not.
+//= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
+pub(super) fn check_attach(
+    info: &SegmentInfo,
+    fds: &[FdFacts],
+    is_taken: bool,
+    count: usize,
+) -> Result<Geometry, Violation> {
+    let verified = Verified::pooled(fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?)?;
+    if is_taken {
+        return Err(violation!(SegmentNumber, "SM2-SEG-003"));
+    }
+    let geometry =
+        Geometry::new(info.stride, info.slots).ok_or(violation!(BadSegment, "SM2-SEG-003"))?;
+    verified.check_segment(geometry)?;
+    if count >= SEGMENTS_MAX {
+        return Err(violation!(SegmentLimit, "SM2-SEG-004"));
+    }
+    Ok(geometry)
 }
 
 /// The length of any message, whatever its form.

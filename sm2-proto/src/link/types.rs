@@ -12,31 +12,24 @@ pub enum Input<'a> {
     Datagram(Datagram<'a>),
     /// The stream ended: the other end's process is gone, or it closed the socket.
     Eof,
-    /// The application sends a message: [`Link::send`](super::Link::send) on the socket lane.
-    Send(OutboundMessage),
     /// A reliable publisher's deadline passed while it waited for room: one
     /// message is dropped for this link alone.
     Skip,
-    /// Ring lane: a publication is not sent on this link, which has no room for it at this moment.
-    /// It counts as [`Fate::Overwritten`].
+    /// A publication is not sent on this link, which has no room for it at this moment. It counts as
+    /// [`Fate::Overwritten`].
     PassOver,
     /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): no
     /// datagram is there that could attach the segment of the message.
     SegmentMissing,
-    /// The application gives back a message that it took: [`Link::release`](super::Link::release)
-    /// on the socket lane.
-    Release {
-        /// The message's [`Delivery::sequence`].
-        sequence: u64,
-    },
     /// The caller no longer wants the reply. Sent once, however often it is
     /// asked for; a call that has its reply is left alone.
     Cancel {
         /// The [`OutboundMessage::id`] of the request.
         call: u64,
     },
-    /// Ring lane: the application will use this segment. ATTACH, if it is not attached. Messages
-    /// can name it once the outputs are drained, unless [`Input::Blocked`] came of them.
+    /// The application will use this segment. The ring lane sends ATTACH if the segment is not
+    /// attached, and messages can name the segment once the outputs are drained, unless
+    /// [`Input::Blocked`] came of them. The socket lane attaches a segment with its first message.
     Attach(SegmentInfo),
     /// The application will not use this segment again: DETACH, if it is attached.
     Retire {
@@ -60,10 +53,11 @@ pub enum Output {
     Transmit(Packet),
     /// Both ends have sent OPEN.
     Opened,
-    /// Who receives: make the file of a ring with this layout, all zero, with the seals
-    /// [`Seals::RING`](crate::Seals::RING), and map it for writing. RING will take it along.
+    /// A receiving end, before [`Output::Opened`]: make the file of a ring with this layout, all
+    /// zero, with the seals [`Seals::RING`](crate::Seals::RING), and map it for writing. RING will
+    /// take it along.
     MakeRing(RingLayout),
-    /// Who sends: map the descriptor of the datagram just handled, for reading and writing: it
+    /// A sending end: map the descriptor of the datagram just handled, for reading and writing. It
     /// is a ring with this layout, whose seals and size are as SPEC demands.
     Ring(RingLayout),
     /// Map the descriptor of the datagram just handled, for reading only: its
@@ -92,7 +86,8 @@ pub enum Output {
         /// The message's sequence number.
         sequence: u64,
     },
-    /// The link is done with a message. Exactly one for each [`Input::Send`] that was taken.
+    /// The link is done with a message. Exactly one for each message that
+    /// [`Link::send`](super::Link::send) took, except for those that it passed to its `settled`.
     Settled {
         /// The [`OutboundMessage::key`].
         key: u64,
@@ -104,8 +99,8 @@ pub enum Output {
         /// The id of the request.
         call: u64,
     },
-    /// A caller will not get the reply: the link ended before it. On the ring lane it is said when
-    /// [`Link::take`](super::Link::take) gave the replies that had come, if need be
+    /// A caller will not get the reply: the link ended before it. On the ring lane this output comes
+    /// when [`Link::take`](super::Link::take) has returned the replies that had come, if need be
     /// after [`Output::Ended`].
     CallFailed {
         /// The id of the request.
@@ -206,7 +201,7 @@ pub enum Fate {
 /// `offered = delivered + overwritten + discarded + deadline + closed + in_flight`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Counters {
-    /// Every [`Input::Send`] that was taken, and every [`Input::Skip`].
+    /// Every message that was sent, and every [`Input::Skip`] and [`Input::PassOver`].
     pub offered: u64,
     /// See [`Fate::Delivered`].
     pub delivered: u64,
@@ -245,9 +240,6 @@ pub type Error = crate::Error<End, Misuse>;
 /// How a caller of the machine can break its contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
 pub enum Misuse {
-    /// Outputs of the last input are still there.
-    #[error("outputs are waiting: call poll until it gives none, then go on")]
-    Undrained,
     /// This role, or this kind of link, has no such input.
     #[error("an end with this role does not do that")]
     WrongRole,
@@ -300,11 +292,14 @@ pub enum Misuse {
     /// Server: the call is not open, or has its reply. Caller: it was never made.
     #[error("no such call is open")]
     UnknownCall,
-    /// The link's messages go through the other lane, or its ring was not lent.
-    #[error("the messages of this link go through its other lane, or its ring was not lent")]
-    WrongLane,
-    /// The link's messages have to be in slots.
-    #[error("the messages of this link have to be in slots: ask needs_slot")]
+    /// The other end's OPEN, or the RING that this end sends by, has not come.
+    #[error("the link is not open yet: wait until is_open")]
+    NotOpen,
+    /// The driver did not lend the ring that this call needs.
+    #[error("the ring of this link was not lent: map it, and lend it with each call")]
+    NotLent,
+    /// The payload is not where [`Link::placement`](super::Link::placement) says.
+    #[error("the payload has to be in a slot: see placement")]
     NotPooled,
     /// The segment is not attached (any more, or yet).
     #[error("the segment is not attached: feed attach, drain the outputs, and try again")]
@@ -312,6 +307,36 @@ pub enum Misuse {
     /// The application does not hold the message.
     #[error("no such message is taken and unreleased")]
     NotBorrowed,
+}
+
+/// Where the payload of a message has to be, so that a link can send it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Placement {
+    /// In a slot, with its [head](super::SlotHead) at the slot's end: [`Body::Pooled`].
+    Slot,
+    /// A short one in the datagram, others in a slot: any [`Body`].
+    InlineOrSlot,
+    /// A short one in the datagram, others in a file of their own: [`Body::Inline`] or
+    /// [`Body::Sealed`].
+    InlineOrSealed,
+}
+
+/// Why [`Link::take`](super::Link::take) returns no message, although there may be one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoDelivery {
+    /// The application holds as many messages as it may.
+    #[error(transparent)]
+    TooManyBorrowed(TooManyBorrowed),
+    /// Ring lane: the message is in a segment that is not attached. Feed all datagrams that are
+    /// there, and try again. If none is there, feed [`Input::SegmentMissing`].
+    #[error("the message is in a segment that is not attached yet")]
+    UnknownSegment,
+    /// Ring lane: the link is over, perhaps by a violation that was just found.
+    #[error(transparent)]
+    Ended(End),
+    /// This end does not receive, or its ring was not lent.
+    #[error(transparent)]
+    Misuse(Misuse),
 }
 
 /// The application holds as many messages of this link as it may (SM2-MSG-005).

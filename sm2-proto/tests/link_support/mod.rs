@@ -4,8 +4,8 @@
 use sm2_proto::{
     Datagram, FdFacts, Instant, LinkId, Seals, Violation,
     link::{
-        Body, Config, End, Error, Fate, Input, Link, OutboundMessage, Output, Packet, RingLayout,
-        Role, SegmentInfo, Status,
+        Body, Config, End, Error, Fate, Input, Link, NoMemory, OutboundMessage, Output, Packet,
+        RingLayout, Role, SegmentInfo, Status, Wake,
         wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
     },
 };
@@ -252,8 +252,20 @@ pub(crate) fn pooled_message(id: u64, segment: SegmentInfo, slot: u32) -> Outbou
     }
 }
 
+/// Offers a message to a link of the socket lane.
+pub(crate) fn offer(link: &mut Link, message: OutboundMessage) -> Result<(), Error> {
+    let sent = link.send(&NoMemory, message, |_, _| panic!("the outputs settle it"));
+    sent.map(|wake| assert_eq!(wake, Wake::NotNeeded))
+}
+
 /// Sends a message that the link must take.
 pub(crate) fn send(link: &mut Link, message: OutboundMessage) -> Vec<Output> {
-    assert_eq!(link.handle(NOW, Input::Send(message)), Ok(()));
+    assert_eq!(offer(link, message), Ok(()));
     drain(link)
+}
+
+/// Gives a message back on a link of the socket lane.
+pub(crate) fn give_back(link: &mut Link, sequence: u64) -> Result<(), Error> {
+    let released = link.release(&NoMemory, sequence);
+    released.map(|wake| assert_eq!(wake, Wake::NotNeeded))
 }

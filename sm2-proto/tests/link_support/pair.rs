@@ -13,7 +13,7 @@ use sm2_proto::{
 
 use crate::{
     driver::{Driver, SLOTS, Sent, segment},
-    link_support::{LINK, NOW},
+    link_support::{LINK, NOW, give_back, offer},
     ops::{Op, PairConfig},
 };
 
@@ -133,7 +133,8 @@ impl Pair {
             left: false,
             fate: None,
         });
-        self.feed(end, Input::Send(message));
+        let sent = offer(&mut self.ends[end].link, message);
+        self.fed(end, sent);
         if let Err(Some(displaced)) = room {
             let fate = self.ends[end]
                 .sent
@@ -224,6 +225,9 @@ impl Pair {
 
     fn take(&mut self, end: usize) {
         let at = &mut self.ends[end];
+        if !at.link.config().role.receives() {
+            return;
+        }
         let limit = usize::from(at.link.config().max_borrowed);
         match at.link.take(&NoMemory) {
             Ok(Some(delivery)) => self.took(end, delivery),
@@ -285,12 +289,8 @@ impl Pair {
         }
         let delivery = self.ends[end].held.remove(pick % held);
         self.check_content(end, &delivery);
-        self.feed(
-            end,
-            Input::Release {
-                sequence: delivery.sequence,
-            },
-        );
+        let released = give_back(&mut self.ends[end].link, delivery.sequence);
+        self.fed(end, released);
     }
 
     fn cancel(&mut self, pick: usize) {
@@ -360,10 +360,17 @@ impl Pair {
     }
 
     fn feed(&mut self, end: usize, input: Input<'_>) {
-        match self.ends[end].link.handle(NOW, input.clone()) {
+        let result = self.ends[end].link.handle(NOW, input);
+        self.fed(end, result);
+    }
+
+    /// An input or a call of the application was answered with this.
+    #[track_caller]
+    fn fed(&mut self, end: usize, result: Result<(), Error>) {
+        match result {
             Ok(()) => {}
             Err(Error::Ended(_)) if self.ends[end].ended => {}
-            Err(error) => panic!("end {end}: {error} at {input:?}"),
+            Err(error) => panic!("end {end}: {error}"),
         }
         self.drain(end);
     }

@@ -13,8 +13,9 @@ use sm2_proto::{
     Datagram, Instant,
     limits::SLOT_HEAD,
     link::{
-        Body, Config, Delivery, EMPTY, End, Error, Fate, Input, Lent, Link, NoDelivery,
-        OutboundMessage, Output, Packet, Payload, RingMemory, Role, SlotHead, Status, doorbell,
+        Body, Config, Delivery, EMPTY, End, Error, Fate, Input, LaneKind, Lent, Link, NoDelivery,
+        OutboundMessage, Output, Packet, Payload, RingMemory, Role, SlotHead, Status, Wake,
+        doorbell,
     },
 };
 
@@ -247,13 +248,13 @@ impl Side {
     fn sent_or_harvested(
         &mut self,
         world: &World,
-        result: Result<bool, Error>,
+        result: Result<Wake, Error>,
         settled: &[(u64, Fate)],
     ) {
         for (key, fate) in settled {
             self.settle(world, *key, *fate);
         }
-        if result.expect("an honest pair") {
+        if result.expect("an honest pair").is_needed() {
             self.ring_the_bell(world);
         }
         self.drain(world);
@@ -267,7 +268,7 @@ impl Side {
         match taken {
             Ok(Some(delivery)) => {
                 self.took(world, delivery);
-                if self.link.made_room(words) {
+                if self.link.made_room(words).is_needed() {
                     self.ring_the_bell(world);
                 }
             }
@@ -276,7 +277,7 @@ impl Side {
                 assert_eq!(self.held.len(), usize::from(it.max_borrowed));
             }
             Err(NoDelivery::UnknownSegment) => return true,
-            Err(NoDelivery::Misuse(_)) => assert!(!self.link.has_ring()),
+            Err(NoDelivery::Misuse(_)) => assert_ne!(self.link.lane(), LaneKind::Ring),
             Err(NoDelivery::Ended(end)) => panic!("an honest pair: {end}"),
         }
         self.drain(world);
@@ -328,8 +329,8 @@ impl Side {
         let index = pick % self.held.len();
         let delivery = self.held.swap_remove(index);
         match self.link.release(words, delivery.sequence) {
-            Ok(true) => self.ring_the_bell(world),
-            Ok(false) => {}
+            Ok(Wake::Needed) => self.ring_the_bell(world),
+            Ok(Wake::NotNeeded) => {}
             Err(error) => assert!(self.ended, "{error}"),
         }
         self.drain(world);

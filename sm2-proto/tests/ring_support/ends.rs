@@ -11,8 +11,9 @@ use sm2_proto::{
     FdFacts, Instant,
     limits::SLOT_HEAD,
     link::{
-        Attachment, Body, Delivery, Error, Fate, Input, Lent, Link, Misuse, NoDelivery,
-        OutboundMessage, Output, Packet, Payload, RingMemory, SegmentInfo, Status, Word, doorbell,
+        Attachment, Body, Delivery, Error, Fate, Input, LaneKind, Lent, Link, Misuse, NoDelivery,
+        OutboundMessage, Output, Packet, Payload, RingMemory, SegmentInfo, Status, Wake, Word,
+        doorbell,
     },
 };
 
@@ -188,8 +189,8 @@ impl Sending {
                     let _ = self.at.link.handle(NOW, attach);
                     self.drain(shared);
                 }
-                Ok(bell) => {
-                    if bell {
+                Ok(wake) => {
+                    if wake.is_needed() {
                         self.at.ring_the_bell();
                     }
                     return;
@@ -222,7 +223,7 @@ impl Sending {
         shared: &Shared,
         id: u64,
         place: (u32, u32),
-    ) -> Result<bool, Error> {
+    ) -> Result<Wake, Error> {
         let head = head(id);
         shared.heads.borrow_mut().insert(place, head.to_bytes());
         let message = OutboundMessage {
@@ -299,7 +300,7 @@ impl Sending {
         }
         let mut settled = Vec::new();
         let result = (self.at.link).harvest(words, |key, fate| settled.push((key, fate)));
-        assert_eq!(result, Ok(false), "nothing waits on a topic");
+        assert_eq!(result, Ok(Wake::NotNeeded), "nothing waits on a topic");
         for (key, fate) in settled {
             assert_eq!(fate, Fate::Delivered);
             self.settle(shared, key, fate);
@@ -327,14 +328,14 @@ impl Receiving {
                 assert!(before.is_none_or(|(sequence, _)| delivery.sequence > sequence));
                 self.taken.push((delivery.sequence, delivery.id));
                 self.held.push(delivery);
-                if self.at.link.made_room(words) {
+                if self.at.link.made_room(words).is_needed() {
                     self.at.ring_the_bell();
                 }
             }
             Ok(None) => {}
             Err(NoDelivery::TooManyBorrowed(_)) => assert_eq!(self.held.len(), limit),
             Err(NoDelivery::UnknownSegment) => return true,
-            Err(NoDelivery::Misuse(Misuse::WrongLane)) => assert!(!self.at.link.has_ring()),
+            Err(NoDelivery::Misuse(_)) => assert_ne!(self.at.link.lane(), LaneKind::Ring),
             Err(other) => panic!("{other}"),
         }
         false
@@ -348,8 +349,8 @@ impl Receiving {
         shared.check_head(&self.held[index]);
         let delivery = self.held.swap_remove(index);
         match self.at.link.release(words, delivery.sequence) {
-            Ok(true) => self.at.ring_the_bell(),
-            Ok(false) => {}
+            Ok(Wake::Needed) => self.at.ring_the_bell(),
+            Ok(Wake::NotNeeded) => {}
             Err(error) => assert!(self.at.ended, "{error}"),
         }
     }

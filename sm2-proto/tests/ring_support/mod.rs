@@ -12,7 +12,7 @@ use sm2_proto::{
     link::{
         At, Attachment, Body, Config, Delivery, EMPTY, Error, Fate, FrameKind, Input, Lent, Link,
         NoDelivery, OutboundMessage, Output, RingLayout, RingMemory, Role, SegmentInfo, SlotHead,
-        Status, Word, wire::Frame,
+        Status, Wake, Word, wire::Frame,
     },
 };
 
@@ -233,7 +233,7 @@ impl Rig {
     }
 
     /// A message in segment 0; its key is ten times its id.
-    pub(crate) fn send(&mut self, id: u64, slot: u32) -> Result<bool, Error> {
+    pub(crate) fn send(&mut self, id: u64, slot: u32) -> Result<Wake, Error> {
         self.send_in(segment(0), id, slot)
     }
 
@@ -242,7 +242,7 @@ impl Rig {
         segment: SegmentInfo,
         id: u64,
         slot: u32,
-    ) -> Result<bool, Error> {
+    ) -> Result<Wake, Error> {
         let head = head(id);
         self.heads.insert((segment.id, slot), head.to_bytes());
         let message = OutboundMessage {
@@ -261,7 +261,7 @@ impl Rig {
         sent
     }
 
-    pub(crate) fn harvest(&mut self) -> Result<bool, Error> {
+    pub(crate) fn harvest(&mut self) -> Result<Wake, Error> {
         let settled = &mut self.settled;
         let harvested =
             self.ends[SENDER].harvest(&self.words, |key, fate| settled.push((key, fate)));
@@ -284,7 +284,7 @@ impl Rig {
         self.take().unwrap().expect("a message is there")
     }
 
-    pub(crate) fn release(&mut self, sequence: u64) -> Result<bool, Error> {
+    pub(crate) fn release(&mut self, sequence: u64) -> Result<Wake, Error> {
         let released = self.ends[RECEIVER].release(&self.words, sequence);
         self.drain(RECEIVER);
         released

@@ -1,7 +1,6 @@
 //! Waiting for replies that may come by a ring.
 
 use super::super::Inner;
-use super::super::link::LinkDriver;
 use crate::driver::token::LinkToken;
 use crate::handle::Handle;
 
@@ -12,7 +11,7 @@ impl Inner {
             .interfaces
             .get(&handle.id)
             .and_then(|it| it.link(token));
-        let is_call_free = link.is_some_and(LinkDriver::has_ring);
+        let is_call_free = link.is_some_and(|it| !it.is_woken_by_socket());
         let epoll = &handle.shared.epoll;
         if !self.drive_if_due(sm2_io::clock::now(), epoll) && !is_call_free {
             self.drive(epoll);

@@ -20,14 +20,9 @@ impl LinkDriver {
             while let Some(output) = self.machine.poll() {
                 match output {
                     Output::Transmit(packet) => self.transmit(packet, epoll, outbox),
-                    Output::Opened => {
-                        if !self.has_ring() {
-                            self.mapped.incoming = None;
-                            self.ring_file = None;
-                        }
-                    }
-                    // It is there since the beginning.
-                    Output::MakeRing(_) => debug_assert!(self.mapped.incoming.is_some()),
+                    // A ring that was prepared and not asked for is not needed.
+                    Output::Opened => self.prepared = None,
+                    Output::MakeRing(_) => self.use_prepared_ring(),
                     Output::Ring(layout) => self.map_ring(layout, came.take_file()),
                     Output::Attach {
                         segment,
@@ -153,6 +148,15 @@ impl LinkDriver {
         self.failing = Some(code.code());
     }
 
+    /// The ring that was prepared before OPEN is the one that the machine asks for.
+    fn use_prepared_ring(&mut self) {
+        debug_assert!(self.prepared.is_some());
+        if let Some((ring, file)) = self.prepared.take() {
+            self.mapped.incoming = Some(ring);
+            self.ring_file = Some(file);
+        }
+    }
+
     //= SM2-OPN-006, SM2-OPN-007
     fn hang_up(&mut self, end: End, epoll: &Epoll) {
         let (link, peer) = (self.id, &self.peer.name);
@@ -170,6 +174,7 @@ impl LinkDriver {
         }
         self.unsent = None;
         self.failing = None;
+        self.prepared = None;
         self.mapped.outgoing = None;
         if let Some(socket) = self.socket.take() {
             let _ = epoll.remove(&socket);

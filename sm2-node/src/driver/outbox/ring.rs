@@ -8,17 +8,17 @@ use sm2_io::Slot;
 use sm2_proto::limits::SLOT_HEAD;
 use sm2_proto::link::{Body, OutboundMessage, SlotHead, Status};
 
-use super::{Label, NoSlot, Outbox, info};
+use super::{Label, NoForm, NoSlot, Outbox, info};
 use crate::pool::Lease;
 
 impl Outbox {
     /// The message as a link sends it that needs it in a slot. It is copied to one, if no such link
     /// was there when it was published. Only replies have a status, and go to one link alone.
-    pub(in crate::driver) fn message_in_slot(
+    pub(super) fn message_in_slot(
         &mut self,
         key: u64,
         status: Status,
-    ) -> io::Result<OutboundMessage> {
+    ) -> Result<OutboundMessage, NoForm> {
         let message = self.pooled_message(key, status)?;
         if status != Status::Ok
             && let Some(label) = self.label(key)
@@ -30,13 +30,14 @@ impl Outbox {
         Ok(message)
     }
 
-    fn pooled_message(&mut self, key: u64, status: Status) -> io::Result<OutboundMessage> {
-        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
+    fn pooled_message(&mut self, key: u64, status: Status) -> Result<OutboundMessage, NoForm> {
+        let missing = || io::Error::from(io::ErrorKind::NotFound);
+        let message = self.messages.get(key).ok_or_else(missing)?;
         if message.forms.pooled.is_none() {
             self.copy_to_slot(key)?;
         }
-        let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
-        let lease = (message.forms.pooled.as_ref()).ok_or(io::ErrorKind::NotFound)?;
+        let message = self.messages.get(key).ok_or_else(missing)?;
+        let lease = message.forms.pooled.as_ref().ok_or_else(missing)?;
         Ok(OutboundMessage {
             key,
             id: message.id,
@@ -50,17 +51,17 @@ impl Outbox {
         })
     }
 
-    fn copy_to_slot(&mut self, key: u64) -> io::Result<()> {
-        let label = self.label(key).ok_or(io::ErrorKind::NotFound)?;
+    fn copy_to_slot(&mut self, key: u64) -> Result<(), NoForm> {
+        let label = (self.label(key)).ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))?;
         let mut lease = self.lease(label.len).map_err(|error| match error {
-            NoSlot::Full => io::ErrorKind::OutOfMemory.into(),
-            NoSlot::Io(error) | NoSlot::Lock(error) => error,
+            NoSlot::Full => NoForm::Slot(io::ErrorKind::OutOfMemory.into()),
+            NoSlot::Io(error) | NoSlot::Lock(error) => NoForm::Slot(error),
         })?;
-        let len = usize::try_from(label.len).map_err(|_| io::ErrorKind::InvalidInput)?;
-        let copied = self.copy_payload(key, lease.memory.bytes_mut(len));
+        // A slot of this length is mapped.
+        let copied = self.copy_payload(key, lease.memory.bytes_mut(label.len as usize));
         if let Err(error) = copied {
             self.unlease(lease);
-            return Err(error);
+            return Err(error.into());
         }
         write_head(&mut lease, label, Status::Ok);
         if let Some(message) = self.messages.get_mut(key) {

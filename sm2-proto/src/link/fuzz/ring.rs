@@ -439,7 +439,7 @@ impl<'a> Ring<'a> {
         self.incoming.check_accesses(2 * depth + 1);
         assert!(link.ready(&self.incoming) as u64 <= depth);
         self.incoming.check_accesses(depth);
-        link.made_room(&self.incoming);
+        let _ = link.made_room(&self.incoming);
         self.incoming.check_accesses(2);
         let parking = match self.role() {
             Role::Sender => &self.outgoing,

@@ -1,14 +1,13 @@
 //! Harnesses for the receiving side: one step from any state that its books can be in.
 
-use alloc::collections::VecDeque;
-
 use super::{Delivery, Geometry, Inbound, Ready, Segment, Slot};
 use crate::{
     FdFacts, Instant, LinkId, Seals, VERSION,
     limits::{INLINE_MAX, MESSAGE_MAX, SEGMENTS_MAX},
     link::{
-        Config, FrameKind, Payload, Role, SegmentInfo, Status,
-        wire::{Carrier, Form, MessageFrame},
+        Carrier, Config, FrameKind, Payload, Role, SegmentInfo, Status,
+        ring::RingSegments,
+        wire::{Form, MessageFrame},
     },
     proofs::{below, one_of},
 };
@@ -316,6 +315,29 @@ fn each_message_is_released_once() {
     books.invariants();
 }
 
+/// The segments of the ring lane after these were attached, and one more was attached and detached
+/// whose DETACHED has not left.
+fn ring_segments(attached: impl Iterator<Item = u32>, leaving: Option<u32>) -> RingSegments {
+    let mut ring = RingSegments::default();
+    let file = FdFacts {
+        regular: true,
+        size_bytes: STRIDE,
+        seals: Seals::POOLED,
+    };
+    for id in attached.chain(leaving) {
+        let info = SegmentInfo {
+            id,
+            stride: STRIDE,
+            slots: 1,
+        };
+        assert_eq!(ring.attach(&info, &[file]), Ok(()));
+    }
+    if let Some(id) = leaving {
+        assert_eq!(ring.detach(id), Ok(()));
+    }
+    ring
+}
+
 /// A segment is attached under a free number, and detached when none of its slots is in use.
 //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-005 kani
 #[cfg_attr(kani, kani::proof)]
@@ -345,9 +367,14 @@ fn segments_come_and_go() {
             size_bytes: one_of(&[2 * STRIDE, STRIDE]),
             seals: one_of(&[Seals::POOLED, Seals::SEALED]),
         };
-        // One more number is not free: its DETACHED has not left.
-        let leaving: VecDeque<u32> = kani::any::<bool>().then_some(2).into_iter().collect();
-        let taken = id == 3 || leaving.contains(&id);
+        // On the ring lane one more number is not free: its DETACHED has not left.
+        let mut ring = RingSegments::default();
+        let is_ring = kani::any();
+        let is_leaving = is_ring && kani::any();
+        if is_ring {
+            ring = ring_segments([3].into_iter(), is_leaving.then_some(2));
+        }
+        let taken = id == 3 || is_leaving && id == 2;
         let expected = if !file.regular {
             Err(violation!(NotAMemfd, "SM2-SEG-001"))
         } else if file.seals != Seals::POOLED {
@@ -361,11 +388,15 @@ fn segments_come_and_go() {
         } else {
             Ok(())
         };
-        assert_eq!(books.attach(&info, &[file], &leaving), expected);
-        assert_eq!(
-            books.segments.contains_key(&id),
-            expected.is_ok() || id == 3
-        );
+        let (verdict, is_there) = match is_ring {
+            true => (ring.attach(&info, &[file]), ring.geometry(id).is_some()),
+            false => {
+                let verdict = books.attach(&info, &[file]);
+                (verdict, books.segments.contains_key(&id))
+            }
+        };
+        assert_eq!(verdict, expected);
+        assert_eq!(is_there, expected.is_ok() || id == 3);
         kani::cover!(expected.is_ok(), "attached");
         kani::cover!(
             expected == Err(violation!(SegmentNumber, "SM2-SEG-003")) && id == 2,
@@ -382,10 +413,10 @@ fn segments_come_and_go() {
 #[cfg_attr(kani, kani::unwind(258))]
 fn one_segment_too_many_is_refused() {
     let mut state = State::<1>::any();
-    let attached = SEGMENTS_MAX - below(2);
-    let none = VecDeque::new();
-    // Those whose DETACHED has not left count.
-    let leaving: VecDeque<u32> = kani::any::<bool>().then_some(9_999).into_iter().collect();
+    let is_ring = kani::any();
+    // Segments of the ring lane whose DETACHED has not left count.
+    let is_leaving = is_ring && kani::any();
+    let attached = SEGMENTS_MAX - below(2) - usize::from(is_leaving);
     let file = FdFacts {
         regular: true,
         size_bytes: STRIDE,
@@ -396,16 +427,19 @@ fn one_segment_too_many_is_refused() {
         stride: STRIDE,
         slots: 1,
     };
+    let next = info(one_of(&[0, 999, 5_000, 32_767]));
     // One is there already.
-    for id in 0..attached as u32 - 1 {
-        assert_eq!(
-            state.books.attach(&info(1_000 + id), &[file], &none),
-            Ok(())
-        );
-    }
-    let next = one_of(&[0, 999, 5_000, u32::MAX]);
-    let verdict = state.books.attach(&info(next), &[file], &leaving);
-    let full = attached + leaving.len() >= SEGMENTS_MAX;
+    let ids = 1_000..1_000 + attached as u32 - 1;
+    let verdict = if is_ring {
+        let mut ring = ring_segments([3].into_iter().chain(ids), is_leaving.then_some(9_999));
+        ring.attach(&next, &[file])
+    } else {
+        for id in ids {
+            assert_eq!(state.books.attach(&info(id), &[file]), Ok(()));
+        }
+        state.books.attach(&next, &[file])
+    };
+    let full = attached + usize::from(is_leaving) >= SEGMENTS_MAX;
     assert_eq!(
         verdict,
         if full {

@@ -5,12 +5,12 @@ use core::cell::{Cell, RefCell};
 
 use super::{
     At, EMPTY, NotAWord, NotTaken, RingLayout, RingMemory, RingMessage, RingReceiver, RingSender,
-    SlotHead, Unsent, Word,
+    SlotHead, Unsent, Wake, Word,
 };
 use crate::{
     Instant,
     limits::SLOT_HEAD,
-    link::{Fate, Misuse, Payload, SegmentInfo, Status, segments::Geometry, wire::Carrier},
+    link::{Carrier, Fate, Misuse, Payload, SegmentInfo, Status, segments::Geometry},
     proofs::{below, one_of},
 };
 
@@ -214,8 +214,8 @@ fn the_last_two_are_there() {
                     slot: sent as u32 + 1,
                 };
                 match sender.send(&memory, &message, &mut settled) {
-                    Ok(bell) => {
-                        assert!(!bell);
+                    Ok(wake) => {
+                        assert_eq!(wake, Wake::NotNeeded);
                         sent += 1;
                     }
                     Err(why) => {
@@ -257,7 +257,8 @@ fn the_last_two_are_there() {
             }
             2 => {
                 if let Some(sequence) = held.pop() {
-                    assert_eq!(receiver.release(&memory, sequence), Some(Ok(false)));
+                    let released = receiver.release(&memory, sequence);
+                    assert_eq!(released, Some(Ok(Wake::NotNeeded)));
                 }
             }
             _ => assert_eq!(sender.harvest(&memory, &mut settled), Ok(())),

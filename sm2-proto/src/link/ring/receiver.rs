@@ -6,13 +6,12 @@ mod proofs;
 
 use self::borrowed::Borrowed;
 use super::{
-    super::{Delivery, Payload, TooManyBorrowed, segments::Geometry, wire::Carrier},
-    At, DISPLACED_MAX, RingLayout, RingMemory, SlotHead, Word,
-    word::EMPTY,
+    super::{Delivery, Payload, TooManyBorrowed, frame_kind::Carrier, segments::Geometry},
+    At, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word, wake_parked,
 };
 use crate::{
     Violation,
-    limits::{MESSAGE_MAX, SLOT_HEAD},
+    limits::{MESSAGE_MAX, RING_DISPLACED_MAX, SLOT_HEAD},
 };
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -164,7 +163,7 @@ impl RingReceiver {
         }
         let depth = u64::from(self.layout.depth());
         // What seems to be further ahead than a sender goes is a word of the past.
-        let is_later = ahead.is_multiple_of(depth) && ahead < u64::from(DISPLACED_MAX) + depth;
+        let is_later = ahead.is_multiple_of(depth) && ahead < u64::from(RING_DISPLACED_MAX) + depth;
         if !self.displaces || !is_later {
             return Err(violation!(BadWord, "SM2-RNG-007"));
         }
@@ -223,21 +222,21 @@ impl RingReceiver {
         })
     }
 
-    /// The application gives a message back. None: it does not have it. Else whether the
-    /// sender wants the bell.
+    /// The application gives a message back. `None` if the application does not hold it, else
+    /// whether the sender has to be woken.
     //= SM2-RNG-008, SM2-MSG-004
     pub(in crate::link) fn release(
         &mut self,
         words: &impl RingMemory,
         sequence: u64,
-    ) -> Option<Result<bool, Violation>> {
+    ) -> Option<Result<Wake, Violation>> {
         let word = self.borrowed.remove(sequence)?;
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {
             return Some(Err(violation!(BadWord, "SM2-RNG-008")));
         }
-        Some(Ok(super::wants_bell(words, At::SenderParked)))
+        Some(Ok(wake_parked(words, At::SenderParked)))
     }
 
     /// Whether the application holds a message in this segment.

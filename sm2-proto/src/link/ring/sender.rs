@@ -6,16 +6,14 @@ mod proofs;
 use alloc::{collections::VecDeque, vec, vec::Vec};
 
 use super::{
-    super::{
-        Body, Counters, Fate, Misuse, OutboundMessage, SegmentInfo, segments::Geometry,
-        wire::Carrier,
-    },
-    At, DISPLACED_MAX, RingLayout, RingMemory, Word,
-    word::EMPTY,
+    super::{Counters, Fate, Misuse, SegmentInfo, frame_kind::Carrier, segments::Geometry},
+    At, EMPTY, RingLayout, RingMemory, Wake, Word,
+    message::{RingMessage, Step, Unsent},
+    wake_parked,
 };
 use crate::{
     Violation,
-    limits::{MESSAGE_MAX, RING_SEGMENTS_MAX, SEGMENTS_MAX, SLOT_HEAD},
+    limits::{MESSAGE_MAX, RING_DISPLACED_MAX, RING_SEGMENTS_MAX, SEGMENTS_MAX, SLOT_HEAD},
 };
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -71,68 +69,6 @@ enum State {
 struct Sent {
     key: u64,
     sequence: u64,
-}
-
-/// What has to be sent by the socket.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(in crate::link) enum Step {
-    Attach(SegmentInfo),
-    Detach(u32),
-}
-
-/// What the ring lane keeps of a message to send. Its payload and its [head](super::SlotHead) are
-/// in the slot already.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(in crate::link) struct RingMessage {
-    /// As [`OutboundMessage::key`].
-    pub key: u64,
-    /// The publisher's count of its publications or the caller's of its calls, growing; of a
-    /// reply the number of the call.
-    pub id: u64,
-    /// The length of the payload, in bytes.
-    pub len: u64,
-    /// The segment, which is [attached](super::super::Input::Attach).
-    pub segment: SegmentInfo,
-    /// The slot, from 0.
-    pub slot: u32,
-}
-
-impl RingMessage {
-    /// None: the payload is not in a slot.
-    #[inline]
-    pub(in crate::link) const fn of(message: &OutboundMessage) -> Option<Self> {
-        let Body::Pooled { segment, slot } = message.body else {
-            return None;
-        };
-        Some(Self {
-            key: message.key,
-            id: message.id,
-            len: message.len,
-            segment,
-            slot,
-        })
-    }
-}
-
-/// Why a message is not sent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::link) enum Unsent {
-    Misuse(Misuse),
-    Violation(Violation),
-    /// SM2-RNG-011.
-    Stopped,
-}
-
-impl From<Misuse> for Unsent {
-    fn from(misuse: Misuse) -> Self {
-        Self::Misuse(misuse)
-    }
-}
-
-impl From<Violation> for Unsent {
-    fn from(violation: Violation) -> Self {
-        Self::Violation(violation)
-    }
 }
 
 impl RingSender {
@@ -272,14 +208,14 @@ impl RingSender {
         self.unreleased < self.layout.window() && words.load(at) == EMPTY
     }
 
-    /// Puts a message into the ring; whether the receiver wants the bell.
+    /// Puts a message into the ring; whether the receiver has to be woken.
     //= SM2-RNG-005, SM2-RNG-011
     pub(in crate::link) fn send(
         &mut self,
         words: &impl RingMemory,
         message: &RingMessage,
         settled: &mut impl FnMut(u64, Fate),
-    ) -> Result<bool, Unsent> {
+    ) -> Result<Wake, Unsent> {
         let sequence = self.sequence + 1;
         let word = self.check(message, sequence)?;
         if !self.displaces && !self.has_room(words) {
@@ -291,10 +227,10 @@ impl RingSender {
         self.enter(message, sequence);
         room?;
         self.put(words, at, word.to_bits(), settled)?;
-        if self.displaced >= DISPLACED_MAX {
+        if self.displaced >= RING_DISPLACED_MAX {
             return Err(Unsent::Stopped);
         }
-        Ok(super::wants_bell(words, At::ReceiverParked))
+        Ok(wake_parked(words, At::ReceiverParked))
     }
 
     /// If the window is full: takes the oldest message out, and looks what came back.

@@ -4,8 +4,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use sm2_proto::link::{
-    Attachment, Body, Config, Delivery, End, Error, Fate, Input, Lent, Link, Misuse, NoDelivery,
+use sm2_proto::link::{ LaneKind, Wake, Attachment, Body, Config, Delivery, End, Error, Fate, Input, Lent, Link, Misuse, NoDelivery,
     OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead, Status, doorbell,
 };
 use sm2_proto::{Datagram, Farewell, FdFacts, Instant, LinkId, Seals, limits::SLOT_HEAD};
@@ -80,7 +79,7 @@ pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link
     let attach = Input::Attach(memory.segment());
     ends[0].handle(NOW, attach).expect("a segment");
     exchange(&mut ends, memory);
-    assert!(ends.iter().all(|it| it.is_open() && it.has_ring()));
+    assert!(ends.iter().all(|it| it.is_open() && it.lane() == LaneKind::Ring));
     ends
 }
 
@@ -302,8 +301,8 @@ impl<W: Mortal> Driver<W> {
             settle(slots, settled, key, fate);
         });
         match sent {
-            Ok(true) => self.ring_the_bell(),
-            Ok(false) => {}
+            Ok(Wake::Needed) => self.ring_the_bell(),
+            Ok(Wake::NotNeeded) => {}
             Err(_) if self.words.is_dead() => {}
             Err(Error::Misuse(misuse)) => panic!("{misuse}"),
             Err(Error::Ended(end)) => panic!("{end}"),
@@ -353,7 +352,7 @@ impl<W: Mortal> Driver<W> {
             Ok(None) | Err(NoDelivery::TooManyBorrowed(_)) => return None,
             Err(error) => panic!("the other end broke the rules: {error}"),
         };
-        if self.order.tells_of_room && self.link.made_room(&self.words) {
+        if self.order.tells_of_room && self.link.made_room(&self.words).is_needed() {
             self.ring_the_bell();
         }
         let last = self.seen.last().copied().unwrap_or_default();
@@ -391,8 +390,8 @@ impl<W: Mortal> Driver<W> {
         let slot = &self.memory.slots[(offset / self.memory.segment().stride) as usize];
         assert_eq!(slot.payload(), payload_of(delivery.id), "another payload");
         match self.link.release(&self.words, delivery.sequence) {
-            Ok(true) => self.ring_the_bell(),
-            Ok(false) | Err(Error::Ended(_)) => {}
+            Ok(Wake::Needed) => self.ring_the_bell(),
+            Ok(Wake::NotNeeded) | Err(Error::Ended(_)) => {}
             Err(Error::Misuse(misuse)) => {
                 assert_ne!(misuse, Misuse::NotBorrowed);
                 panic!("{misuse}");

@@ -77,8 +77,8 @@ impl Interface {
 pub(crate) struct Link;
 
 impl Link {
-    pub(super) const fn has_ring(&self) -> bool {
-        true
+    pub(super) const fn is_woken_by_socket(&self) -> bool {
+        false
     }
 
     pub(super) const fn is_open(&self) -> bool {

@@ -100,7 +100,8 @@ impl World {
             len: if has_payload { LEN } else { 0 },
             body,
         };
-        self.feed(scope, at, Input::Send(message))?;
+        let sent = (self.end(at).link).send(&NoMemory, message, |_, _| {});
+        self.called(scope, at, sent.map(drop))?;
         match self.flows[at].displaced.take() {
             None => Ok(()),
             Some(left) => fail(
@@ -184,7 +185,8 @@ impl World {
         }
         let over = self.ends[at].over.is_some();
         self.flows[1 - at].given_back(sequence, over);
-        self.feed(scope, at, Input::Release { sequence })
+        let released = self.end(at).link.release(&NoMemory, sequence);
+        self.called(scope, at, released.map(drop))
     }
 
     pub(super) fn cancel(&mut self, scope: &LinkScope, call: u64) -> Result<(), Failure> {

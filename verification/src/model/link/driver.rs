@@ -31,8 +31,24 @@ impl World {
         self.drain(scope, at, None)
     }
 
+    /// A call of the application was answered with this.
+    pub(super) fn called(
+        &mut self,
+        scope: &LinkScope,
+        at: usize,
+        result: Result<(), Error>,
+    ) -> Result<(), Failure> {
+        Self::judge(at, result)?;
+        self.drain(scope, at, None)
+    }
+
     fn handle(&mut self, at: usize, input: Input<'_>) -> Result<(), Failure> {
-        match self.end(at).link.handle(NOW, input) {
+        let result = self.end(at).link.handle(NOW, input);
+        Self::judge(at, result)
+    }
+
+    fn judge(at: usize, result: Result<(), Error>) -> Result<(), Failure> {
+        match result {
             Ok(()) | Err(Error::Ended(_)) => Ok(()),
             Err(Error::Misuse(misuse)) => {
                 fail(Property::Invariants, format!("end {at} refuses: {misuse}"))

@@ -3,12 +3,12 @@
 use core::cell::Cell;
 
 use super::{
-    super::proofs::SEQUENCES, At, DISPLACED_MAX, EMPTY, NotTaken, RingLayout, RingMemory,
-    RingReceiver, SlotHead, Word,
+    super::proofs::SEQUENCES, At, EMPTY, NotTaken, RING_DISPLACED_MAX, RingLayout, RingMemory,
+    RingReceiver, SlotHead, Wake, Word,
 };
 use crate::{
     Instant,
-    link::{Payload, Status, segments::Geometry, wire::Carrier},
+    link::{Carrier, Payload, Status, segments::Geometry},
     proofs::{below, one_of},
 };
 
@@ -37,7 +37,7 @@ fn only_later_rounds_are_believed() {
         0 => kani::any(),
         1 => (rounds * u64::from(kani::any::<u8>())) as u32,
         2 => {
-            DISPLACED_MAX.next_multiple_of(depth.into())
+            RING_DISPLACED_MAX.next_multiple_of(depth.into())
                 - u32::from(depth) * u32::from(kani::any::<bool>())
         }
         _ => 0_u32.wrapping_sub(u32::from(depth) * kani::any::<u8>() as u32),
@@ -245,7 +245,7 @@ fn a_message_is_given_back_once() {
         );
         assert_eq!(receiver.release(&words, sequence), None);
     }
-    kani::cover!(released == Some(Ok(true)), "with a bell");
+    kani::cover!(released == Some(Ok(Wake::Needed)), "with a bell");
     kani::cover!(
         released == Some(Err(violation!(BadWord, "SM2-RNG-008"))),
         "the word was not free"

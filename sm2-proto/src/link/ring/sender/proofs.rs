@@ -4,13 +4,10 @@ use alloc::vec::Vec;
 use core::cell::Cell;
 
 use super::{
-    At, DISPLACED_MAX, EMPTY, Fate, RingLayout, RingMemory, RingMessage, RingSender, SegmentInfo,
-    Unsent, Word,
+    At, Carrier, EMPTY, Fate, Misuse, RING_DISPLACED_MAX, RingLayout, RingMemory, RingMessage,
+    RingSender, SegmentInfo, Unsent, Wake, Word,
 };
-use crate::{
-    link::{Misuse, wire::Carrier},
-    proofs::{below, one_of},
-};
+use crate::proofs::{below, one_of};
 
 const SEGMENT: SegmentInfo = SegmentInfo {
     id: 1,
@@ -97,7 +94,7 @@ fn sender(sent: u64, taken: u64, reliable: bool, words: &Answers) -> RingSender 
         let mut settled = |_, _| panic!("nothing is settled");
         assert_eq!(
             sender.send(words, &message(number), &mut settled),
-            Ok(false)
+            Ok(Wake::NotNeeded)
         );
         if number <= taken {
             words.right(layout.forward(number)).set(EMPTY);
@@ -221,7 +218,7 @@ fn a_stopped_receiver_is_given_up() {
     let sent = 2 + held;
     let mut sender = sender(sent, held, false, &words);
     words.given.set(None);
-    let before = DISPLACED_MAX - 1 - below(3) as u32;
+    let before = RING_DISPLACED_MAX - 1 - below(3) as u32;
     sender.displaced = before;
     let mut displaced = 0;
     let mut settle = |_, fate| displaced += u32::from(fate == Fate::Discarded);
@@ -231,8 +228,8 @@ fn a_stopped_receiver_is_given_up() {
         let result = sender.send(&words, &message(number), &mut settle);
         count += 1;
         stopped = result == Err(Unsent::Stopped);
-        assert_eq!(stopped, count == DISPLACED_MAX);
-        assert!(stopped || result == Ok(false));
+        assert_eq!(stopped, count == RING_DISPLACED_MAX);
+        assert!(stopped || result == Ok(Wake::NotNeeded));
         if stopped {
             break;
         }
@@ -252,7 +249,7 @@ fn one_taken_begins_the_count_anew() {
     let words = Answers::new([EMPTY; 5]);
     let mut sender = sender(2, 0, false, &words);
     words.given.set(None);
-    sender.displaced = DISPLACED_MAX - 1;
+    sender.displaced = RING_DISPLACED_MAX - 1;
     let taken = kani::any();
     if taken {
         words.right(At::Forward(1)).set(EMPTY);

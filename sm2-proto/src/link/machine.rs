@@ -1,0 +1,315 @@
+//! The state of one end of a link, and how it changes.
+
+use alloc::collections::VecDeque;
+
+use super::{
+    Config, End, Error, Fate, Input, Misuse, Output, Packet, Role, SegmentInfo,
+    calls::{Placed, Served},
+    lane::Lane,
+    outbound::Sent,
+    phase::Phase,
+    segments::Geometry,
+    wire::{Frame, LANE_RING, LANE_SOCKET, Open},
+};
+use crate::{Code, Instant, Machine, Violation, machine::debug_assert_drained};
+
+/// One end of one link. The [module's page](self) says in which order its methods are called.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Link {
+    pub(super) config: Config,
+    /// The phase, or the reason for which the link is over.
+    pub(super) state: Result<Phase, End>,
+    /// Whether our OPEN was handed out.
+    pub(super) greeted: bool,
+    /// Whether the driver keeps a packet that the socket did not take.
+    pub(super) blocked: bool,
+    /// The code of a CLOSE that has to be handed out.
+    pub(super) farewell: Option<Code>,
+    /// All outputs but [`Output::Transmit`], which is made when it is polled.
+    pub(super) events: VecDeque<Output>,
+    /// How its messages go.
+    pub(super) lane: Lane,
+    pub(super) placed: Placed,
+    pub(super) served: Served,
+}
+
+impl Link {
+    /// A new end; its first output is the packet with OPEN.
+    ///
+    /// A `depth` or `max_borrowed` out of range is brought into it, and links of
+    /// services are reliable whatever `config` says.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let config = config.in_range();
+        Self {
+            config,
+            state: Ok(Phase::Opening),
+            greeted: false,
+            blocked: false,
+            farewell: None,
+            events: VecDeque::new(),
+            lane: Lane::new(&config),
+            placed: Placed::default(),
+            served: Served::default(),
+        }
+    }
+
+    /// Feeds what has happened. `now` is not used in version 1.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`]: the input is not legal now; nothing has changed. [`Error::Ended`]: the
+    /// link is over, perhaps by a violation in this very input; the outputs say the rest.
+    pub fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
+        let result = match self.state {
+            Ok(phase) => self.handle_live(phase, input),
+            Err(end) => {
+                self.handle_ended(&input);
+                Err(Error::Ended(end))
+            }
+        };
+        self.invariants();
+        result
+    }
+
+    fn handle_live(&mut self, phase: Phase, input: Input<'_>) -> Result<(), Error> {
+        match input {
+            Input::Datagram(datagram) => {
+                debug_assert_drained(&self.events);
+                //= SM2-TRN-003
+                if datagram.bytes.is_empty() {
+                    self.finish(End::Eof);
+                    return Ok(());
+                }
+                self.receive(phase, &datagram)
+                    .map_err(|violation| self.violated(violation))?;
+            }
+            Input::Eof => self.finish(End::Eof),
+            Input::Skip => self.skip()?,
+            Input::PassOver => self.pass_over()?,
+            Input::SegmentMissing => {
+                self.on_segment_missing();
+                if let Err(end) = self.state {
+                    return Err(Error::Ended(end));
+                }
+            }
+            Input::Cancel { call } => self.cancel(call)?,
+            Input::Attach(segment) => self.attach(&segment)?,
+            Input::Retire { segment } => self.retire(segment)?,
+            Input::Blocked => self.blocked = true,
+            Input::Writable => self.blocked = false,
+            Input::Close(code) => self.finish(End::Local(code)),
+        }
+        Ok(())
+    }
+
+    fn handle_ended(&mut self, input: &Input<'_>) {
+        match input {
+            Input::SegmentMissing => self.on_segment_missing(),
+            Input::Blocked => self.farewell = None,
+            _ => {}
+        }
+    }
+
+    /// A reliable publisher's deadline passed while it waited for room.
+    fn skip(&mut self) -> Result<(), Misuse> {
+        if self.config.role != Role::Sender || !self.config.reliable {
+            return Err(Misuse::WrongRole);
+        }
+        match &mut self.lane {
+            Lane::Undecided => Err(Misuse::NotOpen),
+            Lane::Socket(socket) => socket.outbound.skip(),
+            Lane::Ring(ring) => {
+                ring.sender_mut()
+                    .ok_or(Misuse::NotOpen)?
+                    .skip(Fate::Deadline);
+                Ok(())
+            }
+        }
+    }
+
+    /// A publication is not sent on this link.
+    fn pass_over(&mut self) -> Result<(), Misuse> {
+        if self.config.role != Role::Sender {
+            return Err(Misuse::WrongRole);
+        }
+        match &mut self.lane {
+            Lane::Undecided => return Err(Misuse::NotOpen),
+            Lane::Socket(socket) => socket.outbound.pass_over(),
+            Lane::Ring(ring) => {
+                let sender = ring.sender_mut().ok_or(Misuse::NotOpen)?;
+                sender.skip(Fate::Overwritten);
+            }
+        }
+        Ok(())
+    }
+
+    fn cancel(&mut self, call: u64) -> Result<(), Misuse> {
+        if self.config.role != Role::Caller {
+            return Err(Misuse::WrongRole);
+        }
+        self.placed.cancel(call, self.lane.last_id())
+    }
+
+    fn attach(&mut self, segment: &SegmentInfo) -> Result<(), Misuse> {
+        if !self.config.role.sends() {
+            return Err(Misuse::WrongRole);
+        }
+        match &mut self.lane {
+            Lane::Undecided => Err(Misuse::NotOpen),
+            // The segment is attached when the first message in it is sent.
+            Lane::Socket(_) => match Geometry::new(segment.stride, segment.slots) {
+                Some(_) => Ok(()),
+                None => Err(Misuse::BadSegment),
+            },
+            Lane::Ring(ring) => ring.sender_mut().ok_or(Misuse::NotOpen)?.attach(segment),
+        }
+    }
+
+    fn retire(&mut self, segment: u32) -> Result<(), Misuse> {
+        if !self.config.role.sends() {
+            return Err(Misuse::WrongRole);
+        }
+        match &mut self.lane {
+            Lane::Undecided => Ok(()),
+            Lane::Socket(socket) => socket.outbound.retire(segment),
+            Lane::Ring(ring) => ring.sender_mut().map_or(Ok(()), |it| it.retire(segment)),
+        }
+    }
+
+    /// The one place where a violation ends a link.
+    //= SM2-OPN-006
+    pub(super) fn violated(&mut self, violation: Violation) -> Error {
+        let end = End::Violation(violation);
+        self.finish(end);
+        Error::Ended(end)
+    }
+
+    /// The one place where a link ends.
+    //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005
+    pub(super) fn finish(&mut self, end: End) {
+        self.state = Err(end);
+        let code = match end {
+            End::Local(code) => Some(code),
+            End::Violation(violation) => Some(violation.code()),
+            End::Peer(_) | End::Eof => None,
+        };
+        self.farewell = code.filter(|_| !self.blocked);
+        let Self { lane, events, .. } = self;
+        lane.end(matches!(end, End::Violation(_)), |key| {
+            events.push_back(Output::Settled {
+                key,
+                fate: Fate::Closed,
+            });
+        });
+        self.fail_calls();
+        self.served.end();
+        self.events.push_back(Output::Ended(end));
+    }
+
+    /// The next output; call it until it returns `None`.
+    pub fn poll(&mut self) -> Option<Output> {
+        let output = self.next_output();
+        self.invariants();
+        output
+    }
+
+    fn next_output(&mut self) -> Option<Output> {
+        if let Some(code) = self.farewell.take() {
+            return Some(Output::Transmit(Packet::bare(Frame::Close(code).head())));
+        }
+        if let Some(event) = self.events.pop_front() {
+            return Some(event);
+        }
+        if self.blocked || self.state.is_err() {
+            return None;
+        }
+        self.transmit().map(Output::Transmit)
+    }
+
+    /// Makes the next frame of the state at this moment: OPEN first, and frames that give back
+    /// before frames that ask.
+    //= SM2-OPN-001
+    fn transmit(&mut self) -> Option<Packet> {
+        if !self.greeted {
+            self.greeted = true;
+            return Some(Packet::bare(self.open().head()));
+        }
+        let packet = match &mut self.lane {
+            Lane::Undecided => return None,
+            Lane::Socket(socket) => socket.inbound.poll(),
+            Lane::Ring(ring) => ring.poll(),
+        };
+        if packet.is_some() {
+            return packet;
+        }
+        if let Some(call) = self.placed.poll() {
+            return Some(Packet::bare(Frame::Cancel { call }.head()));
+        }
+        let Lane::Socket(socket) = &mut self.lane else {
+            return None;
+        };
+        let Sent { packet, id } = socket.outbound.poll()?;
+        match (self.config.role, id) {
+            (Role::Caller, Some(call)) => self.placed.sent(call),
+            (Role::Server, Some(call)) => self.served.sent(call),
+            _ => {}
+        }
+        Some(packet)
+    }
+
+    /// Our OPEN.
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-RNG-001
+    fn open(&self) -> Frame<'static> {
+        Frame::Open(Open {
+            role: self.config.role as u8,
+            version: self.config.version,
+            window: self.config.window(),
+            link: self.config.id,
+            lanes: LANE_SOCKET | if self.config.ring { LANE_RING } else { 0 },
+        })
+    }
+
+    /// When to call [`Link::handle`] at the latest: `None`, since a link has no timer in version 1.
+    #[must_use]
+    pub const fn deadline(&self) -> Option<Instant> {
+        None
+    }
+
+    /// Checks what must hold between any two calls. Free in release builds.
+    #[inline]
+    pub(super) fn invariants(&self) {
+        if cfg!(debug_assertions) {
+            self.lane.invariants();
+            self.placed.invariants();
+            self.served.invariants();
+            let is_over = self.state.is_err();
+            debug_assert!(is_over || self.farewell.is_none());
+            debug_assert!(!is_over || self.in_flight() == 0);
+            debug_assert!(!is_over || self.calls() == 0 || self.may_bring_replies());
+            let is_undecided = matches!(self.lane, Lane::Undecided);
+            debug_assert!(is_over || !is_undecided || self.state == Ok(Phase::Opening));
+        }
+    }
+}
+
+/// [`Input::Datagram`] is fed with the outputs of the input before drained: a debug assertion checks
+/// this, because [`Output::Attach`], [`Output::Ring`] and [`Output::Keep`] speak of the descriptor of
+/// the datagram just handled. All other inputs may come while outputs wait.
+impl Machine for Link {
+    type Input<'a> = Input<'a>;
+    type Output = Output;
+    type End = End;
+    type Misuse = Misuse;
+
+    fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Error> {
+        Self::handle(self, now, input)
+    }
+
+    fn poll(&mut self) -> Option<Output> {
+        Self::poll(self)
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        Self::deadline(self)
+    }
+}

@@ -1,0 +1,122 @@
+//! The shared memory that a driver lends to a link for the time of one call.
+
+use core::convert::Infallible;
+
+use super::{At, RingMemory};
+use crate::limits::SLOT_HEAD;
+
+/// The mapped memory of one link. The socket lane does not touch it; [`NoMemory`] suffices there.
+pub trait LinkMemory {
+    /// A ring that is mapped.
+    type Ring: RingMemory;
+
+    /// The ring that this end sends by, if it is mapped.
+    fn outgoing(&self) -> Option<&Self::Ring>;
+
+    /// The ring that this end takes messages from, if it is mapped.
+    fn incoming(&self) -> Option<&Self::Ring>;
+
+    /// Copies the last 64 bytes of a slot, given the segment's number, the slot's offset and its
+    /// length in bytes. `None` if this segment is not mapped.
+    fn slot_head(&self, segment: u32, offset: u64, stride: u64) -> Option<[u8; SLOT_HEAD]>;
+}
+
+/// One ring for both directions and no segments: it can be sent by and given back to, but no
+/// message can be taken.
+impl<R: RingMemory> LinkMemory for R {
+    type Ring = R;
+
+    #[inline]
+    fn outgoing(&self) -> Option<&R> {
+        Some(self)
+    }
+
+    #[inline]
+    fn incoming(&self) -> Option<&R> {
+        Some(self)
+    }
+
+    fn slot_head(&self, _: u32, _: u64, _: u64) -> Option<[u8; SLOT_HEAD]> {
+        None
+    }
+}
+
+/// One ring for both directions, and a function that copies the heads of slots.
+#[derive(Clone, Copy, Debug)]
+pub struct Lent<'a, R, F> {
+    ring: &'a R,
+    head: F,
+}
+
+impl<'a, R, F> Lent<'a, R, F> {
+    /// `head` is [`LinkMemory::slot_head`].
+    #[inline]
+    pub const fn new(ring: &'a R, head: F) -> Self {
+        Self { ring, head }
+    }
+}
+
+impl<R, F> LinkMemory for Lent<'_, R, F>
+where
+    R: RingMemory,
+    F: Fn(u32, u64, u64) -> Option<[u8; SLOT_HEAD]>,
+{
+    type Ring = R;
+
+    #[inline]
+    fn outgoing(&self) -> Option<&R> {
+        Some(self.ring)
+    }
+
+    #[inline]
+    fn incoming(&self) -> Option<&R> {
+        Some(self.ring)
+    }
+
+    #[inline]
+    fn slot_head(&self, segment: u32, offset: u64, stride: u64) -> Option<[u8; SLOT_HEAD]> {
+        (self.head)(segment, offset, stride)
+    }
+}
+
+/// No memory, for links of the socket lane.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NoMemory;
+
+/// The ring of [`NoMemory`], which has no values.
+#[derive(Debug)]
+pub struct NoRing(Infallible);
+
+impl LinkMemory for NoMemory {
+    type Ring = NoRing;
+
+    fn outgoing(&self) -> Option<&NoRing> {
+        None
+    }
+
+    fn incoming(&self) -> Option<&NoRing> {
+        None
+    }
+
+    fn slot_head(&self, _: u32, _: u64, _: u64) -> Option<[u8; SLOT_HEAD]> {
+        None
+    }
+}
+
+impl RingMemory for NoRing {
+    fn load(&self, _: At) -> u64 {
+        match self.0 {}
+    }
+
+    fn swap(&self, _: At, _: u64) -> u64 {
+        match self.0 {}
+    }
+
+    fn take(&self, _: At, _: u64) -> bool {
+        match self.0 {}
+    }
+
+    fn fence(&self) {
+        match self.0 {}
+    }
+}

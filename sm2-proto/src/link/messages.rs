@@ -1,0 +1,231 @@
+//! The messages of a link: one send, take and release for both lanes.
+
+mod calls;
+mod ring;
+
+use super::{
+    At, Delivery, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage, Output,
+    RingMemory, Role, Wake, lane::Lane, socket_lane::SocketLane,
+};
+
+impl Link {
+    /// Sends a message: DATA, REQUEST or REPLY by the role. Returns whether the other end has to be
+    /// woken. The ring lane passes the messages that it settles in this call to `settled`; the
+    /// socket lane reports them by [`Output::Settled`].
+    ///
+    /// # Errors
+    /// [`Error::Misuse`]: nothing was sent. [`Misuse::NoRoom`] only occurs on reliable links, and on
+    /// the ring lane as long as a packet is blocked. [`Error::Ended`]: if the link was over before,
+    /// nothing was sent; else this call ended the link, because the receiver broke SPEC or does not
+    /// run (SM2-RNG-011), and the outputs settle this message, too.
+    pub fn send(
+        &mut self,
+        memory: &impl LinkMemory,
+        message: OutboundMessage,
+        mut settled: impl FnMut(u64, Fate),
+    ) -> Result<Wake, Error> {
+        if let Err(end) = self.state {
+            return Err(Error::Ended(end));
+        }
+        let result = match &self.lane {
+            _ if !self.config.role.sends() => Err(Misuse::WrongRole.into()),
+            Lane::Undecided => Err(Misuse::NotOpen.into()),
+            Lane::Socket(_) => match self.send_by_socket(message) {
+                Ok(()) => Ok(Wake::NotNeeded),
+                Err(misuse) => Err(misuse.into()),
+            },
+            Lane::Ring(_) => self.send_by_ring(memory, &message, &mut settled),
+        };
+        self.invariants();
+        result
+    }
+
+    fn send_by_socket(&mut self, message: OutboundMessage) -> Result<(), Misuse> {
+        let Lane::Socket(SocketLane { outbound, .. }) = &mut self.lane else {
+            return Err(Misuse::NotOpen);
+        };
+        match self.config.role {
+            Role::Sender => {}
+            Role::Receiver => return Err(Misuse::WrongRole),
+            Role::Caller => self.placed.check()?,
+            Role::Server => self.served.check(message.id)?,
+        }
+        outbound.check(&message)?;
+        let id = message.id;
+        let displaced = outbound.send(message)?;
+        match self.config.role {
+            Role::Sender | Role::Receiver => {}
+            Role::Caller => self.placed.place(id),
+            Role::Server => self.served.reply(id),
+        }
+        if let Some(key) = displaced {
+            self.events.push_back(Output::Settled {
+                key,
+                fate: Fate::Overwritten,
+            });
+        }
+        Ok(())
+    }
+
+    /// Takes back the messages that the receiver gave back, and sends messages that wait, as far as
+    /// there is room. Returns whether the receiver has to be woken. On the socket lane the outputs
+    /// do both, and this call does nothing.
+    ///
+    /// # Errors
+    /// As [`send`](Self::send).
+    #[inline]
+    pub fn harvest(
+        &mut self,
+        memory: &impl LinkMemory,
+        mut settled: impl FnMut(u64, Fate),
+    ) -> Result<Wake, Error> {
+        if let Err(end) = self.state {
+            return Err(Error::Ended(end));
+        }
+        match &self.lane {
+            Lane::Ring(ring) if ring.sender().is_some() => {
+                let words = memory.outgoing().ok_or(Misuse::NotLent)?;
+                self.harvest_ring(words, &mut settled)
+            }
+            Lane::Undecided | Lane::Socket(_) | Lane::Ring(_) => Ok(Wake::NotNeeded),
+        }
+    }
+
+    /// Whether one more message would neither displace another nor be refused for want of room or
+    /// for too many calls.
+    #[inline]
+    pub fn has_room(&self, memory: &impl LinkMemory) -> bool {
+        if self.state.is_err() || !self.config.role.sends() {
+            return false;
+        }
+        match &self.lane {
+            Lane::Undecided => false,
+            Lane::Socket(socket) => self.placed.check().is_ok() && socket.outbound.has_room(),
+            Lane::Ring(ring) => match (ring.sender(), memory.outgoing()) {
+                (Some(_), Some(_)) if self.has_calls() => self.placed.check().is_ok(),
+                (Some(sender), Some(words)) => !self.blocked && sender.has_room(words),
+                _ => false,
+            },
+        }
+    }
+
+    /// Takes the oldest message for the application; `None` if none is ready. The application holds
+    /// it until [`release`](Self::release).
+    ///
+    /// # Errors
+    /// See [`NoDelivery`].
+    #[inline]
+    pub fn take(&mut self, memory: &impl LinkMemory) -> Result<Option<Delivery>, NoDelivery> {
+        match &mut self.lane {
+            _ if !self.config.role.receives() => Err(NoDelivery::Misuse(Misuse::WrongRole)),
+            Lane::Undecided => Ok(None),
+            Lane::Socket(socket) => {
+                let taken = socket.inbound.take().map_err(NoDelivery::TooManyBorrowed);
+                self.invariants();
+                taken
+            }
+            Lane::Ring(_) => self.take_from_ring(memory),
+        }
+    }
+
+    /// Where the next message of a ring seems to be: its segment, the offset of its slot and that
+    /// slot's length in bytes. A driver uses it to prefetch; only the bounds of the slot were checked.
+    #[inline]
+    pub fn peek(&self, memory: &impl LinkMemory) -> Option<(u32, u64, u64)> {
+        let Lane::Ring(ring) = &self.lane else {
+            return None;
+        };
+        let word = ring.incoming.as_ref()?.peek(memory.incoming()?)?;
+        let geometry = ring.segments.geometry(word.segment.into())?;
+        let offset = geometry.offset(word.slot.into())?;
+        Some((word.segment.into(), offset, geometry.stride()))
+    }
+
+    /// Whether [`take`](Self::take) may return a message.
+    #[inline]
+    pub fn is_ready(&self, memory: &impl LinkMemory) -> bool {
+        match &self.lane {
+            Lane::Undecided => false,
+            Lane::Socket(socket) => socket.inbound.ready() > 0,
+            Lane::Ring(ring) => match (&ring.incoming, memory.incoming()) {
+                (Some(receiver), Some(words)) => !ring.is_awaited() && receiver.ready(words),
+                _ => false,
+            },
+        }
+    }
+
+    /// How many messages the application has not taken, at most.
+    #[inline]
+    pub fn ready(&self, memory: &impl LinkMemory) -> usize {
+        match &self.lane {
+            Lane::Undecided => 0,
+            Lane::Socket(socket) => socket.inbound.ready(),
+            Lane::Ring(ring) => match (&ring.incoming, memory.incoming()) {
+                (Some(receiver), Some(words)) => receiver.waiting(words),
+                _ => 0,
+            },
+        }
+    }
+
+    /// The application gives back the message with this [`Delivery::sequence`]. Returns whether the
+    /// sender has to be woken.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`]: the application does not hold the message. [`Error::Ended`]: the link is
+    /// over, perhaps by a violation that was just found. After the end a release still makes room
+    /// for [`take`](Self::take), although it is answered with the end.
+    #[inline]
+    pub fn release(&mut self, memory: &impl LinkMemory, sequence: u64) -> Result<Wake, Error> {
+        let result = match &mut self.lane {
+            Lane::Ring(_) => return self.release_to_ring(memory, sequence),
+            Lane::Undecided => match self.state {
+                Ok(_) => Err(Misuse::NotOpen.into()),
+                Err(end) => Err(Error::Ended(end)),
+            },
+            Lane::Socket(socket) => match self.state {
+                Ok(_) if !self.config.role.receives() => Err(Misuse::WrongRole.into()),
+                Ok(_) if socket.inbound.release(sequence) => Ok(Wake::NotNeeded),
+                Ok(_) => Err(Misuse::NotBorrowed.into()),
+                Err(end) => {
+                    socket.inbound.forget(sequence);
+                    Err(Error::Ended(end))
+                }
+            },
+        };
+        self.invariants();
+        result
+    }
+
+    /// This end is about to sleep until its socket is readable. The driver looks for messages or
+    /// room once more before it sleeps.
+    //= SM2-RNG-009
+    #[inline]
+    pub fn park(&self, memory: &impl LinkMemory) {
+        if let Some((words, parked)) = self.parked_word(memory) {
+            words.swap(parked, 1);
+            // Pairs with the fence in `wake_parked`: the other end, which checks our parked word
+            // after it put a word, sees that we parked, or we see its word when we look again.
+            words.fence();
+        }
+    }
+
+    /// No thread of this end sleeps any more.
+    #[inline]
+    pub fn unpark(&self, memory: &impl LinkMemory) {
+        if let Some((words, parked)) = self.parked_word(memory) {
+            words.swap(parked, 0);
+        }
+    }
+
+    fn parked_word<'m, M: LinkMemory>(&self, memory: &'m M) -> Option<(&'m M::Ring, At)> {
+        let Lane::Ring(ring) = &self.lane else {
+            return None;
+        };
+        let parked = ring.parked_word()?;
+        let words = match parked {
+            At::SenderParked => memory.outgoing(),
+            At::ReceiverParked | At::Forward(_) | At::Back(_) => memory.incoming(),
+        };
+        Some((words?, parked))
+    }
+}

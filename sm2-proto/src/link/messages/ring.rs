@@ -1,0 +1,167 @@
+//! Messages by a ring.
+
+use super::super::{
+    At, Delivery, End, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage,
+    RingMemory, Wake,
+    lane::Lane,
+    ring::{NotTaken, RingMessage, Unsent, wake_parked},
+};
+use crate::{Farewell, Violation};
+
+impl Link {
+    /// [`Link::send`] on the ring lane.
+    pub(super) fn send_by_ring(
+        &mut self,
+        memory: &impl LinkMemory,
+        message: &OutboundMessage,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<Wake, Error> {
+        let words = memory.outgoing().ok_or(Misuse::NotLent)?;
+        let message = &RingMessage::of(message).ok_or(Misuse::NotPooled)?;
+        if self.has_calls() {
+            return self.queue_for_ring(words, message, settled);
+        }
+        let Lane::Ring(ring) = &mut self.lane else {
+            return Err(Misuse::NotOpen.into());
+        };
+        let sender = ring.sender_mut().ok_or(Misuse::NotOpen)?;
+        if self.blocked {
+            return Err(Misuse::NoRoom.into());
+        }
+        match sender.send(words, message, settled) {
+            Ok(wake) => Ok(wake),
+            Err(Unsent::Misuse(misuse)) => Err(misuse.into()),
+            Err(Unsent::Violation(violation)) => Err(self.violated(violation)),
+            Err(Unsent::Stopped) => {
+                let end = End::Local(Farewell::Stalled.code());
+                self.finish(end);
+                Err(Error::Ended(end))
+            }
+        }
+    }
+
+    /// [`Link::harvest`] on the ring lane.
+    pub(super) fn harvest_ring(
+        &mut self,
+        words: &impl RingMemory,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<Wake, Error> {
+        let Lane::Ring(ring) = &mut self.lane else {
+            return Ok(Wake::NotNeeded);
+        };
+        let harvested = (ring.sender_mut()).map_or(Ok(()), |it| it.harvest(words, settled));
+        let result = harvested
+            .and_then(|()| self.send_waiting(words, settled))
+            .map_err(|violation| self.violated(violation));
+        self.invariants();
+        result
+    }
+
+    /// [`Link::take`] on the ring lane.
+    #[inline]
+    pub(super) fn take_from_ring(
+        &mut self,
+        memory: &impl LinkMemory,
+    ) -> Result<Option<Delivery>, NoDelivery> {
+        let Lane::Ring(ring) = &mut self.lane else {
+            return Ok(None);
+        };
+        let words = memory.incoming();
+        let words = words.ok_or(NoDelivery::Misuse(Misuse::NotLent))?;
+        let is_awaited = ring.is_awaited();
+        let receiver = ring.incoming.as_mut();
+        //= SM2-RNG-002
+        let Some(receiver) = receiver.filter(|_| !is_awaited) else {
+            return Ok(None);
+        };
+        let segments = &ring.segments;
+        let taken = receiver.take(
+            words,
+            |segment| segments.geometry(segment),
+            |segment, offset, stride| memory.slot_head(segment, offset, stride),
+        );
+        let judged = taken.and_then(|taken| {
+            self.note_call(taken.as_ref())?;
+            Ok(taken)
+        });
+        let result = judged.map_err(|why| match why {
+            NotTaken::TooManyBorrowed(error) => NoDelivery::TooManyBorrowed(error),
+            NotTaken::UnknownSegment => NoDelivery::UnknownSegment,
+            NotTaken::Violation(violation) => self.ring_violated(violation),
+        });
+        self.invariants();
+        result
+    }
+
+    /// [`Link::release`] on the ring lane.
+    pub(super) fn release_to_ring(
+        &mut self,
+        memory: &impl LinkMemory,
+        sequence: u64,
+    ) -> Result<Wake, Error> {
+        let Lane::Ring(ring) = &mut self.lane else {
+            return Err(Misuse::NotOpen.into());
+        };
+        let released = match (&mut ring.incoming, memory.incoming()) {
+            (Some(receiver), Some(words)) => Ok(receiver.release(words, sequence)),
+            (Some(_), None) => Err(Misuse::NotLent),
+            (None, _) => Err(Misuse::WrongRole),
+        };
+        let result = match (self.state, released) {
+            // The sender may not know of the end yet, and still counts the messages that it lacks.
+            (Err(end), _) => Err(Error::Ended(end)),
+            (Ok(_), Err(misuse)) => Err(misuse.into()),
+            (Ok(_), Ok(None)) => Err(Misuse::NotBorrowed.into()),
+            (Ok(_), Ok(Some(Ok(wake)))) => Ok(wake),
+            (Ok(_), Ok(Some(Err(violation)))) => Err(self.violated(violation)),
+        };
+        self.invariants();
+        result
+    }
+
+    /// After [`take`](Self::take) returned a message: whether the sender has to be woken, since there
+    /// is room now. Only the sender of a reliable link waits for room.
+    #[inline]
+    pub fn made_room(&self, memory: &impl LinkMemory) -> Wake {
+        match (&self.lane, memory.incoming()) {
+            (Lane::Ring(ring), Some(words))
+                if self.config.reliable && self.state.is_ok() && ring.incoming.is_some() =>
+            {
+                wake_parked(words, At::SenderParked)
+            }
+            _ => Wake::NotNeeded,
+        }
+    }
+
+    /// [`Input::SegmentMissing`](super::super::Input::SegmentMissing), on a link that is over or not.
+    //= SM2-RNG-007
+    pub(in crate::link) fn on_segment_missing(&mut self) {
+        if matches!(&self.lane, Lane::Ring(ring) if ring.incoming.is_some()) {
+            let _ = self.ring_violated(violation!(UnknownSegment, "SM2-RNG-007"));
+        }
+    }
+
+    /// The messages left in the ring of a link that is over can be wrong as well: then none is left.
+    fn ring_violated(&mut self, violation: Violation) -> NoDelivery {
+        match self.state {
+            Ok(_) => {
+                let _ = self.violated(violation);
+                NoDelivery::Ended(End::Violation(violation))
+            }
+            Err(end) => {
+                self.end_ring();
+                NoDelivery::Ended(end)
+            }
+        }
+    }
+
+    /// After the end: no further message of the ring is taken.
+    pub(super) fn end_ring(&mut self) {
+        if let Lane::Ring(ring) = &mut self.lane
+            && let Some(receiver) = &mut ring.incoming
+        {
+            receiver.end(true);
+        }
+        self.fail_calls();
+    }
+}

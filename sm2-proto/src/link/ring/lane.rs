@@ -1,0 +1,246 @@
+//! The state of a link whose messages go by rings.
+
+use super::{
+    super::{
+        Attachment, Config, Counters, Fate, Packet, frame_kind::Carrier, segments::Verified,
+        wire::Frame,
+    },
+    At, RingLayout, RingReceiver, RingSegments, RingSender,
+    message::{RingMessage, Step},
+    waiting::Waiting,
+};
+use crate::{FdFacts, Violation};
+
+/// The rings of a link: one for each direction that its role has.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(in crate::link) struct RingLane {
+    outgoing: Option<Outgoing>,
+    pub(in crate::link) incoming: Option<RingReceiver>,
+    /// Whether RING has to be handed out.
+    announces: bool,
+    /// The other end's segments.
+    pub(in crate::link) segments: RingSegments,
+    /// Of a caller or server: messages that the ring had no room for.
+    pub(in crate::link) waiting: Waiting,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+enum Outgoing {
+    /// The other end, with this window, has not sent RING yet.
+    Awaited {
+        window: u32,
+    },
+    Here(RingSender),
+}
+
+impl RingLane {
+    /// Both OPEN offer the ring lane; `window` is that of the other end's OPEN.
+    //= SM2-RNG-001, SM2-RNG-002
+    pub(in crate::link) fn new(config: &Config, window: u32) -> Self {
+        let incoming = config.ring_layout().map(|layout| {
+            let carrier = Carrier::to(config.role);
+            RingReceiver::new(layout, carrier, config.reliable, config.max_borrowed)
+        });
+        Self {
+            outgoing: (config.role.sends()).then_some(Outgoing::Awaited { window }),
+            announces: incoming.is_some(),
+            incoming,
+            segments: RingSegments::default(),
+            waiting: Waiting::default(),
+        }
+    }
+
+    /// The layout of the incoming ring, which this end makes.
+    pub(in crate::link) fn layout(&self) -> Option<RingLayout> {
+        self.incoming.as_ref().map(RingReceiver::layout)
+    }
+
+    /// RING came. Returns the layout of the ring to map.
+    //= SM2-RNG-002
+    pub(in crate::link) fn on_ring(
+        &mut self,
+        config: &Config,
+        depth: u16,
+        window: u32,
+        fds: &[FdFacts],
+    ) -> Result<RingLayout, Violation> {
+        let facts = fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?;
+        let layout = RingLayout::new(depth, window);
+        Verified::ring(facts, layout)?;
+        match (&mut self.outgoing, layout) {
+            (Some(outgoing @ Outgoing::Awaited { .. }), Some(layout))
+                if outgoing.awaits(window) =>
+            {
+                let carrier = Carrier::to(config.role.counterpart());
+                *outgoing = Outgoing::Here(RingSender::new(layout, carrier, config.reliable));
+                Ok(layout)
+            }
+            _ => Err(violation!(BadRing, "SM2-RNG-002")),
+        }
+    }
+
+    /// DETACH came.
+    //= SM2-RNG-010
+    pub(in crate::link) fn on_detach(&mut self, segment: u32) -> Result<(), Violation> {
+        if self.incoming.as_ref().is_some_and(|it| it.holds(segment)) {
+            return Err(violation!(SegmentBusy, "SM2-SEG-005"));
+        }
+        self.segments.detach(segment)
+    }
+
+    /// DETACHED came.
+    //= SM2-RNG-010
+    pub(in crate::link) fn on_detached(&mut self, segment: u32) -> Result<(), Violation> {
+        let sender = self.sender_mut();
+        let sender = sender.ok_or(violation!(UnknownSegment, "SM2-RNG-010"))?;
+        sender.detached(segment)
+    }
+
+    /// The next frame that has to go out by the socket.
+    //= SM2-RNG-002, SM2-RNG-010
+    pub(in crate::link) fn poll(&mut self) -> Option<Packet> {
+        if let Some(layout) = self.layout().filter(|_| self.announces) {
+            self.announces = false;
+            let (depth, window) = (layout.depth(), layout.window());
+            return Some(Packet {
+                attachment: Some(Attachment::Ring),
+                ..Packet::bare(Frame::Ring { depth, window }.head())
+            });
+        }
+        if let Some(segment) = self.segments.poll_detached() {
+            return Some(Packet::bare(Frame::Detached { segment }.head()));
+        }
+        Some(match self.sender_mut()?.poll()? {
+            Step::Attach(info) => Packet {
+                attachment: Some(Attachment::Segment(info.id)),
+                ..Packet::bare(Frame::Attach(info).head())
+            },
+            Step::Detach(segment) => Packet::bare(Frame::Detach { segment }.head()),
+        })
+    }
+
+    /// Whether [`poll`](Self::poll) returns a frame.
+    #[inline]
+    pub(in crate::link) fn has_packets(&self) -> bool {
+        self.announces
+            || self.segments.has_detached()
+            || self.sender().is_some_and(RingSender::has_steps)
+    }
+
+    /// The link is over. Passes the keys of all messages that were not settled to `each`.
+    pub(in crate::link) fn end(&mut self, by_violation: bool, mut each: impl FnMut(u64)) {
+        if let Some(Outgoing::Here(sender)) = &mut self.outgoing {
+            sender.end(&mut each);
+            self.waiting.end(|key| {
+                sender.skip(Fate::Closed);
+                each(key);
+            });
+        }
+        if let Some(receiver) = &mut self.incoming {
+            receiver.end(by_violation);
+        }
+    }
+
+    /// The word by which this end says that it sleeps. A caller or server uses its incoming ring.
+    pub(in crate::link) fn parked_word(&self) -> Option<At> {
+        match self.incoming {
+            Some(_) => Some(At::ReceiverParked),
+            None => self.sender().map(|_| At::SenderParked),
+        }
+    }
+
+    /// Whether the other end's RING is still to come.
+    #[inline]
+    pub(in crate::link) const fn is_awaited(&self) -> bool {
+        matches!(self.outgoing, Some(Outgoing::Awaited { .. }))
+    }
+
+    /// The sender's side of the outgoing ring, once RING has come.
+    #[inline]
+    pub(in crate::link) const fn sender(&self) -> Option<&RingSender> {
+        match &self.outgoing {
+            Some(Outgoing::Here(sender)) => Some(sender),
+            _ => None,
+        }
+    }
+
+    #[inline]
+    pub(in crate::link) const fn sender_mut(&mut self) -> Option<&mut RingSender> {
+        match &mut self.outgoing {
+            Some(Outgoing::Here(sender)) => Some(sender),
+            _ => None,
+        }
+    }
+
+    /// The sender's side together with the messages that wait for it.
+    pub(in crate::link) const fn sender_and_waiting(
+        &mut self,
+    ) -> Option<(&mut RingSender, &mut Waiting)> {
+        match &mut self.outgoing {
+            Some(Outgoing::Here(sender)) => Some((sender, &mut self.waiting)),
+            _ => None,
+        }
+    }
+
+    /// What became of the messages, including those that wait.
+    #[inline]
+    pub(in crate::link) fn counters(&self) -> Counters {
+        let waiting = self.waiting.len() as u64;
+        let sent = self.sender().map(RingSender::counters).unwrap_or_default();
+        Counters {
+            offered: sent.offered + waiting,
+            in_flight: sent.in_flight + waiting,
+            ..sent
+        }
+    }
+
+    pub(in crate::link) fn in_flight(&self) -> usize {
+        self.sender().map_or(0, RingSender::in_flight) + self.waiting.len()
+    }
+
+    #[inline]
+    pub(in crate::link) fn is_stalled(&self) -> bool {
+        self.sender().is_some_and(RingSender::is_stalled)
+    }
+
+    /// Whether the first message that waits is known to be held up by nothing.
+    pub(in crate::link) fn is_due(&self) -> bool {
+        let is_attached = |it: &RingMessage| {
+            let sender = self.sender();
+            sender.is_some_and(|sender| sender.is_attached(&it.segment))
+        };
+        !self.waiting.is_full && self.waiting.front().is_some_and(is_attached)
+    }
+
+    pub(in crate::link) fn is_waiting(&self) -> bool {
+        self.waiting.len() > 0
+    }
+
+    /// The id of the last message of a caller or server.
+    pub(in crate::link) const fn last_id(&self) -> Option<u64> {
+        self.waiting.last_id()
+    }
+
+    /// How many messages can be in the incoming ring.
+    pub(in crate::link) fn depth(&self) -> usize {
+        self.layout().map_or(0, |it| usize::from(it.depth()))
+    }
+
+    /// Checks what must hold between any two calls.
+    #[inline]
+    pub(in crate::link) fn invariants(&self) {
+        if let Some(sender) = self.sender() {
+            sender.invariants();
+        }
+        if let Some(receiver) = &self.incoming {
+            receiver.invariants();
+        }
+        self.waiting.invariants();
+    }
+}
+
+impl Outgoing {
+    const fn awaits(&self, its: u32) -> bool {
+        matches!(self, Self::Awaited { window } if *window == its)
+    }
+}
