@@ -11,7 +11,7 @@ mod gateway;
 
 use std::collections::BTreeSet;
 
-use gateway::{agreement, words};
+use gateway::{agreement, json};
 use serde::Deserialize;
 use serde_json::Value;
 use sm2_proto::{
@@ -171,7 +171,7 @@ impl Vector {
             assert_eq!(frame.to_bytes(), bytes, "{name}");
             assert!(reader.is_between_frames(), "{name}");
             if let Some(expected) = &self.frame {
-                assert_eq!(*expected, words::frame(frame), "{name}");
+                assert_eq!(*expected, json::frame(frame), "{name}");
             }
         }
         let outcome = feed(
@@ -201,7 +201,7 @@ impl Vector {
             assert_eq!(header.to_bytes(), bytes, "{name}");
         }
         if let Some(expected) = &self.header {
-            let header = read.as_ref().map(words::header);
+            let header = read.as_ref().map(json::header);
             assert_eq!(header.as_ref(), Ok(expected), "{name}");
         }
         let mut session = self.session();
@@ -261,9 +261,9 @@ impl Vector {
         if let Ok(beacon) = &read {
             assert_eq!(beacon.to_bytes().as_slice(), bytes, "{name}");
         }
-        let meaning = read.as_ref().ok().map(words::beacon);
+        let meaning = read.as_ref().ok().map(json::beacon);
         assert_eq!(meaning, self.beacon, "{name}");
-        let why = read.err().map(words::no_beacon);
+        let why = read.err().map(json::no_beacon);
         assert_eq!(why, self.ignored.as_deref(), "{name}");
     }
 }

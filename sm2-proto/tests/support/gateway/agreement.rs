@@ -4,7 +4,7 @@
 use serde_json::Value;
 use sm2_proto::gateway::{Beacon, Frame, FrameReader, HEADER_LEN, Header, NoBeacon, PeerViolation};
 
-use super::{naive, words};
+use super::{json, naive};
 
 /// The frames of a control stream; then whether it could end here, or why it has to.
 type Read = (Vec<Frame>, Result<bool, PeerViolation>);
@@ -14,7 +14,7 @@ pub(crate) fn body(bytes: &[u8]) {
     if let Ok(frame) = &frame {
         assert_eq!(&frame.to_bytes()[4..], bytes, "one encoding");
     }
-    let meaning = frame.as_ref().map(words::frame);
+    let meaning = frame.as_ref().map(json::frame);
     let meaning = meaning.map_err(|violation| violation.kind().name());
     assert_eq!(meaning, naive::body(bytes), "{bytes:02x?}");
 }
@@ -25,7 +25,7 @@ pub(crate) fn stream(bytes: &[u8], pieces: &[usize]) {
     assert_eq!(in_pieces(bytes, pieces), at_once, "whatever the pieces");
     let (frames, end) = at_once;
     let (naive, left) = naive::stream(bytes);
-    let meaning: Vec<Value> = frames.iter().map(words::frame).collect();
+    let meaning: Vec<Value> = frames.iter().map(json::frame).collect();
     assert_eq!(meaning, naive, "{bytes:02x?}");
     let could_end = left.map(|left| left == 0);
     assert_eq!(end.map_err(|it| it.kind().name()), could_end);
@@ -64,7 +64,7 @@ pub(crate) fn header(bytes: &[u8; HEADER_LEN]) {
     if let Ok(header) = &header {
         assert_eq!(&header.to_bytes(), bytes, "one encoding");
     }
-    let meaning = header.as_ref().map(words::header);
+    let meaning = header.as_ref().map(json::header);
     let meaning = meaning.map_err(|violation| violation.kind().name());
     assert_eq!(meaning, naive::header(bytes), "{bytes:02x?}");
 }
@@ -74,7 +74,7 @@ pub(crate) fn beacon(bytes: &[u8]) {
     if let Ok(beacon) = &beacon {
         assert_eq!(beacon.to_bytes().as_slice(), bytes, "one encoding");
     }
-    let meaning = beacon.as_ref().map(words::beacon);
-    let meaning = meaning.map_err(|why: &NoBeacon| words::no_beacon(*why));
+    let meaning = beacon.as_ref().map(json::beacon);
+    let meaning = meaning.map_err(|why: &NoBeacon| json::no_beacon(*why));
     assert_eq!(meaning, naive::beacon(bytes), "{bytes:02x?}");
 }

@@ -1,5 +1,5 @@
-//! What gateways send, twice decoded.
+//! Two decoders of what gateways send, and a comparison of both.
 
 pub(crate) mod agreement;
+pub(crate) mod json;
 pub(crate) mod naive;
-pub(crate) mod words;
