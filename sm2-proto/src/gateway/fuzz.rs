@@ -1,8 +1,8 @@
 //! What gateways take from others, under operations that bytes decide: the bodies of the fuzz
 //! targets `gateway_session` and `gateway_discovery`, and of unit tests.
 
-mod book;
 mod discovery;
+mod oracle;
 mod session;
 
 pub(crate) use self::{discovery::discovery, session::session};

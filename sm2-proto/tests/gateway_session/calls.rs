@@ -42,103 +42,65 @@ fn calls_of_the_peer() {
     assert_eq!(bench.stream(REQUEST, ONE), unreachable, "gone");
 }
 
+const EIGHT: StreamToken = StreamToken(8);
+
+fn call(stream: StreamToken, offer: OfferId) -> Input<'static> {
+    Input::Command(Command::Call { stream, offer })
+}
+
+fn failed(stream: StreamToken) -> Output {
+    Output::CallFailed { stream }
+}
+
+/// A session with two calls of the peer's service, offer 1; offer 2 is a topic.
+fn with_two_calls() -> Bench {
+    let want = |offer| Input::Command(Command::Want { offer, depth: 1 });
+    let mut bench = Bench::open();
+    bench.offered(ONE, service());
+    bench.offered(OfferId(2), topic());
+    assert_eq!(bench.misuse(call(SEVEN, ONE)), Misuse::WrongOffer);
+    bench.input(want(ONE));
+    bench.input(want(OfferId(2)));
+    for not_a_service in [2, 3] {
+        let call = call(SEVEN, OfferId(not_a_service));
+        assert_eq!(bench.misuse(call), Misuse::WrongOffer);
+    }
+    for stream in [SEVEN, EIGHT] {
+        assert_eq!(bench.input(call(stream, ONE)), []);
+    }
+    assert_eq!(bench.misuse(call(SEVEN, ONE)), Misuse::StreamInUse);
+    bench
+}
+
 //= SM2-GWS-002 test
 #[test]
 fn calls_to_the_peer() {
-    let call = |stream, offer| Input::Command(Command::Call { stream, offer });
-    let failed = |stream| Output::CallFailed { stream };
-    let open = || {
-        let mut bench = Bench::open();
-        bench.offered(ONE, service());
-        bench.offered(OfferId(2), topic());
-        assert_eq!(
-            bench.misuse(call(StreamToken(7), OfferId(1))),
-            Misuse::WrongOffer
-        );
-        bench.input(Input::Command(Command::Want {
-            offer: ONE,
-            depth: 1,
-        }));
-        bench.input(Input::Command(Command::Want {
-            offer: OfferId(2),
-            depth: 1,
-        }));
-        assert_eq!(
-            bench.misuse(call(StreamToken(7), OfferId(2))),
-            Misuse::WrongOffer
-        );
-        assert_eq!(
-            bench.misuse(call(StreamToken(7), OfferId(3))),
-            Misuse::WrongOffer
-        );
-        for stream in [7, 8] {
-            assert_eq!(bench.input(call(StreamToken(stream), OfferId(1))), []);
-        }
-        assert_eq!(
-            bench.misuse(call(StreamToken(7), OfferId(1))),
-            Misuse::StreamInUse
-        );
-        bench
+    let unknown = || {
+        let violation = violation!(PeerViolationKind::UnknownCall, "SM2-GWS-002");
+        Output::Ended(End::Violation(violation))
     };
-    let mut bench = open();
-    assert_eq!(
-        bench.stream(REPLY, ONE),
-        [Output::Take {
-            carrier: Carrier::Stream(SEVEN)
-        }]
-    );
-    assert_eq!(
-        bench.stream(REPLY, ONE),
-        [
-            failed(StreamToken(8)),
-            Output::Ended(End::Violation(violation!(
-                PeerViolationKind::UnknownCall,
-                "SM2-GWS-002"
-            )))
-        ]
-    );
-    // It is no reply to its call: that one fails like the others.
-    let end = End::Violation(violation!(PeerViolationKind::UnknownCall, "SM2-GWS-002"));
-    let wrong = open().stream(REPLY, OfferId(2));
-    assert_eq!(
-        wrong,
-        [
-            failed(StreamToken(7)),
-            failed(StreamToken(8)),
-            Output::Ended(end)
-        ]
-    );
-    let mut bench = open();
-    assert_eq!(
-        bench.input(Input::Command(Command::Forget { stream: SEVEN })),
-        []
-    );
-    assert_eq!(
-        bench.misuse(Input::Command(Command::Forget { stream: SEVEN })),
-        Misuse::NoCall
-    );
-    assert_eq!(
-        bench.frame(&Frame::Unoffer { offer: OfferId(2) }).len(),
-        2,
-        "of another offer"
-    );
+    let carrier = Carrier::Stream(SEVEN);
+    let mut bench = with_two_calls();
+    assert_eq!(bench.stream(REPLY, ONE), [Output::Take { carrier }]);
+    let second_reply = bench.stream(REPLY, ONE);
+    assert_eq!(second_reply, [failed(EIGHT), unknown()]);
+    // A reply for another offer answers no call: both calls fail.
+    let wrong = with_two_calls().stream(REPLY, OfferId(2));
+    assert_eq!(wrong, [failed(SEVEN), failed(EIGHT), unknown()]);
+    let mut bench = with_two_calls();
+    let forget = || Input::Command(Command::Forget { stream: SEVEN });
+    assert_eq!(bench.input(forget()), []);
+    assert_eq!(bench.misuse(forget()), Misuse::NoCall);
+    let outputs = bench.frame(&Frame::Unoffer { offer: OfferId(2) });
+    assert_eq!(outputs.len(), 2, "of another offer");
     let outputs = bench.frame(&Frame::Unoffer { offer: ONE });
-    assert_eq!(outputs[0], failed(StreamToken(8)));
-    let outputs = open().input(Input::Command(Command::Unwant { offer: ONE }));
-    assert_eq!(
-        outputs[..2],
-        [failed(StreamToken(7)), failed(StreamToken(8))]
-    );
+    assert_eq!(outputs[0], failed(EIGHT));
+    let outputs = with_two_calls().input(Input::Command(Command::Unwant { offer: ONE }));
+    assert_eq!(outputs[..2], [failed(SEVEN), failed(EIGHT)]);
     let code = Some(Code(3));
-    let outputs = open().input(Input::Event(PeerEvent::Closed(code)));
-    assert_eq!(
-        outputs,
-        [
-            failed(StreamToken(7)),
-            failed(StreamToken(8)),
-            Output::Ended(End::Closed(code))
-        ]
-    );
+    let outputs = with_two_calls().input(Input::Event(PeerEvent::Closed(code)));
+    let end = Output::Ended(End::Closed(code));
+    assert_eq!(outputs, [failed(SEVEN), failed(EIGHT), end]);
 }
 
 /// A datagram carries a message and nothing else.

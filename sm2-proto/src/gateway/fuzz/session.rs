@@ -1,7 +1,7 @@
 //! One connection under what a hostile peer sends and its own driver asks for.
 //!
 //! Most of what comes is legal but for what the bytes change, so that a run gets past the first
-//! check. Whatever happens, the session says what [`Book`] says.
+//! check. Whatever happens, the session says what [`Oracle`] says.
 
 use alloc::{
     collections::{BTreeMap, BTreeSet},
@@ -16,7 +16,7 @@ use super::{
         StreamToken, Subject, SubjectKind, Verdict,
         session::{Carrier, Command, End, Error, Input, Output, PeerEvent, Session},
     },
-    book::Book,
+    oracle::Oracle,
 };
 use crate::{Code, Instant, Machine, Name, TypeId, fuzz::script::Script};
 
@@ -41,7 +41,7 @@ pub(crate) fn session(data: &[u8]) {
     let mut world = World {
         script: Script::new(data),
         session: Session::new(Instant(0), me, name, peer, LEAST_EPOCH),
-        book: Book::new(me, peer, LEAST_EPOCH),
+        oracle: Oracle::new(me, peer, LEAST_EPOCH),
         reader: FrameReader::default(),
         underway: Vec::new(),
         now: Instant(0),
@@ -56,7 +56,7 @@ pub(crate) fn session(data: &[u8]) {
 struct World<'a> {
     script: Script<'a>,
     session: Session,
-    book: Book,
+    oracle: Oracle,
     /// Splits what comes as the session has to.
     reader: FrameReader,
     /// Bytes of the control stream that have not come yet.
@@ -102,7 +102,7 @@ impl World<'_> {
     fn frame(&mut self) -> Option<Frame> {
         let script = &mut self.script;
         let choice = script.byte()?;
-        let is_hello = self.book.greeted.is_none() && choice < 0xf0;
+        let is_hello = self.oracle.greeted.is_none() && choice < 0xf0;
         if is_hello || choice == u8::MAX {
             return Some(Frame::Hello {
                 min_version: script.near(1)? as u16,
@@ -112,17 +112,17 @@ impl World<'_> {
             });
         }
         // One that the tables allow, if there is any.
-        let book = &self.book;
+        let oracle = &self.oracle;
         let offer = match choice % 8 {
-            2 => pick(script, book.known.keys().copied())?,
-            3 => pick(script, book.withdrawn.iter().copied())?,
+            2 => pick(script, oracle.known.keys().copied())?,
+            3 => pick(script, oracle.withdrawn.iter().copied())?,
             4 => {
-                let is_free = |it: &OfferId| !book.wanted.contains(it);
-                pick(script, book.offered.keys().copied().filter(is_free))?
+                let is_free = |it: &OfferId| !oracle.wanted.contains(it);
+                pick(script, oracle.offered.keys().copied().filter(is_free))?
             }
-            5 => pick(script, book.wanted.union(&book.withdrawn).copied())?,
+            5 => pick(script, oracle.wanted.union(&oracle.withdrawn).copied())?,
             6 => {
-                let ends = book.said.iter().filter(|(_, wants)| !**wants);
+                let ends = oracle.said.iter().filter(|(_, wants)| !**wants);
                 pick(script, ends.map(|(offer, _)| *offer))?
             }
             _ => None,
@@ -140,17 +140,17 @@ impl World<'_> {
             },
             (5, Some(offer)) => Frame::Unwant { offer },
             (6, Some(offer)) => Frame::Unwanted { offer },
-            (7, _) if script.byte()? % 2 == 0 || book.asked.is_empty() => Frame::Ask {
+            (7, _) if script.byte()? % 2 == 0 || oracle.asked.is_empty() => Frame::Ask {
                 ask: AskId(script.number()?),
                 kind: kind(script)?,
                 name: script.name()?,
             },
             (7, _) => Frame::Answer {
-                ask: AskId(script.near(book.asked.front().map_or(1, |it| it.0))?),
+                ask: AskId(script.near(oracle.asked.front().map_or(1, |it| it.0))?),
                 verdict: verdict(script)?,
             },
             _ => Frame::Offer {
-                offer: OfferId(script.near(book.last_known.0.saturating_add(1))?),
+                offer: OfferId(script.near(oracle.last_known.0.saturating_add(1))?),
                 subject: subject(script)?,
                 path: path(script, &[3, 2])?,
             },
@@ -162,19 +162,19 @@ impl World<'_> {
         let script = &mut self.script;
         Some(match script.byte()? % 9 {
             0 => Command::Offer {
-                offer: OfferId(script.near(self.book.last_offered.0.saturating_add(1))?),
+                offer: OfferId(script.near(self.oracle.last_offered.0.saturating_add(1))?),
                 subject: subject(script)?,
                 path: path(script, &[3, 1])?,
             },
             1 => Command::Unoffer {
-                offer: key(script, &self.book.offered)?,
+                offer: key(script, &self.oracle.offered)?,
             },
             2 | 3 => Command::Want {
-                offer: key(script, &self.book.known)?,
+                offer: key(script, &self.oracle.known)?,
                 depth: script.near(4)? as u16,
             },
             4 => Command::Unwant {
-                offer: key(script, &self.book.wishes)?,
+                offer: key(script, &self.oracle.wishes)?,
             },
             5 => Command::Ask {
                 ask: AskId(script.number()?),
@@ -182,39 +182,39 @@ impl World<'_> {
                 name: script.name()?,
             },
             6 => Command::Answer {
-                ask: AskId(script.near(self.book.owed.front().map_or(1, |it| it.0))?),
+                ask: AskId(script.near(self.oracle.owed.front().map_or(1, |it| it.0))?),
                 verdict: verdict(script)?,
             },
             7 => Command::Call {
                 stream: StreamToken(script.number()?),
-                offer: key(script, &self.book.said)?,
+                offer: key(script, &self.oracle.said)?,
             },
             _ => Command::Forget {
-                stream: key(script, &self.book.calls)?,
+                stream: key(script, &self.oracle.calls)?,
             },
         })
     }
 
     /// The header of a stream comes.
     fn stream(&mut self) -> Option<()> {
-        let (script, book) = (&mut self.script, &self.book);
+        let (script, oracle) = (&mut self.script, &self.oracle);
         let choice = script.byte()?;
-        let is_topic = |it: &OfferId| book.known.get(it) != Some(&SubjectKind::Service);
+        let is_topic = |it: &OfferId| oracle.known.get(it) != Some(&SubjectKind::Service);
         let is_service = |it: &(&OfferId, &SubjectKind)| *it.1 == SubjectKind::Service;
         let other = StreamToken(8);
         let found = match choice % 4 {
             0 | 1 => {
-                let offer = pick(script, book.wished.iter().copied().filter(is_topic))?;
+                let offer = pick(script, oracle.wished.iter().copied().filter(is_topic))?;
                 offer.map(|offer| (other, offer))
             }
             2 => {
-                let services = book.offered.iter().filter(is_service);
+                let services = oracle.offered.iter().filter(is_service);
                 let offer = pick(script, services.map(|(offer, _)| *offer))?;
                 offer.map(|offer| (other, offer))
             }
             _ => {
-                let stream = pick(script, book.calls.keys().copied())?;
-                let offer = |it: &StreamToken| book.calls.get(it).copied();
+                let stream = pick(script, oracle.calls.keys().copied())?;
+                let offer = |it: &StreamToken| oracle.calls.get(it).copied();
                 stream.map(|it| (it, offer(&it).unwrap_or(OfferId(1))))
             }
         };
@@ -249,7 +249,7 @@ impl World<'_> {
             0 => Carrier::Datagram,
             _ => Carrier::Stream(stream),
         };
-        let expected = match self.book.sees(carrier, &header) {
+        let expected = match self.oracle.sees(carrier, &header) {
             Ok(output) => vec![output],
             Err(violation) => self.over(End::Violation(violation)),
         };
@@ -277,7 +277,8 @@ impl World<'_> {
             ),
             ms => {
                 self.now = self.now.after(Duration::from_millis(ms.into()));
-                let is_late = self.book.greeted.is_none() && self.now >= Instant(0).after(GREETING);
+                let is_late =
+                    self.oracle.greeted.is_none() && self.now >= Instant(0).after(GREETING);
                 let late = End::Local(PeerFarewell::GreetingTimeout.code());
                 (Input::Tick, is_late.then_some(late))
             }
@@ -296,7 +297,7 @@ impl World<'_> {
         loop {
             let heard = match self.reader.next_frame() {
                 Ok(None) => break,
-                Ok(Some(frame)) => self.book.hears(frame),
+                Ok(Some(frame)) => self.oracle.hears(frame),
                 Err(violation) => Err(End::Violation(violation)),
             };
             match heard {
@@ -311,7 +312,7 @@ impl World<'_> {
     }
 
     fn command(&mut self, command: Command) {
-        if let Some(expected) = self.book.asks(&command) {
+        if let Some(expected) = self.oracle.asks(&command) {
             if let Command::Call { stream, .. } = command {
                 assert!(self.calls.insert(stream), "{stream:?} is free");
             }
@@ -331,7 +332,7 @@ impl World<'_> {
 
     /// What the session says at its end.
     fn over(&mut self, end: End) -> Vec<Output> {
-        let mut outputs = self.book.fail_calls(None);
+        let mut outputs = self.oracle.fail_calls(None);
         outputs.push(Output::Ended(end));
         outputs
     }
@@ -360,7 +361,7 @@ impl World<'_> {
                 _ => {}
             }
         }
-        let greets = self.book.greeted.is_none() && self.session.end().is_none();
+        let greets = self.oracle.greeted.is_none() && self.session.end().is_none();
         let deadline = greets.then(|| Instant(0).after(GREETING));
         assert_eq!(self.session.deadline(), deadline);
     }

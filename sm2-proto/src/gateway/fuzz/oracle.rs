@@ -1,5 +1,5 @@
-//! What SPEC section 14 makes of one connection, in plain sets of numbers: what the session says
-//! is compared with it.
+//! SPEC section 14 for one connection, in plain sets of numbers. The fuzz body compares each output
+//! of the session with this oracle.
 
 use alloc::{
     collections::{BTreeMap, BTreeSet, VecDeque},
@@ -9,12 +9,12 @@ use alloc::{
 
 use super::super::{
     AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
-    PeerViolationKind, StreamToken, SubjectKind,
+    PeerViolationKind, StreamToken, Subject, SubjectKind,
     session::{Carrier, Command, End, Event, Output},
 };
 
-/// Everything that both sides have said, as far as it still counts.
-pub(super) struct Book {
+/// Everything that both sides have sent and that still has an effect.
+pub(super) struct Oracle {
     pub(super) me: Hop,
     pub(super) peer: GatewayId,
     /// Of the peer's epochs that were seen before, the greatest.
@@ -42,7 +42,7 @@ pub(super) struct Book {
     pub(super) owed: VecDeque<AskId>,
 }
 
-impl Book {
+impl Oracle {
     pub(super) fn new(me: Hop, peer: GatewayId, least_epoch: u64) -> Self {
         Self {
             me,
@@ -273,7 +273,7 @@ impl Book {
         })
     }
 
-    /// What the driver asks for: what comes of it; none if it may not.
+    /// The outputs that a command leads to; none if the command is a misuse.
     pub(super) fn asks(&mut self, command: &Command) -> Option<Vec<Output>> {
         self.greeted?;
         let frame = match command.clone() {
@@ -281,23 +281,7 @@ impl Book {
                 offer,
                 subject,
                 path,
-            } => {
-                let mut gateways: BTreeSet<_> = path.iter().map(|hop| hop.gateway).collect();
-                let is_path = gateways.len() == path.len()
-                    && path.len() <= 8
-                    && gateways.insert(self.peer)
-                    && path.last() == Some(&self.me);
-                if !is_path || offer <= self.last_offered || self.offered.len() == 4_096 {
-                    return None;
-                }
-                self.last_offered = offer;
-                self.offered.insert(offer, subject.kind());
-                Frame::Offer {
-                    offer,
-                    subject,
-                    path,
-                }
-            }
+            } => self.asks_offer(offer, subject, path)?,
             Command::Unoffer { offer } => {
                 if !self.offered.contains_key(&offer) || !self.withdrawn.insert(offer) {
                     return None;
@@ -305,28 +289,8 @@ impl Book {
                 self.wanted.remove(&offer);
                 Frame::Unoffer { offer }
             }
-            Command::Want { offer, depth } => {
-                let is_free = self.known.contains_key(&offer) && !self.wishes.contains_key(&offer);
-                if !is_free || !(1..=1_024).contains(&depth) {
-                    return None;
-                }
-                self.wishes.insert(offer, depth);
-                self.wished.insert(offer);
-                if self.said.contains_key(&offer) {
-                    return Some(vec![]);
-                }
-                self.said.insert(offer, true);
-                Frame::Want { offer, depth }
-            }
-            Command::Unwant { offer } => {
-                self.wishes.remove(&offer)?;
-                if self.said.insert(offer, false) == Some(false) {
-                    return Some(vec![]);
-                }
-                let mut outputs = self.fail_calls(Some(offer));
-                outputs.push(Output::Transmit(Frame::Unwant { offer }.to_bytes()));
-                return Some(outputs);
-            }
+            Command::Want { offer, depth } => return self.asks_want(offer, depth),
+            Command::Unwant { offer } => return self.asks_unwant(offer),
             Command::Ask { ask, kind, name } => {
                 if self.asked.len() == 64 {
                     return None;
@@ -350,7 +314,49 @@ impl Book {
             }
             Command::Forget { stream } => return self.calls.remove(&stream).map(|_| vec![]),
         };
-        Some(vec![Output::Transmit(frame.to_bytes())])
+        Some(vec![transmit(&frame)])
+    }
+
+    fn asks_offer(&mut self, offer: OfferId, subject: Subject, path: Vec<Hop>) -> Option<Frame> {
+        let mut gateways: BTreeSet<_> = path.iter().map(|hop| hop.gateway).collect();
+        let is_path = gateways.len() == path.len()
+            && path.len() <= 8
+            && gateways.insert(self.peer)
+            && path.last() == Some(&self.me);
+        if !is_path || offer <= self.last_offered || self.offered.len() == 4_096 {
+            return None;
+        }
+        self.last_offered = offer;
+        self.offered.insert(offer, subject.kind());
+        Some(Frame::Offer {
+            offer,
+            subject,
+            path,
+        })
+    }
+
+    fn asks_want(&mut self, offer: OfferId, depth: u16) -> Option<Vec<Output>> {
+        let is_free = self.known.contains_key(&offer) && !self.wishes.contains_key(&offer);
+        if !is_free || !(1..=1_024).contains(&depth) {
+            return None;
+        }
+        self.wishes.insert(offer, depth);
+        self.wished.insert(offer);
+        if self.said.contains_key(&offer) {
+            return Some(vec![]);
+        }
+        self.said.insert(offer, true);
+        Some(vec![transmit(&Frame::Want { offer, depth })])
+    }
+
+    fn asks_unwant(&mut self, offer: OfferId) -> Option<Vec<Output>> {
+        self.wishes.remove(&offer)?;
+        if self.said.insert(offer, false) == Some(false) {
+            return Some(vec![]);
+        }
+        let mut outputs = self.fail_calls(Some(offer));
+        outputs.push(transmit(&Frame::Unwant { offer }));
+        Some(outputs)
     }
 
     /// Calls of an offer, or all of them, get no reply any more.
