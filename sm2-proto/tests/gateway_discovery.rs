@@ -45,8 +45,21 @@ impl Bench {
     }
 
     fn trust(&mut self, peer: GatewayId, addresses: &[u16]) -> Vec<Output> {
+        self.trust_with_hosts(peer, addresses, 0)
+    }
+
+    fn trust_with_hosts(
+        &mut self,
+        peer: GatewayId,
+        addresses: &[u16],
+        hosts: usize,
+    ) -> Vec<Output> {
         let addresses = addresses.iter().map(|it| address(*it)).collect();
-        self.input(Input::Trust { peer, addresses })
+        self.input(Input::Trust {
+            peer,
+            addresses,
+            hosts,
+        })
     }
 
     /// A beacon from one address, of this process.
@@ -108,20 +121,17 @@ fn addresses_in_turn_with_longer_and_longer_waits() {
 #[test]
 fn hosts_have_their_turns_after_addresses() {
     let mut bench = Bench::new();
-    let named = |hosts| Input::Named { peer: PEER, hosts };
-    assert_eq!(bench.input(named(1)), [], "not trusted");
-    assert_eq!(bench.discovery.deadline(), None);
     bench.trust(PEER, &[]);
     assert_eq!(bench.discovery.deadline(), None, "nowhere to look");
-    bench.input(named(2));
+    bench.trust_with_hosts(PEER, &[], 2);
     let host = |host| vec![Output::DialHost { peer: PEER, host }];
     for turn in 0..4 {
         assert_eq!(bench.next().1, host(turn % 2));
         bench.input(Input::Failed { peer: PEER });
     }
-    bench.trust(PEER, &[1]);
+    bench.trust_with_hosts(PEER, &[1], 2);
     bench.beacon(PEER, 3, 1);
-    // What comes next in the order that they have now.
+    // The next ones in the order that the locations have now.
     for outputs in [host(1), dial(PEER, 3), dial(PEER, 1), host(0), host(1)] {
         let (_, found) = bench.next();
         bench.input(Input::Failed { peer: PEER });
@@ -129,9 +139,9 @@ fn hosts_have_their_turns_after_addresses() {
     }
     // It has only names, and then none.
     let mut bench = Bench::new();
-    bench.trust(PEER, &[]);
-    bench.input(named(1));
-    bench.input(named(0));
+    bench.trust_with_hosts(PEER, &[], 1);
+    assert!(bench.discovery.deadline().is_some());
+    bench.trust_with_hosts(PEER, &[], 0);
     assert_eq!(bench.discovery.deadline(), None);
 }
 

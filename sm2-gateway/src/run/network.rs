@@ -170,10 +170,12 @@ impl Network {
                 }
             }
             let addresses = known;
-            self.feed(Input::Trust { peer, addresses });
-            self.drain_discovery().await;
             let hosts = self.hosts.count(peer);
-            self.feed(Input::Named { peer, hosts });
+            self.feed(Input::Trust {
+                peer,
+                addresses,
+                hosts,
+            });
             self.drain_discovery().await;
         }
     }

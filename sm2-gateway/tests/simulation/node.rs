@@ -103,7 +103,11 @@ impl Node {
                     true => vec![address],
                     false => Vec::new(),
                 };
-                discovery::Input::Trust { peer, addresses }
+                discovery::Input::Trust {
+                    peer,
+                    addresses,
+                    hosts: 0,
+                }
             })
             .collect();
         let hub = Hub::new(hop, rules.policy(ids));

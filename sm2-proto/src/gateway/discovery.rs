@@ -16,167 +16,183 @@ use crate::{
 };
 
 /// The longest wait before an attempt to connect.
-const LONGEST: Duration = Duration::from_secs(5);
-/// Of beacons.
-const PERIOD: Duration = Duration::from_secs(1);
+const WAIT_MAX: Duration = Duration::from_secs(5);
+/// The longest time between two own beacons, and the length of a [`BeaconWindow`].
+const BEACON_PERIOD: Duration = Duration::from_secs(1);
 
 /// An input of discovery. Inputs about a peer that is not trusted are ignored. [`Input::Failed`]
 /// may come while outputs wait: the attempt that [`Output::Dial`] asked for could not begin.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
-    /// The configuration names a peer, perhaps one that it named before.
+    /// The configuration trusts a peer. A second input for the same peer replaces the first.
     Trust {
-        /// Whom.
+        /// The id of the peer.
         peer: GatewayId,
-        /// Where it may be, besides where beacons say.
+        /// The addresses of the peer in the configuration.
         addresses: Vec<SocketAddr>,
-    },
-    /// The configuration also has names of hosts for a peer, which the driver looks up: so many.
-    Named {
-        /// Of whom.
-        peer: GatewayId,
-        /// How many.
+        /// How many host names the configuration has for the peer. The driver looks them up.
         hosts: usize,
     },
-    /// The configuration does not name it any more.
+    /// The configuration no longer trusts a peer.
     Distrust {
-        /// Whom.
+        /// The id of the peer.
         peer: GatewayId,
     },
-    /// A datagram came to the group.
+    /// A datagram was received from the multicast group.
     Beacon {
-        /// Where it came from.
+        /// The source address of the datagram.
         from: SocketAddr,
-        /// What it is.
+        /// The datagram.
         bytes: &'a [u8],
     },
-    /// There is a connection with this peer, whoever opened it.
+    /// A connection with a peer is open. Either side may have opened it.
     Connected {
-        /// With whom.
+        /// The id of the peer.
         peer: GatewayId,
-        /// Of its process.
+        /// The epoch in the peer's HELLO.
         epoch: u64,
     },
-    /// There is none any more.
+    /// The connection with a peer has ended.
     Lost {
-        /// With whom.
+        /// The id of the peer.
         peer: GatewayId,
     },
-    /// The attempt to connect to this peer led to nothing.
+    /// The attempt to connect to a peer failed.
     Failed {
-        /// To whom.
+        /// The id of the peer.
         peer: GatewayId,
     },
-    /// Time has passed.
+    /// The deadline has come.
     Tick,
 }
 
-/// What is to be done.
+/// Work for the driver of discovery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Output {
-    /// Try to connect; answer with [`Input::Connected`] or [`Input::Failed`].
+    /// Try to connect to a peer; report [`Input::Connected`] or [`Input::Failed`].
     Dial {
-        /// To whom.
+        /// The id of the peer.
         peer: GatewayId,
-        /// Where.
+        /// The address to try.
         address: SocketAddr,
     },
-    /// Look up the name of a host, and try to connect; answer likewise.
+    /// Look up a host name of a peer and try to connect; report as for [`Output::Dial`].
     DialHost {
-        /// To whom.
+        /// The id of the peer.
         peer: GatewayId,
-        /// Which of its hosts, from 0.
+        /// The index of the host name in the configuration, from 0.
         host: usize,
     },
-    /// Send a beacon.
+    /// Send a beacon on each interface.
     Announce,
 }
 
-/// Where peers are.
+/// The machine that finds peers and decides when to dial them.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Discovery {
     me: GatewayId,
     peers: BTreeMap<GatewayId, Peer>,
-    /// When to try whom.
-    due: BTreeSet<(Instant, GatewayId)>,
-    /// When the next beacon is sent, if any.
+    /// The timers of all peers that wait for an attempt.
+    timers: BTreeSet<(Instant, GatewayId)>,
+    /// The time of the next beacon, if this gateway sends beacons.
     announce_at: Option<Instant>,
-    /// When beacons were first looked at in this second, and how many since.
-    looked: (Instant, u32),
-    /// For the moments of beacons, and the seeds of peers.
+    beacon_window: BeaconWindow,
+    /// The source of randomness for the times of beacons and for the backoff of each peer.
     random: Backoff,
     outputs: VecDeque<Output>,
 }
 
+/// Limits how many datagrams are examined per second (SM2-GWD-003).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct BeaconWindow {
+    begin: Instant,
+    examined: u32,
+}
+
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Peer {
+    /// The addresses of the configuration.
     configured: Vec<SocketAddr>,
-    /// How many names of hosts there are besides.
+    /// The number of host names of the configuration.
     hosts: usize,
-    /// From beacons, the newest first.
-    heard: [Option<SocketAddr>; 2],
+    /// The addresses that beacons named, the newest first.
+    announced: [Option<SocketAddr>; 2],
     backoff: Backoff,
-    /// The next of the places.
-    turn: usize,
+    /// The index of the next location to try.
+    next: usize,
     state: State,
 }
 
-/// Where a peer may be.
+/// A location at which a peer may be found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Where {
-    At(SocketAddr),
+enum Location {
+    Address(SocketAddr),
     Host(usize),
 }
 
+/// The states of SPEC, Annex B.14.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum State {
-    /// Nowhere to look for it.
+    /// No location is known.
     Unknown,
-    Waiting {
-        until: Instant,
-    },
+    /// The next attempt begins at `until`.
+    Waiting { until: Instant },
+    /// An attempt is in flight.
     Dialing,
+    /// A connection is open.
     Connected {
         since: Instant,
         epoch: u64,
-        hint: Hint,
+        redial: Redial,
     },
 }
 
-/// Whether a beacon said that there is a newer process than the one of the connection.
+/// Attempts beside an open connection, after a beacon has named a newer process of the peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Hint {
+enum Redial {
+    /// No beacon has named a newer process.
     None,
+    /// The attempt begins at `until`.
     Waiting { until: Instant },
+    /// The attempt is in flight.
     Dialing,
 }
 
 impl Discovery {
-    /// A gateway that knows nobody. `seed`: another one for each process; `announces`: whether it
-    /// wants to be found.
+    /// Discovery without peers, for the gateway `me`. `seed` differs between processes. If `announces`
+    /// is true, the gateway sends beacons.
     #[must_use]
     pub fn new(now: Instant, me: GatewayId, seed: u64, announces: bool) -> Self {
         Self {
             me,
             peers: BTreeMap::new(),
-            due: BTreeSet::new(),
+            timers: BTreeSet::new(),
             announce_at: announces.then_some(now),
-            looked: (now, 0),
-            random: Backoff::new(seed, LONGEST),
+            beacon_window: BeaconWindow {
+                begin: now,
+                examined: 0,
+            },
+            random: Backoff::new(seed, WAIT_MAX),
             outputs: VecDeque::new(),
         }
     }
 
     fn input(&mut self, now: Instant, input: Input<'_>) {
         match input {
-            Input::Trust { peer, addresses } => self.trust(now, peer, addresses),
-            Input::Named { peer, hosts } => self.named(now, peer, hosts),
+            Input::Trust {
+                peer,
+                addresses,
+                hosts,
+            } => self.trust(now, peer, addresses, hosts),
             Input::Distrust { peer } => self.distrust(peer),
             Input::Beacon { from, bytes } => self.beacon(now, from, bytes),
             Input::Connected { peer, epoch } => {
-                let hint = Hint::None;
-                let since = now;
-                self.enter(peer, State::Connected { since, epoch, hint });
+                let state = State::Connected {
+                    since: now,
+                    epoch,
+                    redial: Redial::None,
+                };
+                self.enter(peer, state);
             }
             Input::Lost { peer } => self.lost(now, peer),
             Input::Failed { peer } => self.failed(now, peer),
@@ -184,34 +200,19 @@ impl Discovery {
         }
     }
 
-    fn trust(&mut self, now: Instant, peer: GatewayId, addresses: Vec<SocketAddr>) {
+    fn trust(&mut self, now: Instant, peer: GatewayId, addresses: Vec<SocketAddr>, hosts: usize) {
         let seed = self.random.random();
         let it = self.peers.entry(peer).or_insert_with(|| Peer {
             configured: Vec::new(),
             hosts: 0,
-            heard: [None; 2],
-            backoff: Backoff::new(seed, LONGEST),
-            turn: 0,
+            announced: [None; 2],
+            backoff: Backoff::new(seed, WAIT_MAX),
+            next: 0,
             state: State::Unknown,
         });
-        it.configured = addresses;
-        self.look_again(now, peer);
-    }
-
-    fn named(&mut self, now: Instant, peer: GatewayId, hosts: usize) {
-        if let Some(it) = self.peers.get_mut(&peer) {
-            it.hosts = hosts;
-            self.look_again(now, peer);
-        }
-    }
-
-    /// There are other places where a peer may be.
-    fn look_again(&mut self, now: Instant, peer: GatewayId) {
-        let Some(it) = self.peers.get(&peer) else {
-            return;
-        };
+        (it.configured, it.hosts) = (addresses, hosts);
         match it.state {
-            State::Waiting { .. } if it.places().next().is_none() => {
+            State::Waiting { .. } if it.locations().next().is_none() => {
                 self.enter(peer, State::Unknown);
             }
             State::Unknown => self.wait(now, peer),
@@ -226,13 +227,9 @@ impl Discovery {
 
     //= SM2-GWD-001, SM2-GWD-002, SM2-GWD-003, SM2-GWD-004
     fn beacon(&mut self, now: Instant, from: SocketAddr, bytes: &[u8]) {
-        if now.since(self.looked.0) >= PERIOD {
-            self.looked = (now, 0);
-        }
-        if self.looked.1 >= BEACONS_PER_S {
+        if !self.beacon_window.admits(now) {
             return;
         }
-        self.looked.1 += 1;
         let Ok(beacon) = Beacon::from_bytes(bytes) else {
             return;
         };
@@ -242,17 +239,22 @@ impl Discovery {
         };
         let mut address = from;
         address.set_port(beacon.port);
-        peer.hear(address);
+        peer.remember(address);
         match peer.state {
             State::Unknown => self.wait(now, gateway),
             State::Connected {
                 since,
                 epoch,
-                hint: Hint::None,
+                redial: Redial::None,
             } if beacon.epoch > epoch => {
                 let until = now.after(peer.backoff.wait());
-                let hint = Hint::Waiting { until };
-                self.enter(gateway, State::Connected { since, epoch, hint });
+                let redial = Redial::Waiting { until };
+                let state = State::Connected {
+                    since,
+                    epoch,
+                    redial,
+                };
+                self.enter(gateway, state);
             }
             State::Waiting { .. } | State::Dialing | State::Connected { .. } => {}
         }
@@ -262,12 +264,12 @@ impl Discovery {
         let Some(it) = self.peers.get_mut(&peer) else {
             return;
         };
-        if let State::Connected { since, hint, .. } = it.state {
+        if let State::Connected { since, redial, .. } = it.state {
             it.backoff.ended_after(now.since(since));
-            match hint {
-                // An attempt is under way already.
-                Hint::Dialing => self.enter(peer, State::Dialing),
-                Hint::None | Hint::Waiting { .. } => self.wait(now, peer),
+            match redial {
+                // The attempt that is in flight goes on.
+                Redial::Dialing => self.enter(peer, State::Dialing),
+                Redial::None | Redial::Waiting { .. } => self.wait(now, peer),
             }
         }
     }
@@ -278,22 +280,26 @@ impl Discovery {
             Some(State::Connected {
                 since,
                 epoch,
-                hint: Hint::Dialing,
+                redial: Redial::Dialing,
             }) => {
-                let hint = Hint::None;
-                self.enter(peer, State::Connected { since, epoch, hint });
+                let state = State::Connected {
+                    since,
+                    epoch,
+                    redial: Redial::None,
+                };
+                self.enter(peer, state);
             }
             _ => {}
         }
     }
 
-    /// The peer has no connection: waits for the next attempt, if there is anywhere to look.
+    /// Schedules the next attempt to connect to a peer, if a location is known.
     fn wait(&mut self, now: Instant, peer: GatewayId) {
         let Some(it) = self.peers.get_mut(&peer) else {
             return;
         };
-        let is_somewhere = it.places().next().is_some();
-        let state = if is_somewhere {
+        let has_location = it.locations().next().is_some();
+        let state = if has_location {
             let until = now.after(it.backoff.wait());
             State::Waiting { until }
         } else {
@@ -302,60 +308,57 @@ impl Discovery {
         self.enter(peer, state);
     }
 
-    /// The one place where a state changes: its timer with it.
+    /// The one place where the state of a peer changes, and its timer with it.
     fn enter(&mut self, peer: GatewayId, state: State) {
         let Some(it) = self.peers.get_mut(&peer) else {
             return;
         };
         if let Some(at) = it.state.until() {
-            self.due.remove(&(at, peer));
+            self.timers.remove(&(at, peer));
         }
         it.state = state;
         if let Some(at) = state.until() {
-            self.due.insert((at, peer));
+            self.timers.insert((at, peer));
         }
     }
 
-    /// What is due.
-    fn act(&mut self, now: Instant) {
-        while let Some(&(_, peer)) = self.due.first().filter(|(at, _)| *at <= now) {
+    /// Runs all timers that have expired.
+    fn run_timers(&mut self, now: Instant) {
+        while let Some(&(_, peer)) = self.timers.first().filter(|(at, _)| *at <= now) {
             let Some(it) = self.peers.get_mut(&peer) else {
                 return;
             };
-            let place = it.next_place();
+            let location = it.next_location();
             let state = match it.state {
-                State::Connected { since, epoch, .. } => {
-                    let hint = place.map_or(Hint::None, |_| Hint::Dialing);
-                    State::Connected { since, epoch, hint }
-                }
-                _ if place.is_some() => State::Dialing,
+                State::Connected { since, epoch, .. } => State::Connected {
+                    since,
+                    epoch,
+                    redial: location.map_or(Redial::None, |_| Redial::Dialing),
+                },
+                _ if location.is_some() => State::Dialing,
                 _ => State::Unknown,
             };
             self.enter(peer, state);
-            let dial = place.map(|place| match place {
-                Where::At(address) => Output::Dial { peer, address },
-                Where::Host(host) => Output::DialHost { peer, host },
+            let dial = location.map(|location| match location {
+                Location::Address(address) => Output::Dial { peer, address },
+                Location::Host(host) => Output::DialHost { peer, host },
             });
             self.outputs.extend(dial);
         }
         //= SM2-GWD-005
         if self.announce_at.is_some_and(|at| at <= now) {
             self.outputs.push_back(Output::Announce);
-            let less = self.random.random_up_to(PERIOD / 2);
-            self.announce_at = Some(now.after(PERIOD - less));
+            let less = self.random.random_up_to(BEACON_PERIOD / 2);
+            self.announce_at = Some(now.after(BEACON_PERIOD - less));
         }
     }
 
-    /// What must hold between any two calls.
+    /// The timers are exactly those of the states.
     fn invariants(&self) {
-        let due = |(id, it): (&GatewayId, &Peer)| it.state.until().map(|at| (at, *id));
-        debug_assert_eq!(self.peers.iter().filter_map(due).count(), self.due.len());
-        debug_assert!(
-            self.peers
-                .iter()
-                .filter_map(due)
-                .all(|it| self.due.contains(&it))
-        );
+        let timer = |(id, it): (&GatewayId, &Peer)| it.state.until().map(|at| (at, *id));
+        let timers = || self.peers.iter().filter_map(timer);
+        debug_assert_eq!(timers().count(), self.timers.len());
+        debug_assert!(timers().all(|it| self.timers.contains(&it)));
     }
 }
 
@@ -371,7 +374,7 @@ impl Machine for Discovery {
             debug_assert_drained(&self.outputs);
         }
         self.input(now, input);
-        self.act(now);
+        self.run_timers(now);
         self.invariants();
         Ok(())
     }
@@ -381,46 +384,65 @@ impl Machine for Discovery {
     }
 
     fn deadline(&self) -> Option<Instant> {
-        let due = self.due.first().map(|(at, _)| *at);
-        due.into_iter().chain(self.announce_at).min()
+        let timer = self.timers.first().map(|(at, _)| *at);
+        timer.into_iter().chain(self.announce_at).min()
     }
 }
 
 impl Peer {
-    /// First those of the configuration.
-    fn places(&self) -> impl Iterator<Item = Where> {
-        let heard = self.heard.iter().flatten().copied();
-        let configured = self.configured.iter().copied();
-        let hosts = (0..self.hosts).map(Where::Host);
-        let configured = configured.map(Where::At).chain(hosts);
-        configured.chain(heard.map(Where::At))
+    /// The locations in the order in which they are tried: those of the configuration first.
+    fn locations(&self) -> impl Iterator<Item = Location> {
+        let configured = self.configured.iter().copied().map(Location::Address);
+        let hosts = (0..self.hosts).map(Location::Host);
+        let announced = self.announced.iter().flatten().copied();
+        let announced = announced.map(Location::Address);
+        configured.chain(hosts).chain(announced)
     }
 
-    /// Each in turn.
-    fn next_place(&mut self) -> Option<Where> {
-        let place = self.places().nth(self.turn);
-        let place = place.or_else(|| {
-            self.turn = 0;
-            self.places().next()
+    /// The next location; after the last one, the first again.
+    fn next_location(&mut self) -> Option<Location> {
+        let location = self.locations().nth(self.next);
+        let location = location.or_else(|| {
+            self.next = 0;
+            self.locations().next()
         });
-        self.turn += 1;
-        place
+        self.next += 1;
+        location
     }
 
-    fn hear(&mut self, address: SocketAddr) {
-        let [newest, before] = &mut self.heard;
+    /// Remembers an address that a beacon named.
+    fn remember(&mut self, address: SocketAddr) {
+        let [newest, before] = &mut self.announced;
         if *newest != Some(address) {
             *before = newest.replace(address);
         }
     }
 }
 
+impl BeaconWindow {
+    /// Whether one more datagram may be examined; counts it.
+    fn admits(&mut self, now: Instant) -> bool {
+        if now.since(self.begin) >= BEACON_PERIOD {
+            *self = Self {
+                begin: now,
+                examined: 0,
+            };
+        }
+        let admits = self.examined < BEACONS_PER_S;
+        if admits {
+            self.examined += 1;
+        }
+        admits
+    }
+}
+
 impl State {
+    /// The time of the timer, if the state has one.
     const fn until(self) -> Option<Instant> {
         match self {
             Self::Waiting { until }
             | Self::Connected {
-                hint: Hint::Waiting { until },
+                redial: Redial::Waiting { until },
                 ..
             } => Some(until),
             _ => None,

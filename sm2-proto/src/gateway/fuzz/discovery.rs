@@ -125,7 +125,11 @@ impl World {
         let addresses: Vec<SocketAddr> = (0..choice % 3).map(address).collect();
         let it = self.peers.entry(peer).or_default();
         it.configured.clone_from(&addresses);
-        self.feed(Input::Trust { peer, addresses });
+        self.feed(Input::Trust {
+            peer,
+            addresses,
+            hosts: 0,
+        });
     }
 
     fn lost(&mut self, peer: GatewayId) {
