@@ -1,6 +1,6 @@
 //! The datagram by which a gateway can be found.
 
-use sm2_proto::gateway::{BEACON_LEN, Beacon, GatewayId, NoBeacon};
+use sm2_proto::gateway::{BEACON_LEN, Beacon, GatewayId, BeaconError};
 
 fn beacon() -> Beacon {
     let mut key = [0; 32];
@@ -35,9 +35,9 @@ fn any_other_bit() {
         changed[bit / 8] ^= 1 << (bit % 8);
         let read = Beacon::from_bytes(&changed);
         match bit / 8 {
-            0..4 => assert_eq!(read, Err(NoBeacon::Magic)),
-            4..6 => assert!(matches!(read, Err(NoBeacon::Version(_)))),
-            48.. => assert_eq!(read, Err(NoBeacon::ReservedNotZero)),
+            0..4 => assert_eq!(read, Err(BeaconError::Magic)),
+            4..6 => assert!(matches!(read, Err(BeaconError::Version(_)))),
+            48.. => assert_eq!(read, Err(BeaconError::ReservedNotZero)),
             _ => {
                 let read = read.unwrap();
                 assert_ne!(read, beacon());
@@ -47,10 +47,10 @@ fn any_other_bit() {
     }
     let mut no_port = bytes;
     no_port[6..8].fill(0);
-    assert_eq!(Beacon::from_bytes(&no_port), Err(NoBeacon::NoPort));
+    assert_eq!(Beacon::from_bytes(&no_port), Err(BeaconError::NoPort));
     for len in 0..BEACON_LEN {
-        assert_eq!(Beacon::from_bytes(&bytes[..len]), Err(NoBeacon::Length));
+        assert_eq!(Beacon::from_bytes(&bytes[..len]), Err(BeaconError::Length));
     }
     let longer = [&bytes[..], &[0]].concat();
-    assert_eq!(Beacon::from_bytes(&longer), Err(NoBeacon::Length));
+    assert_eq!(Beacon::from_bytes(&longer), Err(BeaconError::Length));
 }

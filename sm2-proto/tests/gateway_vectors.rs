@@ -263,7 +263,7 @@ impl Vector {
         }
         let meaning = read.as_ref().ok().map(json::beacon);
         assert_eq!(meaning, self.beacon, "{name}");
-        let why = read.err().map(json::no_beacon);
+        let why = read.err().map(json::beacon_error);
         assert_eq!(why, self.ignored.as_deref(), "{name}");
     }
 }

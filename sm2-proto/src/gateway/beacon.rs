@@ -1,46 +1,47 @@
-//! The datagram by which a gateway can be found: SPEC section 14.7.
+//! Beacons, the datagrams by which gateways find each other: SPEC section 14.7.
 
 use super::GatewayId;
 
-/// The bytes of a beacon.
+/// The length of a beacon in bytes.
 pub const BEACON_LEN: usize = 56;
 
 const MAGIC: [u8; 4] = *b"SM2G";
 const VERSION: u16 = 1;
 
-/// A hint where a gateway may be found, at the address that it came from: anybody can send one.
+/// A hint that a gateway may be found at the address that the datagram came from. Nothing in a
+/// beacon is proven: anybody can send one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Beacon {
-    /// The port of QUIC; not 0.
+    /// The UDP port of QUIC; not 0.
     pub port: u16,
-    /// Who it says that it is.
+    /// The id that the sender claims to have.
     pub gateway: GatewayId,
-    /// Of its process: greater than those of all before with its key.
+    /// The epoch of the process: greater than that of any earlier process with the same key.
     pub epoch: u64,
 }
 
-/// Why a datagram is ignored.
+/// The reason why a datagram is not a beacon, and is ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoBeacon {
-    /// It has another length than [`BEACON_LEN`].
+pub enum BeaconError {
+    /// The length is not [`BEACON_LEN`].
     #[error("a beacon has {BEACON_LEN} bytes")]
     Length,
-    /// It does not begin as beacons do.
+    /// The magic number is missing.
     #[error("a beacon begins with SM2G")]
     Magic,
-    /// It is of another version.
-    #[error("beacons of version {0} are not known")]
+    /// The version is unknown.
+    #[error("beacons of version {0} are unknown")]
     Version(u16),
-    /// It names no port.
-    #[error("a beacon names a port")]
+    /// The port is 0.
+    #[error("a beacon names a port other than 0")]
     NoPort,
-    /// Bytes that have to be zero are not.
+    /// A reserved byte is not zero.
     #[error("the last 8 bytes of a beacon are zeros")]
     ReservedNotZero,
 }
 
 impl Beacon {
-    /// As it is sent.
+    /// Encodes the beacon.
     #[must_use]
     pub fn to_bytes(&self) -> [u8; BEACON_LEN] {
         let mut bytes = [0; BEACON_LEN];
@@ -52,26 +53,26 @@ impl Beacon {
         bytes
     }
 
-    /// Reads a datagram that came to the group.
+    /// Decodes a datagram that was sent to the multicast group.
     ///
     /// # Errors
-    /// It is not exactly a beacon.
+    /// The datagram is not exactly a beacon.
     //= SM2-GWD-001
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, NoBeacon> {
-        let bytes: &[u8; BEACON_LEN] = bytes.try_into().map_err(|_| NoBeacon::Length)?;
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, BeaconError> {
+        let bytes: &[u8; BEACON_LEN] = bytes.try_into().map_err(|_| BeaconError::Length)?;
         if field(bytes, 0) != MAGIC {
-            return Err(NoBeacon::Magic);
+            return Err(BeaconError::Magic);
         }
         let version = u16::from_le_bytes(field(bytes, 4));
         if version != VERSION {
-            return Err(NoBeacon::Version(version));
+            return Err(BeaconError::Version(version));
         }
         let port = u16::from_le_bytes(field(bytes, 6));
         if port == 0 {
-            return Err(NoBeacon::NoPort);
+            return Err(BeaconError::NoPort);
         }
         if field(bytes, 48) != [0; 8] {
-            return Err(NoBeacon::ReservedNotZero);
+            return Err(BeaconError::ReservedNotZero);
         }
         Ok(Self {
             port,
@@ -81,7 +82,7 @@ impl Beacon {
     }
 }
 
-/// The bytes from `at` on.
+/// The `N` bytes at offset `at`.
 fn field<const N: usize>(bytes: &[u8; BEACON_LEN], at: usize) -> [u8; N] {
     core::array::from_fn(|index| bytes[at + index])
 }

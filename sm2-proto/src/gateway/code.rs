@@ -1,9 +1,9 @@
-//! Why a connection of gateways ended, and a stream: SPEC section 14.8.
+//! Codes with which connections between gateways and their streams end: SPEC section 14.8.
 
 use crate::{Violation, code::codes, control::DecodeError};
 
 codes! {
-    /// The kinds of [`PeerViolation`], by their codes on the wire.
+    /// The kinds of [`PeerViolation`], with their codes on the wire.
     PeerViolationKind {
         FrameTooLong = 16, "frame-too-long";
         UnknownFrame = 19, "unknown-frame";
@@ -28,7 +28,7 @@ codes! {
 }
 
 codes! {
-    /// An end of a connection that is nobody's breach of SPEC.
+    /// Reasons to close a connection that are not violations.
     PeerFarewell {
         Done = 0, "done", "SM2-GWE-001";
         GreetingTimeout = 1, "greeting-timeout", "SM2-GWF-001";
@@ -42,7 +42,7 @@ codes! {
 }
 
 codes! {
-    /// Why a stream was reset, or is not read any more.
+    /// Reasons to reset a stream, or to stop reading it.
     StreamEnd {
         Superseded = 112, "superseded", "SM2-GWM-004";
         Expired = 113, "expired", "SM2-GWM-004";
@@ -51,7 +51,7 @@ codes! {
     }
 }
 
-/// A breach of SPEC by a peer. It ends the connection.
+/// A violation of SPEC by a peer. A violation ends the connection.
 pub type PeerViolation = Violation<PeerViolationKind>;
 
 impl From<DecodeError> for PeerViolation {

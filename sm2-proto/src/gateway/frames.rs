@@ -1,5 +1,5 @@
-//! Frames of the control stream: SPEC section 14.2. The order of variants and fields is the wire
-//! format.
+//! Frames of the control stream: SPEC section 14.2. The order of variants and fields defines the
+//! encoding.
 
 use alloc::vec::Vec;
 
@@ -11,101 +11,101 @@ use crate::{
     limits::{GATEWAY_FRAME_MAX, HOPS_MAX, QOS_MAX},
 };
 
-/// What one gateway says to another.
+/// A frame of the control stream. Both sides send all of them.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Frame {
-    /// Who this is.
+    /// The first frame of each side.
     Hello {
-        /// The oldest version that it speaks.
+        /// The oldest version that the sender speaks.
         min_version: u16,
-        /// The newest version that it speaks.
+        /// The newest version that the sender speaks.
         max_version: u16,
-        /// Greater than in any process before with the same key.
+        /// The epoch of the sending process: greater than that of any earlier process with its key.
         epoch: u64,
-        /// What people call it.
+        /// The name of the sender, for people.
         name: Name,
     },
-    /// The peer may have this.
+    /// Offers a topic or service to the receiver.
     Offer {
-        /// The number of the offer; grows.
+        /// The number of the new offer.
         offer: OfferId,
-        /// What it is.
+        /// The topic or service.
         subject: Subject,
-        /// From its origin to the sender.
+        /// The gateways from the origin to the sender.
         path: Vec<Hop>,
     },
-    /// The peer may not have it any more.
+    /// Withdraws an offer of the sender.
     Unoffer {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// The peer's offer is forgotten here.
+    /// Confirms UNOFFER: the sender has forgotten the offer.
     Unoffered {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// This gateway wants what is offered.
+    /// Subscribes to an offer of the receiver.
     Want {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
-        /// How many messages wait for it at most.
+        /// The most messages that wait for the sender, 1 to 1,024.
         depth: u16,
     },
-    /// It does not want it any more.
+    /// Unsubscribes from an offer of the receiver.
     Unwant {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// No more of it will be sent.
+    /// Confirms UNWANT: no more messages of the offer will be sent.
     Unwanted {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// Could this gateway have that?
+    /// Asks whether the sender could have a topic or service.
     Ask {
         /// The number of the question.
         ask: AskId,
-        /// A topic or a service.
+        /// Whether the name is of a topic or a service.
         kind: SubjectKind,
-        /// Its name.
+        /// The name.
         name: Name,
     },
-    /// The answer.
+    /// Answers the oldest question without an answer.
     Answer {
-        /// To which question.
+        /// The number of the question.
         ask: AskId,
-        /// What it is.
+        /// The answer.
         verdict: Verdict,
     },
 }
 
-/// What is offered.
+/// A topic or a service that gateways offer.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Subject {
-    /// Messages.
+    /// A topic.
     Topic {
-        /// Its name.
+        /// The name.
         name: Name,
-        /// Of what they are.
+        /// The type of its messages.
         data: TypeId,
         /// Whether its publishers are reliable.
         reliable: bool,
-        /// How many messages they keep for subscribers that come later, together.
+        /// How many messages its publishers keep for later subscribers, in total.
         latched: u16,
     },
-    /// Calls.
+    /// A service.
     Service {
-        /// Its name.
+        /// The name.
         name: Name,
-        /// Of what requests are.
+        /// The type of requests.
         request: TypeId,
-        /// Of what replies are.
+        /// The type of replies.
         reply: TypeId,
     },
 }
 
 impl Subject {
-    /// A topic or a service.
+    /// Whether the subject is a topic or a service.
     #[must_use]
     pub const fn kind(&self) -> SubjectKind {
         match self {
@@ -114,7 +114,7 @@ impl Subject {
         }
     }
 
-    /// Its name.
+    /// The name of the subject.
     #[must_use]
     pub const fn name(&self) -> &Name {
         match self {
@@ -122,7 +122,7 @@ impl Subject {
         }
     }
 
-    /// How many messages are kept for subscribers that come later.
+    /// How many messages are kept for later subscribers; 0 for a service.
     #[must_use]
     pub const fn latched(&self) -> u16 {
         match self {
@@ -132,30 +132,30 @@ impl Subject {
     }
 }
 
-/// One gateway that an offer came through.
+/// A gateway on the path of an offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Hop {
-    /// Which.
+    /// The id of the gateway.
     pub gateway: GatewayId,
-    /// Of its process.
+    /// The epoch of its process.
     pub epoch: u64,
 }
 
-/// Whether a peer could have something.
+/// The answer to ASK (SM2-GWO-007).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Verdict {
-    /// It has an offer of it.
+    /// The asking side has an offer of the subject.
     Offered,
-    /// The rules do not let it.
+    /// The rules do not allow the asking side to have the subject.
     Denied,
-    /// Nobody here has it.
+    /// The rules would allow it, but there is no such offer.
     Absent,
 }
 
 impl Frame {
     const COUNT: u32 = 9;
 
-    /// As it stands in the control stream, with its length.
+    /// Encodes the frame for the control stream: length and body.
     //= SM2-GWF-002
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -164,10 +164,10 @@ impl Frame {
         [&len.to_le_bytes()[..], &body].concat()
     }
 
-    /// Reads a body, without its length.
+    /// Decodes the body of a frame, without the length before it.
     ///
     /// # Errors
-    /// It is not exactly one legal frame.
+    /// The body is not exactly one legal frame.
     //= SM2-GWF-002
     pub fn from_body(body: &[u8]) -> Result<Self, PeerViolation> {
         if body.len() > GATEWAY_FRAME_MAX {
@@ -178,6 +178,7 @@ impl Frame {
         Ok(frame)
     }
 
+    /// Checks the bounds of the fields.
     //= SM2-GWO-006
     pub(super) fn check(&self) -> Result<(), PeerViolation> {
         match self {
@@ -195,7 +196,7 @@ impl Frame {
     }
 }
 
-/// Whether a message can have come along here.
+/// Whether a path has a legal length and names no gateway twice.
 fn is_path(path: &[Hop]) -> bool {
     let is_new = |(at, hop): (usize, &Hop)| {
         let before = &path[..at];
@@ -204,24 +205,26 @@ fn is_path(path: &[Hop]) -> bool {
     (1..=HOPS_MAX).contains(&path.len()) && path.iter().enumerate().all(is_new)
 }
 
-/// The bytes of a control stream as frames. What it keeps is less than one of the longest.
+/// Splits the bytes of a control stream into frames. It buffers less than one frame of the greatest
+/// length, if the caller takes all frames after each push.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct FrameReader {
     bytes: Vec<u8>,
-    /// How many of them were read.
+    /// The length of the frames at the start of `bytes` that were returned already.
     read: usize,
 }
 
 impl FrameReader {
-    /// What came next, in pieces of any length. Take all frames before there is more.
+    /// Appends bytes that were received, in pieces of any length. Take all frames with
+    /// [`next_frame`](Self::next_frame) before the next call.
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// The next frame, if all of it is there.
+    /// The next frame; `None` if its last byte has not been received.
     ///
     /// # Errors
-    /// The peer broke SPEC: no frame can be read after this one.
+    /// The peer broke SPEC. Every later call returns the same violation.
     //= SM2-GWF-002
     pub fn next_frame(&mut self) -> Result<Option<Frame>, PeerViolation> {
         let Some((len, rest)) = self.bytes[self.read..].split_first_chunk() else {
@@ -244,13 +247,13 @@ impl FrameReader {
         Ok(Some(frame))
     }
 
-    /// Moves what is left to the beginning, once for all frames before it.
+    /// Removes the frames that were returned, once for all of them.
     fn compact(&mut self) {
         self.bytes.drain(..self.read);
         self.read = 0;
     }
 
-    /// Whether the stream could end here.
+    /// Whether the stream may end here: no part of a frame is buffered.
     #[must_use]
     pub fn is_between_frames(&self) -> bool {
         self.read == self.bytes.len()

@@ -1,40 +1,40 @@
-//! What stands before the payload of a message, a request and a reply: SPEC sections 14.4, 14.5.
+//! The header before the payload of a message, a request or a reply: SPEC sections 14.4 and 14.5.
 
 use super::{OfferId, PeerViolation, PeerViolationKind};
 use crate::limits::MESSAGE_MAX;
 
-/// The bytes of a [`Header`].
+/// The length of a [`Header`] in bytes.
 pub const HEADER_LEN: usize = 40;
 
-/// The first bytes of a stream that carries a payload.
+/// The first bytes of a stream or datagram that carries a payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Header {
-    /// What it carries.
+    /// What the payload is.
     pub carried: Carried,
-    /// The number of the offer.
+    /// The offer of the topic or service.
     pub offer: OfferId,
-    /// How many bytes of payload follow.
+    /// The length of the payload in bytes.
     pub len: u64,
 }
 
-/// What a stream carries.
+/// The type of a header, with the fields that only this type has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Carried {
     /// A message of a topic.
     Message {
-        /// Its number at the origin; grows with each message of the subject.
+        /// The number of the message at its origin; grows with each message of the subject.
         sequence: u64,
-        /// Since publication, when the stream was opened.
+        /// The time from publication until the stream was opened.
         age_ns: u64,
     },
-    /// A call.
+    /// A request: the first half of a call.
     Request {
-        /// What is left until its deadline; 0 if it has none.
+        /// The time left until the deadline of the call; 0 if it has none.
         left_ns: u64,
     },
-    /// What became of a call.
+    /// A reply: the second half of a call.
     Reply {
-        /// How it ended.
+        /// How the call ended.
         status: Outcome,
     },
 }
@@ -45,20 +45,20 @@ pub enum Carried {
 pub enum Outcome {
     /// The payload is the reply.
     Ok = 0,
-    /// The payload says why not.
+    /// The server failed. The payload is the reason, in UTF-8.
     Failed = 1,
-    /// The caller did not want it any more.
+    /// The caller cancelled the call.
     Cancelled = 2,
-    /// Its deadline passed.
+    /// The deadline passed.
     DeadlinePassed = 3,
-    /// The way to the server is gone.
+    /// There is no route to the server.
     Unreachable = 4,
-    /// The rules do not allow it.
+    /// The rules do not allow the call.
     Denied = 5,
 }
 
 impl Outcome {
-    /// Every one, in the order of their numbers.
+    /// All outcomes, in the order of their numbers on the wire.
     pub const ALL: [Self; 6] = [
         Self::Ok,
         Self::Failed,
@@ -68,7 +68,7 @@ impl Outcome {
         Self::Denied,
     ];
 
-    /// Whether a reply with it may have a payload.
+    /// Whether a reply with this outcome may have a payload.
     #[must_use]
     pub const fn has_payload(self) -> bool {
         matches!(self, Self::Ok | Self::Failed)
@@ -76,7 +76,7 @@ impl Outcome {
 }
 
 impl Header {
-    /// As it is sent.
+    /// Encodes the header.
     #[must_use]
     pub fn to_bytes(&self) -> [u8; HEADER_LEN] {
         let (kind, second, third) = match self.carried {
@@ -92,10 +92,10 @@ impl Header {
         bytes
     }
 
-    /// Reads what stands at the beginning of a stream.
+    /// Decodes a header.
     ///
     /// # Errors
-    /// No such header is legal.
+    /// The bytes are not a legal header.
     //= SM2-GWM-002, SM2-PAY-008
     pub fn from_bytes(bytes: &[u8; HEADER_LEN]) -> Result<Self, PeerViolation> {
         let field = |at: usize| {

@@ -4,19 +4,19 @@ use core::{fmt, str::FromStr};
 
 use serde::{Deserialize, Serialize};
 
-/// An Ed25519 public key. Whoever has its private key is the gateway.
+/// The id of a gateway: an Ed25519 public key. A process that has the private key is the gateway.
 //= SM2-GWC-001
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct GatewayId(pub [u8; 32]);
 
-/// Why a text is not a [`GatewayId`].
+/// The reason why a text is not a [`GatewayId`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GatewayIdError {
-    /// The text is shorter or longer.
+    /// The text does not have 64 bytes.
     #[error("the id of a gateway has 64 hexadecimal digits, this text has {0} bytes")]
     Length(usize),
-    /// A byte that is no lower-case hexadecimal digit.
-    #[error("the id of a gateway holds only 0-9 and a-f, not what stands at byte {0}")]
+    /// The byte at this offset is not a lower-case hexadecimal digit.
+    #[error("the id of a gateway has only the digits 0-9 and a-f; byte {0} is another")]
     BadByte(usize),
 }
 
@@ -33,7 +33,7 @@ pub struct OfferId(pub u64);
 )]
 pub struct AskId(pub u64);
 
-/// A driver's name for a stream of a connection.
+/// The driver's identifier of a stream within one connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct StreamToken(pub u64);
 

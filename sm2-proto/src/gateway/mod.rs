@@ -25,7 +25,7 @@ pub mod schedule;
 pub mod session;
 
 pub use self::{
-    beacon::{BEACON_LEN, Beacon, NoBeacon},
+    beacon::{BEACON_LEN, Beacon, BeaconError},
     code::{PeerFarewell, PeerViolation, PeerViolationKind, StreamEnd},
     frames::{Frame, FrameReader, Hop, Subject, Verdict},
     header::{Carried, HEADER_LEN, Header, Outcome},

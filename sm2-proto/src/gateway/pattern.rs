@@ -8,22 +8,23 @@ use core::{fmt, str::FromStr};
 
 use crate::{Name, NameError, limits::NAME_MAX};
 
-/// Segments joined by `/`: those of a name, `*` for any one, `**` for any number of them.
+/// A pattern of names: segments joined by `/`. `*` matches exactly one segment of a name, `**` any
+/// number of segments, and every other segment matches itself.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Pattern(String);
 
-/// Why a text is not a [`Pattern`].
+/// The reason why a text is not a [`Pattern`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PatternError {
-    /// The text is longer than a name can be.
-    #[error("a pattern is at most {NAME_MAX} bytes, this one has {0}")]
+    /// The text is longer than the longest name.
+    #[error("a pattern has at most {NAME_MAX} bytes, this one has {0}")]
     TooLong(usize),
-    /// A segment is neither `*` nor `**` nor one of a name.
-    #[error("segment {index} of the pattern is not `*` nor `**`, and {error}")]
+    /// A segment is neither `*` nor `**` nor a legal segment of a name.
+    #[error("segment {index} of the pattern is neither `*` nor `**`, and {error}")]
     BadSegment {
-        /// Which, from 1.
+        /// The number of the segment, counted from 1.
         index: usize,
-        /// What is wrong with it, as a name.
+        /// Why the segment is not legal in a name.
         error: NameError,
     },
 }
@@ -31,35 +32,38 @@ pub enum PatternError {
 /// A segment of a pattern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part<T> {
-    Only(T),
+    /// This segment of a name.
+    Exact(T),
+    /// `*`
     AnyOne,
+    /// `**`
     AnyNumber,
 }
 
 impl Pattern {
-    /// Checks `text`, as it stands.
+    /// Checks that `text` is a pattern.
     ///
     /// # Errors
-    /// It is no pattern.
+    /// The text is too long, or one of its segments is not legal.
     pub fn new(text: &str) -> Result<Self, PatternError> {
         if text.len() > NAME_MAX {
             return Err(PatternError::TooLong(text.len()));
         }
         for (index, part) in (1..).zip(parts(text)) {
-            if let Part::Only(segment) = part {
+            if let Part::Exact(segment) = part {
                 Name::new(segment).map_err(|error| PatternError::BadSegment { index, error })?;
             }
         }
         Ok(Self(text.to_owned()))
     }
 
-    /// Whether it stands for this name.
+    /// Whether the pattern matches this name.
     #[must_use]
     pub fn fits(&self, name: &Name) -> bool {
         fits(parts(&self.0), name.as_str().split('/'))
     }
 
-    /// The pattern's text.
+    /// The text of the pattern.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
@@ -70,37 +74,39 @@ fn parts(text: &str) -> impl Iterator<Item = Part<&str>> + Clone {
     text.split('/').map(|segment| match segment {
         "*" => Part::AnyOne,
         "**" => Part::AnyNumber,
-        _ => Part::Only(segment),
+        _ => Part::Exact(segment),
     })
 }
 
-/// Takes the shortest way for each `**`, and one segment more for the last of them where that
-/// leads nowhere: what stands before it fits already, so no other can do better.
+/// Matches greedily with one point to return to. Each `**` takes no segment at first. On a mismatch,
+/// the latest `**` takes one segment more, and matching continues behind it. Earlier `**` need no
+/// second try: the parts before the latest `**` match already, and it can take any segment that an
+/// earlier `**` could.
 //= SM2-GWR-001
 fn fits<T: PartialEq>(
     mut pattern: impl Iterator<Item = Part<T>> + Clone,
     mut name: impl Iterator<Item = T> + Clone,
 ) -> bool {
-    // What is behind the last `**`, and what that has not taken.
-    let mut last = None;
+    // The parts behind the latest `**`, and the segments that it has not taken.
+    let mut latest = None;
     loop {
         let (mut parts, mut segments) = (pattern.clone(), name.clone());
-        let is_one = match (parts.next(), segments.next()) {
+        let matches = match (parts.next(), segments.next()) {
             (None, None) => return true,
             (Some(Part::AnyNumber), _) => {
-                last = Some((parts.clone(), name.clone()));
+                latest = Some((parts.clone(), name.clone()));
                 pattern = parts;
                 continue;
             }
             (Some(Part::AnyOne), Some(_)) => true,
-            (Some(Part::Only(ours)), Some(its)) => ours == its,
+            (Some(Part::Exact(expected)), Some(segment)) => expected == segment,
             _ => false,
         };
-        if is_one {
+        if matches {
             (pattern, name) = (parts, segments);
             continue;
         }
-        let Some((behind, rest)) = &mut last else {
+        let Some((behind, rest)) = &mut latest else {
             return false;
         };
         if rest.next().is_none() {

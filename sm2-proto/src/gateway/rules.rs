@@ -1,4 +1,5 @@
-//! Which names go to which peer, and come from it: SPEC section 14.6.
+//! The rules of a gateway: which topics and services may pass to and from which peer. SPEC section
+//! 14.6.
 
 use alloc::vec::Vec;
 
@@ -7,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{GatewayId, Pattern};
 use crate::Name;
 
-/// What a name is of.
+/// Whether a name belongs to a topic or to a service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum SubjectKind {
     /// A topic.
@@ -16,7 +17,7 @@ pub enum SubjectKind {
     Service,
 }
 
-/// Where messages of a topic go, and from where replies of a service come.
+/// The direction in which messages of a topic, or replies of a service, pass the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Direction {
     /// From the peer to this domain.
@@ -25,27 +26,27 @@ pub enum Direction {
     Out,
 }
 
-/// What a rule says.
+/// What a rule does with the names that it matches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Action {
-    /// It goes.
+    /// The subject may pass.
     Allow,
-    /// It does not.
+    /// The subject may not pass.
     Deny,
 }
 
-/// One line of a configuration.
+/// One rule. It matches a subject if its kind, names, direction and peers all match.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Rule {
-    /// What it says of what it fits.
+    /// What to do with a match.
     pub action: Action,
-    /// None: both.
+    /// The kind to match; `None` matches both.
     pub kind: Option<SubjectKind>,
-    /// The names that it is about.
+    /// The names to match.
     pub names: Pattern,
-    /// None: both.
+    /// The direction to match; `None` matches both.
     pub direction: Option<Direction>,
-    /// None: all.
+    /// The peers to match; `None` matches all.
     pub peers: Option<Vec<GatewayId>>,
 }
 
@@ -58,21 +59,21 @@ impl Rule {
     }
 }
 
-/// The rules of a gateway, in their order.
+/// The rules of a gateway. Their order matters: the first match decides.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Rules(pub Vec<Rule>);
 
-/// What the rules say of one name.
+/// The decision of the rules about one subject, direction and peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Decision {
-    /// What is done.
+    /// What to do.
     pub action: Action,
-    /// The index of the rule that says so; none fits: it is denied.
+    /// The index of the rule that decided; `None` if no rule matches, which denies.
     pub rule: Option<usize>,
 }
 
 impl Rules {
-    /// The first rule that fits decides, and where none does the answer is no.
+    /// Applies the first rule that matches. Denies if no rule matches.
     //= SM2-GWR-002
     #[must_use]
     pub fn decide(
@@ -90,7 +91,7 @@ impl Rules {
         }
     }
 
-    /// Whether it goes.
+    /// Whether the subject may pass.
     #[must_use]
     pub fn allow(
         &self,

@@ -1,9 +1,9 @@
-//! Harness for patterns, over two segments that differ.
+//! A proof about patterns, over names of two different segments.
 
 use super::{Part, fits};
 use crate::proofs::{below, one_of};
 
-/// What a pattern stands for, said once more.
+/// The definition of SM2-GWR-001, written as a recursion: the oracle of the proof.
 fn stands_for(pattern: &[Part<u8>], name: &[u8]) -> bool {
     match (pattern, name) {
         ([], name) => name.is_empty(),
@@ -11,20 +11,26 @@ fn stands_for(pattern: &[Part<u8>], name: &[u8]) -> bool {
             (0..=name.len()).any(|taken| stands_for(behind, &name[taken..]))
         }
         ([Part::AnyOne, behind @ ..], [_, rest @ ..]) => stands_for(behind, rest),
-        ([Part::Only(ours), behind @ ..], [its, rest @ ..]) => {
-            ours == its && stands_for(behind, rest)
+        ([Part::Exact(expected), behind @ ..], [segment, rest @ ..]) => {
+            expected == segment && stands_for(behind, rest)
         }
         _ => false,
     }
 }
 
-/// Three parts and four segments at most.
+/// The loop and the oracle agree on every pattern of up to three parts and name of up to four
+/// segments.
 //= SM2-GWR-001 kani
 #[cfg_attr(kani, kani::proof)]
-// A name of four segments, taken by three parts one more each time.
+// Three parts that each take one of four segments more at a time.
 #[cfg_attr(kani, kani::unwind(24))]
 fn a_pattern_fits_what_it_stands_for() {
-    const PARTS: [Part<u8>; 4] = [Part::Only(0), Part::Only(1), Part::AnyOne, Part::AnyNumber];
+    const PARTS: [Part<u8>; 4] = [
+        Part::Exact(0),
+        Part::Exact(1),
+        Part::AnyOne,
+        Part::AnyNumber,
+    ];
     let parts = below(4);
     let pattern = [one_of(&PARTS), one_of(&PARTS), one_of(&PARTS)];
     let segments = below(5);
@@ -40,9 +46,9 @@ fn a_pattern_fits_what_it_stands_for() {
     assert_eq!(fitted, expected);
     kani::cover!(
         fitted && pattern.contains(&Part::AnyNumber) && segments > parts,
-        "`**` takes several"
+        "`**` takes several segments"
     );
-    kani::cover!(!fitted && segments == parts, "it is about others");
+    kani::cover!(!fitted && segments == parts, "the pattern does not match");
 }
 
 #[cfg(test)]

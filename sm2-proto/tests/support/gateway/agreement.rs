@@ -2,7 +2,7 @@
 //! has one encoding. Each panics if not.
 
 use serde_json::Value;
-use sm2_proto::gateway::{Beacon, Frame, FrameReader, HEADER_LEN, Header, NoBeacon, PeerViolation};
+use sm2_proto::gateway::{Beacon, Frame, FrameReader, HEADER_LEN, Header, BeaconError, PeerViolation};
 
 use super::{json, naive};
 
@@ -75,6 +75,6 @@ pub(crate) fn beacon(bytes: &[u8]) {
         assert_eq!(beacon.to_bytes().as_slice(), bytes, "one encoding");
     }
     let meaning = beacon.as_ref().map(json::beacon);
-    let meaning = meaning.map_err(|why: &NoBeacon| json::no_beacon(*why));
+    let meaning = meaning.map_err(|why: &BeaconError| json::beacon_error(*why));
     assert_eq!(meaning, naive::beacon(bytes), "{bytes:02x?}");
 }

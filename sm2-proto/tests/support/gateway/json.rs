@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use sm2_proto::{
     TypeId,
     gateway::{
-        Beacon, Carried, Frame, Header, Hop, NoBeacon, Outcome, Subject, SubjectKind, Verdict,
+        Beacon, Carried, Frame, Header, Hop, BeaconError, Outcome, Subject, SubjectKind, Verdict,
     },
 };
 
@@ -124,12 +124,12 @@ pub(crate) fn beacon(beacon: &Beacon) -> Value {
 }
 
 /// What of a datagram is not as in the table of SPEC section 14.7.
-pub(crate) const fn no_beacon(why: NoBeacon) -> &'static str {
+pub(crate) const fn beacon_error(why: BeaconError) -> &'static str {
     match why {
-        NoBeacon::Length => "length",
-        NoBeacon::Magic => "magic",
-        NoBeacon::Version(_) => "version",
-        NoBeacon::NoPort => "port",
-        NoBeacon::ReservedNotZero => "zeros",
+        BeaconError::Length => "length",
+        BeaconError::Magic => "magic",
+        BeaconError::Version(_) => "version",
+        BeaconError::NoPort => "port",
+        BeaconError::ReservedNotZero => "zeros",
     }
 }
