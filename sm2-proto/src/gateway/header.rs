@@ -9,7 +9,7 @@ pub const HEADER_LEN: usize = 40;
 /// The first bytes of a stream or datagram that carries a payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Header {
-    /// What the payload is.
+    /// The type of the header.
     pub carried: Carried,
     /// The offer of the topic or service.
     pub offer: OfferId,

@@ -20,22 +20,22 @@ use self::subject::SubjectState;
 use super::{Direction, GatewayId, Hop, OfferId, Rules, Subject};
 use crate::{Instant, Machine, MisuseError, machine::debug_assert_drained};
 
-/// The routes of one gateway.
+/// The machine that computes the routes of one gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Router {
     me: Hop,
     rules: Rules,
-    /// The peers that there is a connection with, and the last number of an offer to each.
+    /// The connected peers, each with the number of the last offer to it.
     peers: BTreeMap<GatewayId, OfferId>,
     subjects: BTreeMap<Subject, SubjectState>,
-    /// The offers of peers, and those to them, by their numbers.
-    theirs: BTreeMap<(GatewayId, OfferId), Subject>,
-    ours: BTreeMap<(GatewayId, OfferId), Subject>,
+    /// The subjects of the offers of peers, and of those to them, by the numbers of the offers.
+    peer_offers: BTreeMap<(GatewayId, OfferId), Subject>,
+    own_offers: BTreeMap<(GatewayId, OfferId), Subject>,
     outputs: VecDeque<Output>,
 }
 
 impl Router {
-    /// A gateway that knows of nothing.
+    /// A router without peers and subjects.
     #[must_use]
     pub fn new(me: Hop, rules: Rules) -> Self {
         Self {
@@ -43,8 +43,8 @@ impl Router {
             rules,
             peers: BTreeMap::new(),
             subjects: BTreeMap::new(),
-            theirs: BTreeMap::new(),
-            ours: BTreeMap::new(),
+            peer_offers: BTreeMap::new(),
+            own_offers: BTreeMap::new(),
             outputs: VecDeque::new(),
         }
     }
@@ -72,8 +72,8 @@ impl Router {
             } => {
                 let state = self.subject(&subject);
                 match taken {
-                    Some(depth) => state.taken.insert(origin, depth),
-                    None => state.taken.remove(&origin),
+                    Some(depth) => state.local_demand.insert(origin, depth),
+                    None => state.local_demand.remove(&origin),
                 };
                 self.settle(&subject);
             }
@@ -83,15 +83,17 @@ impl Router {
                 subject,
                 path,
             } => {
-                let is_new = !self.theirs.contains_key(&(peer, offer));
+                let is_new = !self.peer_offers.contains_key(&(peer, offer));
                 if is_new && self.peers.contains_key(&peer) && !path.is_empty() {
-                    self.theirs.insert((peer, offer), subject.clone());
-                    self.subject(&subject).theirs.insert((peer, offer), path);
+                    self.peer_offers.insert((peer, offer), subject.clone());
+                    self.subject(&subject)
+                        .peer_offers
+                        .insert((peer, offer), path);
                     self.settle(&subject);
                 }
             }
             Input::Gone { peer, offer } => {
-                if let Some(subject) = self.theirs.remove(&(peer, offer)) {
+                if let Some(subject) = self.peer_offers.remove(&(peer, offer)) {
                     self.subject(&subject).gone((peer, offer));
                     self.settle(&subject);
                 }
@@ -101,7 +103,8 @@ impl Router {
         }
     }
 
-    /// To whom a message goes, or who may call: peers, each with the number of the offer.
+    /// The peers that want a source of a subject, each with the number of the offer to it. A message
+    /// of the source goes to all of them.
     pub fn takers(
         &self,
         subject: &Subject,
@@ -111,16 +114,16 @@ impl Router {
         state.into_iter().flat_map(move |it| it.takers(source))
     }
 
-    /// What the domain itself has.
+    /// The subjects of which the own domain has publishers or servers.
     pub fn local(&self) -> impl Iterator<Item = &Subject> {
         let local = self.subjects.iter().filter(|(_, it)| it.local);
         local.map(|(subject, _)| subject)
     }
 
-    /// Of whom an offer of this gateway's is.
+    /// The subject and the source of an own offer.
     #[must_use]
     pub fn source(&self, peer: GatewayId, offer: OfferId) -> Option<(&Subject, Source)> {
-        let subject = self.ours.get(&(peer, offer))?;
+        let subject = self.own_offers.get(&(peer, offer))?;
         let source = self.subjects.get(subject)?.source(peer, offer)?;
         Some((subject, source))
     }
@@ -130,19 +133,19 @@ impl Router {
     }
 
     fn wanted(&mut self, peer: GatewayId, offer: OfferId, depth: Option<u16>) {
-        if let Some(subject) = self.ours.get(&(peer, offer)).cloned() {
+        if let Some(subject) = self.own_offers.get(&(peer, offer)).cloned() {
             self.subject(&subject).wanted(peer, offer, depth);
             self.settle(&subject);
         }
     }
 
-    /// The connection is over: nothing is left of what was said on it.
+    /// Ends the connection with a peer: removes all offers of and to it.
     fn down(&mut self, peer: GatewayId) {
         if self.peers.remove(&peer).is_none() {
             return;
         }
-        self.theirs.retain(|(of, _), _| *of != peer);
-        self.ours.retain(|(to, _), _| *to != peer);
+        self.peer_offers.retain(|(of, _), _| *of != peer);
+        self.own_offers.retain(|(to, _), _| *to != peer);
         for state in self.subjects.values_mut() {
             state.forget(peer);
         }
@@ -156,7 +159,8 @@ impl Router {
         }
     }
 
-    /// Makes everything about a subject as it has to be.
+    /// Computes what follows from the facts about a subject, and outputs the differences. SPEC, Annex
+    /// B.11 has the same steps.
     //= SM2-GWO-003, SM2-GWO-004, SM2-GWR-003
     fn settle(&mut self, subject: &Subject) {
         let Some(mut state) = self.subjects.remove(subject) else {
@@ -170,7 +174,7 @@ impl Router {
             sources.get(&source) == Some(path) && allows(Direction::Out, peer)
         });
         for (peer, offer) in withdrawn {
-            self.ours.remove(&(peer, offer));
+            self.own_offers.remove(&(peer, offer));
             self.outputs.push_back(Output::Unoffer { peer, offer });
         }
         for (&source, path) in &sources {
@@ -182,7 +186,7 @@ impl Router {
                 last.0 += 1;
                 let (peer, offer) = (*peer, *last);
                 state.offer(peer, source, offer, path.clone());
-                self.ours.insert((peer, offer), subject.clone());
+                self.own_offers.insert((peer, offer), subject.clone());
                 self.outputs.push_back(Output::Offer {
                     peer,
                     offer,
@@ -198,12 +202,12 @@ impl Router {
         }
     }
 
-    /// What must hold between any two calls.
+    /// Both indexes of offers agree with the subjects.
     fn invariants(&self) {
-        let theirs = self.subjects.values().map(|it| it.theirs.len());
-        debug_assert_eq!(theirs.sum::<usize>(), self.theirs.len());
-        let ours = self.subjects.values().map(SubjectState::offers);
-        debug_assert_eq!(ours.sum::<usize>(), self.ours.len());
+        let peer_offers = self.subjects.values().map(|it| it.peer_offers.len());
+        debug_assert_eq!(peer_offers.sum::<usize>(), self.peer_offers.len());
+        let own_offers = self.subjects.values().map(SubjectState::own_offers_len);
+        debug_assert_eq!(own_offers.sum::<usize>(), self.own_offers.len());
     }
 }
 

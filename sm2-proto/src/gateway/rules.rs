@@ -26,7 +26,7 @@ pub enum Direction {
     Out,
 }
 
-/// What a rule does with the names that it matches.
+/// The effect of a rule on the names that it matches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Action {
     /// The subject may pass.
@@ -38,7 +38,7 @@ pub enum Action {
 /// One rule. It matches a subject if its kind, names, direction and peers all match.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Rule {
-    /// What to do with a match.
+    /// The effect on a match.
     pub action: Action,
     /// The kind to match; `None` matches both.
     pub kind: Option<SubjectKind>,
@@ -66,7 +66,7 @@ pub struct Rules(pub Vec<Rule>);
 /// The decision of the rules about one subject, direction and peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Decision {
-    /// What to do.
+    /// The effect.
     pub action: Action,
     /// The index of the rule that decided; `None` if no rule matches, which denies.
     pub rule: Option<usize>,

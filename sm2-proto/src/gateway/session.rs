@@ -21,7 +21,7 @@ use alloc::{
 use core::time::Duration;
 
 pub use self::input::{Carrier, Command, End, Error, Event, Input, Misuse, Output, PeerEvent};
-use self::offers::{Ours, Theirs};
+use self::offers::{OwnOffers, PeerOffers};
 use super::{
     AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
     PeerViolation, PeerViolationKind, StreamToken, Subject,
@@ -30,26 +30,26 @@ use crate::{Instant, Machine, Name, limits::QUESTIONS_MAX, machine::debug_assert
 
 /// The versions that this machine speaks.
 const VERSION: u16 = 1;
-/// How long a peer may take to greet.
-const GREETING: Duration = Duration::from_secs(2);
+/// The longest time that a peer may take to send HELLO.
+const GREETING_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// One connection with one peer.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Session {
     me: Hop,
     peer: GatewayId,
-    /// Of the peer's epochs that are known, the greatest.
+    /// The greatest epoch of the peer that was ever seen.
     least_epoch: u64,
     state: Result<Phase, End>,
     reader: FrameReader,
-    ours: Ours,
-    theirs: Theirs,
-    /// The calls of this side without a reply, by stream: the offer of each.
+    own_offers: OwnOffers,
+    peer_offers: PeerOffers,
+    /// The calls of this side without a reply, each with its offer.
     calls: BTreeMap<StreamToken, OfferId>,
-    /// The questions of this side without an answer.
+    /// The questions of this side without an answer, the oldest first.
     asked: VecDeque<AskId>,
-    /// The questions of the peer without an answer.
-    owed: VecDeque<AskId>,
+    /// The questions of the peer without an answer, the oldest first.
+    unanswered: VecDeque<AskId>,
     outputs: VecDeque<Output>,
 }
 
@@ -60,8 +60,9 @@ enum Phase {
 }
 
 impl Session {
-    /// A connection whose handshake has just shown that the other side is `peer`; `least_epoch`
-    /// is the greatest of its epochs that was ever seen.
+    /// A session on a connection whose handshake has just proven that the other side is `peer`.
+    /// `least_epoch` is the greatest epoch of this peer that was ever seen; a HELLO with a smaller one
+    /// is refused.
     #[must_use]
     pub fn new(now: Instant, me: Hop, name: Name, peer: GatewayId, least_epoch: u64) -> Self {
         let hello = Frame::Hello {
@@ -75,14 +76,14 @@ impl Session {
             peer,
             least_epoch,
             state: Ok(Phase::Greeting {
-                until: now.after(GREETING),
+                until: now.after(GREETING_TIMEOUT),
             }),
             reader: FrameReader::default(),
-            ours: Ours::default(),
-            theirs: Theirs::default(),
+            own_offers: OwnOffers::default(),
+            peer_offers: PeerOffers::default(),
             calls: BTreeMap::new(),
             asked: VecDeque::new(),
-            owed: VecDeque::new(),
+            unanswered: VecDeque::new(),
             outputs: VecDeque::from([Output::Transmit(hello.to_bytes())]),
         }
     }
@@ -135,17 +136,17 @@ impl Session {
                 path,
             } => self.offer(offer, subject, path)?,
             Command::Unoffer { offer } => {
-                self.ours.withdraw(offer)?;
+                self.own_offers.withdraw(offer)?;
                 Frame::Unoffer { offer }
             }
             Command::Want { offer, depth } => {
-                if !self.theirs.want(offer, depth)? {
+                if !self.peer_offers.want(offer, depth)? {
                     return Ok(());
                 }
                 Frame::Want { offer, depth }
             }
             Command::Unwant { offer } => {
-                if !self.theirs.unwant(offer)? {
+                if !self.peer_offers.unwant(offer)? {
                     return Ok(());
                 }
                 self.fail_calls(|it| it == offer);
@@ -159,17 +160,17 @@ impl Session {
                 Frame::Ask { ask, kind, name }
             }
             Command::Answer { ask, verdict } => {
-                if self.owed.front() != Some(&ask) {
+                if self.unanswered.front() != Some(&ask) {
                     return Err(Misuse::NotAsked);
                 }
-                self.owed.pop_front();
+                self.unanswered.pop_front();
                 Frame::Answer { ask, verdict }
             }
             Command::Call { stream, offer } => {
                 if self.calls.contains_key(&stream) {
                     return Err(Misuse::StreamInUse);
                 }
-                self.theirs.check_call(offer)?;
+                self.peer_offers.check_call(offer)?;
                 self.calls.insert(stream, offer);
                 return Ok(());
             }
@@ -195,11 +196,11 @@ impl Session {
             path,
         };
         frame.check().map_err(|_| Misuse::WrongPath)?;
-        self.ours.offer(offer, kind)?;
+        self.own_offers.offer(offer, kind)?;
         Ok(frame)
     }
 
-    /// What stands in the control stream.
+    /// Handles the complete frames of the control stream.
     fn read(&mut self) -> Result<(), PeerViolation> {
         while self.state.is_ok()
             && let Some(frame) = self.reader.next_frame()?
@@ -257,7 +258,7 @@ impl Session {
                 path,
             } => {
                 self.check_path(&path, epoch)?;
-                self.theirs.offered(offer, subject.kind())?;
+                self.peer_offers.offered(offer, subject.kind())?;
                 Event::Offered {
                     offer,
                     subject,
@@ -265,21 +266,21 @@ impl Session {
                 }
             }
             Frame::Unoffer { offer } => {
-                self.theirs.gone(offer)?;
+                self.peer_offers.gone(offer)?;
                 self.fail_calls(|it| it == offer);
                 let answer = Frame::Unoffered { offer };
                 self.outputs.push_back(Output::Transmit(answer.to_bytes()));
                 Event::Gone { offer }
             }
-            Frame::Unoffered { offer } => return self.ours.gone(offer),
+            Frame::Unoffered { offer } => return self.own_offers.gone(offer),
             Frame::Want { offer, depth } => {
-                if !self.ours.wanted(offer)? {
+                if !self.own_offers.wanted(offer)? {
                     return Ok(());
                 }
                 Event::Wanted { offer, depth }
             }
             Frame::Unwant { offer } => {
-                if !self.ours.unwanted(offer)? {
+                if !self.own_offers.unwanted(offer)? {
                     return Ok(());
                 }
                 let answer = Frame::Unwanted { offer };
@@ -287,7 +288,7 @@ impl Session {
                 Event::Unwanted { offer }
             }
             Frame::Unwanted { offer } => {
-                let Some(depth) = self.theirs.unwanted(offer)? else {
+                let Some(depth) = self.peer_offers.unwanted(offer)? else {
                     return Ok(());
                 };
                 let again = Frame::Want { offer, depth };
@@ -309,10 +310,10 @@ impl Session {
 
     //= SM2-GWO-005
     fn asked_by_peer(&mut self, ask: AskId) -> Result<(), PeerViolation> {
-        if self.owed.len() >= QUESTIONS_MAX {
+        if self.unanswered.len() >= QUESTIONS_MAX {
             return Err(violation!(PeerViolationKind::Malformed, "SM2-GWO-005"));
         }
-        self.owed.push_back(ask);
+        self.unanswered.push_back(ask);
         Ok(())
     }
 
@@ -341,7 +342,7 @@ impl Session {
         Ok(())
     }
 
-    /// A header has arrived, with a stream or in a datagram.
+    /// Judges the header of a message, a request or a reply: the table of SPEC, Annex B.10.
     //= SM2-GWM-001, SM2-GWM-003, SM2-GWS-001
     fn header(&mut self, carrier: Carrier, header: &Header) -> Result<(), PeerViolation> {
         if !matches!(self.state, Ok(Phase::Open { .. })) {
@@ -349,14 +350,16 @@ impl Session {
         }
         let offer = header.offer;
         let output = match (header.carried, carrier) {
-            (Carried::Message { .. }, _) if self.theirs.admit(offer)? => Output::Take { carrier },
+            (Carried::Message { .. }, _) if self.peer_offers.admit(offer)? => {
+                Output::Take { carrier }
+            }
             (Carried::Message { .. }, _) => Output::Discard { carrier },
-            (Carried::Request { .. }, Carrier::Stream(_)) if self.ours.admit(offer)? => {
+            (Carried::Request { .. }, Carrier::Stream(_)) if self.own_offers.admit(offer)? => {
                 Output::Take { carrier }
             }
             (Carried::Request { .. }, Carrier::Stream(stream)) => Output::Unreachable { stream },
             (Carried::Reply { .. }, Carrier::Stream(stream)) => {
-                // A call that this reply does not answer still waits, and has to fail.
+                // The call of this stream stays open, so that `finish` fails it.
                 if self.calls.get(&stream) != Some(&offer) {
                     return Err(violation!(PeerViolationKind::UnknownCall, "SM2-GWS-002"));
                 }
@@ -371,6 +374,7 @@ impl Session {
         Ok(())
     }
 
+    /// Fails the calls of the offers that `of` selects.
     //= SM2-GWS-002
     fn fail_calls(&mut self, of: impl Fn(OfferId) -> bool) {
         let outputs = &mut self.outputs;
@@ -381,6 +385,7 @@ impl Session {
         });
     }
 
+    /// The one place where a session ends.
     fn finish(&mut self, end: End) {
         self.state = Err(end);
         self.fail_calls(|_| true);

@@ -1,4 +1,4 @@
-//! What goes into a router and comes out of it.
+//! The inputs and outputs of a router.
 
 use alloc::vec::Vec;
 
@@ -10,143 +10,143 @@ use super::super::{GatewayId, Hop, OfferId, Rules, Subject};
 /// wait, as the answer to [`Output::Show`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input {
-    /// There are other rules.
+    /// These rules replace the previous ones.
     Rules(Rules),
-    /// There is a connection with this peer, on which nothing was said yet.
+    /// A new connection with a peer is open.
     Up {
-        /// With whom.
+        /// The id of the peer.
         peer: GatewayId,
     },
-    /// There is none any more.
+    /// The connection with a peer has ended.
     Down {
-        /// With whom.
+        /// The id of the peer.
         peer: GatewayId,
     },
-    /// Whether the domain has publishers or servers of this, besides those that stand for remote
-    /// ones.
+    /// The own domain has, or no longer has, publishers or servers of a subject. Those that a gateway
+    /// created for remote ones do not count.
     Local {
-        /// Of what.
+        /// The topic or service.
         subject: Subject,
-        /// Whether there is one.
+        /// Whether there are any.
         present: bool,
     },
-    /// Whether somebody in the domain takes what comes from there.
+    /// Somebody in the own domain takes, or nobody takes any longer, what comes from an origin.
     Taken {
-        /// What.
+        /// The topic or service.
         subject: Subject,
-        /// From which gateway's domain.
+        /// The gateway of the domain from which it comes.
         origin: GatewayId,
-        /// How many messages wait for them at most, if there is anybody.
+        /// The most messages that wait for a taker; `None` if there is no taker.
         taken: Option<u16>,
     },
-    /// A peer offers this.
+    /// A peer offers a subject.
     Offered {
-        /// Who.
-        peer: GatewayId,
-        /// Its number there.
-        offer: OfferId,
-        /// What it is.
-        subject: Subject,
-        /// From the origin to the peer.
-        path: Vec<Hop>,
-    },
-    /// It does not any more.
-    Gone {
-        /// Who.
-        peer: GatewayId,
-        /// Its number there.
-        offer: OfferId,
-    },
-    /// A peer wants what it was offered.
-    Wanted {
-        /// Who.
-        peer: GatewayId,
-        /// The number of the offer to it.
-        offer: OfferId,
-        /// How many messages wait for it at most.
-        depth: u16,
-    },
-    /// It does not any more.
-    Unwanted {
-        /// Who.
-        peer: GatewayId,
-        /// The number of the offer to it.
-        offer: OfferId,
-    },
-}
-
-/// Where messages come from, and requests go to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Source {
-    /// This gateway's domain.
-    Local,
-    /// That of another.
-    Remote(GatewayId),
-}
-
-/// What is to be done.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub enum Output {
-    /// Offer this to a peer.
-    Offer {
-        /// To whom.
+        /// The id of the peer.
         peer: GatewayId,
         /// The number of the offer.
         offer: OfferId,
-        /// What it is.
+        /// The topic or service.
         subject: Subject,
-        /// From the origin to this gateway.
+        /// The gateways from the origin to the peer.
+        path: Vec<Hop>,
+    },
+    /// A peer has withdrawn an offer.
+    Gone {
+        /// The id of the peer.
+        peer: GatewayId,
+        /// The number of the offer.
+        offer: OfferId,
+    },
+    /// A peer wants an offer of this gateway.
+    Wanted {
+        /// The id of the peer.
+        peer: GatewayId,
+        /// The number of the offer to the peer.
+        offer: OfferId,
+        /// The most messages that wait for the peer.
+        depth: u16,
+    },
+    /// A peer no longer wants an offer of this gateway.
+    Unwanted {
+        /// The id of the peer.
+        peer: GatewayId,
+        /// The number of the offer to the peer.
+        offer: OfferId,
+    },
+}
+
+/// The domain from which messages come, and to which requests go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Source {
+    /// The own domain.
+    Local,
+    /// The domain of another gateway.
+    Remote(GatewayId),
+}
+
+/// Work for the driver of a router.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Output {
+    /// Offer a subject to a peer.
+    Offer {
+        /// The id of the peer.
+        peer: GatewayId,
+        /// The number of the new offer.
+        offer: OfferId,
+        /// The topic or service.
+        subject: Subject,
+        /// The gateways from the origin to this one.
         path: Vec<Hop>,
     },
     /// Withdraw an offer.
     Unoffer {
-        /// From whom.
+        /// The peer to which it was made.
         peer: GatewayId,
-        /// Its number.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// Want what a peer offers.
+    /// Want an offer of a peer.
     Want {
-        /// From whom.
+        /// The peer that made the offer.
         peer: GatewayId,
-        /// The number of its offer.
+        /// The number of the offer.
         offer: OfferId,
-        /// How many messages wait at most.
+        /// The most messages that wait for this gateway.
         depth: u16,
     },
-    /// Do not want it any more.
+    /// No longer want an offer of a peer.
     Unwant {
-        /// From whom.
+        /// The peer that made the offer.
         peer: GatewayId,
-        /// The number of its offer.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// Show the domain what comes from there: a publisher, or a server.
+    /// Create a publisher or server in the own domain that stands for those of an origin.
     Show {
-        /// What.
+        /// The topic or service.
         subject: Subject,
-        /// From which gateway's domain.
+        /// The gateway of the domain from which it comes.
         origin: GatewayId,
-        /// By which peer.
+        /// The peer through which it comes.
         peer: GatewayId,
     },
-    /// Do not show it any more.
+    /// Remove the publisher or server that stands for those of an origin.
     Hide {
-        /// What.
+        /// The topic or service.
         subject: Subject,
-        /// From which gateway's domain.
+        /// The gateway of the domain from which it came.
         origin: GatewayId,
     },
-    /// Take what the domain's publishers publish, or be a client of its servers.
+    /// Subscribe to the topic in the own domain, or become a client of the service there.
     Subscribe {
-        /// What.
+        /// The topic or service.
         subject: Subject,
-        /// How many messages wait for a peer at most.
+        /// The most messages that wait for a peer.
         depth: u16,
     },
-    /// Do not any more.
+    /// End the subscription, or the client, in the own domain.
     Unsubscribe {
-        /// What.
+        /// The topic or service.
         subject: Subject,
     },
 }

@@ -1,4 +1,4 @@
-//! One topic or service: what is so, and what was said of it.
+//! The facts about one topic or service, and what the router has told others about it.
 
 use alloc::{
     collections::{BTreeMap, VecDeque},
@@ -14,30 +14,34 @@ use crate::limits::HOPS_MAX;
 
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct SubjectState {
-    /// Whether the domain has publishers or servers of its own.
+    // The facts.
+    /// Whether the own domain has publishers or servers.
     pub(super) local: bool,
-    /// Who in the domain takes what comes from an origin: how many messages wait at most.
-    pub(super) taken: BTreeMap<GatewayId, u16>,
-    /// The offers of peers: the path of each.
-    pub(super) theirs: BTreeMap<(GatewayId, OfferId), Vec<Hop>>,
-    ours: BTreeMap<(GatewayId, Source), Our>,
-    /// What the domain is shown: by origin, from which peer.
+    /// For each origin whose messages somebody in the own domain takes: how many of them wait.
+    pub(super) local_demand: BTreeMap<GatewayId, u16>,
+    /// The offers of peers, with their paths.
+    pub(super) peer_offers: BTreeMap<(GatewayId, OfferId), Vec<Hop>>,
+    /// The offers to peers.
+    own_offers: BTreeMap<(GatewayId, Source), OwnOffer>,
+    // The outputs that are in effect.
+    /// The origins that the own domain is shown, each with the peer through which it comes.
     shown: BTreeMap<GatewayId, GatewayId>,
-    /// The offers that are wanted, by origin.
-    wanting: BTreeMap<GatewayId, (GatewayId, OfferId)>,
-    /// Whether the domain's own are taken, and how many messages wait at most.
+    /// The offers of peers that this gateway wants, by origin.
+    wanted_offers: BTreeMap<GatewayId, (GatewayId, OfferId)>,
+    /// The depth of the subscription in the own domain, if there is one.
     subscribed: Option<u16>,
 }
 
 /// An offer to a peer.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Our {
+struct OwnOffer {
     offer: OfferId,
     path: Vec<Hop>,
+    /// The depth that the peer wants, if it wants the offer.
     wanted: Option<u16>,
 }
 
-/// The offer that is used of an origin.
+/// The one offer that is used of an origin.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Route {
     peer: GatewayId,
@@ -46,14 +50,14 @@ pub(super) struct Route {
 }
 
 impl SubjectState {
-    /// Of each origin the offer that is used.
+    /// Chooses the offer to use for each origin.
     //= SM2-GWO-004
     pub(super) fn best_routes(
         &self,
         may_come_from: impl Fn(&GatewayId) -> bool,
     ) -> BTreeMap<GatewayId, Route> {
         let mut best: BTreeMap<GatewayId, Route> = BTreeMap::new();
-        for (&(peer, offer), path) in &self.theirs {
+        for (&(peer, offer), path) in &self.peer_offers {
             let Some(origin) = path.first().filter(|_| may_come_from(&peer)) else {
                 continue;
             };
@@ -70,7 +74,7 @@ impl SubjectState {
         best
     }
 
-    /// What can be offered: by source, with the path that it has from here.
+    /// The sources that can be offered to peers, each with its path up to this gateway.
     pub(super) fn sources(
         &self,
         routes: &BTreeMap<GatewayId, Route>,
@@ -85,13 +89,13 @@ impl SubjectState {
         local.into_iter().chain(remote).filter(is_short).collect()
     }
 
-    /// Forgets the offers that may not be made like this any more; gives their numbers.
+    /// Removes the own offers that are out of date and returns their numbers.
     pub(super) fn withdraw(
         &mut self,
         may_stay: impl Fn(&GatewayId, Source, &Vec<Hop>) -> bool,
     ) -> Vec<(GatewayId, OfferId)> {
         let mut withdrawn = Vec::new();
-        self.ours.retain(|(peer, source), our| {
+        self.own_offers.retain(|(peer, source), our| {
             let stays = may_stay(peer, *source, &our.path);
             if !stays {
                 withdrawn.push((*peer, our.offer));
@@ -102,7 +106,7 @@ impl SubjectState {
     }
 
     pub(super) fn is_offered(&self, peer: GatewayId, source: Source) -> bool {
-        self.ours.contains_key(&(peer, source))
+        self.own_offers.contains_key(&(peer, source))
     }
 
     pub(super) fn offer(
@@ -112,16 +116,16 @@ impl SubjectState {
         offer: OfferId,
         path: Vec<Hop>,
     ) {
-        let our = Our {
+        let our = OwnOffer {
             offer,
             path,
             wanted: None,
         };
-        self.ours.insert((peer, source), our);
+        self.own_offers.insert((peer, source), our);
     }
 
-    /// Shows the domain what can come, and wants what somebody takes. What ends comes first, so
-    /// that nothing comes by two ways.
+    /// Shows the routes to the own domain, and wants those for which there is demand. It ends the old
+    /// ones before it begins new ones, so that no message comes by two routes.
     pub(super) fn use_routes(
         &mut self,
         subject: &Subject,
@@ -131,8 +135,8 @@ impl SubjectState {
         self.shown.retain(|origin, peer| {
             let stays = routes.get(origin).is_some_and(|it| it.peer == *peer);
             if !stays {
-                // Whoever took it took it from what is hidden now.
-                self.taken.remove(origin);
+                // Subscribers of the domain have subscribed to the publisher that is hidden now.
+                self.local_demand.remove(origin);
                 outputs.push_back(Output::Hide {
                     subject: subject.clone(),
                     origin: *origin,
@@ -145,10 +149,10 @@ impl SubjectState {
             Some((origin, (route.peer, route.offer, depth)))
         });
         let wanted: BTreeMap<_, _> = wanted.collect();
-        self.wanting.retain(|origin, &mut (peer, offer)| {
+        self.wanted_offers.retain(|origin, &mut (peer, offer)| {
             let is_it = |it: &(GatewayId, OfferId, u16)| (it.0, it.1) == (peer, offer);
             let stays = wanted.get(origin).is_some_and(is_it);
-            if !stays && self.theirs.contains_key(&(peer, offer)) {
+            if !stays && self.peer_offers.contains_key(&(peer, offer)) {
                 outputs.push_back(Output::Unwant { peer, offer });
             }
             stays
@@ -164,13 +168,13 @@ impl SubjectState {
             }
         }
         for (origin, (peer, offer, depth)) in wanted {
-            if self.wanting.insert(origin, (peer, offer)).is_none() {
+            if self.wanted_offers.insert(origin, (peer, offer)).is_none() {
                 outputs.push_back(Output::Want { peer, offer, depth });
             }
         }
     }
 
-    /// Takes the domain's own while some peer wants them.
+    /// Subscribes in the own domain while a peer wants its messages.
     pub(super) fn subscribe(&mut self, subject: &Subject, outputs: &mut VecDeque<Output>) {
         let demand = self.demand(Source::Local).filter(|_| self.local);
         let before = core::mem::replace(&mut self.subscribed, demand);
@@ -184,59 +188,60 @@ impl SubjectState {
         });
     }
 
-    /// How many messages of a source wait at most for whoever wants them, if somebody does.
+    /// The greatest depth that anybody wants of a source; `None` if nobody wants it.
     fn demand(&self, source: Source) -> Option<u16> {
         let here = match source {
             Source::Local => None,
-            Source::Remote(origin) => self.taken.get(&origin).copied(),
+            Source::Remote(origin) => self.local_demand.get(&origin).copied(),
         };
-        let wanted = self.ours.iter().filter(|((_, of), _)| *of == source);
+        let wanted = self.own_offers.iter().filter(|((_, of), _)| *of == source);
         wanted.filter_map(|(_, it)| it.wanted).chain(here).max()
     }
 
     pub(super) fn wanted(&mut self, peer: GatewayId, offer: OfferId, depth: Option<u16>) {
-        let is_it =
-            |((to, _), it): &(&(GatewayId, Source), &mut Our)| *to == peer && it.offer == offer;
-        if let Some((_, our)) = self.ours.iter_mut().find(is_it) {
+        let is_it = |((to, _), it): &(&(GatewayId, Source), &mut OwnOffer)| {
+            *to == peer && it.offer == offer
+        };
+        if let Some((_, our)) = self.own_offers.iter_mut().find(is_it) {
             our.wanted = depth;
         }
     }
 
     pub(super) fn takers(&self, source: Source) -> impl Iterator<Item = (GatewayId, OfferId)> {
-        let wanted = self.ours.iter();
+        let wanted = self.own_offers.iter();
         let wanted = wanted.filter(move |((_, of), it)| *of == source && it.wanted.is_some());
         wanted.map(|((peer, _), it)| (*peer, it.offer))
     }
 
     pub(super) fn source(&self, peer: GatewayId, offer: OfferId) -> Option<Source> {
-        let mut ours = self.ours.iter();
-        let found = ours.find(|((to, _), it)| *to == peer && it.offer == offer);
+        let mut own_offers = self.own_offers.iter();
+        let found = own_offers.find(|((to, _), it)| *to == peer && it.offer == offer);
         found.map(|((_, source), _)| *source)
     }
 
-    /// A peer does not offer this any more.
-    pub(super) fn gone(&mut self, theirs: (GatewayId, OfferId)) {
-        self.theirs.remove(&theirs);
+    /// Removes an offer that a peer has withdrawn.
+    pub(super) fn gone(&mut self, offer: (GatewayId, OfferId)) {
+        self.peer_offers.remove(&offer);
     }
 
-    /// There is no connection with this peer any more.
+    /// Removes all offers of and to a peer whose connection has ended.
     pub(super) fn forget(&mut self, peer: GatewayId) {
-        self.theirs.retain(|(of, _), _| *of != peer);
-        self.ours.retain(|(to, _), _| *to != peer);
+        self.peer_offers.retain(|(of, _), _| *of != peer);
+        self.own_offers.retain(|(to, _), _| *to != peer);
     }
 
-    pub(super) fn offers(&self) -> usize {
-        self.ours.len()
+    pub(super) fn own_offers_len(&self) -> usize {
+        self.own_offers.len()
     }
 
-    /// Whether nothing is to be remembered.
+    /// Whether the state is the same as that of an unknown subject.
     pub(super) fn is_idle(&self) -> bool {
         *self == Self::default()
     }
 }
 
 impl Route {
-    /// The least one is used.
+    /// The order of preference; the least rank is used.
     fn rank(&self) -> (Reverse<u64>, usize, GatewayId, OfferId) {
         let epoch = self.path.first().map_or(0, |it| it.epoch);
         (Reverse(epoch), self.path.len(), self.peer, self.offer)

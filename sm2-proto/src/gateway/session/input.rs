@@ -1,4 +1,4 @@
-//! What goes into a session and comes out of it.
+//! The inputs and outputs of a session.
 
 use alloc::{borrow::ToOwned, format, string::String, vec::Vec};
 
@@ -6,191 +6,194 @@ use super::super::{
     AskId, GatewayId, Header, Hop, OfferId, PeerViolation, StreamToken, Subject, SubjectKind,
     Verdict,
 };
-use crate::{Code, Name};
+use crate::{
+    Code, Name,
+    limits::{OFFERS_MAX, QUESTIONS_MAX},
+};
 
 /// An input of a session. All outputs of the input before are drained first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
-    /// Something happened on the connection.
+    /// An event of the connection.
     Event(PeerEvent<'a>),
-    /// Our side asks for something. Legal once the peer has greeted.
+    /// A command of this side. Legal when the HELLO of the peer has come.
     Command(Command),
-    /// End the connection.
+    /// Closes the connection with this code.
     Close(Code),
-    /// Time has passed.
+    /// The deadline has come.
     Tick,
 }
 
-/// What carries a message, a request or a reply.
+/// The way by which a message, a request or a reply arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Carrier {
     /// A stream of its own.
     Stream(StreamToken),
-    /// A QUIC datagram: a message alone can come this way.
+    /// A QUIC datagram. Only messages may come in datagrams.
     Datagram,
 }
 
-/// Something that happened on the connection.
+/// An event of the connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PeerEvent<'a> {
-    /// Bytes of the control stream, in any pieces.
+    /// Bytes of the control stream, in pieces of any length.
     Control(&'a [u8]),
     /// The header of a message, a request or a reply has arrived.
     Header {
-        /// What carries it.
+        /// The stream or datagram of the header.
         carrier: Carrier,
-        /// What it says.
+        /// The header.
         header: Header,
     },
-    /// The connection is over, or the control stream has ended; with the peer's code, if it sent one.
+    /// The connection or the control stream has ended, with the code of the peer if it sent one.
     Closed(Option<Code>),
     /// The peer broke SPEC in bytes that the session does not see, such as the payload of a stream.
     Violation(PeerViolation),
 }
 
-/// What our side asks for.
+/// A command of this side.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// The peer may have this.
+    /// Offers a subject to the peer.
     Offer {
-        /// Greater than all before.
+        /// The number of the new offer, greater than all before.
         offer: OfferId,
-        /// What it is.
+        /// The topic or service.
         subject: Subject,
-        /// From the origin to this gateway.
+        /// The gateways from the origin to this one.
         path: Vec<Hop>,
     },
-    /// It may not any more.
+    /// Withdraws an offer.
     Unoffer {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// What the peer offers is wanted; if that it was not has not been confirmed yet, once it is.
+    /// Wants an offer of the peer. If the peer has not confirmed an earlier UNWANT, the session sends
+    /// WANT when it does.
     Want {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
-        /// How many messages wait at most, 1 to 1,024.
+        /// The most messages that wait for this side, 1 to 1,024.
         depth: u16,
     },
-    /// It is not wanted any more.
+    /// No longer wants an offer of the peer. Calls of the offer fail.
     Unwant {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// Could this side have that?
+    /// Asks the peer whether this side could have a topic or service.
     Ask {
-        /// The number of the question.
+        /// The number of the question, chosen freely.
         ask: AskId,
-        /// A topic or a service.
+        /// Whether the name is of a topic or a service.
         kind: SubjectKind,
-        /// Its name.
+        /// The name.
         name: Name,
     },
-    /// The answer to the oldest question.
+    /// Answers the oldest question of the peer.
     Answer {
-        /// Its number.
+        /// The number of the question.
         ask: AskId,
-        /// What it is.
+        /// The answer.
         verdict: Verdict,
     },
-    /// A stream for a call is about to be opened.
+    /// Registers a call before its request is written.
     Call {
-        /// The driver's name for the stream.
+        /// The stream of the call.
         stream: StreamToken,
-        /// The service.
+        /// The offer of the service.
         offer: OfferId,
     },
-    /// Nobody waits for this call's reply any more: its stream is reset, and nothing of it comes
-    /// here from now on.
+    /// Forgets a call. The driver resets its stream and feeds nothing of it from now on.
     Forget {
-        /// The stream.
+        /// The stream of the call.
         stream: StreamToken,
     },
 }
 
-/// What the driver does next.
+/// Work for the driver of a session, and events for its owner.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Output {
-    /// Write these bytes to the control stream.
+    /// Write these bytes to the control stream, after all earlier ones.
     Transmit(Vec<u8>),
-    /// Read the payload behind this header.
+    /// Accept the payload behind the header that was fed last.
     Take {
-        /// What carries it.
+        /// The stream or datagram of the header.
         carrier: Carrier,
     },
-    /// Discard the payload of a message that our side does not want any more; stop its stream.
+    /// Discard a message that this side no longer wants; stop its stream.
     Discard {
-        /// What carries it.
+        /// The stream or datagram of the message.
         carrier: Carrier,
     },
-    /// Reply to the call of this stream that the server cannot be reached.
+    /// Reply to a call of the peer with *unreachable*.
     Unreachable {
-        /// Which.
+        /// The stream of the call.
         stream: StreamToken,
     },
-    /// No reply to the call of this stream counts any more: reset it, and feed nothing of it.
+    /// A call of this side has failed as *unreachable*. Reset its stream and feed nothing more of it.
     CallFailed {
-        /// Which.
+        /// The stream of the call.
         stream: StreamToken,
     },
-    /// News for the session's owner.
+    /// An event for the owner of the session.
     Event(Event),
-    /// The connection is over: close it with the code of this. Nothing comes after.
+    /// The session has ended: close the connection with the code of this reason. It is the last output.
     Ended(End),
 }
 
-/// News for the owner of a session. Drivers pass it up unchanged.
+/// An event for the owner of a session. Drivers pass it on unchanged.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Event {
-    /// The peer has greeted.
+    /// The HELLO of the peer has come.
     Greeted {
-        /// Its id.
+        /// The id of the peer.
         peer: GatewayId,
-        /// Of its process.
+        /// The epoch of its process.
         epoch: u64,
-        /// What people call it.
+        /// Its name, for people.
         name: Name,
     },
-    /// The peer offers this.
+    /// The peer offers a subject.
     Offered {
         /// The number of the offer.
         offer: OfferId,
-        /// What it is.
+        /// The topic or service.
         subject: Subject,
-        /// From the origin to the peer.
+        /// The gateways from the origin to the peer.
         path: Vec<Hop>,
     },
-    /// The peer does not offer it any more.
+    /// The peer has withdrawn an offer.
     Gone {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// The peer wants what this side offers.
+    /// The peer wants an offer of this side.
     Wanted {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
-        /// How many messages wait for it at most.
+        /// The most messages that wait for the peer.
         depth: u16,
     },
-    /// The peer does not want it any more.
+    /// The peer no longer wants an offer of this side.
     Unwanted {
-        /// Which.
+        /// The number of the offer.
         offer: OfferId,
     },
-    /// The peer wants to know whether it could have that: answer in turn.
+    /// The peer asks whether it could have a topic or service. Answer questions in their order.
     Asked {
         /// The number of the question.
         ask: AskId,
-        /// A topic or a service.
+        /// Whether the name is of a topic or a service.
         kind: SubjectKind,
-        /// Its name.
+        /// The name.
         name: Name,
     },
-    /// The peer has answered.
+    /// The peer has answered the oldest question of this side.
     Answered {
         /// The number of the question.
         ask: AskId,
-        /// What it said.
+        /// The answer.
         verdict: Verdict,
     },
 }
@@ -219,36 +222,36 @@ fn closed(code: Option<Code>) -> String {
 /// The reason why an input was not taken.
 pub type Error = crate::Error<End, Misuse>;
 
-/// What a driver may not do; nothing has changed.
+/// A misuse by the driver. Nothing has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Misuse {
-    /// The peer has not greeted yet.
-    #[error("the peer has not greeted yet")]
+    /// The HELLO of the peer has not come yet.
+    #[error("the peer has not sent its HELLO yet")]
     NotOpen,
-    /// The number of an offer is not greater than all before.
-    #[error("the number of an offer is greater than all before")]
+    /// The number of the offer is not greater than all before.
+    #[error("the number of an offer must be greater than all before")]
     OfferNumber,
-    /// There are as many offers as there may be.
-    #[error("there are as many offers as there may be")]
+    /// 4,096 offers are not gone.
+    #[error("a connection has at most {OFFERS_MAX} offers of each side")]
     TooManyOffers,
-    /// The path does not end here, leads back to the peer, or is no path.
+    /// The path does not end with this gateway, names the peer, or is not legal.
     #[error(
-        "the path of an offer ends with this gateway, does not come from the peer, and names 1 to 8 gateways once"
+        "the path of an offer must end with this gateway, and name 1 to 8 gateways once, the peer not among them"
     )]
     WrongPath,
-    /// No such offer, or not in this state.
-    #[error("there is no such offer, or it is not in a state for this")]
+    /// The offer does not exist, or its state does not allow the command.
+    #[error("the offer does not exist, or its state does not allow this")]
     WrongOffer,
-    /// `depth` is out of its range.
-    #[error("`depth` is 1 to 1,024")]
+    /// `depth` is out of range.
+    #[error("`depth` must be 1 to 1,024")]
     WrongDepth,
-    /// As many questions wait for an answer as may.
-    #[error("as many questions wait for an answer as may")]
+    /// 64 questions have no answer yet.
+    #[error("at most {QUESTIONS_MAX} questions may wait for an answer")]
     TooManyQuestions,
-    /// The oldest question has another number.
-    #[error("questions are answered in their order")]
+    /// The oldest question of the peer has another number.
+    #[error("questions must be answered in their order")]
     NotAsked,
-    /// The stream has a call.
+    /// The stream has a call already.
     #[error("the stream has a call already")]
     StreamInUse,
     /// The stream has no call without a reply.

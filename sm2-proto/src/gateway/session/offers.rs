@@ -1,4 +1,4 @@
-//! The offers of both sides: the tables of SPEC section 14.3.
+//! The offers of both sides, as the tables of SPEC section 14.3 have them.
 
 use alloc::collections::BTreeMap;
 
@@ -8,30 +8,35 @@ use super::{
 };
 use crate::limits::{OFFERS_MAX, QOS_MAX};
 
-/// What this side offers.
+/// The offers of this side.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
-pub(super) struct Ours {
-    offers: BTreeMap<OfferId, (SubjectKind, Our)>,
+pub(super) struct OwnOffers {
+    offers: BTreeMap<OfferId, (SubjectKind, OwnOffer)>,
+    /// The greatest number that was used.
     last: OfferId,
 }
 
+/// The state of an offer of this side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Our {
+enum OwnOffer {
+    /// The peer does not want the offer.
     Offered,
+    /// The peer wants the offer.
     Wanted,
     /// UNOFFER was sent.
     Withdrawing,
 }
 
-/// What the peer offers.
+/// The offers of the peer.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
-pub(super) struct Theirs {
-    offers: BTreeMap<OfferId, Their>,
+pub(super) struct PeerOffers {
+    offers: BTreeMap<OfferId, PeerOffer>,
+    /// The greatest number that the peer has used.
     last: OfferId,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Their {
+struct PeerOffer {
     kind: SubjectKind,
     interest: Interest,
     /// Whether WANT was ever sent.
@@ -40,16 +45,15 @@ struct Their {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Interest {
+    /// The offer is known; it is not wanted.
     None,
     /// WANT was sent.
     Wanting,
-    /// UNWANT was sent; whether it is wanted again once that is confirmed, and how.
-    Unwanting {
-        again: Option<u16>,
-    },
+    /// UNWANT was sent. `again` is the depth of the WANT that follows UNWANTED, if one does.
+    Unwanting { again: Option<u16> },
 }
 
-impl Ours {
+impl OwnOffers {
     //= SM2-GWO-001
     pub(super) fn offer(&mut self, offer: OfferId, kind: SubjectKind) -> Result<(), Misuse> {
         if offer <= self.last {
@@ -59,69 +63,71 @@ impl Ours {
             return Err(Misuse::TooManyOffers);
         }
         self.last = offer;
-        self.offers.insert(offer, (kind, Our::Offered));
+        self.offers.insert(offer, (kind, OwnOffer::Offered));
         Ok(())
     }
 
     pub(super) fn withdraw(&mut self, offer: OfferId) -> Result<(), Misuse> {
         match self.offers.get_mut(&offer) {
-            Some((_, state)) if *state != Our::Withdrawing => {
-                *state = Our::Withdrawing;
+            Some((_, state)) if *state != OwnOffer::Withdrawing => {
+                *state = OwnOffer::Withdrawing;
                 Ok(())
             }
             _ => Err(Misuse::WrongOffer),
         }
     }
 
-    fn state(&mut self, offer: OfferId) -> Result<&mut Our, PeerViolation> {
+    fn state(&mut self, offer: OfferId) -> Result<&mut OwnOffer, PeerViolation> {
         let it = self.offers.get_mut(&offer);
         it.map(|(_, state)| state)
             .ok_or(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))
     }
 
-    /// WANT came: whether that means anything.
+    /// Handles WANT. False if the offer is being withdrawn: then WANT has no effect.
     //= SM2-GWO-002
     pub(super) fn wanted(&mut self, offer: OfferId) -> Result<bool, PeerViolation> {
         let state = self.state(offer)?;
         match state {
-            Our::Offered => *state = Our::Wanted,
-            Our::Wanted => return Err(violation!(PeerViolationKind::BadWant, "SM2-GWO-002")),
-            Our::Withdrawing => return Ok(false),
+            OwnOffer::Offered => *state = OwnOffer::Wanted,
+            OwnOffer::Wanted => return Err(violation!(PeerViolationKind::BadWant, "SM2-GWO-002")),
+            OwnOffer::Withdrawing => return Ok(false),
         }
         Ok(true)
     }
 
-    /// UNWANT came: whether that means anything.
+    /// Handles UNWANT. False if the offer is being withdrawn: then UNWANT has no effect.
     //= SM2-GWO-002
     pub(super) fn unwanted(&mut self, offer: OfferId) -> Result<bool, PeerViolation> {
         let state = self.state(offer)?;
         match state {
-            Our::Offered => return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002")),
-            Our::Wanted => *state = Our::Offered,
-            Our::Withdrawing => return Ok(false),
+            OwnOffer::Offered => {
+                return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
+            }
+            OwnOffer::Wanted => *state = OwnOffer::Offered,
+            OwnOffer::Withdrawing => return Ok(false),
         }
         Ok(true)
     }
 
-    /// UNOFFERED came.
+    /// Handles UNOFFERED.
     //= SM2-GWO-002
     pub(super) fn gone(&mut self, offer: OfferId) -> Result<(), PeerViolation> {
         match self.state(offer)? {
-            Our::Withdrawing => {
+            OwnOffer::Withdrawing => {
                 self.offers.remove(&offer);
                 Ok(())
             }
-            Our::Offered | Our::Wanted => {
+            OwnOffer::Offered | OwnOffer::Wanted => {
                 Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))
             }
         }
     }
 
-    /// A call came: whether its server can be reached.
+    /// Judges the header of a call. False if the call is to be answered with *unreachable*.
     //= SM2-GWS-001
     pub(super) fn admit(&self, offer: OfferId) -> Result<bool, PeerViolation> {
         match self.offers.get(&offer) {
-            Some((SubjectKind::Service, state)) => Ok(*state == Our::Wanted),
+            Some((SubjectKind::Service, state)) => Ok(*state == OwnOffer::Wanted),
             None if (OfferId(1)..=self.last).contains(&offer) => Ok(false),
             Some((SubjectKind::Topic, _)) | None => {
                 Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWS-001"))
@@ -130,8 +136,8 @@ impl Ours {
     }
 }
 
-impl Theirs {
-    /// OFFER came.
+impl PeerOffers {
+    /// Handles OFFER.
     //= SM2-GWO-001
     pub(super) fn offered(
         &mut self,
@@ -145,22 +151,22 @@ impl Theirs {
             return Err(violation!(PeerViolationKind::OfferLimit, "SM2-GWO-001"));
         }
         self.last = offer;
-        let their = Their {
+        let found = PeerOffer {
             kind,
             interest: Interest::None,
             was_wanted: false,
         };
-        self.offers.insert(offer, their);
+        self.offers.insert(offer, found);
         Ok(())
     }
 
-    /// Whether to say so now.
+    /// Wants an offer. False if WANT has to wait for UNWANTED.
     pub(super) fn want(&mut self, offer: OfferId, depth: u16) -> Result<bool, Misuse> {
         if !(1..=QOS_MAX).contains(&depth) {
             return Err(Misuse::WrongDepth);
         }
-        let their = self.offers.get_mut(&offer).ok_or(Misuse::WrongOffer)?;
-        let (interest, now) = match their.interest {
+        let found = self.offers.get_mut(&offer).ok_or(Misuse::WrongOffer)?;
+        let (interest, now) = match found.interest {
             Interest::None => (Interest::Wanting, true),
             Interest::Unwanting { again: None } => {
                 let again = Some(depth);
@@ -170,25 +176,25 @@ impl Theirs {
                 return Err(Misuse::WrongOffer);
             }
         };
-        (their.interest, their.was_wanted) = (interest, true);
+        (found.interest, found.was_wanted) = (interest, true);
         Ok(now)
     }
 
-    /// Whether to say so now.
+    /// Ends a want. False if only a WANT that waits for UNWANTED is forgotten.
     pub(super) fn unwant(&mut self, offer: OfferId) -> Result<bool, Misuse> {
-        let their = self.offers.get_mut(&offer).ok_or(Misuse::WrongOffer)?;
-        let now = match their.interest {
+        let found = self.offers.get_mut(&offer).ok_or(Misuse::WrongOffer)?;
+        let now = match found.interest {
             Interest::Wanting => true,
             Interest::Unwanting { again: Some(_) } => false,
             Interest::None | Interest::Unwanting { again: None } => {
                 return Err(Misuse::WrongOffer);
             }
         };
-        their.interest = Interest::Unwanting { again: None };
+        found.interest = Interest::Unwanting { again: None };
         Ok(now)
     }
 
-    /// UNOFFER came.
+    /// Handles UNOFFER.
     //= SM2-GWO-002
     pub(super) fn gone(&mut self, offer: OfferId) -> Result<(), PeerViolation> {
         let gone = self.offers.remove(&offer);
@@ -196,19 +202,19 @@ impl Theirs {
             .ok_or(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))
     }
 
-    /// UNWANTED came. How it is wanted again, if it is.
+    /// Handles UNWANTED. Returns the depth of the WANT that has waited for it, if there is one.
     //= SM2-GWO-002
     pub(super) fn unwanted(&mut self, offer: OfferId) -> Result<Option<u16>, PeerViolation> {
-        let their = self.offers.get_mut(&offer);
-        let their = their.ok_or(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))?;
-        let Interest::Unwanting { again } = their.interest else {
+        let found = self.offers.get_mut(&offer);
+        let found = found.ok_or(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"))?;
+        let Interest::Unwanting { again } = found.interest else {
             return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWO-002"));
         };
-        their.interest = again.map_or(Interest::None, |_| Interest::Wanting);
+        found.interest = again.map_or(Interest::None, |_| Interest::Wanting);
         Ok(again)
     }
 
-    /// A message came: whether it is wanted.
+    /// Judges the header of a message. False if the message is to be discarded.
     //= SM2-GWM-001
     pub(super) fn admit(&self, offer: OfferId) -> Result<bool, PeerViolation> {
         match self.offers.get(&offer) {
@@ -221,15 +227,16 @@ impl Theirs {
                 };
                 Ok(is_wanted(it.interest))
             }
-            // Streams and frames have no common order.
+            // The offer is gone. Streams and frames have no common order, so this is no violation.
             None if (OfferId(1)..=self.last).contains(&offer) => Ok(false),
             _ => Err(violation!(PeerViolationKind::NotWanted, "SM2-GWM-001")),
         }
     }
 
+    /// Checks that a call of this offer is legal for this side.
     pub(super) fn check_call(&self, offer: OfferId) -> Result<(), Misuse> {
-        let their = self.offers.get(&offer);
-        match their {
+        let found = self.offers.get(&offer);
+        match found {
             Some(it) if it.kind == SubjectKind::Service && it.interest == Interest::Wanting => {
                 Ok(())
             }
