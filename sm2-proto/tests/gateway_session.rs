@@ -17,7 +17,8 @@ use sm2_proto::{
         AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
         PeerViolationKind, StreamToken, Subject, SubjectKind, Verdict,
         session::{
-            Carrier, Command, End, Event, Input, Misuse, Output, PeerEvent, Session, first_stays,
+            Candidate, Carrier, Command, End, Event, Initiator, Input, Misuse, Output, PeerEvent,
+            Session, older_stays,
         },
     },
     limits::QUESTIONS_MAX,
@@ -280,22 +281,26 @@ fn a_process_that_was_before() {
     }
 }
 
+//= SM2-GWC-004 test
 #[test]
 fn of_two_connections_both_sides_keep_the_same() {
+    use Initiator::{Peer, ThisGateway};
     let (small, great) = (hop(1).gateway, hop(2).gateway);
-    for by_small in [true, false] {
-        // Of one process: the one that the smaller id opened.
-        let first = first_stays(small, great, (5, by_small), (5, !by_small));
-        let at_the_other = first_stays(great, small, (9, !by_small), (9, by_small));
-        assert_eq!((first, at_the_other), (by_small, by_small));
-        // The newer process, whoever opened it.
-        assert!(first_stays(small, great, (6, by_small), (5, !by_small)));
-        assert!(!first_stays(small, great, (5, by_small), (6, !by_small)));
+    let by = |epoch, initiator| Candidate { epoch, initiator };
+    for (first, second) in [(ThisGateway, Peer), (Peer, ThisGateway)] {
+        // The epochs are equal: the connection that the smaller id opened stays.
+        let at_small = older_stays(small, great, by(5, first), by(5, second));
+        let at_great = older_stays(great, small, by(9, second), by(9, first));
+        let opened_by_small = first == ThisGateway;
+        assert_eq!((at_small, at_great), (opened_by_small, opened_by_small));
+        // The newer process of the peer wins, whichever side opened the connection.
+        assert!(older_stays(small, great, by(6, first), by(5, second)));
+        assert!(!older_stays(small, great, by(5, first), by(6, second)));
     }
-    assert!(first_stays(small, great, (5, true), (5, true)), "the first");
+    let same = by(5, ThisGateway);
+    assert!(older_stays(small, great, same, same), "a tie");
 }
 
-/// The table of the side that offers, in SPEC section 14.3.
 //= SM2-GWO-005 test
 #[test]
 fn questions() {

@@ -25,7 +25,7 @@ use sm2_proto::{
     gateway::{
         Direction, GatewayId, Hop, OfferId, PeerFarewell, Subject, SubjectKind, Verdict,
         router::{self, Router, Source},
-        session::{self, first_stays},
+        session::{self, Candidate, Initiator, older_stays},
     },
 };
 
@@ -281,12 +281,20 @@ impl Hub {
         name: Name,
     ) {
         if let Some(it) = self.peers.get(&peer) {
-            let (old, new) = ((it.epoch, it.is_dialled), (epoch, is_dialled));
+            let candidate = |epoch, is_dialled| Candidate {
+                epoch,
+                initiator: match is_dialled {
+                    true => Initiator::ThisGateway,
+                    false => Initiator::Peer,
+                },
+            };
+            let older = candidate(it.epoch, it.is_dialled);
+            let newer = candidate(epoch, is_dialled);
             let code = |lost: u64, stays: u64| match lost < stays {
                 true => PeerFarewell::Stale.code(),
                 false => PeerFarewell::Duplicate.code(),
             };
-            if first_stays(self.me.gateway, peer, old, new) {
+            if older_stays(self.me.gateway, peer, older, newer) {
                 return self.close(connection, code(epoch, it.epoch));
             }
             let (other, code) = (it.connection, code(it.epoch, epoch));

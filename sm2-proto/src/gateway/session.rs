@@ -11,6 +11,7 @@
 //! | open | every input | a violation, [`PeerEvent::Closed`], [`Input::Close`]: ended |
 //! | ended | nothing: each input is answered with the first [`End`] | |
 
+mod duplicates;
 mod input;
 mod offers;
 
@@ -20,8 +21,11 @@ use alloc::{
 };
 use core::time::Duration;
 
-pub use self::input::{Carrier, Command, End, Error, Event, Input, Misuse, Output, PeerEvent};
 use self::offers::{OwnOffers, PeerOffers};
+pub use self::{
+    duplicates::{Candidate, Initiator, older_stays},
+    input::{Carrier, Command, End, Error, Event, Input, Misuse, Output, PeerEvent},
+};
 use super::{
     AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
     PeerViolation, PeerViolationKind, StreamToken, Subject,
@@ -428,17 +432,4 @@ impl Machine for Session {
             _ => None,
         }
     }
-}
-
-/// Which of two connections with one peer stays: each as the peer's epoch, and whether this side
-/// opened it. True: the first.
-#[must_use]
-pub fn first_stays(
-    me: GatewayId,
-    peer: GatewayId,
-    first: (u64, bool),
-    second: (u64, bool),
-) -> bool {
-    let by_the_smaller = |opened: bool| opened == (me < peer);
-    (first.0, by_the_smaller(first.1)) >= (second.0, by_the_smaller(second.1))
 }
