@@ -10,8 +10,8 @@
 //! | [`node::Node`] | a node's session with its Manager |
 //! | [`link::Link`] | one end of a link: topics and services alike |
 //! | [`gateway::session::Session`] | a gateway's session with a peer |
-//! | [`gateway::router::Router`] | the routes of a gateway: which peer offers what, and who wants it |
-//! | [`gateway::discovery::Discovery`] | the gateways on the local network |
+//! | [`gateway::router::Router`] | the routes of a gateway: which offers it makes, uses and passes on |
+//! | [`gateway::discovery::Discovery`] | the peers of a gateway: which one to dial, where and when |
 //! | [`gateway::schedule::Schedule`] | the messages that wait for a connection between gateways |
 //!
 //! The hub and the peer of `sm2-gateway` join these machines and are machines as well.

@@ -1,6 +1,6 @@
-//! The datagram by which a gateway can be found.
+//! The encoding of beacons.
 
-use sm2_proto::gateway::{BEACON_LEN, Beacon, GatewayId, BeaconError};
+use sm2_proto::gateway::{BEACON_LEN, Beacon, BeaconError, GatewayId};
 
 fn beacon() -> Beacon {
     let mut key = [0; 32];
@@ -25,7 +25,7 @@ fn its_bytes() {
     assert_eq!(Beacon::from_bytes(&expected), Ok(beacon()));
 }
 
-/// Each bit matters, and what is refused is refused for it.
+/// A change of any bit is refused for the right reason, or changes the field that it belongs to.
 //= SM2-GWD-001 test
 #[test]
 fn any_other_bit() {

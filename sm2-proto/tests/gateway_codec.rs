@@ -1,5 +1,6 @@
-//! What gateways send, by two decoders: the shipped one and one written from SPEC alone take the
-//! same, say the same of it, and refuse all else for the same reason.
+//! Compares two decoders of frames, headers and beacons: the one of the crate, and one written from
+//! SPEC alone. Both accept the same bytes with the same meaning, and refuse all others for the same
+//! reason.
 
 #[path = "support/gateway_frames.rs"]
 mod frames;
@@ -73,7 +74,7 @@ proptest! {
         agreement::body(&body);
     }
 
-    /// Small numbers are lengths and variants that exist.
+    /// Small numbers are often legal lengths and variants.
     //= SM2-FRM-001, SM2-FRM-002 test
     #[test]
     fn likely_bytes(number in 0_u8..10, bytes in vec(likely_byte(), 0..90)) {

@@ -1,4 +1,4 @@
-//! Whom a gateway connects to, where and when.
+//! Discovery: which peers a gateway dials, where and when, and its own beacons.
 
 mod support;
 
@@ -62,7 +62,7 @@ impl Bench {
         })
     }
 
-    /// A beacon from one address, of this process.
+    /// Feeds a beacon of `gateway` with this epoch, sent from address `last`.
     fn beacon(&mut self, gateway: GatewayId, last: u16, epoch: u64) -> Vec<Output> {
         let bytes = Beacon {
             port: 7_000 + last,
@@ -80,7 +80,7 @@ impl Bench {
         self.input(Input::Connected { peer: PEER, epoch })
     }
 
-    /// How long until the next thing, in ns, and that.
+    /// Advances time to the deadline. Returns the time that passed, in nanoseconds, and the outputs.
     fn next(&mut self) -> (u64, Vec<Output>) {
         let until = self.discovery.deadline().expect("something is due");
         let before = std::mem::replace(&mut self.now, until);
@@ -108,7 +108,7 @@ fn addresses_in_turn_with_longer_and_longer_waits() {
         assert_eq!(bench.input(Input::Failed { peer: PEER }), []);
         most = (2 * most).min(5 * S);
     }
-    // What beacons say comes after them, the newest first and no more than two.
+    // The two newest addresses of beacons come after those of the configuration.
     for last in [3, 4, 5, 5] {
         assert_eq!(bench.beacon(PEER, last, 1), []);
     }
@@ -137,7 +137,7 @@ fn hosts_have_their_turns_after_addresses() {
         bench.input(Input::Failed { peer: PEER });
         assert_eq!(found, outputs);
     }
-    // It has only names, and then none.
+    // A peer with host names alone, and then with no location.
     let mut bench = Bench::new();
     bench.trust_with_hosts(PEER, &[], 1);
     assert!(bench.discovery.deadline().is_some());
@@ -156,7 +156,7 @@ fn a_connection_ends_the_search_and_its_end_begins_it() {
     }
     assert_eq!(bench.connected(4), []);
     assert_eq!(bench.discovery.deadline(), None);
-    // One that ends at once is an attempt that failed.
+    // A connection that ends before the longest wait counts as a failed attempt.
     bench.now = Instant(bench.now.0 + 5 * S - 1);
     bench.input(Input::Lost { peer: PEER });
     assert!(bench.next().0 >= 2_500 * MS);
@@ -164,7 +164,7 @@ fn a_connection_ends_the_search_and_its_end_begins_it() {
     bench.now = Instant(bench.now.0 + 5 * S);
     bench.input(Input::Lost { peer: PEER });
     assert!(bench.next().0 <= 10 * MS);
-    // An attempt that the peer was faster than.
+    // An attempt fails after the peer has opened a connection.
     bench.connected(4);
     assert_eq!(bench.input(Input::Failed { peer: PEER }), []);
     assert_eq!(bench.discovery.deadline(), None);
@@ -184,7 +184,7 @@ fn a_beacon_is_a_hint() {
     assert_eq!(bench.discovery.deadline(), None, "others, and itself");
     bench.beacon(PEER, 3, 1);
     assert_eq!(bench.next().1, dial(PEER, 3));
-    // While it has a connection only a newer process matters, and that once.
+    // While there is a connection, only a beacon of a newer process has an effect, and only one.
     bench.connected(6);
     bench.beacon(PEER, 4, 6);
     bench.beacon(PEER, 4, 5);
@@ -208,7 +208,7 @@ fn a_beacon_is_a_hint() {
     );
     bench.beacon(PEER, 4, 8);
     assert!(bench.discovery.deadline().is_some());
-    // It is lost while another is tried: that goes on.
+    // The connection is lost while another attempt is in flight: the attempt goes on.
     bench.next();
     bench.input(Input::Lost { peer: PEER });
     assert_eq!(bench.discovery.deadline(), None);
@@ -301,7 +301,7 @@ fn beacons_of_its_own() {
     assert!(waits.iter().any(|it| *it < 600 * MS) && waits.iter().any(|it| *it > 900 * MS));
 }
 
-/// What a test may do to a peer.
+/// An operation of the random test; the first field is the index of a peer.
 #[derive(Clone, Copy, Debug)]
 enum Op {
     Trust(usize, u16),
@@ -330,9 +330,9 @@ fn op() -> impl Strategy<Value = Op> {
 proptest! {
     #![proptest_config(cases(400))]
 
-    /// Whatever happens in whatever order: only peers that are trusted are dialled, each once at
-    /// a time, where the configuration or a beacon said; and whoever has an address and no
-    /// connection is tried within 5 s.
+    /// In any order of events, discovery dials only trusted peers, one attempt at a time for each, at
+    /// addresses of the configuration or of beacons. It dials each peer with an address and without a
+    /// connection within 5 s.
     //= SM2-GWD-002, SM2-GWD-003, SM2-GWD-004 test
     #[test]
     fn nobody_is_forgotten_and_nobody_pestered(ops in vec(op(), 0..120)) {

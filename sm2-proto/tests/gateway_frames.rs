@@ -1,4 +1,4 @@
-//! What gateways say to each other, as bytes: the frames of the control stream, and headers.
+//! The encodings of frames of the control stream and of headers.
 
 #[path = "support/gateway_frames.rs"]
 mod frames;
@@ -44,7 +44,7 @@ fn offer(path: Vec<Hop>) -> Frame {
     }
 }
 
-/// The bytes of each, written by hand from SPEC.
+/// The bytes of each frame, written by hand from SPEC.
 //= SM2-GWF-002, SM2-FRM-002 test
 #[test]
 fn the_bytes_of_each_frame() {
@@ -181,7 +181,7 @@ fn lengths_of_frames() {
         read(&[0, 0, 0, 0]),
         Err(violation!(PeerViolationKind::Malformed, "SM2-GWF-002"))
     );
-    // It is refused before any of it is there.
+    // The length is refused before the body arrives.
     let longest = GATEWAY_FRAME_MAX as u32;
     assert_eq!(read(&longest.to_le_bytes()), Ok(None));
     let too_long = (longest + 1).to_le_bytes();
@@ -204,7 +204,7 @@ fn lengths_of_frames() {
 proptest! {
     #![proptest_config(cases(300))]
 
-    /// In pieces of any length, frames are what they were.
+    /// The reader returns the same frames for pieces of any length.
     //= SM2-GWF-002 test
     #[test]
     fn frames_go_there_in_pieces(frames in vec(any_frame(), 0..8), pieces in vec(1_usize..40, 1..20)) {
@@ -224,7 +224,7 @@ proptest! {
         prop_assert!(reader.is_between_frames());
     }
 
-    /// Whatever comes is refused, or is the only encoding of a frame.
+    /// Random bytes are refused, or are the only encoding of a frame.
     //= SM2-FRM-001, SM2-FRM-002 test
     #[test]
     fn no_other_bytes_are_frames(frame in any_frame(), at in any::<prop::sample::Index>(), byte: u8, cut: bool) {
@@ -310,7 +310,7 @@ fn headers_that_are_refused() {
             Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-002"))
         );
     }
-    // What says nothing has to be zero: of a request the number, of a reply what is left.
+    // Unused fields have to be zero: `sequence` of a request, `age` of a reply.
     let mut request = message(0).to_bytes();
     request[0] = 2;
     assert_eq!(

@@ -1,4 +1,4 @@
-//! Gateways that pass on what others offer, in any arrangement: who ends up with what.
+//! Routers: the outputs of one of them, and the routes of several in any arrangement.
 
 mod support;
 #[path = "gateway_routes/world.rs"]
@@ -53,7 +53,7 @@ fn open() -> Rules {
     Rules(vec![rule(Action::Allow, "**")])
 }
 
-/// Gateway 0 and what it is told.
+/// The router of gateway 0.
 struct Bench(Router);
 
 impl Bench {
@@ -183,7 +183,7 @@ fn the_domain_is_asked_for_what_some_peer_wants() {
         offer(2, OfferId(2), &subject, &[0]),
     ];
     assert_eq!(bench.local(&subject, true), expected, "under a new number");
-    // Who comes later is told as well.
+    // A peer that connects later gets the offer as well.
     let up = bench.input(Input::Up { peer: id(3) });
     assert_eq!(up, [offer(3, OfferId(1), &subject, &[0])]);
 }
@@ -201,11 +201,11 @@ fn one_offer_of_each_origin_is_used() {
     ];
     assert_eq!(shown, expected);
     assert_eq!(bench.taken(5, Some(4)), [want(2, OfferId(1), 4)]);
-    // Longer, or as long from a greater id.
+    // A longer path, and a path of the same length from a greater id, change nothing.
     assert_eq!(bench.offered(OfferId(1), &[5, 6, 7, 1]), []);
     assert_eq!(bench.offered(OfferId(1), &[5, 6, 3]), []);
-    // As long from a smaller one: what was wanted by the old way is wanted by the new one, once
-    // somebody takes what is shown now.
+    // A path of the same length from a smaller id is used. Its offer is wanted when somebody takes the
+    // publisher that is shown now.
     let expected = [
         unoffer(1, OfferId(1)),
         unoffer(3, OfferId(1)),
@@ -217,7 +217,7 @@ fn one_offer_of_each_origin_is_used() {
     ];
     assert_eq!(bench.offered(OfferId(2), &[5, 6, 1]), expected);
     assert_eq!(bench.taken(5, Some(1)), [want(1, OfferId(2), 1)]);
-    // A new process of the origin, by whatever way.
+    // A newer process of the origin wins, although its path is longer.
     let newer = Hop { epoch: 8, ..hop(5) };
     let outputs = bench.input(Input::Offered {
         peer: id(3),
@@ -226,13 +226,13 @@ fn one_offer_of_each_origin_is_used() {
         path: vec![newer, hop(6), hop(7), hop(3)],
     });
     assert!(outputs.contains(&show(5, 3)), "{outputs:?}");
-    // Its end leads back.
+    // When that offer ends, the route before it is used again.
     let outputs = bench.input(Input::Gone {
         peer: id(3),
         offer: OfferId(2),
     });
     assert!(outputs.contains(&show(5, 1)), "{outputs:?}");
-    // A number says one thing.
+    // The number of an existing offer cannot be used for another.
     assert_eq!(bench.offered(OfferId(2), &[5, 1]), []);
     assert_eq!(
         bench.input(Input::Offered {
@@ -243,7 +243,7 @@ fn one_offer_of_each_origin_is_used() {
         }),
         []
     );
-    // Another origin is another matter.
+    // Another origin has its own route.
     let outputs = bench.offered(OfferId(9), &[8, 2]);
     assert!(outputs.contains(&show(8, 2)) && !outputs.contains(&hide(5)));
 }
@@ -272,7 +272,7 @@ fn rules_both_ways() {
         bench.wanted(1, OfferId(2), Some(1)),
         [want(2, OfferId(1), 1)]
     );
-    // Other rules: what they do not allow ends at once.
+    // New rules end at once what they do not allow.
     let outputs = bench.input(Input::Rules(Rules(vec![only(Direction::In, 1)])));
     let unsubscribe = Output::Unsubscribe {
         subject: subject.clone(),

@@ -1,4 +1,4 @@
-//! Which names go to which peer, against a list of what each rule means.
+//! Patterns and rules, compared with an oracle that applies each definition directly.
 
 mod support;
 
@@ -76,7 +76,7 @@ fn texts_that_are_no_patterns() {
     ];
     for (text, index, why) in table {
         let error = Pattern::new(text).expect_err(text).to_string();
-        let start = format!("segment {index} of the pattern is not `*` nor `**`, and {why}");
+        let start = format!("segment {index} of the pattern is neither `*` nor `**`, and {why}");
         assert!(error.starts_with(&start), "{text:?}: {error}");
     }
     let long = "a".repeat(256);
@@ -173,8 +173,8 @@ fn the_first_rule_that_fits_decides() {
     assert_eq!(nothing.decide(topic, &name("a"), outward, &first), NO);
 }
 
-/// All names of up to four of these segments.
-/// What a rule denies has one spelling: others are no names, on no way in, or those of others.
+/// A denied name has one spelling. Every other spelling is either not a legal name, in a pattern and
+/// in a frame alike, or the name of another subject.
 //= SM2-GWR-001 test
 //= SM2-GWR-002 test
 //= SM2-NAM-001 test
@@ -240,6 +240,7 @@ fn a_denied_name_has_no_other_spelling() {
     }
 }
 
+/// All names of up to four of the segments `a`, `b` and `c`.
 fn names() -> Vec<Name> {
     let mut texts: Vec<String> = vec![];
     let mut longest: Vec<String> = vec![String::new()];
@@ -251,7 +252,7 @@ fn names() -> Vec<Name> {
     texts.iter().map(|it| name(it)).collect()
 }
 
-/// What a pattern stands for among these, part by part: the beginnings that it allows.
+/// The oracle of patterns. For each part, it lists how many segments the parts up to there can match.
 fn stands_for(pattern: &str, name: &Name) -> bool {
     let segments: Vec<&str> = name.as_str().split('/').collect();
     let mut taken = vec![0];

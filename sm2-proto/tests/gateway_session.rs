@@ -1,5 +1,5 @@
-//! A connection between gateways: each frame in each state, and two of them with all that can
-//! be underway between them.
+//! The session between gateways: each frame in each state, and two sessions with frames and streams
+//! in flight between them.
 
 #[path = "gateway_session/calls.rs"]
 mod calls;
@@ -74,11 +74,11 @@ fn service() -> Subject {
     subject(SubjectKind::Service)
 }
 
-/// Session 1 with peer 2.
+/// The session of gateway 1 with gateway 2.
 struct Bench(Session);
 
 impl Bench {
-    /// A session whose HELLO has been sent; the peer's has not come.
+    /// A session that has sent its HELLO and waits for that of the peer.
     fn greeting(mut session: Session) -> Self {
         assert!(matches!(session.poll(), Some(Output::Transmit(_))));
         assert_eq!(session.poll(), None);
@@ -121,7 +121,7 @@ impl Bench {
         }
     }
 
-    /// The end that a session which has ended answers with.
+    /// The end with which an ended session answers an input.
     fn ended(&mut self, input: Input<'_>) -> End {
         match self.0.handle(Instant(0), input) {
             Err(Error::Ended(end)) => end,
@@ -234,7 +234,7 @@ fn greetings() {
             "SM2-GWF-001"
         ))
     );
-    // A stream that is there first is no better.
+    // A stream before HELLO is the same violation.
     let mut first = Bench::greeting(session(1, 2));
     assert_eq!(
         first.stream(MESSAGE, ONE),
@@ -312,7 +312,7 @@ fn questions() {
     };
     let answer = |ask, verdict| Frame::Answer { ask, verdict };
     let mut bench = Bench::open();
-    // The peer numbers them as it likes.
+    // The peer chooses the numbers of its questions freely.
     for number in [4, 1, 4] {
         let asked = Output::Event(Event::Asked {
             ask: AskId(number),
@@ -382,7 +382,7 @@ fn both_ways_to_end_it() {
         assert_eq!(bench.0.end(), Some(end));
         assert_eq!(bench.ended(Input::Event(PeerEvent::Control(&[1]))), end);
     }
-    // What stands behind the frame that ended it is not read.
+    // The session reads no frame behind the one that ended it.
     let mut bench = Bench::open();
     let bytes = [hello(2).to_bytes(), hello(2).to_bytes()].concat();
     let outputs = bench.input(Input::Event(PeerEvent::Control(&bytes)));

@@ -1,10 +1,11 @@
 //! Replays `tests/vectors/gateway.json`, the golden vectors of gateways.
 //!
-//! Of the control stream and of other streams a vector is what gateway 1 (its id is 32 bytes of
-//! 1, its epoch 71) receives from gateway 2, of which it has seen epoch 70 at most, where `before`
-//! has happened: bytes of the control stream that came and, with `>` in front, those that it sent
-//! itself where they do not follow from what came. Then the peer made so many `offers`, from 1
-//! on, and the receiver made a `call` to an offer of the peer's, on the stream of the vector.
+//! The receiver is gateway 1: its id is 32 bytes of 1, its epoch 71. The sender is gateway 2; the
+//! greatest epoch of gateway 2 that the receiver has seen is 70. A vector of the control stream or
+//! of another stream begins after `before`: bytes of the control stream that the receiver read and,
+//! with `>` in front, frames that it sent without being asked by one of those. Then the peer has made
+//! `offers` offers, numbered from 1, and the receiver has made a `call` of one of them on the stream
+//! of the vector.
 
 #[path = "support/gateway/mod.rs"]
 mod gateway;
@@ -45,14 +46,14 @@ struct Vector {
     call: Option<u64>,
     hex: String,
     frame: Option<Value>,
-    /// What the receiver sends at once.
+    /// The frames that the receiver sends at once.
     #[serde(default)]
     answer: String,
     header: Option<Value>,
-    /// What becomes of the stream.
+    /// The judgement about the stream: taken, discarded or unreachable.
     stream: Option<String>,
     violation: Option<String>,
-    /// An end that is no violation.
+    /// The name of the code with which the receiver closes the connection without a violation.
     closed: Option<String>,
     beacon: Option<Value>,
     ignored: Option<String>,
@@ -72,11 +73,11 @@ enum Surface {
     Control,
     /// The header of another stream.
     Stream,
-    /// A datagram to the group.
+    /// A datagram to the multicast group.
     Beacon,
 }
 
-/// What becomes of a connection: what it says of the input, or how it ends.
+/// The outputs of an input, or the end of the session.
 type Outcome = Result<Vec<Output>, End>;
 
 fn vectors() -> Vec<Vector> {
@@ -107,7 +108,7 @@ fn feed(session: &mut Session, input: Input<'_>) -> Outcome {
 }
 
 impl Vector {
-    /// The connection after what happened before.
+    /// The session after `before`, `offers` and `call`.
     fn session(&self) -> Session {
         let me = Hop {
             gateway: GatewayId([1; 32]),
@@ -268,7 +269,7 @@ impl Vector {
     }
 }
 
-/// What the receiver did before: the input that has these bytes sent.
+/// The command that makes a session send these bytes.
 fn said(bytes: &[u8]) -> Input<'static> {
     match Frame::from_body(&bytes[4..]).expect("a gateway sends it") {
         Frame::Offer {
@@ -344,7 +345,7 @@ fn every_kind_and_violation_has_a_vector() {
     assert_eq!(names.len(), vectors.len(), "names tell vectors apart");
 }
 
-/// The variants that stand for their fields.
+/// The keys of all objects: the variants with fields.
 fn kinds(values: &[&Value]) -> BTreeSet<String> {
     let keys = values.iter().filter_map(|it| it.as_object());
     keys.flat_map(|it| it.keys().cloned()).collect()

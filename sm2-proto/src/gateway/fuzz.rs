@@ -1,5 +1,5 @@
-//! What gateways take from others, under operations that bytes decide: the bodies of the fuzz
-//! targets `gateway_session` and `gateway_discovery`, and of unit tests.
+//! The bodies of the fuzz targets `gateway_session` and `gateway_discovery`, and of unit tests. The
+//! input bytes choose the operations.
 
 mod discovery;
 mod oracle;
@@ -20,7 +20,7 @@ mod tests {
             session(&data);
         }
 
-        /// No byte that changes much, so that runs get long.
+        /// Without the bytes that choose rare operations, so that sessions last longer.
         #[test]
         fn calm_bytes_decide_a_session(data in vec(0_u8..0xfc, 0..900)) {
             session(&data);

@@ -1,14 +1,17 @@
-//! What gateways agree on: SPEC section 14.
+//! The protocols between gateways: SPEC section 14. Annex B.10 to B.14 has their procedures.
 //!
-//! | part | what it is about |
+//! | part | purpose |
 //! | --- | --- |
-//! | [`Rules`] | which names go to which peer, and come from it |
-//! | [`Beacon`], [`discovery::Discovery`] | where a peer may be found, whom to connect to and when |
-//! | [`Frame`], [`FrameReader`] | what gateways say to each other |
-//! | [`Header`] | what stands before a payload |
-//! | [`session::Session`] | one connection with a peer |
-//! | [`router::Router`] | which offers are made, used and passed on |
-//! | [`schedule::Schedule`] | which message goes to a peer next |
+//! | [`Rules`], [`Pattern`] | decide which names may pass to and from which peer |
+//! | [`Frame`], [`FrameReader`] | the frames of the control stream |
+//! | [`Header`] | the header before the payload of a message, a request or a reply |
+//! | [`Beacon`] | the datagram by which gateways find each other |
+//! | [`session::Session`] | the machine of one connection with a peer |
+//! | [`router::Router`] | the machine that decides which offers are made, used and passed on |
+//! | [`schedule::Schedule`] | the machine that decides which message goes to a peer next |
+//! | [`discovery::Discovery`] | the machine that decides which peer is dialled, where and when |
+//!
+//! A stream of QUIC is named by a [`StreamToken`] of the driver; payloads stay with the driver.
 
 mod beacon;
 mod code;

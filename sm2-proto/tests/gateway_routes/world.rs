@@ -1,4 +1,4 @@
-//! Several gateways in any arrangement, and what is underway between them.
+//! Several routers in any arrangement, and the messages in flight between them.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -17,7 +17,7 @@ use super::{
     topic,
 };
 
-/// What goes from one gateway to another.
+/// A message from one router to another.
 #[derive(Clone, Debug)]
 enum Said {
     Offer(OfferId, Vec<Hop>),
@@ -26,12 +26,12 @@ enum Said {
     Unwant(OfferId),
 }
 
-/// Gateways, and what is underway between them, in order.
+/// Routers and the messages in flight between them, in order.
 struct World {
     routers: Vec<Router>,
     links: BTreeSet<(usize, usize)>,
-    underway: BTreeMap<(usize, usize), VecDeque<Said>>,
-    /// The offers that each knows: origin by peer and number.
+    in_flight: BTreeMap<(usize, usize), VecDeque<Said>>,
+    /// The origins of the offers that each router knows, by peer and number.
     known: Vec<BTreeMap<(usize, OfferId), usize>>,
     local: Vec<bool>,
     shown: Vec<BTreeSet<usize>>,
@@ -48,7 +48,7 @@ impl World {
                 .map(|(at, rules)| Router::new(hop(at), rules))
                 .collect(),
             links: BTreeSet::new(),
-            underway: BTreeMap::new(),
+            in_flight: BTreeMap::new(),
             known: vec![BTreeMap::new(); count],
             local: vec![false; count],
             shown: vec![BTreeSet::new(); count],
@@ -91,7 +91,10 @@ impl World {
             };
             let peer = index(peer);
             assert!(self.is_linked(at, peer), "{said:?}");
-            self.underway.entry((at, peer)).or_default().push_back(said);
+            self.in_flight
+                .entry((at, peer))
+                .or_default()
+                .push_back(said);
         }
     }
 
@@ -113,15 +116,15 @@ impl World {
             return;
         }
         for (at, peer) in [(one, other), (other, one)] {
-            self.underway.remove(&(at, peer));
+            self.in_flight.remove(&(at, peer));
             self.known[at].retain(|(of, _), _| *of != peer);
             self.input(at, Input::Down { peer: id(peer) });
         }
     }
 
-    /// The next thing from one to the other arrives.
+    /// Delivers the next message from one router to the other. False if there is none.
     fn arrive(&mut self, from: usize, at: usize) -> bool {
-        let queue = self.underway.get_mut(&(from, at));
+        let queue = self.in_flight.get_mut(&(from, at));
         let Some(said) = queue.and_then(VecDeque::pop_front) else {
             return false;
         };
@@ -159,26 +162,26 @@ impl World {
         panic!("it never ends");
     }
 
-    /// A message is published in this domain: how often it comes to each gateway.
+    /// How often each gateway receives a message that is published in this domain.
     fn publish(&self, origin: usize) -> Vec<usize> {
         let mut came = vec![0; self.routers.len()];
-        let mut underway: VecDeque<(usize, Source)> = VecDeque::new();
+        let mut in_flight: VecDeque<(usize, Source)> = VecDeque::new();
         if self.subscribed[origin] {
-            underway.push_back((origin, Source::Local));
+            in_flight.push_back((origin, Source::Local));
         }
-        while let Some((at, source)) = underway.pop_front() {
+        while let Some((at, source)) = in_flight.pop_front() {
             for (peer, offer) in self.routers[at].takers(&topic("a"), source) {
                 let peer = index(peer);
                 assert_eq!(self.known[peer][&(at, offer)], origin);
                 came[peer] += 1;
                 assert!(came[peer] < 3, "it goes round");
-                underway.push_back((peer, Source::Remote(id(origin))));
+                in_flight.push_back((peer, Source::Remote(id(origin))));
             }
         }
         came
     }
 
-    /// How far it is from each to each.
+    /// The distances between all gateways, in links.
     fn distances(&self) -> BTreeMap<(usize, usize), usize> {
         let count = self.routers.len();
         let mut all = BTreeMap::new();
@@ -240,7 +243,7 @@ impl World {
         }
     }
 
-    /// Only what is shown can be taken.
+    /// A gateway takes an origin only while it is shown.
     fn take(&mut self, at: usize, of: usize, taken: bool) {
         if !self.shown[at].contains(&of) {
             return;
@@ -261,7 +264,8 @@ impl World {
         );
     }
 
-    /// Whoever takes what is published gets it, once; whoever does not, only to pass it on.
+    /// Each gateway that takes an origin receives its messages once. Others receive them only to pass
+    /// them on.
     fn check_messages(&self) {
         for origin in 0..self.routers.len() {
             let came = self.publish(origin);
@@ -281,8 +285,8 @@ impl World {
 proptest! {
     #![proptest_config(cases(300))]
 
-    /// Where nothing is forbidden, each gets what anybody has, by a shortest way, and whatever
-    /// was said on the way there.
+    /// If the rules allow everything, each gateway gets the subjects of all others by a shortest path,
+    /// in any order of events.
     //= SM2-GWO-003, SM2-GWO-004 test
     #[test]
     fn each_gets_what_there_is(ops in vec(op(5), 0..150)) {
@@ -297,7 +301,7 @@ proptest! {
             prop_assert_eq!(world.shown[at].contains(&of), is_there, "{} of {}", at, of);
         }
         world.check_messages();
-        // All of them take all.
+        // Every gateway takes every origin.
         for (at, of) in pairs(5) {
             world.take(at, of, true);
         }
@@ -305,8 +309,8 @@ proptest! {
         world.check_messages();
     }
 
-    /// Whatever the rules are: what a rule denies is neither offered nor used, and nothing goes
-    /// round or comes twice.
+    /// Under any rules, no denied subject is offered or used, no message returns to its origin, and
+    /// none is received twice.
     //= SM2-GWR-003, SM2-GWO-003, SM2-GWO-004 test
     #[test]
     fn no_rule_is_passed_by(denied in vec((0_usize..5, 0_usize..5, any::<bool>()), 0..8), ops in vec(op(5), 0..120)) {

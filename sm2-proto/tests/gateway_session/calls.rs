@@ -103,7 +103,7 @@ fn calls_to_the_peer() {
     assert_eq!(outputs, [failed(SEVEN), failed(EIGHT), end]);
 }
 
-/// A datagram carries a message and nothing else.
+/// Requests and replies in datagrams are violations.
 //= SM2-GWM-003 test
 #[test]
 fn datagrams_carry_messages_alone() {

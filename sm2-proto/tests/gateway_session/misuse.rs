@@ -1,4 +1,4 @@
-//! Inputs that a driver may not give: misuse, which changes nothing.
+//! Misuse by the driver changes nothing.
 
 use sm2_proto::{
     gateway::{

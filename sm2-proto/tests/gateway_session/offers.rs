@@ -1,4 +1,4 @@
-//! Offers of both sides: wanted, withdrawn, refused.
+//! Offers of both sides in each state.
 
 use sm2_proto::{
     gateway::{
@@ -69,7 +69,7 @@ fn what_the_peer_says_of_our_offers() {
     assert_eq!(bench.frame(&want), unknown(), "never offered");
 }
 
-/// The table of the side that it is offered to, and messages.
+/// The table of the side to which an offer is made (SPEC section 14.3), and messages of the offer.
 //= SM2-GWO-002, SM2-GWM-001 test
 #[test]
 fn what_the_peer_says_of_its_offers() {
@@ -132,7 +132,7 @@ fn what_the_peer_says_of_its_offers() {
             "never offered"
         );
     }
-    // Nobody sends messages of a service.
+    // A message of a service is a violation.
     let mut bench = Bench::open();
     bench.offered(ONE, service());
     bench.input(Input::Command(Command::Want {

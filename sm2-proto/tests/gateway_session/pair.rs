@@ -1,4 +1,4 @@
-//! Two sessions with all that can be underway between them.
+//! Two sessions with frames and streams in flight between them.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -13,16 +13,16 @@ use sm2_proto::{
 
 use super::{MESSAGE, REQUEST, hop, session, subject, support::cases};
 
-/// Two sessions, and what is underway: bytes in order, streams in any.
+/// Two sessions. Bytes of the control stream arrive in order, other streams in any order.
 struct Pair {
     sides: [Session; 2],
     control: [VecDeque<u8>; 2],
     streams: [Vec<(StreamToken, Header)>; 2],
     offers: [BTreeMap<OfferId, SubjectKind>; 2],
-    /// What each side was offered, and what of it it wants.
+    /// The offers that each side knows, and those of them that it wants.
     known: [BTreeMap<OfferId, SubjectKind>; 2],
     wanting: [BTreeSet<OfferId>; 2],
-    /// What the peer of each side wants, as far as that knows.
+    /// The offers of each side that its peer wants, as far as the side knows.
     wanted: [BTreeSet<OfferId>; 2],
     calls: [BTreeSet<StreamToken>; 2],
     next: u64,
@@ -80,14 +80,14 @@ impl Pair {
         is_taken
     }
 
-    /// Feeds some of the bytes that are underway.
+    /// Feeds some of the bytes that are in flight.
     fn read(&mut self, side: usize, most: usize) {
         let count = most.min(self.control[side].len());
         let bytes: Vec<u8> = self.control[side].drain(..count).collect();
         assert!(self.input(side, Input::Event(PeerEvent::Control(&bytes))));
     }
 
-    /// A stream arrives. Of a request: the reply sets out.
+    /// Delivers the header of a stream. A request is answered at once.
     fn stream(&mut self, side: usize, pick: usize) {
         if self.streams[side].is_empty() {
             return;
@@ -145,7 +145,7 @@ impl Pair {
         self.drain(side);
     }
 
-    /// Whatever may be sent by a stream now.
+    /// Sends a message or a request that is legal now.
     fn send(&mut self, side: usize, pick: usize) {
         self.next += 1;
         let message = |it: &&OfferId| self.offers[side].get(it) == Some(&SubjectKind::Topic);
@@ -159,7 +159,7 @@ impl Pair {
             (_, count) => {
                 let offer = calls[pick % count];
                 if !self.input(side, Input::Command(Command::Call { stream, offer })) {
-                    // Wanted again, and the peer has not confirmed yet that it was not.
+                    // The service is wanted again, but UNWANTED has not come yet.
                     return;
                 }
                 self.calls[side].insert(stream);
@@ -226,7 +226,7 @@ impl Pair {
 proptest! {
     #![proptest_config(cases(600))]
 
-    /// No order of honest steps ends a connection, and once all has arrived both sides agree.
+    /// No order of legal steps ends a connection. When everything has arrived, both sides agree.
     //= SM2-GWO-001, SM2-GWO-002, SM2-GWM-001, SM2-GWS-001, SM2-GWS-002 test
     #[test]
     fn honest_peers_agree(ops in vec((0_u8..9, 0_usize..2, 0_usize..60), 0..300)) {

@@ -1,4 +1,4 @@
-//! Frames of gateways for random tests.
+//! Random legal frames of gateways.
 
 use proptest::{collection::vec, prelude::*, sample::select};
 use sm2_proto::{

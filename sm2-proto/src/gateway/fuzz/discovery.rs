@@ -1,4 +1,4 @@
-//! Whom a gateway dials, under datagrams that anybody sends.
+//! Discovery under datagrams that anybody can send.
 
 use alloc::{
     collections::{BTreeMap, BTreeSet},
@@ -18,9 +18,8 @@ use crate::{Instant, Machine, fuzz::script::Script};
 const ME: GatewayId = GatewayId([9; 32]);
 const LONGEST: Duration = Duration::from_secs(5);
 
-/// Whatever comes, a gateway dials only peers that it trusts, only where the configuration or one
-/// of the two newest beacons said, one attempt at a time, and less and less often; and it gives
-/// nobody up.
+/// A gateway dials only peers that it trusts, only at addresses of the configuration or of the two
+/// newest beacons, one attempt at a time, at growing intervals, and it never gives a peer up.
 //= SM2-GWD-001, SM2-GWD-002, SM2-GWD-003, SM2-GWD-004, SM2-GWD-005 fuzz
 pub(crate) fn discovery(data: &[u8]) {
     let mut script = Script::new(data);
@@ -41,18 +40,18 @@ pub(crate) fn discovery(data: &[u8]) {
     world.check_rest();
 }
 
-/// What is known of one that is trusted.
+/// The oracle of one trusted peer.
 #[derive(Default)]
 struct Peer {
     configured: Vec<SocketAddr>,
-    /// From beacons, the newest first, at most two.
+    /// The addresses of beacons, the newest first, at most two.
     heard: Vec<SocketAddr>,
     dialling: bool,
-    /// The epoch of the connection, if there is one, and since when.
+    /// The epoch and the beginning of the connection, if there is one.
     connected: Option<(u64, Instant)>,
-    /// Whether a beacon named a greater epoch since, or since the last attempt beside it.
+    /// Whether a beacon named a greater epoch since the connection or the latest attempt beside it began.
     hinted: bool,
-    /// The last attempt, and how many there were since waits began anew.
+    /// The time of the latest attempt, and the number of attempts since the backoff was reset.
     dialled: Option<(Instant, u32)>,
 }
 
@@ -60,7 +59,7 @@ struct World {
     discovery: Discovery,
     now: Instant,
     peers: BTreeMap<GatewayId, Peer>,
-    /// Since when datagrams are counted, and how many came.
+    /// The beginning of the current second of datagrams, and their number.
     looked: (Instant, u32),
     announces: bool,
     announced: Option<Instant>,
@@ -101,7 +100,7 @@ impl World {
             }
             8..=10 => self.beacon(peer, script)?,
             11 => {
-                // As many as somebody can send.
+                // A flood of datagrams.
                 let (from, count) = (address(script.byte()?), 4 * u16::from(script.byte()?));
                 for _ in 0..count {
                     self.datagram(from, b"SM2G");
@@ -159,7 +158,7 @@ impl World {
         Some(())
     }
 
-    /// Comes to the group.
+    /// Feeds a datagram of the multicast group.
     fn datagram(&mut self, from: SocketAddr, bytes: &[u8]) {
         if self.now.since(self.looked.0) >= Duration::from_secs(1) {
             self.looked = (self.now, 0);
@@ -212,7 +211,7 @@ impl World {
             .dialled
             .map_or((None, 0), |(at, count)| (Some(at), count));
         if let Some(last) = last {
-            // Half of the longest wait, which doubles with each attempt.
+            // A wait is at least half of the longest one, which doubles with each attempt.
             let longest = Duration::from_millis(10 << count.min(9)).min(LONGEST);
             let waited = self.now.since(last);
             assert!(waited >= longest / 2, "{id}: {waited:?} after {count}");
@@ -220,7 +219,7 @@ impl World {
         peer.dialled = Some((self.now, count + 1));
     }
 
-    /// Nobody who can be looked for waits longer than he has to.
+    /// Each peer with an address is dialled within the longest wait.
     fn check(&self) {
         let deadline = self.discovery.deadline();
         let in_time = |at: Instant| self.now < at && at <= self.now.after(LONGEST);
@@ -235,7 +234,7 @@ impl World {
         );
     }
 
-    /// After the last answer all who can be looked for are dialled.
+    /// After the last operation, each peer with an address is dialled or connected.
     fn check_rest(&mut self) {
         let idle: BTreeSet<GatewayId> = self.peers.keys().copied().collect();
         for _ in 0..8 {
@@ -253,7 +252,7 @@ impl World {
     }
 }
 
-/// One of four hosts.
+/// The address of one of four hosts.
 fn address(choice: u8) -> SocketAddr {
     let host = Ipv6Addr::new(0xfe80, 0, 0, 0, 0, 0, 0, u16::from(choice % 4));
     SocketAddr::from((host, 7_632))

@@ -17,27 +17,28 @@ use super::super::{
 pub(super) struct Oracle {
     pub(super) me: Hop,
     pub(super) peer: GatewayId,
-    /// Of the peer's epochs that were seen before, the greatest.
+    /// The greatest epoch of the peer that was seen before.
     pub(super) least_epoch: u64,
-    /// The peer's epoch, once it has greeted.
+    /// The epoch in the HELLO of the peer, if it has come.
     pub(super) greeted: Option<u64>,
-    /// What this side offers, and what was withdrawn and is not gone.
+    /// The offers of this side that are not gone, and those of them that were withdrawn.
     pub(super) offered: BTreeMap<OfferId, SubjectKind>,
     pub(super) withdrawn: BTreeSet<OfferId>,
     pub(super) last_offered: OfferId,
-    /// What of it the peer wants.
+    /// The offers of this side that the peer wants.
     pub(super) wanted: BTreeSet<OfferId>,
-    /// What the peer offers.
+    /// The offers of the peer.
     pub(super) known: BTreeMap<OfferId, SubjectKind>,
     pub(super) last_known: OfferId,
-    /// What of it the driver wants, and with which depth; and what it ever wanted.
+    /// The offers of the peer that the driver wants, with their depths, and all that it ever wanted.
     pub(super) wishes: BTreeMap<OfferId, u16>,
     pub(super) wished: BTreeSet<OfferId>,
-    /// The last of WANT (true) and UNWANT that was sent, where UNWANTED did not follow.
+    /// For each offer of the peer, true after WANT was sent and false after UNWANT was sent. UNWANTED
+    /// removes the entry.
     pub(super) said: BTreeMap<OfferId, bool>,
-    /// Calls to the peer without a reply: the offer of each stream.
+    /// The calls to the peer without a reply, by stream, with their offers.
     pub(super) calls: BTreeMap<StreamToken, OfferId>,
-    /// Questions to the peer, and of the peer, without an answer.
+    /// The questions to the peer and of the peer without an answer.
     pub(super) asked: VecDeque<AskId>,
     pub(super) owed: VecDeque<AskId>,
 }
@@ -64,7 +65,7 @@ impl Oracle {
         }
     }
 
-    /// A frame of the peer's: what comes of it.
+    /// The outputs, or the end, that a frame of the peer leads to.
     pub(super) fn hears(&mut self, frame: Frame) -> Result<Vec<Output>, End> {
         match (self.greeted, frame) {
             (
@@ -132,7 +133,7 @@ impl Oracle {
         }
     }
 
-    /// Of what the peer offers.
+    /// Judges a frame about an offer of the peer.
     fn judges_theirs(&mut self, frame: Frame, epoch: u64) -> Result<Vec<Output>, PeerViolation> {
         Ok(match frame {
             Frame::Offer {
@@ -186,7 +187,7 @@ impl Oracle {
         })
     }
 
-    /// Of what this side offers.
+    /// Judges a frame about an offer of this side.
     fn judges_ours(&mut self, frame: Frame) -> Result<Vec<Output>, PeerViolation> {
         Ok(match frame {
             Frame::Unoffered { offer } => {
@@ -221,7 +222,7 @@ impl Oracle {
         })
     }
 
-    /// The header of a stream: what becomes of the stream.
+    /// The output that the header of a stream or datagram leads to.
     pub(super) fn sees(
         &mut self,
         carrier: Carrier,
@@ -233,7 +234,7 @@ impl Oracle {
         }
         let stream = match (header.carried, carrier) {
             (_, Carrier::Stream(stream)) => stream,
-            // What is carried by a datagram has no number of a stream.
+            // A message in a datagram has no stream.
             (Carried::Message { .. }, Carrier::Datagram) => StreamToken(0),
             (Carried::Request { .. } | Carried::Reply { .. }, Carrier::Datagram) => {
                 return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-003"));
@@ -359,7 +360,7 @@ impl Oracle {
         Some(outputs)
     }
 
-    /// Calls of an offer, or all of them, get no reply any more.
+    /// Fails the calls of an offer, or all calls.
     pub(super) fn fail_calls(&mut self, of: Option<OfferId>) -> Vec<Output> {
         let fails = |offer: OfferId| of.is_none_or(|it| it == offer);
         let failed: Vec<StreamToken> = self

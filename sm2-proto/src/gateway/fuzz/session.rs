@@ -1,7 +1,7 @@
-//! One connection under what a hostile peer sends and its own driver asks for.
+//! A session with a hostile peer and a driver that issues commands.
 //!
-//! Most of what comes is legal but for what the bytes change, so that a run gets past the first
-//! check. Whatever happens, the session says what [`Oracle`] says.
+//! Most inputs are legal, and the bytes change some of them, so that a run gets past the first check.
+//! After each input, the outputs of the session are those of the [`Oracle`].
 
 use alloc::{
     collections::{BTreeMap, BTreeSet},
@@ -30,8 +30,8 @@ const fn hop(gateway: u8) -> Hop {
     }
 }
 
-/// What a session takes and says is what SPEC makes of it, each call is settled once, and after
-/// its end there is nothing.
+/// A session gives the outputs that SPEC demands, settles each call once, and gives no output after its
+/// end.
 //= SM2-GWF-001, SM2-GWO-001, SM2-GWO-002, SM2-GWO-003, SM2-GWO-005, SM2-GWM-001, SM2-GWS-001, SM2-GWS-002 fuzz
 pub(crate) fn session(data: &[u8]) {
     let Ok(name) = Name::new("me") else {
@@ -43,7 +43,7 @@ pub(crate) fn session(data: &[u8]) {
         session: Session::new(Instant(0), me, name, peer, LEAST_EPOCH),
         oracle: Oracle::new(me, peer, LEAST_EPOCH),
         reader: FrameReader::default(),
-        underway: Vec::new(),
+        in_flight: Vec::new(),
         now: Instant(0),
         calls: BTreeSet::new(),
     };
@@ -57,30 +57,30 @@ struct World<'a> {
     script: Script<'a>,
     session: Session,
     oracle: Oracle,
-    /// Splits what comes as the session has to.
+    /// Splits the control stream into frames for the oracle.
     reader: FrameReader,
-    /// Bytes of the control stream that have not come yet.
-    underway: Vec<u8>,
+    /// Bytes of the control stream that the session has not received yet.
+    in_flight: Vec<u8>,
     now: Instant,
-    /// The streams of calls that are not settled, by what the session took and said.
+    /// The streams of calls that are not settled, according to the inputs and outputs of the session.
     calls: BTreeSet<StreamToken>,
 }
 
 impl World<'_> {
-    /// One operation; none when the bytes are used up.
+    /// Runs one operation. `None` when the bytes are used up.
     fn step(&mut self) -> Option<()> {
         match self.script.byte()? % 16 {
             0 => {
                 if self.script.rarely()? {
                     let bytes = self.script.bytes()?;
-                    self.underway.extend(bytes);
+                    self.in_flight.extend(bytes);
                 }
                 self.control(usize::MAX);
             }
             1..=5 => {
                 let frame = self.frame()?;
-                self.underway.extend(frame.to_bytes());
-                // Some come in pieces, or several at once.
+                self.in_flight.extend(frame.to_bytes());
+                // Some frames arrive in pieces, or several at once.
                 let len = match self.script.byte()? {
                     0xf0.. => 0,
                     it @ 0xe0.. => usize::from(it - 0xdf),
@@ -98,7 +98,7 @@ impl World<'_> {
         Some(())
     }
 
-    /// A frame of the peer's that is legal as such.
+    /// A frame of the peer with a legal encoding.
     fn frame(&mut self) -> Option<Frame> {
         let script = &mut self.script;
         let choice = script.byte()?;
@@ -111,7 +111,7 @@ impl World<'_> {
                 name: script.name()?,
             });
         }
-        // One that the tables allow, if there is any.
+        // An offer for which the tables of SPEC allow this frame, if there is one.
         let oracle = &self.oracle;
         let offer = match choice % 8 {
             2 => pick(script, oracle.known.keys().copied())?,
@@ -157,7 +157,7 @@ impl World<'_> {
         })
     }
 
-    /// What the driver asks for, mostly what it may.
+    /// A command of the driver, mostly a legal one.
     fn wish(&mut self) -> Option<Command> {
         let script = &mut self.script;
         Some(match script.byte()? % 9 {
@@ -195,7 +195,7 @@ impl World<'_> {
         })
     }
 
-    /// The header of a stream comes.
+    /// Feeds the header of a message, a request or a reply.
     fn stream(&mut self) -> Option<()> {
         let (script, oracle) = (&mut self.script, &self.oracle);
         let choice = script.byte()?;
@@ -244,7 +244,7 @@ impl World<'_> {
             offer,
             len: 0,
         };
-        // One in eight comes in a datagram.
+        // One in eight arrives in a datagram.
         let carrier = match self.script.below(8)? {
             0 => Carrier::Datagram,
             _ => Carrier::Stream(stream),
@@ -262,7 +262,7 @@ impl World<'_> {
         Some(())
     }
 
-    /// Time passes, or the connection ends.
+    /// Lets time pass, or ends the connection.
     fn moment(&mut self) -> Option<()> {
         let code = Code(self.script.byte()?.into());
         let (input, end) = match self.script.byte()? {
@@ -288,10 +288,10 @@ impl World<'_> {
         Some(())
     }
 
-    /// So many of the bytes that are underway come.
+    /// Feeds up to `len` of the bytes that are in flight.
     fn control(&mut self, len: usize) {
-        let len = len.min(self.underway.len());
-        let bytes: Vec<u8> = self.underway.drain(..len).collect();
+        let len = len.min(self.in_flight.len());
+        let bytes: Vec<u8> = self.in_flight.drain(..len).collect();
         self.reader.push(&bytes);
         let mut expected = vec![];
         loop {
@@ -330,7 +330,7 @@ impl World<'_> {
         }
     }
 
-    /// What the session says at its end.
+    /// The outputs of a session that ends.
     fn over(&mut self, end: End) -> Vec<Output> {
         let mut outputs = self.oracle.fail_calls(None);
         outputs.push(Output::Ended(end));
@@ -366,7 +366,7 @@ impl World<'_> {
         assert_eq!(self.session.deadline(), deadline);
     }
 
-    /// Nothing waits, and nothing comes any more.
+    /// Ends the session. All calls are settled, and every later input is answered with the end.
     fn check_end(&mut self) {
         let code = Code(0);
         if self.session.end().is_none() {
@@ -396,7 +396,7 @@ impl World<'_> {
     }
 }
 
-/// A newtype around a number.
+/// A newtype around `u64`.
 trait Id: Copy {
     fn number(self) -> u64;
     fn new(number: u64) -> Self;
@@ -422,7 +422,7 @@ impl Id for StreamToken {
     }
 }
 
-/// One of these ids, mostly; none if there is none.
+/// Mostly one of these ids, else one near to it. `Some(None)` if there are no ids.
 fn pick<T: Id>(script: &mut Script<'_>, of: impl Iterator<Item = T>) -> Option<Option<T>> {
     let of: Vec<T> = of.collect();
     let Some(last) = of.len().checked_sub(1) else {
@@ -432,7 +432,7 @@ fn pick<T: Id>(script: &mut Script<'_>, of: impl Iterator<Item = T>) -> Option<O
     script.near(found.number()).map(T::new).map(Some)
 }
 
-/// One of these ids, mostly, or another one.
+/// Mostly one of these keys, else another id.
 fn key<T: Id, V>(script: &mut Script<'_>, of: &BTreeMap<T, V>) -> Option<T> {
     let found = pick(script, of.keys().copied())?;
     found.map_or_else(|| script.number().map(T::new), Some)
@@ -469,7 +469,7 @@ fn subject(script: &mut Script<'_>) -> Option<Subject> {
     })
 }
 
-/// Through these gateways, or the last of them alone; rarely another way.
+/// A path through these gateways, or through the last one alone; rarely another path.
 fn path(script: &mut Script<'_>, through: &[u8]) -> Option<Vec<Hop>> {
     let choice = script.byte()?;
     let mut path: Vec<Hop> = through.iter().copied().map(hop).collect();

@@ -1,12 +1,14 @@
-//! That the decoders of what gateways send agree with their naive twins, and that what they take
-//! has one encoding. Each panics if not.
+//! Checks that the decoders of the crate agree with the naive ones, and that accepted bytes are the
+//! only encoding of their meaning. Each function panics if not.
 
 use serde_json::Value;
-use sm2_proto::gateway::{Beacon, Frame, FrameReader, HEADER_LEN, Header, BeaconError, PeerViolation};
+use sm2_proto::gateway::{
+    Beacon, BeaconError, Frame, FrameReader, HEADER_LEN, Header, PeerViolation,
+};
 
 use super::{json, naive};
 
-/// The frames of a control stream; then whether it could end here, or why it has to.
+/// The frames of a control stream, then whether the stream may end here, or the violation.
 type Read = (Vec<Frame>, Result<bool, PeerViolation>);
 
 pub(crate) fn body(bytes: &[u8]) {
@@ -19,7 +21,7 @@ pub(crate) fn body(bytes: &[u8]) {
     assert_eq!(meaning, naive::body(bytes), "{bytes:02x?}");
 }
 
-/// In pieces of these lengths, over and over.
+/// Feeds the stream in pieces whose lengths repeat `pieces`.
 pub(crate) fn stream(bytes: &[u8], pieces: &[usize]) {
     let at_once = in_pieces(bytes, &[usize::MAX]);
     assert_eq!(in_pieces(bytes, pieces), at_once, "whatever the pieces");

@@ -1,11 +1,11 @@
-//! Frames, headers and beacons of gateways in the words of SPEC section 14, as JSON: what vectors
-//! say, and what two decoders can be compared by.
+//! Frames, headers and beacons of gateways as JSON, with the names of SPEC section 14. Vectors have
+//! this form, and the two decoders are compared in it.
 
 use serde_json::{Value, json};
 use sm2_proto::{
     TypeId,
     gateway::{
-        Beacon, Carried, Frame, Header, Hop, BeaconError, Outcome, Subject, SubjectKind, Verdict,
+        Beacon, BeaconError, Carried, Frame, Header, Hop, Outcome, Subject, SubjectKind, Verdict,
     },
 };
 
@@ -123,7 +123,7 @@ pub(crate) fn beacon(beacon: &Beacon) -> Value {
     })
 }
 
-/// What of a datagram is not as in the table of SPEC section 14.7.
+/// The part of a datagram that differs from the table of SPEC section 14.7.
 pub(crate) const fn beacon_error(why: BeaconError) -> &'static str {
     match why {
         BeaconError::Length => "length",

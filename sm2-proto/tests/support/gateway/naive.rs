@@ -1,13 +1,12 @@
-//! A second decoder of what gateways send, written from SPEC section 14 alone: by hand, one byte
-//! after the other. It yields what something means as JSON in SPEC's words, or the name of the
-//! violation.
+//! A second decoder of frames, headers and beacons, written by hand from SPEC section 14 alone. It
+//! returns the meaning as JSON with the names of SPEC, or the name of the violation.
 
 use serde_json::{Value, json};
 
 pub(crate) type Read<T> = Result<T, &'static str>;
 
-/// All of a control stream that came so far: its frames, and how many bytes are behind the last
-/// or why there is none after it.
+/// Decodes the received part of a control stream. Returns its frames, then the number of bytes behind
+/// the last one, or the violation.
 pub(crate) fn stream(bytes: &[u8]) -> (Vec<Value>, Read<usize>) {
     let mut frames = Vec::new();
     let mut rest = bytes;
@@ -34,7 +33,7 @@ pub(crate) fn stream(bytes: &[u8]) -> (Vec<Value>, Read<usize>) {
     }
 }
 
-/// A frame without its length.
+/// Decodes the body of a frame.
 pub(crate) fn body(bytes: &[u8]) -> Read<Value> {
     if bytes.len() > 65_536 {
         return Err("frame-too-long");
@@ -45,7 +44,7 @@ pub(crate) fn body(bytes: &[u8]) -> Read<Value> {
         longer_than_needed: false,
     };
     let number = reader.number(32).map_err(|_| "unknown-frame")?;
-    // What is wrong with the meaning counts only if nothing is with the bytes.
+    // A wrong encoding is reported before an illegal value.
     let mut wrong = None;
     let frame = match number {
         0 => json!({"HELLO": {
@@ -117,7 +116,7 @@ impl<'a> Reader<'a> {
         Ok(&self.bytes[from..self.at])
     }
 
-    /// Groups of seven bits, the lowest first; each but the last has the highest bit set.
+    /// A varint: groups of seven bits, the lowest first. The highest bit is set in all but the last.
     fn number(&mut self, bits: u32) -> Read<u64> {
         let mut groups = Vec::new();
         loop {
@@ -200,7 +199,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// What stands before a payload.
+/// Decodes the header of a payload.
 pub(crate) fn header(bytes: &[u8; 40]) -> Read<Value> {
     let field = |at: usize| little_endian(&bytes[at..at + 8]);
     let (offer, len) = (field(8), field(32));
@@ -238,7 +237,7 @@ pub(crate) fn header(bytes: &[u8; 40]) -> Read<Value> {
     Ok(header)
 }
 
-/// A datagram that came to the group, or what of it is not as it has to be.
+/// Decodes a beacon, or names the part that is wrong.
 pub(crate) fn beacon(bytes: &[u8]) -> Read<Value> {
     if bytes.len() != 56 {
         return Err("length");
