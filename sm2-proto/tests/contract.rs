@@ -12,6 +12,7 @@ use sm2_proto::{
         Action, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
         discovery::{self, Discovery},
         router::{self, Router},
+        schedule::{self, QueuedMessage, Schedule, SendQos},
         session::{self, Command, PeerEvent, Session},
     },
     link::{self, Link, wire},
@@ -260,4 +261,30 @@ fn discovery_is_drained_before_the_next_input() {
     let failed = discovery::Input::Failed { peer: PEER };
     assert_eq!(discovery.handle(NOW, failed), Ok(()));
     outputs_are_drained_first(&mut discovery, discovery::Input::Tick);
+}
+
+#[test]
+fn a_schedule_is_drained_before_the_next_input() {
+    let offer = OfferId(1);
+    let qos = SendQos {
+        depth: 1,
+        priority: 0,
+        messages_per_s: None,
+        bytes_per_s: None,
+        max_age: None,
+    };
+    let message = QueuedMessage {
+        message: "scan",
+        len_bytes: 4,
+        published: NOW,
+    };
+    let mut schedule = Schedule::default();
+    assert_eq!(
+        schedule.handle(NOW, schedule::Input::Open { offer, qos }),
+        Ok(())
+    );
+    let enqueue = schedule::Input::Enqueue { offer, message };
+    assert_eq!(schedule.handle(NOW, enqueue), Ok(()));
+    assert_eq!(schedule.deadline(), None);
+    outputs_are_drained_first(&mut schedule, schedule::Input::Tick);
 }
