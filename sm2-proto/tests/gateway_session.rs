@@ -3,6 +3,8 @@
 
 #[path = "gateway_session/calls.rs"]
 mod calls;
+#[path = "gateway_session/example.rs"]
+mod example;
 #[path = "gateway_session/misuse.rs"]
 mod misuse;
 #[path = "gateway_session/offers.rs"]
