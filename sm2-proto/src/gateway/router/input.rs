@@ -22,8 +22,8 @@ pub enum Input {
         /// The id of the peer.
         peer: GatewayId,
     },
-    /// The own domain has, or no longer has, publishers or servers of a subject. Those that a gateway
-    /// created for remote ones do not count.
+    /// The own domain has, or no longer has, publishers or servers of a subject. A publisher or server
+    /// that a gateway created for a remote one does not count.
     Local {
         /// The topic or service.
         subject: Subject,
