@@ -2,7 +2,8 @@
 
 use crate::common::{Running, sm2};
 
-fn help(arguments: &[&str]) -> String {
+/// The text of a command's `--help`.
+pub(crate) fn help(arguments: &[&str]) -> String {
     let help = Running::start(sm2(arguments).arg("--help")).finish();
     assert_eq!(help.code(), 0, "{}", help.stderr());
     help.stdout()
@@ -68,7 +69,7 @@ fn help_mentions_every_command_and_examples() {
 }
 
 /// The commands of a command, as its help lists them, less `help` itself.
-fn commands(help: &str) -> Vec<&str> {
+pub(crate) fn commands(help: &str) -> Vec<&str> {
     let listed = help.split("Commands:\n").nth(1).unwrap_or_default();
     let lines = listed.lines().take_while(|line| line.starts_with("  "));
     let names = lines.filter_map(|line| line.split_whitespace().next());

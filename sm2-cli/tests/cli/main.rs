@@ -4,6 +4,7 @@ mod common;
 mod decoded;
 mod demo;
 mod doctor;
+mod examples;
 mod gateway;
 mod generated;
 mod help;

@@ -77,7 +77,8 @@ Examples:
   echo hello | sm2 topic pub chatter --from -
   sm2 topic pub camera --from frames/ --rate 30 --loop
   sm2 topic pub log --from /var/log/syslog --lines --reliable
-  sm2 topic pub goal --value '{\"x\": 1.5, \"y\": 0}' --rate 10 --loop
+  sm2 topic pub range --type f64 --value 1.5 --rate 10 --loop
+  sm2 topic pub goal --type nav/Goal --schema 'plain:struct{x:f64,y:f64,}' --value '{\"x\": 1.5, \"y\": 0}'
   sm2 topic pub blob --from - --chunk 1MiB --reliable < disk.img";
 
 impl Arguments {
