@@ -1,7 +1,7 @@
-//! What `sm2 topic hz` costs the publisher that it looks at.
+//! Measures the cost of `sm2 topic hz` for the publisher that it measures.
 //!
-//! A process publishes 64 bytes at 1 kHz to another one; its processor time is compared in turns: some
-//! seconds alone, some with `sm2 topic hz` running. Printed are the medians and their ratio.
+//! A process publishes 64 bytes at 1 kHz to another one. Its processor time is measured in turns: for some
+//! seconds alone, and for some with `sm2 topic hz` running. The output has the medians and their ratio.
 //!
 //! ```text
 //! cargo build --release -p sm2-cli
@@ -23,10 +23,10 @@ use sm2_node::Node;
 
 const TOPIC: &str = "load";
 
-/// Between two messages.
+/// The time between two messages.
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// Starting takes time that is not to be measured.
+/// The time for starting processes, which is not measured.
 const SETTLING: Duration = Duration::from_millis(500);
 
 type Done<T = ()> = Result<T, Box<dyn Error>>;
@@ -66,7 +66,7 @@ fn subscribe(socket: &str) -> Done {
     }
 }
 
-/// A process that is ended with this value.
+/// A process that is killed when this value is dropped.
 struct Running(Child);
 
 impl Drop for Running {
@@ -116,7 +116,7 @@ fn start(command: &mut Command) -> Done<Running> {
     Ok(Running(child))
 }
 
-/// The command, which is beside the folder of examples.
+/// The path of the command: the parent folder of the examples.
 fn program() -> Done<PathBuf> {
     let itself = env::current_exe()?;
     let folder = itself.parent().and_then(Path::parent);
@@ -127,7 +127,7 @@ fn program() -> Done<PathBuf> {
     }
 }
 
-/// How busy a process is in the time that begins soon, in percent of a processor.
+/// The load of a process during the next time span, in percent of a processor.
 fn busy(pid: u32, length: Duration) -> Done<f64> {
     thread::sleep(SETTLING);
     let (before, start) = (run_time(pid)?, Instant::now());

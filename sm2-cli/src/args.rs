@@ -7,35 +7,35 @@ use sm2_proto::{Name, NameError};
 
 use crate::time;
 
-/// What every page of help about names says.
+/// The rule for names, as errors state it.
 pub(crate) const GRAMMAR: &str =
     "segments of A-Z a-z 0-9 _ - joined by single /, at most 255 bytes";
 
-/// Which domain a command talks to, and how long it tries.
+/// The options that choose a domain, and the timeouts for its Manager.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Domain")]
 pub(crate) struct Domain {
     /// The domain to talk to [default: $SM2_DOMAIN, else `default`]
     #[arg(long, value_name = "NAME")]
     pub(crate) domain: Option<String>,
-    /// Its Manager's socket, wherever it is [default: $SM2_SOCKET, else the domain's]
+    /// The socket of the Manager [default: $SM2_SOCKET, else the domain's]
     #[arg(long, value_name = "PATH", conflicts_with = "domain")]
     pub(crate) socket: Option<PathBuf>,
-    /// How long the Manager may take to answer, such as 500ms
+    /// The timeout for answers of the Manager, such as 500ms
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     pub(crate) connect_timeout: Duration,
-    /// Wait so long for a Manager that is not there yet, such as 30s
+    /// Wait for a Manager that does not run yet, at most for this time, such as 30s
     #[arg(long, value_name = "TIME", value_parser = time::span)]
     pub(crate) wait_manager: Option<Duration>,
 }
 
-/// How messages too large for a datagram are shared.
+/// The kind of shared memory for messages that are too large for a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Integrity {
-    // Not documentation, which would make help a page long.
-    // In memory that is used again.
+    // These are no doc comments: clap would add them to the help.
+    // Memory that is reused.
     Pooled,
-    // Each in memory of its own that nobody can change any more, its author neither.
+    // New memory for each message, which nobody can change after publishing, not even the publisher.
     Sealed,
 }
 

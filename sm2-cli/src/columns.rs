@@ -1,8 +1,8 @@
-//! Tables for people: columns as wide as their longest cell.
+//! Tables for people. Each column is as wide as its longest cell.
 
 use std::fmt;
 
-/// A table that is known as a whole: a heading for each column, and rows of as many cells.
+/// A table whose rows are all known: a heading for each column, and rows with as many cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns<const N: usize> {
     rows: Vec<[String; N]>,
@@ -20,8 +20,7 @@ impl<const N: usize> Columns<N> {
     }
 }
 
-/// The first column starts on the left; columns of numbers end on the right. A `-` stands for a
-/// number that is not known.
+/// Columns of numbers are aligned right, all others left. A `-` stands for an unknown number.
 impl<const N: usize> fmt::Display for Columns<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let widths = widths(&self.rows);
@@ -34,8 +33,7 @@ impl<const N: usize> fmt::Display for Columns<N> {
     }
 }
 
-/// A table that grows for as long as a command runs. Its headings come again when a column
-/// has to become wider.
+/// A table that grows while a command runs. The headings are printed again when a column becomes wider.
 #[derive(Clone, Debug)]
 pub(crate) struct Stream<const N: usize> {
     headings: [String; N],
@@ -45,11 +43,11 @@ pub(crate) struct Stream<const N: usize> {
 }
 
 impl<const N: usize> Stream<N> {
-    /// The first `texts` columns start on the left, the others are numbers.
+    /// The first `texts` columns hold texts, the others numbers.
     pub(crate) fn new(headings: [&str; N], texts: usize) -> Self {
         let headings = headings.map(str::to_owned);
         Self {
-            // Room for usual numbers, so that headings are rare.
+            // Wide enough for usual numbers, so that headings are rarely repeated.
             widths: std::array::from_fn(|at| headings[at].chars().count().max(8)),
             headings,
             numeric: std::array::from_fn(|at| at >= texts),
@@ -57,7 +55,7 @@ impl<const N: usize> Stream<N> {
         }
     }
 
-    /// The lines of some more rows.
+    /// The lines of more rows.
     pub(crate) fn lines(&mut self, rows: &[[String; N]]) -> Vec<String> {
         let needed = widths(rows);
         let fits = needed
@@ -87,7 +85,7 @@ fn widths<const N: usize>(rows: &[[String; N]]) -> [usize; N] {
     })
 }
 
-/// Which columns hold numbers and nothing else. The first one is what the others are about.
+/// Whether each column holds only numbers. The first column names the rows and is never one of numbers.
 fn numeric<const N: usize>(rows: &[[String; N]]) -> [bool; N] {
     let is_number = |cell: &str| {
         let mut bytes = cell.bytes();

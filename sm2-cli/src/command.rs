@@ -1,4 +1,4 @@
-//! The command line: the tree of all commands, and the text below their `--help`.
+//! The tree of all commands, and the texts below their `--help`.
 
 use clap::{Parser, Subcommand};
 
@@ -6,7 +6,7 @@ use crate::{
     completions, demo, doctor, manual, node, service, snapshot, top, topic, wait_for, why,
 };
 
-/// Look into an SM2 domain, feed it, and run it, from a shell.
+/// Inspect, feed and run an SM2 domain from a shell.
 #[derive(Debug, Parser)]
 #[command(name = "sm2", version, after_help = EXAMPLES)]
 pub(crate) struct Cli {
@@ -17,7 +17,7 @@ pub(crate) struct Cli {
 /// The commands, each in a module of its own.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Serve a domain: the broker that every node of it needs
+    /// Serve a domain: the broker that all its nodes connect to
     #[command(after_help = sm2_manager::program::examples("sm2 manager"))]
     Manager(sm2_manager::program::Arguments),
     /// Publish, print, list and measure topics
@@ -31,53 +31,53 @@ pub(crate) enum Command {
     Node(node::Command),
     /// Show the whole domain at one moment, or its changes
     Snapshot(snapshot::Arguments),
-    /// Wait until something is true of topics, services and nodes
+    /// Wait for conditions on topics, services and nodes
     Wait(wait_for::Arguments),
-    /// Say why two interfaces are linked, or why they are not
+    /// Explain why two interfaces are linked, or why they are not
     Why(why::Arguments),
-    /// Watch rates and losses of a domain, live
+    /// Show rates and losses of a domain, live
     Top(top::Arguments),
     /// Check this machine, the Manager and the domain
     Doctor(doctor::Arguments),
     /// Carry topics and services to other domains and machines
     #[command(subcommand, after_help = sm2_gateway::program::examples("sm2 gateway"))]
     Gateway(sm2_gateway::program::Command),
-    /// Show what large messages cost on this machine; needs no Manager
+    /// Measure large messages on this machine; needs no Manager
     Demo(demo::Arguments),
-    /// Print a shell's completions of this command
+    /// Print a shell's completion script for this command
     Completions(completions::Arguments),
-    /// Print a manual page of this command, or write all of them
+    /// Print a manual page, or write all of them to a folder
     Man(manual::Arguments),
-    /// One process of the demo: [`sm2_demo::COMMAND`], which is no word for people.
+    /// One process of the demo: [`sm2_demo::COMMAND`], which is not meant for people.
     #[command(skip)]
     DemoPart(sm2_demo::ProcessArguments),
 }
 
 const EXAMPLES: &str = "\
-Exit status: 0 done, 1 failed or not true, 2 wrong usage, 130 or 143 stopped by Ctrl-C or
+Exit status: 0 done, 1 failed or the answer is no, 2 wrong usage, 130 or 143 ended by Ctrl-C or
 SIGTERM before it was done. A second Ctrl-C ends a command at once.
 
-Environment: SM2_SOCKET, SM2_DOMAIN and XDG_RUNTIME_DIR say where the Manager is;
-SM2_LOG (error, warn, info, debug) what is logged on standard error.
+Environment: SM2_SOCKET, SM2_DOMAIN and XDG_RUNTIME_DIR determine the path of the Manager's socket;
+SM2_LOG (error, warn, info, debug) sets the level of the log on standard error.
 
-When the Manager ends, commands that go on (echo, pub, hz, bw, delay, loss, top, wait,
-snapshot --watch) say so on standard error and wait for its successor; links go on meanwhile.
+When the Manager ends, commands that run for a while (echo, pub, hz, bw, delay, loss, top, wait,
+snapshot --watch) report it on standard error and wait for the next Manager. Links stay meanwhile.
 
-The commands' own nodes are named sm2-COMMAND-PID; lists leave out the command that prints them.
+The node of a command is named sm2-COMMAND-PID. Lists leave out the command that prints them.
 
 Examples:
   sm2 manager                              serve the default domain
   echo hello | sm2 topic pub chatter --from -
   sm2 topic echo chatter                   print what is published
-  sm2 topic hz chatter                     how often, without subscribing
-  sm2 topic list --json                    what there is, for a program
+  sm2 topic hz chatter                     measure the rate, without subscribing
+  sm2 topic list --json                    list all topics, for a program
   sm2 wait 'topic:/scan publishers>=1' --timeout 5s
-  sm2 why talker listener                  why they are linked, or not
-  sm2 doctor                               what is wrong here
+  sm2 why talker listener                  explain why they are linked, or not
+  sm2 doctor                               find problems of this machine
   sm2 demo --seconds 5 --integrity sealed  5 subscribers, 10 MB, 30 Hz";
 
 const TOPIC_EXAMPLES: &str = "\
-hz, bw, delay and loss read what nodes count anyway; they subscribe to nothing.
+hz, bw, delay and loss read counters that every node keeps; they do not subscribe.
 
 Examples:
   sm2 topic list

@@ -1,4 +1,4 @@
-//! `sm2 completions`: what a shell needs to complete this command.
+//! `sm2 completions`: prints scripts by which a shell completes this command.
 
 use std::io::Write;
 
@@ -11,7 +11,7 @@ use crate::{ended::Ended, error::CliError, output::Output};
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// Which shell
+    /// The shell
     #[arg(value_enum, value_name = "SHELL")]
     shell: For,
 }
@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments, mut root: Command) -> Result<Ended, Cli
         For::Zsh => Shell::Zsh,
         For::Fish => Shell::Fish,
     };
-    // Into memory first: the generator panics where a write fails.
+    // The generator panics if a write fails, so it writes into memory.
     let mut script = Vec::new();
     generate(shell, &mut root, "sm2", &mut script);
     let mut out = Output::new();

@@ -1,4 +1,4 @@
-//! A command's node: connecting it, and waiting with it.
+//! A command's node: connecting to the Manager, and waiting for events.
 
 use std::{
     cell::Cell,
@@ -24,19 +24,19 @@ use crate::{
     wait::{For, wait},
 };
 
-/// How many names are tried: processes in different containers may have the same number.
+/// The number of names that are tried. Processes in different containers may have the same number.
 const NAMES: u32 = 16;
 
-/// A wait for a Manager is cut into steps of this length, to look for signals in between.
+/// A wait for a Manager is cut into steps of this length, so that a signal ends the wait soon.
 const STEP: Duration = Duration::from_millis(100);
 
-/// A command in its domain, until it is interrupted.
+/// The node of a command, and the signals that end the command.
 pub(crate) struct Session {
     pub(crate) node: Node,
     interrupt: Interrupt,
-    /// Whether the Manager was there when this was last looked at.
+    /// Whether the Manager was connected at the last check.
     connected: Cell<bool>,
-    /// Whether nothing is said of the Manager's coming and going.
+    /// Suppresses the messages about the Manager.
     silent: Cell<bool>,
 }
 
@@ -58,12 +58,13 @@ impl Session {
         })
     }
 
-    /// Says nothing of the Manager from now on: for a command that has the whole screen.
+    /// Suppresses messages about the Manager from now on, for a command that uses the whole screen.
     pub(crate) fn be_silent(&self) {
         self.silent.set(true);
     }
 
-    /// Whether there is a Manager. Says on standard error when it goes, and when one comes again.
+    /// Whether a Manager is connected. Reports on standard error when the Manager ends and when its successor
+    /// comes.
     pub(crate) fn is_connected(&self) -> bool {
         let connected = self.node.is_connected();
         if self.connected.replace(connected) != connected && !self.silent.get() {
@@ -79,13 +80,13 @@ impl Session {
         connected
     }
 
-    /// The signal that ends the command, once it came.
+    /// The signal that ends the command, if one came.
     pub(crate) fn stopped(&self) -> Option<Stopped> {
         self.interrupt.signal()
     }
 
-    /// Waits until one of `others` is ready, the node has something to do, which it then does, a
-    /// signal comes, or `until`; which of `others` are ready.
+    /// Waits until one of `others` is ready, the node has work, a signal comes, or the time `until`. The node
+    /// then does its work. Returns which of `others` are ready.
     ///
     /// # Errors
     ///
@@ -104,7 +105,7 @@ impl Session {
         Ok(ready)
     }
 
-    /// Moves the node on until `until`; whether a signal came before.
+    /// Drives the node until `until`. Returns true if a signal came before that time.
     ///
     /// # Errors
     ///
@@ -121,7 +122,7 @@ impl Session {
         }
     }
 
-    /// What there is in the domain, at one revision.
+    /// The state of the domain at one revision.
     ///
     /// # Errors
     ///
@@ -130,7 +131,7 @@ impl Session {
         Ok(self.node.snapshot()?)
     }
 
-    /// The schema text of a type, if somebody has registered it.
+    /// The schema text of a type, if a node has registered it.
     ///
     /// # Errors
     ///
@@ -140,8 +141,8 @@ impl Session {
     }
 }
 
-/// Waits until `node` has something to do, which it then does, one of `others` is ready, or `until`.
-/// Whether the node had something to do, and which of `others` are ready.
+/// Waits until `node` has work, one of `others` is ready, or the time `until`. The node then does its work.
+/// Returns whether the node had work, and which of `others` are ready.
 pub(crate) fn drive(
     node: &Node,
     others: &[(BorrowedFd<'_>, For)],
@@ -171,7 +172,7 @@ impl Domain {
         }
     }
 
-    /// Connects a node to the Manager at `path`, and waits for that as long as was asked for.
+    /// Connects a node to the Manager at `path`. Waits for a Manager if `--wait-manager` was given.
     ///
     /// # Errors
     ///
@@ -203,7 +204,7 @@ impl Domain {
                 Err(error) => return Err(self.explain(path, error)),
                 Ok(node) => return Ok(node),
             }
-            // Once, after the time is over.
+            // One more attempt after the deadline, without a startup timeout.
             if left == Some(Duration::ZERO) {
                 until = None;
             }
@@ -236,7 +237,7 @@ impl Domain {
         result
     }
 
-    /// What is wrong with the path, where that is what keeps the node out.
+    /// Replaces an error that the socket's path explains by one that says so.
     fn explain(&self, path: &Path, error: ConnectError) -> CliError {
         match error {
             ConnectError::NoManager { .. } if !is_absent_or_socket(path) => {
@@ -260,7 +261,7 @@ impl Domain {
         }
     }
 
-    /// How `sm2 manager` is told the same.
+    /// The option that makes `sm2 manager` use the same socket.
     fn option(&self) -> String {
         match (&self.socket, &self.domain) {
             (Some(path), _) => format!(" --socket {}", path.display()),
@@ -270,7 +271,7 @@ impl Domain {
     }
 }
 
-/// Whether a Manager may have been, or may come, at this path.
+/// Whether the path is free or a socket, so that a Manager may listen there.
 fn is_absent_or_socket(path: &Path) -> bool {
     fs::metadata(path).map_or(true, |found| found.file_type().is_socket())
 }

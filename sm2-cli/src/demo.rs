@@ -1,4 +1,4 @@
-//! `sm2 demo`: what large messages cost on this machine, and what a lossy link between two domains costs.
+//! `sm2 demo`: measures large messages on this machine, and a lossy link between two domains.
 
 use std::os::fd::AsFd;
 
@@ -20,37 +20,37 @@ use crate::{
 #[derive(Args, Clone, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// How many processes receive
+    /// The number of subscribers, each a process
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(super) subscribers: u32,
-    /// How large a message is, such as 64kB [default: 10MB; over a bad link 1MB]
+    /// The size of a message, such as 64kB [default: 10MB; with --bad-link 1MB]
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(super) size: Option<Size>,
-    /// How many messages are published each second
+    /// The number of messages per second
     #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = positive, allow_negative_numbers = true)]
     pub(super) rate: f64,
-    /// How long they are published, in seconds [default: 10; over a bad link 30]
+    /// The time of publishing in seconds [default: 10; with --bad-link 30]
     #[arg(long, value_name = "SECONDS", value_parser = positive, allow_negative_numbers = true)]
     pub(super) seconds: Option<f64>,
-    /// Share messages in memory that is used again, or seal each, so that nobody can change it any more
+    /// Reuse shared memory, or seal each message, so that nobody can change it after publishing
     #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
     pub(super) integrity: Integrity,
-    /// Two domains with a bad link between their gateways: one subscriber beside the publisher, one behind the link.
-    /// As root the link is made of network namespaces, else it is a relay of this process
+    /// Use two domains with a bad link between their gateways, and a subscriber in each. As root, the link is made
+    /// of network namespaces, else it is a relay in this process
     #[arg(long, conflicts_with_all = ["subscribers", "integrity"])]
     pub(super) bad_link: bool,
-    /// Print nothing but one JSON object at the end
+    /// Print only one JSON object, at the end
     #[arg(long)]
     pub(super) json: bool,
 }
 
 const HELP: &str = "\
-Every subscriber checks every byte of every message. Latency is from publishing to receiving, before
-the check. CPU is the processor time of all processes, 100 % being one processor. PSS is the memory
-of all processes, with shared pages counted once.
+Every subscriber checks every byte of every message. Latency is the time from publishing to receiving,
+without the check. CPU is the processor time of all processes; 100 % is one processor. PSS is the
+memory of all processes; shared pages count once.
 
-Exit status: 0 if every subscriber received messages and none was damaged, else 1; 2 wrong usage; 130
-Ctrl-C before the end, after the report of what there was (JSON says `interrupted`).
+Exit status: 0 every subscriber received messages and none was damaged, 1 failed, 2 wrong usage, 130
+Ctrl-C before the end (the report then covers the messages so far, and JSON has `interrupted`).
 
 Examples:
   sm2 demo

@@ -1,17 +1,17 @@
-//! How a command ends: its result, and the exit statuses that several files name.
+//! The results of commands, and the exit statuses that several files use.
 
 use crate::interrupt::Stopped;
 
 /// The exit status of a command line that is not understood.
 pub(crate) const WRONG_USAGE: u8 = 2;
 
-/// How a command ended that did not fail.
+/// The result of a command that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ended {
-    /// All was done, or it was stopped where that is how it ends.
+    /// The command is done, or a signal ended a command that has no other end.
     Done,
-    /// All was done, and the answer is no; what it says is said already.
+    /// The command is done, and its answer is no. The answer has been printed.
     No,
-    /// A signal came before all was done.
+    /// A signal came before the command was done.
     Stopped(Stopped),
 }

@@ -1,4 +1,4 @@
-//! Everything that can end a command badly, each as one line: what, where, what to do.
+//! The errors of all commands. Each text is one line: what failed, where, and what to do.
 
 use std::{
     io,
@@ -21,27 +21,27 @@ use crate::{
     size::{MESSAGE_MAX_BYTES, Size},
 };
 
-/// Why a command failed. Its text is what `sm2: …` says.
+/// An error that ends a command. The command prints the text after `sm2: `.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum CliError {
-    /// Nobody listens at the domain's socket.
+    /// No Manager listens at the domain's socket.
     #[error(
         "no Manager answers at {}: start one with `sm2 manager{option}`, or name another domain",
         path.display()
     )]
     NoManager {
-        /// Where it should be.
+        /// The path of the socket.
         path: PathBuf,
-        /// How the command was told so, as `sm2 manager` takes it.
+        /// The option that makes `sm2 manager` use the same socket.
         option: String,
     },
-    /// Something else is where the Manager's socket should be.
+    /// The path of the socket is not a Manager's socket.
     #[error("{} is not the socket of a Manager: check --socket and $SM2_SOCKET", path.display())]
     NotASocket {
-        /// Where.
+        /// The path of the socket.
         path: PathBuf,
     },
-    /// The socket belongs to somebody else.
+    /// The socket belongs to another user.
     #[error(
         "this user may not connect to the Manager at {} ({source}): have its operator allow it \
          (`sm2 manager --socket-mode 660` and a common group), or start one of your own \
@@ -49,22 +49,22 @@ pub(crate) enum CliError {
         path.display()
     )]
     MayNotConnect {
-        /// Where.
+        /// The path of the socket.
         path: PathBuf,
-        /// What the operating system said.
+        /// The reason of the operating system.
         source: io::Error,
     },
     /// A signal came before the command had begun.
     #[error("stopped")]
     Stopped(Stopped),
-    /// Nothing in the domain has that name.
+    /// The domain has no topic, service, node or interface of this name.
     #[error("this domain has no {what} {name}{hint}")]
     Unknown {
-        /// What was looked for.
+        /// The kind of thing that was searched.
         what: &'static str,
-        /// Its name.
+        /// The name that was given.
         name: String,
-        /// What may be meant instead, with its punctuation; or nothing.
+        /// A similar name with punctuation, or an empty text.
         hint: String,
     },
     /// A node without interfaces cannot be linked with anything.
@@ -73,108 +73,108 @@ pub(crate) enum CliError {
         /// Its name.
         node: String,
     },
-    /// A name stands for several things.
+    /// A name stands for several interfaces.
     #[error("{text} may be {candidates}: name one of them as NODE:TOPIC")]
     Ambiguous {
-        /// What was given.
+        /// The name that was given.
         text: String,
-        /// What it may be.
+        /// The interfaces that the name may stand for.
         candidates: String,
     },
     /// There is no such command.
     #[error("there is no command `sm2 {command}`: see `sm2 --help`")]
     NoSuchCommand {
-        /// Its words.
+        /// The words of the command.
         command: String,
     },
-    /// A message that a person gave is none of the type.
-    #[error("this is no message of type {data}: {reason}")]
+    /// The given JSON is not a message of the type.
+    #[error("this is not a message of type {data}: {reason}")]
     Encode {
         /// The type.
         data: String,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
-    /// A message that a person gave is no JSON.
+    /// The given value is not JSON.
     #[error(
-        "the value is no JSON ({0}): quote it for the shell, such as '{{\"x\": 1}}' or '\"text\"'"
+        "the value is not JSON ({0}): quote it for the shell, such as '{{\"x\": 1}}' or '\"text\"'"
     )]
     Json(#[source] serde_json::Error),
     /// A value needs a schema.
     #[error("{0}")]
     NoSchema(String),
-    /// A hash that is not that of the schema beside it.
-    #[error("--schema has the hash {hash:016x}, but --type says {given:016x}: leave that out")]
+    /// `--type` has another hash than `--schema`.
+    #[error("--schema has the hash {hash:016x}, but --type has {given:016x}: omit the hash of --type")]
     SchemaHash {
-        /// What --type says.
+        /// The hash in `--type`.
         given: u64,
-        /// What it is.
+        /// The hash of `--schema`.
         hash: u64,
     },
-    /// The Manager does not take a schema.
+    /// The Manager refuses a schema.
     #[error(transparent)]
     Schema(#[from] SchemaError),
-    /// A call has no reply.
+    /// A call failed.
     #[error(transparent)]
     Call(#[from] CallError),
     /// No server came in time.
     #[error("service {service} has no server{hint}")]
     NoServer {
-        /// Which service.
+        /// The service.
         service: String,
-        /// What may be meant instead, with its punctuation; or nothing.
+        /// A similar name with punctuation, or an empty text.
         hint: String,
     },
-    /// Interactive, without anybody to interact with.
+    /// An interactive command has no terminal.
     #[error("top needs a terminal: use `sm2 top --once`, `sm2 snapshot` or `sm2 topic hz` instead")]
     NoTerminal,
     /// The domain's socket cannot be named.
     #[error(transparent)]
     DomainSocket(#[from] DomainSocketError),
-    /// The Manager does not take the command's node.
+    /// The Manager refuses the command's node.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// The Manager does not take the command's interface.
+    /// The Manager refuses the command's interface.
     #[error(transparent)]
     Declare(#[from] DeclareError),
-    /// The command's counterparts do not come.
+    /// A wait for counterparts failed.
     #[error(transparent)]
     Wait(#[from] WaitError),
     /// A message cannot be published.
     #[error(transparent)]
     Publish(#[from] PublishError),
-    /// A message has no memory.
+    /// There is no memory for a message.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// Messages cannot be received.
     #[error(transparent)]
     Receive(#[from] RecvError),
-    /// The Manager does not say what there is.
+    /// The Manager does not answer a question about the domain.
     #[error(transparent)]
     Query(#[from] QueryError),
     /// A file or folder cannot be used.
     #[error("cannot {action} {}: {source}{}", path.display(), advice(source))]
     File {
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// With what.
+        /// The file or folder.
         path: PathBuf,
-        /// What the operating system said.
+        /// The reason of the operating system.
         source: io::Error,
     },
-    /// Nothing to publish.
+    /// The folder to publish has no files.
     #[error("folder {} holds no file to publish: put some in, or name another", path.display())]
     EmptyFolder {
-        /// Which folder.
+        /// The folder.
         path: PathBuf,
     },
-    /// Nothing to publish, again and again.
-    #[error("there is no message to publish with --loop: what --from names is empty")]
+    /// `--loop` has no message to repeat.
+    #[error("there is no message to publish with --loop: the input of --from is empty")]
     NothingToLoop,
-    /// What cannot be read twice.
+    /// `--loop` with standard input, which cannot be read twice.
     #[error("standard input cannot be read again: use --loop with a file or folder")]
     LoopOfInput,
-    /// Nobody came whose counters could be read.
+    /// No interface came whose counters could be read.
     #[error(
         "no {kind} of {topic} in {seconds:.1} s, so there is nothing to measure: start one, or raise --timeout"
     )]
@@ -186,47 +186,47 @@ pub(crate) enum CliError {
         /// The time that was waited.
         seconds: f64,
     },
-    /// Subscribers that want every message do not take them.
+    /// Reliable subscribers do not take messages.
     #[error(
         "subscribers that want every message left {} for {seconds} s: are they stopped, or too slow?",
         Counted::new(*messages, "message")
     )]
     TooSlow {
-        /// How many, on all links together.
+        /// The number of messages, on all links together.
         messages: u64,
-        /// How long was waited.
+        /// The time that was waited.
         seconds: u64,
     },
-    /// A message that is read does not end.
+    /// A message in the input is too long.
     #[error(
         "{} holds a message longer than {}: split it with --chunk",
         path.display(),
         Size(MESSAGE_MAX_BYTES)
     )]
     MessageTooLong {
-        /// Where it is.
+        /// The input.
         path: PathBuf,
     },
-    /// Messages would mix with older ones.
-    #[error("folder {} holds messages already ({found}): name an empty one", path.display())]
+    /// The folder has messages of an earlier run.
+    #[error("folder {} already holds messages ({found}): name an empty folder", path.display())]
     FolderInUse {
-        /// Which folder.
+        /// The folder.
         path: PathBuf,
-        /// A file in it.
+        /// One of these messages.
         found: String,
     },
-    /// Standard output does not take more.
+    /// Writing to standard output failed.
     #[error("cannot write to standard output: {0}")]
     Output(#[source] io::Error),
     /// The demo failed.
     #[error(transparent)]
     Demo(DemoError),
-    /// The operating system refuses what the command needs.
+    /// The operating system refuses something that the command needs.
     #[error("cannot {action}: {source}{}", advice(source))]
     System {
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// What it said.
+        /// The reason of the operating system.
         source: io::Error,
     },
 }
@@ -245,7 +245,7 @@ impl CliError {
         move |source| Self::System { action, source }
     }
 
-    /// The exit status: whether the command line is wrong, or what it asks for failed.
+    /// The exit status: 2 for a wrong command line, 1 for any other error.
     pub(crate) fn status(&self) -> u8 {
         match self {
             Self::Stopped(signal) => signal.status(),
@@ -260,13 +260,13 @@ impl CliError {
         }
     }
 
-    /// Whether it only says that nobody reads our output any more, which is no failure: `… | head`.
+    /// Whether the reader of standard output has ended, as in `… | head`. That is no failure.
     pub(crate) fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
     }
 }
 
-/// Errors that every command can have get the texts that they have elsewhere.
+/// Maps the demo's I/O errors to those of all commands, so that their texts are the same.
 impl From<DemoError> for CliError {
     fn from(error: DemoError) -> Self {
         match error {
@@ -280,11 +280,11 @@ impl From<DemoError> for CliError {
     }
 }
 
-/// What a person can do about an error of the file system.
+/// The remedy for an error of the file system.
 fn advice(error: &io::Error) -> &'static str {
     match error.kind() {
         io::ErrorKind::NotFound => ": check the path",
-        io::ErrorKind::PermissionDenied => ": give this user the right to, or take another",
+        io::ErrorKind::PermissionDenied => ": give this user the permission, or use another path",
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
             ": free some space, or name a folder elsewhere"
         }

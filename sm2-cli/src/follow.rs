@@ -1,4 +1,4 @@
-//! A domain that is followed: its state, kept up to date, for commands that run for a while.
+//! The state of the domain, kept up to date for commands that run for a while.
 
 use std::{os::fd::BorrowedFd, time::Duration};
 
@@ -7,38 +7,38 @@ use sm2_proto::{Instant, control::Change, domain::Domain};
 
 use crate::{connect::Session, error::CliError, wait::For};
 
-/// The domain of a session, as it changes. The Manager is not asked again and again: it
-/// answers when something has changed.
+/// The domain of a session, as it changes. The Manager answers each request when something has changed, so
+/// there is no polling.
 pub(crate) struct Follow<'a> {
     session: &'a Session,
     watch: Watch,
 }
 
-/// Why a wait ended.
+/// The reasons for which a wait ended.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Woken {
-    /// What has changed, in this order.
+    /// The changes of the domain, in their order.
     pub(crate) changes: Vec<Change>,
-    /// Which of the other descriptors are ready.
+    /// For each of the other descriptors, whether it is ready.
     pub(crate) ready: Vec<bool>,
 }
 
 impl<'a> Follow<'a> {
-    /// Reads the domain as it is now, which may take as long as `timeout`.
+    /// Reads the domain as it is now, within `timeout`.
     ///
     /// # Errors
     ///
     /// [`CliError::Query`].
     pub(crate) fn new(session: &'a Session, timeout: Duration) -> Result<Self, CliError> {
         let mut watch = session.node.watch();
-        // There is always something: this node itself.
+        // The first answer is never empty: it contains this node.
         if watch.wait_timeout(timeout)?.is_empty() {
             return Err(QueryError::TimedOut.into());
         }
         Ok(Self { session, watch })
     }
 
-    /// The domain as it is known; while there is no Manager, as it was.
+    /// The last known state of the domain.
     pub(crate) fn domain(&self) -> &Domain {
         self.watch.domain()
     }

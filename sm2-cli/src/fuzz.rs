@@ -1,21 +1,22 @@
-//! The bodies of fuzz targets in `fuzz/`, each about what this program reads of others: a
-//! person's words, a stranger's messages, a node's counters.
+//! The bodies of the fuzz targets in `fuzz/`, one for each kind of input: command lines, messages, and
+//! counter files.
 
 mod command_line;
 mod counters_page;
 mod messages;
 
-/// The words of a command line, and the environment that they meet.
+/// Fuzzes the words of a command line and the environment.
 pub fn command_line(data: &[u8]) {
     command_line::words(data);
 }
 
-/// The file of a hostile node's counters, and the figures that are made of it.
+/// Fuzzes the counter file of a hostile node, and the figures that `sm2 top` computes from the file.
 pub fn counters_page(data: &[u8]) {
     counters_page::file(data);
 }
 
-/// Two lines of schema texts, and then a message of the first type, or JSON for one.
+/// Fuzzes messages. The input has two lines with schema texts, and then a message of the first type or JSON
+/// for one.
 pub fn schema_text(data: &[u8]) {
     sm2_proto::fuzz::schema_text(messages::schemas(data));
     messages::message(data);

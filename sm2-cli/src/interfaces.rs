@@ -1,4 +1,4 @@
-//! Interfaces as lists and pages of information show them.
+//! Interfaces in the form that several commands print.
 
 use std::fmt;
 
@@ -12,7 +12,7 @@ use crate::{columns::Columns, connect::Session, error::CliError, names, view::Vi
 pub(crate) struct Interface {
     pub(crate) node: String,
     pub(crate) node_id: u64,
-    /// The node's number for it.
+    /// The node's number of the interface.
     pub(crate) interface: u64,
     /// `publisher`, `subscriber`, `server` or `client`.
     pub(crate) kind: &'static str,
@@ -22,11 +22,11 @@ pub(crate) struct Interface {
     pub(crate) types: Types,
     pub(crate) qos: Qos,
     pub(crate) links: usize,
-    /// Why it was not granted; none if it was.
+    /// The reason for which the Manager refused the interface. `None` if it is granted.
     pub(crate) refused: Option<String>,
 }
 
-/// What it carries; none where it takes everything.
+/// The message types. `None` for a subscriber or client that accepts any type.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub(crate) enum Types {
@@ -40,14 +40,14 @@ pub(crate) enum Types {
     },
 }
 
-/// A message type. The schema's hash is text: not every reader of JSON has 64-bit numbers.
+/// A message type. The hash is a text, since not every reader of JSON supports 64-bit numbers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Type {
     pub(crate) name: String,
     pub(crate) schema: String,
 }
 
-/// Its quality of service; absent is what its kind does not have.
+/// The quality of service. A setting that the kind of interface lacks is absent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Qos {
     pub(crate) depth: u16,
@@ -60,18 +60,18 @@ pub(crate) struct Qos {
     pub(crate) sealed: bool,
 }
 
-/// The type that somebody has stated, and its schema.
+/// The type that an interface has stated, and its schema.
 #[derive(Default, Serialize)]
 pub(crate) struct Stated {
-    /// None if nobody has stated one.
+    /// `None` if no interface has stated a type.
     #[serde(rename = "type")]
     pub(crate) data: Option<Type>,
-    /// The schema text of SPEC's Annex A; none if nobody registered it.
+    /// The schema text of SPEC, Annex A. `None` if no node has registered it.
     schema: Option<String>,
 }
 
 impl Stated {
-    /// Asks for the schema.
+    /// Asks the Manager for the schema.
     ///
     /// # Errors
     ///
@@ -87,15 +87,15 @@ impl Stated {
     }
 
     pub(crate) fn schema(&self) -> &str {
-        self.schema.as_deref().unwrap_or("nobody registered it")
+        self.schema.as_deref().unwrap_or("no node has registered it")
     }
 }
 
-/// The interfaces on a topic or service, also those that were refused.
+/// The interfaces on a topic or service, including refused ones.
 ///
 /// # Errors
 ///
-/// That there are none, with names that come near.
+/// [`CliError::Unknown`] with a similar name, if there are none.
 pub(crate) fn on(
     view: &View<'_>,
     kinds: &[Kind],

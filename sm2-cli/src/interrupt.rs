@@ -1,4 +1,4 @@
-//! Ctrl-C and SIGTERM: asked for, seen in a wait, obeyed at the next step.
+//! Ctrl-C and SIGTERM: they end a wait, and the command ends at its next step.
 #![allow(
     clippy::disallowed_types,
     reason = "the signal handlers of signal-hook write these types"
@@ -25,14 +25,14 @@ use signal_hook::{
 /// The exit status of a program that a signal ended is this much more than the signal.
 const STATUS_OF_SIGNALS: i32 = 128;
 
-/// Whether the command was asked to end, and a descriptor that becomes readable when it is.
+/// The signal that asks the command to end, and a descriptor that becomes readable when it comes.
 ///
-/// A command looks here between two steps and ends cleanly. For one that is stuck, a
-/// second signal ends the process at once.
+/// A command checks for the signal between two steps and ends cleanly. A second signal ends the process at
+/// once, even if the command is stuck.
 #[derive(Debug)]
 pub(crate) struct Interrupt {
     signal: Arc<AtomicUsize>,
-    /// Never read: once readable, it stays so.
+    /// Never read, so that it stays readable after a signal.
     pipe: UnixStream,
 }
 
@@ -41,17 +41,17 @@ pub(crate) struct Interrupt {
 pub(crate) struct Stopped(usize);
 
 impl Interrupt {
-    /// Catches SIGINT and SIGTERM from now on. Once per process.
+    /// Catches SIGINT and SIGTERM from now on. Must be called once per process only.
     ///
     /// # Errors
     ///
-    /// What the operating system says.
+    /// The error of the operating system.
     pub(crate) fn install() -> io::Result<Self> {
         let signal = Arc::new(AtomicUsize::new(0));
         let again = Arc::new(AtomicBool::new(false));
         let (pipe, written_by_handler) = UnixStream::pair()?;
         for (number, value) in [(SIGINT, SIGINT as usize), (SIGTERM, SIGTERM as usize)] {
-            // They run in this order: who wakes up sees the signal.
+            // The handlers run in this order, so the number is stored before the pipe wakes the command.
             let status = STATUS_OF_SIGNALS + number;
             flag::register_conditional_shutdown(number, status, Arc::clone(&again))?;
             flag::register(number, Arc::clone(&again))?;
@@ -77,7 +77,7 @@ impl AsFd for Interrupt {
 }
 
 impl Stopped {
-    /// What a shell expects of a program that this signal ended: 130 or 143.
+    /// The exit status of a program that this signal ended, as shells expect it: 130 or 143.
     pub(crate) fn status(self) -> u8 {
         u8::try_from(STATUS_OF_SIGNALS as usize + self.0).unwrap_or(u8::MAX)
     }

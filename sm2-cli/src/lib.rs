@@ -1,14 +1,12 @@
-//! `sm2`: an SM2 domain from a shell.
+//! The `sm2` command: an SM2 domain from a shell.
 //!
-//! One module per command or group of commands; `sm2 manager` is [`sm2_manager::program`], `sm2 gateway`
-//! [`sm2_gateway::program`]. A
-//! command returns how it ended or a `error::CliError`; only this file turns that into an
-//! exit status and a line on standard error. It is a library for the sake of the fuzz targets:
-//! the program's own file, `main.rs`, calls [`main`] and no more.
+//! Each command or group of commands has a module. `sm2 manager` is [`sm2_manager::program`], and `sm2 gateway`
+//! is [`sm2_gateway::program`]. A command returns an `ended::Ended` or an `error::CliError`; only this file turns
+//! them into an exit status and a line on standard error. The crate is a library so that fuzz targets can
+//! use it: `main.rs` only calls [`main`].
 //!
-//! Shared by commands: `connect` (a node in the domain, signals), `follow` (its changes),
-//! `view` (what there is), `names` (what a person means), `sampling` (counters of nodes),
-//! `output` and `columns`.
+//! Modules that commands share: `connect` (the node, and signals), `follow` (changes of the domain), `view`
+//! (indexes of the domain), `names` (names on the command line), `sampling` (counters), `output` and `columns`.
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 
@@ -61,7 +59,7 @@ use crate::{
     error::CliError,
 };
 
-/// The program: does what its command line says, and returns its exit status.
+/// Runs the command of the command line, and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
     let command = match usage::parse(env::args_os().collect()) {
@@ -94,15 +92,15 @@ pub fn main() -> ExitCode {
         Err(error) if error.is_broken_pipe() => ExitCode::SUCCESS,
         Err(error @ CliError::Stopped(_)) => ExitCode::from(error.status()),
         Err(error) => {
-            // A server's own words may be part of it.
+            // The text may contain control characters of a server's reply.
             say!("sm2: {}", text::one_line(&error.to_string()));
             ExitCode::from(error.status())
         }
     }
 }
 
-/// Logs go to standard error; `SM2_LOG` says which. By default only errors, since what
-/// a command has to say it says itself.
+/// Logs to standard error with the level of `SM2_LOG`. The default is `error`, since commands report all other
+/// events themselves.
 fn log_errors() {
     let filter = tracing_subscriber::EnvFilter::try_from_env("SM2_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error"));

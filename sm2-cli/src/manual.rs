@@ -85,7 +85,7 @@ fn full_name(command: &Command) -> String {
 
 /// The page: what clap knows, and the paragraphs after the help as sections of their own.
 fn page(command: &Command) -> io::Result<Vec<u8>> {
-    // Else the page would list `help` as a page that one could open.
+    // Otherwise the page would list `help`, which has no page.
     let command = command.clone().disable_help_subcommand(true);
     let name = full_name(&command);
     let man = Man::new(command.clone())

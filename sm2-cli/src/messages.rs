@@ -1,5 +1,5 @@
-//! Messages of types that this program was not built with: read and written by the schemas
-//! that nodes registered (SM2-SCH-001).
+//! Messages of types that this program was not built with, read and written by the schemas that nodes have
+//! registered (SM2-SCH-001).
 
 use std::{borrow::Cow, collections::HashMap};
 
@@ -14,11 +14,11 @@ use crate::{
     text::{self, Hex},
 };
 
-/// How messages are shown.
+/// The options for the form in which messages are shown.
 #[derive(Args, Clone, Copy, Debug, Default)]
 #[group(multiple = false)]
 pub(crate) struct Show {
-    /// Do not decode: print text as it is, and of anything else its length and first bytes
+    /// Do not decode: print text as it is, and the length and first bytes of anything else
     #[arg(long)]
     pub(crate) raw: bool,
     /// Do not decode: print all bytes as hex digits
@@ -26,17 +26,17 @@ pub(crate) struct Show {
     pub(crate) hex: bool,
 }
 
-/// The schemas that are known by now.
+/// The schemas that were already asked for.
 #[derive(Debug, Default)]
 pub(crate) struct Schemas {
     known: HashMap<TypeId, Option<Schema>>,
 }
 
 impl Schemas {
-    /// The schema of a type; none if nobody registered one.
+    /// The schema of a type. `None` if no node has registered it.
     pub(crate) fn of(&mut self, session: &Session, data: &TypeId) -> Option<&Schema> {
         if !self.known.contains_key(data) {
-            // Without a Manager nobody knows: the next message asks again.
+            // Without a Manager there is no answer. The next message asks again.
             let text = session.describe(data).ok()?;
             let schema = text.and_then(|text| Schema::parse(&text).ok());
             self.known.insert(data.clone(), schema);
@@ -49,7 +49,7 @@ impl Schemas {
 #[derive(Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Content<'a> {
-    /// By its schema.
+    /// A value that was decoded by its schema.
     Value(Value<'a>),
     Text(&'a str),
     Hex(String),
@@ -57,7 +57,7 @@ pub(crate) enum Content<'a> {
 }
 
 impl<'a> Content<'a> {
-    /// A message in the best way that there is.
+    /// The most readable form of a message.
     pub(crate) fn new(message: &'a [u8], schema: Option<&'a Schema>, show: Show) -> Self {
         let decoded = match (schema, show) {
             (_, Show { hex: true, .. }) => return Self::Hex(Hex(message, "").to_string()),
@@ -72,7 +72,7 @@ impl<'a> Content<'a> {
     }
 }
 
-/// A message as lines for a person, with a newline at the end.
+/// A message as lines of text, with a newline at the end.
 pub(crate) fn lines(message: &[u8], schema: Option<&Schema>, show: Show) -> Vec<u8> {
     let mut lines = Vec::new();
     if show.hex {
@@ -81,7 +81,7 @@ pub(crate) fn lines(message: &[u8], schema: Option<&Schema>, show: Show) -> Vec<
         return lines;
     }
     let decoded = schema.filter(|_| !show.raw).map(|schema| {
-        // One more than is shown, so that it is said how many are left out.
+        // The decoder counts the elements that are not shown.
         decode(schema, message, Limits::SCREEN.elements)
     });
     match decoded {
@@ -98,11 +98,11 @@ pub(crate) fn lines(message: &[u8], schema: Option<&Schema>, show: Show) -> Vec<
     lines
 }
 
-/// The bytes of a message that a person gave as JSON.
+/// Encodes JSON from the command line as a message.
 ///
 /// # Errors
 ///
-/// [`CliError::Encode`]; [`CliError::NoSchema`] if nobody knows the type.
+/// [`CliError::Encode`]; [`CliError::NoSchema`] if no node has registered the schema of the type.
 pub(crate) fn bytes_of(
     value: &serde_json::Value,
     data: &TypeId,
@@ -117,8 +117,8 @@ pub(crate) fn bytes_of(
                         .into()
                 }
                 false => format!(
-                    "nobody has registered the schema of {data}: start a program that uses it, \
-                     name it with --schema, or give the bytes with --from"
+                    "no node has registered the schema of {data}: start a program that uses the type, \
+                     give the schema with --schema, or give the bytes with --from"
                 ),
             })),
         };
@@ -129,7 +129,7 @@ pub(crate) fn bytes_of(
     })
 }
 
-/// Whether messages of this type are bytes and nothing else.
+/// Whether this is the type `bytes`, which has no schema.
 pub(crate) fn is_bytes(data: &TypeId) -> bool {
     data.name.as_str() == "bytes" && data.hash == 0
 }

@@ -1,4 +1,4 @@
-//! What a person means by a name, and what they may have meant.
+//! Names on the command line: the interfaces that they stand for, and hints for unknown names.
 
 use std::fmt;
 
@@ -6,10 +6,10 @@ use sm2_proto::{EntityId, Name};
 
 use crate::{error::CliError, view::View};
 
-/// How many names a message lists before it stops.
+/// The largest number of names that a message lists.
 const SHOWN: usize = 8;
 
-/// A topic, service or node that is not there, and the ones that are most like it.
+/// The error for a topic, service or node that does not exist, with a hint to a similar name.
 pub(crate) fn unknown<'a>(
     what: &'static str,
     name: &Name,
@@ -45,16 +45,16 @@ fn similarity(typed: &str, known: &str) -> Option<usize> {
     (distance <= 2.min(typed.len() / 2)).then_some(distance)
 }
 
-/// What stands for one or more interfaces on a command line: `talker:scan`, `talker`, `scan`.
+/// A name for one or more interfaces on the command line: `talker:scan`, `talker`, `scan`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Selector {
     node: Option<Name>,
-    /// A topic, service or, without `node`, also a node.
+    /// A topic or service. Without `node`, it may also be a node.
     name: Name,
 }
 
 impl Selector {
-    /// Reads one.
+    /// Parses a selector.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let read = |text: &str| crate::args::name(text);
         match text.split_once(':') {
@@ -69,7 +69,7 @@ impl Selector {
         }
     }
 
-    /// All interfaces, granted or not, that it stands for.
+    /// All interfaces that the selector stands for, granted or refused.
     ///
     /// # Errors
     ///
@@ -110,7 +110,7 @@ impl fmt::Display for Selector {
     }
 }
 
-/// Several interfaces as one would name each of them.
+/// The titles of several interfaces, as text.
 pub(crate) fn titles(view: &View<'_>, entities: impl IntoIterator<Item = EntityId>) -> String {
     let mut titles: Vec<_> = entities.into_iter().map(|it| view.title(it)).collect();
     titles.sort_unstable();

@@ -1,4 +1,4 @@
-//! Standard output: buffered, and its errors as ours.
+//! Standard output, buffered, with errors as [`CliError`].
 
 use std::{
     fmt,
@@ -18,7 +18,7 @@ impl Output {
         Self(BufWriter::new(io::stdout().lock()))
     }
 
-    /// Whether a person looks at it.
+    /// Whether standard output is a terminal.
     pub(crate) fn is_terminal(&self) -> bool {
         self.0.get_ref().is_terminal()
     }
@@ -53,7 +53,7 @@ impl Output {
         })
     }
 
-    /// Hands over all that was written.
+    /// Writes the buffer out.
     pub(crate) fn flush(&mut self) -> Result<(), CliError> {
         self.write(Write::flush)
     }

@@ -1,5 +1,5 @@
-//! What nodes count of their interfaces and links, read from the files that they keep anyway
-//! (SPEC section 12). Nobody is subscribed to, nothing is sent to a node, and no node notices.
+//! Reads the counters of nodes from the files that every node keeps (SPEC section 12). Nothing is sent to a
+//! node, and no node notices.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -18,15 +18,15 @@ use sm2_proto::{
 
 use crate::error::CliError;
 
-/// Reads counters again and again.
+/// Reads the counters of nodes repeatedly.
 #[derive(Debug)]
 pub(crate) struct Sampler {
-    /// The Manager that gave the nodes their numbers: the next one gives others.
+    /// The epoch of the Manager that numbered the nodes. Another Manager uses other numbers.
     epoch: Option<u64>,
-    /// The numbers that it gave, as far as they were asked for.
+    /// The numbers of the nodes, as far as they are known.
     numbers: HashMap<Name, NodeId>,
-    /// The files of the nodes that have one, and the number that a node had then: one that
-    /// was started again has another file.
+    /// The counter files, with the node's number at the time of opening. A restarted node has another number
+    /// and another file.
     files: HashMap<Name, (NodeId, CounterView)>,
 }
 
@@ -36,7 +36,7 @@ pub(crate) struct Sample {
     at: Instant,
     /// By the node's name, which stays the same when a Manager takes over.
     entries: HashMap<End, Entry>,
-    /// Nodes that keep no counters, or did not hand them over.
+    /// The nodes without counters, or whose counters could not be read.
     pub(crate) silent: BTreeSet<Name>,
 }
 
@@ -49,13 +49,12 @@ struct End {
 }
 
 impl Sampler {
-    /// Nothing is read yet. From now on this process may have as many descriptors as the system
-    /// allows: it takes one for each node.
+    /// Creates a sampler without samples. Raises the process' limit of descriptors, since each node needs one.
     pub(crate) fn new() -> Self {
         if let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_NOFILE)
             && soft < hard
         {
-            // The old limit serves a smaller domain.
+            // If this fails, the old limit still serves a smaller domain.
             let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
         }
         Self {
@@ -65,7 +64,7 @@ impl Sampler {
         }
     }
 
-    /// The counters of these nodes, as far as they have some.
+    /// Reads the counters of these nodes.
     ///
     /// # Errors
     ///
@@ -88,9 +87,9 @@ impl Sampler {
         Ok(Sample::new(clock::now(), files))
     }
 
-    /// Asks for the files that are not open yet, or no more the right ones.
+    /// Asks for the files that are not open yet, or that belong to an earlier run of a node.
     fn open(&mut self, node: &Node, wanted: &HashMap<Name, NodeId>) -> Result<(), CliError> {
-        // Without a Manager nobody can be asked; the files that are known go on.
+        // Without a Manager there is nobody to ask. Open files stay valid.
         let Some(epoch) = node.epoch().filter(|_| node.is_connected()) else {
             return Ok(());
         };
@@ -102,7 +101,7 @@ impl Sampler {
             .iter()
             .any(|(name, id)| self.numbers.get(name) != Some(id))
         {
-            // Asked for anew: what the caller knows may be the numbers of another Manager.
+            // The numbers of the caller may be those of another Manager.
             let domain = match node.snapshot() {
                 Ok(domain) => domain,
                 Err(QueryError::TimedOut | QueryError::ManagerGone(_)) => return Ok(()),
@@ -123,7 +122,7 @@ impl Sampler {
             match node.inspect(id) {
                 Ok(Some(file)) => drop(self.files.insert(name.clone(), (id, file))),
                 Ok(None)
-                // Nor is a file that is none: one node must not spoil the figures of the others.
+                // An invalid file is skipped: one node must not spoil the figures of the others.
                 | Err(
                     QueryError::TimedOut | QueryError::ManagerGone(_) | QueryError::Counters(_),
                 ) => {}
@@ -131,7 +130,7 @@ impl Sampler {
             }
         }
         if node.epoch() != Some(epoch) {
-            // Some of these answers are another Manager's, for other nodes.
+            // Some of these answers came from another Manager, for other nodes.
             self.epoch = None;
             self.files.clear();
         }
@@ -140,7 +139,7 @@ impl Sampler {
 }
 
 impl Sample {
-    /// What is in the files of these nodes, or that they have none.
+    /// Reads the files of these nodes. A node without a file is `silent`.
     pub(crate) fn new<'f>(
         at: Instant,
         files: impl IntoIterator<Item = (Name, Option<&'f CounterView>)>,
@@ -160,7 +159,7 @@ impl Sample {
     }
 
     fn add(&mut self, node: &Name, file: &CounterView) {
-        // One that is being written all the time is left out this time.
+        // An entry that is always being written is left out of this sample.
         for entry in file.entries().filter_map(|(_, entry)| entry.ok()) {
             let end = End {
                 node: node.clone(),
@@ -171,17 +170,17 @@ impl Sample {
         }
     }
 
-    /// What a node counted of an interface as a whole.
+    /// The counters of an interface as a whole.
     pub(crate) fn interface(&self, domain: &Domain, entity: EntityId) -> Option<&Entry> {
         self.end(domain, entity, None)
     }
 
-    /// What the offering side of a link counted of it.
+    /// The counters of the offering side of a link.
     pub(crate) fn offering(&self, domain: &Domain, link: &LinkView) -> Option<&Entry> {
         self.end(domain, link.offering, Some(link.link))
     }
 
-    /// What the demanding side of a link counted of it.
+    /// The counters of the demanding side of a link.
     pub(crate) fn demanding(&self, domain: &Domain, link: &LinkView) -> Option<&Entry> {
         self.end(domain, link.demanding, Some(link.link))
     }
@@ -195,12 +194,12 @@ impl Sample {
         self.entries.get(&end)
     }
 
-    /// How long after another sample this one was taken.
+    /// The time from an earlier sample to this one.
     pub(crate) fn since(&self, earlier: &Self) -> Duration {
         self.at.since(earlier.at)
     }
 
-    /// How fast an interface's counters grew since an earlier sample.
+    /// The rate of an interface's counters since an earlier sample.
     pub(crate) fn rate(&self, earlier: &Self, domain: &Domain, entity: EntityId) -> Option<Rate> {
         let now = self.interface(domain, entity)?;
         let before = earlier.interface(domain, entity)?;
@@ -208,14 +207,14 @@ impl Sample {
     }
 }
 
-/// The middle one of the noted delays of a receiving side; none without any.
+/// The median of the last delays of a receiving side. `None` if there are no delays.
 pub(crate) fn median_ns(entry: &Entry) -> Option<u64> {
     let mut recent: Vec<_> = entry.recent().collect();
     recent.sort_unstable();
     recent.get(recent.len().checked_sub(1)? / 2).copied()
 }
 
-/// Some figures of durations, in milliseconds.
+/// A summary of durations in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub(crate) struct Millis {
     pub(crate) count: u32,
@@ -237,7 +236,7 @@ impl From<Summary> for Millis {
     }
 }
 
-/// Nanoseconds as milliseconds, to the microsecond.
+/// Nanoseconds as milliseconds, rounded to microseconds.
 pub(crate) fn millis(nanos: u64) -> f64 {
     (nanos as f64 / 1e3).round() / 1e3
 }

@@ -1,7 +1,6 @@
-//! Talking to people: standard error.
+//! Messages for people, on standard error.
 
-/// As `eprintln!`, but where nobody reads it any more (`sm2 … 2>&1 | head`) that is no reason to
-/// panic.
+/// Like `eprintln!`, but does not panic if the reader of standard error is gone, as in `sm2 … 2>&1 | head`.
 macro_rules! say {
     ($($argument:tt)*) => {{
         use std::io::Write as _;

@@ -1,4 +1,4 @@
-//! Sizes as people write them: `4096`, `4KB`, `1.5MiB`.
+//! Sizes in text form: `4096`, `4KB`, `1.5MiB`.
 
 use std::{fmt, str::FromStr};
 
@@ -8,10 +8,10 @@ use sm2_proto::{limits::MESSAGE_MAX, text::Counted};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Size(pub(crate) u64);
 
-/// The longest message that is read: it is held in memory as a whole.
+/// The longest message that a command reads. It is held in memory as a whole.
 pub(crate) const MESSAGE_MAX_BYTES: u64 = 4 << 30;
 
-/// Why a text is not a [`Size`].
+/// The reason for which a text is not a [`Size`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum SizeError {
     /// Not a number and a unit.
@@ -30,7 +30,7 @@ pub(crate) enum SizeError {
     TooLarge,
 }
 
-/// How many bytes a unit is; case does not matter.
+/// The units, with their sizes in bytes. Case does not matter.
 const UNITS: [(&str, u128); 12] = [
     ("", 1),
     ("B", 1),
@@ -46,7 +46,7 @@ const UNITS: [(&str, u128); 12] = [
     ("TiB", 1 << 40),
 ];
 
-/// More digits than this say nothing that a size can be.
+/// The largest number of digits. Every number with more digits is too large.
 const MAX_DIGITS: usize = 18;
 
 impl FromStr for Size {
@@ -78,7 +78,7 @@ fn factor_of(unit: &str) -> Option<u128> {
     Some(*factor)
 }
 
-/// `12.5` as 125 and one decimal.
+/// Parses `12.5` as the number 125 with one decimal.
 fn decimal(number: &str) -> Result<(u128, u32), SizeError> {
     let (whole, fraction) = match number.split_once('.') {
         Some((_, "")) => return Err(SizeError::Form),
@@ -106,7 +106,7 @@ impl fmt::Display for Size {
             bytes if bytes < 1_000_000_000 => ("MB", 1_000_000),
             _ => ("GB", 1_000_000_000),
         };
-        // Cut, not rounded: 999,999 bytes are 999.9 kB.
+        // The decimal is cut, not rounded: 999,999 bytes are 999.9 kB.
         match (self.0 / factor, self.0 % factor / (factor / 10)) {
             (whole, 0) => write!(f, "{whole} {unit}"),
             (whole, tenth) => write!(f, "{whole}.{tenth} {unit}"),

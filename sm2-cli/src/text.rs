@@ -1,21 +1,20 @@
-//! Messages as a person reads them: text as it is, anything else as a hex head.
+//! Messages without a schema: text as it is, anything else as its first bytes in hex.
 
 use std::fmt;
 
 use sm2_proto::text::Counted;
 
-/// How many bytes of a message that is no text are shown.
+/// The number of bytes that are shown of a message that is no text.
 const HEAD_BYTES: usize = 32;
 
-/// The message as text, if printing it does to a terminal what one expects: UTF-8 whose only
-/// control characters are newline and tab.
+/// The message as text, if it can be printed safely: UTF-8 whose only control characters are newline and tab.
 pub(crate) fn as_text(message: &[u8]) -> Option<&str> {
     let text = str::from_utf8(message).ok()?;
     let plain = |c: char| !c.is_control() || matches!(c, '\n' | '\t');
     text.chars().all(plain).then_some(text)
 }
 
-/// Appends the message as lines of its own: text, or its length and first bytes.
+/// Appends the message on lines of its own: its text, or its length and first bytes.
 pub(crate) fn write_message(out: &mut Vec<u8>, message: &[u8]) {
     match as_text(message) {
         Some(text) => {
@@ -46,7 +45,7 @@ pub(crate) fn write_bytes(out: &mut Vec<u8>, message: &[u8]) {
     out.extend_from_slice(line.as_bytes());
 }
 
-/// A text that others may have written, on one line, which does nothing to a terminal.
+/// A text on one line, with control characters escaped. The text may come from another program.
 pub(crate) fn one_line(text: &str) -> String {
     let mut line = String::with_capacity(text.len());
     for c in text.chars() {

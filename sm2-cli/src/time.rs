@@ -1,8 +1,8 @@
-//! Spans of time as people write and read them: `200ms`, `5s`, `1.5h`.
+//! Durations in text form: `200ms`, `5s`, `1.5h`.
 
 use std::{fmt, time::Duration};
 
-/// How many nanoseconds a unit is.
+/// The units, with their lengths in nanoseconds.
 const UNITS: [(&str, f64); 6] = [
     ("ns", 1.0),
     ("us", 1e3),
@@ -12,13 +12,13 @@ const UNITS: [(&str, f64); 6] = [
     ("h", 3_600e9),
 ];
 
-/// Nobody waits longer; far from where sums of times end.
+/// The longest duration that is accepted. It prevents overflow of deadlines.
 const MAX: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// What is said of any text that is no span.
+/// The error for a text that is no duration.
 const FORM: &str = "a time is a number and a unit, such as 200ms, 5s or 1.5m (ns, us, ms, s, m, h)";
 
-/// Reads a span above zero, as an option's value.
+/// Parses a duration above zero.
 pub(crate) fn span(text: &str) -> Result<Duration, String> {
     match span_or_zero(text)? {
         Duration::ZERO => Err("a time above 0 is needed".into()),
@@ -26,14 +26,14 @@ pub(crate) fn span(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// Reads a span, which may be nothing.
+/// Parses a duration, which may be zero.
 pub(crate) fn span_or_zero(text: &str) -> Result<Duration, String> {
     let number_len = text
         .find(|c: char| !(c.is_ascii_digit() || c == '.'))
         .unwrap_or(text.len());
     let (number, unit) = text.split_at(number_len);
     let unit = unit.trim_start();
-    // Without a unit it could be seconds here and milliseconds in the next program.
+    // A number without a unit would be ambiguous: programs disagree on seconds and milliseconds.
     let found = UNITS.iter().find(|(name, _)| *name == unit);
     let nanos = match (found, number.parse::<f64>()) {
         (Some((_, factor)), Ok(number)) => number * factor,
@@ -46,7 +46,7 @@ pub(crate) fn span_or_zero(text: &str) -> Result<Duration, String> {
     Ok(Duration::from_nanos(nanos as u64))
 }
 
-/// A span in the unit that suits it, with at most one decimal: `250 ms`, `1.5 s`.
+/// A duration in a suitable unit, with at most one decimal: `250 ms`, `1.5 s`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Span(pub(crate) Duration);
 

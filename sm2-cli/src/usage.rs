@@ -1,4 +1,4 @@
-//! What is wrong with a command line, in one line.
+//! Parses the command line, and reports an error in one line.
 
 use std::{ffi::OsString, process::ExitCode};
 
@@ -16,8 +16,7 @@ use crate::{
 ///
 /// # Errors
 ///
-/// The exit status, when all is done already: the help or version that was asked for is
-/// printed, or what is wrong is said.
+/// The exit status, if there is no command to run: the help, the version or an error has been printed.
 pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
     let error = match read(&arguments) {
         Ok(command) => return Ok(command),
@@ -25,7 +24,7 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
     };
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
-            // Nobody is left to tell if standard output is closed.
+            // If standard output is closed, there is nobody to report the error to.
             let _ = error.print();
             Err(ExitCode::SUCCESS)
         }
@@ -40,9 +39,9 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
     }
 }
 
-/// The command that a command line is. Nothing is printed.
+/// Parses a command line without printing anything.
 pub(crate) fn read(arguments: &[OsString]) -> Result<Command, Error> {
-    // No command of its own, so that neither help nor completions have it.
+    // Not a command of clap, so that it appears neither in the help nor in completions.
     match arguments.get(1) {
         Some(word) if word == sm2_demo::COMMAND => {
             sm2_demo::ProcessArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
@@ -51,7 +50,7 @@ pub(crate) fn read(arguments: &[OsString]) -> Result<Command, Error> {
     }
 }
 
-/// The error without its prefix, usage and line breaks, and with the command to ask for help.
+/// The error on one line, without clap's prefix and usage. The end names the command that prints help.
 pub(crate) fn one_line(error: &Error, arguments: &[OsString]) -> String {
     let rendered = error.render().to_string();
     let lines = rendered

@@ -1,4 +1,4 @@
-//! A domain as commands show it: its links by interface, its names by kind.
+//! A domain with indexes for commands: its links by interface, and its names by kind.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,7 +7,7 @@ use sm2_proto::{
     domain::{Domain, InterfaceView, LinkView},
 };
 
-/// A domain at one revision, with its links in reach of their interfaces.
+/// A domain at one revision, with an index from interfaces to links.
 #[derive(Clone, Debug)]
 pub(crate) struct View<'a> {
     pub(crate) domain: &'a Domain,
@@ -31,14 +31,14 @@ impl<'a> View<'a> {
         self.links.get(&entity).map_or(&[], Vec::as_slice)
     }
 
-    /// The name of a node; `?` for one that is gone.
+    /// The name of a node, or `?` if the node is gone.
     pub(crate) fn name_of(&self, node: NodeId) -> &'a str {
         self.domain
             .node(node)
             .map_or("?", |node| node.name.as_str())
     }
 
-    /// An interface as a person names it: `talker:chatter`; a node as itself.
+    /// The title of an interface, such as `talker:chatter`. The title of a node is its name.
     pub(crate) fn title(&self, entity: EntityId) -> String {
         let node = self.name_of(entity.node);
         match self.domain.interface(entity) {
@@ -69,7 +69,7 @@ impl<'a> View<'a> {
         of_kind.map(Contract::name).collect()
     }
 
-    /// The type of a topic, if anybody has stated one.
+    /// The type of a topic, if an interface has stated one.
     pub(crate) fn topic_type(&self, topic: &Name) -> Option<&'a TypeId> {
         self.on(topic, TOPIC).find_map(|it| match it.contract {
             Contract::Publisher { data, .. } => Some(data),
@@ -78,7 +78,7 @@ impl<'a> View<'a> {
         })
     }
 
-    /// The types of a service's requests and replies, if anybody has stated them.
+    /// The types of a service's requests and replies, if an interface has stated them.
     pub(crate) fn service_types(&self, service: &Name) -> Option<[&'a TypeId; 2]> {
         self.on(service, SERVICE).find_map(|it| match it.contract {
             Contract::Server { request, reply, .. } => Some([request, reply]),

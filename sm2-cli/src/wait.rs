@@ -8,21 +8,21 @@ use nix::{
     sys::time::TimeSpec,
 };
 
-/// What is waited for.
+/// The kind of event that a wait is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum For {
-    /// Something to read, or the end of it.
+    /// The descriptor can be read, or its other end is closed.
     Reading,
-    /// Only that nobody reads any more what is written here.
+    /// The reader at the other end is gone.
     Hangup,
 }
 
-/// Waits until one of the descriptors has what is waited for, a signal comes, or `timeout`
-/// has passed; which ones have it, in the same order.
+/// Waits until one of the descriptors has its event, a signal comes, or `timeout` has passed. Returns for
+/// each descriptor whether it has its event.
 ///
 /// # Errors
 ///
-/// What `ppoll(2)` says: no memory.
+/// The error of `ppoll(2)`: there is no memory.
 pub(crate) fn wait(
     fds: &[(BorrowedFd<'_>, For)],
     timeout: Option<Duration>,

@@ -1,4 +1,4 @@
-//! `sm2 why`: why two interfaces are linked, or are not; or what comes nearest to one.
+//! `sm2 why`: explains why two interfaces are linked or not, or lists the nearest counterparts of one.
 
 use std::collections::BTreeSet;
 
@@ -26,10 +26,10 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// An interface: NODE:TOPIC, or a topic, service or node alone if that says which
+    /// An interface: NODE:TOPIC, or a topic, service or node alone if it is unambiguous
     #[arg(value_name = "A", value_parser = Selector::parse)]
     one: Selector,
-    /// The other one [default: whatever comes nearest to A]
+    /// The other interface [default: the nearest counterparts of A]
     #[arg(value_name = "B", value_parser = Selector::parse)]
     other: Option<Selector>,
     /// Print one JSON object
@@ -40,8 +40,9 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-With A alone it shows who A is linked with, and which counterparts come nearest and why they do not
-match. Where types differ and their schemas are registered, it names the first field that does.
+With A alone, why shows the links of A, and the counterparts that nearly match, with the reason for
+which they do not. If types differ and their schemas are registered, why names the first field that
+differs. If a node is stopped, why says how to continue it.
 
 Exit status: 0 linked, 1 not linked (or there is no such interface), 2 wrong usage.
 
@@ -51,7 +52,7 @@ Examples:
   sm2 why scan
   sm2 why talker listener --json | jq .verdict.finding";
 
-/// So many pairs are looked at for names that look alike.
+/// The largest number of pairs that are searched for similar names.
 const PAIRS_MAX: usize = 1_024;
 
 /// The object that `--json` prints for two interfaces.
@@ -61,8 +62,8 @@ struct Pair {
     revision: u64,
     linked: bool,
     verdict: Verdict,
-    /// Where the types of an interface that was refused for its type differ, if their schemas are
-    /// registered.
+    /// The first differences of the types, for an interface that was refused for its type. Empty if their
+    /// schemas are not registered.
     differences: Vec<String>,
     /// The nodes of the two interfaces that are stopped.
     stopped: Vec<StoppedNode>,
@@ -75,14 +76,14 @@ struct Pair {
 struct Around {
     /// The domain's revision.
     revision: u64,
-    /// Whether all of them have a link.
+    /// Whether every interface has a link.
     linked: bool,
     /// The nodes of the interfaces, and of those that they are linked with, that are stopped.
     stopped: Vec<StoppedNode>,
     interfaces: Vec<One>,
 }
 
-/// An interface and what is around it.
+/// An interface, its links, and its nearest counterparts.
 #[derive(Serialize)]
 struct One {
     interface: Interface,
@@ -90,17 +91,17 @@ struct One {
     near: Vec<Near>,
 }
 
-/// Answers.
+/// Runs the command.
 ///
 /// # Errors
 ///
-/// What it failed with.
+/// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "why")?;
     let domain = session.snapshot()?;
     let view = View::new(&domain);
     let explain = |verdict: Verdict| {
-        // Without the schemas the rest of the answer stands.
+        // The verdict is complete without schemas.
         verdict.with_schemas(|data| session.describe(data).ok().flatten())
     };
     let mut out = Output::new();
@@ -153,8 +154,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     Ok(if linked { Ended::Done } else { Ended::No })
 }
 
-/// Where the types of a refused interface differ from those in use, one for each pair of types.
-/// (Of types that differ otherwise the verdict itself says so.)
+/// The first difference of each pair of a refused type and the type in use. (For interfaces that were not
+/// refused, the verdict names the difference.)
 fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<String> {
     let Finding::Refused { entity, reason, .. } = &verdict.finding else {
         return Vec::new();
@@ -183,7 +184,7 @@ fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<Str
         ) => vec![(request, asks), (reply, expects)],
         _ => Vec::new(),
     };
-    // Without the schemas the rest of the answer stands.
+    // The verdict is complete without schemas.
     let schema = |data: &TypeId| Schema::parse(&session.describe(data).ok()??).ok();
     let difference = |(ours, theirs): (&TypeId, &TypeId)| {
         let difference = schema(ours)?.difference(&schema(theirs)?)?;
@@ -195,7 +196,7 @@ fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<Str
     pairs.into_iter().filter_map(difference).collect()
 }
 
-/// The two interfaces that two names mean.
+/// The two interfaces that two names stand for.
 ///
 /// # Errors
 ///
@@ -225,7 +226,7 @@ fn pair(
     }
 }
 
-/// All pairs of which one offers what the other demands, each once.
+/// All pairs of an interface and a counterpart, each once.
 fn counterparts(
     view: &View<'_>,
     ours: &[EntityId],
@@ -242,7 +243,7 @@ fn counterparts(
     each_once.into_iter().collect()
 }
 
-/// Those of the same name; if there are none, those whose names look alike; if there are none, all.
+/// The pairs with equal names, else the pairs with similar names, else all pairs.
 fn likeliest(view: &View<'_>, pairs: Vec<(EntityId, EntityId)>) -> Vec<(EntityId, EntityId)> {
     let name = |entity| view.domain.interface(entity).map(|it| it.contract.name());
     let same = |&(one, other): &(EntityId, EntityId)| name(one) == name(other);
@@ -250,7 +251,7 @@ fn likeliest(view: &View<'_>, pairs: Vec<(EntityId, EntityId)>) -> Vec<(EntityId
     if !named.is_empty() {
         return named;
     }
-    // A verdict looks at every link: nobody means one of so many pairs.
+    // Each verdict takes time, and of so many pairs none can be meant.
     if pairs.len() > PAIRS_MAX {
         return pairs;
     }

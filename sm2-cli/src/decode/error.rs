@@ -11,14 +11,14 @@ pub(crate) enum DecodeError {
     /// The value at one place.
     #[error("{}: {wrong}, at byte {at}", name_of(path))]
     Value {
-        /// The fields that lead there, each with the `.` or `[]` before it.
+        /// The path of fields to the value, each with its `.` or `[]`.
         path: String,
-        /// Where, in bytes.
+        /// The offset in bytes.
         at: usize,
-        /// What is wrong.
+        /// The fault.
         wrong: Wrong,
     },
-    /// The whole plain message.
+    /// The length of a plain message does not fit its type.
     #[error(
         "{} cannot be a message of this type, which has {}{}",
         Counted::new(*len as u64, "byte"),
@@ -26,23 +26,23 @@ pub(crate) enum DecodeError {
         layout.element_bytes.map_or(String::new(), |each| format!(" and any multiple of {each}"))
     )]
     Length {
-        /// How many came.
+        /// The length that was received.
         len: usize,
-        /// How many would be right.
+        /// The lengths that the type allows.
         layout: Layout,
     },
-    /// The schema and its encoding do not go together.
+    /// The schema has a type that its encoding cannot express.
     #[error("its schema is of no plain type: {0}")]
     Layout(#[from] NoLayout),
-    /// JSON that is none.
-    #[error("no JSON: {0}")]
+    /// Invalid JSON.
+    #[error("invalid JSON: {0}")]
     Json(String),
-    /// Not one that this program knows.
+    /// An encoding that this program does not know.
     #[error("its encoding {0} is not known here")]
     Encoding(Box<str>),
 }
 
-/// What is wrong with the bytes at one place.
+/// The fault of the bytes at one offset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum Wrong {
     #[error("the message is cut short")]
@@ -73,7 +73,7 @@ impl DecodeError {
         Self::Value { path, at, wrong }
     }
 
-    /// The same error, as one of a part of the message.
+    /// Puts a step in front of the path, for an error in a part of the message.
     pub(super) fn within(mut self, step: impl FnOnce() -> String) -> Self {
         if let Self::Value { path, .. } = &mut self {
             path.insert_str(0, &step());
@@ -82,21 +82,21 @@ impl DecodeError {
     }
 }
 
-/// What a person gave for a message and the type does not take.
+/// JSON that cannot be encoded as a message of the type.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum EncodeError {
     /// The value at one place.
     #[error("{}: {wrong}", name_of(path))]
     Value {
-        /// As in [`DecodeError::Value`].
+        /// The path of fields to the value: see [`DecodeError::Value`].
         path: String,
-        /// What is wrong, and what would be right.
+        /// The expected value, and the value that was found.
         wrong: String,
     },
-    /// The schema and its encoding do not go together.
+    /// The schema has a type that its encoding cannot express.
     #[error("its schema is of no plain type: {0}")]
     Layout(#[from] NoLayout),
-    /// Not one that this program knows.
+    /// An encoding that this program does not know.
     #[error("its encoding {0} is not known here: give the message as a file")]
     Encoding(Box<str>),
 }
@@ -124,7 +124,7 @@ impl EncodeError {
     }
 }
 
-/// What somebody gave, which may be long.
+/// The start of a text that may be long.
 fn brief(text: &str) -> String {
     const CHARS: usize = 40;
     match text.char_indices().nth(CHARS) {
@@ -133,7 +133,7 @@ fn brief(text: &str) -> String {
     }
 }
 
-/// The step to a field or variant: its name is whatever somebody registered.
+/// The step to a field or variant. Control characters of its name are escaped: any node can register a name.
 pub(super) fn step(name: &str) -> String {
     format!(".{}", name.escape_debug())
 }

@@ -1,4 +1,4 @@
-//! Messages that are JSON already: shown as they are, also where the schema says otherwise.
+//! Messages in JSON. They are shown as they are, even if they do not match the schema.
 
 use std::{borrow::Cow, fmt};
 
@@ -14,7 +14,7 @@ use super::{
     value::Value,
 };
 
-/// The depth is bounded by `serde_json`.
+/// Decodes a message in JSON. `serde_json` limits the depth.
 pub(super) fn decode<'a>(
     ty: &'a Type,
     bytes: &'a [u8],
@@ -32,7 +32,7 @@ pub(super) fn decode<'a>(
     value.map_err(|error| DecodeError::Json(error.to_string()))
 }
 
-/// What the schema says of a value, as far as it matters for reading JSON.
+/// The parts of a value's schema that affect how JSON is read.
 #[derive(Clone, Copy)]
 enum Meant<'a> {
     /// A whole number that may have more than 64 bits.
@@ -40,11 +40,11 @@ enum Meant<'a> {
     I128,
     /// An array.
     List(&'a Type),
-    /// An object whose names are keys.
+    /// An object whose names are the keys of a map.
     Map(&'a Type),
     Struct(&'a [Field]),
     Variant(&'a [sm2_proto::schema::Variant]),
-    /// Whatever comes.
+    /// Any value.
     Anything,
 }
 
@@ -59,7 +59,7 @@ impl<'a> Meant<'a> {
             Type::Map { value, .. } => Self::Map(value),
             Type::Struct(fields) => Self::of_fields(fields),
             Type::Enum(variants) => Self::Variant(variants),
-            // `null` is nothing that `deserialize_u128` takes.
+            // `deserialize_u128` does not accept `null`.
             Type::Option(value) => match Self::of(value) {
                 Self::U128 | Self::I128 => Self::Anything,
                 value => value,
@@ -106,7 +106,7 @@ impl<'a> Meant<'a> {
 #[derive(Clone, Copy)]
 struct Reader<'a> {
     meant: Meant<'a>,
-    /// How many elements of a list are kept.
+    /// The number of elements of a list that are kept.
     keep: usize,
 }
 

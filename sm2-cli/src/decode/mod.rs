@@ -1,5 +1,6 @@
-//! Messages of types that this program does not know, by their schemas: [`decode`] for
-//! `sm2 topic echo`, [`encode`] for what a person gives as JSON, [`show()`] for the terminal.
+//! Messages of types that this program was not built with, read and written by their schemas.
+//!
+//! [`decode`] is for `sm2 topic echo`, [`encode`] for JSON from the command line, [`show()`] for the terminal.
 //!
 //! | type | JSON, in and out |
 //! | --- | --- |
@@ -26,12 +27,11 @@ use self::{
     reader::{Form, Reader},
 };
 
-/// The message that these bytes are. Of each list, set and map the first `keep` elements are
-/// kept, and the others counted.
+/// Decodes a message. The first `keep` elements of each list, set and map are kept, and the others counted.
 ///
 /// # Errors
 ///
-/// [`DecodeError`] if they are none: all bytes belong to the message.
+/// [`DecodeError`] if the bytes are no message of the type. All bytes must belong to the message.
 pub(crate) fn decode<'a>(
     schema: &'a Schema,
     bytes: &'a [u8],

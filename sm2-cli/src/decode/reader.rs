@@ -1,4 +1,4 @@
-//! Plain and postcard messages, by their types.
+//! Decodes plain and postcard messages of a type.
 
 use sm2_proto::schema::{Field, Layout, Scalar, Type, Variant};
 
@@ -8,18 +8,18 @@ use super::{
     value::Value,
 };
 
-/// How many values may come of one byte, on the whole. Structures in structures make several;
-/// without a limit, a list of empty structures would make any number of no byte at all.
+/// The average number of values that one byte may decode to. Nested structures need several. Without a limit,
+/// a list of empty structures would decode to any number of values without a single byte.
 const VALUES_PER_BYTE: usize = 16;
-/// How many values may come of nothing.
+/// The number of values that a message without bytes may decode to.
 const VALUES_OF_NOTHING: usize = 4_096;
 
-/// How numbers and lengths are written.
+/// The encoding of numbers and lengths.
 #[derive(Clone, Copy)]
 pub(super) enum Form {
-    /// Fixed width; the only list has this many elements, as the message's length says.
+    /// Numbers have a fixed width. The only list has this many elements, computed from the message's length.
     Plain { elements: u64 },
-    /// Varints; a list begins with its length.
+    /// Numbers are varints. A list starts with its length.
     Postcard,
 }
 
@@ -27,9 +27,9 @@ pub(super) struct Reader<'a> {
     bytes: &'a [u8],
     at: usize,
     form: Form,
-    /// How many elements of a list are kept.
+    /// The number of elements of a list that are kept.
     keep: usize,
-    /// How many values may still come.
+    /// The number of values that may still be decoded.
     values: usize,
 }
 
@@ -47,7 +47,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The value that all bytes are.
+    /// Decodes all bytes as one value.
     pub(super) fn whole(mut self, ty: &'a Type) -> Result<Value<'a>, DecodeError> {
         let value = self.value(ty)?;
         match self.bytes.len() - self.at {
@@ -56,7 +56,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The depth is bounded by that of the type.
+    /// Decodes one value. The depth of the type limits the recursion.
     fn value(&mut self, ty: &'a Type) -> Result<Value<'a>, DecodeError> {
         self.values = match self.values.checked_sub(1) {
             Some(left) => left,
@@ -139,8 +139,8 @@ impl<'a> Reader<'a> {
         Ok(Value::List { items, more })
     }
 
-    /// The size of values that all have the same, and that any bytes are: they can be passed
-    /// over without a look at each.
+    /// The size of a type whose values all have this size and for which all bytes are valid. Such elements can
+    /// be skipped without decoding them.
     fn size_of(&self, ty: &Type) -> Option<u64> {
         match (self.form, ty) {
             (Form::Plain { .. }, ty) => Layout::size_of(ty).ok(),
@@ -151,7 +151,7 @@ impl<'a> Reader<'a> {
             (Form::Postcard, Type::Struct(fields)) => {
                 let mut sizes = fields.iter().map(|field| self.size_of(field.ty()));
                 let size = sizes.try_fold(0_u64, |sum, size| sum.checked_add(size?))?;
-                // Of what takes no bytes there are as many as somebody says.
+                // The message's length does not limit the number of elements without bytes.
                 (size > 0).then_some(size)
             }
             (Form::Postcard, _) => None,
@@ -234,7 +234,7 @@ impl<'a> Reader<'a> {
             .map_err(|error| DecodeError::new(at + error.valid_up_to(), Wrong::Utf8))
     }
 
-    /// The length of a list or text.
+    /// Reads the length of a list or text.
     fn len(&mut self) -> Result<u64, DecodeError> {
         match self.form {
             Form::Plain { elements } => Ok(elements),

@@ -2,7 +2,7 @@
 
 use sm2_proto::schema::{Field, Type};
 
-/// How a structure is shown, to people and in JSON.
+/// The form in which a structure is shown, to people and in JSON.
 pub(super) enum Shape<'a> {
     /// Nothing.
     Unit,

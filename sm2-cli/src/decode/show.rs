@@ -1,24 +1,24 @@
-//! A decoded message as a person reads it in a terminal.
+//! The text of a decoded message for a terminal.
 
 use std::fmt::{self, Write};
 
 use super::value::{Value, more};
 
-/// How much is shown.
+/// The limits of the text.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
     /// Elements of each list, set and map.
     pub(crate) elements: usize,
     /// Characters of each text.
     pub(crate) characters: usize,
-    /// What takes more bytes than this is put onto several lines.
+    /// A value that takes more bytes than this is broken into several lines.
     pub(crate) width: usize,
     /// Bytes of the whole message.
     pub(crate) total_bytes: usize,
 }
 
 impl Limits {
-    /// What one can read while messages pass.
+    /// Limits for messages that scroll by on a screen.
     pub(crate) const SCREEN: Self = Self {
         elements: 32,
         characters: 1_000,
@@ -27,8 +27,8 @@ impl Limits {
     };
 }
 
-/// The message, its fields on lines of their own where one line is not wide enough; without a
-/// newline at the end. Nothing of it does anything to the terminal.
+/// The text of a message, without a newline at the end. Fields are on separate lines if one line is not wide
+/// enough. The text has no control characters that affect the terminal.
 pub(crate) fn show(value: &Value<'_>, limits: &Limits) -> String {
     let mut out = Bounded {
         text: String::new(),
@@ -41,7 +41,7 @@ pub(crate) fn show(value: &Value<'_>, limits: &Limits) -> String {
     out.text
 }
 
-/// Text up to a number of bytes; then writing fails.
+/// A text of at most `room` more bytes. Writing more fails.
 struct Bounded {
     text: String,
     room: usize,
@@ -71,7 +71,7 @@ struct Printer<'a> {
 }
 
 impl Printer<'_> {
-    /// On one line if it fits, else structures and lists by line.
+    /// Writes the value on one line if it fits; else each field and element on its own line.
     fn lines(&self, out: &mut Bounded, value: &Value<'_>, indent: usize) -> fmt::Result {
         if let Some(line) = self.fitting(value, indent) {
             return out.write_str(&line);
@@ -111,7 +111,7 @@ impl Printer<'_> {
         }
     }
 
-    /// `name: value`, each on a line; what needs several lines begins on the next one.
+    /// Writes `name: value` lines. A value that needs several lines starts on the next line.
     fn entries<'v>(
         &self,
         out: &mut Bounded,
@@ -150,7 +150,7 @@ impl Printer<'_> {
             text: String::new(),
             room: self.limits.total_bytes,
         };
-        // What does not fit here fits nowhere: it is cut, and the message with it.
+        // A key that does not fit is cut; the message is cut at the same place.
         let _cut = self.line(&mut line, value);
         line.text
     }
@@ -217,7 +217,7 @@ impl Printer<'_> {
         }
     }
 
-    /// How many elements are not shown, if there are any: of those that were kept and others.
+    /// Writes the number of elements that are not shown, kept or not, if there are any.
     fn rest(&self, out: &mut Bounded, kept: usize, left: u64, separator: &str) -> fmt::Result {
         let shown = kept.min(self.limits.elements);
         match (kept - shown) as u64 + left {
@@ -238,7 +238,7 @@ impl Printer<'_> {
     }
 }
 
-/// Whether a value that is too long for a line goes onto several.
+/// Whether a value that is too long for a line is broken into several.
 fn breaks(value: &Value<'_>) -> bool {
     match value {
         Value::Struct(_) | Value::Map { .. } => true,
@@ -248,7 +248,7 @@ fn breaks(value: &Value<'_>) -> bool {
     }
 }
 
-/// What lists show side by side, however many there are.
+/// Whether a list shows such values side by side.
 const fn is_small(value: &Value<'_>) -> bool {
     !matches!(
         value,

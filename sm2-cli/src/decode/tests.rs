@@ -9,10 +9,10 @@ use sm2_proto::schema::Schema;
 
 use crate::decode::Limits;
 
-/// Every element is kept.
+/// Keeps every element.
 const ALL: usize = usize::MAX;
 
-/// As on the screen, but all on one line.
+/// The limits of the screen, with everything on one line.
 const LINE: Limits = Limits {
     width: usize::MAX,
     ..Limits::SCREEN

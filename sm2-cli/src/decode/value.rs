@@ -26,12 +26,12 @@ pub(crate) enum Value<'a> {
     /// An array, a list, a set or a tuple.
     List {
         items: Vec<Self>,
-        /// How many follow that were not kept.
+        /// The number of further elements that were not kept.
         more: u64,
     },
     Map {
         entries: Vec<(Self, Self)>,
-        /// How many follow that were not kept.
+        /// The number of further elements that were not kept.
         more: u64,
     },
     Struct(Vec<(Cow<'a, str>, Self)>),
@@ -39,7 +39,7 @@ pub(crate) enum Value<'a> {
 }
 
 impl Value<'_> {
-    /// The key of a JSON object that this value is, if it is one.
+    /// The value as a key of a JSON object, if it can be one.
     fn key(&self) -> Option<Cow<'_, str>> {
         Some(match self {
             Self::Text(text) => Cow::Borrowed(&**text),
@@ -53,7 +53,7 @@ impl Value<'_> {
     }
 }
 
-/// How many elements were left out: `… 9,990 more`.
+/// The text for elements that were left out: `… 9,990 more`.
 pub(super) fn more(count: u64) -> String {
     let digits = count.to_string();
     let mut grouped = String::new();
@@ -74,7 +74,7 @@ impl Serialize for Value<'_> {
             Self::Unsigned(number) => to.serialize_u64(*number),
             Self::Signed(number) => to.serialize_i64(*number),
             Self::Digits(digits) => to.serialize_str(digits),
-            // JSON has no number for these.
+            // JSON has no NaN and no infinity.
             Self::F32(number) if !number.is_finite() => to.collect_str(number),
             Self::F64(number) if !number.is_finite() => to.collect_str(number),
             Self::F32(number) => to.serialize_f32(*number),

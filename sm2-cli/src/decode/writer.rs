@@ -1,4 +1,4 @@
-//! From JSON that a person gave to the bytes of a message, by its type.
+//! Encodes JSON from the command line as a message of a type.
 
 use serde_json::Value as Json;
 use sm2_proto::{
@@ -11,14 +11,14 @@ use super::{
     shape::Shape,
 };
 
-/// How numbers and lengths are written.
+/// The encoding of numbers and lengths.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
-    /// Fixed width, and no lengths.
+    /// Numbers have a fixed width, and lists have no length.
     Plain,
-    /// Varints, and lengths before lists.
+    /// Numbers are varints, and each list starts with its length.
     Postcard,
-    /// Nothing is written: what was given is the message, once it is checked.
+    /// The JSON itself is the message, so the writer only checks the JSON.
     Json,
 }
 
@@ -85,7 +85,7 @@ impl Writer {
             (Shape::Unit, Json::Object(found)) if found.is_empty() => Ok(()),
             (Shape::Unit, Json::Array(found)) if found.is_empty() => Ok(()),
             (Shape::Unit, other) => Err(EncodeError::expected("null", other)),
-            // Rust's `(T,)` is an array in JSON, and a structure of a `T` is a `T`.
+            // Rust's `(T,)` is an array in JSON, and a structure with one nameless field is that field's value.
             (Shape::Single(ty), Json::Array(found)) if found.len() == 1 && !takes_array(ty) => {
                 self.items(ty, found)
             }
@@ -165,7 +165,7 @@ impl Writer {
                 }
                 Ok(())
             }
-            // What JSON has no objects for.
+            // Maps whose keys JSON objects cannot have.
             Json::Array(pairs) if self.form != Form::Json => {
                 self.len(pairs.len());
                 for (at, pair) in pairs.iter().enumerate() {
@@ -267,7 +267,7 @@ impl Writer {
         Ok(())
     }
 
-    /// A JSON that others read has nothing but numbers for numbers.
+    /// In the JSON encoding, only a number stands for a number: other readers accept nothing else.
     fn takes_digits(&self, bits: u32) -> bool {
         bits == 128 && self.form != Form::Json
     }
@@ -325,7 +325,7 @@ fn wrong_count(len: u64, given: &Json) -> EncodeError {
     }
 }
 
-/// Whether an array stands for a value of this type.
+/// Whether a value of this type is an array in JSON.
 fn takes_array(ty: &Type) -> bool {
     match ty {
         Type::Array { .. } | Type::List(_) | Type::Set(_) | Type::Map { .. } => true,
@@ -339,7 +339,7 @@ fn takes_array(ty: &Type) -> bool {
     }
 }
 
-/// What a key of an object stands for: it is always text there.
+/// The JSON value of an object's key. Keys are always texts in JSON.
 fn key_of(ty: &Type, key: &str) -> Json {
     let text = || Json::String(key.to_owned());
     match ty {

@@ -2,15 +2,15 @@
 
 use serde::Serialize;
 
-/// How bad it is.
+/// The severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Level {
-    /// As it should be.
+    /// No problem was found.
     Ok,
-    /// Works, but not for everything, or not as well as it could.
+    /// SM2 works, but with limits or with less speed than possible.
     Warn,
-    /// Nothing works until it is mended.
+    /// SM2 does not work until the problem is solved.
     Bad,
 }
 

@@ -1,4 +1,4 @@
-//! What this machine's kernel allows.
+//! Checks of the kernel: its version, and its limits.
 
 use std::{fs, io, os::fd::AsFd};
 
@@ -11,20 +11,20 @@ use sm2_proto::Seals;
 
 use super::check::Check;
 
-/// The oldest kernel that has all that is used: `F_SEAL_FUTURE_WRITE` came with 5.1,
-/// `epoll_pwait2` with 5.11.
+/// The oldest kernel with all system calls that SM2 uses: Linux 5.1 added `F_SEAL_FUTURE_WRITE`, and 5.11
+/// added `epoll_pwait2`.
 const KERNEL: (u32, u32) = (5, 11);
 
-/// What Linux grants by default: room for one datagram of 64 KiB, with what the kernel adds.
+/// The default of Linux: one datagram of 64 KiB, and the overhead of the kernel.
 const SEND_BUFFER_BYTES: u64 = 212_992;
 
-/// How many datagrams a socket should hold: a busy node reads several at a time.
+/// The number of datagrams that a socket should hold. A busy node reads several at a time.
 const DATAGRAMS: u64 = 10;
 
-/// Descriptors that a process needs whatever it does.
+/// The descriptors that every process needs.
 const BASE_FILES: u64 = 64;
 
-/// Checks what needs no Manager; `nodes` is how many the domain has, if that is known.
+/// The checks that need no Manager. `nodes` is the number of nodes in the domain if it is known.
 pub(super) fn checks(nodes: Option<u64>) -> Vec<Check> {
     vec![
         kernel(),
@@ -71,7 +71,8 @@ pub(super) fn version(release: &str) -> Option<(u32, u32)> {
     Some((numbers.next()?.parse().ok()?, numbers.next()?.parse().ok()?))
 }
 
-/// A node needs a descriptor for each link and some for each segment; a Manager one for each node.
+/// Checks the limit of open files. A node needs a descriptor for each link and for each segment, and a
+/// Manager needs one for each node.
 fn files(nodes: Option<u64>) -> Check {
     const CHECK: &str = "open files";
     let (soft, hard) = match getrlimit(Resource::RLIMIT_NOFILE) {
@@ -79,7 +80,7 @@ fn files(nodes: Option<u64>) -> Check {
         Err(errno) => return Check::warn(CHECK, format!("unknown ({errno})"), "see ulimit -n"),
     };
     let found = format!("{soft} (at most {hard})");
-    // Each node of the domain may be linked with a program that is started from this shell.
+    // A program that is started from this shell may be linked with every node of the domain.
     let wanted = BASE_FILES + 4 * nodes.unwrap_or(0);
     if hard < wanted {
         let advice = format!("a domain of this size wants {wanted}: raise it in limits.conf");
@@ -92,7 +93,7 @@ fn files(nodes: Option<u64>) -> Check {
     Check::ok(CHECK, found)
 }
 
-/// Messages are files in memory with seals. They need neither `/dev/shm` nor locked memory.
+/// Checks that sealed memfds work. SM2 needs neither `/dev/shm` nor locked memory.
 fn shared_memory() -> Check {
     const CHECK: &str = "shared memory";
     let noexec = fs::read_to_string("/proc/sys/vm/memfd_noexec").unwrap_or_default();
@@ -154,7 +155,7 @@ fn number(check: &'static str, path: &str, least: u64, name: &str) -> Check {
             format!("{name} is {value}"),
             format!("sysctl -w {name}={least}"),
         ),
-        // A container may hide it; then its host decides.
+        // A container may hide the file. The limit of the host applies then.
         None => Check::ok(check, format!("{name} cannot be read here")),
     }
 }

@@ -1,4 +1,4 @@
-//! Who answers at the socket, and what the domain says of itself.
+//! Checks of the Manager at the socket, and of the state of its domain.
 
 use std::path::Path;
 
@@ -12,20 +12,20 @@ use crate::{
     stopped::StoppedNode, view::View,
 };
 
-/// How nodes of standby Managers are named.
+/// The start of the node names of standby Managers.
 const STANDBY: &str = "sm2/standby/";
 
-/// A quota of which more than so much is used will be a problem soon.
+/// A quota is reported when more than this share of it is used.
 const NEARLY_PERCENT: u64 = 80;
 
-/// The checks, and how many nodes the domain has, if that is known.
+/// The checks, and the number of nodes in the domain if it is known.
 pub(super) fn checks(
     domain: &Domain,
     path: &Path,
     interrupt: &Interrupt,
 ) -> (Vec<Check>, Option<u64>) {
     const CHECK: &str = "Manager";
-    // Before the session: who it is can be told even of one that does not answer.
+    // Before the session starts: the kernel names the process even if it does not answer.
     let who = SeqPacket::connect(path).and_then(|socket| socket.peer_credentials());
     let who = match who {
         Ok(who) => format!("process {} of user {}", who.pid, who.uid),
@@ -78,7 +78,7 @@ fn unreachable(error: CliError, who: &str) -> Check {
     }
 }
 
-/// What the domain says.
+/// The checks of the state of the domain.
 pub(super) fn inside(mirror: &Mirror, node: &Node) -> Vec<Check> {
     let mut checks = vec![standby(mirror), resuming(mirror), stopped(mirror)];
     checks.push(usage(mirror));
@@ -97,7 +97,7 @@ fn standby(mirror: &Mirror) -> Check {
         true => Check::warn(
             CHECK,
             "no Manager stands by",
-            "start one with `sm2 manager --standby`, so that new links go on being made when this one ends",
+            "start one with `sm2 manager --standby`, which continues to make links when this Manager ends",
         ),
     }
 }
@@ -111,7 +111,7 @@ fn resuming(mirror: &Mirror) -> Check {
         false => Check::warn(
             CHECK,
             names.join(", "),
-            "they have seconds to claim their links: look again; whoever stays is stopped or busy",
+            "a node may take some seconds to claim its links: run doctor again; a node that is still listed is stopped or busy",
         ),
     }
 }
@@ -149,7 +149,7 @@ fn usage(mirror: &Mirror) -> Check {
     }
 }
 
-/// Interfaces that were refused are why programs do not work that seem to run.
+/// A program with a refused interface seems to run, and does not work.
 fn refused(mirror: &Mirror, node: &Node) -> Check {
     const CHECK: &str = "refused interfaces";
     let view = View::new(mirror);

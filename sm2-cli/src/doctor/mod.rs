@@ -1,8 +1,8 @@
-//! `sm2 doctor`: what is right and wrong with this machine, the Manager and the domain, and what
-//! to do about it. It changes nothing.
+//! `sm2 doctor`: checks this machine, the Manager and the domain, and names a remedy for each problem.
+//! It changes nothing.
 //!
-//! [`socket`]: the socket and its folder. [`manager`]: who answers there, and what the domain says.
-//! [`machine`]: what the kernel allows.
+//! [`socket`] checks the socket and its folder, [`manager`] the Manager and its domain, and [`machine`] the
+//! limits of the kernel.
 
 mod check;
 mod machine;
@@ -30,9 +30,9 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Each check is ok, warn or bad; what is not ok says what to do. Nothing is changed.
+Each check is ok, warn or bad. A check that is not ok names a remedy. doctor changes nothing.
 
-Exit status: 0 unless something is bad, 1 if it is, 2 wrong usage.
+Exit status: 0 no check is bad, 1 a check is bad, 2 wrong usage.
 
 Examples:
   sm2 doctor
@@ -42,7 +42,7 @@ Examples:
 /// The object that `--json` prints.
 #[derive(Serialize)]
 struct Report {
-    /// The worst of all.
+    /// The worst level of all checks.
     level: Level,
     checks: Vec<Check>,
 }

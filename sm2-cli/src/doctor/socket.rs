@@ -1,4 +1,4 @@
-//! The socket's path, its folder, and what dead Managers left there.
+//! Checks of the socket's path, of its folder, and of files that dead Managers left there.
 
 use std::{
     env, fs,
@@ -25,7 +25,7 @@ pub(super) fn checks(domain: &Domain, path: &Path) -> Vec<Check> {
     checks
 }
 
-/// Which rule of SM2-TRN-001 chose the path.
+/// The rule of SM2-TRN-001 that chose the path.
 pub(super) fn rule(domain: &Domain, variable: impl Fn(&str) -> Option<String>) -> String {
     let set = |name: &str| variable(name).is_some_and(|value| !value.is_empty());
     if domain.socket.is_some() {
@@ -45,7 +45,7 @@ pub(super) fn rule(domain: &Domain, variable: impl Fn(&str) -> Option<String>) -
     format!("domain {name} by {from}, in {folder}")
 }
 
-/// Whether others could put a socket of theirs in the place of the Manager's.
+/// Checks whether another user could replace the Manager's socket.
 fn folder(path: &Path) -> Check {
     const CHECK: &str = "folder";
     let folder = match path.parent() {
@@ -96,7 +96,7 @@ fn folder(path: &Path) -> Check {
     Check::ok(CHECK, facts)
 }
 
-/// Files beside the socket that no living Manager needs.
+/// Checks for files beside the socket that no living Manager uses.
 fn leftovers(path: &Path) -> Vec<Check> {
     const CHECK: &str = "leftovers";
     let mut checks = Vec::new();
@@ -114,7 +114,7 @@ fn leftovers(path: &Path) -> Vec<Check> {
         Ok(found) if !is_locked(&locks, found.ino()) => checks.push(Check::warn(
             CHECK,
             format!("{} is there and nobody holds it", lock.display()),
-            "a Manager died without a word; the next one takes it",
+            "a Manager was killed; the next one takes the lock",
         )),
         _ => {}
     }

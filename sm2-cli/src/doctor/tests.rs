@@ -20,7 +20,7 @@ fn locks_are_found_by_inode() {
 3: POSIX  ADVISORY  WRITE 7540 fe:00:125655 0 EOF";
     assert!(is_locked(locks, 125_671));
     assert!(is_locked(locks, 125_655));
-    // Who waits for a lock does not hold it.
+    // A process that waits for a lock does not hold it.
     assert!(!is_locked(locks, 99));
     assert!(!is_locked(locks, 671));
 }

@@ -1,4 +1,4 @@
-//! What people write: command lines, names, sizes, times, expressions; and the environment.
+//! Input of people: command lines, names, sizes, times, expressions, and the environment.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -19,8 +19,8 @@ use crate::{
     usage, wait_for,
 };
 
-/// Words, each ended by a NUL, which none can have. All of them are a command line; each alone
-/// is whatever can be read from a word; the first three are the environment. Nothing is run.
+/// Splits the input into words at NUL bytes. Parses all of them as a command line, each of them as every kind
+/// of argument, and the first three as environment variables. Runs nothing.
 pub(super) fn words(data: &[u8]) {
     let words: Vec<&[u8]> = data.split(|&byte| byte == 0).collect();
     command_line(&words);
@@ -34,7 +34,7 @@ pub(super) fn words(data: &[u8]) {
     environment(&words);
 }
 
-/// A command, or one line that says what is wrong.
+/// The result is a command, or an error of one line.
 fn command_line(words: &[&[u8]]) {
     let words = words.iter().map(|word| OsString::from_vec(word.to_vec()));
     let arguments: Vec<OsString> = std::iter::once("sm2".into()).chain(words).collect();
@@ -55,7 +55,7 @@ fn command_line(words: &[&[u8]]) {
     }
 }
 
-/// The grammar of SM2-NAM-001, said again.
+/// The grammar of SM2-NAM-001, implemented a second time.
 //= SM2-NAM-001 fuzz
 fn name(text: &str) {
     let bare = text.strip_prefix('/').unwrap_or(text);
@@ -98,7 +98,7 @@ fn selector(text: &str) {
     }
 }
 
-/// The path of a socket, from variables that say anything.
+/// The path of a socket, from variables with any values.
 //= SM2-TRN-001, SM2-TRN-002 fuzz
 fn environment(words: &[&[u8]]) {
     let value = |at: usize| words.get(at).map(|word| OsStr::from_bytes(word).to_owned());

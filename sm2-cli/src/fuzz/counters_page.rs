@@ -1,4 +1,4 @@
-//! A memfd full of words that somebody chose, as `sm2 top` and others read it.
+//! Counter files with arbitrary contents, as `sm2 top` and other commands read them.
 
 use std::{
     fs::File,
@@ -22,18 +22,18 @@ use sm2_proto::{
 
 use crate::{sampling::Sample, top, view::View};
 
-/// Seals that a file may have: each lacks what another one has.
+/// Sets of seals of a file. Each lacks a seal that another one has.
 const SEALS: [u32; 4] = [
     Seals::POOLED.0,
     Seals::POOLED.0 & !Seals::SHRINK.0,
     Seals::SEAL.0,
     0,
 ];
-/// As many entries as the file has at most, and one that they say it has.
+/// The largest number of entries of a file, and the number that its header may claim.
 const ENTRIES_MAX: usize = 3;
 
-/// A file is opened exactly if it is one of counters; of each entry comes what its words
-/// say, or nothing; and whatever that is, the tables of `sm2 top` can be drawn.
+/// A file is opened if and only if it is a valid counter file. Each entry reads as its words say, or not at
+/// all. The tables of `sm2 top` can be drawn from any entries.
 //= SM2-CNT-003, SM2-CNT-004, SM2-CNT-005 fuzz
 pub(super) fn file(data: &[u8]) {
     let mut script = Script::new(data);
@@ -42,7 +42,7 @@ pub(super) fn file(data: &[u8]) {
     }
 }
 
-/// Two files, of which the second is the same with some words changed.
+/// Two files: the second is the first with some words changed.
 fn pages(script: &mut Script<'_>) -> Option<(CounterView, CounterView)> {
     let flags = script.byte()?;
     let entries = 1 + usize::from(flags & 3) % ENTRIES_MAX;
@@ -60,10 +60,10 @@ fn pages(script: &mut Script<'_>) -> Option<(CounterView, CounterView)> {
     Some((before?, now?))
 }
 
-/// Words to other values: pairs of which word, and which value.
+/// Changes of words: pairs of an index and a new value.
 fn change(script: &mut Script<'_>, words: &mut [u64]) -> Option<()> {
     for pair in script.bytes()?.chunks_exact(2) {
-        // The header too, but for one in four only.
+        // Only one change in four may hit the header.
         let entry = usize::from(pair[0] >> 6) % (words.len() / ENTRY_FIELDS);
         let at = ENTRY_FIELDS * entry + usize::from(pair[0]) % ENTRY_FIELDS;
         words[at] = match pair[1] {
@@ -76,7 +76,7 @@ fn change(script: &mut Script<'_>, words: &mut [u64]) -> Option<()> {
     Some(())
 }
 
-/// Opens the file of these words, and bytes that belong to none, if it is one of counters.
+/// Opens a file of these words and some extra bytes, if it is a valid counter file.
 fn open(words: &[u64], extra: usize, seals: Seals) -> Option<CounterView> {
     let file = memfd(words, extra, seals);
     let entries = words.len() / ENTRY_FIELDS - 1;
@@ -141,12 +141,12 @@ fn figures(script: &mut Script<'_>, before: &CounterView, now: &CounterView) {
     let view = View::new(&domain);
     let nodes: Vec<Name> = domain.nodes().map(|node| node.name.clone()).collect();
     let sample = |at, file| {
-        // The last one keeps none.
+        // The last node keeps no counters.
         let known = nodes.iter().enumerate();
         let files = known.map(|(at, name)| (name.clone(), (at < 3).then_some(file)));
         Sample::new(Instant(at), files)
     };
-    // In no time, and backwards.
+    // Two samples of the same time, and two in the wrong order.
     for (earlier, later) in [(0, 1_000_000_000), (7, 7), (u64::MAX, 1)] {
         top::fuzz::figures(&view, &sample(earlier, before), &sample(later, now));
     }

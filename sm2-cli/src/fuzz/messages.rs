@@ -4,21 +4,20 @@ use sm2_proto::schema::{Encoding, Schema};
 
 use crate::decode::{Limits, decode, encode, show};
 
-/// Of a long list this many elements are shown.
+/// The number of elements of a long list that are shown.
 const KEEP: usize = 3;
-/// As `show` cuts what is too long, and its words for that.
+/// The limit of `show`, and the text that it appends to a message that it cuts.
 const SHOWN_MAX: usize = 17_000;
 
-/// The first two lines, or all there is.
+/// The first two lines and the rest; one line or none if there are no more.
 pub(super) fn schemas(data: &[u8]) -> &[u8] {
     let mut ends = (0..data.len()).filter(|&at| data[at] == b'\n');
     let end = ends.nth(1).unwrap_or(data.len());
     &data[..end]
 }
 
-/// Bytes that are a message are shown on one screen and as JSON; JSON that is read as a
-/// message is that message; and a message that went through both is the same, but for what
-/// JSON cannot say.
+/// A decoded message fits one screen and can be written as JSON. JSON that is encoded as a message decodes
+/// to the same message. A message that takes both ways stays the same, except for values that JSON lacks.
 pub(super) fn message(data: &[u8]) {
     let schemas = schemas(data);
     let Some(payload) = data.get(schemas.len() + 1..) else {
@@ -37,7 +36,7 @@ pub(super) fn message(data: &[u8]) {
     }
 }
 
-/// What `sm2 topic echo` prints of these bytes, if they are a message.
+/// The output of `sm2 topic echo` for these bytes, if they are a message.
 fn shown(schema: &Schema, payload: &[u8]) -> Option<serde_json::Value> {
     let value = decode(schema, payload, usize::MAX).ok()?;
     let short = decode(schema, payload, KEEP).expect("what is kept does not matter");
@@ -49,14 +48,14 @@ fn shown(schema: &Schema, payload: &[u8]) -> Option<serde_json::Value> {
     }
     let text = serde_json::to_string(&value).expect("every message has its JSON");
     assert!(!text.contains('\n'), "one line");
-    // Nothing but the depth, which serde_json bounds, makes this fail.
+    // This fails only for a message that is nested more deeply than serde_json allows.
     serde_json::from_str(&text).ok()
 }
 
-/// JSON that this program printed is taken by it.
+/// The program reads the JSON that it prints.
 fn said(schema: &Schema, json: &serde_json::Value) {
     if *schema.encoding() == Encoding::Json {
-        // Shown as it came, also where it is not what the schema says.
+        // JSON messages are shown as they came, even if they do not match the schema.
         return;
     }
     match encode(schema, json) {
@@ -65,18 +64,18 @@ fn said(schema: &Schema, json: &serde_json::Value) {
     }
 }
 
-/// JSON that a person wrote.
+/// JSON from the command line.
 fn meant(schema: &Schema, json: &serde_json::Value) {
     if let Ok(bytes) = encode(schema, json) {
         again(schema, &bytes);
     }
 }
 
-/// What was made of JSON is a message, and from there on neither changes.
+/// An encoded message decodes, and the decoded value encodes to the same bytes.
 fn again(schema: &Schema, bytes: &[u8]) {
     let json = shown(schema, bytes).expect("what was encoded is a message");
     if *schema.encoding() == Encoding::Json {
-        // The message is JSON itself, with numbers of 128 bits where we print texts.
+        // The message is JSON, with numbers of 128 bits where this program prints texts.
         return;
     }
     let twice = encode(schema, &json).expect("what was printed is taken");

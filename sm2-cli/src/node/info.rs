@@ -45,11 +45,11 @@ struct Info {
     name: String,
     uid: u32,
     pid: i32,
-    /// Whether it is still claiming links of an earlier Manager.
+    /// Whether the node is still claiming the links that an earlier Manager made.
     resuming: bool,
-    /// Those that were not granted too.
+    /// Includes the interfaces that the Manager refused.
     interfaces: Vec<Interface>,
-    /// The nodes that it has links with.
+    /// The names of the nodes at the other ends of its links.
     linked_with: Vec<String>,
 }
 

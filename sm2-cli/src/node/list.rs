@@ -22,7 +22,7 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-LINKS counts ends: a link between two interfaces of one node counts twice.
+LINKS counts the ends of links: a link between two interfaces of one node counts twice.
 
 Examples:
   sm2 node list
@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     Ok(Ended::Done)
 }
 
-/// The nodes in the order of their coming, without the one named `itself`.
+/// The nodes in the order in which they connected, without the one named `itself`.
 fn nodes(domain: &Mirror, itself: &Name) -> Vec<Node> {
     let others = domain.nodes().filter(|node| node.name != itself);
     let mut nodes: BTreeMap<NodeId, Node> = others

@@ -1,4 +1,4 @@
-//! `sm2 node`: which nodes there are, and what one does.
+//! `sm2 node`: lists nodes, and shows one of them.
 
 mod info;
 mod list;
@@ -20,7 +20,7 @@ pub(crate) enum Command {
 ///
 /// # Errors
 ///
-/// What it failed with.
+/// Any [`CliError`].
 pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
         Command::List(arguments) => list::run(arguments),

@@ -17,7 +17,7 @@ fn the_median_is_one_of_the_recent_delays() {
     assert_eq!(median_ns(&entry(&[7])), Some(7));
     assert_eq!(median_ns(&entry(&[9, 1, 5])), Some(5));
     assert_eq!(median_ns(&entry(&[4, 3, 2, 1])), Some(2));
-    // Only the last 32 count.
+    // Only the last 32 messages count.
     let many: Vec<u64> = (0..100).collect();
     assert_eq!(median_ns(&entry(&many)), Some(83));
 }

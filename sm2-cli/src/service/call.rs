@@ -44,7 +44,7 @@ pub(crate) struct Arguments {
     /// The request's bytes: a file, or `-` for all of standard input
     #[arg(long, value_name = "PATH|-")]
     from: Option<PathBuf>,
-    /// How long a server may take to come and to reply
+    /// The timeout for finding a server and for its reply
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     timeout: Duration,
     /// Print one JSON object
@@ -57,10 +57,10 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-One server is called: if there are several, the one that has the fewest calls of this client, which
-is the one that is linked first. The reply is printed as `sm2 topic echo` prints messages.
+Calls one server: if there are several, the one that was linked first. The reply is printed in the form
+in which `sm2 topic echo` prints messages.
 
-Exit status: 0 the reply is printed, 1 there is none, 2 wrong usage, 130 Ctrl-C before it came.
+Exit status: 0 the reply was printed, 1 there is no reply, 2 wrong usage, 130 Ctrl-C before the reply.
 
 Examples:
   sm2 service call sum '[1, 2, 3]'
@@ -71,9 +71,9 @@ Examples:
 #[derive(Serialize)]
 struct Answer<'a> {
     service: &'a str,
-    /// Its node.
+    /// The server's node.
     server: &'a str,
-    /// From the sending of the request to the reply.
+    /// The time from sending the request to receiving the reply.
     took_ms: f64,
     len_bytes: usize,
     #[serde(flatten)]
@@ -133,12 +133,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     Ok(Ended::Done)
 }
 
-/// Only a signal ends a call without an answer.
+/// The result of a call that a signal ended.
 fn stopped(session: &Session) -> Ended {
     session.stopped().map_or(Ended::No, Ended::Stopped)
 }
 
-/// Waits for a server; its types. None if a signal came.
+/// Waits for a server, and returns its types. `None` if a signal came.
 fn server(
     arguments: &Arguments,
     session: &Session,
@@ -169,7 +169,7 @@ fn server(
 
 fn no_server(arguments: &Arguments, session: &Session) -> CliError {
     let service = &arguments.service;
-    // What is wrong with the Manager is said elsewhere.
+    // An error of the Manager is reported elsewhere.
     let hint = session.snapshot().map_or_else(
         |_| String::new(),
         |domain| {
@@ -184,7 +184,7 @@ fn no_server(arguments: &Arguments, session: &Session) -> CliError {
     CliError::NoServer { service, hint }
 }
 
-/// Calls, and waits for the reply. None if a signal came: the call is cancelled then.
+/// Sends the request and waits for the reply. `None` if a signal came; the call is then cancelled.
 fn call(
     session: &Session,
     client: &Client<[u8], [u8]>,

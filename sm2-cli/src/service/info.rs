@@ -29,7 +29,7 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Exit status: 0 shown, 1 nobody is on such a service, 2 wrong usage.
+Exit status: 0 shown, 1 the service has no server and no client, 2 wrong usage.
 
 Examples:
   sm2 service info sum
@@ -77,7 +77,7 @@ fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
     for (what, half) in [("request", &info.request), ("reply", &info.reply)] {
         match &half.data {
             Some(data) => out.line(format_args!("{what:<16}{data}"))?,
-            None => out.line(format_args!("{what:<16}nobody has stated a type"))?,
+            None => out.line(format_args!("{what:<16}no interface has stated a type"))?,
         }
         let schema = format!("{what} schema");
         out.line(format_args!("{schema:<16}{}", half.schema()))?;

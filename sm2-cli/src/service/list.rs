@@ -43,9 +43,9 @@ struct Services {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct Service {
     name: String,
-    /// None if nobody has stated it.
+    /// `None` if no interface has stated the type.
     request: Option<Type>,
-    /// None if nobody has stated it.
+    /// `None` if no interface has stated the type.
     reply: Option<Type>,
     servers: usize,
     clients: usize,

@@ -1,4 +1,4 @@
-//! `sm2 service`: which services there are, and calling one.
+//! `sm2 service`: lists, shows and calls services.
 
 mod call;
 mod info;
@@ -23,7 +23,7 @@ pub(crate) enum Command {
 ///
 /// # Errors
 ///
-/// What it failed with.
+/// Any [`CliError`].
 pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
         Command::List(arguments) => list::run(arguments),

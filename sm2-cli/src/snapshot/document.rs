@@ -1,4 +1,4 @@
-//! A domain as one document.
+//! The document of `sm2 snapshot`.
 
 use serde::Serialize;
 use sm2_proto::{Kind, control::Item, domain::LinkView, text::Counted};
@@ -21,23 +21,23 @@ use crate::{
 /// The object that `--json` prints. Field names are part of the command's interface.
 #[derive(Serialize)]
 pub(super) struct Document {
-    /// The Manager's epoch in hex digits; none if it has gone since.
+    /// The Manager's epoch in hex digits. `None` if the Manager has ended since.
     epoch: Option<String>,
     revision: u64,
     limits: Option<Limits>,
     nodes: Vec<Node>,
-    /// Those that were refused too.
+    /// Includes refused interfaces.
     interfaces: Vec<Interface>,
     links: Vec<CountedLink>,
-    /// Claims, and pairs that are not linked.
+    /// Claims, and pairs that match and are not linked.
     open: Vec<NamedItem>,
     quotas: Vec<Quota>,
-    /// Nodes that keep no counters.
+    /// The names of nodes that keep no counters.
     without_counters: Vec<String>,
     gateways: Vec<Gateway>,
 }
 
-/// A link and what its ends count; none for an end whose node keeps no counters.
+/// A link with the counters of both ends. An end whose node keeps no counters has `None`.
 #[derive(Serialize)]
 struct CountedLink {
     #[serde(flatten)]
@@ -46,7 +46,7 @@ struct CountedLink {
     taken: Option<Taken>,
 }
 
-/// What the demanding side of a link counts.
+/// The counters of the demanding side of a link.
 #[derive(Serialize)]
 struct Taken {
     messages: u64,
@@ -56,12 +56,12 @@ struct Taken {
     delay_p50_ms: Option<f64>,
 }
 
-/// How much of a quota is used.
+/// A quota, and how much of it is used.
 #[derive(Serialize)]
 pub(crate) struct Quota {
-    /// `user 1000` or `node talker`.
+    /// The owner of the quota: `user 1000` or `node talker`.
     pub(crate) of: String,
-    /// What is counted.
+    /// The kind of thing that is counted.
     pub(crate) quota: &'static str,
     pub(crate) used: u32,
     pub(crate) limit: u32,
@@ -229,7 +229,7 @@ fn counted(view: &View<'_>, sample: &Sample, link: &LinkView) -> CountedLink {
     }
 }
 
-/// What is used of each quota; none if the Manager does not say what the limits are.
+/// The use of each quota. Empty if the limits are not known.
 pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
     let Some(limits) = view.domain.limits() else {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! The gateways of a domain, as they say they are themselves.
+//! The reports of a domain's gateways.
 
 use std::time::Duration;
 
@@ -11,21 +11,21 @@ use sm2_proto::domain::Domain as Mirror;
 
 use crate::{columns::Columns, connect::Session};
 
-/// How long gateways may take to answer, all together.
+/// The timeout for the answers of all gateways together.
 const TIMEOUT: Duration = Duration::from_secs(1);
 
-/// A gateway, and what it says.
+/// A gateway and its report.
 #[derive(Serialize)]
 pub(super) struct Gateway {
-    /// The service that it was asked by.
+    /// The service that gives the report.
     service: String,
-    /// None if it did not answer in time.
+    /// `None` if the gateway did not answer in time.
     report: Option<Report>,
-    /// Why it did not.
+    /// The reason for which there is no report.
     error: Option<String>,
 }
 
-/// Asks the gateways of a domain. One that does not answer is part of the picture.
+/// Asks the gateways of a domain. The result includes those that do not answer.
 pub(super) fn ask(session: &Session, domain: &Mirror) -> Vec<Gateway> {
     let services = report::gateways(domain);
     let answers = report::ask(&session.node, services, TIMEOUT).into_iter();
@@ -43,7 +43,7 @@ pub(super) fn ask(session: &Session, domain: &Mirror) -> Vec<Gateway> {
     gateways.collect()
 }
 
-/// For people: a line for each peer, and for each name that goes to it or comes from it.
+/// A table for people: a line for each peer, and for each topic and service of the peer.
 pub(super) fn table(gateways: &[Gateway]) -> Columns<11> {
     let mut table = Columns::new([
         "GATEWAY",

@@ -23,10 +23,10 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// Go on with each change, one a line; it begins with all that there is
+    /// Print everything that exists, and then every change, one per line
     #[arg(long)]
     watch: bool,
-    /// Print one JSON object; with --watch one for each change
+    /// Print one JSON object; with --watch, one for each change
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -34,11 +34,11 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Nodes, interfaces (those that were refused too), links with what their publishers and servers count,
-pairs that match and are not linked, how much of the quotas is used, and what gateways say of their
-peers (one that does not answer within a second is shown as such). All is as of one revision of the
-domain; counters are read a moment later. With --watch `+` is what is new or has changed, `-` what
-is gone; when another Manager takes over, the difference is printed.
+Shows nodes, interfaces (refused ones too), links with their counters, pairs that match and are not
+linked, the use of quotas, and the reports of gateways about their peers. A gateway that does not
+answer within a second is marked. Everything is from one revision of the domain; counters are read a
+moment later. With --watch, `+` marks an item that is new or has changed, and `-` one that is gone.
+When another Manager takes over, the differences are printed.
 
 Exit status: 0 done or --watch was ended by Ctrl-C, 1 failed, 2 wrong usage.
 
@@ -48,11 +48,11 @@ Examples:
   sm2 snapshot --json | jq '.gateways[].report.peers[] | {name, messages, denied}'
   sm2 snapshot --watch";
 
-/// Prints it.
+/// Runs the command.
 ///
 /// # Errors
 ///
-/// What it failed with.
+/// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "snapshot")?;
     if arguments.watch {
@@ -75,7 +75,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 /// A change as a line of JSON.
 #[derive(Serialize)]
 struct Line<'a> {
-    /// What the change leads to, with others that came at the same time.
+    /// The revision of the domain after this change and all others of the same time.
     revision: u64,
     /// `set` or `removed`.
     change: &'static str,
@@ -102,11 +102,11 @@ fn watch(arguments: &Arguments, session: &Session) -> Result<Ended, CliError> {
     }
 }
 
-/// Where changes go.
+/// Prints changes.
 struct Writer {
     json: bool,
     out: Output,
-    /// What was there last: of what is gone, only its key is told.
+    /// The items that exist. A removal names only the key of the item.
     known: BTreeMap<Key, NamedItem>,
 }
 

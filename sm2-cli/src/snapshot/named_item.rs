@@ -15,13 +15,13 @@ use crate::{interfaces::Interface, view::View};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "item", rename_all = "snake_case")]
 pub(super) enum NamedItem {
-    /// What the operator allows.
+    /// The limits that the operator has set.
     Domain(Limits),
     Node(Node),
-    /// Granted or refused.
+    /// An interface, granted or refused.
     Interface(Interface),
     Link(Link),
-    /// A link of an earlier Manager that one end has claimed, and the other has not yet.
+    /// A link of an earlier Manager that only one end has claimed so far.
     Claim {
         link: String,
         by: String,
@@ -34,7 +34,7 @@ pub(super) enum NamedItem {
     },
 }
 
-/// What the operator allows.
+/// The limits that the operator has set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub(super) struct Limits {
     pub(super) sessions_per_user: u32,
@@ -51,13 +51,13 @@ pub(super) struct Node {
     pub(super) name: String,
     pub(super) uid: u32,
     pub(super) pid: i32,
-    /// Whether it is still claiming links of an earlier Manager.
+    /// Whether the node is still claiming the links that an earlier Manager made.
     pub(super) resuming: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct Link {
-    /// The Manager's epoch in hex digits, and its count.
+    /// The Manager's epoch in hex digits, and the serial number of the link.
     pub(super) link: String,
     /// The publisher or server: `node:topic`.
     pub(super) offering: String,
@@ -148,7 +148,7 @@ impl From<&sm2_proto::control::Limits> for Limits {
     }
 }
 
-/// `1f.7`: the Manager that made it, and its count.
+/// `1f.7`: the epoch of the Manager that made the link, and the link's serial number.
 pub(super) fn link_text(link: LinkId) -> String {
     format!("{:x}.{}", link.epoch, link.serial)
 }

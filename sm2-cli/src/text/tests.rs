@@ -19,7 +19,7 @@ fn anything_else_is_its_length_and_head() {
     assert_eq!(shown(&[0, 255]), "2 bytes: 00 ff\n");
     assert_eq!(shown(b"\x1b[2J"), "4 bytes: 1b 5b 32 4a\n");
     assert_eq!(shown(b"a\rb"), "3 bytes: 61 0d 62\n");
-    // A control character of the second block, which some terminals obey.
+    // A C1 control character, which some terminals interpret.
     assert_eq!(shown("\u{9b}".as_bytes()), "2 bytes: c2 9b\n");
     let head = ["07"; HEAD_BYTES].join(" ");
     assert_eq!(shown(&[7; 33]), format!("33 bytes: {head} …\n"));

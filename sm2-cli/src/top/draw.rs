@@ -1,4 +1,4 @@
-//! How the tables of `sm2 top` look.
+//! The layout of the `sm2 top` screen.
 
 use ratatui::{
     Frame,
@@ -14,7 +14,7 @@ use super::{
     state::State,
 };
 
-/// Between two columns.
+/// The blanks between two columns.
 const GAP: u16 = 2;
 
 /// Draws the whole screen.
@@ -184,7 +184,7 @@ fn widths(table: &Table) -> Vec<usize> {
     (0..table.columns.len()).map(width).collect()
 }
 
-/// A table as lines of text, all of it.
+/// The lines of a whole table, with all columns.
 pub(super) fn text(figures: &Figures, tab: Tab) -> Vec<String> {
     let table = figures.table(tab);
     let widths = widths(table);

@@ -48,7 +48,7 @@ pub(super) struct Column {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Cell {
     Text(String),
-    /// None if it is not known.
+    /// `None` if the number is not known.
     Number(Option<f64>),
 }
 
@@ -90,7 +90,7 @@ const NODES: &[Column] = &[
     column("LOST", "lost", 0, 6),
 ];
 
-/// What is added up for a topic or a node; what no node counts stays unknown.
+/// The sums for a topic or a node. A figure that no node counts is `None`.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     interfaces: u32,
@@ -103,12 +103,12 @@ struct Sums {
     in_bytes_per_s: Option<f64>,
     dropped: Option<f64>,
     lost: Option<f64>,
-    /// The longest of the links' medians.
+    /// The largest median delay of all links.
     delay_ns: Option<u64>,
 }
 
 impl Figures {
-    /// Those between two samples, without the node `itself`.
+    /// The figures of the time between two samples, without the node `itself`.
     pub(super) fn new(view: &View<'_>, before: &Sample, now: &Sample, itself: &Name) -> Self {
         let mut topics: BTreeMap<&Name, Sums> = BTreeMap::new();
         let mut nodes: BTreeMap<NodeId, Sums> = BTreeMap::new();
@@ -148,13 +148,13 @@ impl Figures {
         }
     }
 
-    /// As one object.
+    /// Both tables as one JSON object.
     pub(super) fn json(&self) -> Value {
         serde_json::json!({ "topics": self.topics.json(), "nodes": self.nodes.json() })
     }
 }
 
-/// What one interface has.
+/// The figures of one interface.
 fn sums(view: &View<'_>, before: &Sample, now: &Sample, it: InterfaceView<'_>) -> Sums {
     let domain = view.domain;
     let links = view.links_of(it.entity);
@@ -220,7 +220,7 @@ impl Sums {
             Cell::Text(data.to_owned()),
             number(f64::from(self.publishers)),
             number(f64::from(self.subscribers)),
-            // Each link has two ends here.
+            // Both ends of a link are interfaces of the topic, so each link was counted twice.
             number((self.links / 2) as f64),
             Cell::Number(self.out_per_s),
             Cell::Number(self.out_bytes_per_s.map(|bytes| bytes / 1e6)),
@@ -247,7 +247,7 @@ impl Sums {
     }
 }
 
-/// What is known of the two, added up.
+/// The sum of those of the two that are known.
 fn plus(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     match (one, other) {
         (Some(one), Some(other)) => Some(one + other),
@@ -334,7 +334,7 @@ impl Cell {
         }
     }
 
-    /// Numbers from the largest on, what is not known last; texts by the alphabet.
+    /// Orders numbers from the largest to the smallest, unknown ones last, and texts alphabetically.
     pub(super) fn order(&self, other: &Self) -> std::cmp::Ordering {
         match (self, other) {
             (Self::Text(one), Self::Text(other)) => one.cmp(other),

@@ -1,12 +1,12 @@
-//! What a fuzz target checks of the tables.
+//! The body of a fuzz target: the tables of `sm2 top`.
 
 use sm2_proto::Name;
 
 use super::figures::Figures;
 use crate::{sampling::Sample, view::View};
 
-/// All tables between two samples: each row has its cells, JSON has the same, and no cell does
-/// anything to a terminal.
+/// Builds all tables from two samples. Each row has a cell for every column, no cell contains a control
+/// character, and the tables can be written as JSON.
 pub(crate) fn figures(view: &View<'_>, before: &Sample, now: &Sample) {
     let Ok(itself) = Name::new("a") else {
         return;
@@ -21,7 +21,7 @@ pub(crate) fn figures(view: &View<'_>, before: &Sample, now: &Sample) {
                     !shown.is_empty() && !shown.contains(char::is_control),
                     "{shown:?}"
                 );
-                // No count and no delay is below zero.
+                // Counts and delays are never negative.
                 assert!(!shown.starts_with('-') || shown == "-" || column.heading == "PID");
             }
         }

@@ -1,5 +1,7 @@
-//! `sm2 top`: rates and losses of a domain, live. [`figures`] are the tables, [`state`] what a
-//! person does with them, [`draw`] how they look, [`screen`] the terminal and its restoration.
+//! `sm2 top`: rates and losses of a domain, live.
+//!
+//! [`figures`] computes the tables, [`state`] handles keys, [`draw`] lays out the screen, and [`screen`] owns
+//! the terminal.
 
 mod draw;
 mod figures;
@@ -40,13 +42,13 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// How often the figures change, such as 500ms
+    /// The time between two updates, such as 500ms
     #[arg(long, value_name = "TIME", default_value = "1s", value_parser = time::span)]
     interval: Duration,
-    /// Print the figures of one interval as text, and end
+    /// Print the figures of one interval as text, and exit
     #[arg(long)]
     once: bool,
-    /// Print them as one JSON object, and end
+    /// Print them as one JSON object, and exit
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -54,7 +56,7 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices.
+top reads counters that every node keeps. It does not subscribe, and publishers do not notice it.
 
 Keys: q quits; Tab or the left and right arrows switch between topics and nodes; up and down (or k
 and j) move; s sorts by the next column, r the other way round; / filters by name (Enter keeps it,
@@ -72,11 +74,11 @@ Examples:
   sm2 top --once
   sm2 top --json | jq '.topics[] | select(.lost > 0)'";
 
-/// Shows it.
+/// Runs the command.
 ///
 /// # Errors
 ///
-/// What it failed with; [`CliError::NoTerminal`] if nobody could see it.
+/// [`CliError::NoTerminal`] without a terminal, unless one interval is printed. Any other [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let once = arguments.once || arguments.json;
     let has_person = io::stdin().is_terminal() && io::stdout().is_terminal();
@@ -96,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
 }
 
-/// Where figures come from.
+/// The source of the figures.
 struct Monitor<'a> {
     session: &'a Session,
     follow: Follow<'a>,
@@ -105,7 +107,7 @@ struct Monitor<'a> {
 }
 
 impl Monitor<'_> {
-    /// The figures since the last look; those of the first have no rates.
+    /// The figures since the last call. The figures of the first call have no rates.
     fn look(&mut self) -> Result<Figures, CliError> {
         let domain = self.follow.domain();
         let nodes = domain.nodes().map(|node| node.node).collect();
@@ -118,7 +120,7 @@ impl Monitor<'_> {
     }
 }
 
-/// One interval, as text.
+/// Prints the figures of one interval.
 fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliError> {
     let mut out = Output::new();
     monitor.look()?;
@@ -148,7 +150,7 @@ fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
     Ok(Ended::Done)
 }
 
-/// Until a key or a signal ends it.
+/// Updates the screen until a key or a signal ends the command.
 fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliError> {
     monitor.session.be_silent();
     let mut state = State::default();
@@ -185,7 +187,7 @@ fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
     }
 }
 
-/// From the first on, however long each takes; one that is late does not hurry the next.
+/// The time of the next update. Updates stay on a fixed grid; after a late update the grid starts anew.
 fn next(due: Instant, now: Instant, interval: Duration) -> Instant {
     due.after(interval).max(now)
 }

@@ -1,4 +1,4 @@
-//! The terminal: taken over, and given back however the command ends.
+//! The terminal in raw mode, restored however the command ends.
 
 use std::{
     io::{self, Stdout},
@@ -18,15 +18,15 @@ use ratatui::{
     },
 };
 
-/// The whole terminal, as long as it lives.
+/// The whole terminal. Dropping it restores the terminal.
 pub(super) struct Screen(Terminal<CrosstermBackend<Stdout>>);
 
 impl Screen {
-    /// Takes it over. A panic gives it back before it is told.
+    /// Takes over the terminal. A panic restores it before the panic message is printed.
     ///
     /// # Errors
     ///
-    /// What the terminal says.
+    /// The I/O error of the terminal.
     pub(super) fn open() -> io::Result<Self> {
         static HOOK: Once = Once::new();
         HOOK.call_once(|| {
@@ -45,20 +45,20 @@ impl Screen {
         opened.map(Self)
     }
 
-    /// Draws what has changed, in the size that the terminal has now.
+    /// Draws the differences to the last frame, in the current size of the terminal.
     ///
     /// # Errors
     ///
-    /// What the terminal says.
+    /// The I/O error of the terminal.
     pub(super) fn draw(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
         self.0.draw(draw).map(drop)
     }
 
-    /// The keys that were pressed.
+    /// The keys that were pressed since the last call.
     ///
     /// # Errors
     ///
-    /// What the terminal says.
+    /// The I/O error of the terminal.
     pub(super) fn keys(&mut self) -> io::Result<Vec<KeyEvent>> {
         let mut keys = Vec::new();
         while event::poll(Duration::ZERO)? {
@@ -78,7 +78,7 @@ impl Drop for Screen {
     }
 }
 
-/// As it was. What fails here would fail again.
+/// Restores the terminal. Errors are ignored: no other step could repair the terminal.
 fn restore() {
     let _ = disable_raw_mode();
     let _ = execute!(io::stdout(), LeaveAlternateScreen, Show);

@@ -1,30 +1,30 @@
-//! What a person does with the tables of `sm2 top`.
+//! The state of the `sm2 top` screen: the table that is shown, its order, and its filter.
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::figures::{Cell, Figures, Tab};
 
-/// What follows from a key.
+/// The consequence of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum After {
     GoOn,
     Quit,
 }
 
-/// What is shown of the figures, and how.
+/// The selection of figures that is shown, and their order.
 #[derive(Clone, Debug)]
 pub(super) struct State {
     pub(super) tab: Tab,
-    /// By which column rows are sorted; 0 is the name.
+    /// The column by which rows are sorted. Column 0 is the name.
     pub(super) sort: usize,
     pub(super) reverse: bool,
-    /// What names have to contain.
+    /// Only rows whose name contains this text are shown.
     pub(super) filter: String,
-    /// Whether keys go to the filter.
+    /// Whether keys are appended to the filter.
     pub(super) typing: bool,
-    /// Counted from the first row that is shown.
+    /// The index of the selected row among the rows that are shown.
     pub(super) selected: usize,
-    /// Whether there is a Manager.
+    /// Whether a Manager is connected.
     pub(super) connected: bool,
 }
 
@@ -43,7 +43,7 @@ impl Default for State {
 }
 
 impl State {
-    /// Obeys a key.
+    /// Handles a key.
     pub(super) fn key(&mut self, key: KeyEvent, figures: &Figures) -> After {
         if key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL) {
             return After::Quit;
@@ -96,7 +96,7 @@ impl State {
         (self.sort, self.reverse, self.selected) = (0, false, 0);
     }
 
-    /// The rows that are shown, in their order.
+    /// The rows that are shown, in the order in which they are shown.
     pub(super) fn rows<'a>(&self, figures: &'a Figures) -> Vec<&'a Vec<Cell>> {
         let wanted = self.filter.to_lowercase();
         let named = |row: &&Vec<Cell>| match row.first() {
@@ -104,7 +104,7 @@ impl State {
             None => false,
         };
         let mut rows: Vec<_> = figures.table(self.tab).rows.iter().filter(named).collect();
-        // Stable: of equal ones the first by name comes first.
+        // The sort is stable: equal rows stay in the order of their names.
         rows.sort_by(
             |one, other| match (one.get(self.sort), other.get(self.sort)) {
                 (Some(one), Some(other)) => one.order(other),

@@ -16,11 +16,11 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Bytes are those of messages, each counted once, however many subscribers it has. MEAN SIZE is that
-of the interval's messages.
+A message counts once, whatever the number of its subscribers. MEAN SIZE is the mean size of the
+messages in the interval.
 
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices. The
-command waits for a topic that is not there yet; with --count for 10 s (see --timeout).
+The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
+it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
 
 Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count reports were made.
@@ -34,13 +34,13 @@ Examples:
 pub(super) struct Row {
     node: String,
     interface: u64,
-    /// Since it was declared.
+    /// The number of messages since the publisher was declared.
     messages: u64,
-    /// Since it was declared.
+    /// The number of bytes since the publisher was declared.
     bytes: u64,
-    /// Over the interval; none for a publisher that was not there at its beginning.
+    /// The rate in the interval. `None` for a publisher that came during the interval.
     bytes_per_s: Option<f64>,
-    /// Over the interval; none without a message.
+    /// The mean size in the interval. `None` if no message was published.
     mean_size_bytes: Option<f64>,
 }
 
@@ -84,7 +84,7 @@ impl Measure<5> for Bw {
     }
 }
 
-/// Reports until it is stopped.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     measure::run::<5, Bw>(&arguments.common)
 }

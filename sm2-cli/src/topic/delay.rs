@@ -1,4 +1,4 @@
-//! `sm2 topic delay`: how long messages take from publishing to receiving.
+//! `sm2 topic delay`: the delays of messages from publishing to receiving.
 
 use clap::Args;
 use serde::Serialize;
@@ -20,12 +20,12 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-From publishing to the moment at which the subscriber's program took the message, in milliseconds,
-over the last messages of each link, up to 32; WORST is the longest since the link was made. A
-program that takes its messages late makes this long, not only the way.
+The delay of a message is the time from publishing until the subscriber's program receives it, in
+milliseconds. The figures cover up to 32 last messages of each link; WORST is the longest delay since
+the link was made. A program that is slow to receive its messages has long delays.
 
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices. The
-command waits for a topic that is not there yet; with --count for 10 s (see --timeout).
+The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
+it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
 
 Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count reports were made.
@@ -34,19 +34,19 @@ Examples:
   sm2 topic delay scan
   sm2 topic delay scan --json | jq '.links[].p50_ms'";
 
-/// What a subscriber takes from one publisher.
+/// The delays of one link.
 #[derive(Serialize)]
 pub(super) struct Row {
     publisher: String,
     subscriber: String,
-    /// Taken since the link was made.
+    /// The number of messages that were received since the link was made.
     messages: u64,
-    /// How many the next three are of.
+    /// The number of messages that the next three figures cover.
     recent: u32,
     mean_ms: Option<f64>,
     p50_ms: Option<f64>,
     max_ms: Option<f64>,
-    /// Since the link was made.
+    /// The longest delay since the link was made.
     worst_ms: f64,
 }
 
@@ -105,7 +105,7 @@ impl Measure<7> for Delay {
     }
 }
 
-/// Reports until it is stopped.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     measure::run::<7, Delay>(&arguments.common)
 }

@@ -31,10 +31,10 @@ pub(crate) struct Arguments {
     /// Write each message to a file of its own: DIR/000000.bin, DIR/000001.bin, ...
     #[arg(long, value_name = "DIR")]
     to_dir: Option<PathBuf>,
-    /// End after so many messages
+    /// Exit after this number of messages
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// Take every message: have the publisher wait, if it offers to
+    /// Receive every message: the publisher waits for this subscriber, if it is reliable
     #[arg(long)]
     reliable: bool,
     /// Print each message as one line of JSON
@@ -47,11 +47,12 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-A message whose type has a schema is printed with its fields; text (UTF-8 without control characters
-but newline and tab) as it is; of any other message its length and first bytes. JSON has all of it: as
-`value` with a schema, as `text` if it is UTF-8, else as `hex`, or the `file` that it was written to.
+A message whose type has a schema is printed with its fields. Text is printed as it is, if it is UTF-8
+without control characters other than newline and tab. Of any other message, the length and the first
+bytes are printed. JSON has the whole message: as `value` if its type has a schema, as `text` if it is
+UTF-8, else as `hex`; or as `file`, the path of the file that --to-dir wrote.
 
-It goes on while the Manager is replaced, and says so on standard error.
+echo continues while the Manager is replaced, and reports that on standard error.
 
 Exit status: 0 ended by Ctrl-C or after --count messages, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count messages came.
@@ -62,10 +63,10 @@ Examples:
   sm2 topic echo camera --to-dir frames --count 10
   sm2 topic echo log --reliable --json | jq .text";
 
-/// How many messages of a publisher wait to be printed before the oldest is dropped.
+/// The number of messages of a publisher that may wait for printing. The oldest is dropped first.
 const DEPTH: u16 = 64;
 
-/// Echoes until a signal comes, or `--count` messages are there.
+/// Runs the command until a signal comes or `--count` messages were received.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "echo")?;
     let mut sink = Sink::new(arguments, &session)?;
@@ -81,13 +82,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     sink.out.flush()?;
     say!("{tally}");
     Ok(match end {
-        // Ctrl-C is how it ends that has no other end.
+        // Without --count, Ctrl-C is the regular end.
         Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),
         _ => Ended::Done,
     })
 }
 
-/// The loop; the signal that ended it, if one did.
+/// Prints messages. Returns the signal that ended the loop, if one did.
 fn echo(
     arguments: &Arguments,
     session: &Session,
@@ -116,7 +117,7 @@ fn echo(
         }
         let others = [
             (subscriber.as_fd(), For::Reading),
-            // `… | head` has ended: nobody waits for the next message.
+            // The reader, such as `head`, may end while no message comes.
             (sink.out.as_fd(), For::Hangup),
         ];
         if session.step(&others, hint_at)?[1] {
@@ -126,7 +127,7 @@ fn echo(
     Ok(None)
 }
 
-/// Where messages go.
+/// Prints or stores messages.
 struct Sink<'a> {
     arguments: &'a Arguments,
     session: &'a Session,
@@ -139,13 +140,13 @@ struct Sink<'a> {
 #[derive(Serialize)]
 struct Line<'a> {
     topic: &'a str,
-    /// Its publisher's node.
+    /// The publisher's node.
     publisher: &'a str,
-    /// Its publisher's count of messages.
+    /// The publisher's number of the message.
     sequence: u64,
-    /// When it was published, on the host's monotonic clock.
+    /// The time of publishing, on the host's monotonic clock.
     source_time_ns: u64,
-    /// How many messages of this publisher are missing before it.
+    /// The number of messages of this publisher that were lost before this one.
     lost: u64,
     len_bytes: usize,
     #[serde(flatten)]
@@ -173,7 +174,7 @@ impl<'a> Sink<'a> {
             folder,
         } = self;
         let path = folder.as_mut().map(|it| it.store(sample)).transpose()?;
-        // What is not decoded needs no schema.
+        // Messages that are not decoded need no schema.
         let decodes = !arguments.show.raw && !arguments.show.hex && path.is_none();
         let data = sample
             .type_id()
@@ -211,7 +212,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// What is said at the end.
+/// The counts that are printed at the end.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     messages: u64,

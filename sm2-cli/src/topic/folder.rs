@@ -1,4 +1,4 @@
-//! Received messages as numbered files of a folder.
+//! Stores received messages as numbered files in a folder.
 
 use std::{
     fs::{self, File},
@@ -16,12 +16,12 @@ pub(crate) struct Folder {
 }
 
 impl Folder {
-    /// Takes the folder at `path`, which is made if it does not exist.
+    /// Opens the folder at `path`, and creates it if it does not exist.
     ///
     /// # Errors
     ///
-    /// [`CliError::File`] if it cannot be made or read, [`CliError::FolderInUse`] if messages of an
-    /// earlier run are in it: one could not tell them apart.
+    /// [`CliError::File`] if the folder cannot be created or read, [`CliError::FolderInUse`] if it has messages
+    /// of an earlier run.
     pub(crate) fn open(path: &Path) -> Result<Self, CliError> {
         fs::create_dir_all(path).map_err(|source| CliError::file("create folder", path, source))?;
         let failed = |source| CliError::file("read folder", path, source);
@@ -39,11 +39,11 @@ impl Folder {
         })
     }
 
-    /// Writes the next file; its path. Whoever sees the file sees all of it.
+    /// Writes the next file, and returns its path. The file appears only when it is complete.
     ///
     /// # Errors
     ///
-    /// [`CliError::File`]; then nothing of the message is left in the folder.
+    /// [`CliError::File`]. No part of the message stays in the folder.
     pub(crate) fn store(&mut self, message: &[u8]) -> Result<PathBuf, CliError> {
         let name = format!("{:06}.bin", self.next);
         let part = self.path.join(format!(".{name}.part"));
@@ -54,7 +54,7 @@ impl Folder {
                 Ok(path)
             }
             Err(source) => {
-                // If it is there, it is ours and of no use.
+                // If the partial file exists, this call has created it.
                 let _ = fs::remove_file(&part);
                 Err(CliError::file("write", &path, source))
             }

@@ -20,11 +20,11 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-HZ is how many messages each publisher published per second of the interval; the other columns are
-the times between its last messages, up to 32 of them, in milliseconds.
+HZ is the number of messages that each publisher published per second of the interval. The other
+columns are the times between its last messages, up to 32 of them, in milliseconds.
 
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices. The
-command waits for a topic that is not there yet; with --count for 10 s (see --timeout).
+The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
+it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
 
 Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count reports were made.
@@ -39,11 +39,11 @@ Examples:
 pub(super) struct Row {
     node: String,
     interface: u64,
-    /// Since it was declared.
+    /// The number of messages since the publisher was declared.
     messages: u64,
-    /// Over the interval; none for a publisher that was not there at its beginning.
+    /// The rate in the interval. `None` for a publisher that came during the interval.
     hz: Option<f64>,
-    /// Between its last messages; none with less than two.
+    /// The times between its last messages. `None` for fewer than two messages.
     gap_ms: Option<Millis>,
 }
 
@@ -96,7 +96,7 @@ impl Measure<7> for Hz {
     }
 }
 
-/// Reports until it is stopped.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     measure::run::<7, Hz>(&arguments.common)
 }

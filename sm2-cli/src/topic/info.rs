@@ -29,10 +29,11 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Shows its type, the schema by which `sm2 topic echo` reads its messages, and who publishes and
-subscribes, also those that the Manager refused. `sm2 why` says what keeps two of them apart.
+Shows the type of the topic, the schema by which `sm2 topic echo` reads its messages, and all its
+publishers and subscribers, including those that the Manager refused. `sm2 why` explains why two of
+them are not linked.
 
-Exit status: 0 shown, 1 nobody is on such a topic, 2 wrong usage.
+Exit status: 0 shown, 1 the topic has no publisher and no subscriber, 2 wrong usage.
 
 Examples:
   sm2 topic info scan
@@ -74,7 +75,7 @@ fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
     out.line(format_args!("topic   {}", info.name))?;
     match &info.stated.data {
         Some(data) => out.line(format_args!("type    {data}"))?,
-        None => out.line("type    nobody has stated one")?,
+        None => out.line("type    no interface has stated one")?,
     }
     out.line(format_args!("schema  {}", info.stated.schema()))?;
     out.line("")?;

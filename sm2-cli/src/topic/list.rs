@@ -39,7 +39,7 @@ struct Topics {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct TopicRow {
     name: String,
-    /// None if nobody has stated one.
+    /// `None` if no interface has stated the type.
     #[serde(rename = "type")]
     data: Option<Type>,
     publishers: usize,
@@ -84,7 +84,7 @@ fn topics(view: &View<'_>) -> Vec<TopicRow> {
         topic.data = topic.data.take().or_else(|| data.map(Type::from));
         if publishes {
             topic.publishers += 1;
-            // Each link has one publisher: counted there, it is counted once.
+            // Each link has exactly one publisher, so each link counts once.
             topic.links += view.links_of(it.entity).len();
         } else {
             topic.subscribers += 1;

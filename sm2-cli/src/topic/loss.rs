@@ -16,13 +16,13 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-For each link since it was made: messages OFFERED to it, DELIVERED (given back by the subscriber's
-program), OVERWRITTEN (overtaken before they were sent), DISCARDED (overtaken before they were
-taken), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. OFFERED is the sum of all
-others. LOST is what the subscriber missed, by its own count.
+For each link since it was made: messages OFFERED to it, DELIVERED (released by the subscriber's
+program), OVERWRITTEN (by newer ones before they were sent), DISCARDED (replaced by newer ones before
+they were received), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. OFFERED is the
+sum of all others. LOST is the number of messages that the subscriber has counted as lost.
 
-It reads what the nodes count anyway: it subscribes to nothing, and no node notices. The
-command waits for a topic that is not there yet; with --count for 10 s (see --timeout).
+The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
+it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
 
 Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
 --count reports were made.
@@ -38,11 +38,11 @@ pub(super) struct Row {
     subscriber: String,
     #[serde(flatten)]
     fates: Fates,
-    /// None if the subscriber keeps no counters.
+    /// `None` if the subscriber keeps no counters.
     lost: Option<u64>,
 }
 
-/// What became of the messages of a link. Field names are part of the command's interface.
+/// The fates of the messages of a link. Field names are part of the command's interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Fates {
     pub(crate) offered: u64,
@@ -55,7 +55,7 @@ pub(crate) struct Fates {
 }
 
 impl Fates {
-    /// All that did not arrive, for whatever reason.
+    /// The number of messages that did not arrive, for any reason.
     pub(crate) const fn dropped(&self) -> u64 {
         self.overwritten
             .saturating_add(self.discarded)
@@ -133,7 +133,7 @@ impl Measure<10> for Loss {
     }
 }
 
-/// Reports until it is stopped.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     measure::run::<10, Loss>(&arguments.common)
 }

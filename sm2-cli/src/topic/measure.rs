@@ -1,5 +1,5 @@
-//! What `hz`, `bw`, `delay` and `loss` have in common: looking at the counters of a topic's nodes
-//! once per interval, from the time on that there is such a topic, until they are stopped.
+//! The common part of `hz`, `bw`, `delay` and `loss`: they wait for the topic, and then read the counters of
+//! its nodes once per interval.
 
 use std::{collections::BTreeSet, marker::PhantomData, os::fd::AsFd, time::Duration};
 
@@ -24,16 +24,16 @@ use crate::{
     wait::For,
 };
 
-/// What all of them are told.
+/// The arguments of all of these commands.
 #[derive(Args, Debug)]
 pub(crate) struct Common {
     /// The topic
     #[arg(value_name = "NAME", value_parser = args::name)]
     topic: Name,
-    /// How long counting goes on for one report, such as 200ms
+    /// The time between two reports, such as 200ms
     #[arg(long, value_name = "TIME", default_value = "1s", value_parser = time::span)]
     interval: Duration,
-    /// End after so many reports
+    /// Exit after this number of reports
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
     /// Fail if there is nothing to measure for so long [default: 10s with --count, else no limit]
@@ -57,17 +57,17 @@ impl Common {
     }
 }
 
-/// One of the commands.
+/// One of these commands.
 pub(super) trait Measure<const N: usize> {
-    /// What its node is called.
+    /// The role of the command's node, a part of the node's name.
     const ROLE: &str;
-    /// Whose counters a report needs.
+    /// The kind of interface whose counters a report needs.
     const OF: Kind;
     /// The name of a report's rows in JSON.
     const ROWS: &str;
     /// The columns of its table.
     const HEADINGS: [&str; N];
-    /// How many of these, from the first on, are no numbers.
+    /// The number of leading columns that hold texts.
     const TEXTS: usize;
     /// A row as JSON.
     type Row: Serialize;
@@ -79,7 +79,7 @@ pub(super) trait Measure<const N: usize> {
     fn cells(row: &Self::Row) -> [String; N];
 }
 
-/// What a report is made of.
+/// The input of a report: the domain, and two samples of its counters.
 pub(super) struct Look<'a> {
     pub(super) view: View<'a>,
     pub(super) topic: &'a Name,
@@ -96,7 +96,7 @@ impl<'a> Look<'a> {
     }
 }
 
-/// Reports until a signal comes, nobody reads any more, or all reports are made.
+/// Prints reports until a signal comes, the reader of the output ends, or `--count` reports were printed.
 pub(super) fn run<const N: usize, M: Measure<N>>(arguments: &Common) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, M::ROLE)?;
     let mut follow = Follow::new(&session, arguments.domain.connect_timeout)?;
@@ -126,7 +126,7 @@ pub(super) fn run<const N: usize, M: Measure<N>>(arguments: &Common) -> Result<E
             reports += 1;
         }
         before = Some(now);
-        // From the first on, however long each takes; a report that is late does not hurry the next.
+        // Reports stay on a fixed grid. After a late report the grid starts anew.
         due = due.after(arguments.interval).max(clock::now());
         let last = arguments.count == Some(reports);
         if !last && !sleep(&session, &mut follow, &printer.out, due)? {
@@ -136,7 +136,7 @@ pub(super) fn run<const N: usize, M: Measure<N>>(arguments: &Common) -> Result<E
     Ok(Ended::Done)
 }
 
-/// Ctrl-C is how it ends that has no other end; and so is the end of its reader.
+/// The result after a signal or the end of the reader. Without `--count`, both are the regular end.
 fn ended(session: &Session, arguments: &Common) -> Ended {
     match session.stopped() {
         Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),
@@ -151,13 +151,13 @@ fn is_there<const N: usize, M: Measure<N>>(follow: &Follow<'_>, topic: &Name) ->
     })
 }
 
-/// The nodes that have to do with a topic.
+/// The nodes with an interface on a topic.
 fn nodes_on(follow: &Follow<'_>, topic: &Name) -> BTreeSet<NodeId> {
     let view = View::new(follow.domain());
     view.on(topic, TOPIC).map(|it| it.entity.node).collect()
 }
 
-/// Waits until the topic has what is measured; false if the command is to end instead.
+/// Waits until the topic has an interface to measure. Returns false if the command should end instead.
 ///
 /// # Errors
 ///
@@ -198,7 +198,7 @@ fn await_topic<const N: usize, M: Measure<N>>(
     Ok(true)
 }
 
-/// Waits until `due`; false if the command is to end instead.
+/// Waits until `due`. Returns false if the command should end instead.
 fn sleep(
     session: &Session,
     follow: &mut Follow<'_>,
@@ -216,12 +216,12 @@ fn sleep(
     }
 }
 
-/// Where reports go.
+/// Prints reports.
 struct Printer<'a, const N: usize, M> {
     arguments: &'a Common,
     out: Output,
     table: Stream<N>,
-    /// Nodes of which it was said that they keep no counters.
+    /// The nodes that were already reported as nodes without counters.
     named: BTreeSet<Name>,
     measure: PhantomData<M>,
 }
@@ -267,7 +267,7 @@ fn thousandths(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }
 
-/// A number as a cell; `-` for one that is not known.
+/// A number as a cell, or `-` if it is not known.
 pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| "-".into(), |value| format!("{value:.decimals$}"))
 }

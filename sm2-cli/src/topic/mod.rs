@@ -26,7 +26,7 @@ pub(crate) enum Command {
     List(list::Arguments),
     /// Show a topic: its type, its publishers and subscribers
     Info(info::Arguments),
-    /// Publish files, what comes on standard input, or a value
+    /// Publish files, standard input, or a value
     Pub(Box<publish::Arguments>),
     /// Print the messages of a topic, or write them to files
     Echo(echo::Arguments),
@@ -36,7 +36,7 @@ pub(crate) enum Command {
     Bw(bw::Arguments),
     /// Measure how long messages take from publishing to receiving
     Delay(delay::Arguments),
-    /// Show what became of messages, for each link
+    /// Show the fates of messages, for each link
     Loss(loss::Arguments),
 }
 
@@ -44,7 +44,7 @@ pub(crate) enum Command {
 ///
 /// # Errors
 ///
-/// What it failed with.
+/// Any [`CliError`].
 pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
         Command::List(arguments) => list::run(arguments),

@@ -1,4 +1,4 @@
-//! `sm2 topic pub`: files or standard input as messages.
+//! `sm2 topic pub`: publishes files, standard input or a value.
 
 mod arguments;
 mod payload;
@@ -28,16 +28,16 @@ use crate::{
     wait::For,
 };
 
-/// How long messages may take at the end to reach subscribers that nobody promised anything.
+/// The timeout at the end for messages to subscribers that are not reliable.
 const FAREWELL: Duration = Duration::from_secs(1);
 
-/// How long receivers may take to give back what they have, before the summary is printed.
+/// The timeout for subscribers to release their messages before the summary is printed.
 const SETTLING: Duration = Duration::from_millis(200);
 
-/// A wait is cut into steps of this length, to look for signals in between.
+/// A wait is cut into steps of this length, so that a signal ends the wait soon.
 const STEP: Duration = Duration::from_millis(100);
 
-/// Publishes until all is published, or a signal comes.
+/// Runs the command until all messages are published or a signal comes.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if arguments.again && arguments.from == Some(Input::StandardInput) {
         return Err(CliError::LoopOfInput);
@@ -62,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut flushed = true;
     if feed.wait_for_subscribers()? {
         let all = feed.publish_all(&inputs);
-        // Also what was published before an error.
+        // After an error, the messages that were already published are flushed too.
         flushed = feed.flush()?;
         all?;
         feed.settle()?;
@@ -74,7 +74,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         _ => counters.deadline,
     };
     match session.stopped() {
-        // Ctrl-C is how it ends that has no other end.
+        // With --loop, Ctrl-C is the regular end.
         Some(signal) if !arguments.again => Ok(Ended::Stopped(signal)),
         Some(_) => Ok(Ended::Done),
         None if missed > 0 => Err(CliError::TooSlow {
@@ -103,10 +103,10 @@ fn declare(
     Ok(builder.declare()?)
 }
 
-/// From inputs to the publisher.
+/// Publishes the messages of the inputs.
 struct Feed<'a> {
     arguments: &'a Arguments,
-    /// The one message that is published, instead of what `--from` names.
+    /// The message of `--value`; `None` if `--from` is given.
     value: Option<&'a [u8]>,
     session: &'a Session,
     publisher: &'a Publisher<[u8]>,
@@ -115,7 +115,7 @@ struct Feed<'a> {
     room: Room,
 }
 
-/// When messages are due: so often from the first one on, however long each takes.
+/// The schedule of messages: a fixed rate from the first message on.
 #[derive(Clone, Copy, Debug)]
 struct Pace {
     start: Instant,
@@ -130,7 +130,7 @@ impl Pace {
 }
 
 impl Feed<'_> {
-    /// Whether they came; else there was a signal.
+    /// Waits for subscribers. Returns false if a signal came first.
     fn wait_for_subscribers(&self) -> Result<bool, CliError> {
         let count = self.arguments.wait;
         let mut hint_at = Some(clock::now().after(wait_hint::DELAY));
@@ -168,7 +168,7 @@ impl Feed<'_> {
         }
     }
 
-    /// Publishes every message of every input once; less if a signal comes.
+    /// Publishes every message of every input once, or fewer if a signal comes.
     fn publish_round(&mut self, inputs: &[Input]) -> Result<(), CliError> {
         if let Some(value) = self.value {
             if self.wait_for_turn()? {
@@ -197,7 +197,7 @@ impl Feed<'_> {
         Ok(())
     }
 
-    /// Waits until the next message is due and has room; false when a signal comes.
+    /// Waits until the next message is due and has room. Returns false if a signal comes.
     fn wait_for_turn(&mut self) -> Result<bool, CliError> {
         if let Some(hz) = self.arguments.rate {
             let start = clock::now();
@@ -209,8 +209,8 @@ impl Feed<'_> {
         self.wait_for_room()
     }
 
-    /// Waits until the next message has room on every reliable link, or was waited for long enough;
-    /// false when a signal comes.
+    /// Waits until the next message has room on every reliable link, or the timeout of a link without room has
+    /// passed. Returns false if a signal comes.
     fn wait_for_room(&mut self) -> Result<bool, CliError> {
         while self.session.stopped().is_none() {
             if self.room.take() {
@@ -226,8 +226,8 @@ impl Feed<'_> {
         }
         Ok(false)
     }
-    /// Waits until subscribers have what was published: as long as reliable ones go on taking it, and
-    /// a moment for the others. Whether they have.
+    /// Waits until subscribers have received all messages: without limit while reliable subscribers make
+    /// progress, and up to [`FAREWELL`] for the others. Returns false if messages were left.
     fn flush(&self) -> Result<bool, CliError> {
         let mut seen = self.publisher.counters();
         let mut until = clock::now().after(if self.arguments.reliable {
@@ -253,7 +253,7 @@ impl Feed<'_> {
         Ok(true)
     }
 
-    /// Gives receivers a moment to give back what they have, so that the counts are final.
+    /// Waits up to [`SETTLING`] for subscribers to release their messages, so that the counts are final.
     fn settle(&self) -> Result<(), CliError> {
         let until = clock::now().after(SETTLING);
         while self.publisher.counters().in_flight > 0 && clock::now() < until {

@@ -11,34 +11,34 @@ use sm2_proto::{Instant, LinkId, link::Counters};
 /// however small the window of the subscriber is.
 pub(super) const DEPTH: u16 = 64;
 
-/// How long a subscriber may take nothing, before the others go on without it.
+/// A reliable subscriber that receives nothing for this time no longer delays the publisher.
 pub(super) const TIMEOUT: Duration = Duration::from_secs(10);
 
-/// What is known of links without room.
+/// The links without room, and the number of messages that certainly have room.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Room {
     full: HashMap<LinkId, Full>,
-    /// So many messages have room whatever happens.
+    /// The number of messages that have room on every link.
     sure: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Full {
     delivered: u64,
-    /// Since when it has taken nothing.
+    /// The time since which the subscriber has received nothing.
     since: Instant,
 }
 
 impl Room {
-    /// Whether the next message is known to have room; it counts as published then.
+    /// Returns true if the next message certainly has room, and counts it as published.
     pub(super) fn take(&mut self) -> bool {
         let sure = self.sure > 0;
         self.sure = self.sure.saturating_sub(1);
         sure
     }
 
-    /// Looks at all open reliable links; whether a message has room on each, or is not waited for there
-    /// any longer.
+    /// Checks all open reliable links. Returns true if each link has room for a message or has passed its
+    /// timeout.
     pub(super) fn look(
         &mut self,
         now: Instant,

@@ -1,4 +1,4 @@
-//! Where published messages come from: files, folders, standard input; whole or in parts.
+//! The sources of published messages: files, folders and standard input, whole or in parts.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -15,7 +15,7 @@ use nix::libc;
 
 use crate::{error::CliError, size::MESSAGE_MAX_BYTES};
 
-/// What `--from` names.
+/// The value of `--from`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Input {
     /// `-`.
@@ -24,24 +24,24 @@ pub(crate) enum Input {
     Path(PathBuf),
 }
 
-/// What of an input is one message.
+/// The way in which an input is split into messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Split {
-    /// All of it, also when it is empty.
+    /// The whole input is one message, even if it is empty.
     Whole,
-    /// Each line, without its newline.
+    /// Each line is a message, without its newline.
     Lines,
-    /// So many bytes; fewer at the end.
+    /// A fixed number of bytes is a message; the last message may be shorter.
     Chunks(u64),
 }
 
-/// Who is asked before each read, since a read may have to wait for a pipe or a person.
+/// A wait before each read, which a signal can end. A pipe or a person may take long to write.
 pub(crate) trait Gate {
-    /// Waits until `input` can be read without blocking; false if the command is to end instead.
+    /// Waits until `input` can be read without blocking. Returns false if the command should end instead.
     ///
     /// # Errors
     ///
-    /// What waiting says.
+    /// The error of the wait.
     fn pass(&self, input: BorrowedFd<'_>) -> Result<bool, CliError>;
 }
 
@@ -54,12 +54,12 @@ pub(crate) struct Messages<'a, G> {
 }
 
 impl Input {
-    /// The inputs that this names: a folder's are its regular files in the order of their names,
-    /// without hidden ones. All files can be read, as far as one can know before doing so.
+    /// The inputs that the value names. The inputs of a folder are its regular files in the order of their names,
+    /// without hidden files. Every file has been opened once, to report missing permissions early.
     ///
     /// # Errors
     ///
-    /// [`CliError::File`] if it cannot be read, [`CliError::EmptyFolder`].
+    /// [`CliError::File`] if an input cannot be read, [`CliError::EmptyFolder`].
     pub(crate) fn inputs(&self) -> Result<Vec<Self>, CliError> {
         let path = match self {
             Self::Path(path) => path,
@@ -76,7 +76,7 @@ impl Input {
         }
         files.sort_unstable();
         let inputs: Vec<_> = files.into_iter().map(Self::Path).collect();
-        // A pipe must not be opened to try: its writer would take the end of that for its reader's.
+        // A pipe is not opened for a test: its writer would fail when the test closes the pipe.
         if found.is_dir() || found.is_file() {
             for input in &inputs {
                 input.open().map_err(|source| input.failed(source))?;
@@ -88,7 +88,7 @@ impl Input {
     fn open(&self) -> io::Result<File> {
         match self {
             Self::StandardInput => Ok(io::stdin().as_fd().try_clone_to_owned()?.into()),
-            // A pipe that nobody writes to yet: wait in the gate, not here.
+            // Opening a pipe without a writer would block here. The gate waits instead.
             Self::Path(path) => OpenOptions::new()
                 .read(true)
                 .custom_flags(libc::O_NONBLOCK)
@@ -104,7 +104,7 @@ impl Input {
     }
 }
 
-/// The regular files of a folder, and links to such, that are not hidden.
+/// The regular files of a folder, and symbolic links to such, without hidden ones.
 fn files_of(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -128,12 +128,12 @@ impl<'a, G: Gate> Messages<'a, G> {
         }
     }
 
-    /// Puts the next message in `message`; false when there is none. When the gate says that the
-    /// command is to end, what is in `message` may be part of one.
+    /// Reads the next message into `message`. Returns false at the end of all inputs. If the gate ends the
+    /// command, `message` may hold a part of a message.
     ///
     /// # Errors
     ///
-    /// [`CliError::File`], [`CliError::MessageTooLong`], what the gate says.
+    /// [`CliError::File`], [`CliError::MessageTooLong`], and the errors of the gate.
     pub(crate) fn next(&mut self, message: &mut Vec<u8>) -> Result<bool, CliError> {
         loop {
             if self.open.is_none() {
@@ -157,7 +157,7 @@ impl<'a, G: Gate> Messages<'a, G> {
     }
 }
 
-/// Reads one message; false at the end of the input.
+/// Reads one message. Returns false at the end of the input.
 fn read(reader: &mut impl BufRead, split: Split, message: &mut Vec<u8>) -> Result<bool, ReadError> {
     message.clear();
     let limit = match split {
@@ -194,7 +194,7 @@ impl ReadError {
     fn of(self, input: &Input) -> CliError {
         match (self, input) {
             (Self::Io(source), input) => match source.downcast::<CliError>() {
-                // What the gate said.
+                // An error of the gate.
                 Ok(error) => error,
                 Err(source) => input.failed(source),
             },
@@ -206,7 +206,7 @@ impl ReadError {
     }
 }
 
-/// A file that is read only when its gate lets pass; it ends where the gate says so.
+/// A file that waits in its gate before each read. The file ends when the gate returns false.
 struct Gated<'a, G> {
     file: File,
     gate: &'a G,

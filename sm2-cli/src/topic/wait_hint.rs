@@ -10,8 +10,8 @@ use crate::connect::Session;
 /// The wait after which the line is printed.
 pub(super) const DELAY: Duration = Duration::from_secs(1);
 
-/// Prints on standard error what `session` waits for with its interface on `topic`, whose links
-/// these are, and why a node that is there does not do.
+/// Prints on standard error what the command waits for, and why the nodes that exist do not match. `links` are
+/// the links of the command's interface on `topic`.
 pub(super) fn print(
     session: &Session,
     topic: &Name,
@@ -26,7 +26,7 @@ pub(super) fn print(
     say!("sm2: waiting for {awaited} of {topic} (Ctrl-C ends){reason}");
 }
 
-/// A node that is linked and has not opened its end: only it can do that.
+/// The text about a node that is linked and has not opened its end of the link.
 fn silent(links: &[LinkStatus]) -> Option<String> {
     let link = links.iter().find(|link| !link.open && link.end.is_none())?;
     let node = &link.peer.name;
@@ -35,9 +35,9 @@ fn silent(links: &[LinkStatus]) -> Option<String> {
     ))
 }
 
-/// The counterpart that comes nearest, and why it does not match; in one line.
+/// The nearest counterpart, and the reason for which it does not match, in one line.
 fn why(session: &Session, topic: &Name, wanted: Kind) -> Option<String> {
-    // What is wrong with the Manager shows where it matters.
+    // An error of the Manager is reported elsewhere.
     let domain = session.snapshot().ok()?;
     let own = domain.node_named(session.node.name().as_str())?;
     let mut interfaces = domain.interfaces_of(own.node);

@@ -1,4 +1,4 @@
-//! What `sm2 wait` may wait for: `topic:NAME publishers>=1 links>2`.
+//! The conditions of `sm2 wait`: `topic:NAME publishers>=1 links>2`.
 //!
 //! ```text
 //! expression = subject *(blanks condition)
@@ -16,10 +16,10 @@ use crate::{
     view::{SERVICE, TOPIC, View},
 };
 
-/// One subject, and what has to be true of it.
+/// One subject and its conditions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Expression {
-    /// As it was given.
+    /// The text from the command line.
     text: String,
     subject: Subject,
     name: Name,
@@ -56,7 +56,7 @@ enum Operator {
     Less,
 }
 
-/// The longer ones first: `>=` begins like `>`.
+/// The longer operators come first, since `>=` starts with `>`.
 const OPERATORS: [(&str, Operator); 7] = [
     ("==", Operator::Equal),
     ("!=", Operator::NotEqual),
@@ -75,12 +75,12 @@ const COUNTS: [(&str, Count); 5] = [
     ("links", Count::Links),
 ];
 
-/// What an expression found in a domain.
+/// The counts that an expression found in a domain.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Seen {
     expression: String,
     pub(super) met: bool,
-    /// For a node.
+    /// Whether the node exists; only for the subject `node`.
     #[serde(skip_serializing_if = "Option::is_none")]
     up: Option<bool>,
     publishers: u64,
@@ -91,11 +91,11 @@ pub(super) struct Seen {
 }
 
 impl Expression {
-    /// Reads one.
+    /// Parses an expression.
     ///
     /// # Errors
     ///
-    /// What is wrong, where (characters count from 1), and what would be right.
+    /// The position of the fault (characters count from 1), and what was expected there.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         let mut words = Words { text, at: 0 };
         let start = words.skip_blanks();
@@ -136,12 +136,12 @@ impl Expression {
         })
     }
 
-    /// Whether it is true of the domain.
+    /// Whether all conditions hold in the domain.
     pub(super) fn is_met(&self, domain: &Domain) -> bool {
         self.seen(domain).met
     }
 
-    /// What of the domain it looks at.
+    /// The counts of the subject in the domain.
     pub(super) fn seen(&self, domain: &Domain) -> Seen {
         let up = match self.subject {
             Subject::Node => Some(domain.node_named(self.name.as_str()).is_some()),
@@ -167,7 +167,7 @@ impl Expression {
                 *seen.count_of(it.contract.kind()) += 1;
             }
         }
-        // A link between two interfaces of one node is one link of it.
+        // A link between two interfaces of one node counts once.
         let links = domain
             .links()
             .filter(|it| own(it.offering) || own(it.demanding));
@@ -176,7 +176,7 @@ impl Expression {
         seen
     }
 
-    /// What may be meant instead of a name that the domain does not have, with its punctuation.
+    /// A similar name for a name that the domain does not have, with punctuation. Else an empty text.
     pub(super) fn hint(&self, domain: &Domain) -> String {
         let view = View::new(domain);
         let known: Vec<_> = match self.subject {
@@ -190,7 +190,7 @@ impl Expression {
         }
     }
 
-    /// Whether an interface belongs to the subject.
+    /// Whether an interface is one of the subject.
     fn has(&self, domain: &Domain, it: &sm2_proto::domain::InterfaceView<'_>) -> bool {
         let kind = it.contract.kind();
         match self.subject {
@@ -297,7 +297,7 @@ impl fmt::Display for Seen {
     }
 }
 
-/// An expression that is read from left to right.
+/// The text of an expression, and the position of the parser.
 struct Words<'a> {
     text: &'a str,
     at: usize,
@@ -308,7 +308,7 @@ impl<'a> Words<'a> {
         &self.text[self.at..]
     }
 
-    /// Goes on to the next character that is no blank; where that is.
+    /// Skips blanks, and returns the position of the next character.
     fn skip_blanks(&mut self) -> usize {
         self.take(char::is_whitespace);
         self.at
@@ -354,7 +354,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// An error that shows its place: characters count from 1.
+    /// An error with its position. Characters count from 1.
     fn wrong(&self, at: usize, what: &str) -> String {
         let position = self.text[..at.min(self.text.len())].chars().count() + 1;
         let found = self.text.get(at..).unwrap_or("");

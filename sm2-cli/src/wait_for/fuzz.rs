@@ -1,11 +1,11 @@
-//! What a fuzz target checks of the expressions.
+//! The body of a fuzz target: the expressions of `sm2 wait`.
 
 use sm2_proto::domain::Domain;
 
 use super::expression::Expression;
 
-/// One that is read can be looked up in a domain, which has nothing here; else it is said in
-/// one line what is wrong.
+/// An expression that can be read can be evaluated in an empty domain. The error of any other text is one
+/// line.
 pub(crate) fn expression(text: &str) {
     match Expression::parse(text) {
         Ok(expression) => {

@@ -1,4 +1,4 @@
-//! `sm2 wait`: until something is true of the domain. [`expression`] is what one may say.
+//! `sm2 wait`: waits until conditions on the domain hold. [`expression`] has their grammar.
 
 mod expression;
 #[cfg(feature = "fuzzing")]
@@ -21,10 +21,10 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// What has to be true, such as 'topic:/scan publishers>=1'; several: all at the same time
+    /// A condition such as 'topic:/scan publishers>=1'. Several must hold at the same time
     #[arg(value_name = "EXPRESSION", required = true, value_parser = Expression::parse)]
     expressions: Vec<Expression>,
-    /// Give up after so long [default: never]
+    /// Give up after this time [default: never]
     #[arg(long, value_name = "TIME", value_parser = time::span_or_zero)]
     timeout: Option<Duration>,
     /// Print one JSON object
@@ -39,12 +39,12 @@ Format:
   topic:NAME CONDITION...    conditions: publishers, subscribers, links
   service:NAME CONDITION...  conditions: servers, clients, links
   node:NAME CONDITION...     conditions: up, gone, publishers, subscribers, servers, clients, links
-A condition but up and gone is a count, one of == != >= <= > <, and a number; = is ==. What is not
-there has 0 of everything. Nothing is asked again and again: the Manager says when something changes.
-While there is no Manager, the wait goes on.
+A condition is `up`, `gone`, or a count with one of == != >= <= > < and a number; = means ==. All
+counts of a topic, service or node that does not exist are 0. The wait continues while no Manager
+runs.
 
-Exit status: 0 all is true, 1 it was not when the time was over (standard error says what was seen
-last), 2 wrong usage, 130 Ctrl-C.
+Exit status: 0 all conditions hold, 1 the timeout passed (standard error has the last counts), 2 wrong
+usage, 130 Ctrl-C.
 
 Examples:
   sm2 wait 'topic:/scan publishers>=1 subscribers>=2' --timeout 5s
@@ -54,7 +54,7 @@ Examples:
 /// The object that `--json` prints.
 #[derive(Serialize)]
 struct Answer {
-    /// Whether all is true.
+    /// Whether all conditions hold.
     met: bool,
     /// The domain's revision.
     revision: u64,
@@ -62,11 +62,11 @@ struct Answer {
     expressions: Vec<Seen>,
 }
 
-/// Waits.
+/// Runs the command.
 ///
 /// # Errors
 ///
-/// What it failed with.
+/// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "wait")?;
     let start = clock::now();

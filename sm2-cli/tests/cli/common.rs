@@ -17,7 +17,7 @@ use nix::{
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Nothing here takes long; a test that waits so long has failed.
+/// The time after which a wait fails. Nothing in these tests takes so long.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// The `sm2` command, in an environment without a domain.
@@ -30,7 +30,7 @@ pub(crate) fn sm2(arguments: &[&str]) -> Command {
     command
 }
 
-/// A Manager with its own folder; both are gone when it is dropped.
+/// A Manager with its own folder. Dropping it ends the Manager and removes the folder.
 pub(crate) struct Domain {
     folder: TempDir,
     manager: Running,
@@ -41,7 +41,7 @@ impl Domain {
         Self::with(&[])
     }
 
-    /// With these arguments of `sm2 manager`.
+    /// Starts `sm2 manager` with more arguments.
     pub(crate) fn with(arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let socket = folder.path().join("sm2.sock");
@@ -55,7 +55,7 @@ impl Domain {
         Self { folder, manager }
     }
 
-    /// The test's folder.
+    /// A path in the domain's folder.
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -77,14 +77,14 @@ impl Domain {
         Running::start(&mut self.command(arguments))
     }
 
-    /// What a list prints as JSON.
+    /// The JSON output of a `list` command.
     pub(crate) fn list(&self, what: &str) -> Value {
         let list = self.run(&[what, "list", "--json"]);
         assert_eq!(list.code(), 0, "{list:?}");
         serde_json::from_str(&list.stdout()).unwrap()
     }
 
-    /// Waits until so many interfaces of `kind` (`publishers`, `subscribers`) are on a topic.
+    /// Waits until a topic has `count` interfaces of `kind` (`publishers` or `subscribers`).
     pub(crate) fn wait_for(&self, topic: &str, kind: &str, count: u64) {
         until(&format!("{count} {kind} of {topic}"), || {
             let topics = self.list("topic");
@@ -93,7 +93,7 @@ impl Domain {
         });
     }
 
-    /// What a command prints as JSON, which succeeds.
+    /// The JSON output of a command, which must succeed.
     pub(crate) fn json(&self, arguments: &[&str]) -> Value {
         let finished = self.run(&[arguments, &["--json"]].concat());
         assert_eq!(finished.code(), 0, "{arguments:?}: {finished:?}");
@@ -102,7 +102,7 @@ impl Domain {
         serde_json::from_str(&stdout).unwrap()
     }
 
-    /// A node of this process.
+    /// Connects a node of this process.
     pub(crate) fn node(&self, name: &str) -> sm2_node::Node {
         let builder = sm2_node::Node::builder(name).socket(self.path("sm2.sock"));
         builder.manager_timeout(TIMEOUT).connect().unwrap()
@@ -121,20 +121,20 @@ impl Domain {
         self.manager.signal(signal);
     }
 
-    /// Kills the Manager without a word.
+    /// Kills the Manager with SIGKILL.
     pub(crate) fn kill_manager(&mut self) {
         self.manager.signal(Signal::SIGKILL);
         self.manager.wait();
     }
 
-    /// Another Manager, after the end of the one before.
+    /// Starts another Manager after the end of the last one.
     pub(crate) fn start_manager(&mut self) {
         let mut command = sm2(&["manager", "--socket"]);
         self.manager = Running::start(command.arg(self.path("sm2.sock")));
     }
 }
 
-/// A process that is killed when it is dropped, and whose output is read all the time.
+/// A running process, whose output is read all the time. Dropping it kills the process.
 pub(crate) struct Running {
     child: Child,
     stdout: Option<Reader>,
@@ -179,14 +179,14 @@ impl Running {
         kill(Pid::from_raw(self.pid()), signal).unwrap();
     }
 
-    /// Waits until it has written this to standard output.
+    /// Waits until the process has written this text to standard output.
     pub(crate) fn await_stdout(&self, part: &str) {
         until(&format!("{part:?} is printed"), || {
             self.stdout().contains(part)
         });
     }
 
-    /// Waits until it has written this to standard error.
+    /// Waits until the process has written this text to standard error.
     pub(crate) fn await_stderr(&self, part: &str) {
         until(&format!("{part:?} is said"), || {
             self.stderr().contains(part)
@@ -202,7 +202,7 @@ impl Running {
         status.unwrap()
     }
 
-    /// Waits for its end.
+    /// Waits for the end of the process.
     pub(crate) fn finish(mut self) -> Finished {
         let status = self.wait();
         let read = |reader: Option<Reader>| reader.unwrap().finish();
@@ -213,12 +213,12 @@ impl Running {
         }
     }
 
-    /// What it has written to standard output so far.
+    /// The standard output of the process so far.
     pub(crate) fn stdout(&self) -> String {
         self.stdout.as_ref().unwrap().so_far()
     }
 
-    /// What it has written to standard error so far.
+    /// The standard error of the process so far.
     pub(crate) fn stderr(&self) -> String {
         self.stderr.as_ref().unwrap().so_far()
     }
@@ -255,7 +255,8 @@ impl Finished {
         String::from_utf8(self.errors.clone()).unwrap()
     }
 
-    /// That it failed with this status, and one line on standard error that has all of `parts`.
+    /// Asserts that the process failed with this status, and with one line on standard error that contains all
+    /// `parts`.
     pub(crate) fn failed(&self, code: i32, parts: &[&str]) {
         let stderr = self.stderr();
         assert_eq!(self.code(), code, "{stderr}");
@@ -290,7 +291,7 @@ impl Reader {
     }
 }
 
-/// Waits until something is true.
+/// Waits until a condition holds.
 pub(crate) fn until(what: &str, mut is: impl FnMut() -> bool) {
     let end = Instant::now() + TIMEOUT;
     while !is() {
@@ -299,7 +300,7 @@ pub(crate) fn until(what: &str, mut is: impl FnMut() -> bool) {
     }
 }
 
-/// The files of a folder, in the order of their names: names and content.
+/// The names and contents of a folder's files, in the order of their names.
 pub(crate) fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
     let mut files: Vec<_> = entries
@@ -312,7 +313,7 @@ pub(crate) fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// A publisher of text at 200 Hz, for as long as it lives, and its node's name.
+/// A publisher of text at 200 Hz, until it is dropped, and the name of its node.
 pub(crate) fn talker(domain: &Domain, topic: &str) -> (Running, String) {
     let publish = [
         "topic",
@@ -332,7 +333,7 @@ pub(crate) fn talker(domain: &Domain, topic: &str) -> (Running, String) {
     (running, name)
 }
 
-/// A subscriber that prints, for as long as it lives, and its node's name.
+/// A subscriber that prints messages, until it is dropped, and the name of its node.
 pub(crate) fn listener(domain: &Domain, topic: &str, count: u64) -> (Running, String) {
     let running = domain.start(&["topic", "echo", topic]);
     domain.wait_for(topic, "subscribers", count);
@@ -340,12 +341,12 @@ pub(crate) fn listener(domain: &Domain, topic: &str, count: u64) -> (Running, St
     (running, name)
 }
 
-/// The cells of a line.
+/// The words of a line.
 pub(crate) fn cells(line: &str) -> Vec<&str> {
     line.split_whitespace().collect()
 }
 
-/// Bytes that look like nothing in particular.
+/// Pseudo-random bytes.
 pub(crate) fn noise(seed: u64, len: usize) -> Vec<u8> {
     let mut state = seed | 1;
     let step = || {

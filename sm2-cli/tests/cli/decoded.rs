@@ -1,4 +1,4 @@
-//! Messages of types that this program was not built with: printed and published by their schemas.
+//! Messages of types that `sm2` was not built with are printed and published by their schemas.
 
 use serde_json::json;
 
@@ -6,7 +6,7 @@ use crate::common::Domain;
 
 const SCHEMA: &str = "plain:struct{x:f64,n:u32,}";
 
-/// Publishes a value again and again, as the type `nav/Point`.
+/// Publishes a value of type `nav/Point` repeatedly.
 fn publish(value: &str) -> [&str; 12] {
     [
         "topic",
@@ -43,7 +43,7 @@ fn values_are_published_and_printed_by_their_schema() {
     let both = ["topic", "echo", "point", "--hex", "--raw"];
     domain.run(&both).failed(2, &["--hex", "--raw"]);
 
-    // Another publisher needs to know neither type nor schema.
+    // Another publisher needs neither --type nor --schema.
     let value = [
         "topic",
         "pub",
@@ -85,7 +85,7 @@ fn built_in_types_are_printed_too() {
     text.publish("hello").unwrap();
     let echo = |topic: &str| {
         let echo = domain.start(&["topic", "echo", topic, "--count", "1"]);
-        // Nobody else moves this node on.
+        // Nobody else drives this node.
         crate::common::until("the message is there", || {
             node.spin_once_timeout(std::time::Duration::from_millis(5))
                 .unwrap();
@@ -97,7 +97,7 @@ fn built_in_types_are_printed_too() {
     assert_eq!(echo("text"), "hello\n");
 }
 
-/// `--type text` means the type that Rust programs publish as `str`, whoever comes first.
+/// `--type text` is the type of Rust's `str`, in either order of arrival.
 #[test]
 fn text_of_the_command_is_the_str_of_rust() {
     let domain = Domain::new();

@@ -43,7 +43,7 @@ fn a_missing_loopback_interface_is_named() {
     demo.failed(1, &expected);
 }
 
-/// What is promised of the object.
+/// Checks the promises about the JSON report.
 fn judge(report: &Value, integrity: &str, size: u64) {
     let expected = [
         "published",

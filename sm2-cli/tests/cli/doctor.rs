@@ -11,7 +11,7 @@ fn report(finished: &Finished) -> Value {
     serde_json::from_str(&finished.stdout()).unwrap()
 }
 
-/// What one check found.
+/// The result of one check.
 fn check<'a>(report: &'a Value, name: &str) -> &'a Value {
     let mut checks = report["checks"].as_array().unwrap().iter();
     checks.find(|it| it["check"] == name).unwrap()
@@ -64,7 +64,7 @@ fn what_is_wrong_is_told_with_a_cure() {
     let cure = format!("start one with `sm2 manager --socket {path}`");
     assert_eq!(manager["advice"], cure);
 
-    // What dead Managers leave, and a folder that anybody may write to.
+    // Files that dead Managers leave, and a folder that everybody may write to.
     fs::write(folder.path().join("none.sock.lock"), "").unwrap();
     fs::write(folder.path().join("none.sock~"), "").unwrap();
     fs::set_permissions(folder.path(), PermissionsExt::from_mode(0o777)).unwrap();
@@ -81,7 +81,7 @@ fn what_is_wrong_is_told_with_a_cure() {
             .contains("chmod o-w")
     );
 
-    // A file that is no socket.
+    // A file in place of the socket.
     fs::write(&socket, "").unwrap();
     let found = report(&run());
     let left = found["checks"].as_array().unwrap().iter();

@@ -44,7 +44,7 @@ impl Side {
     }
 }
 
-/// A port that is free now.
+/// A port that is free at the moment.
 fn port() -> u16 {
     let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.local_addr().unwrap().port()
@@ -123,7 +123,7 @@ fn two_domains_as_the_readme_says() {
     assert!(none.stderr().contains("has no gateway"), "{none:?}");
 }
 
-/// Asks a peer of `side` whether it has a topic for it.
+/// Asks a peer of `side` whether the peer offers a topic to `side`.
 fn asks(side: &Side, name: &str, peer: &str, expected: (i32, &str)) {
     let asked = (side.domain).run(&["gateway", "ask", name, "--peer", peer]);
     let (code, answer) = expected;
@@ -132,7 +132,7 @@ fn asks(side: &Side, name: &str, peer: &str, expected: (i32, &str)) {
     assert!(asked.stdout().starts_with(&line), "{asked:?}");
 }
 
-/// What goes to whom, while `chatter` goes to `far`, and that one of two gateways is stuck.
+/// `explain`, `check` and `ask` while `chatter` is carried to `far`, and while one of two gateways is stuck.
 fn snapshots_show_gateways(near: &Side) {
     let snapshot = near.domain.json(&["snapshot"]);
     let gateway = &snapshot["gateways"][0];
@@ -310,7 +310,7 @@ fn a_shadow_says_what_other_rules_would_change_and_reloads() {
     let file = near.domain.path("gateway.toml");
     let rules = fs::read_to_string(&file).unwrap();
     let shadow = near.domain.path("shadow.toml");
-    // Nothing goes any more: what it allows is denied before.
+    // Nothing is carried any more: an earlier rule denies all that the last one allows.
     fs::write(
         &shadow,
         rules.replace("names = \"**\"", "names = \"secret/*\""),
@@ -329,7 +329,7 @@ fn a_shadow_says_what_other_rules_would_change_and_reloads() {
     assert!(check.stdout().contains(no_longer), "{check:?}");
     let peers = || near.domain.run(&["gateway", "peers"]).stdout();
     assert!(peers().contains(no_longer), "{}", peers());
-    // Something new comes, and the rules of the shadow change their minds.
+    // A new topic appears, and the shadow's rules decide differently about it.
     let (_second, _) = talker(&near.domain, "secret/plan");
     let text = rules
         .replace("deny", "allow")
@@ -343,7 +343,7 @@ fn a_shadow_says_what_other_rules_would_change_and_reloads() {
     until("the first one is as it was", || {
         !peers().contains("camera would")
     });
-    // A bad one changes nothing, and what only a restart can take is named.
+    // A bad configuration changes nothing. Keys that need a restart are named.
     fs::write(&shadow, "nonsense").unwrap();
     let other = rules.replace("127.0.0.1", "127.0.0.2") + "\n";
     fs::write(&file, other.replace("key =", "discovery = [\"lo\"]\nkey =")).unwrap();

@@ -106,7 +106,7 @@ fn pages_are_printed_and_written() {
             page.contains(".SH EXAMPLES"),
             "{name} has no examples:\n{page}"
         );
-        // One heading for each kind of section.
+        // No heading appears twice.
         for heading in page.lines().filter(|line| line.starts_with(".SH ")) {
             assert_eq!(
                 page.matches(&format!("{heading}\n")).count(),

@@ -68,7 +68,7 @@ fn help_mentions_every_command_and_examples() {
     }
 }
 
-/// The commands of a command, as its help lists them, less `help` itself.
+/// The subcommands that a help text lists, without `help`.
 pub(crate) fn commands(help: &str) -> Vec<&str> {
     let listed = help.split("Commands:\n").nth(1).unwrap_or_default();
     let lines = listed.lines().take_while(|line| line.starts_with("  "));
@@ -76,8 +76,7 @@ pub(crate) fn commands(help: &str) -> Vec<&str> {
     names.filter(|name| *name != "help").collect()
 }
 
-/// Every command and command of a command has examples that begin with it, and options that say so
-/// where it prints data or talks to a domain.
+/// Every command has examples that start with the command.
 #[test]
 fn every_command_has_examples() {
     fn check(path: &mut Vec<String>, seen: &mut usize) {
@@ -88,7 +87,7 @@ fn every_command_has_examples() {
         });
         let full = format!("sm2 {}", words.join(" "));
         assert!(examples.contains(full.trim_end()), "{full}:\n{help}");
-        // A terminal of 100 columns breaks no line of what is written by hand.
+        // Hand-written lines fit a terminal of 110 columns.
         assert!(
             examples.lines().all(|line| line.chars().count() <= 110),
             "{help}"

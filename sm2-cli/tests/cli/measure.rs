@@ -20,7 +20,7 @@ fn graph(domain: &Domain) -> Value {
         all.map(|it| {
             let mut it = it.clone();
             let members = it.as_object_mut().unwrap();
-            // What goes on counting.
+            // The counters, which change all the time.
             members.remove("counters");
             members.remove("taken");
             it
@@ -43,7 +43,7 @@ fn report_when(domain: &Domain, command: &str, is: impl Fn(&Value) -> bool) -> V
     let mut found = None;
     until(&format!("{command} reports what is expected"), || {
         let stdout = running.stdout();
-        // The last line may not be there as a whole.
+        // The last line may be incomplete.
         let (whole, _) = stdout.rsplit_once('\n').unwrap_or_default();
         let reports = whole
             .lines()
@@ -225,7 +225,7 @@ fn a_topic_that_comes_later_is_waited_for() {
     }
 }
 
-/// A node that declares a publisher and does nothing else; as long as it lives.
+/// A node that declares a publisher and does nothing else, until it is dropped.
 fn silent_publisher(domain: &Domain, name: &str, topic: &str) -> SeqPacket {
     let socket = SeqPacket::connect(&domain.path("sm2.sock")).unwrap();
     let data = TypeId {
@@ -249,7 +249,7 @@ fn silent_publisher(domain: &Domain, name: &str, topic: &str) -> SeqPacket {
         interface: InterfaceId(1),
         contract: Contract::Publisher { topic, data, offer },
     };
-    // A frame after another is legal only once it was answered.
+    // The next frame is legal only after the answer to this one.
     socket
         .send(&[IoSlice::new(&encode_to_manager(&hello))], &[])
         .unwrap();
@@ -296,7 +296,7 @@ fn a_mistyped_topic_has_a_hint() {
     let waiting = domain.start(&["topic", "hz", "sacn"]);
     waiting.await_stderr("did you mean scan?");
     waiting.signal(Signal::SIGINT);
-    // Endless on purpose: Ctrl-C is how it ends.
+    // Ctrl-C is the regular end of a command without --count.
     assert_eq!(waiting.finish().code(), 0);
     let counting = domain.start(&["topic", "delay", "scan", "--count", "1"]);
     counting.await_stderr("waiting for a subscriber of scan");

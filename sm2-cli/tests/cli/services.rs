@@ -14,7 +14,7 @@ use sm2_node::{Message, Node};
 
 use crate::common::{Domain, Running, cells, noise};
 
-/// Answers each request with what `answer` says, as long as `body` runs.
+/// Answers each request with the result of `answer` while `body` runs.
 fn serving<Q, R>(
     node: &Node,
     service: &str,
@@ -32,7 +32,7 @@ fn serving<Q, R>(
             while !over.load(Ordering::Relaxed) {
                 let request = server.recv_timeout(Duration::from_millis(20)).unwrap();
                 let Some(request) = request else { continue };
-                // A client that has gone needs no reply.
+                // A reply fails if the client is gone.
                 match answer(&request) {
                     Ok(reply) => drop(request.reply(&reply)),
                     Err(reason) => drop(request.fail(&reason)),
@@ -82,7 +82,7 @@ fn a_call_takes_and_prints_values() {
         let raw = domain.run(&["service", "call", "math/sum", "[1]", "--raw"]);
         assert_eq!(raw.stdout(), "8 bytes: 00 00 00 00 00 00 f0 3f\n");
 
-        // A server that says no, a value that is none of the type, JSON that is none.
+        // An error of the server, a value of another type, and invalid JSON.
         let failed = domain.run(&["service", "call", "math/sum"]);
         failed.failed(1, &["math/sum", "nothing\\n\\u{1b}[2Jto add"]);
         let wrong = domain.run(&["service", "call", "math/sum", "{\"a\": 1}"]);
@@ -165,7 +165,7 @@ fn nobody_answers() {
     let domain = Domain::new();
     let none = domain.run(&["service", "call", "none", "--timeout", "100ms"]);
     none.failed(1, &["service none has no server"]);
-    // A server that takes its time, and a person who does not.
+    // A slow server, and a person who presses Ctrl-C.
     let node = domain.node("slow");
     let _server = node.server::<[u8], [u8]>("slow").unwrap();
     let over = AtomicBool::new(false);

@@ -1,4 +1,4 @@
-//! Ctrl-C, SIGTERM, a reader that has gone, a parent that is killed.
+//! Ctrl-C, SIGTERM, a reader that ends, and a parent that is killed.
 
 use std::{
     fs,
@@ -41,7 +41,7 @@ fn what_is_stopped_before_its_end_says_so_by_its_status() {
     waiting.signal(Signal::SIGTERM);
     assert_eq!(waiting.finish().code(), 143);
 
-    // Endless on purpose.
+    // Ctrl-C is the regular end of these.
     let looping = [
         "topic", "pub", "c", "--from", from, "--loop", "--wait", "0", "--rate", "1",
     ];
@@ -77,7 +77,7 @@ fn a_publisher_that_waits_for_a_stopped_subscriber_can_be_stopped() {
     publish.signal(Signal::SIGINT);
     let publish = publish.finish();
     assert_eq!(publish.code(), 130, "{}", publish.stderr());
-    // It ended without reading all.
+    // The command ended without reading all input.
     assert!(writer.join().unwrap().is_err());
     echo.signal(Signal::SIGCONT);
 }
@@ -98,7 +98,7 @@ fn the_end_of_the_reader_is_a_quiet_end() {
     let mut line = String::new();
     stdout.read_line(&mut line).unwrap();
     assert_eq!(line, "first\n");
-    // No further message is needed for it to notice.
+    // The command notices without another message.
     drop(stdout);
     until("echo ends", || echo.try_wait().unwrap().is_some());
     assert_eq!(echo.wait().unwrap().code(), Some(0));
@@ -111,7 +111,7 @@ fn children(pid: i32) -> Vec<i32> {
     pids.filter(|&it| parent(it) == Some(pid)).collect()
 }
 
-/// None if it is gone, or only waited for.
+/// `None` if the process is gone or a zombie.
 fn parent(pid: i32) -> Option<i32> {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     let (_, fields) = stat.rsplit_once(") ")?;
@@ -119,7 +119,7 @@ fn parent(pid: i32) -> Option<i32> {
     (fields.next()? != "Z").then_some(fields.next()?.parse().ok()?)
 }
 
-/// A demo that runs, its processes, and its folder for temporary files.
+/// A running demo, its processes, and its folder for temporary files.
 fn started_demo() -> (Running, Vec<i32>, TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let demo = [
@@ -132,7 +132,7 @@ fn started_demo() -> (Running, Vec<i32>, TempDir) {
         "100",
     ];
     let demo = Running::start(sm2(&demo).env("TMPDIR", folder.path()));
-    // A line each second.
+    // The demo prints a line each second.
     until("the demo runs", || demo.stdout().lines().count() > 1);
     let parts = children(demo.pid());
     assert_eq!(parts.len(), 3);

@@ -11,7 +11,7 @@ fn it_shows_nodes_interfaces_links_counters_and_quotas() {
     let (_talker, one) = talker(&domain, "scan");
     let (listener, other) = listener(&domain, "scan", 1);
     listener.await_stdout("hello");
-    // The publisher learns with its next message that one was taken.
+    // The publisher learns of a delivery when it publishes the next message.
     let mut snapshot = Value::Null;
     until("a message was delivered", || {
         snapshot = domain.json(&["snapshot"]);
@@ -56,7 +56,7 @@ fn changes_are_streamed_until_it_is_stopped() {
     watch.await_stdout(&format!("+ publisher {one}:scan: bytes"));
     let (listener, other) = listener(&domain, "scan", 1);
     watch.await_stdout(&format!("+ link {one}:scan -> {other}:scan"));
-    // Who is slow sees larger steps: a link that came and went in one of them was never there.
+    // A slow watcher sees larger steps, and no link that came and went within one of them.
     json.await_stdout("\"item\":\"link\"");
     drop(listener);
     watch.await_stdout(&format!("- node {other}"));

@@ -1,4 +1,4 @@
-//! A Manager that dies while commands run, and its successor.
+//! Commands that run while a Manager ends and another one starts.
 
 use std::collections::HashMap;
 
@@ -27,7 +27,7 @@ fn commands_that_run_say_so_and_go_on() {
     for command in running {
         command.await_stderr(GONE);
     }
-    // Links and counters do without it.
+    // Links and counters work without a Manager.
     let (printed, counted) = (listener.stdout().len(), hz.stdout().len());
     until("messages flow", || listener.stdout().len() > printed);
     until("hz counts", || hz.stdout().len() > counted);
@@ -97,7 +97,7 @@ fn a_manager_that_does_not_answer_is_told_in_time() {
     assert!(doctor.stdout().contains("does not answer"), "{doctor:?}");
 }
 
-/// The next Manager gives other numbers to the nodes: nobody's figures become another's.
+/// The next Manager numbers the nodes differently. Each figure stays with its node.
 #[test]
 fn figures_stay_those_of_their_node_when_managers_change() {
     let mut domain = Domain::new();
@@ -117,7 +117,7 @@ fn figures_stay_those_of_their_node_when_managers_change() {
         let talker = domain.start(&[&talker[..], &["--loop", "--wait", "0"]].concat());
         domain.wait_for("scan", "publishers", count);
         talkers.push(talker);
-        // The next one starts later, so that it has sent less.
+        // The second publisher starts later, so that it has published less.
         until("it counts", || reports(&hz).len() as u64 > 10 * count);
     }
     for _ in 0..4 {
@@ -141,10 +141,10 @@ fn figures_stay_those_of_their_node_when_managers_change() {
     }
 }
 
-/// What `hz` has said so far: how many messages each publisher has sent.
+/// The number of messages of each publisher, from the output of `hz`.
 fn reports(hz: &Running) -> Vec<HashMap<String, u64>> {
     let text = hz.stdout();
-    // The last line may not be whole yet.
+    // The last line may be incomplete.
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
     let publishers = |line: &str| {
         let report: Value = serde_json::from_str(line).expect("JSON");

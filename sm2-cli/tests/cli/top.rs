@@ -1,4 +1,4 @@
-//! `sm2 top`: on a terminal, and where there is none.
+//! `sm2 top` with and without a terminal.
 
 use std::{
     fs::File,
@@ -23,11 +23,11 @@ use crate::common::{Domain, Running, listener, sm2, talker, until};
 /// `sm2 top` on a terminal of its own.
 struct OnTerminal {
     child: Child,
-    /// The side that a person has.
+    /// The side of the person.
     person: File,
-    /// The side that the command has, to look at its settings.
+    /// The side of the command, for reading its settings.
     terminal: OwnedFd,
-    /// All that came.
+    /// The output so far.
     output: Arc<Mutex<Vec<u8>>>,
 }
 
@@ -50,7 +50,7 @@ impl OnTerminal {
         let person = File::from(master);
         let output = Arc::new(Mutex::new(Vec::new()));
         let (mut from, into) = (person.try_clone().unwrap(), Arc::clone(&output));
-        // Ends with the terminal, of which this test holds an end.
+        // The thread ends with the terminal, which this test keeps open.
         thread::spawn(move || {
             let mut buffer = [0; 4_096];
             while let Ok(len @ 1..) = from.read(&mut buffer) {
@@ -72,7 +72,7 @@ impl OnTerminal {
         });
     }
 
-    /// Waits until this was sent, which is not text.
+    /// Waits until the command has sent an escape sequence.
     fn sends(&self, sequence: &str) {
         until(&format!("{sequence:?} is sent"), || {
             String::from_utf8_lossy(&self.output.lock().unwrap()).contains(sequence)
@@ -83,7 +83,7 @@ impl OnTerminal {
         self.person.write_all(keys.as_bytes()).unwrap();
     }
 
-    /// Whether the terminal is as a shell wants it: it edits lines and echoes.
+    /// Whether the terminal edits lines and echoes, as a shell needs it.
     fn is_restored(&self) -> bool {
         let flags = tcgetattr(&self.terminal).unwrap().local_flags;
         flags.contains(LocalFlags::ICANON | LocalFlags::ECHO)
@@ -96,14 +96,14 @@ impl OnTerminal {
             status.is_some()
         });
         assert_eq!(status.unwrap().code(), Some(code));
-        // The cursor, and what was there before.
+        // The cursor and the former screen are restored.
         self.sends("\x1b[?1049l");
         self.sends("\x1b[?25h");
         assert!(self.is_restored());
     }
 }
 
-/// The screen that comes of this output, as far as `sm2 top` uses one: text, and `ESC [ row ; column H`.
+/// The screen after this output. Understands only what `sm2 top` sends: text, and `ESC [ row ; column H`.
 fn screen(output: &[u8]) -> String {
     let mut cells = vec![vec![' '; COLUMNS.into()]; ROWS.into()];
     let (mut row, mut column) = (0, 0);
@@ -120,7 +120,7 @@ fn screen(output: &[u8]) -> String {
             column += 1;
             continue;
         }
-        // `[`, numbers, and a letter that says what to do.
+        // A control sequence: `[`, numbers, and a letter.
         let mut numbers = String::new();
         let end = rest
             .by_ref()

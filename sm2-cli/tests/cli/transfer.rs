@@ -1,10 +1,10 @@
-//! What goes in by `sm2 topic pub` comes out of `sm2 topic echo`, byte for byte.
+//! `sm2 topic echo` receives the bytes that `sm2 topic pub` publishes.
 
 use std::{fs, io::Write, process::Stdio};
 
 use crate::common::{Domain, Running, files, noise};
 
-/// Contents from nothing to large, text and binary.
+/// Contents from empty to large, text and binary.
 fn contents() -> Vec<Vec<u8>> {
     let sizes = [
         0,
@@ -75,7 +75,7 @@ fn a_folder_arrives_sealed_as_it_was() {
     folder_to_folder(&["--integrity", "sealed"]);
 }
 
-/// Publishes `input` on standard input, and returns the files that come of it.
+/// Publishes `input` through standard input, and returns the files that `echo` writes.
 fn through(input: &[u8], options: &[&str], count: usize) -> Vec<Vec<u8>> {
     let domain = Domain::new();
     let to = domain.path("to");

@@ -1,4 +1,4 @@
-//! Names that are not there, and sockets that are none of a Manager.
+//! Names that do not exist, and sockets that are not a Manager's.
 
 use std::{fs, os::unix::net::UnixListener, process::Command};
 
@@ -20,7 +20,7 @@ fn what_is_not_there_is_told_with_what_may_be_meant() {
     let strange = domain.run(&["node", "info", "something/else"]);
     strange.failed(1, &["no node something/else"]);
     assert!(!strange.stderr().contains("did you mean"), "{strange:?}");
-    // A topic's name is no node's.
+    // The name of a topic does not stand for a node.
     domain
         .run(&["node", "info", "robot/scan"])
         .failed(1, &["no node"]);
@@ -49,7 +49,7 @@ fn a_path_that_is_no_managers_socket_is_told() {
         list.failed(1, &[path, "is not the socket of a Manager", "--socket"]);
         assert!(!list.stderr().contains("start one"), "{list:?}");
     }
-    // Waiting would not help.
+    // --wait-manager does not wait for such a path.
     let waiting = run(&[
         "topic",
         "list",
@@ -66,7 +66,7 @@ fn a_socket_of_somebody_else_is_told_with_a_cure() {
     let domain = Domain::new();
     let socket = domain.path("sm2.sock");
     let socket = socket.to_str().unwrap();
-    // Only root can try it as somebody else: as nobody, with a copy of the program that they may run.
+    // Only root can run the test as another user: as `nobody`, with a copy of the program.
     let program = domain.path("sm2");
     fs::copy(env!("CARGO_BIN_EXE_sm2"), &program).unwrap();
     let open = std::os::unix::fs::PermissionsExt::from_mode(0o755);
@@ -83,7 +83,7 @@ fn a_socket_of_somebody_else_is_told_with_a_cure() {
     let denied = Running::start(&mut command).finish();
     denied.failed(1, &[socket, "may not connect", "--socket-mode 660"]);
 
-    // Nor may they have a Manager just anywhere.
+    // Nor may `nobody` start a Manager in a folder of root.
     let mut manager = Command::new("setpriv");
     manager
         .args(["--reuid", "65534", "--regid", "65534", "--clear-groups"])

@@ -94,7 +94,7 @@ fn types_that_differ_are_compared_by_their_schemas() {
         .type_id(ours)
         .declare()
         .unwrap();
-    // It is refused, and remembered.
+    // The Manager refuses it, and keeps the refusal.
     let refused = listener
         .subscriber_builder::<[u8]>("point")
         .type_id(theirs)

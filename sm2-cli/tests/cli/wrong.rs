@@ -1,5 +1,4 @@
-//! Bad input, and a world that does not play along: one line that says what to do, and the right
-//! exit status.
+//! Bad input and failing systems: each error is one line with a remedy, and has the right exit status.
 
 use std::{
     fs::{self, File},
@@ -48,7 +47,7 @@ fn no_manager_is_told_with_its_socket_and_the_cure() {
     let named = Running::start(named.env("XDG_RUNTIME_DIR", folder.path())).finish();
     named.failed(1, &["sm2/robot-1.sock", "`sm2 manager --domain robot-1`"]);
 
-    // A Manager that died without a word leaves its socket.
+    // A Manager that was killed leaves its socket.
     let listener = std::os::unix::net::UnixListener::bind(socket).unwrap();
     drop(listener);
     run(&["node", "list", "--socket", socket]).failed(1, &["sm2: ", socket]);
@@ -136,7 +135,7 @@ fn a_topic_of_another_type_names_both() {
         1,
         &["topic imu", "sensor/Imu (schema 00000000000000ab)", "bytes"],
     );
-    // Without a hash a type is the one in use, if the names agree.
+    // A type without a hash is the topic's type of the same name.
     let hashless = [&first[..5], &["--type", "sensor/Imu", "--wait", "0"]].concat();
     assert_eq!(domain.run(&hashless).code(), 0);
 }
@@ -194,7 +193,7 @@ fn inputs_that_cannot_be_read_are_named() {
         publish(from).failed(1, &[from, "Permission denied", "give this user the right"]);
     }
 
-    // One that opens, and fails when it is read.
+    // A file that can be opened and fails when it is read.
     let _echo = domain.start(&["topic", "echo", "a"]);
     publish("/proc/self/mem").failed(1, &["cannot read /proc/self/mem", "Input/output error"]);
     let looped = [
@@ -225,7 +224,7 @@ fn folders_that_cannot_be_written_are_named() {
     let used = domain.path("used");
     fs::create_dir(&used).unwrap();
     fs::write(used.join("000003.bin"), "old").unwrap();
-    echo(&used).failed(1, &["000003.bin", "name an empty one"]);
+    echo(&used).failed(1, &["000003.bin", "name an empty folder"]);
 }
 
 #[test]
@@ -272,7 +271,7 @@ fn output_that_nobody_reads_is_a_quiet_end() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // The pipe's end that this process has is part of the command line.
+        // This process' end of the pipe is part of the command line.
         drop(command_line);
         until(&format!("{command:?} ends"), || {
             ended.try_wait().unwrap().is_some()
@@ -304,7 +303,7 @@ fn talk_that_nobody_hears_changes_nothing() {
     }
 }
 
-/// A small file system, as long as it lives.
+/// A small file system, unmounted when it is dropped.
 struct SmallDisk<'a>(&'a Path);
 
 impl<'a> SmallDisk<'a> {
@@ -374,7 +373,7 @@ fn a_file_too_large_to_be_written_is_told() {
     let to = domain.path("to");
     let input = domain.path("input");
     fs::write(&input, noise(4, 2_000_000)).unwrap();
-    // A limit of the shell's for file sizes, and the error instead of the signal.
+    // The shell limits file sizes, and ignores the signal so that the write fails.
     let mut limited = Command::new("sh");
     limited
         .args(["-c", "trap '' XFSZ; ulimit -f 100; exec \"$0\" \"$@\""])
@@ -402,7 +401,7 @@ fn waiting_in_vain_says_what_for() {
     domain.wait_for("a", "publishers", 1);
     let echo = domain.start(&["topic", "echo", "a", "--reliable"]);
     domain.wait_for("a", "subscribers", 1);
-    // They see each other, and say so.
+    // Each reports the other one.
     let told = |running: &Running, parts: [&str; 2]| {
         let stderr = running.stderr();
         until(&format!("{parts:?} is said"), || {

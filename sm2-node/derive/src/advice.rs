@@ -130,7 +130,7 @@ fn padding_at_end(input: &DeriveInput) -> Option<Error> {
 fn has_repr(attributes: &[Attribute], wanted: &str) -> bool {
     let mut found = false;
     for attribute in attributes.iter().filter(|it| it.path().is_ident("repr")) {
-        // What is no valid `repr` is reported by rustc.
+        // rustc reports an invalid `repr`.
         let _ = attribute.parse_nested_meta(|meta| {
             found |= meta.path.is_ident(wanted);
             if meta.input.peek(syn::token::Paren) {

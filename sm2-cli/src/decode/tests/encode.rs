@@ -1,4 +1,4 @@
-//! What a person gives as JSON.
+//! Encoding JSON from the command line as messages.
 
 use serde_json::json;
 
@@ -48,7 +48,7 @@ fn one_value_is_meant_with_and_without_brackets() {
     let single = "postcard:struct{0:u8,}";
     assert_eq!(bytes(single, json!(7)), [7]);
     assert_eq!(bytes(single, json!([7])), [7]);
-    // A list in brackets is that list.
+    // A list that is the only value may have its own brackets.
     let list = "postcard:struct{0:list[u8],}";
     assert_eq!(bytes(list, json!([7])), [1, 7]);
     assert_eq!(bytes(list, json!([7, 8])), [2, 7, 8]);
@@ -203,7 +203,7 @@ fn json_messages_are_checked_and_sent_as_they_are() {
     assert_eq!(serde_json::to_value(&value).unwrap(), given);
     let error = encode(&schema, &json!({ "frame": 1 })).unwrap_err();
     assert_eq!(error.to_string(), "frame: expected text, found 1");
-    // JSON that others read has no texts for numbers.
+    // In the JSON encoding, texts do not stand for numbers.
     let number = super::schema("json:f64");
     assert!(encode(&number, &json!("NaN")).is_err());
     for ty in ["u128", "i128"] {

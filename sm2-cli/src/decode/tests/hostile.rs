@@ -1,4 +1,4 @@
-//! Bytes and schemas by somebody who means no good: no panic, no memory without a reason.
+//! Hostile bytes and schemas cause no panic and no excessive use of memory.
 
 use proptest::{collection::vec, prelude::*, sample::select};
 
@@ -29,7 +29,7 @@ fn types() -> impl Strategy<Value = String> {
         .prop_map(|(encoding, ty)| format!("{encoding}:{ty}"))
 }
 
-/// How many values there are.
+/// The number of values in a tree.
 fn count(value: &Value<'_>) -> usize {
     1 + match value {
         Value::List { items, .. } => items.iter().map(count).sum(),

@@ -1,4 +1,4 @@
-//! Plain messages: bytes that zerocopy gives for a value are that value.
+//! Plain messages: the bytes of a zerocopy value decode to that value.
 
 use proptest::{collection::vec, prelude::*};
 use serde::Serialize;
@@ -45,7 +45,7 @@ fn error(text: &str, bytes: &[u8]) -> String {
     decode(&schema(text), bytes, ALL).unwrap_err().to_string()
 }
 
-/// A float that JSON has.
+/// A float that JSON can express.
 fn float() -> impl Strategy<Value = f64> {
     any::<f64>().prop_filter("JSON has it", |it| it.is_finite())
 }
@@ -150,7 +150,7 @@ fn a_length_that_does_not_fit_is_an_error() {
     assert_eq!(error("cdr:u8", &[0]), "its encoding cdr is not known here");
 }
 
-/// Elements of no size: as many as one likes, in no bytes at all.
+/// Elements of size zero: a message of no bytes may have any number of them.
 #[test]
 fn nothing_does_not_become_much() {
     let schema = schema("plain:array[struct{};ffffffffffffffff]");

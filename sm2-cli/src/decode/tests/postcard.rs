@@ -1,4 +1,4 @@
-//! Postcard messages: what the postcard crate encodes is read as serde_json shows it.
+//! Postcard messages: the output of the postcard crate decodes to the JSON that serde_json writes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -48,7 +48,7 @@ struct Metres(f32);
 struct Wide {
     number: u128,
     signed: i128,
-    /// JSON has no objects with such keys.
+    /// Keys that JSON objects cannot have.
     pairs: BTreeMap<(u8, u8), u128>,
 }
 
@@ -101,7 +101,7 @@ proptest! {
         let value = decode(&schema, &bytes, ALL).unwrap();
         let found = serde_json::to_value(&value).unwrap();
         prop_assert_eq!(&found, &serde_json::to_value(&message).unwrap());
-        // As text too: there serde_json writes f32 and f64 each in its own way.
+        // The texts are compared too: serde_json writes f32 and f64 in different ways.
         prop_assert_eq!(serde_json::to_string(&value).unwrap(), serde_json::to_string(&message).unwrap());
         let encoded = encode(&schema, &found).unwrap();
         prop_assert_eq!(postcard::from_bytes::<Everything>(&encoded).unwrap(), message);
@@ -212,7 +212,7 @@ fn what_is_wrong_is_named_with_its_place() {
     }
 }
 
-/// A length is no reason to take memory or time.
+/// A large length in a message causes no use of memory or time.
 #[test]
 fn lengths_that_lie_end_soon() {
     let huge = [0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 1];
@@ -240,7 +240,7 @@ fn lengths_that_lie_end_soon() {
     assert!(decode(&few, &[100], ALL).is_ok());
 }
 
-/// Whether the elements that are not kept are passed over at once or one by one.
+/// Elements that are not kept are skipped at once, or one by one.
 #[test]
 fn what_is_not_kept_is_still_counted_and_bounded() {
     let points: Vec<(f64, u8)> = (0..100).map(|it| (f64::from(it), 1)).collect();

@@ -1,4 +1,4 @@
-//! What a person sees.
+//! Messages as people see them in a terminal.
 
 use serde_json::json;
 
@@ -73,7 +73,7 @@ fn long_lists_and_texts_are_cut_and_counted() {
         shown("string", &json!("grüße"), &limits),
         "\"grüß\" … 1 more"
     );
-    // What the decoder left out is counted too.
+    // The count includes elements that the decoder left out.
     let schema = schema("plain:list[u8]");
     let head = decode(&schema, &[7; 2_000_000], 4).unwrap();
     assert_eq!(show(&head, &limits), "[7, 7, 7, 7, … 1,999,996 more]");
@@ -124,7 +124,7 @@ fn nothing_reaches_the_terminal_as_a_command() {
         !text.chars().any(char::is_control) && !text.contains('\u{202e}'),
         "{text:?}"
     );
-    // Names are whatever somebody registered.
+    // The names in a schema are arbitrary.
     let name = "a\u{202e}\u{feff}";
     let text = shown(
         &format!("struct{{{name}:enum{{{name}:struct{{}},}},c:char,}}"),

@@ -1,4 +1,4 @@
-//! What `sm2 topic pub` is told.
+//! The arguments of `sm2 topic pub`.
 
 use clap::Args;
 use sm2_proto::{Name, schema::Schema};
@@ -16,62 +16,68 @@ pub(crate) struct Arguments {
     /// The topic
     #[arg(value_name = "NAME", value_parser = name)]
     pub(super) topic: Name,
-    /// A file: one message. A folder: each file in the order of names. `-`: each line of standard input
+    /// A file (one message), a folder (each file, by name), or `-` (each line of standard input)
     #[arg(long, value_name = "PATH|-", value_parser = input, required_unless_present = "value")]
     pub(super) from: Option<Input>,
-    /// A message as JSON, encoded by the schema of the topic's type; with --rate and --loop again and again
-    #[arg(long, value_name = "JSON", conflicts_with_all = ["from", "lines", "chunk", "whole"], allow_hyphen_values = true)]
+    /// A message as JSON, encoded by the schema of its type; repeated with --rate and --loop
+    #[arg(
+        long,
+        value_name = "JSON",
+        conflicts_with_all = ["from", "lines", "chunk", "whole"],
+        allow_hyphen_values = true
+    )]
     pub(super) value: Option<String>,
     #[command(flatten)]
     parts: Parts,
     /// Publish this many messages each second [default: as fast as they can be read]
     #[arg(long, value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
     pub(super) rate: Option<f64>,
-    /// Begin again at the end, until Ctrl-C
+    /// Start again at the end of the input, until Ctrl-C
     #[arg(long = "loop")]
     pub(super) again: bool,
-    /// Offer to wait for subscribers that want every message (`sm2 topic echo --reliable`)
+    /// Wait for subscribers that want every message (`sm2 topic echo --reliable`)
     #[arg(long)]
     pub(super) reliable: bool,
-    /// Share messages in memory that is used again, or seal each, so that nobody can change it any more
+    /// Reuse shared memory, or seal each message, so that nobody can change it after publishing
     #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
     pub(super) integrity: Integrity,
-    /// The messages' type [default: with --value the topic's, else bytes]; without a hash the topic's, if that is in use
+    /// The type of the messages [default: with --value the topic's, else bytes]. Without a hash, the topic's
+    /// type of this name, else a built-in type such as text or f64-list
     #[arg(long = "type", value_name = "NAME[:HASH]", value_parser = data_type)]
     pub(super) data: Option<DataType>,
-    /// The schema of --type, as `sm2 topic info` prints it: what the type's hash comes from
+    /// The schema of --type, as `sm2 topic info` prints it. It determines the hash of the type
     #[arg(long, value_name = "TEXT", requires = "data", value_parser = schema)]
     pub(super) schema: Option<Schema>,
-    /// Begin when this many subscribers are there
+    /// Start when this number of subscribers is linked
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) wait: usize,
     #[command(flatten)]
     pub(super) domain: Domain,
 }
 
-/// What of an input is a message.
+/// The way in which the input is split into messages.
 #[derive(Args, Clone, Debug)]
 #[group(multiple = false)]
 struct Parts {
     /// Each line is a message, without its newline
     #[arg(long)]
     lines: bool,
-    /// Each SIZE bytes are a message, such as 4096, 64kB or 1MiB
+    /// Every SIZE bytes are a message, such as 4096, 64kB or 1MiB
     #[arg(long, value_name = "SIZE", value_parser = chunk)]
     chunk: Option<Size>,
-    /// All is one message, also of standard input
+    /// The whole input is one message, even standard input
     #[arg(long)]
     whole: bool,
 }
 
 const HELP: &str = "\
-With --reliable on both sides no message is lost: the publisher waits for subscribers that are
-behind, 10 s at most. Otherwise a subscriber that is too slow misses messages; standard error says
-how many.
+With --reliable on both sides no message is lost: the publisher waits up to 10 s for a subscriber that
+takes no messages. Otherwise a slow subscriber loses messages; standard error has their number.
 
-It goes on while the Manager is replaced, and says so on standard error.
+pub continues while the Manager is replaced, and reports that on standard error.
 
-Exit status: 0 all published (or Ctrl-C with --loop), 1 failed, 2 wrong usage, 130 Ctrl-C before the end.
+Exit status: 0 all messages were published (or Ctrl-C with --loop), 1 failed, 2 wrong usage, 130 Ctrl-C
+before the end.
 
 Examples:
   echo hello | sm2 topic pub chatter --from -
@@ -82,7 +88,7 @@ Examples:
   sm2 topic pub blob --from - --chunk 1MiB --reliable < disk.img";
 
 impl Arguments {
-    /// What of the input is one message.
+    /// The way in which the input is split into messages.
     pub(super) fn split(&self) -> Split {
         match (&self.parts, &self.from) {
             (Parts { lines: true, .. }, _) => Split::Lines,
@@ -98,11 +104,11 @@ impl Arguments {
     }
 }
 
-/// A type as a person names it.
+/// The value of `--type`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct DataType {
     pub(super) name: Name,
-    /// None if the domain is to be asked.
+    /// `None` if the name alone determines the type.
     pub(super) hash: Option<u64>,
 }
 

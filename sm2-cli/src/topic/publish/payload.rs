@@ -1,4 +1,4 @@
-//! The type of the published messages, and the bytes of a value that is given as JSON.
+//! The type of the published messages, and the bytes of `--value`.
 
 use serde_json::Value;
 use sm2_proto::{Name, TypeId, schema::Schema};
@@ -18,7 +18,7 @@ pub(super) struct Payload {
     pub(super) bytes: Option<Vec<u8>>,
 }
 
-/// What `--value` says, as JSON.
+/// The value of `--value`.
 ///
 /// # Errors
 ///
@@ -51,7 +51,7 @@ impl Payload {
             }
         };
         if let Some(schema) = &schema {
-            // Subscribers that do not know the type can read it too.
+            // Subscribers that were built without the type can then read its messages.
             session
                 .node
                 .register_schema(data.clone(), &schema.to_string())?;
@@ -66,8 +66,8 @@ struct Declared {
     schema: Option<Schema>,
 }
 
-/// The type to declare. What the arguments leave open is taken from the topic, and then from the
-/// types that every program knows by their names.
+/// The type to declare. Without a hash in the arguments, the type is that of the topic, else the built-in
+/// type of this name.
 fn declared(
     arguments: &Arguments,
     session: &Session,
@@ -114,7 +114,7 @@ fn built_in(name: &Name) -> Option<Declared> {
     Some(Declared { data, schema })
 }
 
-/// A schema has one hash; another one that is given beside it is a mistake.
+/// The hash of the schema. Another hash in `--type` is an error.
 fn schema_hash(given: Option<u64>, schema: &Schema) -> Result<u64, CliError> {
     let hash = schema.hash();
     match given {

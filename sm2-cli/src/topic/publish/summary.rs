@@ -1,4 +1,4 @@
-//! What `sm2 topic pub` says at its end.
+//! The summary that `sm2 topic pub` prints at its end.
 
 use std::fmt;
 
@@ -6,18 +6,18 @@ use sm2_proto::{link::Counters, text::Counted};
 
 use crate::size::Size;
 
-/// What was published.
+/// The counts of published messages.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Tally {
     pub(super) messages: u64,
     pub(super) bytes: u64,
-    /// Messages for which no subscriber was there.
+    /// The number of messages that were published while there was no subscriber.
     pub(super) unheard: u64,
-    /// The most that a message was sent on.
+    /// The largest number of links that a message was sent on.
     pub(super) links: usize,
 }
 
-/// What is said at the end: what was published, and what became of it on all links together.
+/// The summary: the messages that were published, and their fates on all links together.
 pub(super) struct Summary(pub(super) Tally, pub(super) Counters);
 
 impl fmt::Display for Summary {
@@ -32,15 +32,15 @@ impl fmt::Display for Summary {
             counters.delivered,
         )?;
         if tally.unheard > 0 {
-            write!(f, ", {} while nobody was there", tally.unheard)?;
+            write!(f, ", {} without a subscriber", tally.unheard)?;
         }
         if counters.in_flight > 0 {
-            write!(f, ", {} not given back yet", counters.in_flight)?;
+            write!(f, ", {} still in flight", counters.in_flight)?;
         }
         let dropped = [
-            (counters.overwritten, "overtaken before they were sent"),
-            (counters.discarded, "overtaken before they were taken"),
-            (counters.deadline, "too late for a subscriber without room"),
+            (counters.overwritten, "overwritten before they were sent"),
+            (counters.discarded, "overwritten before they were received"),
+            (counters.deadline, "at the deadline of a subscriber without room"),
             (counters.closed, "to subscribers that left"),
         ];
         write!(

@@ -1,4 +1,4 @@
-//! What the examples of the help take for granted: nodes, files, a second domain with a gateway.
+//! The environment that the examples of the help presuppose: nodes, files, and a second domain with a gateway.
 
 use std::{
     env, fs,
