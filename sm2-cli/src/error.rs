@@ -104,7 +104,9 @@ pub(crate) enum CliError {
     #[error("{0}")]
     NoSchema(String),
     /// `--type` has another hash than `--schema`.
-    #[error("--schema has the hash {hash:016x}, but --type has {given:016x}: omit the hash of --type")]
+    #[error(
+        "--schema has the hash {hash:016x}, but --type has {given:016x}: omit the hash of --type"
+    )]
     SchemaHash {
         /// The hash in `--type`.
         given: u64,

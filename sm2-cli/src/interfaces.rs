@@ -87,7 +87,9 @@ impl Stated {
     }
 
     pub(crate) fn schema(&self) -> &str {
-        self.schema.as_deref().unwrap_or("no node has registered it")
+        self.schema
+            .as_deref()
+            .unwrap_or("no node has registered it")
     }
 }
 

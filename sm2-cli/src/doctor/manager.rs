@@ -111,7 +111,8 @@ fn resuming(mirror: &Mirror) -> Check {
         false => Check::warn(
             CHECK,
             names.join(", "),
-            "a node may take some seconds to claim its links: run doctor again; a node that is still listed is stopped or busy",
+            "a node may take some seconds to claim its links: run doctor again; \
+             a node that is still listed is stopped or busy",
         ),
     }
 }

@@ -56,15 +56,15 @@ fn values_are_published_and_printed_by_their_schema() {
     let published = domain.run(&value);
     assert_eq!(published.code(), 0, "{published:?}");
     assert!(
-        published.stderr().contains("1 while nobody was there"),
+        published.stderr().contains("1 without a subscriber"),
         "{published:?}"
     );
     let wrong = ["topic", "pub", "point", "--value", "{\"x\": 0, \"n\": -1}"];
     domain
         .run(&wrong)
-        .failed(1, &["no message of type nav/Point", "n: "]);
+        .failed(1, &["not a message of type nav/Point", "n: "]);
     let wrong = ["topic", "pub", "point", "--value", "{x: 0}"];
-    domain.run(&wrong).failed(2, &["no JSON", "quote it"]);
+    domain.run(&wrong).failed(2, &["not JSON", "quote it"]);
 }
 
 #[test]
@@ -159,7 +159,7 @@ fn a_value_without_a_schema_is_refused() {
         domain.run(&[&value, more].concat())
     };
     value(&[]).failed(1, &["have no fields", "--from"]);
-    value(&["--type", "nav/Point:7"]).failed(1, &["nobody has registered the schema", "--schema"]);
+    value(&["--type", "nav/Point:7"]).failed(1, &["no node has registered the schema", "--schema"]);
     let schema = ["--type", "nav/Point:7", "--schema", SCHEMA];
     value(&schema).failed(2, &["has the hash", "0000000000000007"]);
     value(&["--schema", SCHEMA]).failed(2, &["--type"]);

@@ -57,22 +57,7 @@ fn two_domains_as_the_readme_says() {
     let address = text.lines().nth(1).unwrap();
     let address = address.trim_start_matches("listen = ").trim_matches('"');
     assert_eq!(near.gateway("trust", &["far", &far.id]).finish().code(), 0);
-    let neither = far
-        .gateway("trust", &["near", &near.id, "localhost"])
-        .finish();
-    let said = neither.stderr();
-    assert_eq!(neither.code(), 2, "{said}");
-    assert!(said.contains("nor the name of a host with one"), "{said}");
-    let (_, port) = address.rsplit_once(':').unwrap();
-    let host = format!("localhost:{port}");
-    let trusted = far.gateway("trust", &["near", &near.id, &host]).finish();
-    assert_eq!(trusted.code(), 0, "{trusted:?}");
-    let twice = far.gateway("trust", &["near", &near.id]).finish();
-    assert_eq!(twice.code(), 1);
-    assert!(
-        twice.stderr().contains("two peers of the name near"),
-        "{twice:?}"
-    );
+    trust_near(&far, &near.id, address);
     let (left, right) = (near.gateway("run", &[]), far.gateway("run", &[]));
     let peers = |side: &Side| side.domain.run(&["gateway", "peers", "--json"]);
     until("connected", || {
@@ -121,6 +106,26 @@ fn two_domains_as_the_readme_says() {
     let none = peers(&far);
     assert_eq!(none.code(), 1);
     assert!(none.stderr().contains("has no gateway"), "{none:?}");
+}
+
+/// Makes `far` trust the gateway `near` at `address`, after attempts that fail.
+fn trust_near(far: &Side, near_id: &str, address: &str) {
+    let neither = far
+        .gateway("trust", &["near", near_id, "localhost"])
+        .finish();
+    let said = neither.stderr();
+    assert_eq!(neither.code(), 2, "{said}");
+    assert!(said.contains("nor the name of a host with one"), "{said}");
+    let (_, port) = address.rsplit_once(':').unwrap();
+    let host = format!("localhost:{port}");
+    let trusted = far.gateway("trust", &["near", near_id, &host]).finish();
+    assert_eq!(trusted.code(), 0, "{trusted:?}");
+    let twice = far.gateway("trust", &["near", near_id]).finish();
+    assert_eq!(twice.code(), 1);
+    assert!(
+        twice.stderr().contains("two peers of the name near"),
+        "{twice:?}"
+    );
 }
 
 /// Asks a peer of `side` whether the peer offers a topic to `side`.

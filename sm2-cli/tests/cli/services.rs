@@ -86,9 +86,9 @@ fn a_call_takes_and_prints_values() {
         let failed = domain.run(&["service", "call", "math/sum"]);
         failed.failed(1, &["math/sum", "nothing\\n\\u{1b}[2Jto add"]);
         let wrong = domain.run(&["service", "call", "math/sum", "{\"a\": 1}"]);
-        wrong.failed(1, &["no message of type", "expected", "object"]);
+        wrong.failed(1, &["not a message of type", "expected", "object"]);
         let broken = domain.run(&["service", "call", "math/sum", "[1,"]);
-        broken.failed(2, &["no JSON", "quote it"]);
+        broken.failed(2, &["not JSON", "quote it"]);
         let mistyped = ["service", "call", "mth/sum", "[1]", "--timeout", "200ms"];
         domain
             .run(&mistyped)

@@ -190,7 +190,10 @@ fn inputs_that_cannot_be_read_are_named() {
     if fs::read(&unreadable).is_ok() {
         eprintln!("not tried: this user (root) may read every file");
     } else {
-        publish(from).failed(1, &[from, "Permission denied", "give this user the right"]);
+        publish(from).failed(
+            1,
+            &[from, "Permission denied", "give this user the permission"],
+        );
     }
 
     // A file that can be opened and fails when it is read.

@@ -139,6 +139,10 @@ fn what_does_not_fit_is_named_with_its_path() {
     for (given, expected) in cases {
         assert_eq!(wrong(PATH, given), expected);
     }
+}
+
+#[test]
+fn a_wrong_value_alone_is_named_as_the_message() {
     assert_eq!(
         wrong("u16", json!(-1)),
         "message: expected a whole number of 0 to 65535, found -1"

@@ -40,7 +40,10 @@ impl fmt::Display for Summary {
         let dropped = [
             (counters.overwritten, "overwritten before they were sent"),
             (counters.discarded, "overwritten before they were received"),
-            (counters.deadline, "at the deadline of a subscriber without room"),
+            (
+                counters.deadline,
+                "at the deadline of a subscriber without room",
+            ),
             (counters.closed, "to subscribers that left"),
         ];
         write!(

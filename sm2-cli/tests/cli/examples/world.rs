@@ -150,7 +150,11 @@ impl World {
             fs::create_dir_all(self.path(folder)).unwrap();
         }
         fs::set_permissions(self.path("run"), PermissionsExt::from_mode(0o700)).unwrap();
-        for (file, len) in [("request.bin", 100), ("robot.log", 100), ("disk.img", 3 << 20)] {
+        for (file, len) in [
+            ("request.bin", 100),
+            ("robot.log", 100),
+            ("disk.img", 3 << 20),
+        ] {
             let line = b"some bytes\n".iter().copied().cycle();
             let bytes: Vec<_> = line.take(len).collect();
             fs::write(self.path("work").join(file), bytes).unwrap();
@@ -321,7 +325,9 @@ impl Moved {
             let plan = driver.server::<Plan, Plan>("plan").unwrap();
             servers.push(Box::new(move || {
                 while let Ok(Some(request)) = plan.try_recv() {
-                    let Plan { goal: Point { x, y } } = *request;
+                    let Plan {
+                        goal: Point { x, y },
+                    } = *request;
                     let goal = Point { x, y };
                     drop(request.reply(&Plan { goal }));
                 }
