@@ -1,4 +1,4 @@
-//! Arguments that several commands share, and the readers of their values.
+//! Arguments that several commands share, and the parsers of their values.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -39,7 +39,7 @@ pub(crate) enum Integrity {
     Sealed,
 }
 
-/// Reads a name as a person types it: one leading `/` is dropped.
+/// Parses a name from the command line. One leading `/` is dropped.
 pub(crate) fn name(text: &str) -> Result<Name, String> {
     Name::typed(text).map_err(|error| {
         let fault = match error {
@@ -52,7 +52,7 @@ pub(crate) fn name(text: &str) -> Result<Name, String> {
     })
 }
 
-/// Reads a positive number that is not infinite.
+/// Parses a finite number above zero.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() && value > 0.0 => Ok(value),

@@ -1,4 +1,4 @@
-//! Message types that need no definition: their names alone say what hash and schema they have.
+//! Built-in message types, whose names alone determine their hashes and schemas.
 
 use sm2_node::Message;
 use sm2_proto::{Name, TypeId};

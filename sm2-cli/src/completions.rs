@@ -29,7 +29,7 @@ enum For {
     Fish,
 }
 
-/// Prints the completions of `root`.
+/// Prints the completion script of `root`.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! `sm2 man`: the manual pages, from the same texts as `--help`.
+//! `sm2 man`: manual pages from the texts of `--help`.
 
 use std::{
     fs,
@@ -63,7 +63,7 @@ fn named<'a>(root: &'a Command, words: &[String]) -> Result<&'a Command, CliErro
     })
 }
 
-/// The commands of a command, less `help` (which has no page) and hidden ones.
+/// The subcommands of a command, without hidden ones and without `help`, which has no page.
 fn visible(command: &Command) -> impl Iterator<Item = &Command> {
     command
         .get_subcommands()
@@ -83,7 +83,7 @@ fn full_name(command: &Command) -> String {
     name.replace(' ', "-")
 }
 
-/// The page: what clap knows, and the paragraphs after the help as sections of their own.
+/// The page of a command: clap's sections, and the paragraphs after the help as further sections.
 fn page(command: &Command) -> io::Result<Vec<u8>> {
     // Otherwise the page would list `help`, which has no page.
     let command = command.clone().disable_help_subcommand(true);

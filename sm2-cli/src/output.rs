@@ -32,7 +32,7 @@ impl Output {
     ///
     /// # Errors
     ///
-    /// [`CliError::Output`], here and below.
+    /// [`CliError::Output`], as for the methods below.
     pub(crate) fn write(
         &mut self,
         write: impl FnOnce(&mut BufWriter<StdoutLock<'static>>) -> io::Result<()>,

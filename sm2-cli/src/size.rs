@@ -14,18 +14,18 @@ pub(crate) const MESSAGE_MAX_BYTES: u64 = 4 << 30;
 /// The reason for which a text is not a [`Size`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum SizeError {
-    /// Not a number and a unit.
+    /// The text is not a number with a unit.
     #[error(
         "a size is a number and a unit, such as 10MB: B, KB, MB, GB (1000) or KiB, MiB, GiB (1024)"
     )]
     Form,
-    /// Not a whole number of bytes.
+    /// The size is not a whole number of bytes.
     #[error("a size is a whole number of bytes")]
     Fraction,
-    /// Nothing.
+    /// The size is zero.
     #[error("a size is at least 1 byte")]
     Zero,
-    /// More than a message can have.
+    /// The size is larger than the largest message.
     #[error("a size is at most 1 TiB ({MESSAGE_MAX} bytes)")]
     TooLarge,
 }

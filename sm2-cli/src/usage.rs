@@ -12,7 +12,7 @@ use crate::{
     ended::WRONG_USAGE,
 };
 
-/// Reads a command line, its program first.
+/// Parses a command line, whose first argument is the program.
 ///
 /// # Errors
 ///

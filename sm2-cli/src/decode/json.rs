@@ -187,7 +187,7 @@ impl<'a> Visitor<'a> for Reader<'a> {
     }
 
     fn visit_map<A: MapAccess<'a>>(self, mut map: A) -> Result<Value<'a>, A::Error> {
-        // Structures have the fields that they have; maps are as long as somebody likes.
+        // A structure has a fixed number of fields; a map may have any length.
         let keep = match self.meant {
             Meant::Map(_) => self.keep,
             _ => usize::MAX,

@@ -4,10 +4,10 @@
 //!
 //! | type | JSON, in and out |
 //! | --- | --- |
-//! | numbers | numbers; 128-bit ones (out only, where the encoding is `json`), `"NaN"`, `"inf"` and `"-inf"` as texts |
-//! | structure | object; a tuple is an array, one of a single value that value, an empty one `null` |
+//! | numbers | numbers; `"NaN"`, `"inf"`, `"-inf"` and 128-bit ones as texts (only in output if the encoding is `json`) |
+//! | structure | object; a tuple is an array, a tuple of one value is that value, an empty structure is `null` |
 //! | enumeration | `"Name"`, or `{"Name": fields}` |
-//! | map | object, if keys are texts, characters, whole numbers or booleans; else pairs |
+//! | map | object, if keys are texts, characters, whole numbers or booleans; else an array of pairs |
 //! | optional | the value or `null` |
 mod error;
 mod json;
@@ -58,11 +58,11 @@ pub(crate) fn decode<'a>(
     }
 }
 
-/// The message that a person means by this JSON.
+/// Encodes JSON from the command line as a message.
 ///
 /// # Errors
 ///
-/// [`EncodeError`] with the path to what does not fit the schema.
+/// [`EncodeError`] with the path to the value that does not fit the schema.
 pub(crate) fn encode(schema: &Schema, given: &serde_json::Value) -> Result<Vec<u8>, EncodeError> {
     let root = schema.root();
     match schema.encoding() {

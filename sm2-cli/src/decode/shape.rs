@@ -4,7 +4,7 @@ use sm2_proto::schema::{Field, Type};
 
 /// The form in which a structure is shown, to people and in JSON.
 pub(super) enum Shape<'a> {
-    /// Nothing.
+    /// A structure without fields.
     Unit,
     /// The value of its only, nameless field.
     Single(&'a Type),

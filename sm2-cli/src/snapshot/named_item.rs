@@ -125,7 +125,7 @@ impl NamedItem {
         }
     }
 
-    /// Whether it is a node of that name, or part of it.
+    /// Whether the item is the node of this name, or an interface of that node.
     pub(super) fn belongs_to(&self, node: &Name) -> bool {
         match self {
             Self::Node(it) => it.name == node.as_str(),

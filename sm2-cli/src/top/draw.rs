@@ -95,8 +95,8 @@ fn footer(state: &State, hidden: usize, screen: u16) -> String {
     line
 }
 
-/// The columns that fit the screen, in their order. A cell is never cut: the columns are left out
-/// by their rank. The name stays, and the column by which rows are sorted goes last.
+/// The columns that fit the screen, in their order. A cell is never cut: whole columns are left out, by
+/// their rank. The name stays, and the column by which rows are sorted is left out last.
 fn fitting_columns(table: &Table, sort: usize, screen: u16) -> Vec<usize> {
     let widths = widths(table);
     let mut columns: Vec<_> = (0..table.columns.len()).collect();

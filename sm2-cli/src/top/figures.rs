@@ -1,4 +1,4 @@
-//! The tables of `sm2 top`: topics and nodes with what they counted in the last interval.
+//! The tables of `sm2 top`: the figures of topics and nodes in the last interval.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ pub(super) struct Figures {
     pub(super) nodes: Table,
 }
 
-/// Which table is shown.
+/// The table that is shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Tab {
     #[default]

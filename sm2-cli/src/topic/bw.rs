@@ -1,4 +1,4 @@
-//! `sm2 topic bw`: how many bytes are published.
+//! `sm2 topic bw`: the bandwidth of published messages.
 
 use clap::Args;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `sm2 topic hz`: how often messages are published.
+//! `sm2 topic hz`: the rate at which messages are published.
 
 use clap::Args;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `sm2 topic loss`: what became of messages.
+//! `sm2 topic loss`: the fates of messages.
 
 use clap::Args;
 use serde::Serialize;

@@ -36,7 +36,7 @@ pub(crate) struct Common {
     /// Exit after this number of reports
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// Fail if there is nothing to measure for so long [default: 10s with --count, else no limit]
+    /// Fail if there is nothing to measure for this time [default: 10s with --count, else no limit]
     #[arg(long, value_name = "TIME", value_parser = time::span)]
     timeout: Option<Duration>,
     /// Print each report as one line of JSON
@@ -46,7 +46,7 @@ pub(crate) struct Common {
     domain: Domain,
 }
 
-/// The default of `--timeout` for a command that ends by itself: it must not wait for ever.
+/// The default of `--timeout` for a command that ends by itself: it must not wait forever.
 const TIMEOUT_WITH_COUNT: Duration = Duration::from_secs(10);
 
 impl Common {

@@ -30,11 +30,11 @@ pub(crate) enum Command {
     Pub(Box<publish::Arguments>),
     /// Print the messages of a topic, or write them to files
     Echo(echo::Arguments),
-    /// Measure how often messages are published
+    /// Measure the rate of messages
     Hz(hz::Arguments),
-    /// Measure how many bytes are published
+    /// Measure the bandwidth of messages
     Bw(bw::Arguments),
-    /// Measure how long messages take from publishing to receiving
+    /// Measure the delays of messages from publishing to receiving
     Delay(delay::Arguments),
     /// Show the fates of messages, for each link
     Loss(loss::Arguments),

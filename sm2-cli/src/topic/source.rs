@@ -45,7 +45,7 @@ pub(crate) trait Gate {
     fn pass(&self, input: BorrowedFd<'_>) -> Result<bool, CliError>;
 }
 
-/// The messages of one round through an input.
+/// An iterator over the messages of all inputs.
 pub(crate) struct Messages<'a, G> {
     inputs: vec::IntoIter<Input>,
     split: Split,

@@ -1,4 +1,4 @@
-//! Real `sm2` processes in a domain of the test's own.
+//! Real `sm2` processes in the test's own domain.
 
 use std::{
     fmt, fs,

@@ -24,7 +24,7 @@ fn keys(value: &Value) -> BTreeSet<&str> {
 fn a_missing_loopback_interface_is_named() {
     let isolated = |program: &[&str]| {
         let mut command = Command::new("unshare");
-        // Not root in its user namespace: then the demo has no network namespaces of its own.
+        // The user is not root in the new user namespace, so the demo cannot create network namespaces.
         command.args(["--net", "--map-user=1000"]).args(program);
         Running::start(&mut command).finish()
     };

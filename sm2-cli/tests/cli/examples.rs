@@ -1,4 +1,4 @@
-//! Every example of every `--help` text, run as a person would run it, each in a domain of its own.
+//! Runs every example of every `--help` text in a shell, each in its own domain.
 
 mod world;
 
@@ -28,7 +28,7 @@ use crate::{
 /// Examples that run at the same time: most of them wait for one second or more.
 const WORKERS: usize = 4;
 
-/// Parts of examples that belong to a real machine, and what stands for them here.
+/// Paths and values of a real machine in examples, and their replacements in this test.
 const REPLACED: [(&str, &str); 7] = [
     ("/run/robot/", ""),
     ("/usr/local/share/", "share/"),
@@ -39,7 +39,7 @@ const REPLACED: [(&str, &str); 7] = [
     ("sm2 demo --bad-link", "sm2 demo --seconds 6 --bad-link"),
 ];
 
-/// The way in which an example comes to its end.
+/// The way in which an example ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ending {
     ByItself,

@@ -1,4 +1,4 @@
-//! The `sm2` command as its users meet it: real processes, each test in a domain of its own.
+//! Tests of the `sm2` command with real processes, each in its own domain.
 
 mod common;
 mod decoded;

@@ -1,4 +1,4 @@
-//! `sm2 topic hz`, `bw`, `delay` and `loss`: what they count, and that they only look.
+//! `sm2 topic hz`, `bw`, `delay` and `loss`: their figures, and that measuring changes nothing.
 
 use std::io::IoSlice;
 
@@ -12,7 +12,7 @@ use sm2_proto::{
 
 use crate::common::{Domain, Running, cells, listener, sm2, talker, until};
 
-/// Everything in the domain but the nodes that look.
+/// The state of the domain, without the nodes that measure.
 fn graph(domain: &Domain) -> Value {
     let snapshot = domain.json(&["snapshot"]);
     let of = |what: &str| -> Vec<Value> {
@@ -168,10 +168,10 @@ fn loss_adds_up() {
     let (_talker, _) = talker(&domain, "scan");
     let (listener, _) = listener(&domain, "scan", 1);
     listener.await_stdout("hello");
-    // It takes nothing any more, and its window is soon full.
+    // The subscriber receives nothing more, so its window is soon full.
     listener.signal(Signal::SIGSTOP);
     let loss = domain.start(&["topic", "loss", "scan", "--interval", "20ms", "--json"]);
-    // On the ring lane they are displaced in memory that both share, else on the sender's side.
+    // On the ring lane messages are displaced in shared memory, otherwise on the sender's side.
     let displaced = |report: &Value| {
         let of = |what: &str| report["links"][0][what].as_u64();
         of("overwritten") > Some(0) || of("discarded") > Some(0)

@@ -65,7 +65,7 @@ fn a_call_takes_and_prints_values() {
             (0, "6.5\n".into()),
             "{call:?}"
         );
-        // A client notes when it called, which is no delay.
+        // A client notes the time of its call, which is not a delay.
         let client = node.client::<[f64], f64>("math/sum").unwrap();
         let sum = client.call(&[1.0, 2.0]).unwrap();
         assert_eq!(*sum, 3.0);

@@ -17,8 +17,7 @@ pub(crate) fn for_plain_type(
         .or_else(|| padding_at_end(input))
 }
 
-/// An implementation of `Message` in place of the right one, so that the uses of the type cause no
-/// more errors.
+/// A placeholder implementation of `Message`, so that the uses of the type cause no further errors.
 pub(crate) fn placeholder(input: &DeriveInput, name: &LitStr) -> TokenStream {
     let ident = &input.ident;
     let (params, arguments, bounds) = input.generics.split_for_impl();
@@ -49,8 +48,8 @@ pub(crate) fn placeholder(input: &DeriveInput, name: &LitStr) -> TokenStream {
     }
 }
 
-/// Whether the Cargo.toml of the crate that is compiled names another crate. True if there is no
-/// Cargo.toml: then rustc was started by something else than cargo.
+/// Whether the Cargo.toml of the compiled crate names another crate. True without a Cargo.toml: rustc was not
+/// started by cargo then.
 pub(crate) fn manifest_names(crate_name: &str) -> bool {
     let manifest = env::var("CARGO_MANIFEST_DIR")
         .ok()
@@ -93,8 +92,8 @@ fn missing_zerocopy(input: &DeriveInput, has_zerocopy: bool) -> Option<Error> {
     Some(Error::new_spanned(&input.ident, message))
 }
 
-/// A number before a list of smaller elements: the size of the whole is rounded up to the
-/// alignment of the number, so that there is padding behind some numbers of elements.
+/// Finds a number before a list of smaller elements. The size of the structure is rounded up to the alignment
+/// of the number, so some lengths of the list leave padding.
 fn padding_at_end(input: &DeriveInput) -> Option<Error> {
     if !has_repr(&input.attrs, "C") || has_repr(&input.attrs, "packed") {
         return None;

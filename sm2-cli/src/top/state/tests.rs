@@ -35,7 +35,7 @@ fn rows_are_sorted_by_any_column_either_way() {
     let mut state = State::default();
     assert_eq!(names(&state), ["image", "scan", "tf"]);
     press(&mut state, KeyCode::Char('s'));
-    // The largest first, what is not known last.
+    // The largest number comes first, unknown ones last.
     assert_eq!(names(&state), ["scan", "image", "tf"]);
     press(&mut state, KeyCode::Char('r'));
     assert_eq!(names(&state), ["tf", "image", "scan"]);
@@ -50,7 +50,7 @@ fn a_filter_is_typed_kept_and_dropped() {
         press(&mut state, KeyCode::Char(c));
     }
     assert_eq!(names(&state), ["image", "scan"]);
-    // A letter, not the command.
+    // Letters go to the filter, not to commands.
     assert_eq!(press(&mut state, KeyCode::Char('q')), After::GoOn);
     assert!(names(&state).is_empty());
     press(&mut state, KeyCode::Backspace);

@@ -37,7 +37,7 @@ fn a_message_that_cannot_be_written_leaves_nothing() {
     let parent = tempfile::tempdir().unwrap();
     let path = parent.path().join("folder");
     let mut folder = Folder::open(&path).unwrap();
-    // In the way of the renaming, whoever runs this test.
+    // A folder in place of the file makes the rename fail, even for root.
     fs::create_dir(path.join("000000.bin")).unwrap();
     let error = folder.store(b"message").unwrap_err();
     assert!(error.to_string().starts_with("cannot write "), "{error}");

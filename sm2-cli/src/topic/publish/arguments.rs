@@ -29,7 +29,7 @@ pub(crate) struct Arguments {
     pub(super) value: Option<String>,
     #[command(flatten)]
     parts: Parts,
-    /// Publish this many messages each second [default: as fast as they can be read]
+    /// The number of messages per second [default: as fast as the input can be read]
     #[arg(long, value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
     pub(super) rate: Option<f64>,
     /// Start again at the end of the input, until Ctrl-C

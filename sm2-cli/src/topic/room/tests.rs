@@ -32,14 +32,14 @@ fn a_link_that_takes_nothing_is_waited_for_so_long() {
     let mut room = Room::default();
     assert!(!room.look(at(0), [link(1, 7, FULL)]));
     assert!(!room.look(at(9), [link(1, 7, FULL)]));
-    // It took one, and has its time again.
+    // The subscriber received a message, so its timeout starts again.
     assert!(!room.look(at(9), [link(1, 8, FULL)]));
     assert!(!room.look(at(18), [link(1, 8, FULL)]));
     assert!(room.look(at(19), [link(1, 8, FULL)]));
-    // From now on it is not waited for, and the others are.
+    // After the timeout, only the other links delay the publisher.
     assert!(room.look(at(20), [link(1, 8, FULL), link(2, 0, 0)]));
     assert!(!room.look(at(21), [link(1, 8, FULL), link(2, 0, FULL)]));
-    // Until it takes something.
+    // The link delays the publisher again once the subscriber has received a message.
     assert!(!room.look(at(40), [link(1, 9, FULL)]));
 }
 

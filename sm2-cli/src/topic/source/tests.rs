@@ -2,7 +2,7 @@ use std::{cell::Cell, io::Write, os::unix::fs::symlink, thread};
 
 use super::*;
 
-/// Lets pass so often.
+/// A gate that passes this number of times.
 struct Passes(Cell<u32>);
 
 impl Gate for Passes {
@@ -95,7 +95,7 @@ fn what_cannot_be_read_says_which_path_it_is() {
     );
     assert_eq!(error.to_string(), expected);
 
-    // A file that opens, but whose first page is mapped nowhere.
+    // This file can be opened, but its first page is not mapped, so reading fails.
     let gate = Passes(Cell::new(u32::MAX));
     let inputs = Input::Path("/proc/self/mem".into()).inputs().unwrap();
     let mut messages = Messages::new(inputs, Split::Whole, &gate);
