@@ -34,6 +34,8 @@ mod messages;
 mod names;
 mod node;
 mod output;
+#[cfg(test)]
+mod reference;
 mod sampling;
 mod service;
 mod size;
