@@ -101,11 +101,11 @@
 //! *Waiting.* Each operation that waits exists in up to three forms, named as in the standard
 //! library and in crossbeam:
 //!
-//! | form | waits |
+//! | form | waits at most |
 //! | --- | --- |
-//! | `recv()`, `wait_for_subscribers(n)`, `call(..)`, `spin_once()` | without a time limit |
-//! | `recv_timeout(d)`, `wait_for_subscribers_timeout(n, d)`, `call_timeout(.., d)`, `spin_once_timeout(d)` | for at most `d`, a `Duration` |
-//! | `try_recv()`, `try_wait()`, and [`Node::spin_some`] | never |
+//! | `recv()`, `wait_for_subscribers(n)`, `call(..)`, `spin_once()` | without limit |
+//! | `recv_timeout(d)`, `wait_for_subscribers_timeout(n, d)`, `call_timeout(.., d)`, `spin_once_timeout(d)` | `d` |
+//! | `try_recv()`, `try_wait()`, and [`Node::spin_some`] | not at all |
 //!
 //! A time limit is never an `Option`. After its time limit, a call without a result returns `None`, an empty
 //! collection, 0 or `false`. It returns an error if a condition that the program asked for (enough links, a
@@ -131,12 +131,15 @@
 //! | --- | --- | --- |
 //! | inline | up to `inline_max` bytes, on the socket lane | a copy for each receiver |
 //! | pooled | longer ones, and all by a ring | one copy into a slot that all receivers read; none for a [`Loan`] |
-//! | sealed | longer ones, if publisher, subscriber or the domain's policy say so | new memory for each message, which nobody can change any more |
+//! | sealed | longer ones, if publisher, subscriber or policy require it | new, immutable memory for each message |
 //!
 //! | lane | which links | cost |
 //! | --- | --- | --- |
-//! | ring | unsealed links between two nodes that both [offer](NodeBuilder::ring_lane) it | two atomic words; no system call while both sides are awake ([`Wait`]), except one look at the sockets every 100 µs |
+//! | ring | unsealed links between two nodes that both [offer](NodeBuilder::ring_lane) it | two atomic words |
 //! | socket | all others | a system call on each side |
+//!
+//! On the ring lane, a message needs no system call while both sides are awake ([`Wait`]). The library reads
+//! the sockets every 100 µs.
 //!
 //! # Further reading
 //!

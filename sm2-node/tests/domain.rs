@@ -403,11 +403,7 @@ fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
     drop(subscriber);
     until(|| publisher.links()[0].end.is_some());
     let view = tool.inspect(talker.id().unwrap()).unwrap().unwrap();
-    assert_eq!(
-        view.entries().count(),
-        1,
-        "the entry of the link is free again"
-    );
+    assert_eq!(view.entries().count(), 1, "the link's entry is free again");
     drop(publisher);
     assert_eq!(view.entries().count(), 0);
     assert!(
