@@ -96,7 +96,7 @@ impl OnTerminal {
             status.is_some()
         });
         assert_eq!(status.unwrap().code(), Some(code));
-        // The cursor and the former screen are restored.
+        // The cursor and the previous screen are restored.
         self.sends("\x1b[?1049l");
         self.sends("\x1b[?25h");
         assert!(self.is_restored());

@@ -30,10 +30,8 @@ pub(crate) const REPETITIONS: &[(&str, usize)] = &[
 /// `prose.rs` at most.
 pub(crate) const SENTENCES: &[(&str, usize)] = &[
     (".", 2),
-    ("sm2-cli", 131),
     ("sm2-gateway", 67),
     ("sm2-node", 54),
-    ("sm2-node/derive", 1),
     ("sm2-proto", 439),
     ("tests", 2),
 ];
