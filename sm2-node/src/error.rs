@@ -17,6 +17,7 @@ use sm2_proto::domain::BrokenAnswer;
 use sm2_proto::limits::MESSAGE_MAX;
 use sm2_proto::node::End;
 use sm2_proto::schema::ParseError;
+use sm2_proto::text::Counted;
 use sm2_proto::{Kind, Name, NameError, QosError, Quota, Refusal, TypeId};
 
 use crate::{EncodeError, PayloadError};
@@ -335,8 +336,10 @@ pub enum PublishError {
     /// Some reliable links missed the message. Only
     /// [`Published::complete`](crate::Published::complete) returns this error.
     #[error(
-        "{missed} reliable subscribers had no room before the deadline, {links} subscribers have \
-         the message: raise the deadline, or their depth"
+        "{} had no room before the deadline, and {} received the message: \
+         raise the deadline, or their depth",
+        Counted::new(*missed as u64, "reliable subscriber"),
+        Counted::new(*links as u64, "subscriber")
     )]
     DeadlineExceeded {
         /// The number of links that have the message.
@@ -356,8 +359,9 @@ pub enum RecvError {
     /// The program holds `max_borrowed` samples of this link (SM2-MSG-005), and no other link has
     /// a message.
     #[error(
-        "this program holds {held} samples of node {publisher}, which is max_borrowed: \
-         drop some, or raise max_borrowed"
+        "this program holds {} of node {publisher}, which is max_borrowed: \
+         drop some, or raise max_borrowed",
+        Counted::new(u64::from(*held), "sample")
     )]
     TooManyBorrowed {
         /// The number of samples held.

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::ops::Deref;
 
+use sm2_proto::text::Counted;
 use sm2_proto::{Name, TypeId};
 
 use crate::Payload;
@@ -187,7 +188,10 @@ pub struct EncodeError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PayloadError {
     /// The length does not fit the type.
-    #[error("{len} bytes are not a message of type {type_name}: check who publishes it")]
+    #[error(
+        "a message of type {type_name} cannot have {}: check who publishes it",
+        Counted::new(*len as u64, "byte")
+    )]
     Length {
         /// The message type.
         type_name: &'static str,
@@ -201,7 +205,10 @@ pub enum PayloadError {
         type_name: &'static str,
     },
     /// The bytes do not decode.
-    #[error("{len} bytes are not a message of type {type_name}: {reason}")]
+    #[error(
+        "{} cannot be decoded as a message of type {type_name}: {reason}",
+        Counted::new(*len as u64, "byte")
+    )]
     Encoding {
         /// The message type.
         type_name: &'static str,
