@@ -20,7 +20,7 @@ use sm2_proto::{
 use crate::{
     Config,
     names::status_service,
-    shadow::{Because, Change},
+    shadow::{Because, Change, Effect},
     tally::Counts,
 };
 
@@ -62,11 +62,11 @@ impl ShadowReport {
     pub(crate) fn new(change: &Change, names: &BTreeMap<GatewayId, Name>, config: &Config) -> Self {
         let (kind, name) = &change.of;
         let peer = names.get(&change.peer);
-        let would = match (change.direction, change.would_go) {
-            (Direction::Out, true) => "be offered",
-            (Direction::Out, false) => "no longer be offered",
-            (Direction::In, true) => "come in",
-            (Direction::In, false) => "no longer come in",
+        let would = match (change.direction, change.effect) {
+            (Direction::Out, Effect::Starts) => "be offered",
+            (Direction::Out, Effect::Stops) => "no longer be offered",
+            (Direction::In, Effect::Starts) => "come in",
+            (Direction::In, Effect::Stops) => "no longer come in",
         };
         let because = match change.because {
             Because::Rule(rule) => match config.rule_lines.get(rule) {

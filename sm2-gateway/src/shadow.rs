@@ -33,10 +33,19 @@ pub struct Change {
     pub direction: Direction,
     /// The topic or service.
     pub of: Key,
-    /// True if it would start to be carried, false if it would stop.
-    pub would_go: bool,
+    /// Whether it would start or stop to be carried.
+    pub effect: Effect,
     /// The reason in the other rules.
     pub because: Because,
+}
+
+/// The effect of a change of rules on a topic or service.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Effect {
+    /// It would stop to be carried.
+    Stops,
+    /// It would start to be carried.
+    Starts,
 }
 
 /// The reason of a decision.
@@ -68,16 +77,19 @@ pub fn changes(now: &RuleSet, then: &RuleSet, seen: &Seen) -> Vec<Change> {
                 Direction::In => by.decide(of, Direction::In, peer),
                 Direction::Out => by.goes_out(of, peer, seen),
             };
-            let (goes, (would_go, because)) = (decide(now).0, decide(then));
-            if goes != would_go {
-                changes.push(Change {
-                    peer,
-                    direction,
-                    of: of.clone(),
-                    would_go,
-                    because,
-                });
-            }
+            let ((is_carried, _), (would_be_carried, because)) = (decide(now), decide(then));
+            let effect = match (is_carried, would_be_carried) {
+                (false, true) => Effect::Starts,
+                (true, false) => Effect::Stops,
+                (false, false) | (true, true) => continue,
+            };
+            changes.push(Change {
+                peer,
+                direction,
+                of: of.clone(),
+                effect,
+                because,
+            });
         }
     }
     changes

@@ -6,24 +6,27 @@ use sm2_gateway::{
 };
 use sm2_proto::{
     Code, Instant, Machine, Name,
-    gateway::{GatewayId, Hop, PeerFarewell, session},
+    gateway::{
+        GatewayId, Hop, PeerFarewell,
+        session::{self, Initiator},
+    },
 };
 
 const SMALL: GatewayId = GatewayId([1; 32]);
 const GREAT: GatewayId = GatewayId([2; 32]);
 
-/// What a gateway closes when connections 1 and 2 greet: each as the peer's epoch, and whether this
-/// side opened it.
-fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, bool); 2]) -> (u64, Code) {
+/// What a gateway closes when connections 1 and 2 greet: each as the peer's epoch and its
+/// initiator.
+fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, Initiator); 2]) -> (u64, Code) {
     let gateway = me;
     let mut hub = Hub::new(Hop { gateway, epoch: 1 }, Policy::default());
     let mut closed = Vec::new();
-    for (connection, (epoch, is_dialled)) in (1..).zip(greeted) {
+    for (connection, (epoch, initiator)) in (1..).zip(greeted) {
         let name = Name::new("peer").unwrap();
         let event = Event::Session(session::Event::Greeted { peer, epoch, name });
         let input = Input::Peer {
             connection: ConnectionId(connection),
-            is_dialled,
+            initiator,
             event,
         };
         let Ok(()) = hub.handle(Instant(0), input);
@@ -51,7 +54,7 @@ fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, bool); 2]) -> (u64, Co
 #[test]
 fn of_two_connections_both_sides_keep_the_same() {
     let (stale, duplicate) = (PeerFarewell::Stale.code(), PeerFarewell::Duplicate.code());
-    let (ours, its) = (true, false);
+    let (ours, its) = (Initiator::ThisGateway, Initiator::Peer);
     // The epoch decides, whoever opened them.
     for (first, second) in [(ours, ours), (ours, its), (its, ours), (its, its)] {
         for (me, peer) in [(SMALL, GREAT), (GREAT, SMALL)] {

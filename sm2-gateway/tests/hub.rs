@@ -16,7 +16,9 @@ use sm2_proto::{
     Instant, Machine, Name, TypeId,
     gateway::{
         Action, AskId, Direction, GatewayId, Hop, OfferId, Pattern, PeerFarewell, Rule, Rules,
-        Subject, SubjectKind, Verdict, schedule::SendQos, session,
+        Subject, SubjectKind, Verdict,
+        schedule::SendQos,
+        session::{self, Initiator},
     },
 };
 
@@ -88,7 +90,7 @@ fn tell(hub: &mut Hub, connection: u64, event: Event) -> Vec<Output> {
         NOW,
         Input::Peer {
             connection: ConnectionId(connection),
-            is_dialled: false,
+            initiator: Initiator::Peer,
             event,
         },
     );
@@ -188,7 +190,7 @@ fn of_two_connections_with_one_peer_one_stays() {
         NOW,
         Input::Peer {
             connection: ConnectionId(1),
-            is_dialled: true,
+            initiator: Initiator::ThisGateway,
             event,
         },
     );

@@ -12,11 +12,14 @@ use sm2_gateway::{
     Config, ConfigError,
     hub::{Hub, Input, LocalCommand, LocalEvent, Output},
     peer::{Command, ConnectionId, Event},
-    shadow::{Because, Change, Seen, changes},
+    shadow::{Because, Change, Effect, Seen, changes},
 };
 use sm2_proto::{
     Instant, Machine, Name, TypeId,
-    gateway::{Action, Direction, GatewayId, Hop, OfferId, Subject, SubjectKind, session},
+    gateway::{
+        Action, Direction, GatewayId, Hop, OfferId, Subject, SubjectKind,
+        session::{self, Initiator},
+    },
 };
 
 type Key = (SubjectKind, Name);
@@ -83,7 +86,7 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
     let mut offers = BTreeMap::new();
     let tell = |connection, event| Input::Peer {
         connection,
-        is_dialled: false,
+        initiator: Initiator::Peer,
         event,
     };
     for (connection, peer) in (1..).zip(0..PEERS.len()) {
@@ -262,23 +265,24 @@ proptest! {
         }
         let found: BTreeMap<_, _> = changes
             .iter()
-            .map(|it| ((it.peer, it.direction, it.of.clone()), it.would_go))
+            .map(|it| ((it.peer, it.direction, it.of.clone()), it.effect == Effect::Starts))
             .collect();
         prop_assert_eq!(found.len(), changes.len());
         prop_assert_eq!(found, expected);
-        for Change { peer, direction, of, would_go, because } in changes {
+        for Change { peer, direction, of, effect, because } in changes {
+            let starts = effect == Effect::Starts;
             // The rule that it names says so: of this peer, or of the one that it comes from.
             let Because::Rule(rule) = because else {
-                prop_assert!(!would_go && because == Because::NoRule);
+                prop_assert!(!starts && because == Because::NoRule);
                 continue;
             };
             let says_so = |direction, peer| {
                 let by = decide(&then, of.0, of.1.as_str(), direction, peer);
-                by == (would_go, Some(rule))
+                by == (starts, Some(rule))
             };
             let peer = (0..PEERS.len()).find(|it| id(*it) == peer).unwrap();
             let is_so = says_so(direction, peer)
-                || (0..PEERS.len()).any(|it| !would_go && says_so(Direction::In, it));
+                || (0..PEERS.len()).any(|it| !starts && says_so(Direction::In, it));
             prop_assert!(is_so);
         }
     }
@@ -296,20 +300,20 @@ fn peers_that_are_not_in_both_files_change_all_of_theirs() {
         local: BTreeSet::from([scan.clone()]),
         offers: BTreeMap::new(),
     };
-    let change = |would_go, because| Change {
+    let change = |effect, because| Change {
         peer: id(2),
         direction: Direction::Out,
         of: scan.clone(),
-        would_go,
+        effect,
         because,
     };
     assert_eq!(changes(&all, &all, &seen), []);
     assert_eq!(
         changes(&all, &less, &seen),
-        [change(false, Because::NoPeer)]
+        [change(Effect::Stops, Because::NoPeer)]
     );
     assert_eq!(
         changes(&less, &all, &seen),
-        [change(true, Because::Rule(0))]
+        [change(Effect::Starts, Because::Rule(0))]
     );
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::{
     Name,
-    gateway::{GatewayId, Verdict},
+    gateway::{GatewayId, Verdict, session::Initiator},
 };
 use tokio::sync::{mpsc, oneshot};
 
@@ -26,7 +26,7 @@ pub(crate) enum HubEvent {
     /// The network task opened a connection.
     Opened {
         connection: ConnectionId,
-        is_dialled: bool,
+        initiator: Initiator,
         handle: PeerHandle,
     },
     /// A connection task reports an event.

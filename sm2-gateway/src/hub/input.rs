@@ -1,6 +1,6 @@
 //! The inputs of a hub.
 
-use sm2_proto::gateway::{GatewayId, OfferId, Subject};
+use sm2_proto::gateway::{GatewayId, OfferId, Subject, session::Initiator};
 
 use super::{domain::LocalEvent, policy::Policy};
 use crate::peer::{ConnectionId, Event};
@@ -12,8 +12,8 @@ pub enum Input {
     Peer {
         /// The connection.
         connection: ConnectionId,
-        /// True if this side opened it.
-        is_dialled: bool,
+        /// The side that opened it.
+        initiator: Initiator,
         /// The event.
         event: Event,
     },

@@ -69,7 +69,7 @@ pub struct Hub {
 struct Peer {
     /// The one connection that is used.
     connection: ConnectionId,
-    is_dialled: bool,
+    initiator: Initiator,
     epoch: u64,
     name: Name,
     /// The offers of the peer: the subject of each, and its origin.
@@ -96,9 +96,9 @@ impl Machine for Hub {
         match input {
             Input::Peer {
                 connection,
-                is_dialled,
+                initiator,
                 event,
-            } => self.peer(now, connection, is_dialled, event),
+            } => self.peer(now, connection, initiator, event),
             Input::Local(event) => self.local(now, event),
             Input::Policy(policy) => self.change(now, policy),
             Input::NoRoom(what) => self.no_room(&what),
@@ -192,9 +192,9 @@ impl Hub {
     }
 
     /// Handles an event of a connection.
-    fn peer(&mut self, now: Instant, connection: ConnectionId, is_dialled: bool, event: Event) {
+    fn peer(&mut self, now: Instant, connection: ConnectionId, initiator: Initiator, event: Event) {
         if let Event::Session(session::Event::Greeted { peer, epoch, name }) = event {
-            return self.greeted(now, connection, is_dialled, peer, epoch, name);
+            return self.greeted(now, connection, initiator, peer, epoch, name);
         }
         let Some(&peer) = self.connections.get(&connection) else {
             return;
@@ -275,21 +275,17 @@ impl Hub {
         &mut self,
         now: Instant,
         connection: ConnectionId,
-        is_dialled: bool,
+        initiator: Initiator,
         peer: GatewayId,
         epoch: u64,
         name: Name,
     ) {
         if let Some(it) = self.peers.get(&peer) {
-            let candidate = |epoch, is_dialled| Candidate {
-                epoch,
-                initiator: match is_dialled {
-                    true => Initiator::ThisGateway,
-                    false => Initiator::Peer,
-                },
+            let older = Candidate {
+                epoch: it.epoch,
+                initiator: it.initiator,
             };
-            let older = candidate(it.epoch, it.is_dialled);
-            let newer = candidate(epoch, is_dialled);
+            let newer = Candidate { epoch, initiator };
             let code = |lost: u64, stays: u64| match lost < stays {
                 true => PeerFarewell::Stale.code(),
                 false => PeerFarewell::Duplicate.code(),
@@ -306,7 +302,7 @@ impl Hub {
             peer,
             Peer {
                 connection,
-                is_dialled,
+                initiator,
                 epoch,
                 name: name.clone(),
                 offers: BTreeMap::new(),

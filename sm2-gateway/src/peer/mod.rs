@@ -35,7 +35,7 @@ use sm2_proto::{
     Code, Instant, Machine, MisuseError, Name,
     gateway::{
         GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
-        session::{self, Carrier, End, PeerEvent, Session},
+        session::{self, Carrier, End, Initiator, PeerEvent, Session},
     },
 };
 
@@ -165,10 +165,13 @@ impl Peer {
         peer
     }
 
-    /// True if this side opened the connection.
+    /// The side that opened the connection.
     #[must_use]
-    pub fn is_dialled(&self) -> bool {
-        self.connection.side() == Side::Client
+    pub fn initiator(&self) -> Initiator {
+        match self.connection.side() {
+            Side::Client => Initiator::ThisGateway,
+            Side::Server => Initiator::Peer,
+        }
     }
 
     /// The counts of all messages and calls.
@@ -380,7 +383,7 @@ impl Peer {
         let least = self.least_epochs.get(&peer).copied().unwrap_or(0);
         let Me { hop, name } = self.me.clone();
         self.session = Some(Session::new(now.at, hop, name, peer, least));
-        if self.is_dialled() {
+        if self.initiator() == Initiator::ThisGateway {
             self.control = self.connection.streams().open(Dir::Bi);
         }
         // The HELLO of this side.

@@ -8,7 +8,7 @@ use sm2_proto::{
     Code,
     gateway::{
         Carried, Header, OfferId, PeerFarewell, PeerViolationKind, StreamEnd,
-        session::{self, Carrier, Input, PeerEvent},
+        session::{self, Carrier, Initiator, Input, PeerEvent},
     },
     violation,
 };
@@ -34,7 +34,7 @@ impl Peer {
     /// The peer has opened streams.
     pub(super) fn accept(&mut self, now: Now, dir: Dir) {
         while let Some(id) = self.connection.streams().accept(dir) {
-            if dir == Dir::Bi && self.control.is_none() && !self.is_dialled() {
+            if dir == Dir::Bi && self.control.is_none() && self.initiator() == Initiator::Peer {
                 self.control = Some(id);
             }
             self.read(now, id);

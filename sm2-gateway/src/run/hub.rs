@@ -4,7 +4,10 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use sm2_proto::{
     Code, Machine, Name,
-    gateway::{GatewayId, PeerFarewell, session},
+    gateway::{
+        GatewayId, PeerFarewell,
+        session::{self, Initiator},
+    },
 };
 use tokio::sync::mpsc;
 
@@ -43,7 +46,7 @@ struct Task {
 }
 
 struct Connection {
-    is_dialled: bool,
+    initiator: Initiator,
     handle: PeerHandle,
 }
 
@@ -73,10 +76,10 @@ impl Task {
         match event {
             HubEvent::Opened {
                 connection,
-                is_dialled,
+                initiator,
                 handle,
             } => {
-                let it = Connection { is_dialled, handle };
+                let it = Connection { initiator, handle };
                 self.connections.insert(connection, it);
             }
             HubEvent::Peer { connection, event } => self.event(connection, event),
@@ -144,7 +147,7 @@ impl Task {
         let Some(it) = self.connections.get(&connection) else {
             return;
         };
-        let is_dialled = it.is_dialled;
+        let initiator = it.initiator;
         // Replaces the name that the peer gave itself, which need not be unique.
         if let Event::Session(session::Event::Greeted { peer, name, .. }) = &mut event {
             match self.names.get(peer) {
@@ -164,7 +167,7 @@ impl Task {
         self.revision += u64::from(is_over || is_offer);
         self.handle(Input::Peer {
             connection,
-            is_dialled,
+            initiator,
             event,
         });
         if is_over {

@@ -9,6 +9,7 @@ use sm2_proto::{
     gateway::{
         Beacon, GatewayId,
         discovery::{Discovery, Input, Output},
+        session::Initiator,
     },
 };
 use tokio::sync::mpsc;
@@ -225,7 +226,10 @@ impl Network {
         self.connections.insert(handle, task.clone());
         let event = HubEvent::Opened {
             connection: self.last,
-            is_dialled: dialled.is_some(),
+            initiator: match dialled {
+                Some(_) => Initiator::ThisGateway,
+                None => Initiator::Peer,
+            },
             handle: task,
         };
         let _ = self.shared.hub.send(event).await;

@@ -115,7 +115,7 @@ impl Node {
         let Some(link) = self.links.get_mut(&handle) else {
             return true;
         };
-        let (connection, is_dialled) = (link.number, link.peer.is_dialled());
+        let (connection, initiator) = (link.number, link.peer.initiator());
         let (events, dialled) = (std::mem::take(&mut link.events), link.dialled);
         if link.is_over(now) {
             if !link.peer.is_drained() {
@@ -134,7 +134,7 @@ impl Node {
             }
             let input = hub::Input::Peer {
                 connection,
-                is_dialled,
+                initiator,
                 event,
             };
             self.tell(now, Message::Hub(input));

@@ -1,6 +1,6 @@
 //! What has to be so when nothing has happened for a while.
 
-use sm2_proto::gateway::{Outcome, SubjectKind};
+use sm2_proto::gateway::{Outcome, SubjectKind, session::Initiator};
 
 use crate::{ops::ask, script::Simulation};
 
@@ -130,7 +130,7 @@ impl Simulation {
             assert!(!node.domain.is_serving(), "{index} serves somebody");
             assert_eq!(node.hub.open_calls(), 0, "calls at {index}");
             for peer in node.open_peers() {
-                let control = u64::from(!peer.is_dialled());
+                let control = u64::from(peer.initiator() == Initiator::Peer);
                 let usage = peer.usage();
                 let streams = (usage.bidirectional_streams, usage.unidirectional_streams);
                 assert_eq!(
