@@ -38,7 +38,7 @@ fn point(text: &str) -> TypeId {
 
 //= SM2-MAT-003 test
 #[test]
-fn linked_and_on_what_terms() {
+fn linked_pairs_state_their_qos() {
     let said = |one: &Contract, other: &Contract, more: &[Item]| {
         let text = text(one, other, more);
         let (what, qos) = text.split_once('\n').expect("two lines");
@@ -245,7 +245,7 @@ fn types_that_differ() {
 
 //= SM2-WCH-004, SM2-IFC-005, SM2-IFC-006 test
 #[test]
-fn refused_and_by_whom() {
+fn refusals_name_the_conflicting_interface() {
     let image = subscriber("scan", Some(&data("Image")));
     let stated = Refusal::TopicType {
         theirs: data("Scan"),

@@ -157,7 +157,7 @@ fn claims_that_differ() {
 /// and do other things: the owners notice nothing.
 //= SM2-RES-004 test
 #[test]
-fn whoever_does_not_know_the_key_changes_nothing() {
+fn claims_without_the_key_change_nothing() {
     let mine = [(OFFERING, scan()), (DEMANDING, wanted())];
     let hostile = |bench: &mut Bench, text: &str| {
         let node = back(bench, text, &mine);

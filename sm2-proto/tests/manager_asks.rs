@@ -155,7 +155,7 @@ const POSE: &str = "postcard:struct{x:f64,y:f64,}";
 
 //= SM2-SCH-001, SM2-SCH-002 test
 #[test]
-fn texts_live_as_long_as_somebody_who_registered_them() {
+fn texts_live_as_long_as_a_session_that_registered_them() {
     let mut bench = Bench::new(UNLIMITED);
     let (a, b, c) = (bench.node(1, "a"), bench.node(2, "b"), bench.node(1, "c"));
     let pose = typed(POSE, "Pose");

@@ -17,7 +17,7 @@ use support::{
 
 //= SM2-TRN-009, SM2-SES-006 test
 #[test]
-fn whoever_does_not_read_is_given_up() {
+fn a_session_that_does_not_read_is_given_up() {
     let mut bench = Bench::new(UNLIMITED);
     let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
     bench.declared(a, 1, &scan());
@@ -31,7 +31,7 @@ fn whoever_does_not_read_is_given_up() {
 
 //= SM2-SES-004 test
 #[test]
-fn whoever_does_not_greet_in_time_is_given_up() {
+fn a_connection_without_a_timely_greeting_is_given_up() {
     let mut bench = Bench::new(UNLIMITED);
     assert_eq!(bench.manager.deadline(), None);
     let start = bench.now;

@@ -86,7 +86,7 @@ fn links_wait_until_others_are_read() {
 
 //= SM2-LNK-007 test
 #[test]
-fn who_does_not_read_holds_up_nobody_else() {
+fn a_session_that_does_not_read_holds_up_no_other() {
     let mut bench = Bench::new(POLICY);
     let deaf = offering(&mut bench, "deaf", 10);
     let fine = offering(&mut bench, "fine", 10);
@@ -107,7 +107,7 @@ fn who_does_not_read_holds_up_nobody_else() {
 /// its links, whatever other nodes do.
 //= SM2-LNK-007 test
 #[test]
-fn nobody_fills_the_queue_of_another_session() {
+fn no_session_fills_the_queue_of_another() {
     let mut bench = Bench::new(POLICY);
     let deaf = bench.node(1, "deaf");
     bench.declared(deaf, 1, &scan());

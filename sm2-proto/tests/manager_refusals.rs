@@ -168,7 +168,7 @@ fn interfaces_per_user() {
 
 //= SM2-MAT-002 test
 #[test]
-fn links_per_session_of_whoever_declares() {
+fn links_per_session_of_the_declaring_node() {
     let mut bench = Bench::new(Policy {
         links_per_session: 2,
         ..UNLIMITED

@@ -302,7 +302,7 @@ fn breaches_while_resuming() -> Vec<(Violation, Vec<u8>, usize)> {
 /// The other sessions notice nothing of a session that breaks SPEC while it resumes.
 //= SM2-SES-005, SM2-SES-006, SM2-RES-003 test
 #[test]
-fn a_violation_while_resuming_is_nobody_elses() {
+fn a_violation_while_resuming_affects_no_other_session() {
     for (violation, bytes, fds) in breaches_while_resuming() {
         let mut scene = scene(Phase::Resuming);
         let mut left = scene.bench.clone();

@@ -75,7 +75,7 @@ fn keys(changes: &Changes) -> Vec<(Key, bool)> {
 
 //= SM2-WCH-001 test
 #[test]
-fn whoever_waits_is_answered_once() {
+fn each_watch_is_answered_once() {
     let mut bench = Bench::new(UNLIMITED);
     let (a, b, c) = (bench.node(1, "a"), bench.node(1, "b"), bench.node(1, "c"));
     let now = bench.manager.revision();

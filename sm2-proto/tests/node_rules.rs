@@ -191,7 +191,7 @@ fn a_link_that_cannot_be() {
 
 //= SM2-MAT-003 test
 #[test]
-fn the_manager_may_seal_what_nobody_asked_to_but_not_unseal() {
+fn the_manager_may_seal_without_a_demand_but_not_unseal() {
     let sealed = |interface, sealed| {
         let mut frame = link(interface, 2);
         if let ToNode::Link { sealed: it, .. } = &mut frame {
