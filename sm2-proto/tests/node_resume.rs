@@ -120,11 +120,18 @@ fn a_node_that_was_never_welcomed_resumes_nothing() {
     node.handle(NOW, Input::Eof).expect("a session");
     assert_eq!(drain(&mut node), [Output::Ended(End::Eof)]);
     assert_eq!(node.declare(contract()), Err(Misuse::NotReady.into()));
+    assert!(!node.was_welcomed());
     node.handle(NOW, Input::Reconnected).expect("away");
     assert_eq!(sent(&drain(&mut node)), [hello(false)]);
     let outputs = receive(&mut node, &welcome()).expect("legal");
-    assert!(matches!(&outputs[..], [Output::Welcomed { .. }]));
-    assert!(node.is_ready());
+    assert!(matches!(
+        &outputs[..],
+        [Output::Welcomed {
+            resuming: false,
+            ..
+        }]
+    ));
+    assert!(node.is_ready() && node.was_welcomed());
 }
 
 //= SM2-RES-002 test
@@ -136,7 +143,11 @@ fn a_node_with_nothing_to_resume_says_so() {
     assert!(matches!(
         &outputs[..],
         [
-            Output::Welcomed { epoch: LATER, .. },
+            Output::Welcomed {
+                epoch: LATER,
+                resuming: true,
+                ..
+            },
             Output::Transmit(_),
             Output::Resumed
         ]

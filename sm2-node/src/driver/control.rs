@@ -40,7 +40,7 @@ impl Inner {
                         tracing::warn!(%error, "tools will not see this node's counters");
                     }
                 },
-                Output::Welcomed { .. } => self.welcomed(),
+                Output::Welcomed { resuming, .. } => self.welcomed(resuming),
                 Output::HelloRefused(reason) => self.greeting_refused(reason),
                 Output::Declared { interface, matches } => {
                     self.answered(interface, State::Live { matches });
@@ -89,7 +89,8 @@ impl Inner {
 
     /// The first Manager knows all interfaces of this node at once, because there are none. Any
     /// other Manager knows them only when the session is [resumed](Self::resumed).
-    fn welcomed(&mut self) {
+    fn welcomed(&mut self, resuming: bool) {
+        self.session.refused = None;
         for interface in self.interfaces.values_mut() {
             interface.refused_again = None;
         }
@@ -100,7 +101,7 @@ impl Inner {
             let (data, text) = (data.clone(), text.clone());
             self.session.tell(Input::Schema { data, text });
         }
-        if self.session.welcomed() {
+        if !resuming {
             self.connected();
         }
     }

@@ -26,7 +26,6 @@ pub(super) struct Session {
     pub(super) away: Option<End>,
     /// The reason for which the last greeting was refused, if it was.
     pub(super) refused: Option<Refusal>,
-    welcomed: bool,
 }
 
 /// A datagram to be sent.
@@ -46,7 +45,6 @@ impl Session {
             blocked: false,
             away: None,
             refused: None,
-            welcomed: false,
         }
     }
 
@@ -59,13 +57,7 @@ impl Session {
 
     /// Whether any Manager has ever welcomed this node.
     pub(super) const fn was_welcomed(&self) -> bool {
-        self.welcomed
-    }
-
-    /// Notes that a Manager has welcomed this node. Returns whether it is the first one.
-    pub(super) fn welcomed(&mut self) -> bool {
-        self.refused = None;
-        !std::mem::replace(&mut self.welcomed, true)
+        self.machine.was_welcomed()
     }
 
     /// Whether a Manager is connected that knows all interfaces and links of this node.

@@ -85,6 +85,8 @@ pub enum Output {
         node: NodeId,
         /// The Manager's incarnation.
         epoch: u64,
+        /// Whether the node resumes: [`Output::Resumed`] follows.
+        resuming: bool,
     },
     /// The Manager has refused the greeting: greet again or close.
     HelloRefused(Refusal),

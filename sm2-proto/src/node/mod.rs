@@ -3,7 +3,8 @@
 //! | to do | call |
 //! | --- | --- |
 //! | feed, drain, deadline | [`Machine`], and [`Node::declare`], which returns a number at once |
-//! | inspect | [`Node::id`], [`Node::epoch`], [`Node::is_ready`], [`Node::is_away`], [`Node::end`] |
+//! | inspect | [`Node::id`], [`Node::epoch`], [`Node::was_welcomed`] |
+//! | inspect the phase | [`Node::is_ready`], [`Node::is_away`], [`Node::end`] |
 //!
 //! The machine never does I/O. The descriptor of a datagram stays with the driver, which closes
 //! it unless the output that follows is [`Output::Linked`] or [`Output::Inspected`].
@@ -106,6 +107,12 @@ impl Node {
     #[must_use]
     pub const fn is_ready(&self) -> bool {
         matches!(self.phase, Phase::Ready(..))
+    }
+
+    /// Whether any Manager has ever welcomed this node. False after [`Input::Close`].
+    #[must_use]
+    pub const fn was_welcomed(&self) -> bool {
+        self.phase.was_welcomed()
     }
 
     /// Whether the session is over and the machine waits for [`Input::Reconnected`].
@@ -244,10 +251,10 @@ impl Node {
     //= SM2-SES-003, SM2-RES-001
     fn greet_again(&mut self, name: Name) -> Result<(), Error> {
         self.check_session()?;
-        let Phase::Refused(known) = &self.phase else {
+        if !matches!(self.phase, Phase::Refused(_)) {
             return Err(Misuse::NotRefused.into());
-        };
-        if known.is_some() && self.name != name {
+        }
+        if self.was_welcomed() && self.name != name {
             return Err(Misuse::OtherName.into());
         }
         self.name = name;

@@ -70,6 +70,15 @@ impl Phase {
         }
     }
 
+    /// Whether any Manager has ever welcomed the node; false after the end of the machine.
+    pub(super) const fn was_welcomed(&self) -> bool {
+        match self {
+            Self::Resuming(_) | Self::Ready(_) => true,
+            Self::Greeting(known) | Self::Refused(known) | Self::Away(_, known) => known.is_some(),
+            Self::Ended(_) => false,
+        }
+    }
+
     /// The interfaces; `None` before the first WELCOME and after the end of the machine.
     pub(super) const fn interfaces_mut(&mut self) -> Option<&mut Interfaces> {
         match self {

@@ -44,8 +44,13 @@ impl Node {
         if version != VERSION {
             return Err(violation!(BadVersion, "SM2-NOD-002"));
         }
-        self.outputs.push_back(Output::Welcomed { node, epoch });
-        let Some(mut interfaces) = self.phase.take_known() else {
+        let known = self.phase.take_known();
+        self.outputs.push_back(Output::Welcomed {
+            node,
+            epoch,
+            resuming: known.is_some(),
+        });
+        let Some(mut interfaces) = known else {
             self.phase = Phase::Ready(Session::new(node, epoch, Interfaces::new()));
             return Ok(());
         };
