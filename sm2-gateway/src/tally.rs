@@ -18,7 +18,7 @@ const NAMES_MAX: usize = 4 * OFFERS_MAX;
 ///
 /// Each message for the peer that is counted in `offered` is later counted in one of `sent`,
 /// `superseded`, `expired` and `withdrawn`, or is still queued. A message counted in `lost` is not
-/// counted in `offered`.
+/// counted in `offered`, nor is one that is counted in `refused`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 pub struct Counts {
     /// For the peer: given to the scheduler, since the peer wants the topic.
@@ -33,7 +33,8 @@ pub struct Counts {
     pub withdrawn: u64,
     /// From the peer: received completely.
     pub received: u64,
-    /// From the peer: refused, since they were too long, too many at a time, or stuck.
+    /// From the peer: refused, since they were too long, too many at a time, or stuck. For the peer:
+    /// refused, since a message of the domain was too long.
     pub refused: u64,
     /// Dropped because a queue of this gateway was full: the queue of the peer's connection or the
     /// queue of the domain's side.

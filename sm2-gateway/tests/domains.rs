@@ -51,6 +51,51 @@ fn a_topic_of_one_domain_is_heard_in_another() {
     runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
 }
 
+/// A gateway never copies more than `message_bytes`, whoever sends.
+#[test]
+fn a_message_that_is_too_long_is_refused_and_counted() {
+    let (near, far) = (Domain::new("near"), Domain::new("far"));
+    let runtime = runtime();
+    let limits = format!("{ALL}[limits]\nmessage_bytes = 1000\n");
+    let left = near.gateway(&runtime, &[(&far, None)], &limits);
+    let right = far.gateway(&runtime, &[(&near, Some(left.address()))], ALL);
+    let talker = near.node("talker");
+    let map = talker.publisher_builder::<str>("map").latched(1);
+    let publisher = map.declare().unwrap();
+    let server = talker.server::<str, str>("echo").unwrap();
+    let serving = std::thread::spawn(move || {
+        let request = server.recv_timeout(SOON).unwrap().expect("in time");
+        request.reply(&"x".repeat(2_000)).unwrap();
+        server
+    });
+    let listener = far.node("listener");
+    let subscriber = listener.subscriber::<str>("map").unwrap();
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    publisher.publish(&"x".repeat(1_001)).unwrap();
+    publisher.publish(&"x".repeat(1_000)).unwrap();
+    let sample = subscriber.recv_timeout(SOON).unwrap().expect("in time");
+    assert_eq!(sample.len(), 1_000);
+    let report = report(&runtime, &left);
+    let map = report.peers[0].subjects.iter().find(|it| it.name == "map");
+    let map = map.unwrap().counts;
+    assert_eq!((map.refused, map.offered), (1, 1));
+    // A reply of this domain, and a request of it, have the same limit.
+    let client = listener.client::<str, str>("echo").unwrap();
+    client.wait_for_servers_timeout(1, SOON).unwrap();
+    let error = client.call_timeout("", SOON).unwrap_err();
+    let text = "longer than `message_bytes`";
+    assert!(error.to_string().contains(text), "{error}");
+    drop(serving.join().unwrap());
+    let _server = listener.server::<str, str>("remote").unwrap();
+    let client = talker.client::<str, str>("remote").unwrap();
+    client.wait_for_servers_timeout(1, SOON).unwrap();
+    let request = "x".repeat(1_001);
+    let error = client.call_timeout(&request, SOON).unwrap_err();
+    assert!(error.to_string().contains(text), "{error}");
+    runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
+}
+
 #[test]
 fn a_service_of_one_domain_is_called_in_another() {
     let (near, far) = (Domain::new("near"), Domain::new("far"));

@@ -40,6 +40,12 @@ pub enum LocalEvent {
         /// The bytes of the message.
         payload: Bytes,
     },
+    /// A publisher of the domain has published a message that is longer than
+    /// [`Limits::message_bytes`](crate::peer::Limits::message_bytes).
+    Refused {
+        /// The topic.
+        subject: Subject,
+    },
     /// A client of the domain calls a remote server.
     Request {
         /// The number of the request, which the [`LocalCommand::Reply`] repeats.

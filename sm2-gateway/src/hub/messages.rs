@@ -24,6 +24,16 @@ impl Hub {
         self.pass_on(subject, Source::Local, message);
     }
 
+    /// A message of the domain was too long. It has a number as well, so that peers see a gap.
+    pub(super) fn local_refused(&mut self, subject: &Subject) {
+        self.sequences.next(subject);
+        for (peer, offer) in self.router.takers(subject, Source::Local) {
+            if let Some(it) = self.peers.get_mut(&peer) {
+                it.tally.count(Whose::Ours(offer), |it| it.refused += 1);
+            }
+        }
+    }
+
     /// A message of a peer has arrived.
     //= SM2-GWM-005
     pub(super) fn message(&mut self, peer: GatewayId, offer: OfferId, message: Message) {

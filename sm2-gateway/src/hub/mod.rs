@@ -346,6 +346,7 @@ impl Hub {
                 published,
                 payload,
             } => self.local_message(&subject, published, payload),
+            LocalEvent::Refused { subject } => self.local_refused(&subject),
             LocalEvent::Request {
                 request,
                 subject,

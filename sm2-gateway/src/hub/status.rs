@@ -29,8 +29,8 @@ pub struct PeerStatus {
     pub offered: Vec<Subject>,
     /// What the rules deny it.
     pub denied: Vec<Denial>,
-    /// The counts that only the hub can know: [`lost`](Counts::lost) and
-    /// [`skipped`](Counts::skipped).
+    /// The counts that only the hub can know: [`lost`](Counts::lost),
+    /// [`skipped`](Counts::skipped) and, of messages of the domain, [`refused`](Counts::refused).
     pub counts: Counts,
     /// The same counts by topic and service.
     pub counts_by_name: Vec<(Key, Counts)>,

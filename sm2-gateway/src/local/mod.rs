@@ -44,6 +44,8 @@ pub(crate) struct Local {
     location: DomainLocation,
     node: Node,
     hub: HubHandle,
+    /// The greatest length of a message, a request or a reply of the domain.
+    max_len_bytes: u64,
     /// The node of each peer that ever had an interface here. A node stays when its last interface
     /// goes: the Manager frees a name late, and the peer may return before that.
     remotes: BTreeMap<Name, Node>,
@@ -79,6 +81,7 @@ impl Local {
     pub(crate) fn join(
         location: DomainLocation,
         gateway: &Name,
+        max_len_bytes: u64,
         hub: HubHandle,
     ) -> Result<Self, LocalError> {
         let node = location.connect(own_node(gateway)?.as_str())?;
@@ -88,6 +91,7 @@ impl Local {
             location,
             node,
             hub,
+            max_len_bytes,
             remotes: BTreeMap::new(),
             topics: BTreeMap::new(),
             clients: BTreeMap::new(),
@@ -138,8 +142,12 @@ impl Local {
                 payload,
             } => {
                 let client = self.clients.get(&subject).cloned();
+                let server = calls::CalledServer {
+                    client,
+                    max_len_bytes: self.max_len_bytes,
+                };
                 self.calls
-                    .start(call, client, deadline, payload, self.hub.clone());
+                    .start(call, server, deadline, payload, self.hub.clone());
             }
             LocalCommand::Cancel { call } => self.calls.cancel(call),
             LocalCommand::Reply {
@@ -157,7 +165,10 @@ impl Local {
         }
         let done = match &subject {
             Subject::Topic { name, data, .. } => {
-                topics::subscribe(&self.node, &subject, name, data, self.hub.clone())
+                let max_len_bytes = self.max_len_bytes;
+                let subscription = topics::declare_subscriber(&self.node, name, data);
+                subscription
+                    .map(|it| topics::forward(it, subject.clone(), max_len_bytes, self.hub.clone()))
                     .map(|it| drop(self.topics.insert(subject.clone(), it)))
             }
             Subject::Service {
@@ -207,15 +218,17 @@ impl Local {
             } => {
                 let requests = Arc::clone(&self.requests);
                 let server = requests::server(&node, name, request, reply)?;
-                let hub = self.hub.clone();
-                let task = tokio::spawn(requests::serve(
+                let task = requests::serve(
                     server,
-                    subject.clone(),
-                    origin,
-                    requests,
-                    hub,
-                ));
-                Ok(RemoteInterface::Server(task.abort_handle()))
+                    requests::Forward {
+                        subject: subject.clone(),
+                        origin,
+                        max_len_bytes: self.max_len_bytes,
+                        requests,
+                        hub: self.hub.clone(),
+                    },
+                );
+                Ok(RemoteInterface::Server(tokio::spawn(task).abort_handle()))
             }
         });
         match done {

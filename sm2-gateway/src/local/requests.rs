@@ -17,7 +17,7 @@ use sm2_proto::{
 };
 use tokio::sync::oneshot;
 
-use super::error::LocalError;
+use super::{calls::too_long, error::LocalError};
 use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::{LocalEvent, RequestId},
@@ -56,20 +56,28 @@ pub(super) fn server(
     Ok(server.into_async()?)
 }
 
+/// The way of requests from one server to the hub, and back.
+#[derive(Clone)]
+pub(super) struct Forward {
+    pub(super) subject: Subject,
+    pub(super) origin: GatewayId,
+    /// The greatest length of a request.
+    pub(super) max_len_bytes: u64,
+    pub(super) requests: Arc<Mutex<Requests>>,
+    pub(super) hub: HubHandle,
+}
+
 /// Forwards each request to the hub, until the task is aborted.
-pub(super) async fn serve(
-    server: AsyncServer<[u8], [u8]>,
-    subject: Subject,
-    origin: GatewayId,
-    requests: Arc<Mutex<Requests>>,
-    hub: HubHandle,
-) {
+pub(super) async fn serve(server: AsyncServer<[u8], [u8]>, forward: Forward) {
+    let subject = &forward.subject;
     loop {
         match server.recv().await {
-            Ok(request) => {
-                let (subject, requests) = (subject.clone(), Arc::clone(&requests));
-                tokio::spawn(forward(request, subject, origin, requests, hub.clone()));
+            Ok(request) if request.len() as u64 > forward.max_len_bytes => {
+                let reason = too_long("request", forward.max_len_bytes);
+                // Fails only if the caller has gone.
+                let _ = request.fail(&reason);
             }
+            Ok(request) => drop(tokio::spawn(forward.clone().request(request))),
             // `max_borrowed` requests are in flight: retries until one has its reply.
             Err(RecvError::TooManyBorrowed { .. }) => tokio::time::sleep(POLL_INTERVAL).await,
             Err(error) => tracing::warn!(name = %subject.name(), %error, "cannot take a request"),
@@ -77,45 +85,48 @@ pub(super) async fn serve(
     }
 }
 
-async fn forward(
-    request: Request<[u8], [u8]>,
-    subject: Subject,
-    origin: GatewayId,
-    requests: Arc<Mutex<Requests>>,
-    hub: HubHandle,
-) {
-    let (id, mut answered) = lock(&requests).open();
-    let event = LocalEvent::Request {
-        request: id,
-        subject,
-        origin,
-        deadline: request.deadline(),
-        payload: Bytes::copy_from_slice(&request),
-    };
-    let _ = hub.send(HubEvent::Local(event)).await;
-    let answer = loop {
-        tokio::select! {
-            answer = &mut answered => break answer.ok(),
-            () = tokio::time::sleep(POLL_INTERVAL) => if request.is_cancelled() {
-                lock(&requests).open.remove(&id);
-                let event = LocalEvent::Dropped { request: id };
-                let _ = hub.send(HubEvent::Local(event)).await;
-                return;
-            },
+impl Forward {
+    async fn request(self, request: Request<[u8], [u8]>) {
+        let Self {
+            subject,
+            origin,
+            requests,
+            hub,
+            ..
+        } = self;
+        let (id, mut answered) = lock(&requests).open();
+        let event = LocalEvent::Request {
+            request: id,
+            subject,
+            origin,
+            deadline: request.deadline(),
+            payload: Bytes::copy_from_slice(&request),
+        };
+        let _ = hub.send(HubEvent::Local(event)).await;
+        let answer = loop {
+            tokio::select! {
+                answer = &mut answered => break answer.ok(),
+                () = tokio::time::sleep(POLL_INTERVAL) => if request.is_cancelled() {
+                    lock(&requests).open.remove(&id);
+                    let event = LocalEvent::Dropped { request: id };
+                    let _ = hub.send(HubEvent::Local(event)).await;
+                    return;
+                },
+            }
+        };
+        let done = match answer {
+            Some((Outcome::Ok, payload)) => request.reply(&payload),
+            Some((Outcome::Failed, reason)) => request.fail(&String::from_utf8_lossy(&reason)),
+            Some((Outcome::Denied, _)) => request.fail("denied by the rules of a gateway"),
+            Some((Outcome::DeadlinePassed, _)) => request.fail("the deadline passed at a gateway"),
+            Some((Outcome::Cancelled, _)) => request.fail("cancelled at a gateway"),
+            Some((Outcome::Unreachable, _)) | None => {
+                request.fail("unreachable: a gateway has no route to the server")
+            }
+        };
+        if let Err(error) = done {
+            tracing::debug!(%error, "the caller did not wait for its reply");
         }
-    };
-    let done = match answer {
-        Some((Outcome::Ok, payload)) => request.reply(&payload),
-        Some((Outcome::Failed, reason)) => request.fail(&String::from_utf8_lossy(&reason)),
-        Some((Outcome::Denied, _)) => request.fail("denied by the rules of a gateway"),
-        Some((Outcome::DeadlinePassed, _)) => request.fail("the deadline passed at a gateway"),
-        Some((Outcome::Cancelled, _)) => request.fail("cancelled at a gateway"),
-        Some((Outcome::Unreachable, _)) | None => {
-            request.fail("unreachable: a gateway has no route to the server")
-        }
-    };
-    if let Err(error) = done {
-        tracing::debug!(%error, "the caller did not wait for its reply");
     }
 }
 

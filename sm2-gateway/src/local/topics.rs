@@ -46,26 +46,38 @@ impl AsRef<[u8]> for Borrowed {
     }
 }
 
-pub(super) fn subscribe(
+pub(super) fn declare_subscriber(
     node: &Node,
-    subject: &Subject,
     name: &Name,
     data: &TypeId,
-    hub: HubHandle,
-) -> Result<Subscription, LocalError> {
+) -> Result<AsyncSubscriber<[u8]>, LocalError> {
     let builder = node.subscriber_builder::<[u8]>(name.as_str());
     let subscriber: Subscriber<[u8]> = builder
         .type_id(data.clone())
         .depth(DEPTH_IN)
         .max_borrowed(BORROWED)
         .declare()?;
-    let subscriber = subscriber.into_async()?;
-    let task = tokio::spawn(take(subscriber, subject.clone(), hub));
-    Ok(Subscription(task.abort_handle()))
+    Ok(subscriber.into_async()?)
+}
+
+/// Forwards the messages of a subscriber to the hub.
+pub(super) fn forward(
+    subscriber: AsyncSubscriber<[u8]>,
+    subject: Subject,
+    max_len_bytes: u64,
+    hub: HubHandle,
+) -> Subscription {
+    let task = tokio::spawn(take(subscriber, subject, max_len_bytes, hub));
+    Subscription(task.abort_handle())
 }
 
 /// Forwards messages of the domain's own publishers to the hub; long ones without a copy.
-async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, hub: HubHandle) {
+async fn take(
+    subscriber: AsyncSubscriber<[u8]>,
+    subject: Subject,
+    max_len_bytes: u64,
+    hub: HubHandle,
+) {
     loop {
         let sample = match subscriber.recv().await {
             Ok(sample) => sample,
@@ -80,6 +92,15 @@ async fn take(subscriber: AsyncSubscriber<[u8]>, subject: Subject, hub: HubHandl
             }
         };
         if is_remote(sample.publisher()) {
+            continue;
+        }
+        // Checked before any byte is read: a sparse message takes memory only as it is copied.
+        if sample.len() as u64 > max_len_bytes {
+            let subject = subject.clone();
+            let event = LocalEvent::Refused { subject };
+            if hub.send(HubEvent::Local(event)).await.is_err() {
+                return;
+            }
             continue;
         }
         let published = sample.source_time();

@@ -1,9 +1,9 @@
 //! The resources that a connection may use and that it uses.
 
-/// The limits of the memory that a peer can occupy.
+/// The limits of the memory that a peer, or a process of the domain, can occupy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// The greatest length of a payload. A longer one is refused.
+    /// The greatest length of a payload, from a peer or from the domain. A longer one is refused.
     pub message_bytes: u64,
     /// The greatest sum of the lengths of payloads that have not arrived completely.
     pub memory_bytes: u64,

@@ -126,8 +126,10 @@ impl Gateway {
         let (network, network_inbox) = channel::network::channel();
         let (local, local_inbox) = channel::local::channel();
         let location = config.domain.clone();
-        let domain =
-            tokio::task::block_in_place(|| Local::join(location, &config.name, hub.clone()))?;
+        let domain = tokio::task::block_in_place(|| {
+            let max_len_bytes = config.limits.message_bytes;
+            Local::join(location, &config.name, max_len_bytes, hub.clone())
+        })?;
         status::serve(&domain, &config.name, hub.clone())?;
         let shared = Arc::new(Shared {
             clock: Clock::of_the_machine(),
