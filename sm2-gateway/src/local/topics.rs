@@ -1,6 +1,6 @@
 //! Messages from the domain and for the domain.
 
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
 use bytes::Bytes;
 use sm2_node::{
@@ -19,8 +19,11 @@ use crate::{
 
 /// Messages up to this size are copied, which frees their slots at once.
 const COPY_MAX_BYTES: usize = 16 << 10;
-/// How many longer messages are borrowed until they are sent or superseded.
-const BORROWED: u16 = 16;
+/// The greatest number of samples of a subscription that are borrowed at a time.
+const MAX_BORROWED: u16 = 16;
+/// Longer messages are borrowed while fewer than this many are, and copied from then on. A slow peer
+/// keeps what waits for it, so without copies it would use up the samples that all peers share.
+const COPY_FROM_BORROWED: usize = 8;
 /// Depth of subscriptions, whatever depth the peers want. Another depth would need another
 /// subscriber, and messages published in between would be lost for all peers.
 const DEPTH_IN: u16 = 64;
@@ -38,11 +41,15 @@ impl Drop for Subscription {
 }
 
 /// A borrowed sample. Its slot is not written again before the sample is dropped.
-struct Borrowed(Sample<[u8]>);
+struct Borrowed {
+    sample: Sample<[u8]>,
+    /// Shared by all borrowed samples of a subscription, which counts them.
+    _counted: Arc<()>,
+}
 
 impl AsRef<[u8]> for Borrowed {
     fn as_ref(&self) -> &[u8] {
-        &self.0
+        &self.sample
     }
 }
 
@@ -55,7 +62,7 @@ pub(super) fn declare_subscriber(
     let subscriber: Subscriber<[u8]> = builder
         .type_id(data.clone())
         .depth(DEPTH_IN)
-        .max_borrowed(BORROWED)
+        .max_borrowed(MAX_BORROWED)
         .declare()?;
     Ok(subscriber.into_async()?)
 }
@@ -78,10 +85,11 @@ async fn take(
     max_len_bytes: u64,
     hub: HubHandle,
 ) {
+    let borrowed = Arc::new(());
     loop {
         let sample = match subscriber.recv().await {
             Ok(sample) => sample,
-            // All `BORROWED` samples are in flight; resumes with newer ones.
+            // All `MAX_BORROWED` samples are in flight; resumes with newer ones.
             Err(RecvError::TooManyBorrowed { .. }) => {
                 tokio::time::sleep(Duration::from_millis(1)).await;
                 continue;
@@ -104,10 +112,16 @@ async fn take(
             continue;
         }
         let published = sample.source_time();
-        // The hub keeps latched messages, so borrowing them would use up the slots.
-        let payload = match sample.len() <= COPY_MAX_BYTES || subject.latched() > 0 {
+        let is_short = sample.len() <= COPY_MAX_BYTES;
+        // One reference is this task's own.
+        let has_few_left = Arc::strong_count(&borrowed) > COPY_FROM_BORROWED;
+        // The hub keeps latched messages, so borrowing them would use up the samples.
+        let payload = match is_short || has_few_left || subject.latched() > 0 {
             true => Bytes::copy_from_slice(&sample),
-            false => Bytes::from_owner(Borrowed(sample)),
+            false => Bytes::from_owner(Borrowed {
+                sample,
+                _counted: Arc::clone(&borrowed),
+            }),
         };
         let event = LocalEvent::Message {
             subject: subject.clone(),

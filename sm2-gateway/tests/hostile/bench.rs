@@ -68,11 +68,16 @@ impl Bench {
         bench
     }
 
-    /// The honest peer gets what it always gets, at once.
+    /// The honest peer receives a message at once.
     pub(crate) fn is_undisturbed(&mut self) {
+        self.carries(0);
+    }
+
+    /// The honest peer receives a message of at least this length at once.
+    pub(crate) fn carries(&mut self, len_bytes: usize) {
         let start = Instant::now();
         self.count += 1;
-        let text = format!("message {}", self.count);
+        let text = format!("message {}{}", self.count, " ".repeat(len_bytes));
         self.publisher.publish(&text).unwrap();
         let sample = self.subscriber.recv_timeout(SOON).unwrap();
         assert_eq!(&*sample.expect("in time"), text.as_str());

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use quinn_proto::Dir;
+use quinn_proto::{Dir, TransportConfig, VarInt};
 use sm2_io::quic::CALLS_MAX;
 use sm2_proto::gateway::{
     Carried, Frame, Header, OfferId, Outcome, PeerFarewell, PeerViolationKind, Subject,
 };
 
 use crate::{
-    bench::{Bench, MEMORY_BYTES, MESSAGE_BYTES, topic},
+    bench::{Bench, EPOCH, MEMORY_BYTES, MESSAGE_BYTES, hello, topic},
     client::Client,
     message, text,
 };
@@ -138,6 +138,34 @@ fn payloads_that_are_too_long_are_refused() {
     assert!(heard, "the connection carries messages");
     assert!(client.lost.is_none(), "{:?}", client.lost);
     bench.is_undisturbed();
+    bench.stop();
+}
+
+/// A peer that reads nothing keeps the messages that wait for it, but no samples that others need.
+#[test]
+fn a_peer_that_reads_nothing_does_not_starve_the_others() {
+    let mut bench = Bench::new();
+    let mut transport = TransportConfig::default();
+    transport.stream_receive_window(VarInt::from_u32(1_000));
+    let mut client = bench.dial_with(transport);
+    client.frame(&hello(EPOCH));
+    let chatter = |it: &Frame| match it {
+        Frame::Offer { offer, subject, .. } if subject.name().as_str() == "chatter" => Some(*offer),
+        _ => None,
+    };
+    client.until("OFFER", |it| {
+        it.frames.iter().any(|it| chatter(it).is_some())
+    });
+    let offer = client.frames.iter().find_map(chatter).unwrap();
+    client.frame(&Frame::Want { offer, depth: 64 });
+    client.wait();
+    client.is_deaf = true;
+    for _ in 0..64 {
+        bench.carries(20_000);
+        client.turn();
+    }
+    assert!(client.lost.is_none(), "{:?}", client.lost);
+    assert_eq!(bench.peers(), ["far", "mallory"]);
     bench.stop();
 }
 
