@@ -1,7 +1,7 @@
-//! How `sm2-bench` is linked.
+//! Linker options of `sm2-bench`.
 
-/// At a fixed address: what the code of all peers together has of addresses (half a MiB) would else be
-/// written anew, and so be private memory, in each process of each peer.
+/// Links at a fixed address. Otherwise each process would relocate half a MiB of addresses in the code of
+/// all peers, which would be private memory of each process.
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rustc-link-arg-bins=-no-pie");

@@ -1,4 +1,4 @@
-/* Cyclone DDS: a sequence of bytes, reliable, waited for with a waitset.
+/* Cyclone DDS: a sequence of bytes, reliable; subscribers wait with a waitset.
  *
  * Mode "tuned": larger datagrams and socket buffers, as its documentation advises for large
  * messages. */
@@ -24,7 +24,7 @@ struct bench_subscriber {
   dds_entity_t waitset;
 };
 
-/* What `idlc` makes of `struct Message { sequence<octet> data; };`. */
+/* The output of `idlc` for `struct Message { sequence<octet> data; };`. */
 typedef struct {
   dds_sequence_t data;
 } message;
@@ -44,7 +44,7 @@ static const dds_topic_descriptor_t message_type = {
     .m_meta = "",
 };
 
-/* Messages from this length on are large. */
+/* The length of the shortest large message. */
 #define LARGE (256 * 1024)
 
 static _Thread_local char error[256];
@@ -56,7 +56,7 @@ static int failed(const char *action, dds_return_t code) {
 
 const char *bench_error(void) { return error; }
 
-/* The loopback interface alone: nothing of a run leaves the machine. */
+/* Only the loopback interface, so that the traffic of a run does not leave the machine. */
 #define INTERFACE                                                                                  \
   "<General><Interfaces><NetworkInterface name=\"lo\" multicast=\"true\"/></Interfaces>"
 #define TUNED                                                                                      \
@@ -84,8 +84,8 @@ bench_participant *bench_open(uint32_t domain, const char *mode) {
 }
 
 /* Reliable. Large messages and lossless topics keep all: with keep-last, a writer that is faster
- * than its readers would replace what it still has to send, and next to nothing would arrive.
- * The others do not wait for readers that come and go. */
+ * than its readers would replace messages before they are sent, and few would arrive. Small messages
+ * are keep-last, so that writers do not wait for readers that come and go. */
 static dds_qos_t *qos(const bench_topic *topic) {
   const int keep_all = topic->lossless || topic->max_len >= LARGE;
   const int32_t samples = topic->depth < 4 ? 4 : (int32_t)topic->depth;
@@ -162,7 +162,7 @@ bench_subscriber *bench_subscribe_to(bench_participant *participant, const bench
   return subscriber;
 }
 
-/* Takes one message without copying it again; 1: there is none. */
+/* Takes one message without another copy; returns 1 if there is none. */
 static int take(bench_subscriber *subscriber, bench_read read, void *context, int *done) {
   void *samples[1] = {NULL};
   dds_sample_info_t info[1];

@@ -37,13 +37,13 @@ int failed(const char *what) {
   return -1;
 }
 
-// The encapsulation that stands before every payload, and the length of a sequence.
+// The encapsulation before every payload, and the length of a sequence.
 constexpr uint32_t ENCAPSULATION = 4;
 constexpr uint32_t LENGTH = 4;
 
 using Bytes = std::vector<uint8_t>;
 
-// What the generator makes of `struct Message { sequence<octet> data; };`.
+// The output of the generator for `struct Message { sequence<octet> data; };`.
 class SequenceType : public TopicDataType {
 public:
   explicit SequenceType(size_t max_len) {
@@ -88,7 +88,7 @@ public:
   bool getKey(void *, rtps::InstanceHandle_t *, bool) override { return false; }
 };
 
-// What the generator makes of `struct Message { octet data[N]; };`.
+// The output of the generator for `struct Message { octet data[N]; };`.
 class PlainType : public TopicDataType {
 public:
   explicit PlainType(size_t len) : len_(len) {
@@ -122,7 +122,7 @@ public:
   bool getKey(void *, rtps::InstanceHandle_t *, bool) override { return false; }
   bool is_bounded() const override { return true; }
   bool is_plain() const override { return true; }
-  // The memory of a loan is as good as it comes: it is written in full.
+  // The memory of a loan needs no initialization: all of it is written.
   bool construct_sample(void *) const override { return true; }
 
 private:
@@ -153,8 +153,8 @@ const char *bench_error(void) { return error.c_str(); }
 
 bench_participant *bench_open(uint32_t domain, const char *mode) {
   DomainParticipantQos qos = PARTICIPANT_QOS_DEFAULT;
-  // Its default transports, shared memory and UDP, but on the loopback interface alone: nothing of
-  // a run leaves the machine.
+  // The default transports, shared memory and UDP, but only on the loopback interface, so that the
+  // traffic of a run does not leave the machine.
   auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
   udp->interfaceWhiteList.push_back("127.0.0.1");
   qos.transport().use_builtin_transports = false;
@@ -181,12 +181,12 @@ Topic *create_topic(bench_participant *participant, const bench_topic *topic) {
   return participant->entity->create_topic(topic->name, type.get_type_name(), TOPIC_QOS_DEFAULT);
 }
 
-// Messages from this length on are large.
+// The length of the shortest large message.
 constexpr size_t LARGE = 256 * 1024;
 
 // Reliable. Large messages and lossless topics keep all: with keep-last, a writer that is faster
-// than its readers would replace what it still has to send, and next to nothing would arrive.
-// The others do not wait for readers that come and go.
+// than its readers would replace messages before they are sent, and few would arrive. Small messages
+// are keep-last, so that writers do not wait for readers that come and go.
 template <typename Qos> void set(Qos &qos, const bench_topic *topic, bool plain) {
   qos.reliability().kind = RELIABLE_RELIABILITY_QOS;
   const int32_t depth = topic->depth < 4 ? 4 : static_cast<int32_t>(topic->depth);
@@ -218,7 +218,7 @@ bench_publisher *bench_publish_on(bench_participant *participant, const bench_to
   DataWriterQos qos = DATAWRITER_QOS_DEFAULT;
   set(qos, topic, participant->plain);
   qos.reliability().max_blocking_time = eprosima::fastrtps::Duration_t(20, 0);
-  // What is larger than a datagram has to be sent by a thread of its own.
+  // Fast DDS requires that a thread of its own sends messages larger than a datagram.
   if (topic->max_len > 60000)
     qos.publish_mode().kind = ASYNCHRONOUS_PUBLISH_MODE;
   DataWriter *writer = publisher->create_datawriter(on, qos);
@@ -244,7 +244,7 @@ int bench_publish(bench_publisher *publisher, size_t len, bench_write write, voi
   }
   void *loan = nullptr;
   ReturnCode_t code = publisher->writer->loan_sample(loan);
-  // All loans may be on their way: they come back when subscribers have confirmed.
+  // All loans may be in flight: they are released when subscribers have acknowledged them.
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
   while (code == ReturnCode_t::RETCODE_OUT_OF_RESOURCES &&
          std::chrono::steady_clock::now() < until) {
@@ -276,7 +276,7 @@ bench_subscriber *bench_subscribe_to(bench_participant *participant, const bench
 
 namespace {
 
-// Takes one message; 1: there is none.
+// Takes one message; returns 1 if there is none.
 int take(bench_subscriber *subscriber, bench_read read, void *context, int *done) {
   DataReader *reader = subscriber->reader;
   if (!subscriber->plain) {
