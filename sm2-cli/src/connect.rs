@@ -68,7 +68,7 @@ impl Session {
     pub(crate) fn is_connected(&self) -> bool {
         let connected = self.node.is_connected();
         if self.connected.replace(connected) != connected && !self.silent.get() {
-            say!(
+            stderr_line!(
                 "sm2: {}",
                 match connected {
                     true => "a Manager is there again",
@@ -198,7 +198,9 @@ impl Domain {
                         said = true;
                         let timeout = Span(self.wait_manager.unwrap_or_default());
                         let path = path.display();
-                        say!("sm2: waiting {timeout} for a Manager at {path} (Ctrl-C ends)");
+                        stderr_line!(
+                            "sm2: waiting {timeout} for a Manager at {path} (Ctrl-C ends)"
+                        );
                     }
                 }
                 Err(error) => return Err(self.explain(path, error)),

@@ -11,7 +11,7 @@
 #![deny(clippy::disallowed_types)]
 
 #[macro_use]
-mod say;
+mod stderr;
 
 mod args;
 mod built_in;
@@ -95,7 +95,7 @@ pub fn main() -> ExitCode {
         Err(error @ CliError::Stopped(_)) => ExitCode::from(error.status()),
         Err(error) => {
             // The text may contain control characters of a server's reply.
-            say!("sm2: {}", text::one_line(&error.to_string()));
+            stderr_line!("sm2: {}", text::one_line(&error.to_string()));
             ExitCode::from(error.status())
         }
     }

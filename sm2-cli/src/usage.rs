@@ -33,7 +33,7 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
             Err(ExitCode::from(WRONG_USAGE))
         }
         _ => {
-            say!("sm2: {}", one_line(&error, &arguments));
+            stderr_line!("sm2: {}", one_line(&error, &arguments));
             Err(ExitCode::from(WRONG_USAGE))
         }
     }

@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut tally = Tally::default();
     let end = echo(arguments, &session, &subscriber, &mut sink, &mut tally)?;
     sink.out.flush()?;
-    say!("{tally}");
+    stderr_line!("{tally}");
     Ok(match end {
         // Without --count, Ctrl-C is the regular end.
         Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),

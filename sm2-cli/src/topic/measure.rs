@@ -178,7 +178,7 @@ fn await_topic<const N: usize, M: Measure<N>>(
         true => String::new(),
         false => names::hint(topic.as_str(), known),
     };
-    say!(
+    stderr_line!(
         "sm2: waiting for a {} of {topic} (Ctrl-C ends){hint}",
         M::OF
     );
@@ -240,7 +240,9 @@ impl<'a, const N: usize, M: Measure<N>> Printer<'a, N, M> {
     fn print(&mut self, look: &Look<'_>) -> Result<(), CliError> {
         for node in &look.now.silent {
             if self.named.insert(node.clone()) {
-                say!("sm2: node {node} keeps no counters: what it does is not in these figures");
+                stderr_line!(
+                    "sm2: node {node} keeps no counters: what it does is not in these figures"
+                );
             }
         }
         let rows = M::rows(look);

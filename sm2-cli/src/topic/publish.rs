@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         feed.settle()?;
     }
     let counters = publisher.counters();
-    say!("{}", Summary(feed.tally, counters));
+    stderr_line!("{}", Summary(feed.tally, counters));
     let missed = match flushed {
         false if arguments.reliable => counters.deadline + counters.in_flight,
         _ => counters.deadline,

@@ -23,7 +23,7 @@ pub(super) fn print(
     let awaited = Counted::new(count as u64, &wanted_text);
     let reason = silent(links).or_else(|| why(session, topic, wanted));
     let reason = reason.map_or_else(String::new, |reason| format!("; {reason}"));
-    say!("sm2: waiting for {awaited} of {topic} (Ctrl-C ends){reason}");
+    stderr_line!("sm2: waiting for {awaited} of {topic} (Ctrl-C ends){reason}");
 }
 
 /// The text about a node that is linked and has not opened its end of the link.

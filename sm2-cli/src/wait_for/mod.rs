@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if !met {
         let unmet = arguments.expressions.iter().zip(&seen);
         for (expression, seen) in unmet.filter(|(_, seen)| !seen.met) {
-            say!("sm2: {seen}{}", expression.hint(follow.domain()));
+            stderr_line!("sm2: {seen}{}", expression.hint(follow.domain()));
         }
     }
     if arguments.json {
