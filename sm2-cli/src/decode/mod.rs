@@ -4,7 +4,7 @@
 //!
 //! | type | JSON, in and out |
 //! | --- | --- |
-//! | numbers | numbers; `"NaN"`, `"inf"`, `"-inf"` and 128-bit ones as texts (only in output if the encoding is `json`) |
+//! | numbers | numbers; `"NaN"`, `"inf"`, `"-inf"` and 128-bit ones as texts (only in output with encoding `json`) |
 //! | structure | object; a tuple is an array, a tuple of one value is that value, an empty structure is `null` |
 //! | enumeration | `"Name"`, or `{"Name": fields}` |
 //! | map | object, if keys are texts, characters, whole numbers or booleans; else an array of pairs |
