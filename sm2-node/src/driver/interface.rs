@@ -9,6 +9,7 @@ use sm2_proto::{Code, Contract, Farewell, LinkId, Name, Refusal};
 use super::calls::Calls;
 use super::link::{LinkDriver, Tools};
 use super::links::Links;
+use super::message_key::MessageKey;
 use super::outbox::Outbox;
 use super::status::LinkStatus;
 use super::token::LinkToken;
@@ -25,7 +26,7 @@ pub(crate) struct Interface {
     pub(super) links: Links,
     pub(crate) outbox: Outbox,
     /// Keys of the last messages, the oldest first.
-    pub(super) latched: VecDeque<u64>,
+    pub(super) latched: VecDeque<MessageKey>,
     /// The number of published messages.
     pub(super) published: u64,
     pub(super) calls: Calls,

@@ -15,6 +15,7 @@ use sm2_proto::link::{
 use sm2_proto::{Farewell, limits::SLOT_HEAD};
 
 use super::link::{LinkDriver, Tools};
+use super::message_key::MessageKey;
 use super::outbox::{NoForm, Outbox};
 
 /// The memory of a link that both sides map.
@@ -89,7 +90,7 @@ impl LinkDriver {
     /// link ends: it would miss a message that others get.
     pub(super) fn send(
         &mut self,
-        key: u64,
+        key: MessageKey,
         status: Status,
         tools: &mut Tools<'_>,
         outbox: &mut Outbox,
@@ -108,7 +109,7 @@ impl LinkDriver {
             };
             // The call itself may settle the message, so it is held before.
             outbox.hold(key);
-            let settled = |key, fate| outbox.settle(key, fate);
+            let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let misuse = match self.machine.send(&self.mapped, message, settled) {
                 Ok(wake) => return self.note_and_finish(key, wake, tools, outbox),
                 // The outputs settle it, as all others.
@@ -128,7 +129,7 @@ impl LinkDriver {
     /// The machine has taken a message.
     fn note_and_finish(
         &mut self,
-        key: u64,
+        key: MessageKey,
         wake: Wake,
         tools: &mut Tools<'_>,
         outbox: &mut Outbox,
@@ -177,7 +178,7 @@ impl LinkDriver {
     /// Takes back what the receiver gave back, and sends what waited for that.
     pub(super) fn harvest(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         while self.machine.end().is_none() {
-            let settled = |key, fate| outbox.settle(key, fate);
+            let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let harvested = self.machine.harvest(&self.mapped, settled);
             self.wake(harvested.unwrap_or_default());
             self.drain_if_due(tools.epoll, outbox);

@@ -19,6 +19,7 @@ use super::BURST;
 use super::counters::Counting;
 use super::datagram::{Incoming, receive};
 use super::lane::{Mapped, prepare_ring};
+use super::message_key::MessageKey;
 use super::outbox::{Needs, Outbox};
 use super::status::Received;
 use super::token::LinkToken;
@@ -46,7 +47,7 @@ pub(crate) struct LinkDriver {
     /// Sealed files of messages that were not taken yet, by sequence.
     kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
-    pub(super) backlog: VecDeque<u64>,
+    pub(super) backlog: VecDeque<MessageKey>,
     /// Whether the interface knows that the link is open.
     pub(super) greeted: bool,
     /// Whether the interface knows that the link is over.

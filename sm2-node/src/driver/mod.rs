@@ -20,6 +20,7 @@ mod interface;
 mod lane;
 mod link;
 mod links;
+mod message_key;
 mod outbox;
 mod publish;
 mod questions;

@@ -24,6 +24,7 @@ use sm2_proto::limits::SEGMENTS_MAX;
 use sm2_proto::link::{self, Fate, Placement, SegmentInfo, Status};
 
 use self::messages::Messages;
+use super::message_key::MessageKey;
 use crate::pool::{Full, Geometry, Lease, Pool};
 
 mod messages;
@@ -276,7 +277,7 @@ impl Outbox {
     }
 
     /// Stores a message. The caller holds it, until it [lets go](Self::release).
-    pub(crate) fn store(&mut self, mut forms: Forms, label: Label) -> u64 {
+    pub(crate) fn store(&mut self, mut forms: Forms, label: Label) -> MessageKey {
         if let Some(lease) = &mut forms.pooled {
             ring::write_head(lease, label, Status::Ok);
         }
@@ -292,25 +293,25 @@ impl Outbox {
     }
 
     /// What stands in the header of a message.
-    pub(super) fn label(&self, key: u64) -> Option<Label> {
+    pub(super) fn label(&self, key: MessageKey) -> Option<Label> {
         let StoredMessage { id, time, len, .. } = *self.messages.get(key)?;
         Some(Label { id, time, len })
     }
 
     /// One more holder.
-    pub(crate) fn hold(&mut self, key: u64) {
+    pub(crate) fn hold(&mut self, key: MessageKey) {
         if let Some(message) = self.messages.get_mut(key) {
             message.holders += 1;
         }
     }
 
     /// One holder less, who did not give it to anybody.
-    pub(crate) fn release(&mut self, key: u64) {
+    pub(crate) fn release(&mut self, key: MessageKey) {
         self.settle(key, Fate::Delivered);
     }
 
     /// A link is done with a message.
-    pub(super) fn settle(&mut self, key: u64, fate: Fate) {
+    pub(super) fn settle(&mut self, key: MessageKey, fate: Fate) {
         let Some(message) = self.messages.get_mut(key) else {
             return;
         };
@@ -343,7 +344,7 @@ impl Outbox {
     /// [`NoForm`]: the message cannot be put there.
     pub(super) fn message(
         &mut self,
-        key: u64,
+        key: MessageKey,
         status: Status,
         placement: Placement,
     ) -> Result<link::OutboundMessage, NoForm> {
@@ -356,7 +357,7 @@ impl Outbox {
 
     fn message_or_file(
         &mut self,
-        key: u64,
+        key: MessageKey,
         status: Status,
         link_sealed: bool,
     ) -> io::Result<link::OutboundMessage> {
@@ -382,7 +383,7 @@ impl Outbox {
             (None, None) => return Err(io::ErrorKind::NotFound.into()),
         };
         Ok(link::OutboundMessage {
-            key,
+            key: key.to_raw(),
             id: message.id,
             time: message.time,
             status,
@@ -398,7 +399,8 @@ impl Outbox {
             // The link's own business.
             link::Attachment::Ring => None,
             link::Attachment::Message(key) => {
-                Some(self.messages.get(key)?.forms.sealed.as_ref()?.as_fd())
+                let message = self.messages.get(MessageKey::from_raw(key))?;
+                Some(message.forms.sealed.as_ref()?.as_fd())
             }
         }
     }

@@ -7,6 +7,7 @@ use sm2_proto::{Contract, Instant};
 
 use super::interface::Interface;
 use super::link::Tools;
+use super::message_key::MessageKey;
 use super::outbox::{Forms, Label, Needs};
 use super::token::LinkToken;
 use crate::published::Published;
@@ -18,7 +19,8 @@ const COPY_UNDER_LOCK_MAX: usize = 16 << 10;
 /// A message that was published, but not sent to all links yet.
 #[derive(Debug, Default)]
 pub(crate) struct Offered {
-    key: u64,
+    /// The stored message; `None` if no link needed it.
+    key: Option<MessageKey>,
     links: usize,
     missed: usize,
     /// Reliable links without room.
@@ -109,8 +111,8 @@ impl Interface {
         }
     }
 
-    /// Offers a message to every open link. What is left to do is in the result; its
-    /// `key` must be [finished](Self::finish).
+    /// Offers a message to every open link. The caller must [finish](Self::finish) the publication
+    /// that is returned.
     pub(crate) fn publish(
         &mut self,
         forms: Forms,
@@ -129,7 +131,7 @@ impl Interface {
         let key = self.outbox.store(forms, label);
         self.latch(key);
         let mut offered = Offered {
-            key,
+            key: Some(key),
             links: 0,
             missed: 0,
             waiting: Vec::new(),
@@ -139,7 +141,7 @@ impl Interface {
                 continue;
             }
             //= SM2-QOS-002
-            // Those with room first; one that was waited for in vain is not waited for again.
+            // Links with room come first. A link whose deadline expired once is not waited for again.
             if !link.is_reliable() || link.has_room() {
                 link.send(key, Status::Ok, tools, &mut self.outbox);
                 offered.links += usize::from(link.is_open());
@@ -154,9 +156,13 @@ impl Interface {
         offered
     }
 
-    /// Sends to the links that have room by now; whether none is left to wait for.
+    /// Sends the message to the links that have room by now. Returns whether no link is left to
+    /// wait for.
     pub(crate) fn publish_more(&mut self, offered: &mut Offered, tools: &mut Tools<'_>) -> bool {
-        let (key, links) = (offered.key, &mut offered.links);
+        let Some(key) = offered.key else {
+            return true;
+        };
+        let links = &mut offered.links;
         offered.waiting.retain(|token| {
             let Some(link) = self.links.get_mut(*token).filter(|link| link.is_open()) else {
                 return false;
@@ -190,7 +196,9 @@ impl Interface {
                 }
             }
         }
-        self.outbox.release(offered.key);
+        if let Some(key) = offered.key {
+            self.outbox.release(key);
+        }
         self.bury_ended(tools);
         Published {
             links: offered.links,
@@ -198,7 +206,7 @@ impl Interface {
         }
     }
 
-    fn latch(&mut self, key: u64) {
+    fn latch(&mut self, key: MessageKey) {
         if self.latches() == 0 {
             return;
         }

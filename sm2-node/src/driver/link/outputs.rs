@@ -11,6 +11,7 @@ use sm2_proto::link::{self, End, Input, Output, Packet};
 
 use super::LinkDriver;
 use crate::driver::datagram::Incoming;
+use crate::driver::message_key::MessageKey;
 use crate::driver::outbox::Outbox;
 
 impl LinkDriver {
@@ -40,7 +41,7 @@ impl LinkDriver {
                     Output::Discard { sequence } => {
                         self.kept.remove(&sequence);
                     }
-                    Output::Settled { key, fate } => outbox.settle(key, fate),
+                    Output::Settled { key, fate } => outbox.settle(MessageKey::from_raw(key), fate),
                     Output::Cancelled { call } => {
                         self.cancelled.insert(call);
                     }

@@ -1,12 +1,12 @@
-//! What stands for each message while somebody needs it, by a key.
+//! The stored messages of an outbox, by their keys.
 
 use super::StoredMessage;
+use crate::driver::message_key::MessageKey;
 
-/// Messages, each under the key that it got.
+/// Messages, each under its key.
 ///
-/// A key names an entry and how often that was used before, so that a key that is kept for too
-/// long names nothing. Entries are reused, the last one first: once there are as many as are needed
-/// at a time, nothing is allocated.
+/// Entries are reused, the last one first: once there are as many as are needed at a time, nothing
+/// is allocated.
 #[derive(Debug, Default)]
 pub(super) struct Messages {
     entries: Vec<Entry>,
@@ -15,20 +15,20 @@ pub(super) struct Messages {
 
 #[derive(Debug)]
 struct Entry {
-    /// How often it was used, from 1 on: no key is 0.
+    /// The number of times it was used, from 1 on.
     generation: u32,
     message: Option<StoredMessage>,
 }
 
 impl Messages {
-    /// Makes room for so many at a time.
+    /// Makes room for this many messages at a time.
     pub(super) fn reserve(&mut self, messages: usize) {
         self.entries.reserve(messages);
         self.free.reserve(messages);
     }
 
-    /// Keeps a message; its key, which is not 0.
-    pub(super) fn insert(&mut self, message: StoredMessage) -> u64 {
+    /// Stores a message and returns its key.
+    pub(super) fn insert(&mut self, message: StoredMessage) -> MessageKey {
         let index = self.free.pop().unwrap_or_else(|| {
             self.entries.push(Entry {
                 generation: 0,
@@ -42,40 +42,38 @@ impl Messages {
         debug_assert!(entry.message.is_none());
         entry.generation = entry.generation.checked_add(1).unwrap_or(1);
         entry.message = Some(message);
-        u64::from(entry.generation) << 32 | u64::from(index)
+        MessageKey {
+            generation: entry.generation,
+            index,
+        }
     }
 
-    pub(super) fn get(&self, key: u64) -> Option<&StoredMessage> {
-        let (generation, index) = split(key);
-        let entry = self.entries.get(index)?;
+    pub(super) fn get(&self, key: MessageKey) -> Option<&StoredMessage> {
+        let MessageKey { generation, index } = key;
+        let entry = self.entries.get(index as usize)?;
         entry
             .message
             .as_ref()
             .filter(|_| entry.generation == generation)
     }
 
-    pub(super) fn get_mut(&mut self, key: u64) -> Option<&mut StoredMessage> {
-        let (generation, index) = split(key);
-        let entry = self.entries.get_mut(index)?;
+    pub(super) fn get_mut(&mut self, key: MessageKey) -> Option<&mut StoredMessage> {
+        let MessageKey { generation, index } = key;
+        let entry = self.entries.get_mut(index as usize)?;
         entry
             .message
             .as_mut()
             .filter(|_| entry.generation == generation)
     }
 
-    /// Takes a message out; its key names nothing any more.
-    pub(super) fn remove(&mut self, key: u64) -> Option<StoredMessage> {
-        let (generation, index) = split(key);
-        let entry = self.entries.get_mut(index)?;
+    /// Takes a message out. Its key names no message from now on.
+    pub(super) fn remove(&mut self, key: MessageKey) -> Option<StoredMessage> {
+        let MessageKey { generation, index } = key;
+        let entry = self.entries.get_mut(index as usize)?;
         let message = entry.message.take_if(|_| entry.generation == generation)?;
-        self.free.push(key as u32);
+        self.free.push(index);
         Some(message)
     }
-}
-
-/// How often the entry of a key was used, and the entry.
-const fn split(key: u64) -> (u32, usize) {
-    ((key >> 32) as u32, key as u32 as usize)
 }
 
 #[cfg(test)]
@@ -98,15 +96,20 @@ mod tests {
     #[test]
     fn a_key_names_one_message_and_then_nothing() {
         let mut messages = Messages::default();
-        assert!(messages.get(0).is_none() && messages.remove(0).is_none());
+        let none = MessageKey::from_raw(0);
+        assert!(messages.get(none).is_none() && messages.remove(none).is_none());
         let [first, second] = [1, 2].map(|id| messages.insert(message(id)));
-        assert!(first != second && first != 0 && second != 0);
+        assert!(first != second && first != none && second != none);
         assert_eq!(messages.remove(first).unwrap().id, 1);
         let third = messages.insert(message(3));
         assert_ne!(third, first, "the same entry, and another key");
         assert_eq!(messages.entries.len(), 2);
-        for gone in [0, first, third + 5] {
-            assert!(messages.get(gone).is_none(), "{gone:x}");
+        let unknown = MessageKey {
+            index: third.index + 5,
+            ..third
+        };
+        for gone in [none, first, unknown] {
+            assert!(messages.get(gone).is_none(), "{gone:?}");
             assert!(messages.get_mut(gone).is_none());
             assert!(messages.remove(gone).is_none());
         }
@@ -121,7 +124,7 @@ mod tests {
         let room = |messages: &Messages| (messages.entries.capacity(), messages.free.capacity());
         let before = room(&messages);
         for _ in 0..3 {
-            let keys: Vec<u64> = (0..8).map(|id| messages.insert(message(id))).collect();
+            let keys: Vec<MessageKey> = (0..8).map(|id| messages.insert(message(id))).collect();
             for (id, key) in keys.into_iter().enumerate() {
                 assert_eq!(messages.remove(key).unwrap().id, id as u64);
             }
@@ -135,6 +138,8 @@ mod tests {
         let key = messages.insert(message(1));
         messages.remove(key).unwrap();
         messages.entries[0].generation = u32::MAX;
-        assert_eq!(messages.insert(message(2)), 1 << 32);
+        let again = messages.insert(message(2));
+        assert_eq!((again.generation, again.index), (1, 0));
+        assert_eq!(MessageKey::from_raw(again.to_raw()), again);
     }
 }

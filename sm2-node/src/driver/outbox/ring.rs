@@ -9,6 +9,7 @@ use sm2_proto::limits::SLOT_HEAD;
 use sm2_proto::link::{Body, OutboundMessage, SlotHead, Status};
 
 use super::{Label, NoForm, NoSlot, Outbox, info};
+use crate::driver::message_key::MessageKey;
 use crate::pool::Lease;
 
 impl Outbox {
@@ -16,7 +17,7 @@ impl Outbox {
     /// was there when it was published. Only replies have a status, and go to one link alone.
     pub(super) fn message_in_slot(
         &mut self,
-        key: u64,
+        key: MessageKey,
         status: Status,
     ) -> Result<OutboundMessage, NoForm> {
         let message = self.pooled_message(key, status)?;
@@ -30,7 +31,11 @@ impl Outbox {
         Ok(message)
     }
 
-    fn pooled_message(&mut self, key: u64, status: Status) -> Result<OutboundMessage, NoForm> {
+    fn pooled_message(
+        &mut self,
+        key: MessageKey,
+        status: Status,
+    ) -> Result<OutboundMessage, NoForm> {
         let missing = || io::Error::from(io::ErrorKind::NotFound);
         let message = self.messages.get(key).ok_or_else(missing)?;
         if message.forms.pooled.is_none() {
@@ -39,7 +44,7 @@ impl Outbox {
         let message = self.messages.get(key).ok_or_else(missing)?;
         let lease = message.forms.pooled.as_ref().ok_or_else(missing)?;
         Ok(OutboundMessage {
-            key,
+            key: key.to_raw(),
             id: message.id,
             time: message.time,
             status,
@@ -51,7 +56,7 @@ impl Outbox {
         })
     }
 
-    fn copy_to_slot(&mut self, key: u64) -> Result<(), NoForm> {
+    fn copy_to_slot(&mut self, key: MessageKey) -> Result<(), NoForm> {
         let label = (self.label(key)).ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))?;
         let mut lease = self.lease(label.len).map_err(|error| match error {
             NoSlot::Full => NoForm::Slot(io::ErrorKind::OutOfMemory.into()),
@@ -70,7 +75,7 @@ impl Outbox {
         Ok(())
     }
 
-    fn copy_payload(&self, key: u64, to: &mut [u8]) -> io::Result<()> {
+    fn copy_payload(&self, key: MessageKey, to: &mut [u8]) -> io::Result<()> {
         let message = self.messages.get(key).ok_or(io::ErrorKind::NotFound)?;
         match (&message.forms.inline, &message.forms.sealed) {
             (Some(bytes), _) => {
