@@ -28,7 +28,7 @@ pub fn to_postcard<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, E
 ///
 /// # Errors
 ///
-/// [`PayloadError::Encoding`] if it does not decode, or bytes are left over.
+/// [`PayloadError::Encoding`] if it does not decode, or bytes follow the value.
 pub fn from_postcard<T: Message + DeserializeOwned>(
     payload: &Payload,
 ) -> Result<Box<T>, PayloadError> {

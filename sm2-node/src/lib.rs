@@ -138,8 +138,8 @@
 //! | ring | unsealed links between two nodes that both [offer](NodeBuilder::ring_lane) it | two atomic words |
 //! | socket | all others | a system call on each side |
 //!
-//! On the ring lane, a message needs no system call while both sides are awake ([`Wait`]). The library reads
-//! the sockets every 100 µs.
+//! On the ring lane, a message needs no system call while both sides are awake ([`Wait`]). A thread that finds
+//! its messages in rings reads its sockets only every 100 µs.
 //!
 //! # Further reading
 //!
