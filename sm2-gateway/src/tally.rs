@@ -25,7 +25,8 @@ pub struct Counts {
     pub offered: u64,
     /// Of these: completely written to QUIC.
     pub sent: u64,
-    /// Of these: dropped by the scheduler in favour of newer ones.
+    /// Of these: dropped by the scheduler in favour of newer ones, of the same topic or, above the
+    /// memory budget of the peer, of others.
     pub superseded: u64,
     /// Of these: dropped by the scheduler because they exceeded their maximum age.
     pub expired: u64,
@@ -36,8 +37,8 @@ pub struct Counts {
     /// From the peer: refused, since they were too long, too many at a time, or stuck. For the peer:
     /// refused, since a message of the domain was too long.
     pub refused: u64,
-    /// Dropped because a queue of this gateway was full: the queue of the peer's connection or the
-    /// queue of the domain's side.
+    /// Dropped because a queue of this gateway was full: the queue of the peer's connection, the queue
+    /// of the domain's side, or the requests and replies for the peer.
     pub lost: u64,
     /// From the peer: gaps in the numbers of the origin while the topic was wanted. This gateway cannot
     /// tell whether the missing messages were superseded, expired, overtaken or lost.

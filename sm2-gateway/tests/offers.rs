@@ -1,4 +1,4 @@
-//! More offers than a session has room for: the others are made when there is some.
+//! A peer with more offers, messages and calls than it has room for.
 
 #[path = "age/world.rs"]
 mod world;
@@ -9,13 +9,13 @@ use bytes::Bytes;
 use sm2_gateway::{
     Counts,
     hub::DEFAULT_SEND_QOS,
-    peer::{Command, Event, Message},
+    peer::{CallId, Command, Event, Limits, Message},
 };
 use sm2_io::quic::Congestion;
 use sm2_lossy_link::Profile;
 use sm2_proto::{
     Name, TypeId,
-    gateway::{OfferId, Subject, SubjectKind, session},
+    gateway::{OfferId, Outcome, Subject, SubjectKind, session},
     limits::OFFERS_MAX,
 };
 use world::World;
@@ -148,4 +148,79 @@ fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
     };
     let key = (SubjectKind::Topic, Name::new("topic1").unwrap());
     assert_eq!(world.counts(0), (expected, vec![(key, expected)]));
+}
+
+/// The far side wants topic 1 with a deep queue.
+fn deeply_wanted(world: &mut World) {
+    offer(world, 1);
+    events(world);
+    let (offer, depth) = (OfferId(1), 1_024);
+    world.command(1, Command::Want { offer, depth });
+    events(world);
+}
+
+#[test]
+fn messages_for_a_peer_take_no_more_memory_than_they_may() {
+    let mut world = world();
+    deeply_wanted(&mut world);
+    let payload = Bytes::from(vec![0; 16 << 20]);
+    for sequence in 1..=20 {
+        let message = Message {
+            sequence,
+            published: world.now,
+            payload: payload.clone(),
+        };
+        let offer = OfferId(1);
+        world.command(0, Command::Message { offer, message });
+    }
+    // Seven fit, with their headers. The newest ones stay, and the one that is in flight.
+    assert_eq!(Limits::default().memory_bytes, 8 * payload.len() as u64);
+    let expected = Counts {
+        offered: 20,
+        superseded: 13,
+        ..Counts::default()
+    };
+    assert_eq!(world.counts(0).0, expected);
+}
+
+#[test]
+fn requests_for_a_peer_take_no_more_memory_than_they_may() {
+    let mut world = world();
+    let name = Name::new("echo").unwrap();
+    let bytes = TypeId {
+        name: Name::new("bytes").unwrap(),
+        hash: 0,
+    };
+    let command = Command::Offer {
+        offer: OfferId(1),
+        subject: Subject::Service {
+            name,
+            request: bytes.clone(),
+            reply: bytes,
+        },
+        path: vec![world.hop(0)],
+        qos: DEFAULT_SEND_QOS,
+    };
+    world.command(0, command);
+    events(&mut world);
+    let (offer, depth) = (OfferId(1), 1);
+    world.command(1, Command::Want { offer, depth });
+    events(&mut world);
+    let payload = Bytes::from(vec![0; 50 << 20]);
+    for call in 1..=3 {
+        let command = Command::Call {
+            call: CallId(call),
+            offer,
+            deadline: None,
+            payload: payload.clone(),
+        };
+        world.command(1, command);
+    }
+    let now = world.now;
+    let replies = world.step(now).into_iter().filter_map(|it| match it {
+        (1, Event::Reply { call, outcome, .. }) => Some((call.0, outcome)),
+        _ => None,
+    });
+    assert_eq!(replies.collect::<Vec<_>>(), [(3, Outcome::Unreachable)]);
+    assert_eq!(world.counts(1).0.lost, 1);
 }

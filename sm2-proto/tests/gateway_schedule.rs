@@ -42,8 +42,12 @@ struct Bench {
 
 impl Bench {
     fn new(topics: impl IntoIterator<Item = (u64, SendQos)>) -> Self {
+        Self::with_budget(u64::MAX, topics)
+    }
+
+    fn with_budget(max_bytes: u64, topics: impl IntoIterator<Item = (u64, SendQos)>) -> Self {
         let mut bench = Self {
-            schedule: Schedule::default(),
+            schedule: Schedule::new(max_bytes),
             now: Instant(0),
         };
         for (offer, qos) in topics {
@@ -131,6 +135,31 @@ fn as_many_as_the_peer_wants_in_their_order() {
     });
     assert_eq!(changed, [drop(1, 3, DropCause::Superseded)]);
     assert_eq!(bench.sent(1), [start(1, 4)]);
+}
+
+#[test]
+fn above_the_memory_budget_the_largest_queue_loses_its_oldest_message() {
+    let deep = SendQos { depth: 10, ..FREE };
+    let displaced = |offer, message| [drop(offer, message, DropCause::Displaced)];
+    let mut bench = Bench::with_budget(1_000, [(1, deep), (2, deep)]);
+    assert_eq!(bench.publish(1, 0, 300), [start(1, 0)]);
+    assert_eq!(bench.publish(2, 1, 100), [start(2, 1)]);
+    assert_eq!(bench.publish(1, 2, 300), []);
+    assert_eq!(bench.publish(2, 3, 200), []);
+    assert_eq!(bench.publish(1, 4, 300), displaced(1, 2));
+    assert_eq!(bench.publish(2, 5, 200), displaced(2, 3));
+    assert_eq!(bench.publish(2, 6, 100), [], "as much as fits");
+    assert_eq!(bench.sent(1), [start(1, 4)]);
+    // A message in flight stays, so this one has no room.
+    assert_eq!(bench.publish(1, 7, 900), displaced(1, 7));
+    let closed = bench.input(Input::Close { offer: OfferId(1) });
+    assert_eq!(closed, [Output::Reset { offer: OfferId(1) }]);
+    assert_eq!(
+        bench.publish(2, 8, 600),
+        [],
+        "what was closed takes no room"
+    );
+    assert_eq!(bench.publish(2, 9, 100), displaced(2, 5));
 }
 
 #[test]

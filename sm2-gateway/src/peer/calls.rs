@@ -14,6 +14,9 @@ use super::{
 };
 use crate::{clock::Now, tally::Whose};
 
+/// The reason of a call whose reply finds no room.
+const NO_ROOM: &str = "the replies for this peer exceed `memory_bytes` of the gateway";
+
 impl Peer {
     //= SM2-GWS-001
     pub(super) fn call(
@@ -24,6 +27,10 @@ impl Peer {
         deadline: Option<Instant>,
         payload: Bytes,
     ) {
+        if !self.has_room_for(payload.len()) {
+            self.tally.count(Whose::Theirs(offer), |it| it.lost += 1);
+            return self.events.push_back(Event::unreachable(call));
+        }
         let Some(id) = self.connection.streams().open(Dir::Bi) else {
             return self.events.push_back(Event::unreachable(call));
         };
@@ -70,9 +77,13 @@ impl Peer {
         let Some(offer) = self.calls.remove_theirs(id) else {
             return;
         };
-        let payload = match outcome.has_payload() {
-            true => payload,
-            false => Bytes::new(),
+        let (outcome, payload) = match outcome.has_payload() {
+            true if self.has_room_for(payload.len()) => (outcome, payload),
+            true => {
+                self.tally.count(Whose::Ours(offer), |it| it.lost += 1);
+                (Outcome::Failed, Bytes::from_static(NO_ROOM.as_bytes()))
+            }
+            false => (outcome, Bytes::new()),
         };
         let header = Header {
             carried: Carried::Reply { status: outcome },
@@ -80,6 +91,11 @@ impl Peer {
             len: payload.len() as u64,
         };
         self.send_call(id, Whose::Ours(offer), &header, payload);
+    }
+
+    /// True if a request or a reply of this length fits in the memory budget.
+    fn has_room_for(&self, len_bytes: usize) -> bool {
+        self.calls.writing_bytes() + len_bytes as u64 <= self.limits.memory_bytes
     }
 
     fn send_call(&mut self, id: StreamId, offer: Whose, header: &Header, payload: Bytes) {

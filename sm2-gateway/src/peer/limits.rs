@@ -5,7 +5,8 @@
 pub struct Limits {
     /// The greatest length of a payload, from a peer or from the domain. A longer one is refused.
     pub message_bytes: u64,
-    /// The greatest sum of the lengths of payloads that have not arrived completely.
+    /// The greatest sum of the lengths of payloads that have not arrived completely; of messages for
+    /// the peer; and of requests and replies for the peer.
     pub memory_bytes: u64,
 }
 

@@ -153,7 +153,7 @@ impl Peer {
             control_out: VecDeque::new(),
             incoming: Incoming::default(),
             waiting_offers: WaitingOffers::default(),
-            topics: Topics::default(),
+            topics: Topics::new(limits.memory_bytes),
             calls: OpenCalls::default(),
             ahead: Ahead::default(),
             tally: Tally::default(),

@@ -55,6 +55,12 @@ impl OpenCalls {
         found.map(|(id, _)| *id)
     }
 
+    /// The sum of the lengths of requests and replies that are not written completely.
+    pub(super) fn writing_bytes(&self) -> u64 {
+        let lens = self.writing.iter().map(|(_, it)| it.len_bytes() as u64);
+        lens.sum()
+    }
+
     /// Queues a request or a reply.
     pub(super) fn send(&mut self, offer: Whose, outgoing: Outgoing) {
         self.writing.push((offer, outgoing));

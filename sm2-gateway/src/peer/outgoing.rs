@@ -40,6 +40,11 @@ impl Outgoing {
         }
     }
 
+    /// The length of the payload.
+    pub(super) const fn len_bytes(&self) -> usize {
+        self.len_bytes
+    }
+
     /// Writes as far as there is `room`, and reduces it.
     pub(super) fn write(&mut self, connection: &mut Connection, room: &mut Room) -> Written {
         let mut stream = connection.send_stream(self.stream);

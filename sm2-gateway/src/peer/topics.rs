@@ -27,7 +27,7 @@ const SHORT_PRIORITY: i32 = 0;
 const RESENT_ROUND_TRIPS: u32 = 2;
 
 /// The messages for one peer.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Topics {
     schedule: Schedule<Message>,
     offers: BTreeMap<OfferId, Offer>,
@@ -58,6 +58,16 @@ enum InFlight {
 }
 
 impl Topics {
+    /// No topics. Their messages will occupy at most `max_bytes`.
+    pub(super) fn new(max_bytes: u64) -> Self {
+        Self {
+            schedule: Schedule::new(max_bytes),
+            offers: BTreeMap::new(),
+            in_flight: BTreeMap::new(),
+            long_started: 0,
+        }
+    }
+
     /// Adds a topic that the peer may want. The messages of a reliable one never go as datagrams.
     pub(super) fn add(&mut self, offer: OfferId, qos: SendQos, is_reliable: bool) {
         let added = Offer {
@@ -183,7 +193,7 @@ impl Topics {
             }
             Output::Drop { offer, cause, .. } => {
                 outlet.tally.count(Whose::Ours(offer), |it| match cause {
-                    DropCause::Superseded => it.superseded += 1,
+                    DropCause::Superseded | DropCause::Displaced => it.superseded += 1,
                     DropCause::Expired => it.expired += 1,
                     DropCause::Withdrawn => it.withdrawn += 1,
                 });

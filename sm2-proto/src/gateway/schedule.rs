@@ -12,6 +12,9 @@
 //! sent their shares byte by byte. The message with the smallest finish tag goes first. A short
 //! message of a quiet topic therefore overtakes a long message in flight, and a topic that has
 //! used more than its share waits for the others.
+//!
+//! All messages together have a memory budget. Above it, the topic with the most queued bytes loses
+//! its oldest queued messages.
 
 use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
 use core::{
@@ -125,6 +128,8 @@ pub enum Output<M> {
 pub enum DropCause {
     /// Newer messages took its place in the queue.
     Superseded,
+    /// Newer messages, perhaps of other topics, took its place in the memory budget.
+    Displaced,
     /// It exceeded [`SendQos::max_age`].
     Expired,
     /// Its topic was closed.
@@ -157,6 +162,10 @@ pub struct Schedule<M> {
     rate_limited: BTreeSet<(Instant, OfferId)>,
     /// The virtual time: the greatest finish tag of a message that was sent.
     finish_tag: u64,
+    /// The limit of `held_bytes`.
+    max_bytes: u64,
+    /// The sum of the lengths of all messages, queued or in flight.
+    held_bytes: u128,
     outputs: VecDeque<Output<M>>,
 }
 
@@ -166,17 +175,30 @@ struct TopicQueue<M> {
     qos: SendQos,
     /// The oldest first.
     waiting: VecDeque<QueuedMessage<M>>,
-    /// The finish tag of the message in flight.
-    in_flight: Option<u64>,
+    /// The sum of the lengths of the waiting messages.
+    waiting_bytes: u128,
+    /// The message in flight.
+    in_flight: Option<InFlight>,
     /// The finish tag of the next message, if the topic is in [`Schedule::ready`].
     ready: Option<u64>,
     /// The time at which the rate allows the next message.
     free_at: Instant,
 }
 
-impl<M> Default for Schedule<M> {
-    fn default() -> Self {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct InFlight {
+    finish_tag: u64,
+    len_bytes: u64,
+}
+
+impl<M> Schedule<M> {
+    /// A scheduler without topics. Its messages occupy at most `max_bytes`, except that a message
+    /// in flight always stays.
+    #[must_use]
+    pub fn new(max_bytes: u64) -> Self {
         Self {
+            max_bytes,
+            held_bytes: 0,
             topics: BTreeMap::new(),
             in_flight: BTreeSet::new(),
             ready: BTreeSet::new(),
@@ -184,6 +206,13 @@ impl<M> Default for Schedule<M> {
             finish_tag: 0,
             outputs: VecDeque::new(),
         }
+    }
+}
+
+impl<M> Default for Schedule<M> {
+    /// A scheduler without topics and without a limit of memory.
+    fn default() -> Self {
+        Self::new(u64::MAX)
     }
 }
 
@@ -200,7 +229,10 @@ impl<M> Machine for Schedule<M> {
             Input::Open { offer, qos } => self.open(offer, qos)?,
             Input::Change { offer, qos } => self.change(now, offer, qos)?,
             Input::Close { offer } => self.close(offer)?,
-            Input::Enqueue { offer, message } => self.enqueue(now, offer, message)?,
+            Input::Enqueue { offer, message } => {
+                self.enqueue(now, offer, message)?;
+                self.displace(now);
+            }
             Input::Sent { offer } => self.sent(now, offer)?,
             Input::Tick => {}
         }
@@ -246,6 +278,7 @@ impl<M> Schedule<M> {
         let topic = TopicQueue {
             qos,
             waiting: VecDeque::new(),
+            waiting_bytes: 0,
             in_flight: None,
             ready: None,
             free_at: Instant(0),
@@ -270,8 +303,10 @@ impl<M> Schedule<M> {
         if let Some(finish_tag) = topic.ready {
             self.ready.remove(&(finish_tag, offer));
         }
-        if let Some(finish_tag) = topic.in_flight {
-            self.in_flight.remove(&(finish_tag, offer));
+        self.held_bytes -= topic.waiting_bytes;
+        if let Some(it) = topic.in_flight {
+            self.held_bytes -= u128::from(it.len_bytes);
+            self.in_flight.remove(&(it.finish_tag, offer));
             self.outputs.push_back(Output::Reset { offer });
         }
         let dropped = topic.waiting.into_iter().map(|it| Output::Drop {
@@ -289,14 +324,47 @@ impl<M> Schedule<M> {
         offer: OfferId,
         message: QueuedMessage<M>,
     ) -> Result<(), Misuse> {
+        let topic = self.topic(offer)?;
+        topic.waiting_bytes += u128::from(message.len_bytes);
+        self.held_bytes += u128::from(message.len_bytes);
         self.topic(offer)?.waiting.push_back(message);
         self.refresh(now, offer);
         Ok(())
     }
 
+    /// Drops queued messages until the memory budget suffices.
+    fn displace(&mut self, now: Instant) {
+        while self.held_bytes > u128::from(self.max_bytes) {
+            let waiting = self.topics.iter().filter(|(_, it)| !it.waiting.is_empty());
+            let Some((&offer, _)) = waiting.max_by_key(|(_, it)| it.waiting_bytes) else {
+                return;
+            };
+            self.drop_oldest(offer, DropCause::Displaced);
+            self.refresh(now, offer);
+        }
+    }
+
+    fn drop_oldest(&mut self, offer: OfferId, cause: DropCause) {
+        let topic = self.topics.get_mut(&offer);
+        let Some(oldest) = topic.and_then(TopicQueue::pop) else {
+            return;
+        };
+        self.held_bytes -= u128::from(oldest.len_bytes);
+        let message = oldest.message;
+        self.outputs.push_back(Output::Drop {
+            offer,
+            message,
+            cause,
+        });
+    }
+
     fn sent(&mut self, now: Instant, offer: OfferId) -> Result<(), Misuse> {
         let in_flight = self.topic(offer)?.in_flight.take();
-        let finish_tag = in_flight.ok_or(Misuse::NotSending)?;
+        let InFlight {
+            finish_tag,
+            len_bytes,
+        } = in_flight.ok_or(Misuse::NotSending)?;
+        self.held_bytes -= u128::from(len_bytes);
         self.in_flight.remove(&(finish_tag, offer));
         // A topic that was idle starts from here, so it has no unused share to catch up with.
         self.finish_tag = self.finish_tag.max(finish_tag);
@@ -306,10 +374,12 @@ impl<M> Schedule<M> {
 
     /// Drops messages that are no longer needed, and determines what the next one waits for.
     fn refresh(&mut self, now: Instant, offer: OfferId) {
+        while let Some(cause) = self.topics.get(&offer).and_then(|it| it.shed(now)) {
+            self.drop_oldest(offer, cause);
+        }
         let Some(topic) = self.topics.get_mut(&offer) else {
             return;
         };
-        topic.shed(now, offer, &mut self.outputs);
         if let Some(finish_tag) = topic.ready.take() {
             self.ready.remove(&(finish_tag, offer));
         }
@@ -334,10 +404,13 @@ impl<M> Schedule<M> {
                 continue;
             };
             topic.ready = None;
-            let Some(next) = topic.waiting.pop_front() else {
+            let Some(next) = topic.pop() else {
                 continue;
             };
-            topic.in_flight = Some(finish_tag);
+            topic.in_flight = Some(InFlight {
+                finish_tag,
+                len_bytes: next.len_bytes,
+            });
             topic.free_at = now.after(topic.qos.interval(next.len_bytes));
             self.in_flight.insert((finish_tag, offer));
             let message = next.message;
@@ -349,7 +422,9 @@ impl<M> Schedule<M> {
     fn invariants(&self) {
         let is_in_flight = |(finish_tag, offer): &(u64, OfferId)| {
             let topic = self.topics.get(offer);
-            topic.is_some_and(|it| it.in_flight == Some(*finish_tag))
+            topic
+                .and_then(|it| it.in_flight)
+                .is_some_and(|it| it.finish_tag == *finish_tag)
         };
         debug_assert!(self.in_flight.iter().all(is_in_flight));
         let in_flight = self.topics.values().filter(|it| it.in_flight.is_some());
@@ -359,28 +434,32 @@ impl<M> Schedule<M> {
         debug_assert!(self.ready.is_empty() || is_full);
         let is_bounded = |it: &TopicQueue<M>| it.waiting.len() <= it.qos.depth();
         debug_assert!(self.topics.values().all(is_bounded));
+        let has_sum = |it: &TopicQueue<M>| {
+            let lens = it.waiting.iter().map(|it| u128::from(it.len_bytes));
+            it.waiting_bytes == lens.sum::<u128>()
+        };
+        debug_assert!(self.topics.values().all(has_sum));
     }
 }
 
 impl<M> TopicQueue<M> {
-    /// Drops the oldest messages as long as there are too many, or they are too old.
+    /// Why the oldest message is dropped now: there are too many, or it is too old.
     //= SM2-GWM-004
-    fn shed(&mut self, now: Instant, offer: OfferId, outputs: &mut VecDeque<Output<M>>) {
-        while let Some(oldest) = self.waiting.front() {
-            let cause = if self.waiting.len() > self.qos.depth() {
-                DropCause::Superseded
-            } else if self.qos.is_expired(oldest.published, now) {
-                DropCause::Expired
-            } else {
-                return;
-            };
-            let dropped = self.waiting.pop_front().map(|it| Output::Drop {
-                offer,
-                message: it.message,
-                cause,
-            });
-            outputs.extend(dropped);
+    fn shed(&self, now: Instant) -> Option<DropCause> {
+        let oldest = self.waiting.front()?;
+        if self.waiting.len() > self.qos.depth() {
+            Some(DropCause::Superseded)
+        } else if self.qos.is_expired(oldest.published, now) {
+            Some(DropCause::Expired)
+        } else {
+            None
         }
+    }
+
+    fn pop(&mut self) -> Option<QueuedMessage<M>> {
+        let oldest = self.waiting.pop_front()?;
+        self.waiting_bytes -= u128::from(oldest.len_bytes);
+        Some(oldest)
     }
 }
 
