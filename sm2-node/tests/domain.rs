@@ -10,6 +10,7 @@ use std::time::Duration;
 use common::{Domain, SOON, away, back, meet, next, until};
 use sm2_node::domain::{Change, Domain as Mirror, EntityId, Finding, Item, Key};
 use sm2_node::{Message, Node, TypeId};
+use sm2_proto::counters::Entry;
 
 fn names(domain: &Mirror) -> Vec<String> {
     domain.nodes().map(|node| node.name.to_string()).collect()
@@ -341,6 +342,17 @@ fn types_that_are_declared_can_be_described() {
     drop(publisher);
 }
 
+/// The entries of a node's counters, read by another node.
+fn counters_of(node: &Node, tool: &Node) -> Vec<Entry> {
+    let mut view = None;
+    until(|| {
+        view = tool.inspect(node.id().unwrap()).unwrap();
+        view.is_some()
+    });
+    let view = view.unwrap();
+    view.entries().map(|(_, entry)| entry.unwrap()).collect()
+}
+
 //= SM2-CNT-002, SM2-CNT-004 test
 #[test]
 fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
@@ -361,19 +373,7 @@ fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
     // The last message is released when both nodes have been called.
     until(|| publisher.counters().in_flight == 0 || subscriber.links().is_empty());
     for round in 0..2 {
-        let look = |node: &Node| {
-            let mut view = None;
-            until(|| {
-                view = tool.inspect(node.id().unwrap()).unwrap();
-                view.is_some()
-            });
-            view.unwrap()
-        };
-        let (sent, taken) = (look(&talker), look(&listener));
-        let read = |view: &sm2_node::diagnostics::CounterView| -> Vec<_> {
-            view.entries().map(|(_, entry)| entry.unwrap()).collect()
-        };
-        let (sent, taken) = (read(&sent), read(&taken));
+        let (sent, taken) = (counters_of(&talker, &tool), counters_of(&listener, &tool));
         assert_eq!((sent.len(), taken.len()), (2, 2), "{sent:?} {taken:?}");
         let link = publisher.links()[0].id;
         for entry in sent.iter().chain(&taken) {

@@ -205,7 +205,13 @@ fn calls_that_are_dropped_leave_room_for_others() {
     let serving = bench.near.node("serving");
     let server = serving.server::<str, str>("echo").unwrap();
     let mut client = bench.greeted();
-    let is_echo = |it: &Frame| matches!(it, Frame::Offer { subject: Subject::Service { name, .. }, .. } if name.as_str() == "echo");
+    let is_echo = |it: &Frame| match it {
+        Frame::Offer {
+            subject: Subject::Service { name, .. },
+            ..
+        } => name.as_str() == "echo",
+        _ => false,
+    };
     client.until("OFFER", |it| it.frames.iter().any(is_echo));
     let offers = client.frames.iter().find_map(|it| match it {
         Frame::Offer { offer, .. } if is_echo(it) => Some(*offer),

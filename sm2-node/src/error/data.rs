@@ -1,0 +1,192 @@
+//! Errors of the data plane: publishing, receiving, and calls.
+
+use std::io;
+
+use sm2_proto::Name;
+use sm2_proto::limits::MESSAGE_MAX;
+use sm2_proto::text::Counted;
+
+use crate::{EncodeError, PayloadError};
+
+/// A message was not stored, so no receiver got it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StoreError {
+    /// The value cannot be encoded.
+    #[error(transparent)]
+    Encode(#[from] EncodeError),
+    /// The type does not fit into the memory of a loan.
+    #[error(transparent)]
+    Layout(PayloadError),
+    /// The message exceeds the protocol's limit.
+    #[error("the message has {len} bytes, but at most {MESSAGE_MAX} are possible: split it")]
+    TooLong {
+        /// The length of the message, in bytes.
+        len: u64,
+    },
+    /// Every slot that the pool may have holds a message that is still in use.
+    #[error(
+        "no slot for {len} bytes: all {limit_bytes} bytes of this pool are in use; raise \
+         pool_limit or slots, or have receivers drop their samples sooner"
+    )]
+    PoolFull {
+        /// The length of the message, in bytes.
+        len: u64,
+        /// The limit of the pool, in bytes.
+        limit_bytes: u64,
+    },
+    /// The operating system has no shared memory for the message.
+    #[error("cannot allocate shared memory for a message: {0}")]
+    Io(#[from] io::Error),
+}
+
+/// A publication failed. A reliable subscriber that missed the message is no error of the call,
+/// because the other subscribers have it: see [`Published`](crate::Published).
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PublishError {
+    /// The message was not stored, so no subscriber got it.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Some reliable links missed the message. Only
+    /// [`Published::complete`](crate::Published::complete) returns this error.
+    #[error(
+        "{} had no room before the deadline, and {} received the message: \
+         raise the deadline, or their depth",
+        Counted::new(*missed as u64, "reliable subscriber"),
+        Counted::new(*links as u64, "subscriber")
+    )]
+    DeadlineExceeded {
+        /// The number of links that have the message.
+        links: usize,
+        /// The number of links that missed it.
+        missed: usize,
+    },
+    /// Waiting for room failed. The message went to the links that had room.
+    #[error("cannot wait for room in reliable links: {0}")]
+    Io(#[source] io::Error),
+}
+
+/// No message was received.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RecvError {
+    /// The program holds `max_borrowed` samples of this link (SM2-MSG-005), and no other link has
+    /// a message.
+    #[error(
+        "this program holds {} of node {publisher}, which is max_borrowed: \
+         drop some, or raise max_borrowed",
+        Counted::new(u64::from(*held), "sample")
+    )]
+    TooManyBorrowed {
+        /// The number of samples held.
+        held: u16,
+        /// The node that published them.
+        publisher: Name,
+    },
+    /// The payload is not a value of the declared type. The message counts as received.
+    #[error("node {publisher} sent a message that is not of its declared type: {reason}")]
+    Payload {
+        /// The node that sent it.
+        publisher: Name,
+        /// What is wrong with the payload.
+        reason: PayloadError,
+    },
+    /// The memory of a message could not be mapped, so its link was closed.
+    #[error(
+        "a message of node {publisher} could not be mapped ({source}), so its link was closed: \
+         is there memory left?"
+    )]
+    Map {
+        /// The node that sent it.
+        publisher: Name,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// Polling the links failed.
+    #[error("cannot wait for a message: {0}")]
+    Io(#[source] io::Error),
+}
+
+/// A call has no reply.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CallError {
+    /// No server of this service is linked.
+    #[error("service {service} has no server: start one, or wait with wait_for_servers")]
+    NoServer {
+        /// The service.
+        service: Name,
+    },
+    /// The server ended before it replied (SM2-SRV-005).
+    #[error("the server of {service} ended before it replied: call again if that is safe")]
+    ServerGone {
+        /// The service.
+        service: Name,
+    },
+    /// The deadline passed. A later reply is dropped.
+    #[error("{service} did not reply before the deadline: is its server busy or stopped?")]
+    DeadlineExceeded {
+        /// The service.
+        service: Name,
+    },
+    /// The program cancelled the call.
+    #[error("this program cancelled its call of {service}")]
+    Cancelled {
+        /// The service.
+        service: Name,
+    },
+    /// The server replied that the request failed.
+    #[error("the server of {service} failed: {reason}")]
+    Failed {
+        /// The service.
+        service: Name,
+        /// The text that the server sent.
+        reason: String,
+    },
+    /// Each server has as many calls in flight and replies held as the client allows.
+    #[error(
+        "{limit} calls and replies of {service} are held for each server: \
+         wait for some, or raise max_borrowed"
+    )]
+    TooManyCalls {
+        /// The service.
+        service: Name,
+        /// The limit for each server.
+        limit: usize,
+    },
+    /// The request was not stored.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The payload of the reply is not a value of the declared type.
+    #[error("the server of {service} sent a reply that is not of its declared type: {reason}")]
+    Payload {
+        /// The service.
+        service: Name,
+        /// What is wrong with the payload.
+        reason: PayloadError,
+    },
+    /// Waiting for the server failed.
+    #[error("cannot wait for the reply of {service}: {source}")]
+    Io {
+        /// The service.
+        service: Name,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+}
+
+/// A reply was not sent. The client is told that the call failed, or is gone.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReplyError {
+    /// The reply was not stored. The client is told that the call failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The client is gone.
+    #[error("the reply was not sent: client {client} is gone")]
+    ClientGone {
+        /// The client's node.
+        client: Name,
+    },
+}
