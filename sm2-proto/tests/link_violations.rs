@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use link_support::*;
 use sm2_proto::{
     Code, Datagram, FdFacts, Seals, Violation, ViolationKind,
+    limits::RING_SEGMENTS_MAX,
     link::{
         Config, End, Error, Input, Link, Output, Role, SegmentInfo, Status,
         wire::{Carrier, Form, Frame, Given, MessageFrame, Open},
@@ -159,6 +160,7 @@ fn flow_rows() -> Vec<Row> {
             &data(2, 1),
         ),
         row(violation!(BadId, "SM2-MSG-002"), one, &data(2, 1)),
+        row(violation!(BadId, "SM2-MSG-002"), receiver(), &data(1, 0)),
         row(
             violation!(WindowExceeded, "SM2-MSG-003"),
             blocked_full(),
@@ -319,6 +321,10 @@ fn ring_rows() -> Vec<Row> {
     let detached = Frame::Detached {
         segment: SEGMENT.id,
     };
+    let beyond = Frame::Attach(SegmentInfo {
+        id: RING_SEGMENTS_MAX,
+        ..SEGMENT
+    });
     vec![
         row(
             violation!(WrongLane, "SM2-RNG-001"),
@@ -337,6 +343,7 @@ fn ring_rows() -> Vec<Row> {
             self::sender(),
             &detached,
         ),
+        row(violation!(BadSegment, "SM2-RNG-003"), receiver(), &beyond),
         row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(0, 3)),
         row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(1025, 3)),
         row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(3, 3)),

@@ -165,7 +165,7 @@ impl Served {
     /// Whether this REQUEST may come.
     //= SM2-SRV-002
     pub(super) fn check_request(&self, call: u64) -> Result<(), Violation> {
-        if self.last.is_some_and(|last| call <= last) {
+        if call <= self.last.unwrap_or(0) {
             return Err(violation!(BadId, "SM2-SRV-002"));
         }
         if self.open >= CALLS_MAX {

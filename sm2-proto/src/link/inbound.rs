@@ -173,8 +173,9 @@ impl Inbound {
         if self.sequence.checked_add(1) != Some(message.sequence) {
             return Err(violation!(BadSequence, "SM2-MSG-001"));
         }
-        // Only DATA sets it: the ids of calls are checked with the calls.
-        if self.last_id.is_some_and(|last| message.id <= last) {
+        // The ids of calls are checked with the calls.
+        let is_data = message.carrier == Carrier::Data;
+        if is_data && message.id <= self.last_id.unwrap_or(0) {
             return Err(violation!(BadId, "SM2-MSG-002"));
         }
         if self.unreleased() >= self.window {

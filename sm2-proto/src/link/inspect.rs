@@ -9,7 +9,7 @@ impl Link {
     #[inline]
     pub fn has_output(&self) -> bool {
         match &self.lane {
-            Lane::Ring(ring) if self.greeted && self.state.is_ok() => {
+            Lane::Ring(ring) if self.greeted => {
                 !self.events.is_empty() || ring.has_packets() || self.placed.has_cancels()
             }
             _ => true,

@@ -109,7 +109,7 @@ impl Outbound {
         {
             return Err(Misuse::Status);
         }
-        if !is_reply && self.last_id.is_some_and(|last| message.id <= last) {
+        if !is_reply && message.id <= self.last_id.unwrap_or(0) {
             return Err(Misuse::IdNotGrowing);
         }
         if !is_legal_len(message.len) {

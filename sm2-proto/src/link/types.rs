@@ -274,8 +274,8 @@ pub enum Misuse {
     /// Messages of this link that are not settled use the segment.
     #[error("the segment holds messages of this link that are not settled")]
     SegmentBusy,
-    /// The id is not greater than the one before.
-    #[error("ids grow with every message of a link")]
+    /// The id is 0, or not greater than the one before.
+    #[error("ids begin at 1 and grow with every message of a link")]
     IdNotGrowing,
     /// DATA or REQUEST with a status, or a payload where the status allows none.
     #[error("only replies have a status, and only ok and failed ones a payload")]

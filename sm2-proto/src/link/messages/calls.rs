@@ -45,7 +45,7 @@ impl Link {
             Role::Server => self.served.check(message.id)?,
             _ => {
                 self.placed.check()?;
-                if ring.last_id().is_some_and(|last| message.id <= last) {
+                if message.id <= ring.last_id().unwrap_or(0) {
                     return Err(Misuse::IdNotGrowing);
                 }
             }

@@ -190,8 +190,8 @@ impl RingReceiver {
             return Err(violation!(SlotBusy, "SM2-RNG-007").into());
         }
         let head = SlotHead::from_bytes(&head.ok_or(NotTaken::UnknownSegment)?, self.carrier)?;
-        let last_id = self.last_id.filter(|_| self.carrier != Carrier::Reply);
-        if last_id.is_some_and(|last| head.id <= last) {
+        let last_id = self.last_id;
+        if self.carrier != Carrier::Reply && head.id <= last_id.unwrap_or(0) {
             return Err(violation!(BadId, "SM2-RNG-004").into());
         }
         if head.len > MESSAGE_MAX || head.len > geometry.stride() - SLOT_HEAD as u64 {

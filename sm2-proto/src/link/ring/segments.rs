@@ -1,9 +1,10 @@
 //! The segments of the other end that the messages of a ring are in.
 
-use alloc::collections::{BTreeMap, VecDeque};
+use alloc::{collections::VecDeque, vec::Vec};
 
 use crate::{
     FdFacts, Violation,
+    limits::RING_SEGMENTS_MAX,
     link::segments::{Geometry, SegmentInfo, check_attach},
 };
 
@@ -11,32 +12,39 @@ use crate::{
 /// so a number is free again only when DETACHED has been sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingSegments {
-    attached: BTreeMap<u32, Geometry>,
+    /// By number. Often there is one, which is found faster here than in a tree.
+    attached: Vec<(u32, Geometry)>,
     /// Detached segments whose DETACHED has not been sent, the oldest first.
     leaving: VecDeque<u32>,
 }
 
 impl RingSegments {
     /// ATTACH came.
-    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004, SM2-RNG-010
+    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004, SM2-RNG-003, SM2-RNG-010
     pub(in crate::link) fn attach(
         &mut self,
         info: &SegmentInfo,
         fds: &[FdFacts],
     ) -> Result<(), Violation> {
-        let is_taken = self.attached.contains_key(&info.id) || self.leaving.contains(&info.id);
+        let place = self.place(info.id);
+        let is_taken = place.is_ok() || self.leaving.contains(&info.id);
         let count = self.attached.len() + self.leaving.len();
         let geometry = check_attach(info, fds, is_taken, count)?;
-        self.attached.insert(info.id, geometry);
+        if info.id >= RING_SEGMENTS_MAX {
+            return Err(violation!(BadSegment, "SM2-RNG-003"));
+        }
+        if let Err(place) = place {
+            self.attached.insert(place, (info.id, geometry));
+        }
         Ok(())
     }
 
     /// DETACH came.
     //= SM2-SEG-005, SM2-RNG-010
     pub(in crate::link) fn detach(&mut self, segment: u32) -> Result<(), Violation> {
-        if self.attached.remove(&segment).is_none() {
-            return Err(violation!(UnknownSegment, "SM2-SEG-005"));
-        }
+        let place = self.place(segment);
+        let place = place.map_err(|_| violation!(UnknownSegment, "SM2-SEG-005"))?;
+        self.attached.remove(place);
         self.leaving.push_back(segment);
         Ok(())
     }
@@ -44,7 +52,17 @@ impl RingSegments {
     /// The geometry of an attached segment.
     #[inline]
     pub(in crate::link) fn geometry(&self, segment: u32) -> Option<Geometry> {
-        self.attached.get(&segment).copied()
+        let place = self.place(segment).ok()?;
+        Some(self.attached.get(place)?.1)
+    }
+
+    /// Where a segment is, or where it would be.
+    #[inline]
+    fn place(&self, segment: u32) -> Result<usize, usize> {
+        match self.attached.as_slice() {
+            [(only, _)] if *only == segment => Ok(0),
+            attached => attached.binary_search_by_key(&segment, |it| it.0),
+        }
     }
 
     /// Whether DETACHED has to be sent for a segment.

@@ -289,8 +289,7 @@ impl RingSender {
         if message.len > MESSAGE_MAX.min(info.stride - SLOT_HEAD as u64) {
             return Err(Misuse::TooLong);
         }
-        let is_late = |last| self.carrier != Carrier::Reply && message.id <= last;
-        if self.last_id.is_some_and(is_late) {
+        if self.carrier != Carrier::Reply && message.id <= self.last_id.unwrap_or(0) {
             return Err(Misuse::IdNotGrowing);
         }
         match segment.slots.get(*slot as usize) {

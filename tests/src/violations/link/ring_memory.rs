@@ -2,8 +2,8 @@
 
 use sm2_proto::{
     ViolationKind::{
-        BadId, BadLength, BadSlot, BadWord, ReservedNotZero, SegmentBusy, SlotBusy, UnknownSegment,
-        WindowExceeded,
+        BadId, BadLength, BadSegment, BadSlot, BadWord, ReservedNotZero, SegmentBusy, SlotBusy,
+        UnknownSegment, WindowExceeded,
     },
     link::{At, RingMemory},
 };
@@ -14,7 +14,8 @@ use super::stage::{
     Rows, Rule, all,
 };
 use crate::{
-    link::{detach, kind},
+    link::{attach, detach, kind},
+    memory,
     ring::{PAGE, RawReceiver, RawSender, head, word},
 };
 
@@ -147,7 +148,13 @@ fn places() -> Rows {
             sender.send(1, 0, b"x");
         },
     );
-    all([unknown, outside, busy, detached, gone])
+    let beyond = put(
+        Rule::new(BadSegment, "SM2-RNG-003"),
+        Subscriber,
+        "ATTACH of a number that no word can name",
+        |stage, _| stage.send_fd(attach(32_768, PAGE, 1), &memory::segment(PAGE)),
+    );
+    all([unknown, outside, busy, detached, gone, beyond])
 }
 
 fn heads() -> Rows {

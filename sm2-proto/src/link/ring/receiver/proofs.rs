@@ -92,7 +92,9 @@ fn numbers_end() {
         accesses: Cell::new(0),
         depth: 1,
     };
-    let taken = receiver.take(&words, |_| Geometry::new(4_096, 1), |_, _, _| Some([0; 64]));
+    let mut head = [0; 64];
+    head[0] = 1;
+    let taken = receiver.take(&words, |_| Geometry::new(4_096, 1), |_, _, _| Some(head));
     assert!(receiver.next >= next);
     kani::cover!(
         taken == Err(NotTaken::Violation(violation!(BadWord, "SM2-RNG-007"))),
