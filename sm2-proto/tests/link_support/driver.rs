@@ -107,7 +107,10 @@ impl Driver {
                 assert!(self.mapped.insert(segment, info).is_none() && self.mapped.len() <= 256);
             }
             Output::Detach { segment } => {
-                let uses = |it: &Delivery| matches!(it.payload, Payload::Pooled { segment: used, .. } if used == segment);
+                let uses = |it: &Delivery| match it.payload {
+                    Payload::Pooled { segment: used, .. } => used == segment,
+                    Payload::Inline(_) | Payload::Sealed => false,
+                };
                 assert!(!self.held.iter().any(uses));
                 assert!(self.mapped.remove(&segment).is_some());
             }

@@ -317,8 +317,6 @@ impl Pair {
         self.feed(end, Input::Close(Farewell::Done.code()));
     }
 
-    // What the drivers do.
-
     fn set_full(&mut self, end: usize, full: bool) {
         let at = &mut self.ends[end];
         at.full = full;
@@ -380,8 +378,6 @@ impl Pair {
             self.ends[end].observe(output);
         }
     }
-
-    // What must hold.
 
     pub(crate) fn check(&self) {
         for at in &self.ends {
