@@ -28,7 +28,7 @@ fn paper() -> Profile {
     }
 }
 
-/// What is published, in bytes, and how often.
+/// The topics: the length of their messages in bytes, and the period.
 const IMAGE: Topic = Topic {
     offer: OfferId(1),
     len_bytes: 1_000_000,
@@ -50,7 +50,7 @@ const TOPICS: [Topic; 3] = [IMAGE, POSE, INERTIA];
 const DATAGRAM_BYTES: f64 = 1_452.0;
 const QUIC_HEADERS_BYTES: f64 = 38.0;
 const LENGTH: Duration = Duration::from_secs(40);
-/// What comes before is not counted.
+/// Messages that arrive before this time are not counted.
 const SETTLING: Duration = Duration::from_secs(3);
 
 struct Topic {

@@ -209,7 +209,7 @@ fn what_was_known_of_a_peer_is_forgotten_with_its_connection() {
     assert!(said.iter().any(hidden), "{said:?}");
     let lost = said.iter().any(|it| matches!(it, Output::Lost { .. }));
     assert!(lost, "{said:?}");
-    // What the old one still says counts for nothing.
+    // Later events of the old connection are ignored.
     assert!(tell(&mut hub, 1, message(1, 1)).is_empty());
 }
 
@@ -379,7 +379,7 @@ fn other_rules_withdraw_before_anything_else_is_said() {
     );
     assert!(unoffer.is_some() && unwant.is_some(), "{said:?}");
     assert!(unoffer.max(unwant) < change, "{said:?}");
-    // What is under way of it reaches nobody.
+    // A message of it that is in flight reaches nobody.
     assert!(tell(&mut hub, 1, message(4, 1)).is_empty());
 }
 
@@ -427,7 +427,7 @@ fn what_was_left_out_is_counted_only_while_it_was_wanted() {
     };
     local(&mut hub, taken(Some(4)));
     let skipped = |hub: &Hub| hub.peers()[0].counts.skipped;
-    // What went before the first one nobody here has missed.
+    // Messages before the first one that was taken are not missing.
     tell(&mut hub, 1, message(1, 10));
     tell(&mut hub, 1, message(1, 11));
     assert_eq!(skipped(&hub), 0);

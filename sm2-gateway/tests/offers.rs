@@ -36,7 +36,7 @@ fn world() -> World {
     world
 }
 
-/// What happens within some seconds, at the far side.
+/// The events of the far side within three seconds.
 fn events(world: &mut World) -> Vec<Event> {
     let until = world.now.after(Duration::from_secs(3));
     let mut events = Vec::new();

@@ -20,7 +20,7 @@ pub(super) struct OpenCall {
     pub(super) sent_by: Option<ConnectionId>,
 }
 
-/// Who waits for the reply to a call.
+/// The party that waits for the reply to a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Caller {
     Local {

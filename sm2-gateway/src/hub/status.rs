@@ -23,11 +23,11 @@ pub struct PeerStatus {
     pub connection: ConnectionId,
     /// The epoch of its process.
     pub epoch: u64,
-    /// What it offers.
+    /// The topics and services that it offers.
     pub offers: Vec<Subject>,
-    /// What this gateway offers to it.
+    /// The topics and services that this gateway offers to it.
     pub offered: Vec<Subject>,
-    /// What the rules deny it.
+    /// The topics and services that the rules deny it.
     pub denied: Vec<Denial>,
     /// The counts that only the hub can know: [`lost`](Counts::lost),
     /// [`skipped`](Counts::skipped) and, of messages of the domain, [`refused`](Counts::refused).

@@ -25,7 +25,7 @@ struct Side {
     lane: Lane<Vec<u8>>,
 }
 
-/// What counts are of.
+/// The kind and name that counts belong to.
 pub(crate) type Named = (SubjectKind, Name);
 
 /// The near side is 0, and dials.
@@ -80,7 +80,7 @@ impl World {
         self.sides[at].me.hop
     }
 
-    /// What was counted at a side, in all and by name.
+    /// The counts of a side, in total and by name.
     pub(crate) fn counts(&self, at: usize) -> (Counts, Vec<(Named, Counts)>) {
         let (_, peer) = self.sides[at].peer.as_ref().unwrap();
         let by_name = peer.counts_by_name();

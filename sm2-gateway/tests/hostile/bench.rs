@@ -19,7 +19,7 @@ use crate::{
 };
 
 pub(crate) const EPOCH: u64 = 1 << 62;
-/// What the gateway takes at most of a payload, and of all payloads of a peer.
+/// The limits of the gateway for one payload, and for all payloads of a peer.
 pub(crate) const MESSAGE_BYTES: usize = 100_000;
 pub(crate) const MEMORY_BYTES: usize = 1_000_000;
 
@@ -38,7 +38,7 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn new() -> Self {
-        // What gateways log is shown where a test fails.
+        // A failing test shows the log of the gateways.
         let _ = tracing_subscriber::fmt().with_test_writer().try_init();
         let [near, far, mallory] = ["near", "far", "mallory"].map(Domain::new);
         let runtime = runtime();
@@ -84,7 +84,7 @@ impl Bench {
         assert!(start.elapsed().as_secs() < 3, "{:?}", start.elapsed());
     }
 
-    /// Who is connected with the gateway.
+    /// The names of the peers that are connected with the gateway.
     pub(crate) fn peers(&self) -> Vec<String> {
         let report = report(&self.runtime, &self.left);
         report.peers.into_iter().map(|it| it.name).collect()

@@ -29,12 +29,12 @@ pub(crate) struct Client {
     pub(crate) is_deaf: bool,
     pub(crate) lost: Option<ConnectionError>,
     pub(crate) control: Option<StreamId>,
-    /// What came on the control stream.
+    /// The bytes of the control stream.
     reader: FrameReader,
     pub(crate) frames: Vec<Frame>,
     /// Streams that the other side does not read any more, and why.
     pub(crate) stopped: BTreeMap<StreamId, u64>,
-    /// What came on other streams; whether it has ended, and how.
+    /// The bytes of other streams, and how each stream has ended.
     pub(crate) came: BTreeMap<StreamId, (Vec<u8>, Option<Ending>)>,
 }
 
@@ -175,7 +175,7 @@ impl Client {
         }
     }
 
-    /// What is sent, and what has come.
+    /// Sends and receives datagrams.
     pub(crate) fn turn(&mut self) {
         let mut buffer = Vec::new();
         while let Some(transmit) = (self.connection).poll_transmit(Instant::now(), 1, &mut buffer) {

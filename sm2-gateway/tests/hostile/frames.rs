@@ -54,7 +54,7 @@ fn a_handshake_needs_a_trusted_raw_key_and_the_protocols_name() {
     bench.stop();
 }
 
-/// What a peer sends on the control stream, and the code that closes the connection.
+/// A description, the bytes on the control stream, and the code that closes the connection.
 type Case = (&'static str, Vec<u8>, Code);
 
 /// Greetings that are not legal, or frames before the greeting.

@@ -1,4 +1,4 @@
-//! What a client may show of itself.
+//! The identities that a client can present.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use rustls::{
 };
 use sm2_io::quic::{ALPN, SecretKey};
 
-/// What a client shows.
+/// The identity that a client presents.
 pub(crate) enum Shown<'a> {
     Nothing,
     Key(&'a SecretKey),

@@ -1,4 +1,4 @@
-//! What a peer can make a gateway keep.
+//! The memory that a peer can make a gateway use.
 
 use std::{
     fs,

@@ -1,4 +1,4 @@
-//! What latched topics keep for peers that come later.
+//! The messages that latched topics keep for peers that come later.
 
 use bytes::Bytes;
 use sm2_gateway::{
@@ -102,7 +102,7 @@ fn what_is_kept_is_bounded() {
     assert_eq!(sent(&want(&mut hub, 3), 3), [3, 4, 5]);
 }
 
-/// What comes from peer 2 and goes on to peer 3.
+/// A hub that passes messages of peer 2 on to peer 3.
 //= SM2-GWM-007, SM2-GWM-008 test
 #[test]
 fn what_is_latched_comes_again_when_it_is_wanted_again() {

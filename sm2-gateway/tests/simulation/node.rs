@@ -27,10 +27,10 @@ use crate::{
     rules::RuleSet,
 };
 
-/// What waits for a connection: more messages are lost.
+/// The capacity of the queue of messages for a connection.
 const MESSAGES: usize = 64;
 
-/// What the hub is told.
+/// An input of the hub.
 pub(crate) enum Message {
     Hub(Input),
     Policy(RuleSet),

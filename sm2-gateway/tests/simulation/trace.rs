@@ -1,4 +1,4 @@
-//! What a hub said, as text.
+//! The outputs of a hub as text.
 
 use sm2_gateway::{
     hub::{LocalCommand, Output},
