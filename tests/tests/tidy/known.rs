@@ -27,7 +27,7 @@ pub(crate) const REPETITIONS: &[(&str, usize)] = &[
 pub(crate) const SENTENCES: &[(&str, usize)] = &[
     (".", 2),
     ("sm2-gateway", 67),
-    ("sm2-node", 54),
-    ("sm2-proto", 439),
+    ("sm2-node", 46),
+    ("sm2-proto", 109),
     ("tests", 2),
 ];

@@ -4,8 +4,10 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use sm2_proto::link::{ LaneKind, Wake, Attachment, Body, Config, Delivery, End, Error, Fate, Input, Lent, Link, Misuse, NoDelivery,
-    OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead, Status, doorbell,
+use sm2_proto::link::{
+    Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, Lent, Link, Misuse,
+    NoDelivery, OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead, Status,
+    Wake, doorbell,
 };
 use sm2_proto::{Datagram, Farewell, FdFacts, Instant, LinkId, Seals, limits::SLOT_HEAD};
 
@@ -79,7 +81,10 @@ pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link
     let attach = Input::Attach(memory.segment());
     ends[0].handle(NOW, attach).expect("a segment");
     exchange(&mut ends, memory);
-    assert!(ends.iter().all(|it| it.is_open() && it.lane() == LaneKind::Ring));
+    assert!(
+        ends.iter()
+            .all(|it| it.is_open() && it.lane() == LaneKind::Ring)
+    );
     ends
 }
 
