@@ -1,7 +1,7 @@
 //! How nodes read their sockets, and how their drivers carry out the outputs.
 
 use sm2_proto::{
-    Datagram, FdFacts, LinkId, Machine,
+    Datagram, FdFacts, InterfaceId, LinkId, Machine,
     node::{self, End},
 };
 
@@ -67,9 +67,7 @@ impl World {
                     interface, link, ..
                 } => {
                     assert_eq!(descriptor.take(), Some(link));
-                    program.links.insert((interface, link));
-                    let pair = self.pairs.get_mut(&link).expect("made");
-                    pair.sockets[end_of(&pair.ends, at, interface)] = Socket::Held;
+                    self.linked(at, interface, link);
                 }
                 node::Output::Unlink {
                     interface,
@@ -108,6 +106,13 @@ impl World {
         if let Some(link) = descriptor {
             self.lose(at, link);
         }
+    }
+
+    /// The node's driver keeps its end of the socket pair.
+    fn linked(&mut self, at: usize, interface: InterfaceId, link: LinkId) {
+        self.programs[at].links.insert((interface, link));
+        let pair = self.pairs.get_mut(&link).expect("made");
+        pair.sockets[end_of(&pair.ends, at, interface)] = Socket::Held;
     }
 
     /// The node's driver closes the connection, and with it the descriptors that it did not read.
