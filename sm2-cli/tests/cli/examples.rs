@@ -42,11 +42,12 @@ const REPLACED: [(&str, &str); 7] = [
 /// The way in which an example ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ending {
-    ByItself,
+    /// By itself.
+    Exit,
     /// By Ctrl-C, as soon as it does something.
-    BySignal,
+    Signal,
     /// By the key `q` on a terminal.
-    ByKey,
+    Key,
 }
 
 #[test]
@@ -106,12 +107,12 @@ fn ending(example: &str) -> Ending {
         "sm2 topic loss",
     ];
     if starts(&["sm2 top"]) && !starts(&["sm2 topic", "sm2 top --once", "sm2 top --json"]) {
-        return Ending::ByKey;
+        return Ending::Key;
     }
     let counts = example.contains("--count");
     match example.contains("--loop") || (starts(&goes_on) && !counts) {
-        true => Ending::BySignal,
-        false => Ending::ByItself,
+        true => Ending::Signal,
+        false => Ending::Exit,
     }
 }
 
@@ -131,9 +132,9 @@ fn try_example(example: &str) {
         });
     }
     let finished = match ending(example) {
-        Ending::ByItself => Shell::start(&world, &script).finish(),
-        Ending::BySignal => interrupted(&world, example, &script),
-        Ending::ByKey => return quit_by_key(&world, &script),
+        Ending::Exit => Shell::start(&world, &script).finish(),
+        Ending::Signal => interrupted(&world, example, &script),
+        Ending::Key => return quit_by_key(&world, &script),
     };
     // On a busy machine no message may pass the bad link in time; then the status is 1.
     let is_reported = example.contains("--bad-link") && finished.stdout().starts_with('{');

@@ -45,9 +45,8 @@ impl World {
                     connection.up.push_back(bytes);
                 }
                 node::Output::Welcomed { .. } => {
-                    for interface in program.interfaces.values_mut() {
-                        interface.refused = false;
-                    }
+                    let interfaces = program.interfaces.values_mut();
+                    interfaces.for_each(|it| it.refused = false);
                 }
                 node::Output::Declared { interface, .. } => {
                     let ours = program.interfaces.get_mut(&interface).expect("declared");
