@@ -1,10 +1,9 @@
-//! The segments of one's own that the messages of a link use (the sending
-//! side of SPEC section 8.3).
+//! The segments of this end that the messages of a link use (the sending side of SPEC section 8.3).
 //!
-//! A segment is *named* as long as a message of the link that is not settled
-//! is in one of its slots, and *attached* from ATTACH to DETACH. No more than
-//! 256 are named at a time, so a segment that has to be attached always finds
-//! one to detach: among 256 attached ones at most 255 hold unreleased messages.
+//! A segment is *named* while a message in one of its slots is not settled, and *attached* from
+//! ATTACH to DETACH. At most 256 segments are named at a time. A segment that has to be attached is
+//! named itself, so among 256 attached segments at most 255 hold unreleased messages, and one can
+//! be detached.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -20,15 +19,15 @@ use crate::limits::SEGMENTS_MAX;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Attachments {
     segments: BTreeMap<u32, Segment>,
-    /// How many segments are named.
+    /// The number of named segments.
     named: usize,
-    /// How many segments are attached.
+    /// The number of attached segments.
     attached: usize,
-    /// The attached ones without unreleased messages, the longest attached first.
+    /// The attached segments without unreleased messages, by the order of their ATTACH frames.
     idle: BTreeMap<u64, u32>,
     /// Those whose DETACH has not been sent yet.
     retired: VecDeque<u32>,
-    /// Counts the ATTACH frames.
+    /// The number of ATTACH frames so far.
     order: u64,
 }
 
@@ -36,22 +35,22 @@ pub(super) struct Attachments {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Segment {
     geometry: Geometry,
-    /// The slots that messages not yet settled are in.
+    /// The slots of messages that are not settled.
     slots: BTreeSet<u32>,
-    /// How many of these messages are sent.
+    /// How many of these messages were sent.
     unreleased: usize,
-    /// Which ATTACH it was, if the segment is attached.
+    /// The position of its ATTACH frame among all ATTACH frames, if the segment is attached.
     attached: Option<u64>,
 }
 
-/// What has to be sent before a message can.
+/// A frame that has to be sent before a message.
 pub(super) enum Step {
     Detach(u32),
     Attach(SegmentInfo),
 }
 
 impl Attachments {
-    /// Whether a message may be put in this slot.
+    /// Checks whether a message may be put into this slot.
     pub(super) fn check(&self, info: &SegmentInfo, slot: u32) -> Result<(), Misuse> {
         let geometry = Geometry::new(info.stride, info.slots).ok_or(Misuse::BadSegment)?;
         if geometry.offset(slot).is_none() {
@@ -72,7 +71,7 @@ impl Attachments {
         Ok(())
     }
 
-    /// A message was put in this slot; `check` has allowed it.
+    /// Records a message in this slot, which [`check`](Self::check) has allowed.
     pub(super) fn queue(&mut self, info: &SegmentInfo, slot: u32) {
         let Some(geometry) = Geometry::new(info.stride, info.slots) else {
             return;
@@ -89,8 +88,8 @@ impl Attachments {
         segment.slots.insert(slot);
     }
 
-    /// What has to be sent first, so that a message in this segment can be;
-    /// none if it can be sent now. The caller sends what it is given.
+    /// Returns the frame that has to be sent before a message in this segment; `None` if the
+    /// message can be sent now. The caller sends the returned frame.
     //= SM2-SEG-004, SM2-SEG-005
     pub(super) fn prepare(&mut self, id: u32) -> Option<Step> {
         let segment = self.segments.get_mut(&id)?;
@@ -115,7 +114,7 @@ impl Attachments {
         Some(Step::Attach(info))
     }
 
-    /// The message in this slot is sent.
+    /// Records that the message in this slot was sent.
     pub(super) fn sent(&mut self, at: Slot) {
         if let Some(segment) = self.segments.get_mut(&at.segment) {
             segment.unreleased += 1;
@@ -125,7 +124,7 @@ impl Attachments {
         }
     }
 
-    /// The message in this slot is settled; whether it had been sent.
+    /// Records that the message in this slot is settled. `sent` says whether it had been sent.
     pub(super) fn settle(&mut self, at: Slot, sent: bool) {
         let Some(segment) = self.segments.get_mut(&at.segment) else {
             return;
@@ -148,7 +147,7 @@ impl Attachments {
         }
     }
 
-    /// The application will not use the segment again.
+    /// Called when the application will not use the segment again.
     pub(super) fn retire(&mut self, id: u32) -> Result<(), Misuse> {
         let Some(segment) = self.segments.get(&id) else {
             return Ok(());
@@ -164,7 +163,7 @@ impl Attachments {
         Ok(())
     }
 
-    /// The next retired segment whose DETACH has to be sent.
+    /// Returns the next retired segment whose DETACH has to be sent.
     pub(super) fn poll_retired(&mut self) -> Option<u32> {
         self.retired.pop_front()
     }
@@ -179,7 +178,7 @@ impl Attachments {
         }
     }
 
-    /// What must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         let segments = self.segments.values();
         debug_assert_eq!(

@@ -1,4 +1,4 @@
-//! The calls of one link without a reply: SPEC section 9 from both ends.
+//! The calls of one link that have no reply yet: SPEC section 9 at both ends.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -13,20 +13,20 @@ use crate::{Violation, limits::CALLS_MAX};
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Placed {
     calls: BTreeMap<u64, Call>,
-    /// The calls whose CANCEL has to be sent.
+    /// The calls for which CANCEL has to be sent.
     cancels: BTreeSet<u64>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 struct Call {
-    /// Whether its REQUEST has left.
+    /// Whether its REQUEST was sent.
     sent: bool,
     /// Whether the application cancelled it.
     cancelled: bool,
 }
 
 impl Placed {
-    /// Whether one more call is allowed.
+    /// Checks whether one more call is allowed.
     //= SM2-SRV-002
     pub(super) fn check(&self) -> Result<(), Misuse> {
         if self.calls.len() >= CALLS_MAX {
@@ -36,12 +36,12 @@ impl Placed {
         }
     }
 
-    /// The application made a call.
+    /// Records a call that the application made.
     pub(super) fn place(&mut self, call: u64) {
         self.calls.insert(call, Call::default());
     }
 
-    /// Its REQUEST left.
+    /// Records that the REQUEST of this call was sent.
     pub(super) fn sent(&mut self, call: u64) {
         if let Some(state) = self.calls.get_mut(&call) {
             state.sent = true;
@@ -51,8 +51,8 @@ impl Placed {
         }
     }
 
-    /// The application no longer wants the reply; `last` is its last call.
-    /// One that has its reply is left alone.
+    /// Called when the application no longer wants the reply; `last` is the id of its last call. A
+    /// call that already has its reply is not affected.
     //= SM2-SRV-004
     pub(super) fn cancel(&mut self, call: u64, last: Option<u64>) -> Result<(), Misuse> {
         match self.calls.get_mut(&call) {
@@ -69,7 +69,7 @@ impl Placed {
         }
     }
 
-    /// Whether this REPLY may come.
+    /// Checks whether this REPLY is legal now.
     //= SM2-SRV-003
     pub(super) fn check_reply(&self, call: u64, status: Status, len: u64) -> Result<(), Violation> {
         if !self.calls.get(&call).is_some_and(|state| state.sent) {
@@ -81,7 +81,7 @@ impl Placed {
         Ok(())
     }
 
-    /// A REPLY came.
+    /// Records a REPLY that came.
     pub(super) fn replied(&mut self, call: u64) {
         self.calls.remove(&call);
         self.cancels.remove(&call);
@@ -92,24 +92,24 @@ impl Placed {
         !self.cancels.is_empty()
     }
 
-    /// The next call whose CANCEL has to be sent.
+    /// Returns the next call for which CANCEL has to be sent.
     pub(super) fn poll(&mut self) -> Option<u64> {
         self.cancels.pop_first()
     }
 
-    /// How many calls have no reply.
+    /// The number of calls without a reply.
     pub(super) fn len(&self) -> usize {
         self.calls.len()
     }
 
-    /// The link is over. Gives the calls that will not get a reply, the oldest first.
+    /// Ends all calls with the link. Returns the calls that will not get a reply, the oldest first.
     //= SM2-SRV-005
     pub(super) fn end(&mut self) -> impl Iterator<Item = u64> + use<> {
         self.cancels.clear();
         mem::take(&mut self.calls).into_keys()
     }
 
-    /// What must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         debug_assert!(self.calls.len() <= CALLS_MAX);
         let is_due = |call| {
@@ -121,16 +121,16 @@ impl Placed {
     }
 }
 
-/// The calls that a server got.
+/// The calls that a server received.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Served {
     /// Every call whose REPLY the caller has not released.
     calls: BTreeMap<u64, Got>,
-    /// How many of them have no REPLY that has left.
+    /// How many of these calls have no REPLY that was sent.
     open: usize,
     /// The id of the last REQUEST.
     last: Option<u64>,
-    /// Ring lane: the calls that were cancelled before their request was taken.
+    /// Ring lane: the calls that were cancelled before their request was taken from the ring.
     early: BTreeSet<u64>,
 }
 
@@ -144,14 +144,15 @@ struct Got {
 enum Reply {
     /// The application has not replied.
     Owed,
-    /// It has, and the REPLY has not left.
+    /// The application has replied, and the REPLY was not sent yet.
     Queued,
-    /// The REPLY has left.
+    /// The REPLY was sent.
     Sent,
 }
 
 impl Got {
-    /// Notes a CANCEL; whether the application has to know. None: this is the second one.
+    /// Records a CANCEL. Returns whether the application has to be told; `None` for a second
+    /// CANCEL.
     const fn cancel(&mut self) -> Option<bool> {
         if self.cancelled {
             return None;
@@ -162,7 +163,7 @@ impl Got {
 }
 
 impl Served {
-    /// Whether this REQUEST may come.
+    /// Checks whether this REQUEST is legal now.
     //= SM2-SRV-002
     pub(super) fn check_request(&self, call: u64) -> Result<(), Violation> {
         if call <= self.last.unwrap_or(0) {
@@ -174,7 +175,7 @@ impl Served {
         Ok(())
     }
 
-    /// A REQUEST came.
+    /// Records a REQUEST that came.
     pub(super) fn requested(&mut self, call: u64) {
         self.last = Some(call);
         self.open += 1;
@@ -187,7 +188,7 @@ impl Served {
         );
     }
 
-    /// CANCEL came. Whether the application has to know.
+    /// Handles CANCEL. Returns whether the application has to be told.
     //= SM2-SRV-004
     pub(super) fn cancel(&mut self, call: u64) -> Result<bool, Violation> {
         let got = self
@@ -197,8 +198,9 @@ impl Served {
         got.cancel().ok_or(violation!(BadCancel, "SM2-SRV-004"))
     }
 
-    /// CANCEL came on the ring lane, where it overtakes requests and is overtaken by replies.
-    /// No more than `most` requests are on their way. Whether the application has to know.
+    /// Handles CANCEL on the ring lane, where CANCEL can overtake its request, and the reply can
+    /// overtake CANCEL. At most `most` requests are in the ring. Returns whether the application
+    /// has to be told.
     //= SM2-RNG-012
     pub(super) fn cancel_of_ring(&mut self, call: u64, most: usize) -> Result<bool, Violation> {
         if let Some(got) = self.calls.get_mut(&call) {
@@ -220,7 +222,7 @@ impl Served {
         Ok(false)
     }
 
-    /// A request was taken out of a ring. Whether it is cancelled already.
+    /// Records a request that was taken from a ring. Returns whether it is already cancelled.
     //= SM2-RNG-012, SM2-SRV-002
     pub(super) fn taken_from_ring(&mut self, call: u64) -> Result<bool, Violation> {
         self.check_request(call)?;
@@ -235,7 +237,7 @@ impl Served {
         }
     }
 
-    /// Whether the application may reply.
+    /// Checks whether the application may reply.
     //= SM2-SRV-003
     pub(super) fn check(&self, call: u64) -> Result<(), Misuse> {
         match self.calls.get(&call) {
@@ -246,14 +248,14 @@ impl Served {
         }
     }
 
-    /// The application replied.
+    /// Records that the application replied.
     pub(super) fn reply(&mut self, call: u64) {
         if let Some(got) = self.calls.get_mut(&call) {
             got.reply = Reply::Queued;
         }
     }
 
-    /// Its REPLY left.
+    /// Records that the REPLY of this call was sent.
     pub(super) fn sent(&mut self, call: u64) {
         if let Some(got) = self.calls.get_mut(&call)
             && got.reply == Reply::Queued
@@ -263,24 +265,24 @@ impl Served {
         }
     }
 
-    /// The caller released the REPLY: it will not name the call again.
+    /// Records that the caller released the REPLY: no frame will name the call again.
     pub(super) fn released(&mut self, call: u64) {
         self.calls.remove(&call);
     }
 
-    /// How many calls have no reply.
+    /// The number of calls without a reply that was sent.
     pub(super) const fn len(&self) -> usize {
         self.open
     }
 
-    /// The link is over: nobody waits for a reply.
+    /// Ends all calls with the link, because no client waits for a reply any more.
     pub(super) fn end(&mut self) {
         self.calls.clear();
         self.early.clear();
         self.open = 0;
     }
 
-    /// What must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         debug_assert!(self.open <= CALLS_MAX);
         let open = self

@@ -1,4 +1,4 @@
-//! What a link is told when it is made.
+//! The configuration of one end of a link.
 
 use super::{RingLayout, Role};
 use crate::{
@@ -6,7 +6,8 @@ use crate::{
     limits::{QOS_MAX, WINDOW_MAX},
 };
 
-/// One end of one link: the terms that LINK named, and what its own side declared.
+/// The configuration of one end of a link: the terms of the LINK frame, and the QoS that this side
+/// declared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Config {
     /// The link's id, from LINK.
@@ -15,22 +16,23 @@ pub struct Config {
     pub version: u16,
     /// Which end this is.
     pub role: Role,
-    /// Whether nothing may be displaced, from LINK. Links of services always are.
+    /// From LINK: whether no message may be displaced. Always true on links of services.
     pub reliable: bool,
-    /// Whether pooled messages are illegal, from LINK.
+    /// From LINK: whether pooled messages are illegal.
     pub sealed: bool,
-    /// Whether this end offers the ring lane: not if the link is sealed, whatever stands here.
+    /// Whether this end offers the ring lane. Ignored if the link is sealed.
     pub ring: bool,
-    /// How many messages are kept, 1 to 1,024. A sender: of those that the
-    /// window does not admit; all others: of those that the application has not taken.
+    /// How many messages are kept, 1 to 1,024. On a sender, this bounds the messages that the
+    /// window does not admit yet. On all other roles, it bounds the messages that the application
+    /// has not taken.
     pub depth: u16,
-    /// How many messages the application may hold at a time, 1 to 1,024.
-    /// Unused by a sender.
+    /// How many messages the application may hold at a time, 1 to 1,024. A sender does not use it.
     pub max_borrowed: u16,
 }
 
 impl Config {
-    /// The end, without a ring lane, of `link` that belongs to the interface with this contract.
+    /// The configuration of an interface's end of `link`, from the interface's contract. It offers
+    /// no ring lane.
     #[must_use]
     pub const fn new(
         contract: &Contract,
@@ -70,8 +72,9 @@ impl Config {
         }
     }
 
-    /// The ring that this end makes, if it receives: as deep as what may wait for the application.
-    /// That is `depth`, but a caller has a place for the reply to each of its calls.
+    /// The layout of the ring that this end creates; `None` for a sender. The ring is as deep as
+    /// the number of messages that may wait for the application. That number is `depth`, except for
+    /// a caller, whose ring has room for the reply to each of its calls.
     //= SM2-RNG-002
     #[must_use]
     pub const fn ring_layout(&self) -> Option<RingLayout> {
@@ -85,7 +88,8 @@ impl Config {
         RingLayout::new(depth, window)
     }
 
-    /// The same with every value in its range, so that all below can count on it.
+    /// Returns the configuration with every value in its range, so that the machine can rely on the
+    /// ranges.
     pub(super) fn in_range(self) -> Self {
         Self {
             reliable: self.reliable || matches!(self.role, Role::Caller | Role::Server),

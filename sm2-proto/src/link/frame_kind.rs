@@ -1,16 +1,16 @@
-//! The kinds of frames on a link, and which end and which lane each belongs to.
+//! The kinds of link frames, with the roles that receive them and the lanes that use them.
 
 use super::Role;
 
-/// The kinds of link frames, by their numbers.
+/// The kinds of link frames, with their numbers on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum FrameKind {
-    /// The first frame of each side.
+    /// The first frame of each end.
     Open = 1,
-    /// Registers a segment.
+    /// Registers a segment with the receiver.
     Attach = 2,
-    /// Ends a segment.
+    /// Unregisters a segment.
     Detach = 3,
     /// A publication.
     Data = 4,
@@ -20,20 +20,20 @@ pub enum FrameKind {
     Reply = 6,
     /// Gives messages back.
     Release = 7,
-    /// The caller no longer wants a reply.
+    /// Caller: no longer wants a reply.
     Cancel = 8,
-    /// The last frame of each side.
+    /// The last frame of each end.
     Close = 9,
-    /// The file of the ring.
+    /// Carries the descriptor of a ring.
     Ring = 16,
-    /// Wakes who sleeps.
+    /// Wakes the other end, which parked.
     Doorbell = 17,
-    /// Whoever receives does not use a segment any more.
+    /// The receiver no longer uses a segment.
     Detached = 18,
 }
 
 impl FrameKind {
-    /// Every kind, in the order of their numbers.
+    /// Every kind, ordered by number.
     pub const ALL: [Self; 12] = [
         Self::Open,
         Self::Attach,
@@ -71,7 +71,8 @@ impl FrameKind {
         }
     }
 
-    /// Whether links of the ring lane, or all others, have this kind of frames.
+    /// Whether frames of this kind are legal on links of the ring lane (`ring`) or of the socket
+    /// lane.
     //= SM2-RNG-001
     #[must_use]
     pub const fn is_on(self, ring: bool) -> bool {
@@ -95,7 +96,8 @@ pub enum Carrier {
 }
 
 impl Carrier {
-    /// What an end with this role receives; of one that receives nothing: what it sends.
+    /// The carrier that an end with this role receives; for a sender, which receives none, the
+    /// carrier that it sends.
     pub(super) const fn to(role: Role) -> Self {
         match role {
             Role::Sender | Role::Receiver => Self::Data,
@@ -104,7 +106,7 @@ impl Carrier {
         }
     }
 
-    /// The kind of its frame.
+    /// The kind of the frame that carries it.
     #[must_use]
     pub const fn kind(self) -> FrameKind {
         match self {

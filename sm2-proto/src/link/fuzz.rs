@@ -1,9 +1,9 @@
-//! One end of a link under operations and frames that bytes decide: the body
-//! of the fuzz target `link_frames` and of a unit test. In `ring`: the words of a ring that answer
-//! what bytes decide, the body of `ring_words`.
+//! Runs one end of a link with operations and frames that are read from fuzz input: the body of the
+//! fuzz target `link_frames` and of unit tests. The module `ring` is the body of `ring_words`,
+//! where the words of a ring also have values from fuzz input.
 //!
-//! Most frames are made legal but for what the bytes change, so that a run
-//! gets past the first check. Whatever happens, what [`World`] asserts holds.
+//! Most frames are legal except for the parts that the input changes, so that a run gets past the
+//! first check. The assertions of [`World`] must hold for any input.
 
 mod ring;
 mod world;
@@ -26,10 +26,10 @@ const LINK: LinkId = LinkId {
     serial: 2,
 };
 const NOW: Instant = Instant(0);
-/// Of a segment's slots, and of sealed messages, mostly.
+/// The size of a slot, and usually of the file of a sealed message.
 const STRIDE: u64 = 4_096;
 
-/// Runs what the bytes say. Panics if the machine broke a promise.
+/// Runs the steps that the bytes encode. Panics if the machine broke its contract.
 //= SM2-WIR-001, SM2-QOS-004 fuzz
 pub(crate) fn frames(data: &[u8]) {
     check_round_trip(data, &[]);
@@ -43,7 +43,7 @@ pub(crate) fn frames(data: &[u8]) {
     assert!(world.link.end().is_some() && world.pending.is_empty());
 }
 
-/// A datagram that is a frame encodes to itself.
+/// Checks that a datagram that is a frame encodes to itself.
 fn check_round_trip(bytes: &[u8], fds: &[FdFacts]) {
     if let Ok(frame) = Frame::decode(&Datagram {
         bytes,
@@ -114,7 +114,7 @@ impl World {
         Some(())
     }
 
-    /// The frames of the ring lane, mostly where there is none; and the wish for a segment.
+    /// Sends frames of the ring lane, usually on a link of the socket lane, or feeds `Input::Attach`.
     fn peer_ring(&mut self, script: &mut Script<'_>) -> Option<()> {
         let segment = script.below(4)? as u32;
         match script.byte()? % 4 {
@@ -314,7 +314,7 @@ impl World {
             Ok(None) => assert_eq!(self.link.ready(&NoMemory), 0),
             Err(NoDelivery::Misuse(_)) => {
                 let receives = self.link.config().role.receives();
-                // No ring is lent here.
+                // This driver lends no ring.
                 assert!(!receives || self.link.lane() == LaneKind::Ring);
             }
             Err(_) => assert!(self.held.len() == limit && self.link.ready(&NoMemory) > 0),
@@ -353,7 +353,7 @@ impl World {
         Some(())
     }
 
-    /// One of the last calls, or none.
+    /// Picks one of the last calls, or an id near it.
     fn call(&self, script: &mut Script<'_>) -> Option<u64> {
         let back = script.below(4)?;
         let call = self.calls.iter().rev().nth(back).copied();
@@ -381,13 +381,13 @@ mod tests {
             frames(&data);
         }
 
-        /// No byte that changes much, so that runs get long.
+        /// Without the bytes that change the most, so that runs get long.
         #[test]
         fn calm_bytes_decide(data in prop::collection::vec(0_u8..0xfc, 0..600)) {
             frames(&data);
         }
 
-        /// The same of the words of a ring.
+        /// Runs [`words`] with any bytes.
         #[test]
         fn words_are_what_bytes_decide(data in prop::collection::vec(any::<u8>(), 0..400)) {
             words(&data);

@@ -1,8 +1,8 @@
-//! The messages that one end receives: SPEC section 8 as the receiver sees it.
+//! The receiving side of the socket lane: SPEC section 8 as the receiver sees it.
 //!
-//! A message is *ready* until the application takes it, *borrowed* until the
-//! application gives it back, and then waits for the RELEASE that names it.
-//! Up to there it is unreleased: it counts against the window and keeps its slot.
+//! A message is *ready* until the application takes it, and *borrowed* until the application gives
+//! it back. It then waits for the RELEASE that names it. In all these states the message is
+//! unreleased: it counts against the window and occupies its slot.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -26,32 +26,32 @@ use crate::{
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Inbound {
-    /// Whether one more ready message than `depth` displaces the oldest.
+    /// Whether a ready message in excess of `depth` displaces the oldest one.
     displaces: bool,
     /// Whether pooled messages are illegal.
     sealed: bool,
     depth: usize,
     max_borrowed: u16,
     window: usize,
-    /// The number of the last message that came.
+    /// The sequence number of the last message that came.
     sequence: u64,
     /// The id of the last DATA that came.
     last_id: Option<u64>,
-    /// The id of DATA that the application would see next if none were lost.
+    /// The id that the next DATA for the application has if no publication is lost.
     next_id: Option<u64>,
     segments: BTreeMap<u32, Segment>,
     ready: VecDeque<Ready>,
-    /// By sequence, as all below.
+    /// The messages of this and the following maps, by sequence number.
     borrowed: BTreeMap<u64, Option<Slot>>,
     consumed: BTreeMap<u64, Option<Slot>>,
     discarded: BTreeMap<u64, Option<Slot>>,
 }
 
-/// A segment of the other end's.
+/// A segment of the other end.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Segment {
     geometry: Geometry,
-    /// The slots that unreleased messages are in.
+    /// The slots that unreleased messages occupy.
     busy: BTreeSet<u32>,
 }
 
@@ -61,20 +61,20 @@ struct Ready {
     slot: Option<Slot>,
 }
 
-/// A message that SPEC section 8 allows at this moment. Only
-/// [`Inbound::check`] makes one, and only [`Inbound::accept`] spends it.
+/// A message that SPEC section 8 allows now. Only [`Inbound::check`] constructs it, and only
+/// [`Inbound::accept`] consumes it.
 pub(super) struct Admitted {
     ready: Ready,
     carrier: Carrier,
 }
 
 impl Admitted {
-    /// Whether the descriptor that came along belongs to the message.
+    /// Whether the descriptor of the datagram belongs to the message.
     pub(super) const fn is_sealed(&self) -> bool {
         matches!(self.ready.delivery.payload, Payload::Sealed)
     }
 
-    /// The number of the message.
+    /// The sequence number of the message.
     pub(super) const fn sequence(&self) -> u64 {
         self.ready.delivery.sequence
     }
@@ -99,7 +99,7 @@ impl Inbound {
         }
     }
 
-    /// ATTACH came.
+    /// Handles ATTACH.
     //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
     pub(super) fn attach(&mut self, info: &SegmentInfo, fds: &[FdFacts]) -> Result<(), Violation> {
         let is_taken = self.segments.contains_key(&info.id);
@@ -114,7 +114,7 @@ impl Inbound {
         Ok(())
     }
 
-    /// DETACH came.
+    /// Handles DETACH.
     //= SM2-SEG-005
     pub(super) fn detach(&mut self, segment: u32) -> Result<(), Violation> {
         let attached = self
@@ -128,7 +128,7 @@ impl Inbound {
         Ok(())
     }
 
-    /// Whether a message may come now, by the clauses of SPEC section 8 in their order.
+    /// Checks whether a message is legal now, by the clauses of SPEC section 8 in their order.
     pub(super) fn check(
         &self,
         message: &MessageFrame<'_>,
@@ -173,7 +173,7 @@ impl Inbound {
         if self.sequence.checked_add(1) != Some(message.sequence) {
             return Err(violation!(BadSequence, "SM2-MSG-001"));
         }
-        // The ids of calls are checked with the calls.
+        // `calls.rs` checks the ids of calls.
         let is_data = message.carrier == Carrier::Data;
         if is_data && message.id <= self.last_id.unwrap_or(0) {
             return Err(violation!(BadId, "SM2-MSG-002"));
@@ -203,7 +203,7 @@ impl Inbound {
         }
     }
 
-    /// Where the payload of a pooled message begins.
+    /// Returns the offset of the payload of a pooled message.
     //= SM2-PAY-002, SM2-PAY-004, SM2-PAY-005
     fn check_slot(&self, segment: u32, slot: u32, len: u64) -> Result<u64, Violation> {
         let segment = self
@@ -226,7 +226,7 @@ impl Inbound {
         Ok(offset)
     }
 
-    /// Takes a message. Gives the sequence number of the one that it displaced.
+    /// Accepts a message. Returns the sequence number of the message that it displaced, if any.
     //= SM2-QOS-001, SM2-QOS-002
     pub(super) fn accept(&mut self, admitted: Admitted) -> Option<u64> {
         let Admitted { ready, carrier } = admitted;
@@ -249,7 +249,7 @@ impl Inbound {
         Some(oldest.delivery.sequence)
     }
 
-    /// The next message for the application, the oldest first.
+    /// Takes the oldest ready message for the application.
     //= SM2-MSG-005
     pub(super) fn take(&mut self) -> Result<Option<Delivery>, TooManyBorrowed> {
         let max_borrowed = self.max_borrowed;
@@ -270,7 +270,7 @@ impl Inbound {
         Ok(Some(delivery))
     }
 
-    /// The application gave a message back; whether it had it.
+    /// Called when the application gave a message back. Returns whether the application held it.
     pub(super) fn release(&mut self, sequence: u64) -> bool {
         let Some(slot) = self.borrowed.remove(&sequence) else {
             return false;
@@ -279,7 +279,7 @@ impl Inbound {
         true
     }
 
-    /// The next RELEASE to send.
+    /// Returns the next RELEASE to send.
     //= SM2-MSG-004, SM2-MSG-005
     pub(super) fn poll(&mut self) -> Option<Packet> {
         let (given, pending) = if self.discarded.is_empty() {
@@ -317,7 +317,7 @@ impl Inbound {
         })
     }
 
-    /// The link is over. Messages that are ready stay valid; all others count as given back.
+    /// Ends this side with the link. Ready messages stay valid; all others count as given back.
     //= SM2-OPN-005, SM2-OPN-007
     pub(super) fn end(&mut self) {
         self.consumed.clear();
@@ -325,12 +325,12 @@ impl Inbound {
         self.segments.clear();
     }
 
-    /// After the end: the application gave a message back.
+    /// Called when the application gave a message back after the end.
     pub(super) fn forget(&mut self, sequence: u64) {
         self.borrowed.remove(&sequence);
     }
 
-    /// How many messages the application has not taken.
+    /// The number of messages that the application has not taken.
     #[inline]
     pub(super) fn ready(&self) -> usize {
         self.ready.len()
@@ -340,7 +340,7 @@ impl Inbound {
         self.ready.len() + self.borrowed.len() + self.consumed.len() + self.discarded.len()
     }
 
-    /// What must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         debug_assert!(self.unreleased() <= self.window);
         debug_assert!(!self.displaces || self.ready.len() <= self.depth);

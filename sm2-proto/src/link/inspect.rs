@@ -1,10 +1,10 @@
-//! What a driver can ask a link at any moment.
+//! Methods by which a driver inspects a link at any time.
 
 use super::{Config, Counters, End, LaneKind, Link, Placement, lane::Lane, phase::Phase};
 
 impl Link {
-    /// Whether [`Link::poll`] may return an output; if `false`, it returns `None`. After a message
-    /// on the ring lane there mostly is nothing to drain.
+    /// Whether [`Link::poll`] may return an output. If this is `false`, `poll` returns `None`. On
+    /// the ring lane there is usually nothing to drain after a message.
     #[must_use]
     #[inline]
     pub fn has_output(&self) -> bool {
@@ -16,14 +16,15 @@ impl Link {
         }
     }
 
-    /// Whether both OPEN were exchanged, and RING where the link has one, and the link is not over.
+    /// Whether the link is ready for messages: both ends sent OPEN, an expected RING has come, and
+    /// the link is not over.
     #[must_use]
     #[inline]
     pub fn is_open(&self) -> bool {
         self.state == Ok(Phase::Open) && !self.lane.awaits_ring()
     }
 
-    /// Why the link is over, if it is.
+    /// The reason why the link is over, if it is.
     #[must_use]
     #[inline]
     pub fn end(&self) -> Option<End> {
@@ -37,14 +38,14 @@ impl Link {
         &self.config
     }
 
-    /// The lane of this link, for reports: every method works on both lanes.
+    /// The lane of this link, for reports. Every method works on both lanes.
     #[must_use]
     #[inline]
     pub const fn lane(&self) -> LaneKind {
         self.lane.kind()
     }
 
-    /// Where the payload of a message has to be, so that [`Link::send`] takes it.
+    /// Where the payload of a message has to be so that [`Link::send`] accepts the message.
     #[must_use]
     #[inline]
     pub const fn placement(&self) -> Placement {
@@ -56,15 +57,15 @@ impl Link {
         }
     }
 
-    /// Whether the socket becomes readable with each message of the other end. If not, it does so
-    /// only after [`Link::park`], and messages are found by [`Link::is_ready`].
+    /// Whether each message of the other end makes the socket readable. If not, the socket becomes
+    /// readable only after [`Link::park`], and the driver finds messages by [`Link::is_ready`].
     #[must_use]
     #[inline]
     pub const fn is_woken_by_socket(&self) -> bool {
         !matches!(self.lane, Lane::Ring(_))
     }
 
-    /// What became of the messages that this end was given to send.
+    /// Counts of the messages that the application passed to this end, by outcome.
     #[must_use]
     #[inline]
     pub fn counters(&self) -> Counters {
@@ -72,7 +73,7 @@ impl Link {
     }
 
     /// Whether a deadline passed ([`Input::Skip`](super::Input::Skip)) and the other end has
-    /// released nothing since: such a link is not waited for (SM2-QOS-002).
+    /// released nothing since. A publisher does not wait for such a link (SM2-QOS-002).
     #[must_use]
     #[inline]
     pub fn is_stalled(&self) -> bool {
@@ -85,22 +86,24 @@ impl Link {
         self.lane.in_flight()
     }
 
-    /// How many calls have no reply. A caller counts the calls that it made, also after the end as
-    /// long as [`Link::take`] may bring their replies; a server counts the calls that it took and
-    /// whose reply has not left.
+    /// How many calls have no reply. A caller counts the calls that it made. It still counts them
+    /// after the end while [`Link::take`] may return their replies. A server counts the calls that
+    /// it took and whose reply has not been sent.
     #[must_use]
     pub fn calls(&self) -> usize {
         self.placed.len() + self.served.len()
     }
 
-    /// Whether messages of a caller or server wait and nothing is known to hold them up:
-    /// [`Link::harvest`] sends them, or finds out what holds them up.
+    /// Whether [`Link::harvest`] should be called to send the queued messages of a caller or
+    /// server. True if messages are queued and no obstacle is known; `harvest` sends them, or finds
+    /// the obstacle.
     #[must_use]
     pub fn is_due(&self) -> bool {
         matches!(&self.lane, Lane::Ring(ring) if !self.blocked && ring.is_due())
     }
 
-    /// Whether messages of a caller or server wait for room, or for a segment.
+    /// Whether messages of a caller or server are queued until there is room, or until a segment is
+    /// attached.
     #[must_use]
     pub fn is_waiting(&self) -> bool {
         matches!(&self.lane, Lane::Ring(ring) if ring.is_waiting())

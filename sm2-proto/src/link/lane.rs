@@ -2,16 +2,16 @@
 
 use super::{Config, Counters, ring::RingLane, socket_lane::SocketLane};
 
-/// How the messages of a link go, with the state that only this lane has.
+/// The lane of a link's messages, with the state that only this lane has.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Lane {
-    /// This end offers both lanes, and the other end's OPEN has not come. No message is taken
-    /// until then, since a message for one lane could not leave by the other.
+    /// This end offers both lanes, and the other end's OPEN has not come. Until then no message is
+    /// accepted, because a message that was placed for one lane could not be sent on the other.
     //= SM2-RNG-001
     Undecided,
-    /// Messages go by the socket (SPEC sections 8.1 to 8.4).
+    /// Messages are sent over the socket (SPEC sections 8.1 to 8.4).
     Socket(SocketLane),
-    /// Messages go by rings in shared memory (SPEC section 8.5).
+    /// Messages are sent through rings in shared memory (SPEC section 8.5).
     Ring(RingLane),
 }
 
@@ -20,9 +20,9 @@ pub(super) enum Lane {
 pub enum LaneKind {
     /// The other end's OPEN has not come yet.
     Undecided,
-    /// Messages go by the socket.
+    /// Messages are sent over the socket.
     Socket,
-    /// Messages go by rings in shared memory.
+    /// Messages are sent through rings in shared memory.
     Ring,
 }
 
@@ -43,7 +43,7 @@ impl Lane {
         }
     }
 
-    /// The id of the last message that this end was given to send.
+    /// The id of the last message that the application passed to this end.
     pub(super) const fn last_id(&self) -> Option<u64> {
         match self {
             Self::Undecided => None,
@@ -52,7 +52,7 @@ impl Lane {
         }
     }
 
-    /// Whether the other end's RING is still to come.
+    /// Whether the other end's RING has not come yet.
     #[inline]
     pub(super) const fn awaits_ring(&self) -> bool {
         matches!(self, Self::Ring(ring) if ring.is_awaited())
@@ -84,7 +84,8 @@ impl Lane {
         }
     }
 
-    /// The link is over. Passes the keys of all messages that were not settled to `each`.
+    /// Ends the lane with its link. Passes the keys of all messages that were not settled to
+    /// `each`.
     //= SM2-OPN-007
     pub(super) fn end(&mut self, by_violation: bool, each: impl FnMut(u64)) {
         match self {
@@ -94,7 +95,7 @@ impl Lane {
         }
     }
 
-    /// Checks what must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     #[inline]
     pub(super) fn invariants(&self) {
         match self {

@@ -1,4 +1,4 @@
-//! The state of one end of a link, and how it changes.
+//! The state of one end of a link, and its transitions.
 
 use alloc::collections::VecDeque;
 
@@ -13,31 +13,32 @@ use super::{
 };
 use crate::{Code, Instant, Machine, Violation, machine::debug_assert_drained};
 
-/// One end of one link. The [module's page](self) says in which order its methods are called.
+/// One end of one link. The [module's documentation](self) gives the order in which its methods are
+/// called.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Link {
     pub(super) config: Config,
-    /// The phase, or the reason for which the link is over.
+    /// The phase, or the reason why the link is over.
     pub(super) state: Result<Phase, End>,
-    /// Whether our OPEN was handed out.
+    /// Whether `poll` has returned our OPEN.
     pub(super) greeted: bool,
-    /// Whether the driver keeps a packet that the socket did not take.
+    /// Whether the driver keeps a packet that the socket did not accept.
     pub(super) blocked: bool,
-    /// The code of a CLOSE that has to be handed out.
+    /// The code of a CLOSE that `poll` has to return.
     pub(super) farewell: Option<Code>,
-    /// All outputs but [`Output::Transmit`], which is made when it is polled.
+    /// All outputs except [`Output::Transmit`], which is built when it is polled.
     pub(super) events: VecDeque<Output>,
-    /// How its messages go.
+    /// The lane of its messages, with the state of that lane.
     pub(super) lane: Lane,
     pub(super) placed: Placed,
     pub(super) served: Served,
 }
 
 impl Link {
-    /// A new end; its first output is the packet with OPEN.
+    /// Creates an end of a link. Its first output is the packet with OPEN.
     ///
-    /// A `depth` or `max_borrowed` out of range is brought into it, and links of
-    /// services are reliable whatever `config` says.
+    /// A `depth` or `max_borrowed` out of range is clamped to the range. Links of services are
+    /// reliable whatever `config` says.
     #[must_use]
     pub fn new(config: Config) -> Self {
         let config = config.in_range();
@@ -54,11 +55,12 @@ impl Link {
         }
     }
 
-    /// Feeds what has happened. `now` is not used in version 1.
+    /// Feeds an input. `now` is not used in version 1.
     ///
     /// # Errors
-    /// [`Error::Misuse`]: the input is not legal now; nothing has changed. [`Error::Ended`]: the
-    /// link is over, perhaps by a violation in this very input; the outputs say the rest.
+    /// [`Error::Misuse`]: the input is not legal now, and nothing has changed. [`Error::Ended`]:
+    /// the link is over, perhaps by a violation in this very input. In this case the outputs carry
+    /// the consequences.
     pub fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
         let result = match self.state {
             Ok(phase) => self.handle_live(phase, input),
@@ -110,7 +112,7 @@ impl Link {
         }
     }
 
-    /// A reliable publisher's deadline passed while it waited for room.
+    /// Handles [`Input::Skip`]: a reliable publisher's deadline passed while it waited for room.
     fn skip(&mut self) -> Result<(), Misuse> {
         if self.config.role != Role::Sender || !self.config.reliable {
             return Err(Misuse::WrongRole);
@@ -127,7 +129,7 @@ impl Link {
         }
     }
 
-    /// A publication is not sent on this link.
+    /// Handles [`Input::PassOver`]: a publication is not sent on this link.
     fn pass_over(&mut self) -> Result<(), Misuse> {
         if self.config.role != Role::Sender {
             return Err(Misuse::WrongRole);
@@ -156,7 +158,7 @@ impl Link {
         }
         match &mut self.lane {
             Lane::Undecided => Err(Misuse::NotOpen),
-            // The segment is attached when the first message in it is sent.
+            // The socket lane attaches a segment when it sends the first message in that segment.
             Lane::Socket(_) => match Geometry::new(segment.stride, segment.slots) {
                 Some(_) => Ok(()),
                 None => Err(Misuse::BadSegment),
@@ -176,7 +178,7 @@ impl Link {
         }
     }
 
-    /// The one place where a violation ends a link.
+    /// Ends the link by a violation. No other function does so.
     //= SM2-OPN-006
     pub(super) fn violated(&mut self, violation: Violation) -> Error {
         let end = End::Violation(violation);
@@ -184,7 +186,7 @@ impl Link {
         Error::Ended(end)
     }
 
-    /// The one place where a link ends.
+    /// Ends the link. No other function does so.
     //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005
     pub(super) fn finish(&mut self, end: End) {
         self.state = Err(end);
@@ -206,7 +208,7 @@ impl Link {
         self.events.push_back(Output::Ended(end));
     }
 
-    /// The next output; call it until it returns `None`.
+    /// Returns the next output. The driver calls it until it returns `None`.
     pub fn poll(&mut self) -> Option<Output> {
         let output = self.next_output();
         self.invariants();
@@ -226,8 +228,8 @@ impl Link {
         self.transmit().map(Output::Transmit)
     }
 
-    /// Makes the next frame of the state at this moment: OPEN first, and frames that give back
-    /// before frames that ask.
+    /// Builds the next frame from the current state: OPEN first, and frames that give back before
+    /// frames that ask for something.
     //= SM2-OPN-001
     fn transmit(&mut self) -> Option<Packet> {
         if !self.greeted {
@@ -269,13 +271,14 @@ impl Link {
         })
     }
 
-    /// When to call [`Link::handle`] at the latest: `None`, since a link has no timer in version 1.
+    /// The latest time at which to call [`Link::handle`]: always `None`, since a link has no timer
+    /// in version 1.
     #[must_use]
     pub const fn deadline(&self) -> Option<Instant> {
         None
     }
 
-    /// Checks what must hold between any two calls. Free in release builds.
+    /// Checks the invariants, which hold after each call. Free in release builds.
     #[inline]
     pub(super) fn invariants(&self) {
         if cfg!(debug_assertions) {
@@ -292,9 +295,9 @@ impl Link {
     }
 }
 
-/// [`Input::Datagram`] is fed with the outputs of the input before drained: a debug assertion checks
-/// this, because [`Output::Attach`], [`Output::Ring`] and [`Output::Keep`] speak of the descriptor of
-/// the datagram just handled. All other inputs may come while outputs wait.
+/// All outputs must be drained before [`Input::Datagram`] is fed. A debug assertion checks this,
+/// because [`Output::Attach`], [`Output::Ring`] and [`Output::Keep`] refer to the descriptor of the
+/// datagram just handled. All other inputs may be fed while outputs are pending.
 impl Machine for Link {
     type Input<'a> = Input<'a>;
     type Output = Output;

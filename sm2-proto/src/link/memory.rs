@@ -1,28 +1,29 @@
-//! The shared memory that a driver lends to a link for the time of one call.
+//! The shared memory that a driver lends to a link for one call.
 
 use core::convert::Infallible;
 
 use super::{At, RingMemory};
 use crate::limits::SLOT_HEAD;
 
-/// The mapped memory of one link. The socket lane does not touch it; [`NoMemory`] suffices there.
+/// The mapped memory of one link. The socket lane does not touch it, so [`NoMemory`] suffices
+/// there.
 pub trait LinkMemory {
     /// A ring that is mapped.
     type Ring: RingMemory;
 
-    /// The ring that this end sends by, if it is mapped.
+    /// The ring that this end sends through, if it is mapped.
     fn outgoing(&self) -> Option<&Self::Ring>;
 
     /// The ring that this end takes messages from, if it is mapped.
     fn incoming(&self) -> Option<&Self::Ring>;
 
-    /// Copies the last 64 bytes of a slot, given the segment's number, the slot's offset and its
-    /// length in bytes. `None` if this segment is not mapped.
+    /// Copies the last 64 bytes of the slot at `offset` in this segment. The slot is `stride` bytes
+    /// long. `None` if the segment is not mapped.
     fn slot_head(&self, segment: u32, offset: u64, stride: u64) -> Option<[u8; SLOT_HEAD]>;
 }
 
-/// One ring for both directions and no segments: it can be sent by and given back to, but no
-/// message can be taken.
+/// One ring that serves both directions, without segments. A link can send through it and give
+/// messages back through it, but cannot take a message, because no slot can be read.
 impl<R: RingMemory> LinkMemory for R {
     type Ring = R;
 
@@ -41,7 +42,7 @@ impl<R: RingMemory> LinkMemory for R {
     }
 }
 
-/// One ring for both directions, and a function that copies the heads of slots.
+/// One ring that serves both directions, and a function that copies the heads of slots.
 #[derive(Clone, Copy, Debug)]
 pub struct Lent<'a, R, F> {
     ring: &'a R,
@@ -49,7 +50,7 @@ pub struct Lent<'a, R, F> {
 }
 
 impl<'a, R, F> Lent<'a, R, F> {
-    /// `head` is [`LinkMemory::slot_head`].
+    /// Lends this ring. `head` implements [`LinkMemory::slot_head`].
     #[inline]
     pub const fn new(ring: &'a R, head: F) -> Self {
         Self { ring, head }
@@ -83,7 +84,7 @@ where
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NoMemory;
 
-/// The ring of [`NoMemory`], which has no values.
+/// The ring of [`NoMemory`]. The type has no values.
 #[derive(Debug)]
 pub struct NoRing(Infallible);
 

@@ -1,4 +1,4 @@
-//! The messages of a link: one send, take and release for both lanes.
+//! Sending, taking and releasing messages, with the same methods on both lanes.
 
 mod calls;
 mod ring;
@@ -9,15 +9,15 @@ use super::{
 };
 
 impl Link {
-    /// Sends a message: DATA, REQUEST or REPLY by the role. Returns whether the other end has to be
-    /// woken. The ring lane passes the messages that it settles in this call to `settled`; the
-    /// socket lane reports them by [`Output::Settled`].
+    /// Sends a message: DATA, REQUEST or REPLY, depending on the role. Returns whether the other
+    /// end has to be woken. The ring lane passes the messages that it settles during this call to
+    /// `settled`. The socket lane reports them by [`Output::Settled`].
     ///
     /// # Errors
-    /// [`Error::Misuse`]: nothing was sent. [`Misuse::NoRoom`] only occurs on reliable links, and on
-    /// the ring lane as long as a packet is blocked. [`Error::Ended`]: if the link was over before,
-    /// nothing was sent; else this call ended the link, because the receiver broke SPEC or does not
-    /// run (SM2-RNG-011), and the outputs settle this message, too.
+    /// [`Error::Misuse`]: nothing was sent. [`Misuse::NoRoom`] occurs on reliable links, and on the
+    /// ring lane while a packet is blocked. [`Error::Ended`]: the link is over. If it was over
+    /// before the call, nothing was sent. Otherwise this call ended the link, because the receiver
+    /// violated SPEC or has stopped (SM2-RNG-011), and the outputs settle this message too.
     pub fn send(
         &mut self,
         memory: &impl LinkMemory,
@@ -67,12 +67,12 @@ impl Link {
         Ok(())
     }
 
-    /// Takes back the messages that the receiver gave back, and sends messages that wait, as far as
-    /// there is room. Returns whether the receiver has to be woken. On the socket lane the outputs
-    /// do both, and this call does nothing.
+    /// Settles the messages that the receiver gave back, and sends queued messages while there is
+    /// room. Returns whether the receiver has to be woken. On the socket lane this call does
+    /// nothing, because `handle` and `poll` do both.
     ///
     /// # Errors
-    /// As [`send`](Self::send).
+    /// The same as those of [`send`](Self::send).
     #[inline]
     pub fn harvest(
         &mut self,
@@ -91,8 +91,8 @@ impl Link {
         }
     }
 
-    /// Whether one more message would neither displace another nor be refused for want of room or
-    /// for too many calls.
+    /// Whether one more message could be sent without displacing another message and without being
+    /// refused for lack of room or for too many calls.
     #[inline]
     pub fn has_room(&self, memory: &impl LinkMemory) -> bool {
         if self.state.is_err() || !self.config.role.sends() {
@@ -110,7 +110,7 @@ impl Link {
     }
 
     /// Takes the oldest message for the application; `None` if none is ready. The application holds
-    /// it until [`release`](Self::release).
+    /// the message until [`release`](Self::release).
     ///
     /// # Errors
     /// See [`NoDelivery`].
@@ -128,8 +128,9 @@ impl Link {
         }
     }
 
-    /// Where the next message of a ring seems to be: its segment, the offset of its slot and that
-    /// slot's length in bytes. A driver uses it to prefetch; only the bounds of the slot were checked.
+    /// Where the next message of a ring seems to be: the segment, the offset of the slot, and the
+    /// length of the slot in bytes. A driver uses this for prefetching. Only the bounds of the slot
+    /// were checked.
     #[inline]
     pub fn peek(&self, memory: &impl LinkMemory) -> Option<(u32, u64, u64)> {
         let Lane::Ring(ring) = &self.lane else {
@@ -154,7 +155,7 @@ impl Link {
         }
     }
 
-    /// How many messages the application has not taken, at most.
+    /// An upper bound for the number of messages that wait for [`take`](Self::take).
     #[inline]
     pub fn ready(&self, memory: &impl LinkMemory) -> usize {
         match &self.lane {
@@ -167,13 +168,13 @@ impl Link {
         }
     }
 
-    /// The application gives back the message with this [`Delivery::sequence`]. Returns whether the
-    /// sender has to be woken.
+    /// Gives back the message with this [`Delivery::sequence`]. Returns whether the sender has to
+    /// be woken.
     ///
     /// # Errors
     /// [`Error::Misuse`]: the application does not hold the message. [`Error::Ended`]: the link is
-    /// over, perhaps by a violation that was just found. After the end a release still makes room
-    /// for [`take`](Self::take), although it is answered with the end.
+    /// over, perhaps by a violation that this call found. A release after the end still makes room
+    /// for [`take`](Self::take), although it returns this error.
     #[inline]
     pub fn release(&mut self, memory: &impl LinkMemory, sequence: u64) -> Result<Wake, Error> {
         let result = match &mut self.lane {
@@ -196,20 +197,21 @@ impl Link {
         result
     }
 
-    /// This end is about to sleep until its socket is readable. The driver looks for messages or
-    /// room once more before it sleeps.
+    /// Announces that this end is about to sleep until its socket is readable. The driver looks for
+    /// messages or room once more before it sleeps.
     //= SM2-RNG-009
     #[inline]
     pub fn park(&self, memory: &impl LinkMemory) {
         if let Some((words, parked)) = self.parked_word(memory) {
             words.swap(parked, 1);
-            // Pairs with the fence in `wake_parked`: the other end, which checks our parked word
-            // after it put a word, sees that we parked, or we see its word when we look again.
+            // Pairs with the SeqCst fence in `wake_parked`. The other end puts a word, and then
+            // checks our parked word. Either it sees that we parked, or our next look sees its
+            // word.
             words.fence();
         }
     }
 
-    /// No thread of this end sleeps any more.
+    /// Announces that no thread of this end sleeps any more.
     #[inline]
     pub fn unpark(&self, memory: &impl LinkMemory) {
         if let Some((words, parked)) = self.parked_word(memory) {

@@ -1,4 +1,4 @@
-//! One end of a link: SPEC sections 6 to 9, for all four roles.
+//! One end of a link (SPEC sections 6 to 9), for all four roles.
 //!
 //! | to do | call |
 //! | --- | --- |
@@ -9,26 +9,30 @@
 //! | inspect | [`Link::is_open`], [`Link::end`], [`Link::counters`], [`Link::placement`], … |
 //!
 //! The machine does no I/O, reads no clock and sees no descriptor. Its driver owns the socket, the
-//! mappings and the payloads; one place in the driver matches [`Output`].
+//! mappings and the payloads. One place in the driver matches [`Output`].
 //!
-//! * A datagram is handled and then drained before the next one: [`Output::Attach`],
-//!   [`Output::Ring`] and [`Output::Keep`] speak of the descriptor of *the datagram just handled*. The
-//!   driver closes a descriptor that no output asks for. A debug assertion checks the order.
-//! * The driver keeps a packet that the socket does not take, and feeds [`Input::Blocked`]. All other
-//!   messages stay here, where keep-last can still displace them, until [`Input::Writable`].
-//! * Each message that [`Link::send`] took comes back once as settled. Until then the driver leaves
-//!   the payload alone.
-//! * The first reason to end is the last: every later input is answered with [`Error::Ended`] and that
-//!   reason. Before [`Output::Ended`], all messages are settled, and a CLOSE goes out if one is due and
-//!   the socket is not blocked. Messages that were ready can still be taken, and a taken one still has
-//!   to be released before another can be taken in its stead; nothing of it is sent.
-//!   A sender must not write again to slots that were settled as [`Fate::Closed`] (SM2-OPN-008).
+//! * The driver feeds a datagram and drains the outputs before it feeds the next datagram.
+//!   [`Output::Attach`], [`Output::Ring`] and [`Output::Keep`] refer to the descriptor of *the
+//!   datagram just handled*. The driver closes a descriptor that no output asks for. A debug
+//!   assertion checks the order.
+//! * If the socket does not accept a packet, the driver keeps that packet and feeds
+//!   [`Input::Blocked`]. Until [`Input::Writable`], all other messages stay in the machine, where
+//!   keep-last can still displace them.
+//! * The machine settles each message exactly once after [`Link::send`] has accepted it. Until the
+//!   message is settled, the driver must not change its payload.
+//! * The first reason to end stays: every later input returns [`Error::Ended`] with that reason.
+//!   Before [`Output::Ended`], all messages are settled, and a CLOSE is transmitted if one is due
+//!   and the socket is not blocked. After the end, the application can still take the messages that
+//!   were ready. It still has to release a taken message to stay within `max_borrowed`, but no
+//!   RELEASE is sent.
+//! * A sender must not write again to slots whose messages were settled as [`Fate::Closed`]
+//!   (SM2-OPN-008).
 //!
 //! # Messages
 //!
-//! Both lanes have the same methods. The ring lane needs memory that both ends map: a driver lends it
-//! for one call as a [`LinkMemory`]. A link of the socket lane does not touch that memory, and
-//! [`NoMemory`] stands for none.
+//! Both lanes have the same methods. The ring lane needs memory that both ends map: the driver
+//! lends this memory for one call as a [`LinkMemory`]. A link of the socket lane does not touch the
+//! memory, so its driver can pass [`NoMemory`].
 //!
 //! | a sender's driver | calls |
 //! | --- | --- |
@@ -44,15 +48,15 @@
 //! | when the application gives one back | [`Link::release`] |
 //! | before it sleeps | [`Link::park`], and looks again |
 //!
-//! A caller's or server's driver does both, except that [`Link::send`] takes every message and
-//! attaches segments by itself. After it and after each other change the driver drains, and as long as
-//! [`Link::is_due`] returns `true` it calls [`Link::harvest`], which sends messages that wait, and
-//! drains again.
+//! The driver of a caller or server uses both tables, with one difference: [`Link::send`] accepts
+//! every message and attaches segments by itself. The driver drains after `send` and after each
+//! other change. While [`Link::is_due`] returns `true`, the driver calls [`Link::harvest`], which
+//! sends queued messages, and drains again.
 //!
-//! Where a call returns [`Wake::Needed`], the driver sends [`doorbell`] by the socket.
+//! When a call returns [`Wake::Needed`], the driver sends [`doorbell`] over the socket.
 //!
-//! A program that embeds this without `sm2-node` finds all that it needs here and in [`wire`]; the
-//! machine in [`node`](crate::node) decides which links there are.
+//! A program that embeds this crate without `sm2-node` needs only this module and [`wire`]. The
+//! machine in [`node`](crate::node) decides which links exist.
 
 mod attachments;
 mod calls;

@@ -1,8 +1,8 @@
-//! The messages that one end sends: SPEC section 8 as the sender sees it.
+//! The sending side of the socket lane: SPEC section 8 as the sender sees it.
 //!
-//! A message *waits* while the window does not admit it, is *admitted* until
-//! it is sent, and then *unreleased* until RELEASE names it. Only waiting
-//! messages are displaced or counted against `depth`.
+//! A message is *waiting* while the window does not admit it, *admitted* until it is sent, and then
+//! *unreleased* until RELEASE names it. Only waiting messages count against `depth` and can be
+//! displaced.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -27,28 +27,28 @@ use crate::{
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Outbound {
     carrier: Carrier,
-    /// Whether one more waiting message than `depth` displaces the oldest.
+    /// Whether a waiting message in excess of `depth` displaces the oldest one.
     displaces: bool,
     /// Whether pooled messages are illegal.
     sealed: bool,
     /// How many messages may wait.
     depth: usize,
-    /// How many may be unreleased: zero until OPEN comes.
+    /// How many messages may be admitted or unreleased. Zero until OPEN comes.
     window: usize,
     waiting: VecDeque<OutboundMessage>,
     admitted: VecDeque<OutboundMessage>,
     unreleased: BTreeMap<u64, Unreleased>,
     attachments: Attachments,
-    /// The number of the last message that was sent.
+    /// The sequence number of the last message that was sent.
     sequence: u64,
-    /// The id of the last message that was offered.
+    /// The id of the last message that was accepted for sending.
     last_id: Option<u64>,
     stalled: bool,
-    /// `in_flight` is not kept here: see [`Self::counters`].
+    /// Its `in_flight` is always zero: [`Self::counters`] computes the true value.
     counters: Counters,
 }
 
-/// What is remembered of a message that was sent.
+/// The record of a message that was sent and not released.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Unreleased {
     key: u64,
@@ -63,10 +63,10 @@ pub(super) struct Released {
     pub(super) fate: Fate,
 }
 
-/// What [`Outbound::poll`] sends.
+/// A frame that [`Outbound::poll`] sends.
 pub(super) struct Sent {
     pub(super) packet: Packet,
-    /// The id of the message, if the packet is one.
+    /// The id of the message, if the packet carries a message.
     pub(super) id: Option<u64>,
 }
 
@@ -74,7 +74,7 @@ impl Outbound {
     pub(super) fn new(config: &Config) -> Self {
         let (carrier, depth) = match config.role {
             Role::Sender | Role::Receiver => (Carrier::Data, usize::from(config.depth)),
-            // The limit of calls bounds what can wait; no reply is ever refused.
+            // The limit of calls bounds the queue, so no reply is ever refused.
             Role::Caller => (Carrier::Request, CALLS_MAX),
             Role::Server => (Carrier::Reply, CALLS_MAX),
         };
@@ -95,13 +95,13 @@ impl Outbound {
         }
     }
 
-    /// OPEN came, with the other end's window.
+    /// Handles OPEN with the other end's window.
     pub(super) fn open(&mut self, window: u32) {
         self.window = window as usize;
         self.admit();
     }
 
-    /// Whether the machine may be given this message.
+    /// Checks whether the message may be sent.
     pub(super) fn check(&self, message: &OutboundMessage) -> Result<(), Misuse> {
         let is_reply = self.carrier == Carrier::Reply;
         if (!is_reply && message.status != Status::Ok)
@@ -131,8 +131,8 @@ impl Outbound {
         }
     }
 
-    /// Takes a message that `check` has allowed. Gives the key of the one that
-    /// it displaced.
+    /// Accepts a message that [`check`](Self::check) has allowed. Returns the key of the message
+    /// that it displaced, if any.
     //= SM2-QOS-001, SM2-QOS-002
     pub(super) fn send(&mut self, message: OutboundMessage) -> Result<Option<u64>, Misuse> {
         let displaced = if self.has_room() {
@@ -158,7 +158,7 @@ impl Outbound {
         Ok(displaced.map(|displaced| displaced.key))
     }
 
-    /// A deadline passed while the application waited for room.
+    /// Counts a message whose deadline passed while the application waited for room.
     //= SM2-QOS-002
     pub(super) fn skip(&mut self) -> Result<(), Misuse> {
         if self.has_room() {
@@ -170,13 +170,13 @@ impl Outbound {
         Ok(())
     }
 
-    /// A publication is not sent on this link.
+    /// Counts a publication that is not sent on this link.
     pub(super) const fn pass_over(&mut self) {
         self.counters.offered += 1;
         self.counters.overwritten += 1;
     }
 
-    /// Moves what the window admits.
+    /// Moves waiting messages to the admitted ones while the window has room.
     //= SM2-MSG-003
     fn admit(&mut self) {
         while self.admitted.len() + self.unreleased.len() < self.window {
@@ -187,7 +187,7 @@ impl Outbound {
         }
     }
 
-    /// RELEASE came. It counts as a whole or, if any of it is illegal, not at all.
+    /// Handles RELEASE. If any of its numbers is illegal, none of them has an effect.
     //= SM2-MSG-004
     pub(super) fn release(
         &mut self,
@@ -240,12 +240,12 @@ impl Outbound {
         }
     }
 
-    /// The application will not use this segment again.
+    /// Called when the application will not use this segment again.
     pub(super) fn retire(&mut self, segment: u32) -> Result<(), Misuse> {
         self.attachments.retire(segment)
     }
 
-    /// The next frame to send: DETACH, ATTACH or a message.
+    /// Returns the next frame to send: DETACH, ATTACH or a message.
     pub(super) fn poll(&mut self) -> Option<Sent> {
         if let Some(segment) = self.attachments.poll_retired() {
             return Some(Sent::bare(&Frame::Detach { segment }));
@@ -284,8 +284,8 @@ impl Outbound {
         })
     }
 
-    /// The link is over: everything counts as given back. Gives the keys of
-    /// what was not settled, the oldest first.
+    /// Ends this side with the link: all messages count as given back. Passes the keys of all
+    /// messages that were not settled to `each`, the oldest first.
     //= SM2-OPN-007
     pub(super) fn end(&mut self, mut each: impl FnMut(u64)) {
         let before = self.counters();
@@ -304,9 +304,9 @@ impl Outbound {
         self.stalled = false;
     }
 
-    /// Whether one more message would neither displace another nor be refused.
+    /// Whether one more message could be sent without displacing another and without being refused.
     pub(super) fn has_room(&self) -> bool {
-        // As long as the window has room, nothing waits.
+        // Nothing waits while the window has room.
         self.waiting.len() < self.depth
     }
 
@@ -314,7 +314,7 @@ impl Outbound {
         self.stalled
     }
 
-    /// The id of the last message that was offered.
+    /// The id of the last message that was accepted for sending.
     pub(super) const fn last_id(&self) -> Option<u64> {
         self.last_id
     }
@@ -331,7 +331,7 @@ impl Outbound {
         }
     }
 
-    /// What must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         let it = self.counters();
         let dropped = it.overwritten + it.discarded + it.deadline + it.closed;
@@ -375,7 +375,7 @@ fn slot_of(body: &Body) -> Option<Slot> {
     }
 }
 
-/// The frame of a message.
+/// Builds the frame of a message.
 //= SM2-MSG-002, SM2-PAY-001, SM2-PAY-002, SM2-PAY-003
 fn packet(carrier: Carrier, sequence: u64, message: OutboundMessage) -> Packet {
     let OutboundMessage {

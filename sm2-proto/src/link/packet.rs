@@ -15,18 +15,19 @@ pub struct Packet {
     pub head: Head,
     /// All further bytes; often empty.
     pub payload: Bytes,
-    /// The descriptor that comes along.
+    /// The descriptor that is sent with the datagram.
     pub attachment: Option<Attachment>,
 }
 
-/// Which descriptor of the driver's a packet takes along.
+/// Names the descriptor of the driver's that is sent with a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Attachment {
-    /// That of the segment with this number.
+    /// The descriptor of the segment with this number.
     Segment(u32),
-    /// That of the sealed message with this [`OutboundMessage::key`](super::OutboundMessage::key).
+    /// The descriptor of the sealed message with this
+    /// [`OutboundMessage::key`](super::OutboundMessage::key).
     Message(u64),
-    /// That of the ring which [`Output::MakeRing`](super::Output::MakeRing) asked for.
+    /// The descriptor of the ring that [`Output::MakeRing`](super::Output::MakeRing) asked for.
     Ring,
 }
 
@@ -39,7 +40,7 @@ impl Packet {
         }
     }
 
-    /// The whole datagram in one piece.
+    /// Returns the whole datagram as one vector.
     #[must_use]
     pub fn to_vec(&self) -> Vec<u8> {
         [&self.head[..], &self.payload[..]].concat()
@@ -55,13 +56,13 @@ impl Packet {
 /// The first bytes of a datagram, kept without an allocation.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Head {
-    /// What is beyond `len` is zero.
+    /// The bytes from `len` on are zero.
     bytes: [u8; MESSAGE_HEAD],
     len: u8,
 }
 
 impl Head {
-    /// A head with these bytes.
+    /// Creates a head with these bytes.
     pub(super) fn new<const N: usize>(bytes: &[u8; N]) -> Self {
         const { assert!(N <= MESSAGE_HEAD) };
         let mut head = Self {
@@ -72,7 +73,7 @@ impl Head {
         head
     }
 
-    /// Adds eight bytes; whether there was room for them.
+    /// Appends eight bytes if there is room for them. Returns whether there was.
     pub(super) fn push(&mut self, bytes: [u8; 8]) -> bool {
         let end = self.len + 8;
         match self.bytes.get_mut(usize::from(self.len)..usize::from(end)) {

@@ -1,22 +1,22 @@
-//! Which frames are legal when, and for whom: SPEC section 6 and the table of
-//! section 7, as tables.
+//! Which frames are legal in which phase and for which role: SPEC section 6 and the table of
+//! section 7.
 //!
-//! Only the lifecycle and the kinds of frames are decided here, on values that
-//! can be counted through; what a legal frame says is for the others.
+//! This module decides only about the lifecycle and the kinds of frames, so that a proof can
+//! enumerate all its inputs. Other modules check the contents of a legal frame.
 
 use super::{FrameKind, Role};
 use crate::Violation;
 
-/// Where a link stands as long as it is not over.
+/// The phase of a link that is not over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Phase {
     /// The other end's OPEN has not come yet.
     Opening,
-    /// It has.
+    /// The other end's OPEN has come.
     Open,
 }
 
-/// Whether a frame of this kind may come now, on a link with or without a ring.
+/// Whether a frame of this kind is legal now. `ring` says whether the link uses the ring lane.
 //= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001
 pub(super) const fn admit(
     phase: Phase,

@@ -1,4 +1,4 @@
-//! Harnesses for a link's tables, frames, addresses and windows.
+//! Harnesses for a link's frames, tables, addresses and windows.
 
 use super::{
     Body, Carrier, Config, End, Error, FrameKind, Input, Link, NoMemory, OutboundMessage, Output,
@@ -37,7 +37,7 @@ fn config(role: Role) -> Config {
     }
 }
 
-/// Which links have a frame.
+/// The lanes on which a frame is legal.
 #[derive(Clone, Copy, PartialEq)]
 enum Lane {
     Both,
@@ -45,8 +45,8 @@ enum Lane {
     Ring,
 }
 
-/// SPEC section 7 and SM2-RNG-001: for each kind its number, whether it is received by sender,
-/// receiver, caller and server, and on which lane.
+/// The table of SPEC section 7 and SM2-RNG-001. For each kind: its number; whether sender,
+/// receiver, caller and server receive it; and its lanes.
 const RECEIVED_BY: [(u8, [bool; 4], Lane); 12] = [
     (1, [true, true, true, true], Lane::Both),
     (2, [false, true, true, true], Lane::Both),
@@ -98,7 +98,7 @@ fn link_phase_table() {
     kani::cover!(verdict.is_ok() && kind == FrameKind::Reply, "a reply");
 }
 
-/// Whatever decodes encodes to the bytes that came.
+/// Checks that a frame that is decoded encodes to the same bytes.
 fn is_canonical(bytes: &[u8]) -> Option<FrameKind> {
     let descriptor = [FdFacts::default()];
     let count = usize::from(kani::any::<bool>());
@@ -114,7 +114,7 @@ fn is_canonical(bytes: &[u8]) -> Option<FrameKind> {
     Some(frame.kind())
 }
 
-/// Where SPEC section 7 has reserved bytes in the frames without payload.
+/// The reserved bytes of the frames without payload, from SPEC section 7.
 const RESERVED: [(u8, usize, &[usize]); 9] = [
     (1, 32, &[28, 29, 30, 31]),
     (2, 24, &[1, 2, 3, 20, 21, 22, 23]),
@@ -138,7 +138,7 @@ fn fixed_frames_are_canonical() {
     bytes[0] = number;
     if clean {
         reserved.iter().for_each(|at| bytes[*at] = 0);
-        // Often the only fault: one reserved byte.
+        // Often one reserved byte is the only fault.
         bytes[one_of(reserved)] = kani::any();
     }
     let len = if other_len { below(34) } else { exact };
@@ -157,7 +157,8 @@ fn fixed_frames_are_canonical() {
     );
 }
 
-/// Each byte of a frame that is else zeros: which ones are reserved, and which values are not legal.
+/// Sets one byte of a frame of zeros: checks which bytes are reserved, and which values are
+/// illegal.
 //= SM2-WIR-001, SM2-TRN-005, SM2-MSG-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(34))]
@@ -215,7 +216,7 @@ fn message_frames_are_canonical() {
     kani::cover!(kind.is_none(), "not a frame");
 }
 
-/// DAT-BOUNDS: no address outside the segment, whatever the peer says.
+/// DAT-BOUNDS: no address lies outside its segment, whatever the peer sends.
 //= SM2-SEG-003, SM2-PAY-002 kani
 #[cfg_attr(kani, kani::proof)]
 fn slots_are_inside() {
@@ -242,14 +243,14 @@ fn slots_are_inside() {
     }
 }
 
-/// DAT-SEALED: nothing is mapped without its seals.
+/// DAT-SEALED: no file is accepted without its seals.
 //= SM2-SEG-001, SM2-SEG-002, SM2-SEG-003 kani
 #[cfg_attr(kani, kani::proof)]
 fn only_sealed_files_are_accepted() {
     let facts = FdFacts {
         regular: kani::any(),
         size_bytes: kani::any(),
-        // The bits that matter, and all others.
+        // The seals that matter, and all other bits.
         seals: Seals(below(32) as u32 | kani::any::<u32>() << 5),
     };
     let bits = |mask| facts.seals.0 & mask == mask;
@@ -270,7 +271,8 @@ fn only_sealed_files_are_accepted() {
     kani::cover!(facts.regular && pooled.is_err(), "seals missing");
 }
 
-/// Six steps of a receiver: never more unreleased than its window, all released once.
+/// Six steps of a receiver: it never has more unreleased messages than its window, and releases
+/// each once.
 //= SM2-MSG-001, SM2-MSG-003, SM2-MSG-005, SM2-QOS-001 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
@@ -342,7 +344,7 @@ fn receiver_keeps_to_its_window() {
     }
 }
 
-/// The first OPEN opens the link exactly if each of its fields is legal; else nothing changes.
+/// The first OPEN opens the link exactly if each of its fields is legal. Otherwise nothing changes.
 //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004 kani
 #[cfg_attr(kani, kani::proof)]
 // 32 bytes of OPEN; twelve kinds of frames.
@@ -358,7 +360,7 @@ fn open_is_checked() {
         link: if right_link { ours.id } else { LinkId::FIRST },
         lanes: one_of(&[0, 1, 3]),
     };
-    // SPEC section 7: sender and receiver, caller and server are counterparts.
+    // SPEC section 7: sender and receiver are counterparts, and so are caller and server.
     let theirs = [1, 0, 3, 2][ours.role as usize];
     let named = open.role == theirs && right_link && right_version;
     let window = if ours.role == Role::Receiver {
@@ -391,7 +393,8 @@ fn open_is_checked() {
     );
 }
 
-/// LNK-ABSORB: an end says what is due, CLOSE at most once, and then nothing, whatever comes.
+/// LNK-ABSORB: an end that is over returns the pending outputs and at most one CLOSE, and then no
+/// output for any input.
 //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005 kani
 #[cfg_attr(kani, kani::proof)]
 // At most four outputs; twelve kinds of frames; heads of at most 48 bytes.

@@ -1,4 +1,4 @@
-//! From a datagram to what it changes: the checks of SPEC section 10 in their order.
+//! Handling of received datagrams: the checks of SPEC section 10 in their order, and their effects.
 
 use super::{
     Carrier, End, Link, Output, Role, SegmentInfo,
@@ -11,11 +11,11 @@ use super::{
 };
 use crate::{Datagram, FdFacts, Violation, limits::WINDOW_MAX};
 
-/// A frame of the other lane. [`phase::admit`] has refused it already.
+/// A frame of the other lane. Defensive: [`phase::admit`] has already refused such a frame.
 const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-001");
 
 impl Link {
-    /// Handles one datagram. A frame that is a violation has no other effect.
+    /// Handles one datagram. A frame that violates SPEC has no other effect than the violation.
     pub(super) fn receive(
         &mut self,
         phase: Phase,
@@ -33,7 +33,7 @@ impl Link {
             Frame::Release { given, .. } => self.on_release(&frame, given),
             Frame::Cancel { call } => self.on_cancel(call),
             Frame::Ring { depth, window } => self.on_ring(depth, window, datagram.fds),
-            // It has no content: the driver looks at the ring.
+            // DOORBELL has no content: the driver checks the ring after each wake-up.
             Frame::Doorbell => Ok(()),
             Frame::Detached { segment } => self.on_detached(segment),
             //= SM2-OPN-005, SM2-COD-001
@@ -67,7 +67,7 @@ impl Link {
         Ok(())
     }
 
-    /// The lane is known.
+    /// Chooses the lane, which is known once the other end's OPEN has come.
     //= SM2-RNG-001
     fn open_lane(&mut self, open: &Open) {
         if self.config.ring && open.lanes & LANE_RING != 0 {

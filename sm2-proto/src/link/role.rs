@@ -1,8 +1,8 @@
-//! The four ends that links have.
+//! The roles of the ends of links.
 
 use crate::Kind;
 
-/// Which end of which link this is. Each role has one counterpart.
+/// The role of one end of a link. Each role has one counterpart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Role {
@@ -17,7 +17,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// Every role, in the order of their numbers.
+    /// Every role, ordered by number.
     pub const ALL: [Self; 4] = [Self::Sender, Self::Receiver, Self::Caller, Self::Server];
 
     /// The role that an interface of this kind has on its links.

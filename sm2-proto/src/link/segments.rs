@@ -1,7 +1,7 @@
-//! What may be mapped: seals, sizes, strides and slots, checked on integers.
+//! Checks of descriptors, sizes, strides and slots before anything is mapped.
 //!
-//! Everything that ends up as the address of a payload passes through here.
-//! The types can only be made by their checks, so whoever holds one need not check again.
+//! Every address of a payload is computed from values that passed these checks. Only the checks can
+//! construct the types in this module, so code that holds such a value need not check again.
 
 use super::RingLayout;
 use crate::{
@@ -9,24 +9,24 @@ use crate::{
     limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOTS_MAX, STRIDE_UNIT},
 };
 
-/// A descriptor that is a regular file and carries the seals that its use demands.
+/// The facts about a descriptor that is a regular file with the seals that its use requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Verified {
     size_bytes: u64,
 }
 
 impl Verified {
-    /// For one sealed message.
+    /// Checks the descriptor of one sealed message.
     pub(super) const fn sealed(facts: &FdFacts) -> Result<Self, Violation> {
         Self::with(facts, Seals::SEALED, clause!("SM2-SEG-001"))
     }
 
-    /// For a segment of pooled messages.
+    /// Checks the descriptor of a segment of pooled messages.
     pub(super) const fn pooled(facts: &FdFacts) -> Result<Self, Violation> {
         Self::with(facts, Seals::POOLED, clause!("SM2-SEG-001"))
     }
 
-    /// For the file of a ring.
+    /// Checks the descriptor of a ring.
     //= SM2-RNG-002
     pub(super) const fn ring(facts: &FdFacts, layout: Option<RingLayout>) -> Result<(), Violation> {
         let verified = match Self::with(facts, Seals::RING, clause!("SM2-RNG-002")) {
@@ -45,7 +45,7 @@ impl Verified {
         }
     }
 
-    /// Checks what `clause` demands of the descriptor.
+    /// Checks that the descriptor is a regular file with the `needed` seals, as `clause` requires.
     //= SM2-SEG-001, SM2-RNG-002
     const fn with(facts: &FdFacts, needed: Seals, clause: Clause) -> Result<Self, Violation> {
         if !facts.regular {
@@ -59,7 +59,7 @@ impl Verified {
         })
     }
 
-    /// Whether the file can hold a sealed message of this length.
+    /// Checks that the file can hold a sealed message of this length.
     //= SM2-SEG-002
     pub(super) const fn check_message(self, len: u64) -> Result<(), Violation> {
         if self.size_bytes < len || self.size_bytes > SEGMENT_BYTES_MAX {
@@ -68,7 +68,7 @@ impl Verified {
         Ok(())
     }
 
-    /// Whether the file is exactly this large.
+    /// Checks that the file has exactly the size of the segment.
     //= SM2-SEG-003
     pub(super) const fn check_segment(self, geometry: Geometry) -> Result<(), Violation> {
         if self.size_bytes != geometry.size_bytes() {
@@ -78,7 +78,8 @@ impl Verified {
     }
 }
 
-/// The slots of a segment that SPEC allows: nothing computed from one overflows.
+/// The stride and the number of slots of a segment, within SPEC's limits. No computation with them
+/// overflows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Geometry {
     stride: u64,
@@ -86,7 +87,7 @@ pub(super) struct Geometry {
 }
 
 impl Geometry {
-    /// None if stride, slots or their product are out of range.
+    /// Returns `None` if the stride, the number of slots or their product is out of range.
     //= SM2-SEG-003
     pub(super) const fn new(stride: u64, slots: u32) -> Option<Self> {
         if stride == 0 || !stride.is_multiple_of(STRIDE_UNIT) || slots == 0 || slots > SLOTS_MAX {
@@ -98,7 +99,8 @@ impl Geometry {
         }
     }
 
-    /// The size of a slot, and the longest message that it holds.
+    /// The size of a slot in bytes, which is also the length of the longest message on the socket
+    /// lane.
     #[inline]
     pub(super) const fn stride(self) -> u64 {
         self.stride
@@ -110,13 +112,14 @@ impl Geometry {
         self.slots
     }
 
-    /// The size of the whole segment.
+    /// The size of the whole segment, in bytes.
     #[inline]
     pub(super) const fn size_bytes(self) -> u64 {
         self.stride * self.slots as u64
     }
 
-    /// Where a slot begins; the whole slot is within the segment.
+    /// The offset of a slot, which lies entirely within the segment. `None` if there is no such
+    /// slot.
     //= SM2-PAY-002
     #[inline]
     pub(super) const fn offset(self, slot: u32) -> Option<u64> {
@@ -128,7 +131,8 @@ impl Geometry {
     }
 }
 
-/// Checks ATTACH. `is_taken`: whether its number is not free; `count`: how many numbers are not.
+/// Checks ATTACH. `is_taken` says whether the segment's number is in use; `count` is how many
+/// numbers are in use.
 //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
 pub(super) fn check_attach(
     info: &SegmentInfo,
@@ -149,7 +153,7 @@ pub(super) fn check_attach(
     Ok(geometry)
 }
 
-/// The length of any message, whatever its form.
+/// Whether a message of any form may have this length.
 //= SM2-PAY-008
 pub(super) const fn is_legal_len(len: u64) -> bool {
     len <= MESSAGE_MAX
@@ -162,13 +166,13 @@ pub(super) struct Slot {
     pub(super) slot: u32,
 }
 
-/// A shared segment: equal slots, one behind the other.
+/// The number and shape of a shared segment, which consists of adjacent slots of equal size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SegmentInfo {
     /// Its number on the link.
     pub id: u32,
     /// The size of a slot in bytes: a multiple of 4,096, not zero.
     pub stride: u64,
-    /// How many slots, 1 to 65,536.
+    /// The number of slots, 1 to 65,536.
     pub slots: u32,
 }

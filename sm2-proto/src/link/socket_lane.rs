@@ -1,4 +1,4 @@
-//! The state of a link whose messages go by the socket.
+//! The state of a link whose messages are sent over the socket.
 
 use super::{Config, inbound::Inbound, outbound::Outbound};
 
@@ -17,13 +17,14 @@ impl SocketLane {
         }
     }
 
-    /// The link is over. Passes the keys of all messages that were not settled to `each`.
+    /// Ends both directions with the link. Passes the keys of all messages that were not settled to
+    /// `each`.
     pub(super) fn end(&mut self, each: impl FnMut(u64)) {
         self.outbound.end(each);
         self.inbound.end();
     }
 
-    /// Checks what must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         self.outbound.invariants();
         self.inbound.invariants();

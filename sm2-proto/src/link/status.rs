@@ -1,6 +1,6 @@
-//! How a call went, as its reply says.
+//! The outcome of a call, as its reply states it.
 
-/// How a call went (SM2-SRV-003).
+/// The outcome of a call (SM2-SRV-003).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u16)]
 pub enum Status {
@@ -9,14 +9,14 @@ pub enum Status {
     Ok = 0,
     /// The server failed; the payload says why, in UTF-8.
     Failed = 1,
-    /// The client cancelled the call; no payload.
+    /// The client cancelled the call; the reply has no payload.
     Cancelled = 2,
-    /// The call's deadline passed; no payload.
+    /// The call's deadline passed; the reply has no payload.
     DeadlinePassed = 3,
 }
 
 impl Status {
-    /// Every status, in the order of their numbers.
+    /// Every status, ordered by number.
     pub const ALL: [Self; 4] = [
         Self::Ok,
         Self::Failed,

@@ -1,127 +1,130 @@
-//! What goes into the machine and what comes out of it.
+//! Inputs, outputs, messages and errors of the link machine.
 
 use bytes::Bytes;
 
 use super::{Packet, RingLayout, SegmentInfo, Status};
 use crate::{Code, Datagram, Instant, Violation};
 
-/// What happens to a link.
+/// Something that happened to a link, which the driver reports.
 #[derive(Clone, Debug)]
 pub enum Input<'a> {
-    /// The other end sent a datagram. One without bytes is the end of the stream.
+    /// The other end sent a datagram. A datagram without bytes is the end of the stream.
     Datagram(Datagram<'a>),
     /// The stream ended: the other end's process is gone, or it closed the socket.
     Eof,
-    /// A reliable publisher's deadline passed while it waited for room: one
-    /// message is dropped for this link alone.
+    /// A reliable publisher's deadline passed while it waited for room: one message is dropped for
+    /// this link alone.
     Skip,
-    /// A publication is not sent on this link, which has no room for it at this moment. It counts as
-    /// [`Fate::Overwritten`].
+    /// The driver does not send a publication on this link, because the link has no room at this
+    /// moment. The publication counts as [`Fate::Overwritten`].
     PassOver,
-    /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): no
-    /// datagram is there that could attach the segment of the message.
+    /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): the
+    /// socket has no further datagram that could attach the segment of the message.
     SegmentMissing,
-    /// The caller no longer wants the reply. Sent once, however often it is
-    /// asked for; a call that has its reply is left alone.
+    /// The caller no longer wants the reply. CANCEL is sent once, however often this input is fed.
+    /// A call that already has its reply is not affected.
     Cancel {
         /// The [`OutboundMessage::id`] of the request.
         call: u64,
     },
     /// The application will use this segment. The ring lane sends ATTACH if the segment is not
-    /// attached, and messages can name the segment once the outputs are drained, unless
-    /// [`Input::Blocked`] came of them. The socket lane attaches a segment with its first message.
+    /// attached. Once the outputs are drained, messages can use the segment, unless the driver had
+    /// to feed [`Input::Blocked`]. The socket lane attaches a segment with its first message.
     Attach(SegmentInfo),
-    /// The application will not use this segment again: DETACH, if it is attached.
+    /// The application will not use this segment again. The machine sends DETACH if the segment is
+    /// attached.
     Retire {
         /// The [`SegmentInfo::id`].
         segment: u32,
     },
-    /// The socket did not take a packet, and the driver keeps it: no
-    /// [`Output::Transmit`] until [`Input::Writable`]. A CLOSE not yet polled is dropped.
+    /// The socket did not accept a packet, and the driver keeps that packet. The machine returns no
+    /// [`Output::Transmit`] until [`Input::Writable`]. A CLOSE that was not polled yet is dropped.
     Blocked,
-    /// The socket took the packet that the driver kept.
+    /// The socket accepted the packet that the driver kept.
     Writable,
     /// Ends the link from this side.
     Close(Code),
 }
 
-/// What a driver has to do. Outputs that speak of *the datagram just handled*
-/// come before the next one may be fed.
+/// An action that the driver has to perform. Outputs that refer to *the datagram just handled* are
+/// returned before the next datagram may be fed.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Output {
-    /// Hand this packet to the socket, or keep it and feed [`Input::Blocked`].
+    /// Send this packet over the socket, or keep it and feed [`Input::Blocked`].
     Transmit(Packet),
     /// Both ends have sent OPEN.
     Opened,
-    /// A receiving end, before [`Output::Opened`]: make the file of a ring with this layout, all
-    /// zero, with the seals [`Seals::RING`](crate::Seals::RING), and map it for writing. RING will
-    /// take it along.
+    /// Only on a receiving end: create the file of a ring with this layout, all zero, with the
+    /// seals [`Seals::RING`](crate::Seals::RING), and map it for writing. The RING frame then
+    /// carries its descriptor. This output precedes [`Output::Opened`].
     MakeRing(RingLayout),
-    /// A sending end: map the descriptor of the datagram just handled, for reading and writing. It
-    /// is a ring with this layout, whose seals and size are as SPEC demands.
+    /// Only on a sending end: map the descriptor of the datagram just handled, for reading and
+    /// writing. It is a ring with this layout. Its seals and size were checked.
     Ring(RingLayout),
-    /// Map the descriptor of the datagram just handled, for reading only: its
-    /// seals and its size are as SPEC demands.
+    /// Map the descriptor of the datagram just handled, for reading only. Its seals and size were
+    /// checked.
     Attach {
-        /// The number by which messages name the segment.
+        /// The number that messages use to refer to the segment.
         segment: u32,
         /// The size of a slot, in bytes.
         stride: u64,
-        /// How many slots there are; `stride * slots` is the size of the file.
+        /// The number of slots; `stride * slots` is the size of the file.
         slots: u32,
     },
-    /// No message of this link uses the segment any more: unmap it.
+    /// Unmap this segment: no message of this link uses it any more.
     Detach {
         /// The segment's number.
         segment: u32,
     },
-    /// Keep the descriptor of the datagram just handled for this sealed message:
-    /// its seals and its size are as SPEC demands.
+    /// Keep the descriptor of the datagram just handled for this sealed message. Its seals and size
+    /// were checked.
     Keep {
         /// The message's sequence number.
         sequence: u64,
     },
-    /// The message was displaced before it was taken: forget what was kept for it.
+    /// Close the descriptor that was kept for this message: the message was displaced before it was
+    /// taken.
     Discard {
         /// The message's sequence number.
         sequence: u64,
     },
-    /// The link is done with a message. Exactly one for each message that
-    /// [`Link::send`](super::Link::send) took, except for those that it passed to its `settled`.
+    /// The link no longer needs a message. This output comes exactly once for each message that
+    /// [`Link::send`](super::Link::send) accepted, except for messages that a call passed to its
+    /// `settled` closure.
     Settled {
         /// The [`OutboundMessage::key`].
         key: u64,
-        /// What became of the message.
+        /// How the message was settled.
         fate: Fate,
     },
-    /// A server's client no longer wants this reply, but still expects one.
+    /// A server's client no longer wants this reply. The server still has to send one.
     Cancelled {
         /// The id of the request.
         call: u64,
     },
-    /// A caller will not get the reply: the link ended before it. On the ring lane this output comes
-    /// when [`Link::take`](super::Link::take) has returned the replies that had come, if need be
-    /// after [`Output::Ended`].
+    /// A call will not get a reply, because the link ended first. On the ring lane, this output
+    /// comes only when [`Link::take`](super::Link::take) has returned all replies that were in the
+    /// ring. It can therefore follow [`Output::Ended`].
     CallFailed {
         /// The id of the request.
         call: u64,
     },
-    /// The link is over: nothing comes after this but [`Output::CallFailed`].
+    /// The link is over. Only [`Output::CallFailed`] can follow.
     Ended(End),
 }
 
 /// One message to send.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct OutboundMessage {
-    /// The driver's own name for it, as it comes back in [`Output::Settled`]
-    /// and [`Attachment::Message`](super::Attachment::Message). The machine only carries it.
+    /// The driver's own name for the message, returned in [`Output::Settled`] and
+    /// [`Attachment::Message`](super::Attachment::Message). The machine does not interpret it.
     pub key: u64,
-    /// DATA: the publisher's count of its publications. REQUEST: the number of
-    /// the call. Both grow on a link. REPLY: the id of the request.
+    /// DATA: the publisher's count of its publications. REQUEST: the number of the call. Both
+    /// increase strictly on a link. REPLY: the id of the request.
     pub id: u64,
-    /// DATA: the moment of publication. REQUEST: the deadline, 0 for none.
+    /// DATA: the time of publication. REQUEST: the deadline, or 0 for none.
     pub time: Instant,
-    /// REPLY: how the call went. All others: [`Status::Ok`].
+    /// REPLY: the outcome of the call. All others: [`Status::Ok`].
     pub status: Status,
     /// The length of the payload, in bytes.
     pub len: u64,
@@ -141,24 +144,24 @@ pub enum Body {
         /// The slot, from 0.
         slot: u32,
     },
-    /// In a file of its own, which the driver keeps under [`OutboundMessage::key`].
+    /// In a file of its own, which the driver stores under [`OutboundMessage::key`].
     Sealed,
 }
 
 /// One received message.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Delivery {
-    /// Its number on this link, by which it is released.
+    /// The message's sequence number on this link, used to release it.
     pub sequence: u64,
     /// DATA: the publisher's count of its publications. REQUEST and REPLY: the call.
     pub id: u64,
-    /// DATA: the moment of publication. REQUEST: the deadline, 0 for none.
+    /// DATA: the time of publication. REQUEST: the deadline, or 0 for none.
     pub time: Instant,
-    /// REPLY: how the call went. All others: [`Status::Ok`].
+    /// REPLY: the outcome of the call. All others: [`Status::Ok`].
     pub status: Status,
-    /// How many publications the application will never see that came after
-    /// the one it took before this (or since the first that reached this
-    /// link). Always zero on links of services.
+    /// The number of publications that the application misses between the message that it took
+    /// before and this one. For the first message, the count starts at the first publication that
+    /// reached this link. Always zero on links of services.
     pub lost: u64,
     /// The length of the payload, in bytes.
     pub len: u64,
@@ -169,39 +172,39 @@ pub struct Delivery {
 /// Where the payload of a received message is.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Payload {
-    /// Here: exactly `len` bytes.
+    /// In this value: exactly `len` bytes.
     Inline(Bytes),
-    /// In an attached segment: `offset + len` is within it.
+    /// In an attached segment. The range from `offset` to `offset + len` lies within the segment.
     Pooled {
         /// The segment's number.
         segment: u32,
-        /// Where the slot begins, in bytes.
+        /// The offset of the slot in the segment, in bytes.
         offset: u64,
     },
-    /// At the start of the file that [`Output::Keep`] spoke of.
+    /// At the start of the file that [`Output::Keep`] referred to.
     Sealed,
 }
 
-/// What became of a message that was sent.
+/// How a message was settled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Fate {
-    /// Released as consumed: the application had it.
+    /// Released as consumed: the application took it.
     Delivered,
-    /// Displaced by a later one before it left this side.
+    /// Displaced by a later message before it left this side.
     Overwritten,
-    /// Displaced by a later one on the other side.
+    /// Displaced by a later message on the other side.
     Discarded,
-    /// Never sent, because a deadline passed. Counted only: see [`Input::Skip`].
+    /// Never sent, because a deadline passed. Appears only in the counters: see [`Input::Skip`].
     Deadline,
-    /// The link ended first.
+    /// Not settled when the link ended.
     Closed,
 }
 
-/// What became of all messages of one link:
-/// `offered = delivered + overwritten + discarded + deadline + closed + in_flight`.
+/// Counts of all messages of one link, by outcome: `offered = delivered + overwritten + discarded +
+/// deadline + closed + in_flight`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Counters {
-    /// Every message that was sent, and every [`Input::Skip`] and [`Input::PassOver`].
+    /// Every message that was passed to `send`, and every [`Input::Skip`] and [`Input::PassOver`].
     pub offered: u64,
     /// See [`Fate::Delivered`].
     pub delivered: u64,
@@ -213,34 +216,34 @@ pub struct Counters {
     pub deadline: u64,
     /// See [`Fate::Closed`].
     pub closed: u64,
-    /// Queued on this side, or sent and not released yet.
+    /// Queued on this side, or sent and not yet released.
     pub in_flight: u64,
 }
 
 /// Why a link is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum End {
-    /// [`Input::Close`] with this code.
+    /// This side closed the link with this code, by [`Input::Close`].
     #[error("this side closed the link: {0}")]
     Local(Code),
-    /// The other end's CLOSE with this code.
+    /// The other end sent CLOSE with this code.
     #[error("the other side closed the link: {0}")]
     Peer(Code),
     /// The stream ended without CLOSE.
     #[error("the other side is gone")]
     Eof,
-    /// The other end broke SPEC.
+    /// The other end violated SPEC.
     #[error("the other side broke the protocol: {0}")]
     Violation(Violation),
 }
 
-/// Why [`Link::handle`](super::Link::handle) did not do what its input asked for.
+/// The reason why [`Link::handle`](super::Link::handle) did not do what its input asked for.
 pub type Error = crate::Error<End, Misuse>;
 
-/// How a caller of the machine can break its contract.
+/// The ways in which the code that uses the machine can break its contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
 pub enum Misuse {
-    /// This role, or this kind of link, has no such input.
+    /// This role, or this kind of link, does not support the call or input.
     #[error("an end with this role does not do that")]
     WrongRole,
     /// `len` is not the length of the inline payload.
@@ -251,7 +254,7 @@ pub enum Misuse {
         "the payload is longer than its form allows: inline 61,440 bytes, pooled one slot, all 2^40"
     )]
     TooLong,
-    /// The link is sealed.
+    /// A pooled message on a sealed link.
     #[error("pooled messages are illegal on a sealed link: send it sealed or inline")]
     NotSealed,
     /// The segment's stride or slots are out of range.
@@ -259,40 +262,42 @@ pub enum Misuse {
         "a segment's stride is a multiple of 4,096, its slots are 1 to 65,536, its size is at most 2^41"
     )]
     BadSegment,
-    /// A segment of this number is in use with another stride or other slots.
+    /// A segment with this number is in use with another stride or another number of slots.
     #[error("the segment of that number has another stride or other slots: retire it first")]
     SegmentChanged,
-    /// The slot is not one of the segment's.
+    /// The slot's number is not below the segment's number of slots.
     #[error("the segment has no such slot")]
     SlotOutside,
-    /// A message of this link that is not settled uses the slot.
+    /// The slot holds a message of this link that is not settled.
     #[error("the slot holds a message of this link that is not settled")]
     SlotBusy,
-    /// Messages of this link that are not settled use 256 other segments.
+    /// Unsettled messages of this link already use 256 other segments.
     #[error("unsettled messages of this link use 256 other segments: wait until some are settled")]
     SegmentLimit,
-    /// Messages of this link that are not settled use the segment.
+    /// The segment holds messages of this link that are not settled.
     #[error("the segment holds messages of this link that are not settled")]
     SegmentBusy,
-    /// The id is 0, or not greater than the one before.
+    /// The id is 0, or not greater than the previous id.
     #[error("ids begin at 1 and grow with every message of a link")]
     IdNotGrowing,
-    /// DATA or REQUEST with a status, or a payload where the status allows none.
+    /// DATA or REQUEST has a status other than ok, or a message with a payload has a status that
+    /// allows none.
     #[error("only replies have a status, and only ok and failed ones a payload")]
     Status,
-    /// Window and queue are full and the link is reliable.
+    /// The window and the queue are full, and the link is reliable.
     #[error("there is no room: wait until has_room, or skip the message")]
     NoRoom,
-    /// [`Input::Skip`] while there is room.
+    /// [`Input::Skip`] was fed while the link had room.
     #[error("there is room: send the message")]
     RoomLeft,
-    /// 1,024 calls have no reply yet.
+    /// 1,024 calls of this link have no reply yet.
     #[error("1,024 calls of this link have no reply yet: wait for some")]
     CallLimit,
-    /// Server: the call is not open, or has its reply. Caller: it was never made.
+    /// Server: the call is not open, or already has its reply. Caller: the call was never made.
     #[error("no such call is open")]
     UnknownCall,
-    /// The other end's OPEN, or the RING that this end sends by, has not come.
+    /// The other end's OPEN has not come, or the RING of the ring that this end sends through has
+    /// not come.
     #[error("the link is not open yet: wait until is_open")]
     NotOpen,
     /// The driver did not lend the ring that this call needs.
@@ -301,7 +306,7 @@ pub enum Misuse {
     /// The payload is not where [`Link::placement`](super::Link::placement) says.
     #[error("the payload has to be in a slot: see placement")]
     NotPooled,
-    /// The segment is not attached (any more, or yet).
+    /// The segment is not attached: it was never attached, or it was detached.
     #[error("the segment is not attached: feed attach, drain the outputs, and try again")]
     NotAttached,
     /// The application does not hold the message.
@@ -309,29 +314,29 @@ pub enum Misuse {
     NotBorrowed,
 }
 
-/// Where the payload of a message has to be, so that a link can send it.
+/// Where the payload of a message has to be so that a link can send it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Placement {
     /// In a slot, with its [head](super::SlotHead) at the slot's end: [`Body::Pooled`].
     Slot,
-    /// A short one in the datagram, others in a slot: any [`Body`].
+    /// A short payload in the datagram, a longer one in a slot: any [`Body`].
     InlineOrSlot,
-    /// A short one in the datagram, others in a file of their own: [`Body::Inline`] or
+    /// A short payload in the datagram, a longer one in a file of its own: [`Body::Inline`] or
     /// [`Body::Sealed`].
     InlineOrSealed,
 }
 
-/// Why [`Link::take`](super::Link::take) returns no message, although there may be one.
+/// The reason why [`Link::take`](super::Link::take) returns no message, although one may be ready.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoDelivery {
-    /// The application holds as many messages as it may.
+    /// The application already holds `max_borrowed` messages.
     #[error(transparent)]
     TooManyBorrowed(TooManyBorrowed),
-    /// Ring lane: the message is in a segment that is not attached. Feed all datagrams that are
-    /// there, and try again. If none is there, feed [`Input::SegmentMissing`].
+    /// Ring lane: the message is in a segment that is not attached. Feed all datagrams that the
+    /// socket has, and try again. If the socket has none, feed [`Input::SegmentMissing`].
     #[error("the message is in a segment that is not attached yet")]
     UnknownSegment,
-    /// Ring lane: the link is over, perhaps by a violation that was just found.
+    /// Ring lane: the link is over, perhaps by a violation that this call found.
     #[error(transparent)]
     Ended(End),
     /// This end does not receive, or its ring was not lent.
@@ -339,10 +344,10 @@ pub enum NoDelivery {
     Misuse(Misuse),
 }
 
-/// The application holds as many messages of this link as it may (SM2-MSG-005).
+/// The application already holds `max_borrowed` messages of this link (SM2-MSG-005).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 #[error("{max_borrowed} messages of this link are taken and unreleased: release one first")]
 pub struct TooManyBorrowed {
-    /// How many it may hold.
+    /// How many messages it may hold.
     pub max_borrowed: u16,
 }

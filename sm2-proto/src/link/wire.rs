@@ -1,11 +1,10 @@
-//! The layouts of SPEC section 7: bytes to [`Frame`] and back.
+//! Decoding and encoding of link frames: the layouts of SPEC section 7.
 //!
-//! [`Frame::decode`] makes every check that needs neither the link's state nor
-//! its history, in the order of SPEC section 10: kind, fixed length, reserved
-//! bytes, values out of their range, number of descriptors. Lengths that
-//! depend on the content come after the state's violations, so they are a
-//! step of their own, [`Frame::check_length`]. A frame that passed both
-//! encodes to the bytes that it came from.
+//! [`Frame::decode`] makes every check that needs neither the link's state nor its history, in the
+//! order of SPEC section 10: kind, fixed length, reserved bytes, values out of their range, number
+//! of descriptors. SPEC checks lengths that depend on the content only after the link's state, so
+//! [`Frame::check_length`] is a separate step. A frame that passed both steps encodes to the bytes
+//! from which it was decoded.
 
 mod layout;
 
@@ -42,11 +41,11 @@ pub enum Frame<'a> {
     Message(MessageFrame<'a>),
     /// RELEASE.
     Release {
-        /// What became of the messages.
+        /// How the messages were given back.
         given: Given,
         /// How many sequence numbers follow.
         count: u16,
-        /// What follows; [`Frame::sequences`] reads it.
+        /// The bytes of the sequence numbers; [`Frame::sequences`] reads them.
         rest: &'a [u8],
     },
     /// CANCEL.
@@ -72,7 +71,7 @@ pub enum Frame<'a> {
     },
 }
 
-/// The fields of OPEN, as they came.
+/// The fields of OPEN, not checked against the link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Open {
     /// The number of the sender's role.
@@ -95,28 +94,28 @@ pub const LANE_RING: u32 = 2;
 /// The fields of DATA, REQUEST and REPLY.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MessageFrame<'a> {
-    /// Which of the three.
+    /// DATA, REQUEST or REPLY.
     pub carrier: Carrier,
     /// Where the payload is.
     pub form: Form,
-    /// How the call went; [`Status::Ok`] in DATA and REQUEST.
+    /// The outcome of the call; [`Status::Ok`] in DATA and REQUEST.
     pub status: Status,
-    /// The count of the messages of this direction.
+    /// The sequence number of the message in its direction.
     pub sequence: u64,
-    /// The publication or the call.
+    /// The number of the publication or of the call.
     pub id: u64,
-    /// The moment of publication, or the deadline.
+    /// The time of publication, or the deadline of the request.
     pub time: Instant,
     /// The length of the payload, in bytes.
     pub len: u64,
-    /// What follows the header: the payload if the form is inline.
+    /// The bytes after the header: the payload if the form is inline, otherwise none.
     pub rest: &'a [u8],
 }
 
-/// The payload forms.
+/// Where the payload of a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Form {
-    /// Behind the header.
+    /// In the datagram, after the header.
     Inline,
     /// In a slot of an attached segment.
     Pooled {
@@ -125,22 +124,22 @@ pub enum Form {
         /// The slot, from 0.
         slot: u32,
     },
-    /// In the file whose descriptor comes along.
+    /// In the file whose descriptor is sent with the datagram.
     Sealed,
 }
 
-/// What RELEASE says of its messages.
+/// How RELEASE gives its messages back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Given {
-    /// The application had them.
+    /// The application took them.
     Consumed = 0,
-    /// They were displaced before the application saw them.
+    /// They were displaced before the application took them.
     Discarded = 1,
 }
 
 impl<'a> Frame<'a> {
-    /// The frame in a datagram, but for lengths that depend on its content.
+    /// Decodes a datagram, except for lengths that depend on the content.
     //= SM2-WIR-001
     pub fn decode(datagram: &Datagram<'a>) -> Result<Self, Violation> {
         datagram.check()?;
@@ -278,7 +277,7 @@ impl<'a> Frame<'a> {
         })
     }
 
-    /// Whether what follows the header is as long as the header says.
+    /// Checks that the bytes after the header have the length that the header states.
     //= SM2-WIR-001, SM2-PAY-001
     pub fn check_length(&self) -> Result<(), Violation> {
         let (expected, rest) = match self {
@@ -299,7 +298,7 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Its kind.
+    /// The kind of the frame.
     #[must_use]
     pub const fn kind(&self) -> FrameKind {
         match self {
@@ -316,7 +315,7 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// How many descriptors it takes along.
+    /// The number of descriptors that are sent with the frame.
     #[must_use]
     pub const fn fds(&self) -> usize {
         match self {
@@ -329,7 +328,7 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// The sequence numbers that RELEASE names; none in any other frame.
+    /// The sequence numbers in RELEASE; none for any other frame.
     pub fn sequences(&self) -> impl Iterator<Item = u64> + use<'a> {
         let rest: &'a [u8] = match self {
             Self::Release { rest, .. } => rest,
@@ -341,7 +340,7 @@ impl<'a> Frame<'a> {
             .map(|number| u64::from_le_bytes(*number))
     }
 
-    /// Its header: everything but what a message's or RELEASE's `rest` holds.
+    /// Encodes the header: the frame without the `rest` of a message or RELEASE.
     #[must_use]
     pub fn head(&self) -> Head {
         match self {
@@ -383,7 +382,7 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// The whole frame.
+    /// Encodes the whole frame.
     #[must_use]
     pub fn to_vec(&self) -> Vec<u8> {
         let rest = match self {

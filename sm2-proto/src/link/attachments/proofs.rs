@@ -1,7 +1,8 @@
-//! Harnesses for the books of one's own segments: one step from any state that they can be in.
+//! Harnesses for [`Attachments`]: one step from any state that it can have.
 //!
-//! The state is two segments of two slots. It is chosen as arrays, the step is taken on the
-//! arrays as SPEC section 8.3 says it, and both must lead to the same books.
+//! The state has two segments of two slots. A model holds the same state in arrays. Each step
+//! changes the model as SPEC section 8.3 prescribes, and the model and the `Attachments` must then
+//! be equal.
 
 use super::{Attachments, Misuse, Segment, SegmentInfo, Step};
 use crate::{
@@ -10,7 +11,7 @@ use crate::{
     proofs::{below, one_of},
 };
 
-/// Where a slot's message stands.
+/// The state of a slot's message.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Use {
     Free,
@@ -18,13 +19,13 @@ enum Use {
     Sent,
 }
 
-/// What the books say, as arrays.
+/// The state of an `Attachments`, in arrays.
 #[derive(Clone, Copy)]
 struct Model {
     slots: [[Use; 2]; 2],
-    /// Which ATTACH each was, if it is attached.
+    /// The position of the ATTACH frame of each attached segment.
     attached: [Option<u64>; 2],
-    /// A segment whose DETACH is due.
+    /// A segment for which DETACH has to be sent.
     retired: Option<u32>,
     order: u64,
 }
@@ -64,7 +65,7 @@ impl Model {
                 kani::assume(attached || it.slots[segment][slot] != Use::Sent);
             }
         }
-        // DETACH goes out before all else: until then nothing attaches the segment again.
+        // DETACH is sent before all other frames, so no segment is attached again before that.
         kani::assume(it.retired.is_none() || it.attached[0].is_none());
         it
     }
@@ -109,8 +110,8 @@ impl Model {
     }
 }
 
-/// A slot is given out only if no message of this link is in it, and what is neither named
-/// nor attached is forgotten.
+/// A slot is given out only if it holds no message of this link. A segment that is neither named
+/// nor attached is removed.
 //= SM2-PAY-005, SM2-SEG-004, SM2-SEG-005 kani
 #[cfg_attr(kani, kani::proof)]
 // Two slots, two segments, three uses; a tree of two entries has one node.
@@ -133,7 +134,7 @@ fn attachments_step() {
             }
         }
         1 => {
-            // Only what a queued message needs is prepared.
+            // A segment is prepared only for a queued message.
             kani::assume(model.count(segment, Use::Queued) > 0 && model.retired.is_none());
             let step = books.prepare(segment as u32);
             match (model.attached[segment], step) {
@@ -175,7 +176,8 @@ fn attachments_step() {
     books.invariants();
 }
 
-/// A slot outside its segment, or of a segment that has changed its shape, is not used.
+/// A slot outside its segment is refused, and so is a slot of a segment whose stride or number of
+/// slots has changed.
 //= SM2-PAY-002, SM2-SEG-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
@@ -215,8 +217,8 @@ fn only_slots_of_the_segment_are_used() {
     kani::cover!(expected.is_ok() && known, "a free slot");
 }
 
-/// At the limit: one more segment is attached in place of the one that is idle, and no
-/// message is put into a 257th.
+/// At the limit, one more segment is attached only after the idle one was detached, and no message
+/// is put into a 257th segment.
 //= SM2-SEG-004 kani
 #[cfg_attr(kani, kani::proof)]
 // All 256 segments, and the next one.

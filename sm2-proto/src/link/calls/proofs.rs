@@ -8,10 +8,11 @@ use crate::{
     proofs::{below, one_of},
 };
 
-/// The ids of the calls; 4 is the next one.
+/// The ids of the calls. The next call has the id 4.
 const CALLS: [u64; 3] = [1, 2, 3];
 
-/// A call at its caller, and whether its CANCEL has to be sent; none: it has its reply.
+/// The state of a call at its caller, and whether its CANCEL has to be sent. `None`: the call has
+/// its reply.
 fn any_placed() -> Option<(Call, bool)> {
     let (sent, cancelled, due): (bool, bool, bool) = kani::any();
     kani::assume(!due || (sent && cancelled));
@@ -30,14 +31,14 @@ fn placed(calls: [Option<(Call, bool)>; 3]) -> Placed {
     books
 }
 
-/// The caller: a reply comes to a call that was sent and has none, once; CANCEL goes out once,
-/// and only for a call that was sent and waits.
+/// At the caller: a call that was sent gets exactly one reply. CANCEL is sent at most once, and
+/// only for a call that was sent and has no reply yet.
 //= SM2-SRV-002, SM2-SRV-003, SM2-SRV-004, SM2-SRV-005 kani
 #[cfg_attr(kani, kani::proof)]
-// Three calls; trees of at most four entries.
+// Three calls, so trees have at most four entries.
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_call_is_answered_once() {
-    // Of the calls around it only its neighbours in the tree matter.
+    // The tree's neighbours of a call are the only other calls that matter, so three calls suffice.
     let mut calls = [any_placed(), any_placed(), any_placed()];
     let mut books = placed(calls);
     let at = below(4);
@@ -116,7 +117,7 @@ fn a_call_is_answered_once() {
     assert_eq!(books.len(), calls.iter().flatten().count());
 }
 
-/// A call at its server; none: its REPLY is released, or it never came.
+/// The state of a call at its server. `None`: its REPLY was released, or its REQUEST never came.
 fn any_got() -> Option<Got> {
     let reply = one_of(&[Reply::Owed, Reply::Queued, Reply::Sent]);
     let cancelled = kani::any();
@@ -138,8 +139,8 @@ fn served(calls: [Option<Got>; 4]) -> Served {
     books
 }
 
-/// The server: each call is replied to once, and cancelled at most once, until its REPLY is
-/// released.
+/// At the server: each call gets exactly one reply, and can be cancelled at most once until its
+/// REPLY is released.
 //= SM2-SRV-002, SM2-SRV-003, SM2-SRV-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
@@ -208,7 +209,7 @@ fn a_call_is_replied_to_once() {
             }
         }
         _ => {
-            // Only what was sent is released.
+            // Only a REPLY that was sent can be released.
             kani::assume(got.is_none_or(|got| got.reply == Reply::Sent));
             books.released(id);
             calls[at] = None;
@@ -218,14 +219,14 @@ fn a_call_is_replied_to_once() {
     assert_eq!(books.len(), books.open);
 }
 
-/// CALL-CANCEL: on the ring lane a CANCEL may come before its request and after its reply. It is
-/// wrong only if no caller that obeys SPEC can have sent it: twice, for a call that then does not
-/// come, or for more calls than can be on their way.
+/// CALL-CANCEL: on the ring lane, CANCEL may come before its request and after its reply. CANCEL is
+/// refused only if no caller that obeys SPEC can have sent it: a second CANCEL for one call, a
+/// CANCEL for a call that then does not come, or more CANCELs than requests can be in the ring.
 //= SM2-RNG-012 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_cancel_of_any_time() {
-    // Two that were taken, and two that may be on their way: no more have room.
+    // Two calls were taken, and the ring has room for two more.
     let owed: Option<bool> = kani::any::<bool>().then(kani::any);
     let got = |cancelled| Got {
         reply: Reply::Owed,
@@ -285,7 +286,7 @@ fn a_cancel_of_any_time() {
     books.invariants();
 }
 
-/// 1,024 calls may be open, and not one more, at either end.
+/// Each end accepts exactly 1,024 open calls.
 //= SM2-SRV-002 kani
 #[cfg_attr(kani, kani::proof)]
 // All 1,024 calls, and the next one.
@@ -320,7 +321,7 @@ fn no_more_calls_than_the_limit() {
         Ok(())
     };
     assert_eq!(books.check_request(next), expected);
-    // One whose REPLY left no longer counts.
+    // A call whose REPLY was sent no longer counts.
     books.reply(1);
     books.sent(1);
     assert_eq!(books.check_request(next), Ok(()));

@@ -1,8 +1,8 @@
-//! One end of a link of the ring lane, of whichever role, whose words answer what bytes decide,
-//! each access anew: a load, a swap and a take need not agree with each other.
+//! Runs one end of a link of the ring lane, in any role, while each access to a word answers as
+//! fuzz input says. A load, a swap and a take of one word need not agree with each other.
 //!
-//! Mostly the answers are those of a memory that a peer writes right words to, so that a run gets
-//! past the first of them.
+//! Most answers are those of a memory to which a peer writes correct words, so that a run gets past
+//! the first message.
 
 mod hostile;
 mod peer;
@@ -33,7 +33,7 @@ const fn segment(id: u32) -> SegmentInfo {
     }
 }
 
-/// Runs what the bytes say. Panics if the machine broke a promise.
+/// Runs the steps that the bytes encode. Panics if the machine broke its contract.
 //= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-011, SM2-RNG-012 fuzz
 pub(crate) fn words(data: &[u8]) {
     let mut script = Script::new(data);
@@ -49,18 +49,18 @@ pub(crate) fn words(data: &[u8]) {
     ring.take_all();
 }
 
-/// One end with its rings, and what its peer needs to be right most of the time.
+/// One end with its rings, and the state by which its peer is right most of the time.
 struct Ring<'a> {
     world: World,
-    /// Where this end puts words; of a receiver, nothing.
+    /// The ring into which this end puts words; unused by a receiver.
     outgoing: Hostile<'a>,
-    /// Where this end takes words out; of a sender, nothing.
+    /// The ring from which this end takes words; unused by a sender.
     incoming: Hostile<'a>,
-    /// What the application holds.
+    /// The messages that the application holds.
     held: Vec<Delivery>,
-    /// Caller: the calls without an outcome. Server: those without a reply.
+    /// Caller: the calls without an outcome. Server: the calls without a reply.
     calls: BTreeSet<u64>,
-    /// How many words the peer has put, forward and back.
+    /// How many forward words the peer has put.
     put: u64,
     given_back: u64,
     /// The words that the machine put and the peer took.
@@ -70,7 +70,7 @@ struct Ring<'a> {
 }
 
 impl<'a> Ring<'a> {
-    /// Open, with its ring and with segments.
+    /// Creates an open link with its rings and with attached segments.
     fn new(script: &mut Script<'a>) -> Option<Self> {
         let flags = script.byte()?;
         let config = Config {
@@ -91,7 +91,7 @@ impl<'a> Ring<'a> {
         let window = u32::from(config.depth + config.max_borrowed);
         let layout = RingLayout::new(config.depth, window)?;
         let len = usize::from(script.byte()?);
-        // The answers are spent from the front, the operations from behind these.
+        // Answers are read from the front of the bytes, operations from the bytes after them.
         let answers = script.at_most(len);
         let sent = match config.role {
             Role::Sender => answers.len(),
@@ -147,7 +147,7 @@ impl<'a> Ring<'a> {
         assert!(self.world.link.is_open());
     }
 
-    /// Whether the next operation is about what this end sends.
+    /// Whether the next operation is about the ring through which this end sends.
     fn is_outgoing(&self, script: &mut Script<'_>) -> Option<bool> {
         match self.role() {
             Role::Sender => Some(true),
@@ -193,7 +193,7 @@ impl<'a> Ring<'a> {
         Some(())
     }
 
-    /// What the machine said of calls since the last time.
+    /// Drains the machine, and checks its outputs about calls.
     fn drain(&mut self) {
         self.world.drain();
         for call in self.world.failed.drain(..) {
@@ -204,7 +204,8 @@ impl<'a> Ring<'a> {
         }
     }
 
-    /// After the end: what is left in the ring, and then no call is without an outcome.
+    /// After the end: takes the messages that are left in the ring. Then every call must have an
+    /// outcome.
     fn take_all(&mut self) {
         let last = loop {
             for delivery in self.held.drain(..) {
@@ -225,7 +226,7 @@ impl<'a> Ring<'a> {
         }
     }
 
-    /// The id of one of the calls, mostly.
+    /// Usually the id of one of the calls.
     fn some_call(&self, script: &mut Script<'_>) -> Option<u64> {
         let pick = script.below(8)? % self.calls.len().max(1);
         let right = self.calls.iter().nth(pick).copied();
@@ -236,7 +237,7 @@ impl<'a> Ring<'a> {
         let call = self.some_call(script)?;
         match self.role() {
             Role::Caller => self.world.input(Input::Cancel { call }),
-            // Perhaps before its request is taken.
+            // This CANCEL can come before its request is taken.
             _ => {
                 let call = call.wrapping_add(u64::from(script.byte()? % 2));
                 self.world.frame(&Frame::Cancel { call }, &[]);
@@ -245,7 +246,7 @@ impl<'a> Ring<'a> {
         Some(())
     }
 
-    /// How often a call at most looks at the outgoing ring: once for each message that waits.
+    /// Bounds the accesses of a call to the outgoing ring: one attempt for each queued message.
     fn most_to_send(&self) -> u64 {
         let waiting = self.world.pending.len() as u64;
         (2 * self.outgoing.window() + 6) * (2 + 2 * waiting)
@@ -281,7 +282,7 @@ impl<'a> Ring<'a> {
                 assert_eq!(self.world.link, before, "misuse changes nothing: {misuse}");
                 false
             }
-            // Whoever is told of the end is told of this message with all others.
+            // This call ended the link, and the outputs settled this message with all others.
             Err(Error::Ended(_)) if before.end().is_none() => true,
             Err(Error::Ended(end)) => {
                 assert_eq!(before.end(), Some(end));
@@ -333,7 +334,7 @@ impl<'a> Ring<'a> {
         Some(())
     }
 
-    /// What a message to this end says of itself, mostly as it should.
+    /// The head of the next message to this end, usually correct.
     fn next_head(&mut self) -> [u8; SLOT_HEAD] {
         let mut script = self.incoming.answers();
         let is_reply = self.role() == Role::Caller;
@@ -360,7 +361,7 @@ impl<'a> Ring<'a> {
         head.to_bytes()
     }
 
-    /// Whether there was a message.
+    /// Takes a message. Returns whether there was one.
     fn take(&mut self) -> Result<bool, NoDelivery> {
         let before = self.world.link.clone();
         let next = self.next_head();
@@ -386,7 +387,7 @@ impl<'a> Ring<'a> {
                 assert!(self.held.iter().all(|it| it.payload != delivery.payload));
                 match self.role() {
                     Role::Caller => assert!(self.calls.remove(&delivery.id), "it had no reply"),
-                    // After the end nobody waits for a reply.
+                    // After the end, no client waits for a reply.
                     Role::Server if before.end().is_none() => {
                         assert!(self.calls.insert(delivery.id), "ids grow");
                     }
@@ -429,7 +430,7 @@ impl<'a> Ring<'a> {
         Some(())
     }
 
-    /// What changes nothing.
+    /// Calls the methods that change nothing.
     fn look(&self) {
         let link = &self.world.link;
         link.has_room(&self.outgoing);

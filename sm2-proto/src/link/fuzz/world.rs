@@ -1,4 +1,4 @@
-//! The driver and the peer of one machine, reduced to what they can notice.
+//! The driver and the peer of one machine, reduced to the state that they need for checks.
 
 use alloc::{
     collections::{BTreeMap, BTreeSet},
@@ -15,12 +15,12 @@ use super::{
 };
 use crate::{Datagram, FdFacts, fuzz::Script};
 
-/// One machine, and what its driver and its peer must know of it.
+/// One machine, and the state of its driver and its peer.
 pub(super) struct World {
     pub(super) link: Link,
     pub(super) blocked: bool,
     pub(super) end: Option<End>,
-    /// The keys of the messages that were taken and are not settled.
+    /// The keys of the messages that the machine accepted and did not settle.
     pub(super) pending: BTreeSet<u64>,
     /// The sequence numbers that the machine sent and the peer has not released.
     pub(super) sent: BTreeSet<u64>,
@@ -32,15 +32,15 @@ pub(super) struct World {
     pub(super) peer: (u64, u64),
     /// The last key and id that the application used.
     pub(super) own: u64,
-    /// The calls that the machine was asked, or has asked.
+    /// The ids of the calls that the machine received or made.
     pub(super) calls: Vec<u64>,
-    /// The calls that the machine said to have failed, or to be cancelled.
+    /// The calls that the machine reported as failed or as cancelled.
     pub(super) failed: Vec<u64>,
     pub(super) cancelled: Vec<u64>,
 }
 
 impl World {
-    /// None if the bytes do not say what it is.
+    /// Creates the machine with a configuration from the bytes; `None` if there are too few bytes.
     pub(super) fn new(script: &mut Script<'_>) -> Option<Self> {
         let flags = script.byte()?;
         let config = Config {
@@ -56,7 +56,7 @@ impl World {
         Some(Self::with(config))
     }
 
-    /// One that has sent its OPEN.
+    /// Creates a machine that has sent its OPEN.
     pub(super) fn with(config: Config) -> Self {
         let mut world = Self {
             link: Link::new(config),
@@ -101,7 +101,7 @@ impl World {
         result
     }
 
-    /// What a call answered, compared with what it did.
+    /// Checks the result of a call against the change of the machine's state.
     pub(super) fn check(&self, before: &Link, result: Result<(), Error>) {
         match result {
             Ok(()) => {}
@@ -117,7 +117,8 @@ impl World {
 
     pub(super) fn drain(&mut self) {
         while let Some(output) = self.link.poll() {
-            // Replies of a ring can be taken after the end; only then it is known which calls failed.
+            // Replies in a ring can be taken after the end, so `CallFailed` may follow `Ended`
+            // there.
             let is_late =
                 self.link.lane() == LaneKind::Ring && matches!(output, Output::CallFailed { .. });
             assert!(self.end.is_none() || is_late, "nothing comes after Ended");
@@ -161,7 +162,7 @@ impl World {
         }
     }
 
-    /// What the machine sends is a frame that its peer may receive.
+    /// Checks that the machine sends a frame that its peer may receive.
     fn observe_packet(&mut self, packet: &Packet) {
         assert!(!self.blocked, "nothing is sent while the socket is blocked");
         let bytes = packet.to_vec();

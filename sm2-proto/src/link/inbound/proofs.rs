@@ -1,4 +1,4 @@
-//! Harnesses for the receiving side: one step from any state that its books can be in.
+//! Harnesses for the receiving side: one step from any state that an `Inbound` can have.
 
 use super::{Delivery, Geometry, Inbound, Ready, Segment, Slot};
 use crate::{
@@ -14,7 +14,7 @@ use crate::{
 
 const STRIDE: u64 = 4_096;
 
-/// Where a message stands.
+/// The state of a received message.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
     Ready,
@@ -32,7 +32,7 @@ const STAGES: [Stage; 5] = [
     Stage::Released,
 ];
 
-/// The number of the first of the last messages: small, beyond 32 bits, and near the end.
+/// The sequence number of the first message: small, beyond 32 bits, and near the end.
 const FIRST: [u64; 3] = [1, 1 << 32, u64::MAX - 2];
 
 struct State<const N: usize> {
@@ -50,7 +50,8 @@ fn slot(at: usize, pooled: bool) -> Option<Slot> {
 }
 
 impl<const N: usize> State<N> {
-    /// The last messages, each at any stage; pooled ones are in the slot of their place.
+    /// The last messages, each at any stage. A pooled message is in the slot with the index of the
+    /// message.
     fn any() -> Self {
         let config = Config {
             id: LinkId::FIRST,
@@ -122,7 +123,8 @@ impl<const N: usize> State<N> {
     }
 }
 
-/// What comes next, and what else may be wrong with it.
+/// A message is admitted exactly if it obeys the rules of SPEC section 8 for flow, form, slot and
+/// file.
 //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-PAY-001, SM2-PAY-002, SM2-PAY-005, SM2-PAY-008 kani
 //= SM2-SEG-001, SM2-SEG-002 kani
 #[cfg_attr(kani, kani::proof)]
@@ -243,8 +245,8 @@ fn a_message_is_admitted_exactly() {
     }
 }
 
-/// A message goes to the application once, comes back once, and is released once: the oldest
-/// first, and displaced ones before those that come back.
+/// Each message is taken once, given back once and released once. Messages are released in order,
+/// and displaced messages before the messages that the application gave back.
 //= SM2-MSG-004, SM2-MSG-005, SM2-PAY-005 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
@@ -261,7 +263,7 @@ fn each_message_is_released_once() {
                 assert_eq!(delivery.sequence, state.first + at as u64);
                 assert_eq!(books.ready(), ready - 1);
                 assert!(books.borrowed.contains_key(&delivery.sequence));
-                // Those before it were lost, or taken: here none was taken.
+                // No earlier message was taken here, so all earlier ones were lost.
                 assert_eq!(delivery.lost, at as u64);
             }
             Ok(None) => assert_eq!(ready, 0),
@@ -315,8 +317,8 @@ fn each_message_is_released_once() {
     books.invariants();
 }
 
-/// The segments of the ring lane after these were attached, and one more was attached and detached
-/// whose DETACHED has not left.
+/// Creates the segments of the ring lane with these segments attached. `leaving` is a segment that
+/// was attached and detached and for which DETACHED was not sent.
 fn ring_segments(attached: impl Iterator<Item = u32>, leaving: Option<u32>) -> RingSegments {
     let mut ring = RingSegments::default();
     let file = FdFacts {
@@ -338,7 +340,7 @@ fn ring_segments(attached: impl Iterator<Item = u32>, leaving: Option<u32>) -> R
     ring
 }
 
-/// A segment is attached under a free number, and detached when none of its slots is in use.
+/// A segment can be attached if its number is free, and detached if none of its slots is in use.
 //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-005 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
@@ -367,7 +369,7 @@ fn segments_come_and_go() {
             size_bytes: one_of(&[2 * STRIDE, STRIDE]),
             seals: one_of(&[Seals::POOLED, Seals::SEALED]),
         };
-        // On the ring lane one more number is not free: its DETACHED has not left.
+        // On the ring lane, one more number is not free, because its DETACHED was not sent.
         let mut ring = RingSegments::default();
         let is_ring = kani::any();
         let is_leaving = is_ring && kani::any();
@@ -406,7 +408,7 @@ fn segments_come_and_go() {
     books.invariants();
 }
 
-/// The 257th segment is one too many, whatever its number.
+/// The 257th segment is refused, whatever its number.
 //= SM2-SEG-004 kani
 #[cfg_attr(kani, kani::proof)]
 // All 256 segments, and the next one.
@@ -414,7 +416,7 @@ fn segments_come_and_go() {
 fn one_segment_too_many_is_refused() {
     let mut state = State::<1>::any();
     let is_ring = kani::any();
-    // Segments of the ring lane whose DETACHED has not left count.
+    // Segments of the ring lane for which DETACHED was not sent count as well.
     let is_leaving = is_ring && kani::any();
     let attached = SEGMENTS_MAX - below(2) - usize::from(is_leaving);
     let file = FdFacts {
@@ -428,7 +430,7 @@ fn one_segment_too_many_is_refused() {
         slots: 1,
     };
     let next = info(one_of(&[0, 999, 5_000, 32_767]));
-    // One is there already.
+    // One segment is already attached.
     let ids = 1_000..1_000 + attached as u32 - 1;
     let verdict = if is_ring {
         let mut ring = ring_segments([3].into_iter().chain(ids), is_leaving.then_some(9_999));

@@ -1,5 +1,5 @@
-//! What callers and servers do with rings beyond sending and receiving: SPEC section 9 on the ring
-//! lane.
+//! Calls on the ring lane: the work of callers and servers beyond sending and receiving (SPEC
+//! section 9).
 
 use super::super::{
     At, Delivery, Error, Fate, Link, Misuse, Output, RingMemory, Role, Wake,
@@ -9,12 +9,12 @@ use super::super::{
 use crate::{Violation, clause};
 
 impl Link {
-    /// Whether this is an end of a service's link.
+    /// Whether this end belongs to a link of a service.
     pub(super) const fn has_calls(&self) -> bool {
         matches!(self.config.role, Role::Caller | Role::Server)
     }
 
-    /// Sends a caller's request or a server's reply, or lets it wait.
+    /// Sends a caller's request or a server's reply, or queues it until there is room.
     pub(super) fn queue_for_ring(
         &mut self,
         words: &impl RingMemory,
@@ -53,8 +53,8 @@ impl Link {
         Waiting::check(message)
     }
 
-    /// Sends messages that wait, as far as there is room. If some are left for want of room, this
-    /// end parks, so that the other end wakes it, and looks once more.
+    /// Sends queued messages while there is room. If some remain for lack of room, this end parks,
+    /// so that the other end wakes it, and then tries once more.
     //= SM2-RNG-009
     pub(super) fn send_waiting(
         &mut self,
@@ -62,12 +62,14 @@ impl Link {
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<Wake, Violation> {
         let first = self.put_waiting(words, settled)?;
-        // A segment that is missing and a socket that takes nothing wake this end by the socket.
+        // If a segment is missing or the socket is blocked, the socket wakes this end, so it need
+        // not park.
         if !matches!(&self.lane, Lane::Ring(ring) if ring.waiting.is_full) {
             return Ok(first);
         }
         words.swap(At::SenderParked, 1);
-        // Pairs with the fence in `wake_parked`, after the other end took a word or gave one back.
+        // Pairs with the SeqCst fence in `wake_parked`, which the other end executes after it took
+        // a word or gave one back.
         words.fence();
         if let Lane::Ring(ring) = &mut self.lane
             && let Some(sender) = ring.sender_mut()
@@ -96,12 +98,13 @@ impl Link {
             match sender.send(words, message, settled) {
                 Ok(wanted) => wake = wake.or(wanted),
                 Err(Unsent::Violation(violation)) => {
-                    // The sender settles it with all others.
+                    // The end of the link settles this message with all others of the sender.
                     waiting.pop();
                     return Err(violation);
                 }
                 Err(Unsent::Misuse(Misuse::NotAttached)) => {
-                    // If the number is not free yet, DETACHED will come.
+                    // If the number is still in use, DETACHED will free it, and this end tries
+                    // again.
                     let _ = sender.attach(&segment);
                     break;
                 }
@@ -113,7 +116,7 @@ impl Link {
             waiting.pop();
             match self.config.role {
                 Role::Server => {
-                    // No frame tells when the caller will not name the call any more.
+                    // On the ring lane, no frame tells when the caller stops naming the call.
                     self.served.sent(id);
                     self.served.released(id);
                 }
@@ -123,11 +126,11 @@ impl Link {
         Ok(wake)
     }
 
-    /// Notes what a message that was taken, or that none was there, means for calls.
+    /// Updates the calls for a message that was taken, or for a look that found none.
     //= SM2-RNG-004, SM2-SRV-003
     pub(super) fn note_call(&mut self, taken: Option<&Delivery>) -> Result<(), Violation> {
         match (self.config.role, taken) {
-            // After the end nobody waits for a reply.
+            // After the end, no client waits for a reply.
             (Role::Server, Some(request)) if self.state.is_ok() => {
                 let call = request.id;
                 if self.served.taken_from_ring(call)? {
@@ -142,14 +145,14 @@ impl Link {
                     self.fail_calls();
                 }
             }
-            // A reply that a server puts there from now on is too late.
+            // A reply that the server puts into the ring after this look is too late.
             (Role::Caller, None) if self.state.is_err() => self.end_ring(),
             _ => {}
         }
         Ok(())
     }
 
-    /// Whether replies of a link that is over can still be taken.
+    /// Whether the application can still take replies of a link that is over.
     //= SM2-RNG-011
     pub(in crate::link) fn may_bring_replies(&self) -> bool {
         let Lane::Ring(ring) = &self.lane else {
@@ -159,7 +162,7 @@ impl Link {
         self.config.role == Role::Caller && receiver.is_some_and(|it| !it.is_over())
     }
 
-    /// The link is over: calls without a reply fail, if no reply can come any more.
+    /// Fails the calls without a reply, if the link is over and no reply can come any more.
     //= SM2-SRV-005
     pub(in crate::link) fn fail_calls(&mut self) {
         if !self.may_bring_replies() {

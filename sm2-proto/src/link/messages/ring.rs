@@ -1,4 +1,4 @@
-//! Messages by a ring.
+//! Messages that are sent through a ring.
 
 use super::super::{
     At, Delivery, End, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage,
@@ -108,7 +108,8 @@ impl Link {
             (None, _) => Err(Misuse::WrongRole),
         };
         let result = match (self.state, released) {
-            // The sender may not know of the end yet, and still counts the messages that it lacks.
+            // The word is put even after the end: the sender may not know of the end, and still
+            // counts its unreleased messages.
             (Err(end), _) => Err(Error::Ended(end)),
             (Ok(_), Err(misuse)) => Err(misuse.into()),
             (Ok(_), Ok(None)) => Err(Misuse::NotBorrowed.into()),
@@ -119,8 +120,8 @@ impl Link {
         result
     }
 
-    /// After [`take`](Self::take) returned a message: whether the sender has to be woken, since there
-    /// is room now. Only the sender of a reliable link waits for room.
+    /// Whether the sender has to be woken because [`take`](Self::take) returned a message and so
+    /// made room. Only the sender of a reliable link waits for room.
     #[inline]
     pub fn made_room(&self, memory: &impl LinkMemory) -> Wake {
         match (&self.lane, memory.incoming()) {
@@ -133,7 +134,8 @@ impl Link {
         }
     }
 
-    /// [`Input::SegmentMissing`](super::super::Input::SegmentMissing), on a link that is over or not.
+    /// Handles [`Input::SegmentMissing`](super::super::Input::SegmentMissing), on a live link or
+    /// one that is over.
     //= SM2-RNG-007
     pub(in crate::link) fn on_segment_missing(&mut self) {
         if matches!(&self.lane, Lane::Ring(ring) if ring.incoming.is_some()) {
@@ -141,7 +143,8 @@ impl Link {
         }
     }
 
-    /// The messages left in the ring of a link that is over can be wrong as well: then none is left.
+    /// Handles a violation that was found in a ring. If the link is already over, the messages that
+    /// are left in the ring are dropped.
     fn ring_violated(&mut self, violation: Violation) -> NoDelivery {
         match self.state {
             Ok(_) => {
@@ -155,7 +158,7 @@ impl Link {
         }
     }
 
-    /// After the end: no further message of the ring is taken.
+    /// Takes no further message from the ring of a link that is over.
     pub(super) fn end_ring(&mut self) {
         if let Lane::Ring(ring) = &mut self.lane
             && let Some(receiver) = &mut ring.incoming

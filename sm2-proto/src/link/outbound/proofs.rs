@@ -1,7 +1,7 @@
-//! Harnesses for the sending side: one step from any state that its books can be in.
+//! Harnesses for the sending side: one step from any state that an `Outbound` can have.
 //!
-//! What was sent and not released is outstanding. A message's key is 10, 20, … in the order
-//! in which the messages were taken, its id one more than its key.
+//! A message is *outstanding* if it was sent and not released. The keys of the messages are 10, 20,
+//! … in the order in which they were sent or queued. The id of a message is its key plus one.
 
 use alloc::vec::Vec;
 
@@ -15,13 +15,13 @@ use crate::{
     proofs::{below, one_of},
 };
 
-/// How many messages may have been sent before.
+/// How many messages were sent before the step, released or not.
 const SENT: usize = 3;
 
-/// The number of the last message that was sent: beyond 32 bits, and the last there is.
+/// The sequence number of the last message that was sent: one beyond 32 bits, and the largest.
 const SEQUENCES: [u64; 2] = [(1 << 32) + 1, u64::MAX];
 
-/// How many messages are admitted and waiting.
+/// How many messages are admitted and how many are waiting.
 const QUEUED: [(usize, usize); 4] = [(0, 0), (1, 0), (0, 2), (1, 1)];
 
 const SEGMENT: SegmentInfo = SegmentInfo {
@@ -32,11 +32,11 @@ const SEGMENT: SegmentInfo = SegmentInfo {
 
 struct State {
     books: Outbound,
-    /// Which of the last three messages are outstanding, the oldest first.
+    /// Which of the last three sent messages are outstanding, the oldest first.
     outstanding: [bool; SENT],
     admitted: usize,
     waiting: usize,
-    /// Whether messages are pooled, each in the slot of its number.
+    /// Whether messages are pooled, each in the slot with the message's number.
     pooled: bool,
 }
 
@@ -71,8 +71,8 @@ impl State {
         Self::with(kani::any(), one_of(&QUEUED), kani::any(), kani::any())
     }
 
-    /// Books in which the window is as large as what is waiting says: while a message waits,
-    /// all of the window is used.
+    /// Creates a state whose window fits the waiting messages: while a message waits, the window is
+    /// full.
     fn with(
         outstanding: [bool; SENT],
         (admitted, waiting): (usize, usize),
@@ -140,18 +140,19 @@ impl State {
     }
 }
 
-/// DAT-REFS: RELEASE is taken exactly if all that it names is outstanding, in ascending order.
-/// Then just that is settled, once each, and its slots are free; else nothing changes.
+/// DAT-REFS: RELEASE is accepted exactly if all messages that it names are outstanding, in
+/// ascending order. If it is accepted, exactly these messages are settled once and their slots are
+/// free. Otherwise nothing changes.
 //= SM2-MSG-003, SM2-MSG-004, SM2-QOS-004 kani
 #[cfg_attr(kani, kani::proof)]
 // At most seven messages; trees of at most three entries; lists of at most three numbers.
 #[cfg_attr(kani, kani::unwind(10))]
 fn release_is_exact() {
-    // What may be displaced makes no difference here.
+    // Whether the link displaces messages makes no difference here.
     let mut state = State::with(kani::any(), one_of(&QUEUED), kani::any(), true);
     let before = state.books.clone();
     let base = before.sequence - SENT as u64;
-    // Numbers from one before the oldest to one behind the last.
+    // Numbers from one before the oldest message to one after the last.
     let count = below(4);
     let mut named = [0; 3];
     let mut bytes = [0; 24];
@@ -167,7 +168,7 @@ fn release_is_exact() {
         count: count as u16,
         rest: &bytes[..8 * count],
     };
-    // Behind the last number that there is comes that number again.
+    // No number follows the largest sequence number.
     kani::assume(before.sequence < u64::MAX || named.iter().all(|number| *number <= SENT));
     let is_outstanding =
         |number: &usize| (1..=SENT).contains(number) && state.outstanding[number - 1];
@@ -214,8 +215,8 @@ fn release_is_exact() {
     state.books.invariants();
 }
 
-/// A slot that a message of this link is in is not given to another one, whether the message
-/// waits, is admitted or is outstanding.
+/// No other message may use a slot that holds a message of this link, whether the message waits, is
+/// admitted or is outstanding.
 //= SM2-PAY-005, SM2-MSG-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
@@ -240,8 +241,8 @@ fn outstanding_slots_are_not_used_again() {
     kani::cover!(!taken && number <= SENT, "released");
 }
 
-/// What is sent has the next number and stays within the window; after the last number
-/// nothing is sent.
+/// A message is sent with the next sequence number and within the window. After the largest
+/// sequence number, no message is sent.
 //= SM2-MSG-001, SM2-MSG-003, SM2-SEG-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
@@ -283,8 +284,8 @@ fn sent_messages_are_numbered() {
     state.books.invariants();
 }
 
-/// One more message: it finds room, displaces the oldest that waits, or is not taken.
-/// OPEN and a passed deadline keep the books too.
+/// One more message finds room, displaces the oldest waiting message, or is refused. OPEN and an
+/// expired deadline also keep the state consistent.
 //= SM2-QOS-001, SM2-QOS-002, SM2-QOS-004, SM2-OPN-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
@@ -325,7 +326,7 @@ fn one_more_message_keeps_the_books() {
             assert_eq!(after.deadline, before.deadline + u64::from(!room));
         }
         _ => {
-            // OPEN comes once, before anything was sent.
+            // OPEN comes once, before any message was sent.
             kani::assume(state.books.window == 0);
             let window = below(4);
             state.books.open(window as u32);
@@ -337,7 +338,7 @@ fn one_more_message_keeps_the_books() {
     state.books.invariants();
 }
 
-/// The end settles each message that was not settled, once, the oldest first.
+/// The end settles each unsettled message once, the oldest first.
 //= SM2-OPN-007, SM2-QOS-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]

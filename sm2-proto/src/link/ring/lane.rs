@@ -1,4 +1,4 @@
-//! The state of a link whose messages go by rings.
+//! The state of a link whose messages are sent through rings.
 
 use super::{
     super::{
@@ -11,22 +11,22 @@ use super::{
 };
 use crate::{FdFacts, Violation};
 
-/// The rings of a link: one for each direction that its role has.
+/// The rings of a link: one for each direction in which its role has messages.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingLane {
     outgoing: Option<Outgoing>,
     pub(in crate::link) incoming: Option<RingReceiver>,
-    /// Whether RING has to be handed out.
+    /// Whether RING has to be sent.
     announces: bool,
-    /// The other end's segments.
+    /// The segments of the other end.
     pub(in crate::link) segments: RingSegments,
-    /// Of a caller or server: messages that the ring had no room for.
+    /// Caller or server: messages that are queued until the outgoing ring has room.
     pub(in crate::link) waiting: Waiting,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Outgoing {
-    /// The other end, with this window, has not sent RING yet.
+    /// The other end's RING has not come yet. `window` is from its OPEN.
     Awaited {
         window: u32,
     },
@@ -34,7 +34,8 @@ enum Outgoing {
 }
 
 impl RingLane {
-    /// Both OPEN offer the ring lane; `window` is that of the other end's OPEN.
+    /// Creates the lane after both ends have offered it in OPEN; `window` is from the other end's
+    /// OPEN.
     //= SM2-RNG-001, SM2-RNG-002
     pub(in crate::link) fn new(config: &Config, window: u32) -> Self {
         let incoming = config.ring_layout().map(|layout| {
@@ -50,12 +51,12 @@ impl RingLane {
         }
     }
 
-    /// The layout of the incoming ring, which this end makes.
+    /// The layout of the incoming ring, which this end creates.
     pub(in crate::link) fn layout(&self) -> Option<RingLayout> {
         self.incoming.as_ref().map(RingReceiver::layout)
     }
 
-    /// RING came. Returns the layout of the ring to map.
+    /// Handles RING. Returns the layout of the ring to map.
     //= SM2-RNG-002
     pub(in crate::link) fn on_ring(
         &mut self,
@@ -79,7 +80,7 @@ impl RingLane {
         }
     }
 
-    /// DETACH came.
+    /// Handles DETACH.
     //= SM2-RNG-010
     pub(in crate::link) fn on_detach(&mut self, segment: u32) -> Result<(), Violation> {
         if self.incoming.as_ref().is_some_and(|it| it.holds(segment)) {
@@ -88,7 +89,7 @@ impl RingLane {
         self.segments.detach(segment)
     }
 
-    /// DETACHED came.
+    /// Handles DETACHED.
     //= SM2-RNG-010
     pub(in crate::link) fn on_detached(&mut self, segment: u32) -> Result<(), Violation> {
         let sender = self.sender_mut();
@@ -96,7 +97,7 @@ impl RingLane {
         sender.detached(segment)
     }
 
-    /// The next frame that has to go out by the socket.
+    /// Returns the next frame that has to be sent over the socket.
     //= SM2-RNG-002, SM2-RNG-010
     pub(in crate::link) fn poll(&mut self) -> Option<Packet> {
         if let Some(layout) = self.layout().filter(|_| self.announces) {
@@ -127,7 +128,8 @@ impl RingLane {
             || self.sender().is_some_and(RingSender::has_steps)
     }
 
-    /// The link is over. Passes the keys of all messages that were not settled to `each`.
+    /// Ends the lane with its link. Passes the keys of all messages that were not settled to
+    /// `each`.
     pub(in crate::link) fn end(&mut self, by_violation: bool, mut each: impl FnMut(u64)) {
         if let Some(Outgoing::Here(sender)) = &mut self.outgoing {
             sender.end(&mut each);
@@ -141,7 +143,8 @@ impl RingLane {
         }
     }
 
-    /// The word by which this end says that it sleeps. A caller or server uses its incoming ring.
+    /// The word in which this end announces that it sleeps. A caller or server uses its incoming
+    /// ring.
     pub(in crate::link) fn parked_word(&self) -> Option<At> {
         match self.incoming {
             Some(_) => Some(At::ReceiverParked),
@@ -149,7 +152,7 @@ impl RingLane {
         }
     }
 
-    /// Whether the other end's RING is still to come.
+    /// Whether the other end's RING has not come yet.
     #[inline]
     pub(in crate::link) const fn is_awaited(&self) -> bool {
         matches!(self.outgoing, Some(Outgoing::Awaited { .. }))
@@ -172,7 +175,7 @@ impl RingLane {
         }
     }
 
-    /// The sender's side together with the messages that wait for it.
+    /// The sender's side of the outgoing ring and the messages that are queued for it.
     pub(in crate::link) const fn sender_and_waiting(
         &mut self,
     ) -> Option<(&mut RingSender, &mut Waiting)> {
@@ -182,7 +185,7 @@ impl RingLane {
         }
     }
 
-    /// What became of the messages, including those that wait.
+    /// Counts of the messages by outcome, including queued messages.
     #[inline]
     pub(in crate::link) fn counters(&self) -> Counters {
         let waiting = self.waiting.len() as u64;
@@ -203,7 +206,7 @@ impl RingLane {
         self.sender().is_some_and(RingSender::is_stalled)
     }
 
-    /// Whether the first message that waits is known to be held up by nothing.
+    /// Whether the first queued message has an attached segment and the ring was not found full.
     pub(in crate::link) fn is_due(&self) -> bool {
         let is_attached = |it: &RingMessage| {
             let sender = self.sender();
@@ -216,17 +219,17 @@ impl RingLane {
         self.waiting.len() > 0
     }
 
-    /// The id of the last message of a caller or server.
+    /// The id of the last message that a caller or server queued.
     pub(in crate::link) const fn last_id(&self) -> Option<u64> {
         self.waiting.last_id()
     }
 
-    /// How many messages can be in the incoming ring.
+    /// How many messages the incoming ring can hold.
     pub(in crate::link) fn depth(&self) -> usize {
         self.layout().map_or(0, |it| usize::from(it.depth()))
     }
 
-    /// Checks what must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     #[inline]
     pub(in crate::link) fn invariants(&self) {
         if let Some(sender) = self.sender() {

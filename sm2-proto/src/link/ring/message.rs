@@ -1,27 +1,27 @@
-//! What the sender's side of a ring is given, and what it answers.
+//! Inputs and outputs of the sender's side of a ring.
 
 use super::super::{Body, Misuse, OutboundMessage, segments::SegmentInfo};
 use crate::Violation;
 
-/// What the ring lane keeps of a message to send. Its payload and its [head](super::SlotHead) are
-/// in the slot already.
+/// A message to send, as the ring lane stores it. Its payload and its [head](super::SlotHead) are
+/// already in the slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingMessage {
-    /// As [`OutboundMessage::key`].
+    /// The same as [`OutboundMessage::key`].
     pub key: u64,
-    /// The publisher's count of its publications or the caller's count of its calls, growing; of a
-    /// reply the number of the call.
+    /// The publisher's count of its publications, or the caller's count of its calls: both increase
+    /// strictly. For a reply, the number of the call.
     pub id: u64,
     /// The length of the payload, in bytes.
     pub len: u64,
-    /// The segment, which is [attached](super::super::Input::Attach).
+    /// The segment, which has to be [attached](super::super::Input::Attach).
     pub segment: SegmentInfo,
     /// The slot, from 0.
     pub slot: u32,
 }
 
 impl RingMessage {
-    /// `None` if the payload is not in a slot.
+    /// Returns `None` if the payload is not in a slot.
     #[inline]
     pub(in crate::link) const fn of(message: &OutboundMessage) -> Option<Self> {
         let Body::Pooled { segment, slot } = message.body else {
@@ -37,19 +37,19 @@ impl RingMessage {
     }
 }
 
-/// A frame about segments that the sender has to send by the socket.
+/// A frame about segments that the sender has to send over the socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(in crate::link) enum Step {
     Attach(SegmentInfo),
     Detach(u32),
 }
 
-/// Why a message is not sent.
+/// The reason why a message was not sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::link) enum Unsent {
     Misuse(Misuse),
     Violation(Violation),
-    /// The receiver does not run (SM2-RNG-011).
+    /// The receiver has stopped (SM2-RNG-011).
     Stopped,
 }
 

@@ -1,12 +1,12 @@
 //! The ring lane of a link: SPEC section 8.5.
 //!
 //! A ring is a file of words that both ends map for writing. This module decides which word is
-//! written where and judges every word that is read. It reaches the words through [`RingMemory`],
-//! three atomic operations and a fence, which the driver lends for the time of a call. Whatever the
-//! other end writes there leads to a message, to nothing, or to a violation.
+//! written at which index, and checks every word that is read. It accesses the words through
+//! [`RingMemory`], which the driver lends for one call. Every word that the other end can write
+//! leads to a message, to no message, or to a violation.
 //!
-//! A link of a topic has one ring. A link of a service has two: *outgoing* carries the messages that
-//! this end sends, *incoming* those that it receives.
+//! A link of a topic has one ring. A link of a service has two: the *outgoing* ring carries the
+//! messages that this end sends, and the *incoming* ring carries the messages that it receives.
 
 mod lane;
 mod memory;

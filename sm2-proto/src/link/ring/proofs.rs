@@ -1,4 +1,5 @@
-//! Harnesses for the words of a ring, its layout, and a sender and a receiver that obey SPEC.
+//! Harnesses for the words and the layout of a ring, and for a sender and a receiver that obey
+//! SPEC.
 
 use alloc::vec::Vec;
 use core::cell::{Cell, RefCell};
@@ -14,17 +15,18 @@ use crate::{
     proofs::{below, one_of},
 };
 
-/// Boundaries of what a sequence number can be.
+/// Boundary values of sequence numbers.
 pub(super) const SEQUENCES: [u64; 6] = [1, 2, 1 << 31, (1 << 32) - 1, 1 << 32, (1 << 40) + 7];
 
-/// Any bits, each 16 of them in turn next to boundaries of all others.
+/// Any bits: one group of 16 is arbitrary, and the other groups have boundary values.
 fn any_bits() -> u64 {
     let (part, shift): (u16, usize) = (kani::any(), 16 * below(4));
     let others = one_of(&[0, 1 << 31, u64::MAX, kani::any()]);
     others & !(0xffff << shift) | u64::from(part) << shift
 }
 
-/// RNG-INDEX: a word is nothing, a message, or wrong, and each message has one word.
+/// RNG-INDEX: each word is empty, names a message, or is invalid, and no two words name the same
+/// message.
 //= SM2-RNG-003 kani
 #[cfg_attr(kani, kani::proof)]
 fn words_are_canonical() {
@@ -44,7 +46,7 @@ fn words_are_canonical() {
     kani::cover!(word.is_err(), "neither");
 }
 
-/// RNG-INDEX: a message is named exactly, or not at all.
+/// RNG-INDEX: the word of a message names exactly this message; other numbers have no word.
 //= SM2-RNG-003 kani
 #[cfg_attr(kani, kani::proof)]
 fn only_small_numbers_have_words() {
@@ -72,7 +74,8 @@ fn any_at() -> At {
     ])
 }
 
-/// RNG-INDEX: words do not overlap, and all are in the file; so is whatever is looked for.
+/// RNG-INDEX: words do not overlap, and all words lie in the file, including those for any sequence
+/// number.
 //= SM2-RNG-002 kani
 #[cfg_attr(kani, kani::proof)]
 fn words_are_inside() {
@@ -109,7 +112,7 @@ fn words_are_inside() {
     }
 }
 
-/// Each byte of the end of a slot: what it says, and which ones are reserved.
+/// Checks each byte of the head of a slot: which field it belongs to, or that it is reserved.
 //= SM2-RNG-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(66))]
@@ -137,7 +140,7 @@ fn heads_are_canonical() {
     );
 }
 
-/// The words of a ring of two with a window of four, as a memory has them.
+/// The memory of a ring with depth 2 and window 4.
 #[derive(Default)]
 struct Memory {
     forward: [Cell<u64>; 2],
@@ -182,9 +185,9 @@ const SEGMENT: SegmentInfo = SegmentInfo {
     slots: 8,
 };
 
-/// RNG-FIFO: seven steps of two ends that obey SPEC: what is taken is what was sent, in its
-/// order, and all of it if the link is reliable; else the last two are there, and just those
-/// that were neither taken nor are there are discarded.
+/// RNG-FIFO: seven steps of two ends that obey SPEC. Messages are taken in the order in which they
+/// were sent. On a reliable link, all messages are taken. Otherwise the last two stay in the ring,
+/// and a message is discarded exactly if it was not taken and is not in the ring.
 //= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-QOS-001 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
@@ -201,7 +204,7 @@ fn the_last_two_are_there() {
         let before = fates.borrow_mut()[key as usize].replace(fate);
         assert_eq!(before, None, "settled once");
     };
-    // The message of each slot is the one with its number.
+    // Each slot holds the message with the slot's number.
     let (mut sent, mut taken, mut held) = (0_u64, 0, Vec::new());
     for _ in 0..7 {
         match below(4) {

@@ -1,4 +1,5 @@
-//! The receiver's side of a ring: what it expects, and what the application holds.
+//! The receiver's side of a ring: the message that it expects, and the messages that the
+//! application holds.
 
 mod borrowed;
 #[cfg(any(kani, test))]
@@ -18,25 +19,25 @@ use crate::{
 pub(in crate::link) struct RingReceiver {
     layout: RingLayout,
     carrier: Carrier,
-    /// Whether the sender may go round.
+    /// Whether the sender may displace messages that were not taken.
     displaces: bool,
     max_borrowed: u16,
-    /// The number of the message that is expected.
+    /// The sequence number of the expected message.
     next: u64,
     /// The id of the last message that was taken.
     last_id: Option<u64>,
-    /// How many messages were given back.
+    /// How many messages the application gave back.
     given: u64,
     borrowed: Borrowed,
-    /// How many messages can still be taken, once the link is over.
+    /// How many messages can still be taken after the end of the link; `None` before the end.
     left: Option<u16>,
 }
 
-/// Why no message is taken, although the ring is not empty.
+/// The reason why no message is taken although the ring is not empty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::link) enum NotTaken {
     TooManyBorrowed(TooManyBorrowed),
-    /// No such segment is attached: the socket may say more.
+    /// The segment is not attached. The socket may have the datagram that attaches it.
     UnknownSegment,
     Violation(Violation),
 }
@@ -72,19 +73,20 @@ impl RingReceiver {
         self.layout
     }
 
-    /// Whether there is a message, or a word that is not one.
+    /// Whether there is a message, or an invalid word.
     pub(in crate::link) fn ready(&self, words: &impl RingMemory) -> bool {
         self.left != Some(0) && words.load(self.layout.forward(self.oldest(words))) != EMPTY
     }
 
-    /// The word that stands where the next message is expected.
+    /// The word at the index of the expected message.
     #[inline]
     pub(in crate::link) fn peek(&self, words: &impl RingMemory) -> Option<Word> {
         Word::from_bits(words.load(self.layout.forward(self.next))).ok()?
     }
 
-    /// The message to look for. A sender that died while it made room left an empty word where
-    /// its oldest message had been: those behind it are still there.
+    /// The sequence number of the oldest message in the ring. A sender that died while it made room
+    /// left an empty word at the index of its oldest message; the messages after it are still in
+    /// the ring.
     //= SM2-RNG-011
     #[inline]
     fn oldest(&self, words: &impl RingMemory) -> u64 {
@@ -94,11 +96,12 @@ impl RingReceiver {
         let last = self.next.saturating_add(u64::from(self.layout.depth()));
         let is_there = |it: &u64| words.load(self.layout.forward(*it)) != EMPTY;
         let oldest = || (self.next..last).find(is_there);
-        // Who sees a word sees all that was put before it, but only from then on.
+        // Searches twice: a load that sees a word also acquires all words that were put before it,
+        // so only the second search is sure to see an older word.
         oldest().and_then(|_| oldest()).unwrap_or(self.next)
     }
 
-    /// How many words name a message.
+    /// How many words are not empty.
     pub(in crate::link) fn waiting(&self, words: &impl RingMemory) -> usize {
         if self.left == Some(0) {
             return 0;
@@ -108,8 +111,8 @@ impl RingReceiver {
         words.count()
     }
 
-    /// The next message for the application. `head` copies the last bytes of the slot that
-    /// begins at this offset of this segment and has this length.
+    /// Takes the next message for the application. `head` copies the last bytes of a slot, given
+    /// the segment, the offset of the slot and the length of the slot.
     //= SM2-RNG-007, SM2-MSG-005, SM2-PAY-006
     #[inline]
     pub(in crate::link) fn take(
@@ -122,8 +125,8 @@ impl RingReceiver {
             return Ok(None);
         }
         self.next = self.oldest(words);
-        // Each round but the last shows that the sender has gone on meanwhile, or brings us one
-        // message nearer to what it left.
+        // Each iteration except the last either shows that the sender has put more messages
+        // meanwhile, or brings `next` one message closer to the messages that the sender left.
         for _ in 0..2 * u32::from(self.layout.depth()) {
             let at = self.layout.forward(self.next);
             let bits = words.load(at);
@@ -152,8 +155,8 @@ impl RingReceiver {
         Ok(None)
     }
 
-    /// Whether this is the word of the message that is expected. If the sender went round,
-    /// another one is from here on.
+    /// Whether this word names the expected message. If the sender has displaced messages, this
+    /// function sets `next` to the message that is now expected.
     //= SM2-RNG-007
     #[inline]
     fn is_expected(&mut self, word: Word) -> Result<bool, Violation> {
@@ -162,7 +165,8 @@ impl RingReceiver {
             return Ok(true);
         }
         let depth = u64::from(self.layout.depth());
-        // What seems to be further ahead than a sender goes is a word of the past.
+        // A distance greater than a legal sender can reach means that the word is older than
+        // expected.
         let is_later = ahead.is_multiple_of(depth) && ahead < u64::from(RING_DISPLACED_MAX) + depth;
         if !self.displaces || !is_later {
             return Err(violation!(BadWord, "SM2-RNG-007"));
@@ -172,7 +176,8 @@ impl RingReceiver {
         Ok(false)
     }
 
-    /// The word was taken out of the ring.
+    /// Handles a word that was taken out of the ring: checks the head of its message and delivers
+    /// it.
     //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-008, SM2-MSG-002, SM2-SRV-002
     #[inline]
     fn taken(
@@ -199,7 +204,7 @@ impl RingReceiver {
         }
         let lost = match (self.carrier, last_id) {
             (Carrier::Data, Some(last)) => head.id - last - 1,
-            // Before the first, each message that was displaced had a sequence number.
+            // Every message that was displaced before the first one had a sequence number.
             (Carrier::Data, None) => sequence - 1,
             (Carrier::Request | Carrier::Reply, _) => 0,
         };
@@ -222,8 +227,8 @@ impl RingReceiver {
         })
     }
 
-    /// The application gives a message back. `None` if the application does not hold it, else
-    /// whether the sender has to be woken.
+    /// Called when the application gives a message back. `None` if the application does not hold
+    /// the message; otherwise whether the sender has to be woken.
     //= SM2-RNG-008, SM2-MSG-004
     pub(in crate::link) fn release(
         &mut self,
@@ -244,18 +249,18 @@ impl RingReceiver {
         self.borrowed.is_in(segment)
     }
 
-    /// The link is over.
+    /// Ends the receiver's side with the link. After a violation no message can be taken.
     //= SM2-RNG-011
     pub(in crate::link) const fn end(&mut self, by_violation: bool) {
         self.left = Some(if by_violation { 0 } else { self.layout.depth() });
     }
 
-    /// Whether nothing can be taken any more.
+    /// Whether no message can be taken any more.
     pub(in crate::link) fn is_over(&self) -> bool {
         self.left == Some(0)
     }
 
-    /// What must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     #[inline]
     pub(in crate::link) fn invariants(&self) {
         debug_assert!(self.borrowed.len() <= usize::from(self.max_borrowed));

@@ -1,4 +1,4 @@
-//! The segments of the other end that the messages of a ring are in.
+//! The segments of the other end that hold the messages of a ring.
 
 use alloc::{collections::VecDeque, vec::Vec};
 
@@ -8,18 +8,18 @@ use crate::{
     link::segments::{Geometry, SegmentInfo, check_attach},
 };
 
-/// The receiver's view of segments on the ring lane. The socket and the ring have no common order,
-/// so a number is free again only when DETACHED has been sent.
+/// The receiver's view of segments on the ring lane. Frames and words have no common order, so a
+/// segment's number is free again only after DETACHED was sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingSegments {
-    /// By number. Often there is one, which is found faster here than in a tree.
+    /// Ordered by number. Usually there is one, which is found faster here than in a tree.
     attached: Vec<(u32, Geometry)>,
-    /// Detached segments whose DETACHED has not been sent, the oldest first.
+    /// Detached segments for which DETACHED was not sent yet, the oldest first.
     leaving: VecDeque<u32>,
 }
 
 impl RingSegments {
-    /// ATTACH came.
+    /// Handles ATTACH.
     //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004, SM2-RNG-003, SM2-RNG-010
     pub(in crate::link) fn attach(
         &mut self,
@@ -39,7 +39,7 @@ impl RingSegments {
         Ok(())
     }
 
-    /// DETACH came.
+    /// Handles DETACH.
     //= SM2-SEG-005, SM2-RNG-010
     pub(in crate::link) fn detach(&mut self, segment: u32) -> Result<(), Violation> {
         let place = self.place(segment);
@@ -56,7 +56,7 @@ impl RingSegments {
         Some(self.attached.get(place)?.1)
     }
 
-    /// Where a segment is, or where it would be.
+    /// The index of a segment, or the index at which it would be inserted.
     #[inline]
     fn place(&self, segment: u32) -> Result<usize, usize> {
         match self.attached.as_slice() {
@@ -71,7 +71,7 @@ impl RingSegments {
         !self.leaving.is_empty()
     }
 
-    /// The next segment whose DETACHED has to be sent.
+    /// Returns the next segment for which DETACHED has to be sent.
     pub(super) fn poll_detached(&mut self) -> Option<u32> {
         self.leaving.pop_front()
     }

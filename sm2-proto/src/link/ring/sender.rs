@@ -1,4 +1,4 @@
-//! The sender's side of a ring: what it put where, and what is not back yet.
+//! The sender's side of a ring: the words that it put, and the messages that are not settled.
 
 #[cfg(any(kani, test))]
 mod proofs;
@@ -20,37 +20,38 @@ use crate::{
 pub(in crate::link) struct RingSender {
     layout: RingLayout,
     carrier: Carrier,
-    /// Whether a message that was not taken gives way to the one a round later.
+    /// Whether a message that was not taken is displaced by the message one round later.
     displaces: bool,
-    /// The number of the last message.
+    /// The sequence number of the last message.
     sequence: u64,
-    /// What this side put at each index and has not seen taken or displaced.
+    /// The word that this side last put at each index; [`EMPTY`] if it put none, or took the word
+    /// out itself.
     forward: Vec<u64>,
-    /// How many messages came back.
+    /// How many messages the receiver gave back.
     returned: u64,
-    /// How many are not settled.
+    /// How many messages are not settled.
     unreleased: u32,
-    /// By number.
+    /// The segments, indexed by number.
     segments: Vec<Option<Segment>>,
-    /// How many have a number that cannot be used for another one.
+    /// How many segment numbers are in use.
     attached: usize,
-    /// What has to be sent by the socket, the oldest first.
+    /// The frames that have to be sent over the socket, the oldest first.
     steps: VecDeque<Step>,
     last_id: Option<u64>,
-    /// How many were displaced since the last that was taken.
+    /// How many messages were displaced since the receiver last took one.
     displaced: u32,
     stalled: bool,
-    /// `in_flight` is not kept here.
+    /// Its `in_flight` is always zero: [`Self::counters`] computes the true value.
     counters: Counters,
 }
 
-/// A segment that the other end may know.
+/// A segment whose number is in use, because the other end may still use it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Segment {
     info: SegmentInfo,
     state: State,
     unreleased: u32,
-    /// The message in each slot.
+    /// The unsettled message in each slot.
     slots: Vec<Option<Sent>>,
 }
 
@@ -60,7 +61,7 @@ enum State {
     Attaching,
     /// ATTACH was sent.
     Attached,
-    /// DETACH has to be sent, or was; DETACHED did not come.
+    /// DETACH has to be sent, or was sent and DETACHED has not come.
     Detaching,
 }
 
@@ -91,7 +92,8 @@ impl RingSender {
         }
     }
 
-    /// The segment will be used: ATTACH, if need be and as soon as there is a number for it.
+    /// Attaches the segment, unless it is attached. If 256 numbers are in use, an idle segment is
+    /// detached instead, and the caller has to try again after DETACHED.
     //= SM2-RNG-003, SM2-RNG-010, SM2-SEG-004
     pub(in crate::link) fn attach(&mut self, info: &SegmentInfo) -> Result<(), Misuse> {
         if let Some(segment) = self.segment(info.id) {
@@ -108,7 +110,7 @@ impl RingSender {
             return Err(Misuse::BadSegment);
         }
         if self.attached >= SEGMENTS_MAX {
-            // Until one is detached, messages in this segment have no room.
+            // Until DETACHED comes, messages in the new segment are refused.
             self.detach_idle();
             return Ok(());
         }
@@ -129,7 +131,7 @@ impl RingSender {
         Ok(())
     }
 
-    /// Makes room for one more segment, unless that is on its way.
+    /// Detaches an idle segment, unless one is being detached.
     fn detach_idle(&mut self) {
         let mut segments = self.segments.iter().flatten();
         if segments.clone().any(|it| it.state == State::Detaching) {
@@ -141,7 +143,7 @@ impl RingSender {
         }
     }
 
-    /// The application will not use this segment again.
+    /// Called when the application will not use this segment again.
     pub(in crate::link) fn retire(&mut self, id: u32) -> Result<(), Misuse> {
         match self.segment(id) {
             Some(segment) if segment.unreleased > 0 => Err(Misuse::SegmentBusy),
@@ -161,7 +163,7 @@ impl RingSender {
         }
     }
 
-    /// DETACHED came.
+    /// Handles DETACHED.
     //= SM2-RNG-010
     pub(in crate::link) fn detached(&mut self, id: u32) -> Result<(), Violation> {
         let is_announced = !self.steps.contains(&Step::Detach(id));
@@ -180,17 +182,17 @@ impl RingSender {
         }
     }
 
-    /// Whether messages can be in this segment.
+    /// Whether messages in this segment can be sent.
     pub(in crate::link) fn is_attached(&self, info: &SegmentInfo) -> bool {
         (self.segment(info.id)).is_some_and(|it| it.info == *info && it.state == State::Attached)
     }
 
-    /// Whether something has to be sent by the socket.
+    /// Whether a frame has to be sent over the socket.
     pub(in crate::link) fn has_steps(&self) -> bool {
         !self.steps.is_empty()
     }
 
-    /// What has to be sent by the socket next. The caller sends it.
+    /// Returns the next frame that has to be sent over the socket. The caller sends it.
     pub(in crate::link) fn poll(&mut self) -> Option<Step> {
         let step = self.steps.pop_front()?;
         if let Step::Attach(info) = step
@@ -202,13 +204,13 @@ impl RingSender {
         Some(step)
     }
 
-    /// Whether one more message would neither displace another nor be refused.
+    /// Whether one more message could be sent without displacing another and without being refused.
     pub(in crate::link) fn has_room(&self, words: &impl RingMemory) -> bool {
         let at = self.layout.forward(self.sequence + 1);
         self.unreleased < self.layout.window() && words.load(at) == EMPTY
     }
 
-    /// Puts a message into the ring; whether the receiver has to be woken.
+    /// Puts a message into the ring. Returns whether the receiver has to be woken.
     //= SM2-RNG-005, SM2-RNG-011
     pub(in crate::link) fn send(
         &mut self,
@@ -223,7 +225,7 @@ impl RingSender {
         }
         let at = self.layout.forward(sequence);
         let room = self.make_room(words, at, settled);
-        // From here on it is settled like any other, whatever the receiver does.
+        // From here on the message is settled like any other, whatever the receiver does.
         self.enter(message, sequence);
         room?;
         self.put(words, at, word.to_bits(), settled)?;
@@ -233,7 +235,8 @@ impl RingSender {
         Ok(wake_parked(words, At::ReceiverParked))
     }
 
-    /// If the window is full: takes the oldest message out, and looks what came back.
+    /// If the window is full, takes the oldest message out of the ring and settles the messages
+    /// that came back.
     //= SM2-RNG-006
     fn make_room(
         &mut self,
@@ -252,7 +255,7 @@ impl RingSender {
         Ok(())
     }
 
-    /// Notes a message that `check` has allowed.
+    /// Records a message that [`check`](Self::check) has allowed.
     #[inline]
     fn enter(&mut self, message: &RingMessage, sequence: u64) {
         self.sequence = sequence;
@@ -270,7 +273,7 @@ impl RingSender {
         }
     }
 
-    /// Whether the machine may be given this message, and its word.
+    /// Checks whether the message may be sent. Returns its word.
     //= SM2-RNG-003, SM2-PAY-005, SM2-PAY-008
     #[inline]
     fn check(&self, message: &RingMessage, sequence: u64) -> Result<Word, Misuse> {
@@ -300,7 +303,7 @@ impl RingSender {
         Word::new(info.id, *slot, sequence).ok_or(Misuse::SlotOutside)
     }
 
-    /// Swaps a word in, and settles what was displaced by it.
+    /// Puts a word at an index and settles the message that it displaced.
     //= SM2-RNG-005, SM2-QOS-001
     fn put(
         &mut self,
@@ -318,7 +321,8 @@ impl RingSender {
         let put = core::mem::replace(ours, bits);
         let was = words.swap(at, bits);
         if was == EMPTY {
-            // Where this side took the word out itself, the receiver need not have moved.
+            // If this side took the word out itself, the empty word does not show that the receiver
+            // took a message.
             if put != EMPTY {
                 self.displaced = 0;
             }
@@ -327,7 +331,7 @@ impl RingSender {
         if was != put || !self.displaces {
             return Err(violation!(BadWord, "SM2-RNG-005"));
         }
-        // One that was given back already is not counted a second time.
+        // `settle` fails if this message was already given back, so no message is counted twice.
         let key = self.settle(put);
         let key = key.ok_or(violation!(BadWord, "SM2-RNG-005"))?;
         self.displaced = self.displaced.saturating_add(1);
@@ -336,7 +340,7 @@ impl RingSender {
         Ok(())
     }
 
-    /// Takes what was given back.
+    /// Settles the messages that the receiver gave back.
     //= SM2-RNG-008
     pub(in crate::link) fn harvest(
         &mut self,
@@ -359,8 +363,8 @@ impl RingSender {
         Ok(())
     }
 
-    /// Settles the message that these bits name, and gives its key. None: they name no message
-    /// that is unsettled.
+    /// Settles the message that these bits name, and returns its key. `None` if they name no
+    /// unsettled message.
     #[inline]
     fn settle(&mut self, bits: u64) -> Option<u64> {
         let word = Word::from_bits(bits).ok()??;
@@ -377,7 +381,7 @@ impl RingSender {
         }
     }
 
-    /// A message is not sent on this link: it had no room.
+    /// Counts a message that is not sent on this link, because the link had no room or is over.
     pub(in crate::link) fn skip(&mut self, fate: Fate) {
         self.counters.offered += 1;
         match fate {
@@ -390,7 +394,8 @@ impl RingSender {
         }
     }
 
-    /// The link is over. Gives the keys of what was not settled.
+    /// Ends the sender's side with the link. Passes the keys of all messages that were not settled
+    /// to `each`.
     //= SM2-OPN-007
     pub(in crate::link) fn end(&mut self, mut each: impl FnMut(u64)) {
         let slots = self.segments.drain(..).flatten().flat_map(|it| it.slots);
@@ -432,7 +437,7 @@ impl RingSender {
         self.segments.get_mut(id as usize)?.as_mut()
     }
 
-    /// What must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     #[inline]
     pub(in crate::link) fn invariants(&self) {
         if cfg!(debug_assertions) {

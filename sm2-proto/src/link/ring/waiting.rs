@@ -1,7 +1,7 @@
-//! Messages of a caller or server that wait for room in a ring.
+//! Messages of a caller or server that are queued until a ring has room.
 //!
-//! No call and no reply is refused for want of room: a message that the ring does not take waits
-//! here, in its order. The limit of calls bounds how many can wait.
+//! No call and no reply is refused for lack of room: a message that the ring cannot take yet is
+//! queued here in order. The limit of calls bounds the queue.
 
 use alloc::collections::VecDeque;
 
@@ -11,18 +11,18 @@ use crate::{
     link::segments::Geometry,
 };
 
-/// Messages that wait for room in a ring, the oldest first.
+/// A queue of messages for a ring, the oldest first.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(in crate::link) struct Waiting {
     messages: VecDeque<RingMessage>,
-    /// The id of the last message that was ever here.
+    /// The id of the last message that was queued.
     last_id: Option<u64>,
-    /// Whether the ring had no room for the first of them, when that was last seen.
+    /// Whether the last attempt to send the first message found no room in the ring.
     pub(in crate::link) is_full: bool,
 }
 
 impl Waiting {
-    /// Whether a message may be put here, by properties that do not change until it is sent.
+    /// Checks the properties of a message that do not change until it is sent.
     //= SM2-RNG-003, SM2-PAY-008
     pub(in crate::link) fn check(message: &RingMessage) -> Result<(), Misuse> {
         let info = &message.segment;
@@ -56,18 +56,18 @@ impl Waiting {
         self.messages.len()
     }
 
-    /// The id of the last message that was ever here.
+    /// The id of the last message that was queued.
     pub(in crate::link) const fn last_id(&self) -> Option<u64> {
         self.last_id
     }
 
-    /// The link is over. Passes the keys to `each`.
+    /// Drops all messages at the end of the link. Passes their keys to `each`.
     pub(super) fn end(&mut self, each: impl FnMut(u64)) {
         self.messages.drain(..).map(|it| it.key).for_each(each);
         self.is_full = false;
     }
 
-    /// Checks what must hold between any two calls.
+    /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         debug_assert!(self.len() <= CALLS_MAX);
     }

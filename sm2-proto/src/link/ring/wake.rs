@@ -1,4 +1,4 @@
-//! Waking the other end of a ring: parked words, and DOORBELL.
+//! Waking the other end of a ring, by parked words and DOORBELL.
 
 use super::{
     super::{packet::Head, wire::Frame},
@@ -9,10 +9,10 @@ use super::{
 #[must_use = "if it is needed, the other end sleeps until it is sent a DOORBELL"]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Wake {
-    /// Send [`doorbell`] by the socket. The driver ignores whether the socket takes it: a socket
-    /// that is full is readable at its other end.
+    /// Send [`doorbell`] over the socket. The driver ignores whether the socket accepts it: if the
+    /// socket is full, it is already readable at the other end.
     Needed,
-    /// The other end is awake, or its socket wakes it.
+    /// The other end does not sleep, or a datagram on its socket wakes it.
     #[default]
     NotNeeded,
 }
@@ -24,7 +24,7 @@ impl Wake {
         matches!(self, Self::Needed)
     }
 
-    /// Needed if either is.
+    /// Returns `Needed` if either value is `Needed`.
     #[inline]
     pub const fn or(self, other: Self) -> Self {
         match self {
@@ -34,19 +34,20 @@ impl Wake {
     }
 }
 
-/// The datagram that wakes the other end.
+/// The DOORBELL datagram, which wakes the other end.
 //= SM2-RNG-009
 #[must_use]
 pub fn doorbell() -> Head {
     Frame::Doorbell.head()
 }
 
-/// After a word was put: takes the mark out of the other end's `parked` word, if it is there.
+/// Clears the other end's `parked` word after this end put or took a word. Returns whether the
+/// other end had parked.
 //= SM2-RNG-009
 #[inline]
 pub(in crate::link) fn wake_parked(words: &impl RingMemory, parked: At) -> Wake {
-    // Pairs with the fence in `Link::park`: either the other end sees our word when it looks again,
-    // or we see that it parked.
+    // Pairs with the SeqCst fence in `Link::park`: either the other end sees our word when it looks
+    // again, or we see that it parked.
     words.fence();
     if words.load(parked) != EMPTY && words.swap(parked, EMPTY) == 1 {
         Wake::Needed

@@ -1,4 +1,4 @@
-//! What stands in the file of a ring and at the end of a slot: values, and the layout.
+//! The words in the file of a ring, their layout, and the head at the end of a slot.
 
 use super::super::{Status, frame_kind::Carrier};
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     limits::{QOS_MAX, RING_SEGMENTS_MAX, SLOT_HEAD, WINDOW_MAX},
 };
 
-/// Nothing: a word that names no message.
+/// The empty word, which names no message.
 pub const EMPTY: u64 = 0;
 
 /// A word that names a message.
@@ -15,7 +15,7 @@ pub const EMPTY: u64 = 0;
 pub struct Word {
     /// The number of the segment, below 32,768.
     pub segment: u16,
-    /// The slot in it.
+    /// The slot in the segment.
     pub slot: u16,
     /// The low half of the message's sequence number.
     pub sequence: u32,
@@ -24,8 +24,8 @@ pub struct Word {
 impl Word {
     const NAMES: u64 = 1 << 31;
 
-    /// The word of the message with this sequence number in this slot; none if the ring lane has
-    /// no number for the segment or the slot.
+    /// Creates the word of the message with this sequence number in this slot. `None` if the
+    /// segment's or the slot's number is too large for the ring lane.
     #[must_use]
     #[inline]
     pub const fn new(segment: u32, slot: u32, sequence: u64) -> Option<Self> {
@@ -39,7 +39,7 @@ impl Word {
         })
     }
 
-    /// Its bits.
+    /// Encodes the word.
     #[must_use]
     #[inline]
     pub const fn to_bits(self) -> u64 {
@@ -47,10 +47,10 @@ impl Word {
         Self::NAMES | self.slot as u64 | segment | (self.sequence as u64) << 32
     }
 
-    /// The message that a word names; none if it is [`EMPTY`].
+    /// Decodes a word; `None` if it is [`EMPTY`].
     ///
     /// # Errors
-    /// The bits are neither.
+    /// The bits are neither [`EMPTY`] nor the word of a message.
     #[inline]
     pub const fn from_bits(bits: u64) -> Result<Option<Self>, NotAWord> {
         if bits == EMPTY {
@@ -72,20 +72,20 @@ impl Word {
 #[error("not a word of a ring")]
 pub struct NotAWord;
 
-/// One of the words of a ring.
+/// Names one word of a ring.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum At {
-    /// Whether the receiver wants the bell.
+    /// Whether the receiver sleeps and wants DOORBELL.
     ReceiverParked,
-    /// Whether the sender wants it.
+    /// Whether the sender sleeps and wants DOORBELL.
     SenderParked,
-    /// A message on its way, by index.
+    /// A message from the sender to the receiver, by index.
     Forward(u32),
-    /// A message given back, by index.
+    /// A message that the receiver gave back, by index.
     Back(u32),
 }
 
-/// Where the words of a ring are.
+/// The layout of a ring: how many words it has, and their offsets.
 //= SM2-RNG-002
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RingLayout {
@@ -94,13 +94,14 @@ pub struct RingLayout {
 }
 
 impl RingLayout {
-    /// Where the forward words begin, in bytes.
+    /// The offset of the forward words, in bytes.
     const FORWARD: u64 = 128;
     const LINE: u64 = 64;
-    /// What the size of the file is a multiple of, in bytes.
+    /// The size of the file is a multiple of this, in bytes.
     const UNIT: u64 = 4_096;
 
-    /// A ring of so many forward and back words; none if these are not what a link can have.
+    /// Creates the layout of a ring with `depth` forward and `window` back words. `None` if no link
+    /// can have such a ring.
     #[must_use]
     pub const fn new(depth: u16, window: u32) -> Option<Self> {
         if depth == 0 || depth > QOS_MAX || window <= depth as u32 || window > WINDOW_MAX {
@@ -121,7 +122,7 @@ impl RingLayout {
         self.window
     }
 
-    /// Where a word begins, in bytes; none if there is no such word. A multiple of 8.
+    /// The offset of a word in bytes, a multiple of 8; `None` if there is no such word.
     #[must_use]
     #[inline]
     pub const fn offset(self, at: At) -> Option<u64> {
@@ -147,35 +148,35 @@ impl RingLayout {
         (self.back() + 8 * self.window as u64).next_multiple_of(Self::UNIT)
     }
 
-    /// The forward word of this message.
+    /// The forward word for the message with this sequence number.
     #[inline]
     pub(super) const fn forward(self, sequence: u64) -> At {
         At::Forward((sequence % self.depth as u64) as u32)
     }
 
-    /// The back word of the message that is given back after so many.
+    /// The back word for the next message that is given back, after `given` messages.
     #[inline]
     pub(super) const fn back_word(self, given: u64) -> At {
         At::Back((given % self.window as u64) as u32)
     }
 }
 
-/// What stands at the end of a slot.
+/// The head of a message, stored in the last bytes of its slot.
 //= SM2-RNG-004
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SlotHead {
     /// The publisher's count of its publications, or the number of the call.
     pub id: u64,
-    /// The moment of publication. Of a request: the deadline, 0 for none.
+    /// The time of publication. For a request: the deadline, or 0 for none.
     pub time: Instant,
     /// The length of the payload, in bytes.
     pub len: u64,
-    /// How the call went, of a reply. All others: [`Status::Ok`].
+    /// For a reply: the outcome of the call. All others: [`Status::Ok`].
     pub status: Status,
 }
 
 impl SlotHead {
-    /// Its bytes.
+    /// Encodes the head.
     #[must_use]
     #[inline]
     pub fn to_bytes(self) -> [u8; SLOT_HEAD] {
@@ -187,11 +188,11 @@ impl SlotHead {
         bytes
     }
 
-    /// The head in a copy of the last bytes of a slot with such a message.
+    /// Decodes the head from a copy of the last bytes of a slot.
     ///
     /// # Errors
-    /// [`ReservedNotZero`](crate::ViolationKind::ReservedNotZero), and
-    /// [`Malformed`](crate::ViolationKind::Malformed) for a reply's status.
+    /// [`ReservedNotZero`](crate::ViolationKind::ReservedNotZero) if a reserved byte is not zero.
+    /// [`Malformed`](crate::ViolationKind::Malformed) if a reply's status is unknown.
     #[inline]
     pub fn from_bytes(bytes: &[u8; SLOT_HEAD], carrier: Carrier) -> Result<Self, Violation> {
         let ([id, time, len, last, reserved @ ..], []) = bytes.as_chunks::<8>() else {

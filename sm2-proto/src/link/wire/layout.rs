@@ -1,17 +1,17 @@
-//! A header of fixed length. That every field lies within it is checked when
-//! this is compiled: there is no offset that can fail at run time.
+//! A header of fixed length. The compiler checks that every field lies within the header, so no
+//! offset can fail at run time.
 
 use core::array;
 
 use super::super::{FrameKind, Head};
 use crate::Violation;
 
-/// The `N` bytes of a header.
+/// A header of `N` bytes.
 #[derive(Clone, Copy)]
 pub(super) struct Layout<const N: usize>([u8; N]);
 
 impl<const N: usize> Layout<N> {
-    /// A frame that is its header and nothing else.
+    /// Reads a frame that consists of its header only.
     pub(super) fn exactly(bytes: &[u8]) -> Result<Self, Violation> {
         bytes
             .try_into()
@@ -19,7 +19,7 @@ impl<const N: usize> Layout<N> {
             .map_err(|_| violation!(BadLength, "SM2-WIR-001"))
     }
 
-    /// A frame that begins with its header, and what follows.
+    /// Reads the header at the start of a frame. Returns the header and the bytes after it.
     pub(super) fn split(bytes: &[u8]) -> Result<(Self, &[u8]), Violation> {
         let (head, rest) = bytes
             .split_first_chunk()
@@ -27,7 +27,7 @@ impl<const N: usize> Layout<N> {
         Ok((Self(*head), rest))
     }
 
-    /// A header of this kind with all else zero.
+    /// Creates a header of this kind with all other bytes zero.
     pub(super) fn of(kind: FrameKind) -> Self {
         Self([0; N]).with::<0, 1>([kind as u8])
     }
@@ -53,7 +53,7 @@ impl<const N: usize> Layout<N> {
         u64::from_le_bytes(self.field::<AT, 8>())
     }
 
-    /// The `W` bytes from `AT` are reserved.
+    /// Checks that the `W` reserved bytes from `AT` are zero.
     //= SM2-WIR-001
     pub(super) fn check_zero<const AT: usize, const W: usize>(&self) -> Result<(), Violation> {
         if self.field::<AT, W>() == [0; W] {
@@ -63,7 +63,7 @@ impl<const N: usize> Layout<N> {
         }
     }
 
-    /// The same with a field set.
+    /// Returns the header with this field set.
     pub(super) fn with<const AT: usize, const W: usize>(mut self, field: [u8; W]) -> Self {
         const { assert!(AT + W <= N) };
         self.0[AT..AT + W].copy_from_slice(&field);

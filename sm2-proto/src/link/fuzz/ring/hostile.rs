@@ -1,4 +1,4 @@
-//! The memory of a ring whose words answer what bytes decide.
+//! The memory of a ring whose words answer as fuzz input says.
 
 use alloc::collections::BTreeMap;
 use core::cell::{Cell, RefCell};
@@ -8,14 +8,14 @@ use crate::{
     link::{At, EMPTY, RingLayout, RingMemory},
 };
 
-/// Words that lie.
+/// A ring memory that can answer anything.
 pub(super) struct Hostile<'a> {
     pub(super) layout: RingLayout,
-    /// By offset.
+    /// The words by offset.
     memory: RefCell<BTreeMap<u64, u64>>,
     script: RefCell<Script<'a>>,
     accesses: Cell<u64>,
-    /// Whether no exchange ever succeeds.
+    /// Whether each `take` fails, unless fuzz input makes the word lie about that, too.
     stubborn: bool,
 }
 
@@ -30,7 +30,7 @@ impl<'a> Hostile<'a> {
         }
     }
 
-    /// What is left of the answers.
+    /// The answers that were not given yet.
     pub(super) fn answers(&self) -> Script<'a> {
         self.script.borrow().clone()
     }
@@ -43,7 +43,8 @@ impl<'a> Hostile<'a> {
         u64::from(self.layout.window())
     }
 
-    /// How many accesses a call made: never more than the layout allows, whatever is there.
+    /// Checks how many accesses a call made: never more than the layout allows, whatever the words
+    /// contain.
     pub(super) fn check_accesses(&self, most: u64) {
         let accesses = self.accesses.take();
         assert!(accesses <= most, "{accesses} accesses, {most} at most");
@@ -61,7 +62,7 @@ impl<'a> Hostile<'a> {
             .unwrap_or(EMPTY)
     }
 
-    /// What is there, or what the bytes say.
+    /// Answers with the true value, or with a value from fuzz input.
     fn answer(&self, right: u64) -> u64 {
         self.accesses.set(self.accesses.get() + 1);
         let mut script = self.script.borrow_mut();
@@ -71,7 +72,7 @@ impl<'a> Hostile<'a> {
                 0xff => EMPTY,
                 0xfe => u64::from(script.byte()?) << (script.byte()? % 64),
                 0xfd => right ^ 1 << (script.byte()? % 64),
-                // As if the other side were further, or less far.
+                // The word of an earlier or later message.
                 0xfc => right.wrapping_add(u64::from(script.byte()? % 32) << 32),
                 0xfb => right.wrapping_sub(u64::from(script.byte()? % 32) << 32),
                 _ => right,

@@ -1,4 +1,5 @@
-//! The peer of the end under test: it takes words, gives them back, puts words, and attaches segments.
+//! The peer of the end under test: it puts words, takes words, gives them back, and attaches
+//! segments.
 
 use super::{super::NOW, Ring, SLOTS, segment};
 use crate::{
@@ -17,12 +18,12 @@ impl Ring<'_> {
         self.world.frame(&Frame::Attach(segment(id)), &[facts]);
     }
 
-    /// The peer takes what is at some index, or gives back what it took.
+    /// The peer takes the word at some index, or gives back a message that it took.
     pub(super) fn peer_takes(&mut self, script: &mut Script<'_>) -> Option<()> {
         let index = u32::from(script.byte()?) % self.outgoing.depth() as u32;
         let bits = self.outgoing.set(At::Forward(index), EMPTY);
         if script.rarely()? {
-            // It will say that it had it, and leaves it where it is.
+            // The peer will claim to have taken the message, but leaves its word in the ring.
             self.outgoing.set(At::Forward(index), bits);
         }
         if bits != EMPTY {
@@ -37,7 +38,7 @@ impl Ring<'_> {
         Some(())
     }
 
-    /// The peer puts the next word; often right.
+    /// The peer puts the next word, which is usually correct.
     pub(super) fn peer_puts(&mut self, script: &mut Script<'_>) -> Option<()> {
         let sequence = script.near(self.put + 1)?;
         let (segment, slot) = (

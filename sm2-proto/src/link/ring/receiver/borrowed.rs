@@ -1,4 +1,4 @@
-//! What the application holds of a ring.
+//! The messages of a ring that the application holds.
 
 use alloc::vec::Vec;
 
@@ -6,13 +6,13 @@ use super::super::Word;
 
 /// The messages that the application holds, in the order in which it took them.
 ///
-/// Often there are few, sometimes a thousand that come back in their order: then what is looked
-/// for is at the beginning, and that a place is not there is seen many places at a time.
+/// Mostly there are few messages, and sometimes a thousand that come back in order. In both cases a
+/// sequence number is found at the beginning, and a scan compares many places at a time.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Borrowed {
-    /// Growing.
+    /// The sequence numbers, in ascending order.
     sequences: Vec<u64>,
-    /// Of each the segment, and the slot in the low half.
+    /// The place of each message: the segment in the high half, the slot in the low half.
     places: Vec<u32>,
 }
 
@@ -29,18 +29,18 @@ impl Borrowed {
         self.sequences.len()
     }
 
-    /// Whether a message is where this word says.
+    /// Whether the application holds a message in the slot that this word names.
     #[inline]
     pub(super) fn is_at(&self, word: Word) -> bool {
         self.places.contains(&place(word))
     }
 
-    /// Whether a message is in this segment.
+    /// Whether the application holds a message in this segment.
     pub(super) fn is_in(&self, segment: u32) -> bool {
         self.places.iter().any(|place| place >> 16 == segment)
     }
 
-    /// The word of one more message; its sequence number is greater than those before.
+    /// Adds the word of a message. Its sequence number is greater than all before.
     #[inline]
     pub(super) fn push(&mut self, sequence: u64, word: Word) {
         debug_assert!(self.sequences.last().is_none_or(|last| *last < sequence));
@@ -49,7 +49,7 @@ impl Borrowed {
         self.places.push(place(word));
     }
 
-    /// Takes out the word of a message. None: it is not there.
+    /// Removes the word of a message. `None` if the application does not hold the message.
     #[inline]
     pub(super) fn remove(&mut self, sequence: u64) -> Option<Word> {
         let index = match self.sequences.first()? {

@@ -1,4 +1,4 @@
-//! Harnesses for the receiver's side of a ring, whatever its words are.
+//! Harnesses for the receiver's side of a ring, with words that can have any value.
 
 use core::cell::Cell;
 
@@ -12,7 +12,7 @@ use crate::{
     proofs::{below, one_of},
 };
 
-/// The smallest step, some that do and do not divide 2^32, and the largest.
+/// The smallest depth, depths that do and do not divide 2^32, and the largest depth.
 const DEPTHS: [u16; 4] = [1, 2, 3, 1_024];
 
 fn receiver(depth: u16, reliable: bool, next: u64) -> RingReceiver {
@@ -23,8 +23,9 @@ fn receiver(depth: u16, reliable: bool, next: u64) -> RingReceiver {
     }
 }
 
-/// RNG-FIFO: for each low half that a word can have: the message that is expected, or one that
-/// is later by whole rounds and no further than a sender goes; else it is wrong.
+/// RNG-FIFO: for each low half of a sequence number, the word names the expected message, or a
+/// message that is later by whole rounds and not further ahead than a legal sender can be, or is
+/// invalid.
 //= SM2-RNG-007, SM2-RNG-011 kani
 #[cfg_attr(kani, kani::proof)]
 fn only_later_rounds_are_believed() {
@@ -32,7 +33,7 @@ fn only_later_rounds_are_believed() {
     let reliable = kani::any();
     let next = one_of(&SEQUENCES);
     let rounds = u64::from(depth);
-    // Any, and what is next to the boundaries of the rule.
+    // Any distance, and distances next to the boundaries of the rule.
     let ahead: u32 = match below(4) {
         0 => kani::any(),
         1 => (rounds * u64::from(kani::any::<u8>())) as u32,
@@ -72,7 +73,7 @@ fn only_later_rounds_are_believed() {
     );
 }
 
-/// A sequence number at the very end is no reason to panic.
+/// The last sequence numbers do not cause a panic.
 //= SM2-RNG-007 kani
 #[cfg_attr(kani, kani::proof)]
 fn numbers_end() {
@@ -103,7 +104,7 @@ fn numbers_end() {
     kani::cover!(matches!(taken, Ok(Some(_))), "one of the last");
 }
 
-/// RingMemory that answer one of these to each access in turn.
+/// A ring memory that answers each access with the next of these values.
 struct Answers {
     next: Cell<usize>,
     answers: [u64; 4],
@@ -140,11 +141,12 @@ impl RingMemory for Answers {
     fn fence(&self) {}
 }
 
-/// RNG-HOSTILE: whatever the words answer, a look for the next message ends soon, gives one
-/// that lies in its segment and that the application does not hold, or nothing.
+/// RNG-HOSTILE: whatever the words contain, `take` makes a bounded number of accesses. It returns
+/// nothing, or a message that lies in its segment and that the application does not hold yet.
 //= SM2-RNG-007, SM2-RNG-011, SM2-PAY-002, SM2-PAY-005 kani
 #[cfg_attr(kani, kani::proof)]
-// Two rounds of two words, and as much to find the oldest; four answers.
+// Two rounds of two words, and the same number of accesses to find the oldest message; four
+// answers.
 #[cfg_attr(kani, kani::unwind(66))]
 fn a_look_at_any_words() {
     let (depth, next) = (one_of(&[1, 2]), 5);
@@ -216,7 +218,7 @@ fn a_look_at_any_words() {
     );
 }
 
-/// RNG-HOSTILE: a message is given back once, in bounds, whatever was there.
+/// RNG-HOSTILE: a message is given back once and within bounds, whatever the back word contained.
 //= SM2-RNG-008, SM2-MSG-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]

@@ -1,4 +1,4 @@
-//! Harnesses for the sender's side of a ring, whatever its words answer.
+//! Harnesses for the sender's side of a ring, with words that can have any value.
 
 use alloc::vec::Vec;
 use core::cell::Cell;
@@ -15,11 +15,12 @@ const SEGMENT: SegmentInfo = SegmentInfo {
     slots: 8,
 };
 
-/// RingMemory that answer right, and then these, and then nothing.
+/// A ring memory that first answers as a legal receiver would, then gives these answers, and then
+/// answers `EMPTY`.
 struct Answers {
     right: [Cell<u64>; 7],
     answers: [u64; 5],
-    /// How many of them were given; none as long as the other side obeys SPEC.
+    /// How many of the answers were given; `None` while the other end obeys SPEC.
     given: Cell<Option<usize>>,
     accesses: Cell<u32>,
 }
@@ -34,7 +35,7 @@ impl Answers {
         }
     }
 
-    /// A depth of 2, a window of 3.
+    /// The word of a ring with depth 2 and window 3.
     fn right(&self, at: At) -> &Cell<u64> {
         match at {
             At::ReceiverParked => &self.right[0],
@@ -84,7 +85,8 @@ fn message(number: u64) -> RingMessage {
     }
 }
 
-/// A sender that has sent so many messages, of which the first were taken and not given back.
+/// A sender that has sent `sent` messages, of which the first `taken` were taken and not given
+/// back.
 fn sender(sent: u64, taken: u64, reliable: bool, words: &Answers) -> RingSender {
     let layout = RingLayout::new(2, 3).expect("a legal layout");
     let mut sender = RingSender::new(layout, Carrier::Data, reliable);
@@ -105,23 +107,23 @@ fn sender(sent: u64, taken: u64, reliable: bool, words: &Answers) -> RingSender 
     sender
 }
 
-/// The word of a message.
+/// The word of the message with this number.
 fn word(number: u64) -> u64 {
     Word::new(1, number as u32, number).map_or(0, Word::to_bits)
 }
 
-/// One of the words that a peer can give: nothing, wrong ones, those of each message.
+/// One of the words that a peer can write: empty, invalid, or the word of any message.
 fn any_answer() -> u64 {
-    // The slot of a message with the number of another one.
+    // The slot of one message with the sequence number of another.
     let wrong = Word::new(1, 1, 2).map_or(0, Word::to_bits);
     one_of(&[EMPTY, wrong, word(1), word(2), word(3), word(4)])
 }
 
-/// What was sent and what was taken of it, as far as a window of three allows.
+/// How many messages were sent and how many of them were taken, as far as a window of three allows.
 const STATES: [(u64, u64); 5] = [(0, 0), (1, 1), (2, 0), (2, 1), (3, 1)];
 
-/// RNG-HOSTILE: one more message, whatever the words answer: it ends soon, each message is
-/// settled at most once, and the books are right.
+/// RNG-HOSTILE: sends one more message while the words have any values. The call makes a bounded
+/// number of accesses, each message is settled at most once, and the counters stay consistent.
 //= SM2-RNG-005, SM2-RNG-006, SM2-RNG-008, SM2-QOS-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
@@ -133,7 +135,7 @@ fn a_message_to_any_words() {
     let mut settled = Vec::new();
     let next = message(sent + 1);
     let result = sender.send(&words, &next, &mut |key, fate| settled.push((key, fate)));
-    // Three back words, two accesses each; what is put, and what was displaced for it; the bell.
+    // Two accesses for each of three back words, two puts, and the check of the parked word.
     assert!(words.accesses.get() <= 11);
     let named = settled.iter().map(|it| it.0);
     assert!(
@@ -169,7 +171,8 @@ fn a_message_to_any_words() {
     );
 }
 
-/// RNG-HOSTILE: what is said to be given back is, or the other end broke SPEC.
+/// RNG-HOSTILE: a word that claims to give a message back either names an unsettled message, or is
+/// a violation.
 //= SM2-RNG-008, SM2-MSG-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
@@ -206,14 +209,16 @@ fn any_words_given_back() {
     );
 }
 
-/// RNG-FIFO: a receiver that takes nothing while 2^31 messages are displaced is given up, also
-/// while it holds as many as it may, so that low halves of numbers stay unambiguous.
+/// RNG-FIFO: the link ends if the receiver takes nothing while 2^31 messages are displaced, even if
+/// the application holds as many messages as it may. The low halves of sequence numbers therefore
+/// stay unambiguous.
 //= SM2-RNG-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn a_stopped_receiver_is_given_up() {
     let words = Answers::new([EMPTY; 5]);
-    // With one that is held the window is full: each message is taken out before the next.
+    // While the application holds one message, the window is full, so each message is taken out
+    // before the next is put.
     let held = u64::from(kani::any::<bool>());
     let sent = 2 + held;
     let mut sender = sender(sent, held, false, &words);
@@ -241,7 +246,7 @@ fn a_stopped_receiver_is_given_up() {
     );
 }
 
-/// Whoever takes one is not stopped.
+/// The count of displaced messages starts again when the receiver takes one.
 //= SM2-RNG-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
