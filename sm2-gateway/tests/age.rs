@@ -1,5 +1,5 @@
-//! How old messages are when they come over a link that carries an eighth of what is published, in virtual
-//! time: the link of the paper's Fig. 2.
+//! Measures the age of messages at the far end of a link that carries an eighth of what is
+//! published: the link of the paper's Fig. 2, in virtual time.
 
 #[path = "age/world.rs"]
 mod world;
@@ -19,7 +19,7 @@ use sm2_proto::{
 };
 use world::World;
 
-/// The paper's Wi-Fi as it is between its pauses, and without jitter.
+/// The paper's Wi-Fi between its pauses, without jitter.
 fn paper() -> Profile {
     Profile {
         jitter: Duration::ZERO,
@@ -28,7 +28,7 @@ fn paper() -> Profile {
     }
 }
 
-/// The topics: the length of their messages in bytes, and the period.
+/// A topic: the length of its messages in bytes, and their period.
 const IMAGE: Topic = Topic {
     offer: OfferId(1),
     len_bytes: 1_000_000,
@@ -39,18 +39,18 @@ const POSE: Topic = Topic {
     len_bytes: 200,
     period: Duration::from_millis(100),
 };
-/// So often that what is lost need not be sent again.
+/// A topic so frequent that a lost message need not be retransmitted.
 const INERTIA: Topic = Topic {
     offer: OfferId(3),
     len_bytes: 64,
     period: Duration::from_millis(5),
 };
 const TOPICS: [Topic; 3] = [IMAGE, POSE, INERTIA];
-/// The greatest part of a datagram that QUIC gives to a message: 1,452 bytes less headers (RFC 9000).
+/// The most bytes of a message in one QUIC datagram: 1,452 bytes less headers (RFC 9000).
 const DATAGRAM_BYTES: f64 = 1_452.0;
 const QUIC_HEADERS_BYTES: f64 = 38.0;
 const LENGTH: Duration = Duration::from_secs(40);
-/// Messages that arrive before this time are not counted.
+/// Messages that arrive earlier than this are not counted.
 const SETTLING: Duration = Duration::from_secs(3);
 
 struct Topic {
@@ -59,7 +59,7 @@ struct Topic {
     period: Duration,
 }
 
-/// When each message of a topic was published, and how old they were when they came.
+/// When each message of a topic was published, and its age on arrival.
 #[derive(Default)]
 struct Log {
     published: Vec<Instant>,
@@ -71,7 +71,7 @@ struct Log {
 impl Log {
     fn came(&mut self, now: Instant, sequence: u64, is_counted: bool) {
         if self.last.is_some_and(|it| it >= sequence) {
-            // The hub passes on nothing that is older than what it had.
+            // The hub passes on no message that is older than one it already has.
             self.overtaken += 1;
             return;
         }
@@ -108,7 +108,7 @@ fn offer(world: &mut World, topic: &Topic) {
     world.command(0, command);
 }
 
-/// All topics for so long, and how their messages came.
+/// Publishes all topics for the duration of the test, and logs how their messages arrive.
 fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
     let mut world = World::new(link, congestion);
     let begin = world.now;
@@ -193,7 +193,7 @@ fn what_arrives_is_young() {
         assert!(goodput >= 0.9);
         assert!(image.age(50) <= transmission.mul_f64(1.25));
         assert!(image.age(99) <= transmission * 2);
-        // But for those that are on their way at the end.
+        // All arrive, except those in flight at the end.
         assert!(shares[0] > 0.99);
         assert!(pose.age(99) < Duration::from_millis(150));
         //= SM2-GWM-003 test

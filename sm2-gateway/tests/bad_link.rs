@@ -1,6 +1,6 @@
-//! Two domains with a bad link between them: what the network does, no local node feels, and the
-//! other domain gets what the network lets through. Nothing here depends on how fast the machine is;
-//! rates and ages are printed for people.
+//! Two domains with a bad link between them. Faults of the network never affect a local node, and
+//! the other domain receives what the network lets through. No assertion depends on the speed of
+//! the machine; rates and ages are printed for people.
 
 #[path = "bad_link/camera.rs"]
 mod camera;

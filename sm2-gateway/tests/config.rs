@@ -1,4 +1,4 @@
-//! Configurations: what is refused, where, and what a reload cannot take.
+//! Configurations: which are refused and at which line, and which changes a reload refuses.
 
 use std::path::Path;
 
@@ -67,7 +67,7 @@ fn each_key_that_only_a_restart_can_take_is_named() {
     for (key, text) in table {
         assert_eq!(old.fixed_keys(&parse(&text).unwrap()), [key], "{text}");
     }
-    // A reload takes these.
+    // A reload accepts these changes.
     let rule = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
     let other = with_addresses("\"robot:1\"") + rule;
     assert_eq!(old.fixed_keys(&parse(&other).unwrap()), Vec::<&str>::new());

@@ -1,4 +1,4 @@
-//! Two domains and what goes between them, over QUIC on this machine.
+//! Two domains whose gateways are connected by QUIC on the local host.
 
 mod common;
 
@@ -44,14 +44,14 @@ fn a_topic_of_one_domain_is_heard_in_another() {
     assert_eq!((peers[0].messages.lost, peers[0].messages.skipped), (0, 0));
     assert!(peers[0].rtt_ms.is_some_and(|it| it > 0.0));
     drop(subscriber);
-    // Nobody wants it any more: the gateway does not take it either.
+    // No subscriber is left, so the gateway unsubscribes too.
     until("unsubscribed", || {
         publisher.links().iter().all(|it| it.end.is_some())
     });
     runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
 }
 
-/// A gateway never copies more than `message_bytes`, whoever sends.
+/// A gateway never copies more than `message_bytes`, whether a node or a peer sends.
 #[test]
 fn a_message_that_is_too_long_is_refused_and_counted() {
     let (near, far) = (Domain::new("near"), Domain::new("far"));
@@ -80,7 +80,7 @@ fn a_message_that_is_too_long_is_refused_and_counted() {
     let map = report.peers[0].subjects.iter().find(|it| it.name == "map");
     let map = map.unwrap().counts;
     assert_eq!((map.refused, map.offered), (1, 1));
-    // A reply of this domain, and a request of it, have the same limit.
+    // A reply in this domain and a request from this domain have the same limit.
     let client = listener.client::<str, str>("echo").unwrap();
     client.wait_for_servers_timeout(1, SOON).unwrap();
     let error = client.call_timeout("", SOON).unwrap_err();
@@ -127,7 +127,7 @@ fn a_service_of_one_domain_is_called_in_another() {
     );
     let error = client.call_timeout(&[1], SOON).unwrap_err();
     assert!(matches!(error, CallError::Failed { reason, .. } if reason == "one is no sum"));
-    // Three calls: a request and a reply each, of which the last one failed.
+    // Three calls, each with a request and a reply; the last call failed.
     for (gateway, offered, received) in [(&left, 3, 3), (&right, 3, 3)] {
         until("counted", || {
             let peer = report(&runtime, gateway).peers.remove(0);
@@ -137,7 +137,7 @@ fn a_service_of_one_domain_is_called_in_another() {
             sum == Some((offered, offered, received))
         });
     }
-    // A lost link is an answer at once.
+    // A lost connection fails the call at once.
     runtime.block_on(left.stop());
     until("the server is gone", || {
         matches!(
@@ -190,14 +190,14 @@ fn rules_that_change_take_effect_at_once() {
             .unwrap()
             .is_none()
     );
-    // And back.
+    // And the same in the other direction.
     let config = near.config(&[(&far, None)], ALL);
     runtime.block_on(left.reload(&config));
     subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
     publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     publisher.publish(&2).unwrap();
     assert_eq!(*subscriber.recv_timeout(SOON).unwrap().expect("in time"), 2);
-    // A peer that is not trusted any more is gone.
+    // The connection with a peer that is no longer trusted ends.
     let config = near.config(&[], ALL);
     runtime.block_on(left.reload(&config));
     until("gone", || report(&runtime, &left).peers.is_empty());
@@ -206,7 +206,7 @@ fn rules_that_change_take_effect_at_once() {
     runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
 }
 
-/// Published once, before anybody was there.
+/// A latched message is published once, before any subscriber exists.
 //= SM2-GWM-008 test
 #[test]
 fn what_is_latched_reaches_subscribers_that_come_later() {
@@ -220,12 +220,12 @@ fn what_is_latched_reaches_subscribers_that_come_later() {
         .declare()
         .unwrap();
     maps.publish(&7).unwrap();
-    // Nodes move on when they are called.
+    // A node makes progress only while its functions are called.
     let is_over = Arc::new(AtomicBool::new(false));
     let until_over = Arc::clone(&is_over);
     let moving = std::thread::spawn(move || {
         while !until_over.load(Ordering::Relaxed) {
-            // More than ever come.
+            // Waits for more subscribers than there will ever be.
             let _ = maps.wait_for_subscribers_timeout(100, Duration::from_millis(5));
         }
     });
@@ -254,7 +254,7 @@ fn three_domains_in_a_row_pass_on_and_give_nothing_back() {
     let publisher = talker.publisher::<u64>("count").unwrap();
     let subscribers =
         [&here, &between, &there].map(|node| node.subscriber::<u64>("count").unwrap());
-    // Nodes move on when they are called.
+    // A node makes progress only while its functions are called.
     let moment = Duration::from_millis(1);
     until("linked", || {
         publisher.links();
@@ -262,7 +262,7 @@ fn three_domains_in_a_row_pass_on_and_give_nothing_back() {
             |it: &&sm2_node::Subscriber<u64>| it.wait_for_publishers_timeout(1, moment).is_ok();
         subscribers.iter().filter(linked).count() == subscribers.len()
     });
-    // Its own domain's, and the gateway.
+    // The subscriber in its own domain, and the gateway.
     publisher.wait_for_subscribers_timeout(2, SOON).unwrap();
     let mut number = 0;
     until("all the way", || {
@@ -301,7 +301,7 @@ fn a_peer_is_found_by_the_name_of_its_host() {
         far.config(&[(&near, Some(left.address()))], ALL);
         let path = far.path("gateway.toml");
         let text = std::fs::read_to_string(&path).unwrap();
-        // A name that nobody knows is no reason to give up the others.
+        // A name that does not resolve must not prevent the other addresses from being tried.
         let hosts = format!("none.invalid:{port}\", \"localhost:{port}");
         let text = text.replace(&left.address().to_string(), &hosts);
         let text = text.replace("127.0.0.1:0", listen);

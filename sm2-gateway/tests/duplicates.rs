@@ -1,4 +1,4 @@
-//! Two connections with one peer: both sides keep the same one, whichever greets first.
+//! Two connections with one peer: both sides keep the same connection, whichever greets first.
 
 use sm2_gateway::{
     hub::{Hub, Input, Output, Policy},
@@ -15,8 +15,8 @@ use sm2_proto::{
 const SMALL: GatewayId = GatewayId([1; 32]);
 const GREAT: GatewayId = GatewayId([2; 32]);
 
-/// What a gateway closes when connections 1 and 2 greet: each as the peer's epoch and its
-/// initiator.
+/// Greets on connections 1 and 2, each given by the peer's epoch and its initiator. Returns the
+/// connection that the gateway closes, and the code.
 fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, Initiator); 2]) -> (u64, Code) {
     let gateway = me;
     let mut hub = Hub::new(Hop { gateway, epoch: 1 }, Policy::default());
@@ -55,14 +55,14 @@ fn closed(me: GatewayId, peer: GatewayId, greeted: [(u64, Initiator); 2]) -> (u6
 fn of_two_connections_both_sides_keep_the_same() {
     let (stale, duplicate) = (PeerFarewell::Stale.code(), PeerFarewell::Duplicate.code());
     let (ours, its) = (Initiator::ThisGateway, Initiator::Peer);
-    // The epoch decides, whoever opened them.
+    // The greater epoch wins, whichever side opened the connection.
     for (first, second) in [(ours, ours), (ours, its), (its, ours), (its, its)] {
         for (me, peer) in [(SMALL, GREAT), (GREAT, SMALL)] {
             assert_eq!(closed(me, peer, [(7, first), (8, second)]), (1, stale));
             assert_eq!(closed(me, peer, [(8, first), (7, second)]), (2, stale));
         }
     }
-    // Then who opened it: the smaller id.
+    // With equal epochs, the connection opened by the gateway with the smaller id wins.
     assert_eq!(closed(SMALL, GREAT, [(7, ours), (7, its)]), (2, duplicate));
     assert_eq!(closed(SMALL, GREAT, [(7, its), (7, ours)]), (1, duplicate));
     assert_eq!(closed(GREAT, SMALL, [(7, its), (7, ours)]), (2, duplicate));

@@ -1,5 +1,5 @@
-//! Peers that break the rules, by mistake or on purpose: each is told so and loses its connection,
-//! or its stream, and nobody else notices.
+//! Peers that break the rules, by mistake or on purpose. The gateway closes the connection or
+//! resets the stream with the right code, and no other peer is affected.
 
 #[path = "hostile/bench.rs"]
 mod bench;
@@ -39,7 +39,7 @@ fn message(offer: u64, len: u64) -> Header {
     }
 }
 
-/// A peer that opens streams and says nothing on them, and one that reads nothing.
+/// One peer opens streams and sends nothing on them; another reads nothing.
 //= SM2-GWM-004 test
 #[test]
 fn a_peer_that_does_nothing_harms_nobody() {
@@ -87,7 +87,7 @@ fn a_peer_that_does_nothing_harms_nobody() {
     bench.stop();
 }
 
-/// Noise at the port.
+/// Random datagrams arrive at the gateway's port.
 //= SM2-GWD-002 test
 #[test]
 fn datagrams_of_anybody_change_nothing() {
@@ -107,7 +107,7 @@ fn datagrams_of_anybody_change_nothing() {
             })
             .collect();
         let mut long = bytes.clone();
-        // What begins like QUIC's first datagram.
+        // A valid start of QUIC's first datagram.
         long.splice(..0, [0xc0, 0, 0, 0, 1, 8]);
         long.resize(1_200, 0);
         for bytes in [&bytes[..], &long, &beacon.to_bytes()] {

@@ -1,4 +1,4 @@
-//! The hub by itself: what comes out for what goes in.
+//! The hub alone: inputs, and the outputs that they lead to.
 
 #[path = "hub/calls.rs"]
 mod calls;
@@ -76,7 +76,7 @@ fn policy(rules: Vec<Rule>) -> Policy {
     }
 }
 
-/// Gateway 5, which lets everything through.
+/// Gateway 5, whose rules allow everything.
 fn hub() -> Hub {
     Hub::new(hop(5), policy(vec![rule(Action::Allow, "**")]))
 }
@@ -168,7 +168,8 @@ fn of_two_connections_with_one_peer_one_stays() {
         PeerFarewell::Duplicate.code().0,
         PeerFarewell::Stale.code().0,
     );
-    // Peer 9 has the greater id: what this side opened stays, and these it did not.
+    // Peer 9 has the greater id: with equal epochs, a connection opened by this gateway would stay.
+    // The peer opened both of these.
     for (first, second, expected) in [
         (7, 7, (2, duplicate)),
         (7, 8, (1, stale)),
@@ -179,7 +180,7 @@ fn of_two_connections_with_one_peer_one_stays() {
         let said = greet(&mut hub, 2, 9, second);
         assert_eq!(closed(&said), [expected], "{first}, {second}");
     }
-    // Peer 3 has the smaller one: of equal epochs that which it opened.
+    // Peer 3 has the smaller id: with equal epochs, the connection that the peer opened stays.
     let mut hub = hub();
     let event = Event::Session(session::Event::Greeted {
         peer: hop(3).gateway,
@@ -251,7 +252,7 @@ fn questions_have_answers() {
     assert_eq!(ask(SubjectKind::Topic, "secret/map"), Verdict::Denied);
 }
 
-/// Gateway 9 offers, gateway 3 wants, both are peers of 5.
+/// Gateway 9 offers a topic and gateway 3 wants it; both are peers of gateway 5.
 fn between() -> Hub {
     let mut hub = hub();
     greet(&mut hub, 1, 9, 9);
@@ -287,7 +288,7 @@ fn a_message_is_passed_on_as_it_came() {
         _ => None,
     });
     assert_eq!(passed, Some(&came), "{said:?}");
-    // It is not sent to the peer that it came from.
+    // A message is not sent back to the peer that it came from.
     let back = |it: &Output| {
         matches!(
             it,
@@ -306,7 +307,7 @@ fn a_message_is_taken_once() {
     let mut hub = between();
     let mut taken = |sequence| published(&tell(&mut hub, 1, message(4, sequence)));
     assert_eq!([1, 1, 3, 2, 3, 4].map(&mut taken), [1, 0, 1, 0, 0, 1]);
-    // A new process of the origin's begins anew.
+    // After a restart of its process, an origin numbers its messages from 1 again.
     tell(&mut hub, 1, gone(4));
     let path = vec![Hop {
         epoch: 10,
@@ -317,7 +318,8 @@ fn a_message_is_taken_once() {
     assert_eq!(published(&tell(&mut hub, 1, message(5, 1))), 1);
 }
 
-/// One that invents origins is remembered of only as long as they are in use.
+/// A peer can invent origins. The hub remembers only a bounded number of those that are no longer
+/// offered.
 #[test]
 fn what_was_seen_is_forgotten_in_the_end() {
     let mut hub = between();
@@ -379,7 +381,7 @@ fn other_rules_withdraw_before_anything_else_is_said() {
     );
     assert!(unoffer.is_some() && unwant.is_some(), "{said:?}");
     assert!(unoffer.max(unwant) < change, "{said:?}");
-    // A message of it that is in flight reaches nobody.
+    // A message of the ended offer that was in flight reaches nobody.
     assert!(tell(&mut hub, 1, message(4, 1)).is_empty());
 }
 
@@ -427,13 +429,13 @@ fn what_was_left_out_is_counted_only_while_it_was_wanted() {
     };
     local(&mut hub, taken(Some(4)));
     let skipped = |hub: &Hub| hub.peers()[0].counts.skipped;
-    // Messages before the first one that was taken are not missing.
+    // Messages before the first received one do not count as lost.
     tell(&mut hub, 1, message(1, 10));
     tell(&mut hub, 1, message(1, 11));
     assert_eq!(skipped(&hub), 0);
     tell(&mut hub, 1, message(1, 14));
     assert_eq!(skipped(&hub), 2);
-    // It came too late to be passed on.
+    // This message arrived too late to be passed on.
     tell(&mut hub, 1, message(1, 13));
     assert_eq!(skipped(&hub), 2);
     local(&mut hub, taken(None));
@@ -473,7 +475,7 @@ fn messages_without_room_are_lost_messages_of_their_topic() {
             origin: hop(1).gateway,
         },
     );
-    // Its offer to the other peer has the number 1 too.
+    // The hub's own offer to the other peer has the number 1 too.
     for (connection, offer) in [(2, 1), (2, 1), (2, 9), (7, 1)] {
         no_room(
             &mut hub,

@@ -1,4 +1,4 @@
-//! Metrics over HTTP: for those who ask well, and beside those who do not.
+//! Metrics over HTTP, for clients that ask correctly while others do not.
 
 mod common;
 
@@ -73,7 +73,7 @@ fn what_goes_to_a_peer_is_counted_for_prometheus() {
     runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
 }
 
-/// Whether the other side has hung up, and what it said before.
+/// Returns true if the other side has closed the connection, whatever it sent before.
 fn is_over(stream: &mut TcpStream) -> bool {
     let mut bytes = [0; 4096];
     loop {
@@ -91,16 +91,17 @@ fn scrapers_that_are_slow_or_hostile_harm_nothing() {
     let runtime = runtime();
     let gateway = near.gateway(&runtime, &[], ALL);
     let address = serve(&runtime, &gateway);
-    // More than there is room for: some say nothing, some never end, one is too long.
+    // More connections than the server has room for: some send nothing, some never finish, one
+    // request is too long.
     let began = Instant::now();
     let mut silent: Vec<TcpStream> = (0..20).map(|_| connect(address)).collect();
     for stream in silent.iter_mut().step_by(2) {
         stream.write_all(b"GET /metrics HTTP/1.1\r\nX: ").unwrap();
     }
-    // The gateway itself goes on meanwhile.
+    // Meanwhile the gateway itself keeps working.
     assert!(common::report(&runtime, &gateway).peers.is_empty());
     assert!(began.elapsed() < Duration::from_secs(2));
-    // Each has its time, and then makes room.
+    // Each connection times out, and then makes room for another.
     let text = scrape(address);
     assert!(text.starts_with("HTTP/1.1 200 "), "{text}");
     for stream in &mut silent {
@@ -108,7 +109,7 @@ fn scrapers_that_are_slow_or_hostile_harm_nothing() {
     }
     let mut long = connect(address);
     let head = vec![b'x'; 1 << 20];
-    // It may hang up before all is written.
+    // The server may close the connection before all bytes are written.
     let _ = long.write_all(b"GET /metrics HTTP/1.1\r\nX: ");
     let _ = long.write_all(&head);
     assert!(is_over(&mut long));

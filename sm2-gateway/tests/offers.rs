@@ -1,4 +1,4 @@
-//! A peer with more offers, messages and calls than it has room for.
+//! A peer with more offers, messages and calls than there is room for.
 
 #[path = "age/world.rs"]
 mod world;
@@ -31,12 +31,12 @@ fn world() -> World {
         seed: 1,
     };
     let mut world = World::new(&link, Congestion::Steady);
-    // Both have greeted.
+    // Both sides have greeted.
     events(&mut world);
     world
 }
 
-/// The events of the far side within three seconds.
+/// Returns the events of the far side within three seconds.
 fn events(world: &mut World) -> Vec<Event> {
     let until = world.now.after(Duration::from_secs(3));
     let mut events = Vec::new();
@@ -71,7 +71,7 @@ fn offer(world: &mut World, offer: u64) {
     world.command(0, command);
 }
 
-/// The numbers of the offers that came, in their order.
+/// Returns the numbers of the received offers, in order of arrival.
 fn offered(world: &mut World) -> Vec<u64> {
     let offers = events(world).into_iter().filter_map(|it| match it {
         Event::Session(session::Event::Offered { offer, .. }) => Some(offer.0),
@@ -89,7 +89,7 @@ fn an_offer_that_there_was_no_room_for_is_made_later() {
         offer(&mut world, number);
     }
     assert_eq!(offered(&mut world), (1..=max).collect::<Vec<_>>());
-    // This one waits, and is not made at all.
+    // This offer is withdrawn while it waits, so it is never sent.
     world.command(
         0,
         Command::Unoffer {
@@ -106,7 +106,7 @@ fn an_offer_that_there_was_no_room_for_is_made_later() {
         );
     }
     assert_eq!(offered(&mut world), [max + 1, max + 3]);
-    // New ones wait behind those that wait already.
+    // New offers wait behind the offers that already wait.
     offer(&mut world, max + 5);
     for gone in [1, max + 1] {
         world.command(
@@ -150,7 +150,7 @@ fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
     assert_eq!(world.counts(0), (expected, vec![(key, expected)]));
 }
 
-/// The far side wants topic 1 with a deep queue.
+/// Makes the far side want topic 1 with a deep queue.
 fn deeply_wanted(world: &mut World) {
     offer(world, 1);
     events(world);
@@ -173,7 +173,7 @@ fn messages_for_a_peer_take_no_more_memory_than_they_may() {
         let offer = OfferId(1);
         world.command(0, Command::Message { offer, message });
     }
-    // Seven fit, with their headers. The newest ones stay, and the one that is in flight.
+    // Seven messages fit, with their headers: the newest ones, and the one in flight.
     assert_eq!(Limits::default().memory_bytes, 8 * payload.len() as u64);
     let expected = Counts {
         offered: 20,

@@ -1,5 +1,5 @@
-//! What rules mean is the same wherever it is asked: in `explain`, in what the hub offers and takes, and
-//! in the comparison with other rules.
+//! Rules have the same meaning in `explain`, in the offers and wants of the hub, and in the
+//! comparison of two rule sets.
 
 #[path = "rules/naive.rs"]
 mod naive;
@@ -37,7 +37,7 @@ fn good_lines() -> impl Strategy<Value = Vec<naive::Line>> {
     lines().prop_filter("no such pattern", |it| is_good(it))
 }
 
-/// What each peer offers, and what the domain has.
+/// Generates the offers of each peer, and the subjects of the local domain.
 fn seen() -> impl Strategy<Value = Seen> {
     let keys = || btree_set(key(), 0..6);
     (keys(), [keys(), keys(), keys()]).prop_map(|(local, offers)| Seen {
@@ -71,7 +71,8 @@ const ME: Hop = Hop {
     epoch: 1,
 };
 
-/// What a hub offers, by peer, subject and origin; and what it shows and wants, by subject and origin.
+/// The offers of a hub by peer, subject and origin, and the subjects that it shows and wants, by
+/// subject and origin.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Carried {
     offered: BTreeSet<(GatewayId, Subject, GatewayId)>,
@@ -79,7 +80,7 @@ struct Carried {
     wanted: BTreeSet<(Subject, GatewayId)>,
 }
 
-/// What a hub really does with these rules.
+/// Runs a hub with these rules. Returns what it offers, shows and wants.
 fn carried(config: &Config, seen: &Seen) -> Carried {
     let mut hub = Hub::new(ME, config.policy.clone());
     let mut inputs = Vec::new();
@@ -149,7 +150,7 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
     carried
 }
 
-/// What `explain` says that it should do.
+/// Returns what the hub should offer, show and want according to `explain`.
 fn explained(config: &Config, seen: &Seen) -> Carried {
     let allows = |(kind, name): &Key, direction, peer: &GatewayId| {
         config.explain(*kind, name, direction, peer).0 == Action::Allow
@@ -178,7 +179,7 @@ fn explained(config: &Config, seen: &Seen) -> Carried {
     carried
 }
 
-/// Whether it goes now, by the plain list.
+/// Returns true if the subject passes now in this direction, according to the plain list.
 fn goes(lines: &[naive::Line], seen: &Seen, of: &Key, direction: Direction, peer: usize) -> bool {
     let (kind, name) = (of.0, of.1.as_str());
     let allows = |direction, peer| decide(lines, kind, name, direction, peer).0;
@@ -196,7 +197,8 @@ fn goes(lines: &[naive::Line], seen: &Seen, of: &Key, direction: Direction, peer
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
 
-    /// Whatever is written there: it is refused, with its line, or means what it says.
+    /// A rule file is either refused, with the line of a wrong pattern, or `explain` agrees with
+    /// the plain list.
     //= SM2-GWR-001, SM2-GWR-002 test
     #[test]
     fn explain_says_what_the_first_rule_that_fits_says(
@@ -234,7 +236,7 @@ proptest! {
         }
     }
 
-    /// With several names from several sides, and passed on from one peer to another.
+    /// Uses several names from several sides, some of them passed on from one peer to another.
     //= SM2-GWR-003 test
     #[test]
     fn what_is_carried_is_what_explain_says(lines in good_lines(), seen in seen()) {
@@ -271,7 +273,8 @@ proptest! {
         prop_assert_eq!(found, expected);
         for Change { peer, direction, of, effect, because } in changes {
             let starts = effect == Effect::Starts;
-            // The rule that it names says so: of this peer, or of the one that it comes from.
+            // The rule that a change names decides it: for this peer, or for the peer that the
+            // subject comes from.
             let Because::Rule(rule) = because else {
                 prop_assert!(!starts && because == Because::NoRule);
                 continue;

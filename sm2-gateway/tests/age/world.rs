@@ -21,20 +21,20 @@ struct Side {
     me: Me,
     peer: Option<(ConnectionHandle, Peer)>,
     address: SocketAddr,
-    /// From it to the other one.
+    /// Carries datagrams from this side to the other.
     lane: Lane<Vec<u8>>,
 }
 
-/// The kind and name that counts belong to.
+/// The kind and name of the subject that counts belong to.
 pub(crate) type Named = (SubjectKind, Name);
 
-/// The near side is 0, and dials.
+/// Two sides. Side 0 is the near one, and dials.
 pub(crate) struct World {
     pub(crate) now: Instant,
     clock: Clock,
     loss_permille: u32,
     sides: [Side; 2],
-    /// Events by the index of their side.
+    /// Each event with the index of its side.
     events: Vec<(usize, Event)>,
 }
 
@@ -80,7 +80,7 @@ impl World {
         self.sides[at].me.hop
     }
 
-    /// The counts of a side, in total and by name.
+    /// Returns the counts of a side, in total and by name.
     pub(crate) fn counts(&self, at: usize) -> (Counts, Vec<(Named, Counts)>) {
         let (_, peer) = self.sides[at].peer.as_ref().unwrap();
         let by_name = peer.counts_by_name();
@@ -102,7 +102,7 @@ impl World {
         self.feed(at, Input::Command(command));
     }
 
-    /// Feeds a peer, if there is one, and carries out its outputs.
+    /// Feeds the peer of a side, if it has one, and carries out its outputs.
     fn feed(&mut self, at: usize, input: Input) {
         let side = &mut self.sides[at];
         let Some((handle, peer)) = &mut side.peer else {
@@ -115,7 +115,7 @@ impl World {
                 match output {
                     Output::Event(event) => self.events.push((at, event)),
                     Output::Endpoint(event) => {
-                        // An answer is rare, and each event has one at most.
+                        // Answers are rare, and each event has at most one.
                         let answer = side.endpoint.event(*handle, event);
                         next = answer.map(Input::Quic).or(next);
                     }
@@ -132,7 +132,7 @@ impl World {
         }
     }
 
-    /// Sends all that can be sent now.
+    /// Sends everything that can be sent now.
     fn transmit(&mut self, at: usize) {
         let mut buffer = Vec::new();
         loop {
@@ -159,7 +159,8 @@ impl World {
         }
     }
 
-    /// Lets time pass until something happens, but not beyond `until`; what happened, by the side.
+    /// Advances time until an event occurs, but not beyond `until`. Returns the events with their
+    /// sides.
     pub(crate) fn step(&mut self, until: Instant) -> Vec<(usize, Event)> {
         let (near, far) = (0, 1);
         self.transmit(near);

@@ -1,4 +1,5 @@
-//! The paper's Fig. 2: a camera, a subscriber beside it, and one behind a link that cannot carry it all.
+//! The paper's Fig. 2: a camera, a local subscriber, and a remote one behind a link that cannot
+//! carry every image.
 
 use std::{
     thread,
@@ -15,11 +16,11 @@ use super::{
 
 const IMAGE_BYTES: usize = 1_000_000;
 const IMAGE_HZ: u32 = 30;
-/// Of a link that nothing comes through.
+/// How long the link stays cut.
 const CUT: Duration = Duration::from_secs(10);
 const PHASE: Duration = Duration::from_secs(5);
 
-/// When each part of the test begins; the last entry is the end.
+/// The name and the start of each phase of the test. The last entry is the end of the test.
 struct Phases(Vec<(&'static str, Instant)>);
 
 impl Phases {
@@ -27,7 +28,7 @@ impl Phases {
         self.0.push((name, Instant::now()));
     }
 
-    /// A table with a line for each.
+    /// Prints a table with one line per phase.
     fn say(&self, sent: &[Sent], local: &[Seen], remote: &[Seen]) {
         let mut table =
             "phase     s  local Hz  p99 us  publish p99 us  max us  remote Hz  age p50 ms"
@@ -100,7 +101,7 @@ fn a_camera_beside_its_subscriber_does_not_feel_the_link() {
     let count = talker.stop();
     let (local, remote) = (local.stop(), remote.stop());
     phases.say(&sent.lock().unwrap(), &local, &remote);
-    // The subscriber was there from the first image that it saw.
+    // The subscriber was linked from the first image that it saw.
     let first = local[0].number.expect("not damaged");
     assert_complete("the viewer", &local, count - first);
     assert_newer("away", &remote);

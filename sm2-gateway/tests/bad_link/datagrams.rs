@@ -1,4 +1,4 @@
-//! The link is what it says, seen by plain UDP sockets.
+//! The emulated link behaves as its profile says. Plain UDP sockets measure it.
 
 use std::{
     io::IoSlice,
@@ -17,10 +17,10 @@ use super::{common::until, world};
 
 /// How many datagrams are sent each way.
 const COUNT: u32 = 10_000;
-/// How many of them are given to the kernel at a time, as one.
+/// How many of them are passed to the kernel at a time, as one segmented send.
 const TRAIN: u32 = 10;
 const LEN_BYTES: usize = 100;
-/// Nothing comes any more.
+/// If nothing arrives for this long, nothing more is expected.
 const QUIET: Duration = Duration::from_secs(1);
 
 fn profile() -> Profile {
@@ -30,7 +30,8 @@ fn profile() -> Profile {
     }
 }
 
-/// At a host, with room for what comes while the test waits for a processor.
+/// Opens a socket at one host, with room for datagrams that arrive while the test waits for a
+/// processor.
 fn socket(link: &LossyLink, side: Side, is_ipv6: bool) -> UdpSocket {
     let address = SocketAddr::new(host_address(side, is_ipv6), 0);
     let socket = link
@@ -42,7 +43,8 @@ fn socket(link: &LossyLink, side: Side, is_ipv6: bool) -> UdpSocket {
     socket
 }
 
-/// Numbered datagrams: half of them one by one, half in trains that are cut up on their way.
+/// Sends numbered datagrams: half of them one by one, half as trains that the kernel cuts into
+/// datagrams.
 fn send(socket: &UdpSocket) {
     let bytes: Vec<u8> = (0..COUNT).flat_map(datagram).collect();
     for (index, train) in bytes.chunks(LEN_BYTES * TRAIN as usize).enumerate() {
@@ -71,7 +73,7 @@ fn datagram(number: u32) -> Vec<u8> {
     bytes
 }
 
-/// The numbers that come, until there is nothing for a while.
+/// Returns the numbers that arrive, until nothing has arrived for a while.
 fn receive(socket: &UdpSocket) -> Vec<u32> {
     let mut numbers = Vec::new();
     let mut buffer = [0; 2_048];
@@ -83,7 +85,8 @@ fn receive(socket: &UdpSocket) -> Vec<u32> {
     numbers
 }
 
-/// So many are lost as it says, by themselves, and the others come once and in order.
+/// The share of lost datagrams is that of the profile, losses are independent, and the others
+/// arrive once and in order.
 fn assert_lossy(way: &str, numbers: &[u32]) {
     let lost = COUNT as usize - numbers.len();
     assert!(
@@ -97,7 +100,8 @@ fn assert_lossy(way: &str, numbers: &[u32]) {
         "{way}: {lost} of {COUNT} datagrams lost, at {gaps} places"
     ));
     assert!((200..=700).contains(&lost), "{way}: {lost} of {COUNT} lost");
-    // By chance 4 % of the gaps are longer than one; half of them would be if trains were lost whole.
+    // With independent losses, 4 % of the gaps are longer than one. If trains were lost whole, half
+    // of them would be.
     assert!(4 * lost < 5 * gaps, "{way}: {lost} lost at {gaps} places");
 }
 
@@ -110,7 +114,7 @@ fn four_percent_are_lost_each_way_one_by_one_and_none_comes_twice_or_late() {
         let [near, far] = [Side::Near, Side::Far].map(|side| socket(&link, side, is_ipv6));
         near.connect(link.connect(far.local_addr().unwrap()).unwrap())
             .unwrap();
-        // The far one learns from the first that comes where to answer.
+        // The far socket learns the address to answer from the first datagram that arrives.
         let mut first = [0; 1];
         let from = loop {
             near.send(&[0]).unwrap();
@@ -132,7 +136,7 @@ fn four_percent_are_lost_each_way_one_by_one_and_none_comes_twice_or_late() {
 
 #[test]
 fn a_link_that_is_cut_lets_nothing_through_and_loss_can_be_changed() {
-    // The fall-back needs no rights, but has to do the same.
+    // The fallback relay needs no rights, and has to behave the same.
     let links = [world::link(profile()), Some(LossyLink::relay(profile()))];
     for mut link in links.into_iter().flatten() {
         let kind = link.kind().as_str();
@@ -191,7 +195,7 @@ fn what_pauses_hold_up_comes_in_the_end_and_in_order() {
     assert_eq!(numbers, Vec::from_iter(0..500));
 }
 
-/// A cable ends when the namespace of its other end is gone.
+/// A virtual cable disappears with the namespace of its other end.
 #[test]
 fn nothing_is_left_of_a_link_that_was_dropped() {
     let Some(link) = world::link(profile()) else {

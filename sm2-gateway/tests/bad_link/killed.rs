@@ -1,4 +1,4 @@
-//! A gateway that is killed, and another one in its place: local nodes feel nothing.
+//! A gateway is killed and another one takes its place. Local nodes are not affected.
 
 use super::{
     common::{ALL, Domain, Process, runtime, until},
@@ -21,7 +21,7 @@ fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {
     ];
     let nodes = names.map(|(domain, name)| domain.node(name));
     let [robot, beside, away, there] = &nodes;
-    // One topic each way, each with a local and a remote subscriber.
+    // One topic in each direction, each with a local and a remote subscriber.
     let [pose, order] =
         [(robot, "pose"), (away, "order")].map(|(node, topic)| Talker::start(node, topic, 200, 50));
     let local = [

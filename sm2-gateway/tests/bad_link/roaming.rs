@@ -1,4 +1,4 @@
-//! A robot that gets another address while it is connected.
+//! A robot's address changes while it is connected.
 
 use std::process::Command;
 
@@ -23,7 +23,7 @@ fn a_gateway_whose_address_changes_is_heard_again() {
     until("heard", || listener.count() > 10);
     let address = world.peer_address();
     let old = host_address(Side::Near, false);
-    // IPv4 alone is used: with the old address everything of the old way is gone.
+    // Only IPv4 is used, so that no route remains once the old address is removed.
     for change in [["del", &format!("{old}/24")], ["add", "10.77.1.9/24"]] {
         let ip = || {
             let arguments = [&["addr"], &change[..], &["dev", DEVICE]].concat();

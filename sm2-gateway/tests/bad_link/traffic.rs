@@ -1,4 +1,4 @@
-//! Who publishes, who receives, and what they saw.
+//! Publisher and subscriber threads, and logs of the messages that they sent and received.
 
 use std::{
     sync::{
@@ -11,25 +11,26 @@ use std::{
 
 use sm2_node::{Node, Publisher, Subscriber};
 
-/// How long a thread may not notice that it is over.
+/// How often a thread checks whether it has to stop.
 const LOOK: Duration = Duration::from_millis(100);
-/// So many messages may wait for a local subscriber: a machine that is busy for two seconds loses none.
+/// How many messages may wait for a local subscriber: enough for a machine that is busy for two
+/// seconds.
 const DEPTH: u16 = 64;
 
 /// A message that was published.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sent {
     pub(crate) at: Instant,
-    /// How long the publisher was kept.
+    /// How long `publish` took.
     pub(crate) took: Duration,
 }
 
-/// A message that came.
+/// A message that was received.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
     pub(crate) at: Instant,
     pub(crate) age: Duration,
-    /// Which; none if a byte of it is not what was sent.
+    /// The number of the message, or `None` if any of its bytes differs from what was sent.
     pub(crate) number: Option<u64>,
 }
 
@@ -61,7 +62,7 @@ impl Talker {
                 }
                 let mut loan = publisher.loan_slice(len_bytes).unwrap();
                 fill(number, &mut loan);
-                // A message may be there before `publish` is over.
+                // The message may arrive before `publish` returns.
                 let at = Instant::now();
                 let took = Duration::ZERO;
                 log.lock().unwrap().push(Sent { at, took });
@@ -73,7 +74,7 @@ impl Talker {
         Self { sent, stop, thread }
     }
 
-    /// How many there were.
+    /// Stops the publisher. Returns the number of its messages.
     pub(crate) fn stop(self) -> u64 {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().unwrap();
@@ -84,19 +85,19 @@ impl Talker {
 /// Receives until it is stopped.
 pub(crate) struct Listener {
     pub(crate) seen: Log<Seen>,
-    /// How many publishers it is linked with, and how many links ended.
+    /// How many publishers the subscriber is linked with, and how many of its links have ended.
     links: Arc<Mutex<(usize, usize)>>,
     stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
 
 impl Listener {
-    /// One that wants all messages.
+    /// Starts a listener that wants all messages.
     pub(crate) fn all(node: &Node, topic: &str, talker: &Talker) -> Self {
         Self::start(node, topic, talker, DEPTH)
     }
 
-    /// One that wants the newest message.
+    /// Starts a listener that wants only the newest message.
     pub(crate) fn newest(node: &Node, topic: &str, talker: &Talker) -> Self {
         Self::start(node, topic, talker, 1)
     }
@@ -116,7 +117,7 @@ impl Listener {
                 *count.lock().unwrap() = (all.len() - ended, ended);
                 match subscriber.recv_timeout(LOOK).unwrap() {
                     Some(sample) => log.lock().unwrap().push(judge(&sample, &sent)),
-                    // What was there before the end was taken.
+                    // Messages that arrived before the stop were all taken.
                     None if until.load(Ordering::Relaxed) => return,
                     None => {}
                 }
@@ -130,22 +131,22 @@ impl Listener {
         }
     }
 
-    /// How many links there are.
+    /// The number of links that are up.
     pub(crate) fn links(&self) -> usize {
         self.links.lock().unwrap().0
     }
 
-    /// How many links ended.
+    /// The number of links that have ended.
     pub(crate) fn ended(&self) -> usize {
         self.links.lock().unwrap().1
     }
 
-    /// How many messages came.
+    /// The number of messages received.
     pub(crate) fn count(&self) -> usize {
         self.seen.lock().unwrap().len()
     }
 
-    /// Everything that came. Whoever publishes has to be stopped before.
+    /// Stops the listener. Returns all received messages. Stop the publisher first.
     pub(crate) fn stop(self) -> Vec<Seen> {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().unwrap();
@@ -165,7 +166,7 @@ fn judge(message: &[u8], sent: &Log<Sent>) -> Seen {
     }
 }
 
-/// Nothing is damaged, and each is newer than the one before.
+/// No message is damaged, and each is newer than the previous one.
 pub(crate) fn assert_newer(who: &str, seen: &[Seen]) {
     assert!(
         seen.iter().all(|it| it.number.is_some()),
@@ -178,14 +179,14 @@ pub(crate) fn assert_newer(who: &str, seen: &[Seen]) {
     );
 }
 
-/// All of `count` came, from the first to the last, without damage.
+/// All `count` messages arrived, in order and undamaged.
 pub(crate) fn assert_complete(who: &str, seen: &[Seen], count: u64) {
     assert_newer(who, seen);
     let lost = count - seen.len() as u64;
     assert_eq!(lost, 0, "{who}: {lost} of {count} messages are lost");
 }
 
-/// The least that so many of a hundred do not exceed.
+/// The least duration that `percent` percent of the values do not exceed.
 pub(crate) fn percentile(percent: usize, of: impl Iterator<Item = Duration>) -> Duration {
     let mut all: Vec<Duration> = of.collect();
     all.sort_unstable();
@@ -193,7 +194,8 @@ pub(crate) fn percentile(percent: usize, of: impl Iterator<Item = Duration>) -> 
     all.get(rank - 1).copied().unwrap_or_default()
 }
 
-/// No two messages have the same word at the same place, nor one message two equal words.
+/// The words of a message. No two messages have the same word at the same index, and no two words
+/// of one message are equal.
 fn words(number: u64) -> impl Iterator<Item = u64> {
     let start = number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     (0..).map(move |index: u64| start.wrapping_add(index.wrapping_mul(0xbf58_476d_1ce4_e5b9)))
@@ -208,7 +210,7 @@ fn fill(number: u64, message: &mut [u8]) {
     }
 }
 
-/// Which message it is, if each byte is what was sent.
+/// Returns the number of the message if every byte is as it was sent.
 fn check(message: &[u8]) -> Option<u64> {
     let (body, rest) = message.as_chunks::<8>();
     let number = u64::from_le_bytes(*body.first()?);

@@ -12,21 +12,22 @@ use tokio::runtime::Runtime;
 
 use super::common::{ALL, Domain, report, runtime, until};
 
-/// Tests that move much: one at a time, or they are about each other.
+/// Serializes the tests that generate much traffic, so that they do not disturb each other.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Waits until no other test moves much.
+/// Waits until no other test generates much traffic.
 pub(crate) fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Says something, also where the output of tests that pass is not shown.
+/// Prints a line, even in runs that hide the output of passing tests.
 pub(crate) fn say(text: &str) {
-    // Nobody may be there to read it.
+    // Standard error may be closed.
     let _ = writeln!(io::stderr(), "{text}");
 }
 
-/// A link of namespaces; without one, the reason is said and there is nothing to test.
+/// Makes a link of namespaces. Where that is not possible, prints the reason and returns `None`,
+/// and the test has nothing to check.
 pub(crate) fn link(profile: Profile) -> Option<LossyLink> {
     LossyLink::namespaces(profile)
         .inspect_err(|reason| say(&format!("skipped, no bad link: {reason}")))
@@ -43,7 +44,7 @@ pub(crate) struct World {
 }
 
 impl World {
-    /// Both gateways know each other.
+    /// Starts two gateways that trust each other.
     pub(crate) fn new(mut link: LossyLink) -> Self {
         let (near, far) = (Domain::new("near"), Domain::new("far"));
         let runtime = runtime();
@@ -68,7 +69,7 @@ impl World {
         world
     }
 
-    /// Where the far gateway sees the near one, if it does.
+    /// The address at which the far gateway sees the near one, if they are connected.
     pub(crate) fn peer_address(&self) -> Option<String> {
         let peers = report(&self.runtime, &self.right).peers;
         peers.first().and_then(|it| it.address.clone())

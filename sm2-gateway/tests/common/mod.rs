@@ -1,4 +1,4 @@
-//! Domains with a gateway each.
+//! Domains with one gateway each.
 #![allow(dead_code, unused_imports, reason = "each test uses its own part")]
 
 mod process;
@@ -22,7 +22,7 @@ pub(crate) use self::process::Process;
 /// Long enough for a machine that is busy with other tests.
 pub(crate) const SOON: Duration = Duration::from_secs(20);
 
-/// A domain, and what its gateway needs.
+/// A domain, and the files that its gateway needs.
 pub(crate) struct Domain {
     manager: Option<Background>,
     pub(crate) name: &'static str,
@@ -53,12 +53,12 @@ impl Domain {
         self.folder.path().join(name)
     }
 
-    /// A configuration that knows these peers, and has these rules.
+    /// A configuration that trusts these peers and has these rules.
     pub(crate) fn config(&self, peers: &[(&Self, Option<SocketAddr>)], rules: &str) -> Config {
         self.config_at("127.0.0.1:0", peers, rules)
     }
 
-    /// The same, with its gateway somewhere else.
+    /// The same, for a gateway that listens at another address.
     pub(crate) fn config_at(
         &self,
         listen: &str,
@@ -97,7 +97,7 @@ impl Domain {
     }
 }
 
-/// Everything may go everywhere.
+/// A rule that lets every name pass in both directions.
 pub(crate) const ALL: &str = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
 
 pub(crate) fn runtime() -> Runtime {
@@ -109,7 +109,7 @@ pub(crate) fn report(runtime: &Runtime, gateway: &Gateway) -> Report {
     runtime.block_on(gateway.report()).unwrap()
 }
 
-/// Waits until something is so.
+/// Waits until the condition is true.
 pub(crate) fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let deadline = Instant::now() + SOON;
     while !is_so() {

@@ -1,4 +1,4 @@
-//! Gateways in processes of their own.
+//! Gateways in separate processes.
 
 use std::{
     fs,
@@ -6,7 +6,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-/// A gateway in a process of its own, which does not outlive the test.
+/// A gateway in a separate process, which is killed when the test ends.
 pub(crate) struct Process(Child);
 
 impl Process {
@@ -17,13 +17,13 @@ impl Process {
         Self(command.spawn().unwrap())
     }
 
-    /// `kill -9`.
+    /// Kills the process with SIGKILL.
     pub(crate) fn kill(mut self) {
         self.0.kill().unwrap();
         assert!(!self.0.wait().unwrap().success());
     }
 
-    /// A line of `/proc/PID/status` about memory, in bytes.
+    /// Reads a memory line of `/proc/PID/status`, in bytes.
     pub(crate) fn memory(&self, line: &str) -> usize {
         let status = fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
         let found = status.lines().find_map(|it| it.strip_prefix(line));
@@ -34,7 +34,7 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // It may be over already.
+        // The process may have ended already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

@@ -1,4 +1,4 @@
-//! A gateway, a peer of it that is honest, and the key of one that is not.
+//! A gateway, an honest peer, and the key of a hostile peer that the gateway trusts.
 
 use std::time::Instant;
 
@@ -94,7 +94,7 @@ impl Bench {
         self.far.id
     }
 
-    /// A connection with the key that is trusted.
+    /// Connects with the trusted key.
     pub(crate) fn dial(&self) -> Client {
         self.dial_with(TransportConfig::default())
     }
@@ -103,7 +103,7 @@ impl Bench {
         Client::dial(self.left.address(), honest_tls(&self.key), transport).connected()
     }
 
-    /// One that has greeted and was greeted.
+    /// Connects, and exchanges greetings.
     pub(crate) fn greeted(&self) -> Client {
         let mut client = self.dial();
         client.frame(&hello(EPOCH));
@@ -111,7 +111,7 @@ impl Bench {
         client
     }
 
-    /// One whose topic or service `name` is wanted, as offer 1.
+    /// Connects, and offers `subject` as offer 1. Returns when the gateway wants it.
     pub(crate) fn wanted(&self, subject: &Subject) -> Client {
         let mut client = self.greeted();
         client.frame(&offer(1, subject, self.key.id()));

@@ -1,4 +1,4 @@
-//! QUIC by hand: a peer that says what it likes.
+//! A QUIC client written by hand, which can send anything.
 
 use std::{
     collections::BTreeMap,
@@ -16,7 +16,7 @@ use sm2_proto::gateway::{Frame, FrameReader, Header};
 
 use crate::common::SOON;
 
-/// How long the other side may take to do nothing.
+/// How long a test waits to see that the other side does nothing.
 const WHILE: Duration = Duration::from_millis(300);
 
 pub(crate) struct Client {
@@ -25,20 +25,20 @@ pub(crate) struct Client {
     handle: ConnectionHandle,
     connection: Connection,
     pub(crate) is_connected: bool,
-    /// Whether it reads nothing more.
+    /// True if the client has stopped reading.
     pub(crate) is_deaf: bool,
     pub(crate) lost: Option<ConnectionError>,
     pub(crate) control: Option<StreamId>,
     /// The bytes of the control stream.
     reader: FrameReader,
     pub(crate) frames: Vec<Frame>,
-    /// Streams that the other side does not read any more, and why.
+    /// Streams that the other side has stopped reading, with its error code.
     pub(crate) stopped: BTreeMap<StreamId, u64>,
     /// The bytes of other streams, and how each stream has ended.
     pub(crate) came: BTreeMap<StreamId, (Vec<u8>, Option<Ending>)>,
 }
 
-/// How a stream ended: as it should, or reset.
+/// How a stream ended: `Ok` if finished, or the code of its reset.
 type Ending = Result<(), u64>;
 
 impl Client {
@@ -72,7 +72,7 @@ impl Client {
         }
     }
 
-    /// Waits until something is so.
+    /// Waits until the condition is true.
     pub(crate) fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Self) -> bool) {
         let deadline = Instant::now() + SOON;
         while !is_so(self) {
@@ -86,7 +86,7 @@ impl Client {
         }
     }
 
-    /// Lets the other side do what it will.
+    /// Gives the other side time to act.
     pub(crate) fn wait(&mut self) {
         let end = Instant::now() + WHILE;
         while Instant::now() < end {
@@ -94,7 +94,7 @@ impl Client {
         }
     }
 
-    /// The connection is there, and its control stream.
+    /// Waits until the connection and its control stream are open.
     pub(crate) fn connected(mut self) -> Self {
         self.until("the handshake", |it| it.is_connected || it.lost.is_some());
         assert!(self.lost.is_none(), "{:?}", self.lost);
@@ -115,7 +115,7 @@ impl Client {
         self.connection.streams().open(dir).expect("more streams")
     }
 
-    /// Writes as much as there is room for.
+    /// Writes as many bytes as flow control allows.
     pub(crate) fn write(&mut self, id: StreamId, mut bytes: &[u8]) {
         while !bytes.is_empty() && self.lost.is_none() {
             match self.connection.send_stream(id).write(bytes) {
@@ -126,7 +126,7 @@ impl Client {
         }
     }
 
-    /// Writes all, unless the other side does not want it.
+    /// Writes all bytes, unless the other side stops reading.
     pub(crate) fn write_all(&mut self, id: StreamId, mut bytes: &[u8]) {
         while !bytes.is_empty() && self.lost.is_none() {
             match self.connection.send_stream(id).write(bytes) {
@@ -142,7 +142,7 @@ impl Client {
         let _ = self.connection.send_stream(id).finish();
     }
 
-    /// A stream with a header and a payload.
+    /// Opens a stream, and sends a header and a payload on it.
     pub(crate) fn send(&mut self, dir: Dir, header: &Header, payload: &[u8]) -> StreamId {
         let id = self.open(dir);
         self.write(id, &header.to_bytes());
@@ -166,7 +166,7 @@ impl Client {
         self.connection.datagrams().send(bytes, true).unwrap();
     }
 
-    /// The code that the other side closes with.
+    /// Waits until the other side closes the connection. Returns its error code.
     pub(crate) fn closed(&mut self, what: &str) -> u64 {
         self.until(what, |it| it.lost.is_some());
         match self.lost.clone() {

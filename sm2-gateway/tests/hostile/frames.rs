@@ -1,4 +1,4 @@
-//! Handshakes and control frames that are not legal.
+//! Illegal handshakes and control frames.
 
 use quinn_proto::{ConnectionError, TransportConfig};
 use sm2_io::quic::{ALPN, SecretKey};
@@ -57,7 +57,7 @@ fn a_handshake_needs_a_trusted_raw_key_and_the_protocols_name() {
 /// A description, the bytes on the control stream, and the code that closes the connection.
 type Case = (&'static str, Vec<u8>, Code);
 
-/// Greetings that are not legal, or frames before the greeting.
+/// Illegal greetings, or frames before the greeting.
 fn illegal_greetings(me: GatewayId) -> Vec<Case> {
     use PeerViolationKind as V;
     let versions = |min_version, max_version| {
@@ -82,7 +82,7 @@ fn illegal_greetings(me: GatewayId) -> Vec<Case> {
     ]
 }
 
-/// Frames that are not legal after the greeting.
+/// Frames that are illegal after the greeting.
 fn illegal_frames(me: GatewayId, other: GatewayId) -> Vec<Case> {
     use PeerViolationKind as V;
     let subject = topic("m", text());
@@ -147,7 +147,7 @@ fn frames_that_are_not_legal_end_the_connection() {
     bench.stop();
 }
 
-/// A gateway wants a topic again when it is offered again.
+/// A gateway wants a topic again after the topic is offered again.
 //= SM2-GWO-004 test
 #[test]
 fn what_is_offered_again_is_wanted_again() {

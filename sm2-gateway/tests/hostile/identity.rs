@@ -1,4 +1,4 @@
-//! The identities that a client can present.
+//! The TLS identities that a client can present.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ pub(crate) enum Shown<'a> {
     Certificate(&'a SecretKey),
 }
 
-/// TLS that takes whatever a gateway shows.
+/// TLS settings that accept any identity of the gateway.
 pub(crate) fn tls(shown: &Shown<'_>, alpn: Option<&[u8]>) -> ClientConfig {
     let builder = ClientConfig::builder_with_provider(Arc::new(default_provider()))
         .with_protocol_versions(&[&rustls::version::TLS13])
@@ -49,7 +49,7 @@ pub(crate) fn tls(shown: &Shown<'_>, alpn: Option<&[u8]>) -> ClientConfig {
     config
 }
 
-/// As a peer that keeps to the rules.
+/// The TLS settings of an honest peer.
 pub(crate) fn honest_tls(key: &SecretKey) -> ClientConfig {
     tls(&Shown::Key(key), Some(ALPN))
 }
@@ -63,12 +63,12 @@ fn spki(key: &SecretKey) -> Vec<u8> {
     der(0x30, &[&algorithm(), &der(0x03, &[&bits])])
 }
 
-/// Ed25519 (RFC 8410).
+/// The algorithm identifier of Ed25519 (RFC 8410).
 fn algorithm() -> Vec<u8> {
     der(0x30, &[&der(0x06, &[&[0x2b, 0x65, 0x70]])])
 }
 
-/// Signed by itself, of nobody, for a hundred years.
+/// A self-signed certificate with an empty subject, valid for a hundred years.
 fn certificate(key: &SecretKey) -> Vec<u8> {
     let version = der(0xa0, &[&der(0x02, &[&[2]])]);
     let serial = der(0x02, &[&[1]]);

@@ -1,4 +1,4 @@
-//! The memory that a peer can make a gateway use.
+//! Limits on the memory that a peer can make a gateway use.
 
 use std::{
     fs,
@@ -23,17 +23,17 @@ use crate::{
 
 const MESSAGE_BYTES: usize = 8 << 20;
 const MEMORY_BYTES: usize = 32 << 20;
-/// What QUIC may hold for the peer before it is read, and what all else takes.
+/// The bytes that QUIC may buffer for the peer before they are read, and all other memory.
 const BESIDE_BYTES: usize = 64 << 20;
 
-/// A port that was free just now.
+/// Returns a port that was free a moment ago.
 fn free_port() -> u16 {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.local_addr().unwrap().port()
 }
 
 fn topic(number: usize) -> Subject {
-    // As long as a name can be.
+    // A name of the greatest length.
     let name = format!("{}{number:04}", "x".repeat(251));
     Subject::Topic {
         name: Name::new(&name).unwrap(),
@@ -43,8 +43,8 @@ fn topic(number: usize) -> Subject {
     }
 }
 
-/// As many offers as there may be, of the longest names; as many questions; and as many payloads, none
-/// of which ever ends.
+/// Sends the greatest number of offers with the longest names, the greatest number of calls, and
+/// the greatest number of payloads, none of which ever ends.
 #[test]
 fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
     let [near, mallory] = ["near", "mallory"].map(Domain::new);

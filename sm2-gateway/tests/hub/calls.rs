@@ -1,4 +1,4 @@
-//! Calls: cancelled where the request went, and answered once.
+//! Calls: a cancellation follows its request, and each call has one answer.
 
 use bytes::Bytes;
 use sm2_gateway::{
@@ -39,7 +39,7 @@ fn a_call_that_is_not_wanted_any_more_is_cancelled_where_it_went() {
         },
     );
     assert!(matches!(said[..], [Output::Local(LocalCommand::Cancel { call: it })] if it == call));
-    // And one that went on to another peer.
+    // And a call that was passed on to another peer.
     offered(&mut hub, 1, 6, service("far"), &[9]);
     tell(&mut hub, 2, wanted(2, 1));
     let said = tell(&mut hub, 2, request(9, 2));

@@ -1,4 +1,4 @@
-//! The messages that latched topics keep for peers that come later.
+//! The messages of latched topics that a hub keeps for peers that connect later.
 
 use bytes::Bytes;
 use sm2_gateway::{
@@ -18,7 +18,7 @@ fn latched(latched: u16) -> Subject {
     }
 }
 
-/// The sequence numbers that go to a connection.
+/// The sequence numbers of the messages that are sent on a connection.
 fn sent(outputs: &[Output], to: u64) -> Vec<u64> {
     let of = |it: &Output| match it {
         Output::Peer {
@@ -39,7 +39,8 @@ fn publish(hub: &mut Hub, subject: &Subject, len_bytes: usize) -> Vec<Output> {
     local(hub, event)
 }
 
-/// The domain has it; peers 2 and 3 are there, and the first one wants it.
+/// The domain has a publisher of the topic, peers 2 and 3 are connected, and peer 2 wants the
+/// topic.
 fn wanted(subject: &Subject) -> Hub {
     let mut hub = hub();
     greet(&mut hub, 2, 2, 7);
@@ -70,7 +71,7 @@ fn a_peer_that_comes_later_gets_the_newest_of_what_is_latched() {
     let said = want(&mut hub, 3);
     assert_eq!(sent(&said, 3), [2, 3]);
     assert!(sent(&said, 2).is_empty(), "it had them");
-    // Nobody takes it for a while: what was kept may be stale by now.
+    // Nobody has wanted the topic for a while, so the kept messages may be stale.
     for connection in [2, 3] {
         tell(
             &mut hub,
@@ -79,7 +80,7 @@ fn a_peer_that_comes_later_gets_the_newest_of_what_is_latched() {
         );
     }
     assert!(sent(&want(&mut hub, 2), 2).is_empty());
-    // And nothing is kept of what is not latched.
+    // Messages of a topic that is not latched are not kept.
     let subject = latched(0);
     let mut hub = wanted(&subject);
     publish(&mut hub, &subject, 1);
@@ -114,7 +115,7 @@ fn what_is_latched_comes_again_when_it_is_wanted_again() {
     want(&mut hub, 3);
     assert_eq!(sent(&tell(&mut hub, 2, message(1, 9)), 3), [9]);
     assert_eq!(sent(&want(&mut hub, 4), 4), [9]);
-    // The same number again, as long as it is taken: nothing.
+    // While the topic stays wanted, a message with the same number is not published again.
     assert_eq!(published(&tell(&mut hub, 2, message(1, 9))), 0);
     for connection in [3, 4] {
         tell(

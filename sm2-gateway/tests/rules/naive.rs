@@ -1,4 +1,4 @@
-//! Rules as a plain list, and what they mean, said once more and without care for speed.
+//! A second implementation of rules: a plain list, simple and slow.
 
 use std::fmt::Write;
 
@@ -12,7 +12,7 @@ pub(crate) fn id(peer: usize) -> GatewayId {
     GatewayId([u8::try_from(peer).unwrap() + 1; 32])
 }
 
-/// A rule of a file.
+/// A rule of a configuration file.
 #[derive(Clone, Debug)]
 pub(crate) struct Line {
     allow: bool,
@@ -22,10 +22,10 @@ pub(crate) struct Line {
     peers: Option<Vec<usize>>,
 }
 
-/// What stands in names, and what people try to put there.
+/// Segments that are legal in names, and now and then an illegal one that people might try.
 pub(crate) fn segment() -> impl Strategy<Value = &'static str> {
     let good = select(vec!["a", "b", "A", "a-b", "a_b"]);
-    // Composed, and the same in two parts; a letter that only looks like one.
+    // An umlaut, composed and decomposed; then a Cyrillic letter that looks like a Latin one.
     let bad = select(vec![
         "", ".", "..", "\u{e4}", "a\u{308}", "\u{430}", "a b", "%2e",
     ]);
@@ -64,7 +64,7 @@ pub(crate) fn lines() -> impl Strategy<Value = Vec<Line>> {
     vec(line, 0..6)
 }
 
-/// The file, and the line of each rule.
+/// Returns the text of the file, and the line number of each rule.
 pub(crate) fn file(lines: &[Line]) -> (String, Vec<usize>) {
     let mut text = "name = \"me\"\nkey = \"key\"\n".to_owned();
     for (number, peer) in PEERS.iter().enumerate() {
@@ -135,7 +135,7 @@ fn fits(pattern: &[&str], name: &[&str]) -> bool {
     }
 }
 
-/// Whether it goes, and the number of the rule that says so.
+/// Returns whether the subject passes, and the number of the deciding rule.
 pub(crate) fn decide(
     lines: &[Line],
     kind: SubjectKind,

@@ -1,4 +1,4 @@
-//! The nodes of a domain: publishers, subscribers, servers and clients, as few words as can be.
+//! A simplified model of a domain's nodes: publishers, subscribers, servers and clients.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,12 +14,12 @@ use sm2_proto::{
 
 use crate::{ledger::Ledger, network::MS, random::Random};
 
-/// What is there whether or not there is a gateway.
+/// The nodes of a domain, which outlive a crash of the gateway.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Nodes {
-    /// What has publishers or servers.
+    /// Subjects that have publishers or servers.
     pub(crate) present: BTreeSet<Subject>,
-    /// What has subscribers, and how many messages wait for them.
+    /// Topics that have subscribers, with the depth of the subscribers' queue.
     pub(crate) takes: BTreeMap<Subject, u16>,
 }
 
@@ -28,16 +28,16 @@ pub(crate) struct Domain {
     me: usize,
     pub(crate) nodes: Nodes,
     pub(crate) shown: BTreeSet<(Subject, GatewayId)>,
-    /// What the gateway takes.
+    /// Subjects that the gateway subscribes to.
     pub(crate) subscribed: BTreeSet<Subject>,
-    /// What servers have to do: when they are done, and the reply.
+    /// Calls in progress at local servers: when each is done, and its reply.
     serving: BTreeMap<CallId, (Instant, Bytes)>,
     pub(crate) last_request: RequestId,
     random: Random,
 }
 
 impl Domain {
-    /// And what the gateway hears at first.
+    /// Returns the domain, and the first events for its gateway.
     pub(crate) fn new(me: usize, nodes: Nodes, random: Random) -> (Self, Vec<LocalEvent>) {
         let present = |subject: &Subject| LocalEvent::Present {
             subject: subject.clone(),
@@ -56,7 +56,7 @@ impl Domain {
         (domain, events)
     }
 
-    /// A publisher or server comes, or the last one goes.
+    /// Adds the first publisher or server of a subject, or removes the last one.
     pub(crate) fn set_present(&mut self, subject: Subject, present: bool) -> Vec<LocalEvent> {
         match present {
             true => self.nodes.present.insert(subject.clone()),
@@ -65,7 +65,7 @@ impl Domain {
         vec![LocalEvent::Present { subject, present }]
     }
 
-    /// A subscriber comes, or the last one goes.
+    /// Adds the first subscriber of a topic, or removes the last one.
     pub(crate) fn set_taken(&mut self, subject: &Subject, taken: Option<u16>) -> Vec<LocalEvent> {
         match taken {
             Some(depth) => self.nodes.takes.insert(subject.clone(), depth),
@@ -77,7 +77,7 @@ impl Domain {
             .collect()
     }
 
-    /// Does what the gateway says; what it hears of it.
+    /// Executes a command of the gateway. Returns the resulting events for the gateway.
     pub(crate) fn command(
         &mut self,
         now: Instant,
@@ -145,7 +145,7 @@ impl Domain {
         self.serving.values().map(|(due, _)| *due).min()
     }
 
-    /// The replies that are due.
+    /// Returns a reply that is due, if there is one.
     pub(crate) fn poll(&mut self, now: Instant) -> Option<LocalEvent> {
         let due = self.serving.iter().find(|(_, (due, _))| *due <= now);
         let call = *due?.0;

@@ -1,5 +1,5 @@
-//! What was published, asked and allowed, and what may come of it: the oracle, which knows all
-//! gateways at once.
+//! The oracle of the simulation. It records what was published, called and allowed at all gateways,
+//! and checks every delivery and reply against that record.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -13,10 +13,10 @@ use sm2_proto::{
 use crate::rules::RuleSet;
 
 const HOPS_MAX: usize = 8;
-/// How much of what happened is shown when something is wrong.
+/// How many of the last events a failing test prints.
 const TAIL: usize = 80;
 
-/// What happened, as a number and the last of it as text.
+/// The events of a run: a digest and the number of all of them, and the text of the last ones.
 #[derive(Debug)]
 pub(crate) struct Trace {
     digest: u64,
@@ -46,30 +46,30 @@ impl Trace {
     }
 }
 
-/// A question in a domain that has no answer yet.
+/// A call from a domain that has no reply yet.
 #[derive(Clone, Debug)]
 struct Asked {
     subject: Subject,
     origin: usize,
     at: Instant,
-    /// Nobody waits for the reply, which may be under way.
+    /// True if the caller has given up. A reply may still be in flight.
     is_dropped: bool,
 }
 
 pub(crate) struct Ledger {
     pub(crate) ids: Vec<GatewayId>,
-    /// Who knows whom.
+    /// Pairs of gateways that trust each other, in both orders.
     pub(crate) links: BTreeSet<(usize, usize)>,
-    /// The rules of each gateway, and since when.
+    /// The rules of each gateway, with the time from which they apply.
     policies: Vec<Vec<(Instant, RuleSet)>>,
     numbers: BTreeMap<(usize, Subject), u64>,
     published: BTreeMap<(usize, Subject, u64), Instant>,
-    /// The last number that a domain got of an origin.
+    /// The number of the last message that a domain received from an origin.
     taken: BTreeMap<(usize, Subject, usize), u64>,
     asked: BTreeMap<(usize, RequestId), Asked>,
     pub(crate) delivered: u64,
     pub(crate) answered: BTreeMap<u64, u64>,
-    /// The last of them, for what is asked to see how it went.
+    /// The outcome of each call that has ended.
     pub(crate) last_answers: BTreeMap<(usize, RequestId), Outcome>,
     pub(crate) trace: Trace,
 }
@@ -100,7 +100,7 @@ impl Ledger {
         found.unwrap_or_else(|| panic!("{id} is no gateway"))
     }
 
-    /// These rules are in force from now on.
+    /// Records that these rules apply from now on.
     pub(crate) fn policy(&mut self, now: Instant, node: usize, rules: RuleSet) {
         self.policies[node].push((now, rules));
     }
@@ -109,7 +109,7 @@ impl Ledger {
         &self.policies[node].last().unwrap().1
     }
 
-    /// Whether the rules of a gateway allowed it at any time since then.
+    /// Returns true if the rules of a gateway allowed the subject at any time since `since`.
     fn allowed(
         &self,
         since: Instant,
@@ -124,8 +124,8 @@ impl Ledger {
         some.any(|(_, rules)| rules.allows(subject, direction, peer))
     }
 
-    /// Whether there is a way from the domain of `origin` to that of `to` that was allowed at any
-    /// time since then.
+    /// Returns true if rules have allowed a path from the domain of `origin` to that of `to` at any
+    /// time since `since`.
     pub(crate) fn reaches(
         &self,
         since: Instant,
@@ -156,7 +156,7 @@ impl Ledger {
         false
     }
 
-    /// The next message of a domain.
+    /// Returns the number and the payload of a domain's next message.
     pub(crate) fn publish(
         &mut self,
         now: Instant,
@@ -172,7 +172,7 @@ impl Ledger {
         (number, text.into())
     }
 
-    /// A gateway gives its domain a message.
+    /// Checks a message that a gateway publishes in its domain.
     //= SM2-GWM-005 test
     //= SM2-GWM-007 test
     //= SM2-GWR-003 test
@@ -210,7 +210,7 @@ impl Ledger {
         self.delivered += 1;
     }
 
-    /// A gateway sends a message to a peer.
+    /// Checks a message that a gateway sends to a peer.
     //= SM2-GWO-003 test
     //= SM2-GWR-003 test
     pub(crate) fn forwarded(
@@ -242,7 +242,7 @@ impl Ledger {
         found.copied().unwrap_or(0)
     }
 
-    /// Somebody in a domain calls.
+    /// Records a call from a domain. Returns its payload.
     pub(crate) fn ask(
         &mut self,
         now: Instant,
@@ -261,11 +261,11 @@ impl Ledger {
         format!("{node} {} {}", request.0, subject.name()).into()
     }
 
-    /// A server is called.
+    /// Checks a call that reaches a server.
     pub(crate) fn called(&self, node: usize, subject: &Subject, payload: &[u8]) {
         let (from, request, name) = parse(payload);
         assert_eq!(name, subject.name().as_str(), "a call of another service");
-        // Who dropped it may be served all the same.
+        // A call that was dropped may still reach the server, and has no entry then.
         if let Some(it) = self.asked.get(&(from, RequestId(request))) {
             assert_eq!((node, subject), (it.origin, &it.subject), "another server");
             assert!(
@@ -275,7 +275,7 @@ impl Ledger {
         }
     }
 
-    /// A call is over.
+    /// Checks the reply to a call.
     //= SM2-GWS-002 test
     pub(crate) fn replied(
         &mut self,
@@ -297,7 +297,7 @@ impl Ledger {
         self.last_answers.insert((node, request), outcome);
     }
 
-    /// Whoever asked does not want to know any more.
+    /// Records that the caller no longer wants the reply.
     pub(crate) fn give_up(&mut self, node: usize, request: RequestId) {
         if let Some(it) = self.asked.get_mut(&(node, request)) {
             it.is_dropped = true;
@@ -310,14 +310,14 @@ impl Ledger {
         all.map(|((_, request), _)| *request).collect()
     }
 
-    /// A gateway is gone, and with it all that it knew.
+    /// Forgets the state that a crashed gateway has lost.
     pub(crate) fn crashed(&mut self, node: usize) {
         self.taken.retain(|(of, ..), _| *of != node);
         self.asked.retain(|(of, _), _| *of != node);
     }
 }
 
-/// Who, which number, and of what.
+/// Parses the origin or caller, the number and the name from a payload.
 fn parse(payload: &[u8]) -> (usize, u64, &str) {
     let text = std::str::from_utf8(payload).unwrap();
     let mut words = text.split_whitespace();

@@ -1,4 +1,5 @@
-//! The way between gateways: datagrams are lost, late, doubled, and overtake each other.
+//! The network between the gateways: datagrams are lost, delayed, duplicated, and overtake each
+//! other.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -10,21 +11,22 @@ use sm2_proto::Instant;
 use crate::random::Random;
 
 pub(crate) const MS: u64 = 1_000_000;
-/// What waits for a slow link at most, as time.
+/// The longest queue of a slow link, as the time that it takes to send. Later datagrams are
+/// dropped.
 const QUEUE: u64 = 60 * MS;
 
-/// How bad the network is.
+/// How often the network loses and duplicates datagrams, and how slow it is.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Conditions {
     pub(crate) lost_per_mille: u64,
     pub(crate) doubled_per_mille: u64,
     pub(crate) delay: (u64, u64),
-    /// How long a link takes for a datagram of any length.
+    /// How long a link takes to send a datagram of any length.
     pub(crate) per_datagram: u64,
 }
 
 impl Conditions {
-    /// Nothing is lost, and nothing is late.
+    /// Nothing is lost, and the delay is constant.
     pub(crate) const GOOD: Self = Self {
         lost_per_mille: 0,
         doubled_per_mille: 0,
@@ -55,7 +57,7 @@ pub(crate) struct Datagram {
 pub(crate) struct Network {
     random: Random,
     pub(crate) conditions: Conditions,
-    /// Pairs that do not hear each other.
+    /// Pairs of gateways whose datagrams to each other are dropped.
     pub(crate) cut: BTreeSet<(usize, usize)>,
     under_way: BTreeMap<(Instant, u64), Datagram>,
     free_at: BTreeMap<(usize, usize), Instant>,

@@ -1,4 +1,4 @@
-//! One gateway: the machines of the library, driven as `run` drives them, in virtual time.
+//! One gateway: the state machines of the library, driven as `run` drives them, in virtual time.
 
 use std::collections::BTreeMap;
 
@@ -36,12 +36,12 @@ pub(crate) enum Message {
     Policy(RuleSet),
 }
 
-/// What all of a simulation share.
+/// The state that all gateways of a simulation share.
 pub(crate) struct World {
     pub(crate) clock: Clock,
     pub(crate) network: Network,
     pub(crate) ledger: Ledger,
-    /// Whether gateways are found by beacons.
+    /// True if gateways discover each other by beacons.
     pub(crate) beacons: bool,
 }
 
@@ -59,13 +59,13 @@ pub(crate) struct Node {
     random: Random,
 }
 
-/// Whom a gateway knows, and where.
+/// A trusted peer, and whether its address is configured.
 pub(crate) struct Known {
     pub(crate) index: usize,
     pub(crate) is_addressed: bool,
 }
 
-/// What a gateway starts with.
+/// The parameters of a gateway that starts.
 pub(crate) struct Start {
     pub(crate) index: usize,
     pub(crate) key: SecretKey,
@@ -133,7 +133,7 @@ impl Node {
         node
     }
 
-    /// Something happened in the domain.
+    /// Queues events of the domain for the hub.
     pub(crate) fn local(&mut self, now: Instant, events: Vec<LocalEvent>) {
         for event in events {
             self.tell(now, Message::Hub(Input::Local(event)));
@@ -222,7 +222,7 @@ impl Node {
         self.links.insert(handle, link);
     }
 
-    /// Does all that can be done now.
+    /// Does everything that is due now.
     pub(crate) fn turn(&mut self, now: Instant, world: &mut World) {
         for _ in 0..10_000 {
             let mut is_quiet = true;
@@ -364,7 +364,7 @@ impl Node {
         link.commands.push(now, late, command);
     }
 
-    /// The connections that are not over.
+    /// The connections that have not ended.
     pub(crate) fn open_peers(&mut self) -> Vec<&mut Peer> {
         let open = self.links.values_mut().filter(|it| it.ended.is_none());
         open.map(|it| &mut it.peer).collect()

@@ -1,4 +1,4 @@
-//! What may happen, each of it by chance.
+//! The random events of a simulation.
 
 use sm2_gateway::hub::LocalEvent;
 use sm2_gateway::hub::RequestId;
@@ -15,7 +15,7 @@ use crate::{
 };
 
 impl Simulation {
-    /// One of it.
+    /// Executes one random event.
     pub(crate) fn op(&mut self) {
         let index = self.random.index(self.places.len());
         let subject = self.random.one_of(&self.subjects).clone();
@@ -48,7 +48,7 @@ impl Simulation {
         node.local(self.now, events);
     }
 
-    /// One of those that the gateway takes.
+    /// Publishes a message of a random topic that the gateway subscribes to.
     fn publish_some(&mut self, index: usize) {
         let Place::Here(node) = &self.places[index] else {
             return;
@@ -65,7 +65,7 @@ impl Simulation {
         let Place::Here(node) = &mut self.places[index] else {
             return;
         };
-        // What the gateway does not take, nobody publishes to it.
+        // The gateway receives only messages of topics that it subscribes to.
         if subject.kind() != SubjectKind::Topic || !node.domain.subscribed.contains(subject) {
             return;
         }
@@ -81,7 +81,7 @@ impl Simulation {
         node.local(self.now, vec![event]);
     }
 
-    /// One of those that are shown.
+    /// Calls a random service that the gateway shows.
     fn request(&mut self, index: usize) {
         let Place::Here(node) = &mut self.places[index] else {
             return;
@@ -109,7 +109,7 @@ impl Simulation {
         };
         if !open.is_empty() {
             let request = *self.random.one_of(&open);
-            // The reply may be under way: whoever wanted it is not there any more.
+            // The reply may be in flight already; it is for a caller that has left.
             self.world.ledger.give_up(index, request);
             node.local(self.now, vec![LocalEvent::Dropped { request }]);
         }
@@ -143,7 +143,7 @@ impl Simulation {
         }
     }
 
-    /// Datagrams that nobody knows what they are, and beacons that lie.
+    /// Delivers a datagram of random bytes, or a beacon with false contents.
     //= SM2-GWD-002 test
     fn noise(&mut self, index: usize) {
         let from = self.random.index(self.places.len());
@@ -172,7 +172,7 @@ impl Simulation {
     }
 }
 
-/// Somebody in the domain calls what is shown to it.
+/// Calls a service that is shown to the domain.
 pub(crate) fn ask(
     node: &mut Node,
     now: Instant,

@@ -1,4 +1,4 @@
-//! What tasks have for each other: taken a little later, in its order.
+//! Queues between the tasks of a gateway. Each item is taken a little later, in order.
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use sm2_proto::Instant;
 
 use crate::{network::MS, random::Random};
 
-/// What one task has for another, which takes it a little later.
+/// Items from one task to another, with the time when each can be taken.
 pub(crate) struct Queue<T>(VecDeque<(Instant, T)>);
 
 impl<T> Queue<T> {
@@ -33,7 +33,7 @@ impl<T> Queue<T> {
     }
 }
 
-/// How late another task takes what it is told.
+/// Returns a random delay until another task takes an item.
 pub(crate) const fn lag(random: &mut Random) -> u64 {
     match random.percent(70) {
         true => 0,

@@ -1,11 +1,11 @@
-//! What has to be so when nothing has happened for a while.
+//! The checks after a time without events.
 
 use sm2_proto::gateway::{Outcome, SubjectKind, session::Initiator};
 
 use crate::{ops::ask, script::Simulation};
 
 impl Simulation {
-    /// All of it.
+    /// Runs all checks.
     pub(crate) fn check_quiet(&mut self) {
         self.check_connected();
         self.check_shown();
@@ -33,7 +33,8 @@ impl Simulation {
         }
     }
 
-    /// What is shown is what can be reached; what is taken is what somebody takes.
+    /// A domain shows exactly the reachable subjects, and a gateway subscribes exactly to those
+    /// that another domain wants.
     //= SM2-GWO-004 test
     //= SM2-GWR-003 test
     fn check_shown(&mut self) {
@@ -66,7 +67,7 @@ impl Simulation {
         }
     }
 
-    /// What is published now arrives wherever it is taken.
+    /// A message published now arrives in every domain that wants it and can be reached.
     fn check_messages(&mut self) {
         let count = self.world.ledger.ids.len();
         for subject in self.subjects.clone() {
@@ -98,7 +99,7 @@ impl Simulation {
         }
     }
 
-    /// Every service that is shown answers.
+    /// A call to every service that is shown succeeds.
     //= SM2-GWS-001 test
     fn check_calls(&mut self) {
         let now = self.now;
@@ -123,7 +124,7 @@ impl Simulation {
         }
     }
 
-    /// Every stream has ended, and every call.
+    /// Every stream and every call has ended.
     fn check_nothing_left(&mut self) {
         for node in self.nodes() {
             let index = node.index;

@@ -1,6 +1,6 @@
-//! Numbers from a seed: the same in each run.
+//! Random numbers from a seed, the same in each run.
 
-/// `SplitMix64`.
+/// The `SplitMix64` generator.
 #[derive(Clone, Debug)]
 pub(crate) struct Random(u64);
 
@@ -17,7 +17,7 @@ impl Random {
         it ^ (it >> 31)
     }
 
-    /// 0 to `end`, without `end`.
+    /// Returns a number from 0 to `end - 1`.
     pub(crate) const fn below(&mut self, end: u64) -> u64 {
         self.next() % end
     }
@@ -30,7 +30,7 @@ impl Random {
         &all[self.index(all.len())]
     }
 
-    /// So often of a hundred times.
+    /// Returns true in `chance` of 100 cases.
     pub(crate) const fn percent(&mut self, chance: u64) -> bool {
         self.below(100) < chance
     }
@@ -44,7 +44,8 @@ impl Random {
         bytes
     }
 
-    /// Another one, whose numbers do not depend on how many are taken from this one.
+    /// Returns a new generator. Its numbers do not depend on how many are taken later from this
+    /// one.
     pub(crate) const fn fork(&mut self) -> Self {
         Self::new(self.next())
     }

@@ -1,4 +1,4 @@
-//! Rules, what each of them means as a list, and the way that they leave open.
+//! Random rules, their meaning as a plain list, and the paths that they allow.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use crate::random::Random;
 
 const TOPICS: [&str; 3] = ["a/x", "a/y", "b"];
 const SERVICES: [&str; 2] = ["a/x", "s"];
-/// Patterns, and all names that each stands for.
+/// Patterns, each with all the names that it matches.
 const PATTERNS: [(&str, &[&str]); 8] = [
     ("**", &["a/x", "a/y", "b", "s"]),
     ("a/**", &["a/x", "a/y"]),
@@ -35,7 +35,7 @@ fn type_id(text: &str) -> TypeId {
     TypeId { name, hash }
 }
 
-/// All that any domain has.
+/// All subjects that a domain can have.
 pub(crate) fn subjects() -> Vec<Subject> {
     let topics = TOPICS.iter().map(|it| Subject::Topic {
         name: name(it),
@@ -105,7 +105,7 @@ impl RuleSet {
         }
     }
 
-    /// The same as SPEC has it, over lists.
+    /// Evaluates the rules as SPEC defines, over lists of names.
     pub(crate) fn allows(&self, subject: &Subject, direction: Direction, peer: usize) -> bool {
         for line in &self.0 {
             let is_about = PATTERNS[line.pattern].1.contains(&subject.name().as_str())
@@ -121,7 +121,7 @@ impl RuleSet {
 }
 
 impl Line {
-    /// All is allowed.
+    /// Generates random rules.
     fn any(random: &mut Random) -> Self {
         let age = Duration::from_millis(500);
         let qos = SendQos {

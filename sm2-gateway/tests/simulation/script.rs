@@ -1,4 +1,4 @@
-//! What happens, from the seed.
+//! A simulation: its gateways, and the random events that follow from the seed.
 
 use std::collections::BTreeSet;
 
@@ -18,14 +18,14 @@ use crate::{
     rules::{RuleSet, subjects},
 };
 
-/// Nothing happens between two of these moments.
+/// Events occur only at multiples of this time.
 const TICK: u64 = MS / 10;
-/// What stands before the 32 bytes of an Ed25519 private key in PKCS#8 (RFC 8410).
+/// The bytes before the 32 bytes of an Ed25519 private key in PKCS#8 (RFC 8410).
 const PKCS8_HEAD: [u8; 16] = [
     0x30, 0x2e, 0x02, 0x01, 0x00, 0x30, 0x05, 0x06, 0x03, 0x2b, 0x65, 0x70, 0x04, 0x22, 0x04, 0x20,
 ];
 
-/// Who is there, and who knows whom.
+/// The number of gateways, and the pairs that trust each other.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Arrangement {
     Pair,
@@ -53,7 +53,7 @@ impl Arrangement {
     }
 }
 
-/// A gateway that may be away.
+/// A gateway that runs, or one that has crashed and comes back later.
 pub(crate) enum Place {
     Here(Box<Node>),
     Away { until: Instant, nodes: Nodes },
@@ -183,7 +183,7 @@ impl Simulation {
         }
     }
 
-    /// Everything may happen for so long.
+    /// Runs the simulation for `millis` milliseconds.
     pub(crate) fn run(&mut self, millis: u64) {
         let end = Instant(self.now.0 + millis * MS);
         while let Some(next) = self.next_at().filter(|it| *it <= end) {
@@ -194,7 +194,7 @@ impl Simulation {
         self.now = self.now.max(end);
     }
 
-    /// The network is as good as new, all are there, and nothing but time passes.
+    /// Repairs the network, restarts all gateways, and ends the random events.
     pub(crate) fn heal(&mut self) {
         self.is_scripted = false;
         self.cuts.clear();

@@ -5,7 +5,7 @@ use sm2_gateway::{
     peer::Command,
 };
 
-/// Without the bytes of payloads.
+/// Describes an output in one line, without the bytes of payloads.
 pub(crate) fn text(output: &Output) -> String {
     match output {
         Output::Peer {
