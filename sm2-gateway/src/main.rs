@@ -1,4 +1,4 @@
-//! The gateway as a program of its own. `sm2 gateway` is the same code.
+//! The gateway as a separate program. `sm2 gateway` runs the same code.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;

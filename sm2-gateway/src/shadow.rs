@@ -24,7 +24,7 @@ pub struct Seen {
     pub offers: BTreeMap<GatewayId, BTreeSet<Key>>,
 }
 
-/// A topic or service that would start or stop to be carried.
+/// A topic or service that would start or stop being carried.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Change {
     /// The peer.
@@ -33,7 +33,7 @@ pub struct Change {
     pub direction: Direction,
     /// The topic or service.
     pub of: Key,
-    /// Whether it would start or stop to be carried.
+    /// Whether it would start or stop being carried.
     pub effect: Effect,
     /// The reason in the other rules.
     pub because: Because,
@@ -42,9 +42,9 @@ pub struct Change {
 /// The effect of a change of rules on a topic or service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effect {
-    /// It would stop to be carried.
+    /// The gateway would stop carrying it.
     Stops,
-    /// It would start to be carried.
+    /// The gateway would start carrying it.
     Starts,
 }
 
@@ -59,7 +59,7 @@ pub enum Because {
     NoPeer,
 }
 
-/// The differences if `then` replaced `now`, in a fixed order.
+/// Returns the differences if `then` replaced `now`, in a fixed order.
 ///
 /// A subject of the domain goes out to each peer that the rules allow. A subject of a peer comes in from
 /// that peer, and goes out to each other peer that the rules allow.

@@ -21,7 +21,7 @@ const NAMES_MAX: usize = 4 * OFFERS_MAX;
 /// counted in `offered`, nor is one that is counted in `refused`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 pub struct Counts {
-    /// For the peer: given to the scheduler, since the peer wants the topic.
+    /// For the peer: handed to the scheduler, because the peer wants the topic.
     pub offered: u64,
     /// Of these: completely written to QUIC.
     pub sent: u64,
@@ -71,14 +71,14 @@ impl AddAssign for Counts {
     }
 }
 
-/// Whose offer it is, and its number: each side has its own.
+/// The side that made an offer, and the number of the offer: each side numbers its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Whose {
     Ours(OfferId),
     Theirs(OfferId),
 }
 
-/// A topic or a service by its name, whatever its types.
+/// A topic or service, identified by kind and name, whatever its types.
 pub(crate) type Key = (SubjectKind, Name);
 
 /// The counters of a connection.
@@ -165,7 +165,7 @@ mod tests {
         let mut tally = Tally::default();
         tally.open(Whose::Ours(OfferId(1)), &topic("a"));
         tally.count(Whose::Ours(OfferId(1)), |it| it.sent += 1);
-        // The peer's offer 1 is another one, and nothing has the number 7.
+        // The peer's offer 1 is another offer, and no offer has the number 7.
         tally.count(Whose::Theirs(OfferId(1)), |it| it.received += 1);
         tally.count(Whose::Ours(OfferId(7)), |it| it.lost += 1);
         tally.close(Whose::Ours(OfferId(1)));

@@ -1,4 +1,4 @@
-//! The messages of latched topics, for peers that want them later than others.
+//! The messages of latched topics, for peers that subscribe later.
 
 use std::collections::{BTreeMap, VecDeque};
 

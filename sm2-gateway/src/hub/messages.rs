@@ -1,4 +1,4 @@
-//! Messages: numbered at their origin, taken once, and passed on.
+//! Messages: numbered at their origin, accepted once, and passed on.
 
 use bytes::Bytes;
 use sm2_proto::{
@@ -90,7 +90,8 @@ impl Hub {
         }
     }
 
-    /// The gateway no longer takes a remote topic. Its latched messages come again when it does.
+    /// The gateway no longer wants a remote topic. When it wants the topic again, the latched
+    /// messages are sent again.
     //= SM2-GWM-007
     pub(super) fn unused(&mut self, subject: &Subject, origin: GatewayId) {
         if subject.latched() > 0 {

@@ -56,7 +56,7 @@ pub struct Hub {
     /// The peer of each connection that has greeted and not ended.
     connections: BTreeMap<ConnectionId, GatewayId>,
     peers: BTreeMap<GatewayId, Peer>,
-    /// The peer and offer by which each remote topic or service comes, if it is wanted.
+    /// The peer and offer by which each wanted remote topic or service arrives.
     routes: BTreeMap<(Subject, GatewayId), (GatewayId, OfferId)>,
     sequences: Sequences,
     latched: Latched,

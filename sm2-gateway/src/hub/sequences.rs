@@ -1,4 +1,5 @@
-//! The numbers of messages: given to those of this domain, compared for those of others.
+//! The sequence numbers of messages: assigned for topics of this domain, compared for topics of
+//! others.
 
 use std::collections::BTreeMap;
 

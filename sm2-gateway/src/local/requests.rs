@@ -56,7 +56,7 @@ pub(super) fn server(
     Ok(server.into_async()?)
 }
 
-/// The way of requests from one server to the hub, and back.
+/// The path of requests from one server to the hub, and of the replies back.
 #[derive(Clone)]
 pub(super) struct Forward {
     pub(super) subject: Subject,

@@ -12,9 +12,9 @@
 //! current connection and start at zero with the next one, as Prometheus expects of counters. Names
 //! without counts are left out, so that no peer can fill a database by offering names.
 //!
-//! There is no TLS and no authentication: every client can read the names of topics. So listen at a
-//! loopback address. The cost of slow or hostile scrapers is bounded: 8 connections at a time with 5 s
-//! each, 10 reports of the hub per second, and one copy of the text in memory.
+//! There is no TLS and no authentication: every client can read the names of topics. Therefore
+//! listen on a loopback address. The cost of slow or hostile scrapers is bounded: 8 connections at
+//! a time with 5 s each, 10 reports of the hub per second, and one copy of the text in memory.
 
 mod text;
 

@@ -1,10 +1,11 @@
 //! An estimate of the bytes that were written to QUIC and not sent yet.
 //!
-//! Newer messages cannot overtake bytes that QUIC has already, so QUIC is given only as many as keep it
-//! busy until the next call. QUIC does not report this number. The estimate adds the bytes that are
-//! written and the bytes that were lost, which are sent again, and subtracts the bytes that datagrams
-//! carried. It assumes slightly too long headers, so that it is rather too high. As a result QUIC runs
-//! out of bytes from time to time, reports that, and the estimate starts again at zero.
+//! Newer messages cannot overtake bytes that QUIC already holds, so QUIC is given only enough bytes
+//! to keep it busy until the next call. QUIC does not report how many bytes it has not sent. The
+//! estimate adds the written bytes and the lost bytes, which are sent again, and subtracts the
+//! bytes that datagrams carried. It assumes headers that are slightly too long, so it errs on the
+//! high side. As a result QUIC runs out of bytes from time to time and reports that, and the
+//! estimate restarts at zero.
 
 use quinn_proto::{Connection, Transmit};
 use sm2_io::quic::idle_acks;

@@ -1,5 +1,5 @@
-//! Payloads that are written to streams. QUIC takes over the memory of what is written, without a
-//! copy, until the peer has acknowledged it.
+//! Payloads that are written to streams. QUIC holds on to the written memory, without a copy, until
+//! the peer has acknowledged it.
 
 use bytes::{Buf, Bytes};
 use quinn_proto::{Connection, StreamId, WriteError};

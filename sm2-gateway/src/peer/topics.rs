@@ -23,7 +23,7 @@ use crate::{message::Message, tally::Whose};
 /// greater, so that lost bytes of an earlier message are sent before a later message.
 const SHORT_PRIORITY: i32 = 0;
 
-/// Lost bytes arrive, sent again, after about this many round trips.
+/// A lost message arrives about this many round trips late, because it is sent again.
 const RESENT_ROUND_TRIPS: u32 = 2;
 
 /// The messages for one peer.
@@ -43,13 +43,13 @@ struct Offer {
     is_reliable: bool,
     /// The time of the last publication.
     last_published: Option<Instant>,
-    /// True if the next message comes before a lost one could be sent again.
+    /// True if the next message is published before a lost one could arrive again.
     is_frequent: bool,
 }
 
 #[derive(Debug)]
 enum InFlight {
-    /// Nothing was written yet.
+    /// No byte of the message has been written yet.
     NotBegun {
         message: Message,
         is_frequent: bool,
@@ -130,7 +130,8 @@ impl Topics {
             published,
             message,
         };
-        // Counted before its outputs are, so that no message is ever dropped before it is offered.
+        // Counted before the scheduler's outputs, so that no message counts as dropped before it
+        // counts as offered.
         if self.schedule.is_open(offer) {
             outlet.tally.count(Whose::Ours(offer), |it| it.offered += 1);
             self.schedule(outlet, Input::Enqueue { offer, message });
@@ -173,7 +174,7 @@ impl Topics {
     /// Feeds the scheduler, and carries out its outputs.
     fn schedule(&mut self, outlet: &mut Outlet<'_>, input: Input<Message>) {
         // Misuse is possible: commands of the hub cross events of the peer, so a topic may have
-        // been closed in the meantime. Then there is nothing to do.
+        // been closed in the meantime. Such a command has no effect.
         let _ = self.schedule.handle(outlet.now, input);
         while let Some(output) = self.schedule.poll() {
             self.carry_out(outlet, output);

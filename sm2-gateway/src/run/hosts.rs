@@ -117,7 +117,7 @@ mod tests {
         let mut choose = |peer, host, found| hosts.choose(peer, host, found, four.ip());
         assert_eq!(choose(PEER, "robot:1", Ok(vec![six])), None);
         assert_eq!(choose(PEER, "robot:1", Err(io::Error::other("no"))), None);
-        // It is not trusted any more, or is elsewhere.
+        // A peer that is not trusted, and a host that is not configured.
         assert_eq!(choose(GatewayId([2; 32]), "robot:1", Ok(vec![four])), None);
         assert_eq!(choose(PEER, "other:1", Ok(vec![four])), None);
     }

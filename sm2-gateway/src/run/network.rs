@@ -35,7 +35,7 @@ pub(super) struct Network {
     local: SocketAddr,
     discovery: Discovery,
     peers: Vec<GatewayId>,
-    /// Their host names.
+    /// The host names of peers.
     hosts: Hosts,
     connections: BTreeMap<ConnectionHandle, PeerHandle>,
     /// The number of the last connection.
