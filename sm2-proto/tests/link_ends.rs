@@ -51,7 +51,7 @@ fn nothing_but_open_is_sent_before_the_other_ends_open() {
     assert!(link.is_open());
 }
 
-/// A sender with three messages sent and one waiting.
+/// A sender with three messages in flight and one waiting.
 fn busy_sender() -> Link {
     let mut link = opened(config(Role::Sender));
     for id in 1..=4 {
@@ -153,7 +153,7 @@ fn a_close_that_was_not_polled_is_dropped_when_the_socket_blocks() {
     assert_eq!(drain(&mut link), [Output::Ended(end)]);
 }
 
-/// A call or an input that an end with that role does not have.
+/// Calls and inputs that a role does not have are misuse.
 #[test]
 fn roles_have_their_inputs() {
     type Call = fn(&mut Link) -> Result<(), Error>;

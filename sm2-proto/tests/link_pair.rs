@@ -1,9 +1,9 @@
-//! Two ends of one link, joined by queues that lose nothing, under random
-//! operations: against plain lists of what was sent and what must be seen.
+//! Runs random operations on two ends of one link, joined by queues that lose nothing, and compares
+//! them with plain lists of the messages sent and the messages that must arrive.
 //!
-//! Neither end may ever see a violation by the other, every message is settled
-//! once, the counters add up, keep-last keeps the newest, reliable loses
-//! nothing, each call gets one reply, and no slot is written while it is read.
+//! Checks that neither end ever reports a violation by the other, that every message is settled
+//! once, and that the counters add up. Keep-last keeps the newest messages, reliable links lose
+//! none, each call gets one reply, and no slot is written while it is read.
 
 mod link_support;
 
@@ -47,7 +47,7 @@ fn run(mut pair: Pair, ops: &[Op]) {
     pair.check_closed();
 }
 
-/// Nobody takes anything: only the window and the queues hold messages back.
+/// The receiver takes nothing, so only the window and the queues hold messages back.
 #[test]
 fn a_subscriber_that_takes_nothing_holds_up_itself_alone() {
     let config = PairConfig {

@@ -1,4 +1,4 @@
-//! Messages as the receiving end sees them: SPEC section 8.
+//! The receiving end's view of messages: SPEC section 8.
 
 mod link_support;
 
@@ -18,7 +18,7 @@ fn take(link: &mut Link) -> Delivery {
     link.take(&NoMemory).unwrap().expect("a message is ready")
 }
 
-/// Gives a message back and returns the packets that are sent for it.
+/// Releases a message and returns the packets that the link sends for it.
 fn released(link: &mut Link, sequence: u64) -> Vec<Vec<u8>> {
     assert_eq!(give_back(link, sequence), Ok(()));
     sent(&drain(link))
@@ -91,7 +91,7 @@ fn reliable_displaces_nothing_and_ends_at_the_window() {
     );
 }
 
-/// Lost is what came after the message taken before, and will never be seen.
+/// `lost` counts messages after the one taken last that can never be taken.
 //= SM2-MSG-002 test
 #[test]
 fn losses_are_counted_between_what_the_application_takes() {
@@ -124,7 +124,7 @@ fn what_is_displaced_before_anything_was_taken_is_lost() {
     assert_eq!(take(&mut link).lost, 1);
 }
 
-/// Release with what the frame may hold: 512 at a time, ascending, one fate each.
+/// One RELEASE holds at most 512 sequence numbers, ascending, all with one fate.
 //= SM2-MSG-004 test
 #[test]
 fn releases_are_batched() {

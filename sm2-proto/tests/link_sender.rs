@@ -1,4 +1,4 @@
-//! Messages as the sending end sees them: SPEC section 8.
+//! The sending end's view of messages: SPEC section 8.
 
 mod link_support;
 
@@ -160,7 +160,7 @@ fn before_open_keep_last_holds() {
     );
 }
 
-/// What waits for the socket alone is not displaced: the window has admitted it.
+/// A newer message never displaces one that waits only for the socket: the window has admitted it.
 //= SM2-QOS-001 test
 #[test]
 fn a_blocked_socket_displaces_only_what_the_window_does_not_admit() {
@@ -396,7 +396,7 @@ fn what_the_other_end_would_reject_is_not_sent() {
     );
 }
 
-/// A hostile end cannot release what waits for the window or the socket.
+/// A hostile peer cannot release a message that still waits for the window or the socket.
 //= SM2-MSG-003, SM2-MSG-004 test
 #[test]
 fn what_was_not_sent_cannot_be_released() {

@@ -1,4 +1,4 @@
-//! Calls as both ends see them: SPEC section 9.
+//! Calls as seen by both ends: SPEC section 9.
 
 mod link_support;
 
@@ -140,7 +140,7 @@ fn a_cancelled_call_has_no_payload() {
     }
 }
 
-/// The calls without a reply bound what waits: a server never has to wait to reply.
+/// The number of open calls bounds the waiting replies, so a server can always reply at once.
 #[test]
 fn a_reply_always_has_room() {
     let large = Config {
@@ -159,7 +159,7 @@ fn a_reply_always_has_room() {
     assert_eq!((link.in_flight(), link.calls()), (CALLS_MAX, CALLS_MAX - 1));
 }
 
-/// A reply that waits for the window has not been sent: the call still counts.
+/// A reply that waits for the window has not been sent, so its call still counts as open.
 //= SM2-SRV-002 test
 #[test]
 fn a_call_counts_until_its_reply_has_left() {

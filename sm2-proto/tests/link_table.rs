@@ -1,4 +1,4 @@
-//! Which frame is legal when, and for whom: the whole matrix as one page.
+//! The table of frames that are legal in each state, for each role, on one page.
 
 mod link_support;
 
@@ -14,8 +14,8 @@ use sm2_proto::{
     violation,
 };
 
-/// `.` is a frame that the state allows; its fields may still be wrong. In `opening` and
-/// `open, ring`, both ends offer the ring lane; in `ended`, the lane makes no difference.
+/// A `.` marks a frame that the state allows; its fields may still be wrong. In `opening` and
+/// `open, ring`, both ends offer the ring lane. In `ended`, the lane makes no difference.
 //= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001 test
 const EXPECTED: &str = "\
 opening        Sender           Receiver         Caller           Server
@@ -149,7 +149,7 @@ fn cell(state: State, ring: bool, role: Role, kind: FrameKind) -> String {
     }
 }
 
-/// Which lane it is depends on both: that of one does not count.
+/// The ring lane is used only if both ends offer it.
 //= SM2-OPN-004, SM2-RNG-001 test
 #[test]
 fn a_lane_is_used_only_if_both_offer_it() {
@@ -165,7 +165,8 @@ fn a_lane_is_used_only_if_both_offer_it() {
     }
 }
 
-/// A link that is sealed has no ring: its ends do not offer it, and ignore what others offer.
+/// A sealed link never uses the ring lane: its ends do not offer it, and ignore the other end's
+/// offer.
 //= SM2-RNG-001 test
 #[test]
 fn a_sealed_link_has_no_ring() {
@@ -182,7 +183,7 @@ fn a_sealed_link_has_no_ring() {
     }
 }
 
-/// A frame of this kind that is wrong in nothing that comes before the state.
+/// Returns a frame of this kind that passes every check that precedes the check of the state.
 fn some_frame(role: Role, kind: FrameKind) -> (Vec<u8>, Vec<FdFacts>) {
     let frame = match kind {
         FrameKind::Open => open_to(&config(role)),

@@ -1,17 +1,19 @@
 //! Replays `tests/vectors/link.json`, the golden vectors of the link frames.
 //!
-//! Each vector is one end of a link (`role`, `link`, `version`, `reliable`,
-//! `sealed`, `depth`, `max_borrowed`, and `ring` if it offers the ring lane; `window`
-//! is what its own OPEN says) that
-//! received the datagrams of `before`, then sent ATTACH and DETACH for each segment
-//! of `detaches`, then sent `sends` messages without payload
-//! (DATA and REQUEST with ids 1, 2, 3, …; REPLY to calls 1, 2, 3, …), then
-//! received the datagrams of `then`, and now receives `hex` with the descriptors
-//! `fds`. What it then sees is `frame`, which encodes to `hex` again, or the
-//! `violation`.
+//! Each vector describes one end of a link: `role`, `link`, `version`, `reliable`, `sealed`,
+//! `depth`, `max_borrowed`, and `ring` if it offers the ring lane. Its own OPEN states `window`.
+//! The steps are:
 //!
-//! A datagram with `count` came that often; each time, the little-endian
-//! number at each offset in `grows` was one greater than before.
+//! 1. The end receives the datagrams of `before`.
+//! 2. It sends ATTACH and DETACH for each segment of `detaches`.
+//! 3. It sends `sends` messages without payload: DATA and REQUEST with ids 1, 2, 3, …; REPLY to
+//!    calls 1, 2, 3, ….
+//! 4. It receives the datagrams of `then`.
+//! 5. It receives `hex` with the descriptors `fds`. The result is `frame`, which encodes to `hex`
+//!    again, or the `violation`.
+//!
+//! A datagram with `count` arrives that many times. Each time, the little-endian number at each
+//! offset in `grows` is one greater than before.
 
 mod link_support;
 
@@ -84,7 +86,7 @@ fn every_kind_form_and_violation_has_a_vector() {
     let links = ViolationKind::ALL
         .iter()
         .filter(|it| (16..=20).contains(&it.code().0) || it.code().0 >= 64)
-        // A word is in no frame.
+        // `BadWord` concerns words of a ring, which are in no frame.
         .filter(|it| **it != ViolationKind::BadWord);
     let violations = links.map(|it| it.name().to_owned()).collect();
     let text = |value: &Value| value.as_str().unwrap().to_owned();
@@ -198,7 +200,7 @@ fn grow(number: &mut [u8]) {
     }
 }
 
-/// The frame by the names of its fields.
+/// Returns the fields of a frame by their names.
 fn meaning(frame: &Frame<'_>) -> Map<String, Value> {
     let fields = match frame {
         Frame::Open(it) => json!({

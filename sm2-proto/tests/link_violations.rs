@@ -1,5 +1,5 @@
-//! One row for each violation by the other end: the least that is wrong, the
-//! CLOSE that answers it, and that the link is over for good.
+//! One row for each violation by the other end: the smallest wrong input, the CLOSE that answers
+//! it, and a check that the link has ended for good.
 
 mod link_support;
 
@@ -16,7 +16,7 @@ use sm2_proto::{
     violation,
 };
 
-/// What comes, and in which state of which end.
+/// The wrong input, and the role and state of the end that receives it.
 #[derive(Clone)]
 struct Row {
     violation: Violation,
@@ -203,7 +203,8 @@ fn flow_rows() -> Vec<Row> {
     ]
 }
 
-/// Three of three unreleased: the RELEASE of the displaced one cannot leave.
+/// A receiver with three of three messages unreleased: the RELEASE of the displaced one waits for
+/// the socket.
 fn blocked_full() -> Link {
     let mut link = receiver();
     link.handle(NOW, Input::Blocked).unwrap();
@@ -488,7 +489,7 @@ fn assert_dead(mut link: Link, end: End) {
     }
 }
 
-/// While the driver keeps a packet, CLOSE cannot be sent in its stead.
+/// While the driver keeps a packet, CLOSE cannot replace it.
 //= SM2-OPN-006 test
 #[test]
 fn a_blocked_link_ends_without_close() {

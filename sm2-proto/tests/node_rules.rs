@@ -374,7 +374,7 @@ fn any_frame() -> impl Strategy<Value = ToNode> {
 proptest! {
     #![proptest_config(cases(400))]
 
-    /// Whatever Managers send, the node keeps to SPEC, and names the reason when it ends a session.
+    /// The node follows SPEC whatever Managers send, and names the reason when it ends a session.
     //= SM2-NOD-001, SM2-LNK-003, SM2-IFC-004 test
     #[test]
     fn hostile_managers(steps in vec((any_frame(), 0..9_u8, 0..4_u64), 1..80)) {

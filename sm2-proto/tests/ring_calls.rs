@@ -20,7 +20,8 @@ use sm2_proto::{
     },
 };
 
-/// The server: two wait, two are held. The caller: three calls and their replies.
+/// The server takes requests with depth 2 and two borrowed. The caller has room for the replies of
+/// three calls.
 fn pair() -> Calls {
     Calls::open([1, 2], [3, 2])
 }
@@ -44,7 +45,7 @@ fn each_end_makes_the_ring_that_it_takes_from() {
     assert_eq!(kinds(&pair, SERVER), [FrameKind::Open, FrameKind::Ring]);
     assert!(pair.server.link.lane() == LaneKind::Ring && !pair.server.link.is_open());
     pair.pump();
-    // A place for the reply to each call.
+    // The caller's ring has a place for the reply to each call.
     let replies = RingLayout::new(3, 4).unwrap();
     assert_eq!(pair.caller.outputs[0], Output::MakeRing(replies));
     assert_eq!(pair.caller.outputs[2], Output::Ring(requests));
@@ -52,7 +53,8 @@ fn each_end_makes_the_ring_that_it_takes_from() {
     assert!(pair.server.link.is_open() && pair.caller.link.is_open());
 }
 
-/// As many replies as the limit of depths allows, also where the window is larger.
+/// The caller's ring has as many places as the limit of depths allows, even where the window is
+/// larger.
 //= SM2-RNG-002 test
 #[test]
 fn a_caller_has_a_place_for_each_reply_within_the_limits() {
@@ -102,14 +104,14 @@ fn a_call_and_its_reply() {
         };
         assert_eq!(side.link.counters(), once);
     }
-    // Between awake ends nothing goes by the sockets but the segments.
+    // While both ends are awake, the sockets carry only segments.
     assert_eq!(
         (kinds(&pair, CALLER), kinds(&pair, SERVER)),
         (vec![], vec![])
     );
 }
 
-/// What there is no room for waits at its sender, counted, and goes when there is some.
+/// A call or reply without room waits at its sender, is counted, and is sent once there is room.
 //= SM2-RNG-009, SM2-QOS-004 test
 #[test]
 fn calls_and_replies_that_wait_for_room() {
@@ -127,7 +129,7 @@ fn calls_and_replies_that_wait_for_room() {
         (pair.caller.link.in_flight(), pair.caller.link.calls()),
         (5, 5)
     );
-    // Taking makes room, and says so.
+    // Taking a request makes room, and wakes the waiting caller.
     pair.take(SERVER);
     assert_eq!(kinds(&pair, SERVER), [FrameKind::Doorbell]);
     assert_eq!(pair.world.rings[SERVER].read(At::SenderParked), 0);
@@ -140,7 +142,7 @@ fn calls_and_replies_that_wait_for_room() {
         pair.release(SERVER);
     }
     assert_eq!(pair.server.taken, [1, 3, 5, 7, 9]);
-    // Three places for replies.
+    // The ring has three places for replies.
     assert!(!pair.caller.link.is_waiting() && pair.server.link.is_waiting());
     for _ in 0..6 {
         pair.take(CALLER);
@@ -170,7 +172,7 @@ fn request(id: u64, slot: u32) -> OutboundMessage {
     }
 }
 
-/// The limit counts the calls that wait, too.
+/// The limit includes the calls that wait for room.
 //= SM2-SRV-002 test
 #[test]
 fn no_more_calls_than_the_limit() {
@@ -230,7 +232,7 @@ fn what_can_never_be_sent_is_refused_at_once() {
         pair.caller.link.handle(NOW, Input::PassOver),
         Err(Misuse::WrongRole.into())
     );
-    // Before RING came nobody knows how many there is room for.
+    // Before RING arrives, the caller does not know how many calls have room.
     let mut early = opened(with_ring(Role::Caller));
     let sent = early.send(words, good.clone(), |_, _| {});
     assert_eq!(sent, Err(Error::Misuse(Misuse::NotOpen)));
@@ -268,7 +270,7 @@ fn a_cancel_that_overtakes_its_request() {
     );
 }
 
-/// The reply was put, taken and given back before the CANCEL is read.
+/// The reply is sent, taken and released before the server reads the CANCEL.
 //= SM2-RNG-012 test
 #[test]
 fn a_cancel_that_is_overtaken_by_its_reply() {
@@ -290,7 +292,7 @@ fn a_cancel_that_is_overtaken_by_its_reply() {
     }
 }
 
-/// Once for a call; after its reply was taken not at all.
+/// A caller sends one CANCEL per call, and none once it has taken the reply.
 //= SM2-RNG-012 test
 #[test]
 fn a_caller_cancels_while_it_waits() {
@@ -311,7 +313,7 @@ fn a_caller_cancels_while_it_waits() {
     assert_eq!(unknown, Err(Error::Misuse(Misuse::UnknownCall)));
 }
 
-/// The server replied to one of two calls, and then the stream ended.
+/// The server has replied to one of two calls when the stream ends.
 //= SM2-RNG-011, SM2-SRV-005 test
 #[test]
 fn a_reply_in_the_ring_has_come() {
@@ -339,7 +341,7 @@ fn a_reply_in_the_ring_has_come() {
     assert_eq!(pair.caller.link.calls(), 0);
 }
 
-/// Requests that are left are of no use, and harm nobody.
+/// After the caller has gone, requests left in the ring are ignored.
 //= SM2-RNG-011 test
 #[test]
 fn a_request_in_the_ring_when_the_caller_went() {

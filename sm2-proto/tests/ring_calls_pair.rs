@@ -1,6 +1,6 @@
-//! A caller and a server of the ring lane, joined by sockets that lose nothing and two rings, under
-//! random operations, also in the middle of each other. The sockets and the rings have no common
-//! order.
+//! Runs random operations on a caller and a server of the ring lane, also in the middle of each
+//! other's operations. They are joined by two rings and by sockets that lose nothing. There is no
+//! common order between sockets and rings.
 
 mod link_support;
 mod ring_support;
@@ -51,7 +51,7 @@ enum Op {
         steps: u8,
         within: u32,
     },
-    /// While an end harvests, the other one takes and gives back.
+    /// While an end harvests, the other end takes and releases.
     HarvestWhile {
         end: usize,
         at: u32,
@@ -63,7 +63,7 @@ enum Op {
         steps: u8,
         within: u32,
     },
-    /// While the server replies, the caller takes, gives back and cancels.
+    /// While the server replies, the caller takes, releases and cancels.
     ReplyWhile {
         at: u32,
         steps: u8,
@@ -114,7 +114,7 @@ fn op() -> impl Strategy<Value = Op> {
 
 struct Run {
     pair: Calls,
-    /// No end closed.
+    /// True if no end has closed.
     sound: bool,
 }
 
@@ -202,7 +202,7 @@ impl Run {
         }
     }
 
-    /// Goes to sleep, if there is nothing to do.
+    /// Puts an end to sleep if it has nothing to do.
     fn park(&mut self, end: usize) {
         let (side, world) = self.pair.side(end);
         side.link.park(&world.rings[end]);
@@ -239,7 +239,7 @@ impl Run {
         }
     }
 
-    /// Lets everything come to rest: sockets open, applications willing.
+    /// Lets both ends finish all work: the sockets are open, and the applications take everything.
     fn settle(&mut self) {
         loop {
             let before = self.state();
@@ -273,8 +273,8 @@ impl Run {
         (caller.link.clone(), server.link.clone(), wires)
     }
 
-    /// CALL-RING: each call has one reply or one end, and without an end of the link all have one
-    /// reply.
+    /// CALL-RING: each call has one reply or one failure. If the link has not ended, each call has
+    /// one reply.
     fn check_settled(&self) {
         let caller = &self.pair.caller;
         for (call, outcome) in &caller.calls {
@@ -295,7 +295,7 @@ impl Run {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 600, ..ProptestConfig::default() })]
 
-    /// CALL-RING and CALL-CANCEL.
+    /// Checks CALL-RING and CALL-CANCEL.
     //= SM2-RNG-002, SM2-RNG-008, SM2-RNG-009, SM2-RNG-010, SM2-RNG-011, SM2-RNG-012 test
     //= SM2-SRV-003, SM2-SRV-005, SM2-OPN-008 test
     #[test]

@@ -1,4 +1,4 @@
-//! What no correct caller or server puts into a ring or sends: each to its code.
+//! Words and frames that no correct caller or server produces, and the violation that each causes.
 
 mod link_support;
 mod ring_support;
@@ -21,7 +21,8 @@ use sm2_proto::{
     violation,
 };
 
-/// The server: two wait, two are held. The caller: three calls and their replies.
+/// The server takes requests with depth 2 and two borrowed. The caller has room for the replies of
+/// three calls.
 fn pair() -> Calls {
     Calls::open([1, 2], [3, 2])
 }
@@ -40,7 +41,7 @@ fn violation(of: Violation) -> Error {
 //= SM2-RNG-012 test
 #[test]
 fn cancels_that_no_caller_sends() {
-    // Two requests can be on their way.
+    // Two requests can be in flight.
     let mut twice = pair();
     assert_eq!(cancel(&mut twice, 9), Ok(()));
     assert_eq!(
@@ -54,7 +55,7 @@ fn cancels_that_no_caller_sends() {
         cancel(&mut many, 5),
         Err(violation(violation!(UnknownCall, "SM2-RNG-012")))
     );
-    // One that is owed its reply.
+    // The server owes the reply to this call.
     let mut owed = pair();
     owed.call();
     owed.take(SERVER);
@@ -64,7 +65,7 @@ fn cancels_that_no_caller_sends() {
         cancel(&mut owed, 1),
         Err(violation(violation!(BadCancel, "SM2-RNG-012")))
     );
-    // One that turns out not to have been made.
+    // A CANCEL for a call that, as the ring shows later, was not made.
     let mut never = pair();
     never.call();
     never.call();
@@ -79,7 +80,7 @@ fn cancels_that_no_caller_sends() {
     assert_eq!(taken, Err(NoDelivery::Ended(end)));
 }
 
-/// The end of a slot with this id, length and status.
+/// The head of a slot with this id, length and status.
 fn head(id: u64, len: u64, status: u16) -> [u8; 64] {
     let mut bytes = [0; 64];
     bytes[..8].copy_from_slice(&id.to_le_bytes());
@@ -88,7 +89,7 @@ fn head(id: u64, len: u64, status: u16) -> [u8; 64] {
     bytes
 }
 
-/// What a server finds as the second request, after the call with number 1.
+/// Each row is the second request that the server finds, after the call with number 1.
 //= SM2-RNG-004, SM2-SRV-002, SM2-RNG-007 test
 #[test]
 fn requests_that_a_server_refuses() {
@@ -140,7 +141,7 @@ fn requests_that_a_server_refuses() {
     assert_eq!(taken.unwrap().unwrap().id, 2);
 }
 
-/// A ring with room, in which something stands once a word is put.
+/// A ring in which a foreign word appears as soon as the caller puts a word.
 struct Between<'a>(&'a Memory);
 
 impl RingMemory for Between<'_> {
@@ -160,7 +161,7 @@ impl RingMemory for Between<'_> {
     fn fence(&self) {}
 }
 
-/// The call whose word it was is over as all others are, and each of them once.
+/// The call whose word was overwritten fails like all others, and each call fails once.
 //= SM2-RNG-008, SM2-SRV-005 test
 #[test]
 fn a_server_that_writes_where_the_caller_does() {
@@ -199,7 +200,7 @@ fn a_server_that_writes_where_the_caller_does() {
     assert_eq!((counters.offered, counters.closed), (2, 2));
 }
 
-/// Those that never got into the ring as well.
+/// Calls that never reached the ring fail as well.
 //= SM2-QOS-004 test
 #[test]
 fn calls_that_waited_are_closed_by_the_end() {
@@ -214,7 +215,7 @@ fn calls_that_waited_are_closed_by_the_end() {
     assert_eq!((counters.offered, counters.closed), (4, 4));
 }
 
-/// What a caller finds after the calls 1 and 3, as the first reply.
+/// Each row is the first reply that the caller finds, after the calls 1 and 3.
 //= SM2-RNG-004, SM2-SRV-003 test
 #[test]
 fn replies_that_a_caller_refuses() {
@@ -260,7 +261,7 @@ fn replies_that_a_caller_refuses() {
     }
 }
 
-/// One request more than may be without a reply.
+/// One request more than the limit of calls without a reply.
 //= SM2-SRV-002 test
 #[test]
 fn a_caller_without_measure() {
@@ -292,7 +293,7 @@ fn a_caller_without_measure() {
     assert!(pair.server.link.end().is_some());
 }
 
-/// A peer that never hands over a ring is never taken from.
+/// An end takes nothing from a peer that never hands over a ring.
 //= SM2-RNG-002 test
 #[test]
 fn nothing_is_taken_before_the_other_ring_is_there() {

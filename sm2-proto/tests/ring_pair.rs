@@ -1,6 +1,6 @@
-//! Two ends of one link of the ring lane, joined by sockets that lose nothing and one ring, under
-//! random operations, also in the middle of each other: against plain lists of what was sent,
-//! taken and displaced.
+//! Runs random operations on two ends of one link of the ring lane, also in the middle of each
+//! other's operations, and compares them with plain lists of the sent, taken and displaced
+//! messages. The ends are joined by one ring and by sockets that lose nothing.
 
 mod link_support;
 mod ring_support;

@@ -1,4 +1,4 @@
-//! Messages of the ring lane as the receiving end sees them: SPEC section 8.5.
+//! The receiving end's view of messages on the ring lane: SPEC section 8.5.
 
 mod link_support;
 mod ring_support;
@@ -40,7 +40,7 @@ fn a_delivery_says_what_the_head_says() {
     };
     assert_eq!(rig.take(), Ok(Some(expected)));
     assert_eq!(rig.words.forward(), [EMPTY, EMPTY]);
-    // The head is copied once, of the whole slot.
+    // The whole head of the slot is copied, once.
     let _ = rig.send(5, 2).unwrap();
     let _ = rig.release(1).unwrap();
     let calls = Cell::new(0);
@@ -51,7 +51,7 @@ fn a_delivery_says_what_the_head_says() {
     };
     let taken = rig.ends[RECEIVER].take(&Lent::new(&rig.words, copy));
     assert!(taken.unwrap().is_some() && calls.get() == 1);
-    // And not at all if there is nothing to take.
+    // If there is nothing to take, no head is copied.
     let taken =
         rig.ends[RECEIVER].take(&Lent::new(&rig.words, |_, _, _| panic!("nothing is there")));
     assert_eq!(taken, Ok(None));
@@ -69,7 +69,8 @@ fn a_peek_says_where_the_next_message_is_and_changes_nothing() {
     assert_eq!(rig.words.forward(), before);
     assert_eq!(rig.taken().id, 1);
     assert_eq!(peek(&rig), None);
-    // What is not a word, or is in no slot, is nowhere; that it is wrong is said by who takes it.
+    // `peek` returns `None` for an invalid word or a slot that does not exist. `take` reports the
+    // violation.
     let next = At::Forward(0);
     for bits in [1, word(7, 0, 2), word(0, 60_000, 2)] {
         rig.words.swap(next, bits);
@@ -96,7 +97,8 @@ fn the_application_holds_no_more_than_it_may() {
     assert_eq!(rig.taken().id, 3);
 }
 
-/// Of each round that the sender went ahead, of all that were lost, and in how many steps.
+/// Tests how many messages count as lost, and how many accesses it takes to find the oldest, for
+/// each distance that the sender can be ahead.
 //= SM2-RNG-007, SM2-MSG-002 test
 #[test]
 fn a_receiver_finds_what_a_sender_that_went_round_left() {
@@ -121,15 +123,16 @@ fn a_receiver_finds_what_a_sender_that_went_round_left() {
                 last = id;
             }
             assert_eq!(rig.take(), Ok(None));
-            // For each message a load, a take, a swap, a look whether the sender is parked; to
-            // find the oldest, a load for each that is there; and a look at what is empty.
+            // Each message takes a load, a take, a swap and a check whether the sender is parked.
+            // Finding the oldest takes a load per message in the ring, and seeing that the ring is
+            // empty takes one load.
             let accesses = u64::from(rig.words.take_accesses());
             assert!(accesses <= 5 * depth + 1, "{accesses} of {depth}, {ahead}");
         }
     }
 }
 
-/// What was lost before the first message that is taken was counted by its sequence number.
+/// The loss before the first message that is taken follows from its sequence number.
 //= SM2-MSG-002 test
 #[test]
 fn lost_before_the_first_and_never_offered() {
@@ -147,7 +150,7 @@ fn lost_before_the_first_and_never_offered() {
     );
 }
 
-/// Words that do something else to the ring just before some access.
+/// Words that let another operation change the ring just before some access.
 struct Meanwhile<'a> {
     memory: &'a Memory,
     accesses: Cell<u32>,
@@ -185,7 +188,8 @@ impl RingMemory for Meanwhile<'_> {
     }
 }
 
-/// Between the look and the exchange the sender went round: the receiver reads again.
+/// The sender displaces the word between the receiver's load and its take, so the receiver reads
+/// again.
 //= SM2-RNG-007 test
 #[test]
 fn a_word_that_was_displaced_is_not_taken() {
@@ -210,12 +214,13 @@ fn a_word_that_was_displaced_is_not_taken() {
         .unwrap()
         .unwrap();
     assert_eq!((delivery.sequence, delivery.lost), (2, 1));
-    // Load, take that fails, load of the third, load and take of the second.
+    // Load, failed take, load of the third word, load and take of the second.
     assert_eq!(words.accesses.get(), 5);
     assert_eq!(rig.words.forward(), [EMPTY, word(0, 3, 3)]);
 }
 
-/// The socket says which segments there are; a word may be faster than the receiver reads it.
+/// Segments are announced on the socket, so a word can name a segment whose ATTACH the receiver has
+/// not read yet.
 //= SM2-RNG-007 test
 #[test]
 fn a_segment_that_is_attached_meanwhile() {
@@ -257,8 +262,8 @@ fn a_segment_of_a_message_that_is_held_is_busy() {
     assert_eq!(result, Err(Error::Ended(end)));
 }
 
-/// Until DETACHED is sent its number is not free, and it counts: a sender that reads nothing
-/// cannot make the receiver remember more than 256 of them.
+/// Until DETACHED is sent, the segment's number is not free and the segment counts. So a sender
+/// that reads nothing cannot make the receiver remember more than 256 segments.
 //= SM2-RNG-010, SM2-SEG-004 test
 #[test]
 fn segments_that_are_leaving_count() {
@@ -292,7 +297,8 @@ fn segments_that_are_leaving_count() {
     assert_eq!(attach(&mut rig, 7), Ok(()));
 }
 
-/// What is in the ring when the link ends can be taken, with its segment and in its order.
+/// Messages left in the ring when the link ends can still be taken, in order and with their
+/// segments.
 //= SM2-RNG-011, SM2-OPN-005, SM2-OPN-007 test
 #[test]
 fn what_is_left_can_be_taken() {
@@ -320,15 +326,15 @@ fn what_is_left_can_be_taken() {
         assert!(matches!(rig.take(), Err(NoDelivery::TooManyBorrowed(_))));
         let end = Error::Ended(rig.ends[RECEIVER].end().unwrap());
         assert_eq!(rig.release(held.sequence), Err(end));
-        // The sender may not know of the end: it has to see what it gets back.
+        // The sender may not know of the end yet, so it must see the messages given back.
         assert_eq!(rig.words.back()[0], word(0, 3, 3));
         assert_eq!(rig.taken().id, 5);
         assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
     }
 }
 
-/// A sender that does not know of the end and goes on is not listened to for ever, and sees a
-/// receiver that obeys its window until it knows.
+/// After the end, the receiver takes a bounded number of messages from a sender that does not know
+/// of the end and continues. Until then the sender sees a receiver that obeys its window.
 //= SM2-RNG-011 test
 #[test]
 fn depth_messages_at_most_are_left() {
@@ -349,7 +355,8 @@ fn depth_messages_at_most_are_left() {
     }
 }
 
-/// A word that is wrong after the end is the end of what is left, and no other end.
+/// A wrong word after the end of the link ends the taking of left messages. The reason of the end
+/// does not change.
 //= SM2-RNG-011 test
 #[test]
 fn a_bad_word_after_the_end() {
@@ -363,7 +370,7 @@ fn a_bad_word_after_the_end() {
     assert_eq!(rig.take(), Ok(None));
 }
 
-/// A sender that was killed after it took the oldest word out, and before it put the next.
+/// A sender is killed after it has removed the oldest word and before it puts the next one.
 //= SM2-RNG-006, SM2-RNG-011 test
 #[test]
 fn a_sender_that_died_while_it_made_room() {
@@ -382,13 +389,13 @@ fn a_sender_that_died_while_it_made_room() {
         let _ = rig.release(sequence);
     }
     assert_eq!(rig.take(), Ok(None));
-    // Nothing is there: nothing changes, as often as one looks.
+    // The ring is empty, so repeated calls of `take` change nothing.
     let before = rig.ends[RECEIVER].clone();
     assert_eq!(rig.take(), Ok(None));
     assert_eq!(rig.ends[RECEIVER], before);
 }
 
-/// After a segment's number was used again, its new form counts.
+/// When a segment's number is used again, the geometry of the new segment applies.
 //= SM2-RNG-010 test
 #[test]
 fn a_number_with_another_form() {

@@ -1,4 +1,4 @@
-//! Messages of the ring lane as the sending end sees them: SPEC section 8.5.
+//! The sending end's view of messages on the ring lane: SPEC section 8.5.
 
 mod link_support;
 mod ring_support;
@@ -32,7 +32,8 @@ fn a_word_is_put_at_its_index() {
     assert_eq!(rig.ends[SENDER].in_flight(), 3);
 }
 
-/// A ring of depth n holds the last n; each displaced one is settled once, and its slot is free.
+/// A ring of depth n holds the last n messages. Each displaced message is settled once, and its
+/// slot is free.
 //= SM2-RNG-005, SM2-QOS-001, SM2-QOS-004 test
 #[test]
 fn keep_last_is_exact() {
@@ -43,7 +44,7 @@ fn keep_last_is_exact() {
     assert!(!rig.room(), "one more would displace one");
     assert_eq!(rig.send(3, 1), Err(Error::Misuse(Misuse::SlotBusy)));
     for id in 3..=9 {
-        // The slot of the message before the last is free since the last was sent.
+        // Sending the last message has freed the slot of the message before it.
         let _ = rig.send(id, id as u32 % 3).unwrap();
         assert_eq!(rig.settled(), [(10 * (id - 2), D)]);
     }
@@ -76,21 +77,21 @@ fn a_full_window_takes_the_oldest_out_before_it_puts_the_next() {
             rig.taken();
         }
     }
-    // Two are held, two are in the ring: the window of four is full.
+    // Two messages are held and two are in the ring, so the window of four is full.
     assert_eq!(rig.ends[SENDER].in_flight(), 4);
     assert!(!rig.room());
     let _ = rig.send(5, 5).unwrap();
     assert_eq!(rig.settled(), [(30, D)]);
     assert_eq!(rig.ends[SENDER].in_flight(), 4);
     assert_eq!(rig.words.forward(), [word(0, 4, 4), word(0, 5, 5)]);
-    // What was given back is found now, without being asked for.
+    // `send` finds messages that were given back, without a call of `harvest`.
     let _ = rig.release(1).unwrap();
     let _ = rig.send(6, 6).unwrap();
     assert_eq!(rig.settled(), [(40, D), (10, Fate::Delivered)]);
     assert_eq!(rig.ends[SENDER].in_flight(), 3);
 }
 
-/// The receiver holds more than it said it would.
+/// The receiver holds more messages than its `max_borrowed` allows.
 //= SM2-RNG-006, SM2-MSG-005 test
 #[test]
 fn a_receiver_that_holds_the_window_is_found() {
@@ -103,7 +104,7 @@ fn a_receiver_that_holds_the_window_is_found() {
     assert_eq!(rig.send(4, 4), Err(Error::Ended(end)));
     assert_eq!(rig.outputs[SENDER].last(), Some(&Output::Ended(end)));
     assert_eq!(rig.underway(SENDER), [FrameKind::Close]);
-    // All that were given to the link are settled, also the one that it could not send.
+    // Every message given to the link is settled, including the one that it could not send.
     let closed = [1, 2, 3, 4].map(|id| (10 * id, Fate::Closed));
     assert_eq!(rig.settled(), closed);
     let counters = rig.ends[SENDER].counters();
@@ -120,14 +121,15 @@ fn reliable_never_displaces() {
     assert!(!rig.room());
     assert_eq!(rig.send(3, 3), Err(Error::Misuse(Misuse::NoRoom)));
     assert_eq!(rig.words.forward(), before, "nothing was put");
-    // One is taken: there is room, within the window.
+    // The receiver has taken one message, so there is room within the window.
     let first = rig.taken();
     assert!(rig.room());
     let _ = rig.send(3, 3).unwrap();
     assert!(!rig.room());
     let _ = rig.release(first.sequence).unwrap();
     rig.taken();
-    // An index is free, and the window is not until what came back is looked at.
+    // An index is free, but the window stays full until the sender harvests the messages given
+    // back.
     assert!(!rig.room());
     assert_eq!(rig.send(4, 4), Err(Error::Misuse(Misuse::NoRoom)));
     let _ = rig.harvest().unwrap();
@@ -137,7 +139,8 @@ fn reliable_never_displaces() {
     assert_eq!(rig.ends[SENDER].counters().discarded, 0);
 }
 
-/// Whoever gave up waiting is counted, and not waited for until something comes back.
+/// A message whose sender gave up waiting is counted, and the link stays stalled until a message is
+/// given back.
 //= SM2-QOS-002, SM2-QOS-004 test
 #[test]
 fn a_deadline_that_passed() {
@@ -176,7 +179,7 @@ fn messages_come_back_in_any_order() {
     let order = [20, 30, 10].map(|key| (key, Fate::Delivered));
     assert_eq!(rig.settled(), order);
     assert_eq!(rig.words.back(), [EMPTY; 6]);
-    // The next one goes to the fourth word.
+    // The receiver gives the next message back in the fourth word.
     let _ = rig.send(4, 2).unwrap();
     rig.taken();
     let _ = rig.release(4).unwrap();
@@ -205,7 +208,7 @@ fn the_bell_rings_once_for_who_is_parked() {
     rig.taken();
     assert!(rig.ends[RECEIVER].made_room(&rig.words).is_needed());
     assert!(!rig.ends[RECEIVER].made_room(&rig.words).is_needed());
-    // Another value than 1 is taken away, and is no wish.
+    // A value other than 1 is cleared, but does not request a wake-up.
     rig.words.write(At::SenderParked, 2);
     assert_eq!(rig.release(2), Ok(Wake::NotNeeded));
     assert_eq!(rig.words.read(At::SenderParked), 0);
@@ -213,7 +216,7 @@ fn the_bell_rings_once_for_who_is_parked() {
         !rig.ends[SENDER].made_room(&rig.words).is_needed(),
         "not its part"
     );
-    // The bell itself says nothing else.
+    // The doorbell frame itself changes no state.
     for end in [SENDER, RECEIVER] {
         let before = rig.ends[end].clone();
         rig.frame(end, &Frame::Doorbell, &[]);
@@ -221,7 +224,8 @@ fn the_bell_rings_once_for_who_is_parked() {
     }
 }
 
-/// A sender that goes round wakes no best-effort sender when one is taken.
+/// Taking a message never wakes a best-effort sender, which displaces messages instead of waiting
+/// for room.
 //= SM2-RNG-009 test
 #[test]
 fn only_reliable_links_tell_of_room() {
@@ -266,7 +270,8 @@ fn a_number_is_used_again_after_detached() {
     assert_eq!(rig.taken().id, 2);
 }
 
-/// A segment that was not announced yet is given up in order: ATTACH, DETACH, DETACHED.
+/// A segment that is retired before it was announced still sends its frames in order: ATTACH,
+/// DETACH, DETACHED.
 //= SM2-RNG-010 test
 #[test]
 fn retired_before_it_was_announced() {
@@ -280,7 +285,7 @@ fn retired_before_it_was_announced() {
     assert!(rig.ends.iter().all(|it| it.end().is_none()));
 }
 
-/// 256 segments at a time, and those whose DETACHED has not come count.
+/// At most 256 segments exist at a time, including those whose DETACHED has not arrived.
 //= SM2-SEG-004, SM2-RNG-010 test
 #[test]
 fn no_more_segments_than_the_limit() {
@@ -290,7 +295,7 @@ fn no_more_segments_than_the_limit() {
     }
     rig.pump();
     let _ = rig.send(1, 0).unwrap();
-    // One that no message is in gives way: the 257th waits for that.
+    // A segment that holds no message is detached to make room, and the 257th waits for that.
     rig.attach(segment(256));
     assert_eq!(rig.underway(SENDER), [FrameKind::Detach]);
     rig.attach(segment(256));
@@ -304,7 +309,7 @@ fn no_more_segments_than_the_limit() {
     assert!(rig.ends.iter().all(|it| it.end().is_none()));
 }
 
-/// A segment can be larger than a message may be.
+/// A segment can be larger than the greatest message.
 //= SM2-PAY-008, SM2-RNG-003 test
 #[test]
 fn a_message_has_the_length_that_a_receiver_takes() {
@@ -373,7 +378,7 @@ fn the_end_settles_all() {
     assert!(!rig.room());
 }
 
-/// A ring that is there already has what was put before: nothing, or the other end broke SPEC.
+/// A new ring must be all zeros. Any other word is a violation by the other end.
 //= SM2-RNG-002, SM2-RNG-005 test
 #[test]
 fn a_ring_begins_with_zeros() {

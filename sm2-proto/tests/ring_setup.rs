@@ -1,4 +1,4 @@
-//! How a link gets its ring, and what the ring's file looks like: SPEC section 8.5.
+//! The setup of a ring, and the layout of its file: SPEC section 8.5.
 
 mod link_support;
 mod ring_support;
@@ -47,7 +47,7 @@ fn open_then_ring_then_all_else() {
     assert_eq!(doorbell()[..], Frame::Doorbell.to_vec());
 }
 
-/// RING is the first frame after OPEN also where OPEN could not leave for long.
+/// RING is the first frame after OPEN, even if a full socket has delayed OPEN.
 //= SM2-RNG-002 test
 #[test]
 fn ring_waits_for_our_open_and_goes_before_detached() {
@@ -69,7 +69,7 @@ fn ring_waits_for_our_open_and_goes_before_detached() {
 //= SM2-RNG-002 test
 #[test]
 fn the_layout_is_that_of_the_table() {
-    // depth, window, where the back words begin, size.
+    // Columns: depth, window, offset of the back words, size.
     let rows = [
         (1, 2, 192, 4096),
         (2, 3, 192, 4096),
@@ -152,7 +152,8 @@ fn the_bytes_of_a_head() {
     }
 }
 
-/// A segment with a number that no word can have, or that is none, is refused before it is sent.
+/// A segment with an impossible geometry, or with a number that no word can hold, is refused before
+/// ATTACH is sent.
 //= SM2-RNG-003, SM2-SEG-003 test
 #[test]
 fn only_segments_that_a_word_can_name() {
@@ -186,14 +187,14 @@ fn only_segments_that_a_word_can_name() {
     assert_eq!(rig.words.forward()[1], word(32_767, 15, 1));
 }
 
-/// A message is named only after its segment's ATTACH went to the socket.
+/// A word may name a segment only after its ATTACH was written to the socket.
 //= SM2-RNG-003 test
 #[test]
 fn a_message_waits_for_its_segment() {
     let mut rig = Rig::open(false, 2, 1);
     let not_attached = Err(Error::Misuse(Misuse::NotAttached));
     assert_eq!(rig.send_in(segment(1), 1, 0), not_attached);
-    // Attached, but not drained.
+    // The ATTACH is queued, but not drained.
     rig.ends[SENDER]
         .handle(NOW, Input::Attach(segment(1)))
         .unwrap();
@@ -211,13 +212,14 @@ fn a_message_waits_for_its_segment() {
     let early = rig.ends[SENDER].send(&rig.words, message.clone(), |_, _| {});
     assert_eq!(early, not_attached);
     assert_eq!(rig.words.take_accesses(), 0, "misuse touches nothing");
-    // The socket keeps ATTACH: no room at all.
+    // The socket refused ATTACH, so there is no room.
     rig.ends[SENDER].handle(NOW, Input::Blocked).unwrap();
     assert_eq!(rig.send(1, 0), Err(Error::Misuse(Misuse::NoRoom)));
     assert!(!rig.room());
 }
 
-/// Before OPEN came nobody knows the lane: what was taken for one could not leave by the other.
+/// Before OPEN arrives the lane is unknown, so no message is accepted: it might be for the wrong
+/// lane.
 //= SM2-RNG-001, SM2-RNG-002 test
 #[test]
 fn nothing_is_taken_before_the_lane_is_known() {
@@ -229,7 +231,7 @@ fn nothing_is_taken_before_the_lane_is_known() {
     accept(&mut link, &link_support::open_to(&with_ring(Role::Sender)));
     accept(&mut link, &RING);
     assert_eq!(link.in_flight(), 0);
-    // With the socket lane it goes on as ever.
+    // On the socket lane, messages are accepted right after OPEN.
     let mut link = Link::new(with_ring(Role::Sender));
     drain(&mut link);
     accept(
@@ -240,7 +242,8 @@ fn nothing_is_taken_before_the_lane_is_known() {
     assert_eq!(sent(&link_support::send(&mut link, message(1))).len(), 1);
 }
 
-/// Each lane has the same calls: a role that does not have one, and a ring that is not lent, are misuse.
+/// Both lanes have the same calls. A call that the role does not have, or that needs a ring and
+/// gets none, is misuse.
 #[test]
 fn the_calls_are_the_same_on_both_lanes() {
     let mut rig = Rig::open(true, 2, 1);
@@ -279,7 +282,7 @@ fn the_calls_are_the_same_on_both_lanes() {
     assert_eq!(rig.words.take_accesses(), 0);
 }
 
-/// A window is `depth + max_borrowed` of the receiver, whatever the sender's depth is.
+/// The window is `depth + max_borrowed` of the receiver. The sender's depth does not matter.
 //= SM2-RNG-002 test
 #[test]
 fn the_ring_is_as_deep_as_the_receiver_says() {

@@ -1,4 +1,4 @@
-//! Every kind of word, head and order of them that SPEC section 8.5 forbids, at either end.
+//! Every kind of word, head and order of words that SPEC section 8.5 forbids, at either end.
 
 mod link_support;
 mod ring_support;
@@ -14,12 +14,12 @@ use sm2_proto::{
     violation,
 };
 
-/// Depth 4, two borrowed: the sequence numbers 1 to 4 are at the indices 1, 2, 3, 0.
+/// Depth 4 and two borrowed: the sequence numbers 1 to 4 are at the indices 1, 2, 3, 0.
 fn rig(reliable: bool) -> Rig {
     Rig::open(reliable, 4, 2)
 }
 
-/// Three messages are sent, one is held, one is given back, one is in the ring.
+/// Three messages are sent: one is held, one is given back, one is in the ring.
 fn busy(reliable: bool) -> Rig {
     let mut rig = rig(reliable);
     for id in 1..=3 {
@@ -34,7 +34,8 @@ fn end(violation: Violation) -> End {
     End::Violation(violation)
 }
 
-/// The link is over for good, its CLOSE says why, and all that was not settled is, once.
+/// Checks that the link has ended for good with this violation in its CLOSE, and that every message
+/// is settled once.
 fn assert_over(rig: &mut Rig, at: usize, violation: Violation) {
     assert_eq!(rig.ends[at].end(), Some(end(violation)), "{violation}");
     assert_eq!(rig.outputs[at].last(), Some(&Output::Ended(end(violation))));
@@ -59,12 +60,12 @@ fn assert_settled_once(rig: &Rig) {
     assert_eq!(keys.len(), unique, "{:?}", rig.settled);
 }
 
-/// What the receiver finds where message 3 has to be, of three.
+/// Each row is a word that the receiver finds in place of that of message 3.
 //= SM2-RNG-003, SM2-RNG-007, SM2-PAY-005 test
 #[test]
 fn words_that_a_receiver_refuses() {
     let bad = violation!(BadWord, "SM2-RNG-007");
-    // Each on both kinds of links.
+    // Each word is tested on best-effort and on reliable links.
     let rows = [
         (1, bad),                                                 // names nothing
         (1 << 30, bad),                                           // bit 31 is missing
@@ -87,11 +88,11 @@ fn words_that_a_receiver_refuses() {
             assert_over(&mut rig, RECEIVER, violation);
         }
     }
-    // Only a best-effort sender goes round.
+    // Only a best-effort sender displaces messages that were not taken.
     let mut rig = busy(true);
     rig.words.write(At::Forward(3), word(0, 3, 7));
     assert_eq!(rig.take(), Err(NoDelivery::Ended(end(bad))));
-    // And not beyond where it was: the index that the receiver goes on with has another word.
+    // A displaced message must have a consistent successor: here the next index has another word.
     let mut rig = busy(false);
     rig.words.write(At::Forward(3), word(0, 3, 7));
     rig.words.write(At::Forward(0), word(0, 3, 5));
@@ -146,7 +147,7 @@ fn heads_that_a_receiver_refuses() {
     }
 }
 
-/// A slot can be longer than any message.
+/// A slot can be longer than the longest message.
 //= SM2-PAY-008, SM2-RNG-004 test
 #[test]
 fn a_message_has_its_limit_in_any_slot() {
@@ -172,18 +173,19 @@ fn a_message_has_its_limit_in_any_slot() {
 #[test]
 fn a_back_word_that_was_not_taken_yet() {
     let mut rig = busy(false);
-    // Message 2 went to the first one; the next is the second.
+    // Message 2 was given back in the first word, so the second word is next.
     rig.words.write(At::Back(1), 1);
     let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(rig.release(1), Err(ended));
     assert_over(&mut rig, RECEIVER, violation!(BadWord, "SM2-RNG-008"));
 }
 
-/// What the sender gets for a word of its own, or where it has put none.
+/// Each row is a word that the sender finds in place of its own, or where it has put none.
 //= SM2-RNG-005 test
 #[test]
 fn words_that_a_sender_refuses_in_its_place() {
-    // Message 5 goes to the index of message 1, which is taken; 7 to that of 3, which is not.
+    // Message 5 goes to the index of message 1, which was taken. Message 7 goes to that of message
+    // 3, which was not.
     let rows = [
         (5, At::Forward(1), 1),
         (5, At::Forward(1), word(0, 1, 1)), // it was taken: the word is back
@@ -201,12 +203,13 @@ fn words_that_a_sender_refuses_in_its_place() {
             let _ = rig.send(id, id as u32).unwrap();
         }
         if at == At::Forward(1) {
-            // The sender has not seen yet that 1 was taken.
+            // The sender has not seen yet that message 1 was taken.
             assert_eq!(rig.words.read(at), EMPTY);
         }
         rig.words.write(at, bits);
         let expected = match bits == word(0, 1, 1) {
-            // As if it had not been taken: displaced. That it is given back too is wrong later.
+            // The sender sees message 1 as displaced. That the receiver also gives it back is
+            // detected later.
             true => Ok(Wake::NotNeeded),
             false => Err(Error::Ended(end(violation!(BadWord, "SM2-RNG-005")))),
         };
@@ -222,7 +225,7 @@ fn words_that_a_sender_refuses_in_its_place() {
     }
 }
 
-/// On a reliable link nothing may be where 0 was read.
+/// On a reliable link, an index that was read as 0 must stay empty.
 //= SM2-RNG-005 test
 #[test]
 fn a_reliable_sender_gets_nothing() {
@@ -288,7 +291,7 @@ fn words_that_a_sender_refuses_to_take_back() {
     }
 }
 
-/// One message given back twice.
+/// One message is given back twice.
 //= SM2-RNG-008, SM2-MSG-004 test
 #[test]
 fn given_back_twice() {
@@ -303,7 +306,8 @@ fn given_back_twice() {
     assert_eq!(rig.harvest(), Err(ended), "also later");
 }
 
-/// One that is given back and still in the ring: seen when its index comes round.
+/// A message is given back while it is still in the ring. The sender sees that when it reuses the
+/// index.
 //= SM2-RNG-005, SM2-RNG-008 test
 #[test]
 fn given_back_without_being_taken() {
@@ -321,7 +325,7 @@ fn given_back_without_being_taken() {
     assert_settled_once(&rig);
 }
 
-/// While a message is being sent it cannot be given back.
+/// A message cannot be given back while it is being sent.
 //= SM2-RNG-006, SM2-RNG-008 test
 #[test]
 fn given_back_before_it_was_put() {
@@ -330,7 +334,7 @@ fn given_back_before_it_was_put() {
         let _ = rig.send(id, id as u32).unwrap();
         rig.words.write(At::Forward((id % 4) as u32), EMPTY);
     }
-    // The window is full, so that the sender looks at what came back.
+    // The window is full, so the sender looks at the back words.
     rig.words.write(At::Back(0), word(0, 7, 7));
     let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(rig.send(7, 7), Err(ended));
@@ -339,7 +343,7 @@ fn given_back_before_it_was_put() {
     assert_settled_once(&rig);
 }
 
-/// A CLOSE with a violation's code is no violation of the one who reads it.
+/// A CLOSE with the code of a violation is not a violation by the end that receives it.
 //= SM2-OPN-005, SM2-OPN-006 test
 #[test]
 fn the_other_end_hears_of_it() {

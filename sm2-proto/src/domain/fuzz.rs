@@ -11,9 +11,9 @@ use crate::{
     fuzz::script::Script,
 };
 
-/// Whatever a Manager sends, a mirror holds just that. The mirror refuses only answers that were
-/// not requested or lead to no later state. A program that follows its changes has the same items
-/// as the mirror.
+/// A mirror holds exactly the items that the Manager has sent. It refuses only answers that were
+/// not requested or that do not lead to a later state. A program that follows its changes has the
+/// same items as the mirror.
 //= SM2-WCH-003 fuzz
 pub(crate) fn mirror(data: &[u8]) {
     let mut fuzz = Fuzz {

@@ -1,5 +1,4 @@
-//! One end of a pair: the machine, its driver, and the plain lists of what it
-//! was given and what it gave.
+//! One end of a pair: the state machine, its driver, and plain lists of its inputs and outputs.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -15,27 +14,27 @@ use crate::link_support::{NOW, pooled, sealed};
 
 pub(crate) type Wire = VecDeque<(Vec<u8>, Vec<FdFacts>)>;
 
-/// One end: the machine, its driver, and what it was given and gave.
+/// One end: the state machine, its driver, and its inputs and outputs.
 pub(crate) struct Driver {
     pub(crate) link: Link,
-    /// Its datagrams that the other end has not read.
+    /// Datagrams of this end that the other end has not read.
     pub(crate) wire: Wire,
-    /// The packet that the socket did not take.
+    /// The packet that the full socket refused.
     pub(crate) kept: Option<Packet>,
     pub(crate) full: bool,
     pub(crate) sent: Vec<Sent>,
     pub(crate) next_id: u64,
-    /// What the application took and has not released.
+    /// Messages that the application has taken and not released.
     pub(crate) held: Vec<Delivery>,
-    /// The ids of all that it took.
+    /// The ids of all messages that the application has taken.
     pub(crate) taken: Vec<u64>,
-    /// The id of the first message that reached it.
+    /// The id of the first message that arrived at this end.
     pub(crate) first_seen: Option<u64>,
-    /// Segments that the other end attached here.
+    /// Segments that the other end has attached here.
     pub(crate) mapped: BTreeMap<u32, SegmentInfo>,
     pub(crate) kept_files: BTreeSet<u64>,
     pub(crate) discards: usize,
-    /// Server: taken and not replied. Caller: made and not replied.
+    /// Calls without a reply: the ones taken by a server, or made by a caller.
     pub(crate) open_calls: BTreeSet<u64>,
     pub(crate) failed_calls: BTreeSet<u64>,
     pub(crate) cancelled: BTreeSet<u64>,
@@ -43,7 +42,7 @@ pub(crate) struct Driver {
     pub(crate) ended: bool,
 }
 
-/// A message as the list of the sender has it.
+/// A message in the sender's list.
 pub(crate) struct Sent {
     pub(crate) key: u64,
     pub(crate) id: u64,
@@ -132,7 +131,7 @@ impl Driver {
         }
     }
 
-    /// A message is sent when its packet is handed out.
+    /// Marks a message as sent: its packet was handed out.
     fn mark(&mut self, packet: &Packet) {
         if matches!(packet.head[0], 4..=6) {
             let id = u64::from_le_bytes(packet.head[24..32].try_into().unwrap());
@@ -144,7 +143,7 @@ impl Driver {
         }
     }
 
-    /// Hands a packet to the socket, with what its descriptor is.
+    /// Hands a packet to the socket, with the facts about its descriptor.
     pub(crate) fn put(&mut self, packet: &Packet) {
         let bytes = packet.to_vec();
         let fds = match packet.attachment {

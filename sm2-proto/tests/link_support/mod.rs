@@ -1,4 +1,4 @@
-//! What the tests of the link machine share: frames of a peer, and shorthand.
+//! Helpers of the link tests: frames of a peer, and shorthand for common steps.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use sm2_proto::{
@@ -21,7 +21,7 @@ pub(crate) const SEGMENT: SegmentInfo = SegmentInfo {
     slots: 2,
 };
 
-/// Depth 2, one borrowed at a time: a window of three.
+/// Depth 2 with one borrowed message: a window of three.
 pub(crate) fn config(role: Role) -> Config {
     Config {
         id: LINK,
@@ -42,7 +42,7 @@ pub(crate) fn reliable(role: Role) -> Config {
     }
 }
 
-/// The OPEN that an end with this config expects; the other end's window is three.
+/// The OPEN that an end with this configuration expects; the other end's window is three.
 pub(crate) fn open_to(config: &Config) -> Frame<'static> {
     let window = if config.role == Role::Receiver { 0 } else { 3 };
     open_with(config, window)
@@ -60,7 +60,7 @@ pub(crate) fn open_with(config: &Config, window: u32) -> Frame<'static> {
     })
 }
 
-/// A link that has said OPEN and got one, with nothing left to poll.
+/// A link that has sent and received OPEN, with no output left to poll.
 pub(crate) fn opened(config: Config) -> Link {
     opened_with(config, &open_to(&config))
 }
@@ -76,7 +76,7 @@ pub(crate) fn drain(link: &mut Link) -> Vec<Output> {
     std::iter::from_fn(|| link.poll()).collect()
 }
 
-/// The datagrams among the outputs.
+/// Returns the packets among the outputs.
 pub(crate) fn sent(outputs: &[Output]) -> Vec<Packet> {
     let packet = |output: &Output| match output {
         Output::Transmit(packet) => Some(packet.clone()),
@@ -85,7 +85,7 @@ pub(crate) fn sent(outputs: &[Output]) -> Vec<Packet> {
     outputs.iter().filter_map(packet).collect()
 }
 
-/// The messages that the outputs settle.
+/// Returns the messages that the outputs settle.
 pub(crate) fn settled(outputs: &[Output]) -> Vec<(u64, Fate)> {
     let settled = |output: &Output| match output {
         Output::Settled { key, fate } => Some((*key, *fate)),
@@ -105,7 +105,7 @@ pub(crate) fn feed(link: &mut Link, bytes: &[u8], fds: &[FdFacts]) -> Result<(),
     )
 }
 
-/// Descriptors as the frame wants them, large enough for anything in these tests.
+/// The descriptors that the frame requires, large enough for every test.
 pub(crate) fn fds_for(frame: &Frame<'_>) -> Vec<FdFacts> {
     match frame {
         Frame::Ring { depth, window } => {
@@ -120,7 +120,7 @@ pub(crate) fn fds_for(frame: &Frame<'_>) -> Vec<FdFacts> {
     }
 }
 
-/// Feeds a frame that the link must take.
+/// Feeds a frame that the link must accept.
 pub(crate) fn accept(link: &mut Link, frame: &Frame<'_>) -> Vec<Output> {
     assert_eq!(
         feed(link, &frame.to_vec(), &fds_for(frame)),
@@ -130,7 +130,7 @@ pub(crate) fn accept(link: &mut Link, frame: &Frame<'_>) -> Vec<Output> {
     drain(link)
 }
 
-/// Feeds a frame that ends the link.
+/// Feeds a frame that must end the link. Returns the violation.
 pub(crate) fn reject(link: &mut Link, frame: &Frame<'_>) -> Violation {
     match feed(link, &frame.to_vec(), &fds_for(frame)) {
         Err(Error::Ended(End::Violation(violation))) => violation,
@@ -162,7 +162,7 @@ pub(crate) fn ring_file(size_bytes: u64) -> FdFacts {
     }
 }
 
-/// Offers the ring lane.
+/// A configuration that offers the ring lane.
 pub(crate) fn with_ring(role: Role) -> Config {
     Config {
         ring: true,
@@ -170,13 +170,13 @@ pub(crate) fn with_ring(role: Role) -> Config {
     }
 }
 
-/// The RING that a sender of these tests expects.
+/// The RING frame that a sender in these tests expects.
 pub(crate) const RING: Frame<'static> = Frame::Ring {
     depth: 2,
     window: 3,
 };
 
-/// A message without payload that a peer sends.
+/// A message frame without payload, as a peer sends it.
 pub(crate) fn from_peer(carrier: Carrier, sequence: u64, id: u64) -> MessageFrame<'static> {
     MessageFrame {
         carrier,
@@ -214,7 +214,7 @@ pub(crate) fn reply(sequence: u64, id: u64) -> Frame<'static> {
     Frame::Message(from_peer(Carrier::Reply, sequence, id))
 }
 
-/// A RELEASE as a peer sends it.
+/// The bytes of a RELEASE frame, as a peer sends it.
 pub(crate) fn release(given: Given, sequences: &[u64]) -> Vec<u8> {
     let rest: Vec<u8> = sequences.iter().flat_map(|it| it.to_le_bytes()).collect();
     Frame::Release {
@@ -225,13 +225,13 @@ pub(crate) fn release(given: Given, sequences: &[u64]) -> Vec<u8> {
     .to_vec()
 }
 
-/// A RELEASE that the link must take.
+/// Feeds a RELEASE that the link must accept.
 pub(crate) fn release_all(link: &mut Link, given: Given, sequences: &[u64]) -> Vec<Output> {
     assert_eq!(feed(link, &release(given, sequences), &[]), Ok(()));
     drain(link)
 }
 
-/// A message without payload to send; its key is its id.
+/// An outbound message without payload, with the id as its key.
 pub(crate) fn message(id: u64) -> OutboundMessage {
     let body = Body::Inline(bytes::Bytes::new());
     OutboundMessage {
@@ -252,19 +252,19 @@ pub(crate) fn pooled_message(id: u64, segment: SegmentInfo, slot: u32) -> Outbou
     }
 }
 
-/// Offers a message to a link of the socket lane.
+/// Sends a message on a link of the socket lane.
 pub(crate) fn offer(link: &mut Link, message: OutboundMessage) -> Result<(), Error> {
     let sent = link.send(&NoMemory, message, |_, _| panic!("the outputs settle it"));
     sent.map(|wake| assert_eq!(wake, Wake::NotNeeded))
 }
 
-/// Sends a message that the link must take.
+/// Sends a message that the link must accept. Returns the outputs.
 pub(crate) fn send(link: &mut Link, message: OutboundMessage) -> Vec<Output> {
     assert_eq!(offer(link, message), Ok(()));
     drain(link)
 }
 
-/// Gives a message back on a link of the socket lane.
+/// Releases a message on a link of the socket lane.
 pub(crate) fn give_back(link: &mut Link, sequence: u64) -> Result<(), Error> {
     let released = link.release(&NoMemory, sequence);
     released.map(|wake| assert_eq!(wake, Wake::NotNeeded))

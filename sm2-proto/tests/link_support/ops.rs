@@ -1,4 +1,4 @@
-//! What a run of a pair is made of.
+//! The operations of a random run of a pair.
 
 use proptest::prelude::*;
 
@@ -22,7 +22,7 @@ pub(crate) fn pair_config() -> impl Strategy<Value = PairConfig> {
     )
 }
 
-/// `end` is 0 for the sender or caller, 1 for the receiver or server.
+/// An operation. `end` is 0 for the sender or caller, and 1 for the receiver or server.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Op {
     Send { end: usize, form: u8, pick: usize },

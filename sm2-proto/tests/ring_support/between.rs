@@ -1,4 +1,4 @@
-//! Words during whose use something else happens.
+//! Ring words that run another operation just before one of their accesses.
 
 use std::cell::{Cell, RefCell};
 
@@ -6,11 +6,11 @@ use sm2_proto::link::{At, EMPTY, RingMemory};
 
 use crate::ring_support::Memory;
 
-/// What happens meanwhile; whether the process is killed by it.
+/// The other operation. Returns true if it kills the process that makes the access.
 type Then<'a> = Box<dyn FnOnce(&Memory) -> bool + 'a>;
 
-/// Words that let something else happen just before some access; from then on, if the process
-/// was killed there, they do nothing any more.
+/// Ring words that run another operation just before the access with a given index. If that kills
+/// the process, this access and all later ones have no effect.
 pub(crate) struct Between<'a> {
     memory: &'a Memory,
     left: Cell<u32>,
@@ -19,7 +19,7 @@ pub(crate) struct Between<'a> {
 }
 
 impl<'a> Between<'a> {
-    /// `then` says whether the process is killed there.
+    /// `then` returns true if the process is killed there.
     pub(crate) fn new(
         memory: &'a Memory,
         at: u32,

@@ -1,7 +1,7 @@
 //! The two ends of a link of a service on the ring lane: their applications, drivers and lists.
 //!
-//! The lists are SPEC's rules said once more: which calls were made, what became of them, and
-//! which slots nobody may write to.
+//! The lists restate the rules of SPEC: the calls, their outcomes, and the slots that must not be
+//! written.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use std::{
@@ -29,36 +29,36 @@ use crate::{
 pub(crate) const CALLER: usize = 0;
 pub(crate) const SERVER: usize = 1;
 
-/// A message as the list of its sender has it.
+/// A message in its sender's list.
 struct Sent {
     key: u64,
     place: (u32, u32),
     fate: Option<Fate>,
 }
 
-/// What became of a call.
+/// The outcome of a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
     Reply(Status),
     Failed,
 }
 
-/// One end.
+/// One end of the link.
 pub(crate) struct Side {
     end: usize,
     pub(crate) link: Link,
     kept: Option<Packet>,
     pub(crate) full: bool,
     pub(crate) ended: bool,
-    /// Whether it waits for the bell.
+    /// True if the end waits for the doorbell.
     pub(crate) asleep: bool,
     sent: Vec<Sent>,
     pub(crate) held: Vec<Delivery>,
-    /// All outputs but those to transmit and those that settle.
+    /// All outputs except `Transmit` and `Settled`.
     pub(crate) outputs: Vec<Output>,
-    /// Caller: its calls.
+    /// Caller: its calls, with the outcome of each that has ended.
     pub(crate) calls: BTreeMap<u64, Option<Outcome>>,
-    /// Server: the requests that it took, and those of them without a reply.
+    /// Server: the requests that it has taken.
     pub(crate) taken: Vec<u64>,
     pub(crate) owed: Vec<u64>,
     pub(crate) cancelled: BTreeSet<u64>,
@@ -83,7 +83,7 @@ impl Side {
         }
     }
 
-    /// Does what the machine says.
+    /// Carries out the outputs of the link.
     pub(crate) fn drain(&mut self, world: &World) {
         while let Some(output) = self.link.poll() {
             let is_late = matches!(output, Output::CallFailed { .. });
@@ -116,7 +116,7 @@ impl Side {
         }
     }
 
-    /// CALL-RING: a call ends once.
+    /// CALL-RING: a call ends exactly once.
     fn finish(&mut self, call: u64, outcome: Outcome) {
         let before = self.calls.insert(call, Some(outcome));
         assert_eq!(before, Some(None), "call {call}: {outcome:?}");
@@ -127,13 +127,14 @@ impl Side {
         assert_eq!(sent.fate.replace(fate), None, "settled once");
         assert!(matches!(fate, Fate::Delivered | Fate::Closed), "{fate:?}");
         if fate == Fate::Delivered {
-            // Whoever still reads there sees that.
+            // An end that wrongly still reads this slot sees garbage.
             let place = (self.end, sent.place.0, sent.place.1);
             world.heads.borrow_mut().insert(place, [0xaa; SLOT_HEAD]);
         }
     }
 
-    /// Does not care whether the socket takes it: if not, the other end has something to read.
+    /// Sends a doorbell. If the socket is full, it is dropped: the other end has a datagram to read
+    /// anyway.
     fn ring_the_bell(&self, world: &World) {
         if !self.full || !world.is_readable(1 - self.end) {
             let bell = (doorbell().to_vec(), vec![]);
@@ -141,7 +142,7 @@ impl Side {
         }
     }
 
-    /// A place that nothing is in, the one that was used last if possible.
+    /// Returns a free slot, if possible the one that was used last.
     fn free_place(&self, within: u32) -> Option<(u32, u32)> {
         let is_kept = |it: &Sent| matches!(it.fate, None | Some(Fate::Closed));
         let is_free =
@@ -156,14 +157,14 @@ impl Side {
         if self.ended || !self.link.is_open() || self.free_place(within).is_none() {
             return;
         }
-        // Numbers grow, but not always by one.
+        // Call numbers grow, but not always by one.
         let last = self.calls.last_key_value().map_or(0, |(id, _)| *id);
         let id = last + 1 + last % 2;
         self.calls.insert(id, None);
         self.send(words, world, id, Status::Ok, within);
     }
 
-    /// Replies to one of the calls that wait for it.
+    /// Replies to one of the open calls.
     pub(crate) fn reply(
         &mut self,
         words: &impl RingMemory,
@@ -260,7 +261,7 @@ impl Side {
         self.drain(world);
     }
 
-    /// Whether there is a message in a segment that was not attached yet.
+    /// Takes a message. Returns true if it is in a segment whose ATTACH was not read yet.
     pub(crate) fn take(&mut self, words: &impl RingMemory, world: &World) -> bool {
         let from = 1 - self.end;
         let copy = |segment, offset, _| world.copy(from, segment, offset);
@@ -287,7 +288,7 @@ impl Side {
         false
     }
 
-    /// A call fails only when no reply is left to take.
+    /// A call fails only when no reply is left in the ring.
     //= SM2-RNG-011 test
     fn check_nothing_left(&self) {
         assert_eq!(self.link.calls(), 0);
@@ -313,7 +314,7 @@ impl Side {
         self.held.push(delivery);
     }
 
-    /// Nobody has written to the slot of a message that is held.
+    /// Checks that the slot of a held message was not overwritten.
     pub(crate) fn check_head(&self, world: &World, delivery: &Delivery) {
         let Payload::Pooled { segment, offset } = delivery.payload else {
             panic!("it is pooled");
@@ -336,7 +337,7 @@ impl Side {
         self.drain(world);
     }
 
-    /// Cancels one of the calls that were ever made.
+    /// Cancels one of all calls ever made, open or not.
     pub(crate) fn cancel(&mut self, world: &World, pick: usize) {
         let Some(call) = self.calls.keys().rev().nth(pick).copied() else {
             return;
@@ -364,7 +365,7 @@ impl Side {
         }
     }
 
-    /// Reads one datagram, or sees that the other end is gone.
+    /// Reads one datagram, or sees that the other end has closed.
     pub(crate) fn read(&mut self, world: &World, is_over: bool) {
         if self.ended {
             return;
@@ -383,7 +384,7 @@ impl Side {
             None => return,
         };
         assert_eq!(result, Ok(()), "an honest pair");
-        // Whatever can be read wakes.
+        // Any readable datagram wakes the end.
         self.asleep = false;
         self.drain(world);
     }
@@ -394,7 +395,7 @@ impl Side {
         (self.full, self.kept) = (false, None);
     }
 
-    /// Whether there is something that it could do without reading its socket.
+    /// Returns true if the end can do something without reading its socket.
     pub(crate) fn has_work(&self, world: &World) -> bool {
         let (incoming, outgoing) = (&world.rings[self.end], &world.rings[1 - self.end]);
         let mut probe = (self.link.clone(), outgoing.clone());
@@ -409,7 +410,7 @@ impl Side {
     }
 }
 
-/// Both ends.
+/// Both ends, and the world between them.
 pub(crate) struct Calls {
     pub(crate) world: World,
     pub(crate) caller: Side,
@@ -417,7 +418,7 @@ pub(crate) struct Calls {
 }
 
 impl Calls {
-    /// Before any frame was read.
+    /// Both ends, before they have read any frame.
     pub(crate) fn fresh(depth: [u16; 2], max_borrowed: [u16; 2]) -> Self {
         let config = |end, role| ring_config(role, true, depth[end], max_borrowed[end]);
         let configs = [config(CALLER, Role::Caller), config(SERVER, Role::Server)];
@@ -436,7 +437,7 @@ impl Calls {
         pair
     }
 
-    /// Open, with both rings.
+    /// Open ends, with both rings.
     pub(crate) fn open(depth: [u16; 2], max_borrowed: [u16; 2]) -> Self {
         let mut pair = Self::fresh(depth, max_borrowed);
         pair.pump();
@@ -444,7 +445,7 @@ impl Calls {
         pair
     }
 
-    /// Both ends read all that is there.
+    /// Lets both ends read all datagrams.
     pub(crate) fn pump(&mut self) {
         while self.world.is_readable(CALLER) || self.world.is_readable(SERVER) {
             self.read(CALLER);
@@ -470,7 +471,7 @@ impl Calls {
         self.caller.call(&self.world.rings[SERVER], &self.world, 0);
     }
 
-    /// The server replies to the oldest.
+    /// Lets the server reply to the oldest call.
     pub(crate) fn reply(&mut self) {
         (self.server).reply(&self.world.rings[CALLER], &self.world, 0, 0);
     }
@@ -486,7 +487,7 @@ impl Calls {
         let (side, world) = self.side(end);
         if side.take(&world.rings[end], world) {
             assert!(side.ended, "attached before it is used");
-            // What came by the socket after the end was not read.
+            // The ATTACH arrived after the end, so it was not read.
             let _ = side.link.handle(NOW, Input::SegmentMissing);
             side.drain(world);
         }
@@ -502,7 +503,7 @@ impl Calls {
         side.harvest(&world.rings[1 - end], world);
     }
 
-    /// Why an end is over.
+    /// Returns the reason why an end has ended.
     pub(crate) fn end_of(&self, end: usize) -> Option<End> {
         [&self.caller, &self.server][end].link.end()
     }

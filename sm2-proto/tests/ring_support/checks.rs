@@ -1,11 +1,11 @@
-//! What must hold of a pair of ends of the ring lane, at any time and at rest.
+//! Invariants of a pair of ends of the ring lane, during a run and at its end.
 
 use sm2_proto::link::{Counters, EMPTY, End, Fate, Word};
 
 use crate::pair::Pair;
 
 impl Pair {
-    /// What must hold between any two operations.
+    /// Checks the invariants that hold between any two operations.
     pub(crate) fn check(&self) {
         for at in [&self.sending.at, &self.receiving.at] {
             assert!(!matches!(at.link.end(), Some(End::Violation(_))), "honest");
@@ -41,7 +41,8 @@ impl Pair {
         assert_eq!(sending.at.link.counters(), expected);
     }
 
-    /// What was taken was sent, in this order and not twice; nothing that was taken was displaced.
+    /// Every taken message was sent; they are taken in order and once; and no taken message was
+    /// displaced.
     //= SM2-RNG-007, SM2-MSG-001, SM2-MSG-002 test
     fn check_taken(&self) {
         let taken = &self.receiving.taken;
@@ -59,8 +60,8 @@ impl Pair {
         }
     }
 
-    /// The ring has exactly the last `depth` messages without those that were taken, and just
-    /// those before them are discarded.
+    /// The ring has exactly the last `depth` messages, except the taken ones. All earlier messages
+    /// that were not taken are discarded.
     //= SM2-QOS-001, SM2-RNG-005 test
     fn check_ring(&self) {
         let newest = self.sending.sent.len() as u64;
@@ -75,7 +76,7 @@ impl Pair {
         }
     }
 
-    /// The sequence numbers in the ring, ascending.
+    /// The sequence numbers in the ring, in ascending order.
     fn in_ring(&self) -> Vec<u64> {
         let words = self.shared.words.forward().into_iter();
         let words = words.filter_map(|bits| Word::from_bits(bits).unwrap());
@@ -84,7 +85,7 @@ impl Pair {
         sequences
     }
 
-    /// Who sleeps has nothing to do, or something to read.
+    /// An end sleeps only if it has nothing to do, or if a datagram is about to wake it.
     //= SM2-RNG-009 test
     fn check_awake(&self) {
         let ends = [&self.sending.at, &self.receiving.at];
@@ -94,7 +95,7 @@ impl Pair {
         }
     }
 
-    /// Lets everything come to rest: sockets open, applications willing.
+    /// Lets both ends finish all work: the sockets are open, and the applications take everything.
     pub(crate) fn settle(&mut self) {
         let mut left = None;
         for _ in 0..200 {
@@ -130,11 +131,11 @@ impl Pair {
         } else {
             assert!(self.sending.at.ended && self.receiving.at.ended);
             assert!(self.sending.sent.iter().all(|it| it.fate.is_some()));
-            // Who closes has perhaps not read yet which segments there are.
+            // A receiver that has ended may not have read every ATTACH.
             if self.receiving.is_dead || self.receiving.take(&self.shared.words, &self.shared) {
                 return;
             }
-            // As many as the receiver may take after its end are taken.
+            // The receiver takes as many messages as it may after the end.
             let taken = &self.receiving.taken;
             let after = taken.len() - self.receiving.taken_before_end.unwrap_or(taken.len());
             assert!(self.in_ring().is_empty() || after as u64 == self.depth);

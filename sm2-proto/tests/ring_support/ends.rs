@@ -1,6 +1,7 @@
 //! The two ends of a pair of the ring lane: their applications, drivers and lists.
 //!
-//! The lists are SPEC's rules said once more: what was sent, what was taken, what became of it.
+//! The lists restate the rules of SPEC: the messages sent, the messages taken, and the fate of
+//! each.
 
 use std::{
     cell::RefCell,
@@ -23,7 +24,7 @@ use crate::{
     ring_support::{Memory, head},
 };
 
-/// Each segment has more slots than one window has messages.
+/// More slots per segment than messages in a window.
 const SLOTS: u32 = 8;
 
 const fn segment(id: u32) -> SegmentInfo {
@@ -34,7 +35,7 @@ const fn segment(id: u32) -> SegmentInfo {
     }
 }
 
-/// What both ends map: the ring, and the heads of all slots.
+/// The memory that both ends map: the ring, and the heads of all slots.
 pub(crate) struct Shared {
     pub(crate) words: Memory,
     pub(crate) heads: RefCell<BTreeMap<(u32, u32), [u8; SLOT_HEAD]>>,
@@ -43,12 +44,12 @@ pub(crate) struct Shared {
 /// One end, and its socket.
 pub(crate) struct Driver {
     pub(crate) link: Link,
-    /// What it has sent and the other one has not read.
+    /// The datagrams that this end has sent and the other end has not read.
     pub(crate) wire: VecDeque<(Vec<u8>, Vec<FdFacts>)>,
     pub(crate) kept: Option<Packet>,
     pub(crate) full: bool,
     pub(crate) ended: bool,
-    /// Whether it waits for the bell.
+    /// True if the end waits for the doorbell.
     pub(crate) asleep: bool,
     /// Segments that the other end has attached here.
     pub(crate) mapped: BTreeSet<u32>,
@@ -67,7 +68,7 @@ impl Driver {
         }
     }
 
-    /// Does what the machine says. Gives what was settled.
+    /// Carries out the outputs of the link. Returns the settled messages.
     pub(crate) fn drain(&mut self, size_bytes: u64) -> Vec<(u64, Fate)> {
         let mut settled = Vec::new();
         while let Some(output) = self.link.poll() {
@@ -102,7 +103,8 @@ impl Driver {
         self.wire.push_back((packet.to_vec(), fds));
     }
 
-    /// Does not care whether the socket takes it: if not, the other end has something to read.
+    /// Sends a doorbell. If the socket is full, it is dropped: the other end has a datagram to read
+    /// anyway.
     pub(crate) fn ring_the_bell(&mut self) {
         if !self.full || self.wire.is_empty() {
             self.wire.push_back((doorbell().to_vec(), vec![]));
@@ -110,7 +112,7 @@ impl Driver {
     }
 }
 
-/// A message as the list of the sender has it.
+/// A message in the sender's list.
 pub(crate) struct Sent {
     pub(crate) id: u64,
     pub(crate) sequence: u64,
@@ -119,7 +121,7 @@ pub(crate) struct Sent {
 }
 
 impl Sent {
-    /// Whether nobody may write to its slot.
+    /// True if the slot of the message must not be written.
     const fn is_kept(&self) -> bool {
         matches!(self.fate, None | Some(Fate::Closed))
     }
@@ -138,11 +140,11 @@ pub(crate) struct Sending {
 pub(crate) struct Receiving {
     pub(crate) at: Driver,
     pub(crate) held: Vec<Delivery>,
-    /// Sequence number and id of all that it took.
+    /// The sequence number and id of every message taken.
     pub(crate) taken: Vec<(u64, u64)>,
-    /// How many it had taken when it was over.
+    /// How many messages had been taken when the link ended.
     pub(crate) taken_before_end: Option<usize>,
-    /// Whoever would take what is left is gone.
+    /// True if the receiver was killed, so that nobody takes the remaining messages.
     pub(crate) is_dead: bool,
 }
 
@@ -151,7 +153,7 @@ impl Sending {
         let sent = self.sent.iter_mut().find(|it| it.id == key).unwrap();
         assert_eq!(sent.fate.replace(fate), None, "settled once");
         if fate != Fate::Closed {
-            // Whoever still reads there sees that.
+            // An end that wrongly still reads this slot sees garbage.
             let garbage = [0xaa; SLOT_HEAD];
             shared.heads.borrow_mut().insert(sent.place, garbage);
         }
@@ -167,14 +169,15 @@ impl Sending {
         self.sent.iter().filter(|it| it.fate.is_none()).count()
     }
 
-    /// Publishes one message, if the link takes it.
+    /// Sends one message, if the link accepts it.
     pub(crate) fn send(&mut self, words: &impl RingMemory, shared: &Shared, within: u32) {
         if self.at.ended || !self.at.link.is_open() {
             return;
         }
         self.next_id += 1;
         let id = self.next_id;
-        // Places that were settled are used again, the last first; one of the end never.
+        // Slots of settled messages are reused, the last one first. A slot whose message was closed
+        // by the end of the link is never reused.
         let is_free =
             |slot: &u32| (self.sent.iter()).all(|it| it.place != (within, *slot) || !it.is_kept());
         let last = |slot: &u32| self.sent.iter().rposition(|it| it.place == (within, *slot));
@@ -256,7 +259,8 @@ impl Sending {
         result
     }
 
-    /// Begins to send, and is dead before it is done: what was put before that is there.
+    /// Sends a message and is killed before `send` returns. Words written before that stay in the
+    /// ring.
     pub(crate) fn die(&mut self, link: &mut Link, dying: &Between<'_>, shared: &Shared) {
         let sequence = self.sent.len() as u64 + 1;
         let id = self.next_id + 1;
@@ -309,7 +313,7 @@ impl Sending {
 }
 
 impl Receiving {
-    /// Whether there is a message in a segment that was not attached yet.
+    /// Takes a message. Returns true if it is in a segment whose ATTACH was not read yet.
     pub(crate) fn take(&mut self, words: &impl RingMemory, shared: &Shared) -> bool {
         if self.is_dead {
             return false;
@@ -357,7 +361,7 @@ impl Receiving {
 }
 
 impl Shared {
-    /// Nobody has written to the slot of a message that is held.
+    /// Checks that the slot of a held message was not overwritten.
     pub(crate) fn check_head(&self, delivery: &Delivery) {
         let Payload::Pooled { segment, offset } = delivery.payload else {
             panic!("it is pooled");

@@ -1,4 +1,4 @@
-//! Two ends of a link of the ring lane, the words between them, and what their drivers do.
+//! Two ends of a link of the ring lane, the words between them, and their drivers.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use std::{
@@ -18,7 +18,7 @@ use sm2_proto::{
 
 use crate::link_support::{NOW, pooled, ring_file, with_ring};
 
-/// Segments of 16 slots; their numbers are the tests'.
+/// A segment of 16 slots. The test chooses its number.
 pub(crate) const fn segment(id: u32) -> SegmentInfo {
     SegmentInfo {
         id,
@@ -27,12 +27,12 @@ pub(crate) const fn segment(id: u32) -> SegmentInfo {
     }
 }
 
-/// The words of a ring, each where the layout says.
+/// The words of a ring, by the offsets of the layout.
 #[derive(Clone)]
 pub(crate) struct Memory {
     pub(crate) layout: RingLayout,
     words: RefCell<BTreeMap<u64, u64>>,
-    /// Loads, swaps and takes since the last look.
+    /// The number of loads, swaps and takes since the last call of `take_accesses`.
     accesses: Cell<u32>,
 }
 
@@ -101,7 +101,7 @@ impl RingMemory for Memory {
     fn fence(&self) {}
 }
 
-/// The word of a message.
+/// The bits of the word of a message.
 pub(crate) fn word(segment: u32, slot: u32, sequence: u64) -> u64 {
     Word::new(segment, slot, sequence).unwrap().to_bits()
 }
@@ -118,16 +118,16 @@ pub(crate) fn head(id: u64) -> SlotHead {
 pub(crate) const SENDER: usize = 0;
 pub(crate) const RECEIVER: usize = 1;
 
-/// Both ends, their sockets as queues, the ring, and the heads of all slots.
+/// Both ends, with queues as sockets, the ring, and the heads of all slots.
 pub(crate) struct Rig {
     pub(crate) ends: [Link; 2],
-    /// What each end has sent and the other one has not read.
+    /// The datagrams that each end has sent and the other end has not read.
     pub(crate) wires: [VecDeque<(Vec<u8>, Vec<FdFacts>)>; 2],
-    /// All outputs but those to transmit.
+    /// All outputs except `Transmit` and `Settled`.
     pub(crate) outputs: [Vec<Output>; 2],
     pub(crate) words: Memory,
     pub(crate) heads: BTreeMap<(u32, u32), [u8; SLOT_HEAD]>,
-    /// What the sender's driver was told of messages, in order.
+    /// The messages that were settled at the sender, in order.
     pub(crate) settled: Vec<(u64, Fate)>,
     strides: BTreeMap<u32, u64>,
 }
@@ -142,7 +142,7 @@ pub(crate) fn ring_config(role: Role, reliable: bool, depth: u16, max_borrowed: 
 }
 
 impl Rig {
-    /// Both ends before any frame was read.
+    /// Both ends, before they have read any frame.
     pub(crate) fn fresh(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
         let end = |role| Link::new(ring_config(role, reliable, depth, max_borrowed));
         let layout = RingLayout::new(depth, u32::from(depth + max_borrowed)).unwrap();
@@ -160,7 +160,7 @@ impl Rig {
         rig
     }
 
-    /// Open, with a ring and with segment 0 attached.
+    /// Open ends, with a ring, and with segment 0 attached.
     pub(crate) fn open(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
         let mut rig = Self::fresh(reliable, depth, max_borrowed);
         rig.pump();
@@ -205,7 +205,7 @@ impl Rig {
         self.strides[&id] * u64::from(slots)
     }
 
-    /// The other end reads one datagram of this end; whether there was one.
+    /// Lets the other end read one datagram of this end. Returns false if there was none.
     pub(crate) fn carry(&mut self, end: usize) -> bool {
         let Some((bytes, fds)) = self.wires[end].pop_front() else {
             return false;
@@ -221,18 +221,18 @@ impl Rig {
         true
     }
 
-    /// Both ends read all that is there.
+    /// Lets both ends read all datagrams.
     pub(crate) fn pump(&mut self) {
         while self.carry(SENDER) || self.carry(RECEIVER) {}
     }
 
-    /// The kinds of the frames that are underway.
+    /// The kinds of the frames in flight.
     pub(crate) fn underway(&self, end: usize) -> Vec<FrameKind> {
         let kind = |it: &(Vec<u8>, _)| FrameKind::from_number(it.0[0]).unwrap();
         self.wires[end].iter().map(kind).collect()
     }
 
-    /// A message in segment 0; its key is ten times its id.
+    /// Sends a message in segment 0. Its key is ten times its id.
     pub(crate) fn send(&mut self, id: u64, slot: u32) -> Result<Wake, Error> {
         self.send_in(segment(0), id, slot)
     }
@@ -279,7 +279,7 @@ impl Rig {
         taken
     }
 
-    /// The next message, which has to be there.
+    /// Takes the next message, which must be in the ring.
     pub(crate) fn taken(&mut self) -> Delivery {
         self.take().unwrap().expect("a message is there")
     }
@@ -290,7 +290,7 @@ impl Rig {
         released
     }
 
-    /// What was settled since the last look.
+    /// Returns the messages settled since the last call.
     pub(crate) fn settled(&mut self) -> Vec<(u64, Fate)> {
         std::mem::take(&mut self.settled)
     }
@@ -299,7 +299,7 @@ impl Rig {
         self.ends[SENDER].has_room(&self.words)
     }
 
-    /// The datagram of a peer, which the end must take.
+    /// Feeds a frame of a peer, which the end must accept.
     pub(crate) fn frame(&mut self, end: usize, frame: &Frame<'_>, fds: &[FdFacts]) {
         let bytes = frame.to_vec();
         let datagram = Datagram {

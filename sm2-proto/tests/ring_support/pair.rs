@@ -1,4 +1,4 @@
-//! A pair of ends of the ring lane: what happens to them.
+//! A pair of ends of the ring lane, and the operations of a random run.
 
 use std::cell::RefCell;
 
@@ -19,19 +19,19 @@ pub(crate) enum Op {
     Send {
         within: u32,
     },
-    /// While the sender sends, before one of its accesses, the receiver takes and gives back.
+    /// While the sender sends, before one of its accesses, the receiver takes and releases.
     SendWhile {
         at: u32,
         takes: u8,
         within: u32,
     },
-    /// While the receiver takes, before one of its accesses, the sender sends some.
+    /// While the receiver takes, before one of its accesses, the sender sends messages.
     TakeWhile {
         at: u32,
         sends: u8,
         within: u32,
     },
-    /// While the receiver gives back, the sender harvests and sends.
+    /// While the receiver releases, the sender harvests and sends.
     ReleaseWhile {
         at: u32,
         sends: u8,
@@ -58,7 +58,7 @@ pub(crate) enum Op {
     Close {
         end: usize,
     },
-    /// The process ends while it sends or takes, before that access.
+    /// The process ends while it sends or takes, before the access with this index.
     Kill {
         end: usize,
         at: u32,
@@ -71,7 +71,7 @@ pub(crate) struct Pair {
     pub(crate) receiving: Receiving,
     pub(crate) depth: u64,
     pub(crate) reliable: bool,
-    /// No end closed, and no process ended.
+    /// True if no end has closed, and no process has ended.
     pub(crate) sound: bool,
 }
 
@@ -178,7 +178,7 @@ impl Pair {
         }
     }
 
-    /// With nothing in between the verdict is known before.
+    /// Sends a message with no operation in between, so that the result is known in advance.
     fn send(&mut self, within: u32) {
         let (sending, words) = (&mut self.sending, &self.shared.words);
         let before = (sending.sent.len(), sending.passed_over);
@@ -187,7 +187,7 @@ impl Pair {
         let no_index = words.forward()[(before.0 + 1) % self.depth as usize] != EMPTY;
         sending.send(words, &self.shared, within);
         let sent = sending.sent.len() > before.0;
-        // Without a segment there is no message.
+        // If its segment is not attached, the message is passed over.
         if !is_over && sending.passed_over == before.1 {
             assert_eq!(sent, !self.reliable || !(full || no_index));
         }
@@ -228,7 +228,7 @@ impl Pair {
         }
     }
 
-    /// The other end reads one datagram of this end, or sees that it is gone.
+    /// Lets the other end read one datagram of this end, or see that this end has closed.
     pub(crate) fn carry(&mut self, end: usize) {
         if self.end(1 - end).ended {
             return;
@@ -237,7 +237,7 @@ impl Pair {
         let other = self.end(1 - end);
         let result = match next {
             Some((bytes, fds)) => {
-                // Whatever can be read wakes.
+                // Any readable datagram wakes the end.
                 other.asleep = false;
                 let datagram = Datagram {
                     bytes: &bytes,
@@ -253,7 +253,7 @@ impl Pair {
         self.drain();
     }
 
-    /// Goes to sleep, if there is nothing to do.
+    /// Puts an end to sleep if it has nothing to do.
     fn park(&mut self, end: usize) {
         if end == 0 && !self.reliable {
             return;
@@ -286,14 +286,15 @@ impl Pair {
         }
     }
 
-    /// What the process does goes no further than to that access, and its socket closes.
+    /// Kills a process while it sends or takes: its accesses from `at` on have no effect, and its
+    /// socket closes.
     fn kill(&mut self, end: usize, at: u32) {
         self.sound = false;
         if self.end_ref(end).ended {
             return;
         }
         let dying = Between::new(&self.shared.words, at, |_| true);
-        // A copy does it: its own books are gone with it.
+        // A copy of the link does the work, since the state of a killed process is lost.
         let mut link = self.end_ref(end).link.clone();
         if end == 0 {
             self.sending.die(&mut link, &dying, &self.shared);

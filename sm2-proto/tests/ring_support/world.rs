@@ -1,4 +1,4 @@
-//! What is between the two ends of a link of a service: rings, slots and sockets.
+//! The rings, slots and sockets between the two ends of a link of a service.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use std::{
@@ -30,15 +30,15 @@ pub(crate) const fn segment(id: u32) -> SegmentInfo {
 /// A datagram and the facts about its descriptors.
 type Wired = (Vec<u8>, Vec<FdFacts>);
 
-/// What is between the ends.
+/// The shared state between the two ends.
 pub(crate) struct World {
-    /// By the end that takes messages out: of replies, and of requests.
+    /// One ring for replies and one for requests, indexed by the end that takes messages from it.
     pub(crate) rings: [Memory; 2],
-    /// The heads of all slots, by the end that writes them, segment and slot.
+    /// The heads of all slots, by writing end, segment and slot.
     pub(crate) heads: RefCell<BTreeMap<(usize, u32, u32), [u8; SLOT_HEAD]>>,
-    /// What each end has sent and the other one has not read.
+    /// The datagrams that each end has sent and the other end has not read.
     pub(crate) wires: RefCell<[VecDeque<Wired>; 2]>,
-    /// How each call was replied to.
+    /// The status of the reply to each call.
     pub(crate) replied: RefCell<BTreeMap<u64, Status>>,
 }
 
