@@ -89,7 +89,7 @@ pub enum RecvError {
     Payload {
         /// The node that sent it.
         publisher: Name,
-        /// What is wrong with the payload.
+        /// The error in the payload.
         reason: PayloadError,
     },
     /// The memory of a message could not be mapped, so its link was closed.
@@ -163,7 +163,7 @@ pub enum CallError {
     Payload {
         /// The service.
         service: Name,
-        /// What is wrong with the payload.
+        /// The error in the payload.
         reason: PayloadError,
     },
     /// Waiting for the server failed.
