@@ -7,7 +7,7 @@ from multiprocessing.connection import Connection
 from .machine import Exploration, Library
 from .replay import disagreements
 
-# What a harness may use; the machine has more to do.
+# Memory limit of a harness, since the machine has other work to do.
 MEMORY_BYTES = 6 << 30
 
 
@@ -17,7 +17,7 @@ def explore(
     cpu_seconds: int,
     first_panic: bool = False,
 ) -> Exploration:
-    """What came of it: where the time was too short, paths are left."""
+    """Returns the result of the exploration. If the time was too short, some paths are unexplored."""
     fork = multiprocessing.get_context("fork")
     receiver, sender = fork.Pipe(duplex=False)
     child = fork.Process(target=work, args=(library, harness, cpu_seconds, first_panic, sender))
