@@ -1,4 +1,4 @@
-//! Calls, from both ends: those that a client made, and the replies of a server.
+//! Calls at both ends: the calls of a client, and the replies of a server.
 
 mod ring;
 
@@ -15,41 +15,41 @@ use super::outbox::{Forms, Label, Needs, Outbox};
 use super::take::{Full, Taken};
 use super::token::LinkToken;
 
-/// The calls of a client that the program has not seen the end of.
+/// The calls of a client whose outcome the program has not seen.
 #[derive(Debug, Default)]
 pub(crate) struct Calls {
     open: HashMap<CallId, Option<Outcome>>,
 }
 
-/// One call: its link, and its number there.
+/// Identifies a call by its link and its number on that link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct CallId {
     pub(crate) token: LinkToken,
     pub(crate) id: u64,
 }
 
-/// How a call went.
+/// The outcome of a call.
 #[derive(Debug)]
 pub(crate) enum Outcome {
     Reply(Taken),
     ServerGone,
 }
 
-/// Which server a call goes to.
+/// The server for the next call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Choice {
-    /// This one, which needs this form.
+    /// The call goes to the server of this link, which needs these forms.
     Link { token: LinkToken, needs: Needs },
-    /// One is there, but not open yet.
+    /// A server exists, but no link to a server is open yet.
     Opening,
-    /// None is there.
+    /// There is no server.
     NoServer,
     /// The program holds as many calls and replies of each server as it may.
     TooMany { limit: usize },
 }
 
 impl Calls {
-    /// Takes what a caller's link brought: replies, and the calls that ended with it.
+    /// Takes all replies from a caller's link, and notes the calls that failed with the link.
     pub(super) fn collect(
         &mut self,
         token: LinkToken,
@@ -60,8 +60,8 @@ impl Calls {
         if link.role() != Role::Caller {
             return;
         }
-        // No reply waits because too many are held: a client makes no more calls than it may
-        // hold replies.
+        // `take` cannot fail because too many messages are held: a client makes no more calls than
+        // it may hold replies.
         while let Ok(Some((delivery, source))) = link.take(tools, outbox) {
             let (id, sequence) = (delivery.id, delivery.sequence);
             let reply = Taken {
@@ -71,7 +71,7 @@ impl Calls {
                 source,
             };
             if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
-                // Nobody waits for it any more.
+                // No thread waits for this reply any more.
                 link.release(sequence, tools.epoll, outbox);
             }
         }
@@ -81,7 +81,7 @@ impl Calls {
         }
     }
 
-    /// Whether somebody waits for it.
+    /// Records the outcome of a call. Returns whether a thread still waits for it.
     fn finish(&mut self, call: CallId, outcome: Outcome) -> bool {
         match self.open.get_mut(&call) {
             Some(open @ None) => {
@@ -94,12 +94,12 @@ impl Calls {
 }
 
 impl Interface {
-    /// The server that the next call goes to.
+    /// Chooses the server for the next call.
     //= SM2-SRV-001
     pub(crate) fn choose_server(&self) -> Choice {
         let is_meant = |link: &&LinkDriver| link.is_open() && (self.servers)(&link.peer.name);
         let open = || self.links().filter(is_meant);
-        // Of several with as few calls the oldest: links are in the order of their age.
+        // Among links with equally few calls, this is the oldest: links are ordered by age.
         let least = open().min_by_key(|link| link.calls());
         match least {
             None if self.is_opening() => Choice::Opening,
@@ -128,7 +128,7 @@ impl Interface {
         self.calls.open.insert(call, None);
         let label = Label {
             id,
-            // Zero is none.
+            // Zero means no deadline.
             time: deadline.unwrap_or_default(),
             len,
         };
@@ -140,7 +140,7 @@ impl Interface {
         let now = sm2_io::clock::now();
         (tools.counting).note(self.entry.as_ref(), |entry| entry.published(now, len));
         self.outbox.release(key);
-        // The link ended before the machine had the call: it does not speak of it.
+        // If the link ended before the machine accepted the call, no output reports the call.
         let over = self.link(token).is_none_or(|link| link.end().is_some());
         if sent.is_none() || over {
             self.calls.finish(call, Outcome::ServerGone);
@@ -148,7 +148,7 @@ impl Interface {
         call
     }
 
-    /// How a call went, once it is over; it is forgotten then.
+    /// Returns the outcome of a call once the call is over, and removes the call.
     pub(crate) fn outcome(&mut self, call: CallId, tools: &mut Tools<'_>) -> Option<Outcome> {
         if self.link(call.token).is_some_and(LinkDriver::is_ready) {
             self.settle_link(call.token, tools);
@@ -158,7 +158,7 @@ impl Interface {
         Some(outcome)
     }
 
-    /// The program no longer wants the reply.
+    /// Called when the program no longer wants the reply.
     pub(crate) fn cancel(&mut self, call: CallId, tools: &mut Tools<'_>) {
         let CallId { token, id } = call;
         if self.calls.open.get(&call).is_some_and(Option::is_none) {
@@ -168,7 +168,8 @@ impl Interface {
         }
     }
 
-    /// Nobody waits for the call any more: a reply that comes, or came, is given back.
+    /// Removes a call for which no thread waits any more. Gives its reply back if the reply has
+    /// come, or when it comes.
     pub(crate) fn forget(&mut self, call: CallId, tools: &mut Tools<'_>) {
         self.cancel(call, tools);
         if let Some(Some(Outcome::Reply(taken))) = self.calls.open.remove(&call) {
@@ -176,7 +177,8 @@ impl Interface {
         }
     }
 
-    /// The next request that is worth the server's time.
+    /// Takes the next request that is neither cancelled nor late. Answers cancelled and late
+    /// requests with a reply that has no payload.
     pub(crate) fn take_request(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
         while let Some(taken) = self.next(tools)? {
             let (token, id) = (taken.token, taken.delivery.id);
@@ -188,7 +190,7 @@ impl Interface {
                 (true, _) => Status::Cancelled,
                 (false, true) => Status::DeadlinePassed,
                 (false, false) => {
-                    // A request says when it is too late, not when it was made.
+                    // A request carries its deadline, not the time at which it was sent.
                     let now = sm2_io::clock::now();
                     self.note_taken(std::slice::from_ref(&taken), |_| now, tools);
                     return Ok(Some(taken));
@@ -208,7 +210,7 @@ impl Interface {
         }
     }
 
-    /// Replies without a payload.
+    /// Sends a reply without a payload.
     pub(crate) fn reply_bare(&mut self, call: CallId, status: Status, tools: &mut Tools<'_>) {
         let forms = Forms {
             inline: Some(Bytes::new()),
@@ -217,7 +219,7 @@ impl Interface {
         self.reply(call, forms, 0, status, tools);
     }
 
-    /// Replies that the call failed.
+    /// Sends a reply that says that the call failed.
     pub(crate) fn reply_failed(
         &mut self,
         call: CallId,
@@ -231,7 +233,7 @@ impl Interface {
         self.reply(call, forms, reason.len() as u64, Status::Failed, tools);
     }
 
-    /// Replies; whether the client was still there.
+    /// Sends a reply. Returns whether the client's link was still open.
     pub(crate) fn reply(
         &mut self,
         call: CallId,
@@ -258,14 +260,14 @@ impl Interface {
         sent == Some(true)
     }
 
-    /// The application gives a message back.
+    /// Gives a message back for the application.
     //= SM2-MSG-005
     pub(crate) fn give_back(&mut self, token: LinkToken, sequence: u64, tools: &mut Tools<'_>) {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
         link.release(sequence, tools.epoll, &mut self.outbox);
-        // On a receiver's link that goes on nothing follows from it.
+        // On a receiver's link that is not over, a release has no further consequences.
         if link.role() != Role::Receiver || link.end().is_some() {
             self.settle_link(token, tools);
         }

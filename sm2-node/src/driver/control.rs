@@ -87,8 +87,9 @@ impl Inner {
         }
     }
 
-    /// The first Manager knows all interfaces of this node at once, because there are none. Any
-    /// other Manager knows them only when the session is [resumed](Self::resumed).
+    /// Handles a welcome. The first Manager knows all interfaces of this node at once, because
+    /// there are none. Any other Manager knows them only when the session is
+    /// [resumed](Self::resumed).
     fn welcomed(&mut self, resuming: bool) {
         self.session.refused = None;
         for interface in self.interfaces.values_mut() {
@@ -119,7 +120,7 @@ impl Inner {
     }
 
     //= SM2-NOD-003
-    // Links stay open.
+    // Links stay open after the end of the session.
     fn ended(&mut self, end: End, epoll: &Epoll) {
         self.session.hang_up(end, epoll);
         self.questions.forget();
@@ -138,8 +139,8 @@ impl Inner {
                 }
                 interface.state = state;
             }
-            // The caller that declared it no longer waits for the answer. An interface that was
-            // refused is gone already.
+            // The caller that declared the interface no longer waits for the answer. A refused
+            // interface does not exist any more.
             None => self.session.tell(Input::Withdraw { interface: id }),
         }
         self.sleepers.wake(Topic::Interface(id));
@@ -161,7 +162,7 @@ impl Inner {
         }
     }
 
-    /// Adds a link, whose socket came with LINK.
+    /// Adds a link whose socket came with LINK.
     fn linked(
         &mut self,
         id: InterfaceId,
@@ -207,17 +208,17 @@ impl Inner {
 
     // ---- requests of handles ----
 
-    /// The reason for which no Manager knows all interfaces of this node, if there is one.
+    /// The reason why no Manager knows all interfaces of this node, if there is one.
     pub(crate) const fn away(&self) -> Option<End> {
         self.session.away
     }
 
-    /// The reason for which the last greeting was refused, if it was.
+    /// The reason why the last greeting was refused, if it was.
     pub(crate) const fn greeting_refusal(&self) -> Option<&Refusal> {
         self.session.refused.as_ref()
     }
 
-    /// Whether a Manager is connected that knows all interfaces and links of this node.
+    /// Whether this node is connected to a Manager that knows all its interfaces and links.
     pub(crate) const fn is_connected(&self) -> bool {
         self.session.is_ready()
     }
@@ -254,8 +255,8 @@ impl Inner {
         Ok(id)
     }
 
-    /// Registers the schema text of a type with this Manager and with all that follow. The text
-    /// must have the type's hash.
+    /// Registers the schema text of a type with this Manager and all later ones. The text must have
+    /// the type's hash.
     //= SM2-SCH-001
     pub(crate) fn register_schema(&mut self, data: TypeId, text: String, epoll: &Epoll) {
         if self.schemas.get(&data) == Some(&text) {

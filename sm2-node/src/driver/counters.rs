@@ -1,5 +1,5 @@
-//! What a node counts for tools to look at: one file, one entry for each interface and
-//! for each of its ends of links (SPEC section 12).
+//! The counters that tools can read: one file, with one entry for each interface and for each of
+//! the node's ends of links (SPEC section 12).
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -11,7 +11,7 @@ use sm2_proto::{Instant, InterfaceId, LinkId};
 
 use super::link::LinkDriver;
 
-/// The node's file. Without one, everything else goes on.
+/// The file of the node's counters. If there is none, the node works without counters.
 #[derive(Debug, Default)]
 pub(crate) struct Counting {
     page: Option<CounterPage>,
@@ -19,7 +19,7 @@ pub(crate) struct Counting {
 }
 
 impl Counting {
-    /// Makes the file, unless it is there; whether it is new.
+    /// Creates the file unless it exists. Returns whether it was created now.
     pub(super) fn start(&mut self) -> bool {
         if self.page.is_some() || self.failed {
             return false;
@@ -38,13 +38,14 @@ impl Counting {
         self.page.is_some()
     }
 
-    /// The descriptor for the Manager, which hands it on to tools.
+    /// The descriptor for the Manager, which passes it to tools.
     pub(super) fn descriptor(&self) -> io::Result<OwnedFd> {
         let page = self.page.as_ref().ok_or(io::ErrorKind::NotFound)?;
         page.as_fd().try_clone_to_owned()
     }
 
-    /// None if there is no file, or if it is full: then this one is not counted.
+    /// Allocates an entry. `None` if there is no file or the file is full; the interface or link is
+    /// then not counted.
     pub(super) fn allocate(
         &mut self,
         interface: InterfaceId,
@@ -78,12 +79,12 @@ impl Counting {
 }
 
 impl LinkDriver {
-    /// A message went out.
+    /// Counts a message that was sent.
     pub(super) fn note_sent(&mut self, time: Instant, len: u64, counting: &mut Counting) {
         let at = match self.role() {
-            // Where a server stands, requests count.
+            // A server's entry counts requests, not replies.
             Role::Server => return self.note_fates(counting),
-            // A request says when it is too late, not when it was made.
+            // A request carries its deadline, not the time at which it was sent.
             Role::Caller => sm2_io::clock::now(),
             Role::Sender | Role::Receiver => time,
         };
@@ -94,7 +95,7 @@ impl LinkDriver {
         }
     }
 
-    /// What became of messages is noted, if anything did.
+    /// Writes the outcomes of messages to the entry, if they have changed.
     pub(super) fn note_fates(&mut self, counting: &mut Counting) {
         let counters = self.counters();
         if counters != self.noted {

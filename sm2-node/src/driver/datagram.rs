@@ -1,11 +1,11 @@
-//! Reading one datagram, and asking the kernel about the descriptors that came along.
+//! Reading one datagram, and inspecting the descriptors that came with it.
 
 use std::os::fd::OwnedFd;
 
 use sm2_io::{InspectedFd, RecvError, SeqPacket};
 use sm2_proto::FdFacts;
 
-/// What came beside the bytes. Dropping it closes the descriptors that nobody took.
+/// A received datagram without its bytes. Dropping it closes the descriptors that were not taken.
 #[derive(Debug, Default)]
 pub(super) struct Incoming {
     pub(super) len: usize,
@@ -16,12 +16,13 @@ pub(super) struct Incoming {
 }
 
 impl Incoming {
-    /// The descriptor that the frame carries, once.
+    /// Takes the descriptor of the frame.
     pub(super) fn take_fd(&mut self) -> Option<OwnedFd> {
         self.fds.pop().map(OwnedFd::from)
     }
 
-    /// The same with the kernel's facts about it, for a file that will be mapped.
+    /// Takes the descriptor of the frame with the kernel's facts about it, for a file that will be
+    /// mapped.
     pub(super) fn take_file(&mut self) -> Option<InspectedFd> {
         self.fds.pop()
     }
@@ -30,8 +31,8 @@ impl Incoming {
 /// Reads one datagram. Allocates only if descriptors came.
 pub(super) fn receive(socket: &SeqPacket, buffer: &mut [u8]) -> Result<Incoming, RecvError> {
     let received = socket.recv(buffer)?;
-    // Asked before anything is mapped. A descriptor for which the kernel does not answer has no
-    // facts, and the machine refuses it.
+    // The kernel is asked before anything is mapped. If it does not answer for a descriptor, the
+    // descriptor has no facts, and the machine refuses it.
     let fds = received.fds.into_iter().map(InspectedFd::new);
     let fds: Vec<_> = fds.collect();
     Ok(Incoming {

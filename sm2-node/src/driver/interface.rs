@@ -14,9 +14,9 @@ use super::outbox::Outbox;
 use super::status::LinkStatus;
 use super::token::LinkToken;
 
-/// The number of ended links that are remembered one by one; older ones are only summed up.
+/// How many ended links are listed one by one; older ones are only added to the sums.
 const HISTORY: usize = 64;
-/// The number of ended links that may still hold messages that the application has not taken.
+/// How many ended links may still hold messages that the application has not taken.
 const ENDED_WITH_MESSAGES: usize = 64;
 
 #[derive(Debug)]
@@ -30,22 +30,22 @@ pub(crate) struct Interface {
     /// The number of published messages.
     pub(super) published: u64,
     pub(super) calls: Calls,
-    /// Whether a client may call the server of that node.
+    /// Whether a client may call the server of the node with this name.
     pub(crate) servers: fn(&Name) -> bool,
-    /// The number of LINKs that DECLARED announced and that have not come yet (SM2-IFC-002).
+    /// How many LINKs that DECLARED announced have not come yet (SM2-IFC-002).
     pub(super) links_due: u32,
-    /// The reason for which this session's Manager refused the interface, though an earlier one had
-    /// granted it.
+    /// The reason why the Manager of this session refused the interface, although an earlier
+    /// Manager had granted it.
     pub(super) refused_again: Option<Refusal>,
     /// The entry of its counters.
     pub(super) entry: Option<CounterEntry>,
     /// The link from which the last message was taken.
     pub(super) last_taken: LinkToken,
-    /// The number of publications that the application will never see, as far as the node knows.
+    /// How many publications the application misses, as far as the node knows.
     pub(crate) lost: u64,
     pub(super) ended: VecDeque<LinkStatus>,
     pub(super) ended_sum: Counters,
-    /// Links that have ended, for the Manager to be told.
+    /// Ended links that the Manager has to be told about.
     pub(super) farewells: Vec<(LinkId, Code)>,
     /// Tokens of links that were removed.
     pub(super) gone: Vec<LinkToken>,
@@ -94,7 +94,7 @@ impl Interface {
         self.links.get(token)
     }
 
-    /// Whether a link is being made or opened.
+    /// Whether a link is announced or being opened.
     pub(crate) fn is_opening(&self) -> bool {
         self.links_due > 0
             || self
@@ -102,8 +102,8 @@ impl Interface {
                 .any(|link| link.end().is_none() && !link.is_open())
     }
 
-    /// Whether this session's Manager has granted the interface, once it knows all interfaces of
-    /// the node.
+    /// Whether the Manager of this session has granted the interface. Meaningful once that Manager
+    /// knows all interfaces of the node.
     pub(super) fn is_granted(&self) -> bool {
         matches!(self.state, State::Live { .. }) && self.refused_again.is_none()
     }
@@ -136,7 +136,7 @@ impl Interface {
         }
     }
 
-    /// Closes all links. Messages that their sockets have taken still reach the other sides.
+    /// Closes all links. Messages that their sockets have accepted still reach the other sides.
     pub(super) fn close(&mut self, tools: &mut Tools<'_>) {
         for link in self.links.iter_mut() {
             let farewell = Input::Close(Farewell::Done.code());
@@ -146,7 +146,7 @@ impl Interface {
         tools.counting.free(self.entry.take());
     }
 
-    /// Takes back the messages that the other sides have released on the ring lane.
+    /// Settles the messages that the other sides have released on the ring lane.
     pub(crate) fn harvest(&mut self, tools: &mut Tools<'_>) {
         if matches!(self.contract, Contract::Subscriber { .. }) {
             return;
@@ -156,7 +156,7 @@ impl Interface {
             link.harvest(tools, &mut self.outbox);
             is_over |= link.end().is_some() && !link.buried;
         }
-        // The link ended by a fault in its ring, so the Manager has to be told.
+        // A fault in its ring has ended the link, so the Manager has to be told.
         if is_over {
             self.bury_ended(tools);
         }
@@ -205,9 +205,9 @@ impl Interface {
         }
     }
 
-    /// Links that ended during a send.
+    /// Settles the links that ended during a send.
     pub(super) fn bury_ended(&mut self, tools: &mut Tools<'_>) {
-        // Nothing is allocated unless a link has ended.
+        // Allocates only if a link has ended.
         let mut tokens = Vec::new();
         for link in self.links.iter() {
             if link.end().is_some() && !link.buried {
@@ -220,7 +220,7 @@ impl Interface {
         self.detach_segments(tools);
     }
 
-    /// A link has ended: notes it for the Manager, and keeps its counters.
+    /// Records the end of a link: queues it for the Manager, and keeps its counters.
     fn bury(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         let Some(link) = self.links.get_mut(token) else {
             return;
@@ -242,8 +242,8 @@ impl Interface {
         self.drop_oldest_messages(tools);
     }
 
-    /// An application that never takes its messages must not collect those of every publisher that
-    /// ever was.
+    /// Drops the messages of the oldest ended links, so that an application that takes no messages
+    /// does not collect those of all past publishers.
     fn drop_oldest_messages(&mut self, tools: &mut Tools<'_>) {
         let buried = self.links.iter().filter(|link| link.buried).count();
         let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
@@ -262,13 +262,13 @@ impl Interface {
         }
     }
 
-    /// Counts messages that have come and that the application will never see.
+    /// Counts messages that came and that the application will not get.
     pub(super) fn lose(&mut self, messages: u64, tools: &mut Tools<'_>) {
         self.lost += messages;
         (tools.counting).note(self.entry.as_ref(), |entry| entry.lost(messages));
     }
 
-    /// Tells all links which segments have ended.
+    /// Tells all links which segments are not used any more.
     pub(crate) fn detach_segments(&mut self, tools: &mut Tools<'_>) {
         while let Some(segment) = self.outbox.over.pop() {
             for link in self.links.iter_mut().filter(|link| link.end().is_none()) {

@@ -1,6 +1,7 @@
-//! Messages of one link: sent, taken and given back, on whichever lane its machine has agreed on.
+//! Sending, taking and releasing the messages of one link, on whichever lane its machine has agreed
+//! on.
 //!
-//! The memory that both sides map is lent to the machine for each call: [`Mapped`].
+//! The driver lends the memory that both sides map to the machine for each call: [`Mapped`].
 
 use std::collections::BTreeMap;
 use std::io::{self, IoSlice};
@@ -23,9 +24,9 @@ use super::outbox::{NoForm, Outbox};
 pub(super) struct Mapped {
     /// The ring that this side takes messages from.
     pub(super) incoming: Option<Ring>,
-    /// The ring that this side sends by.
+    /// The ring that this side sends through.
     pub(super) outgoing: Option<Ring>,
-    /// The other side's segments.
+    /// The segments of the other side.
     pub(super) segments: BTreeMap<u32, Arc<PooledMapping>>,
 }
 
@@ -49,8 +50,8 @@ impl LinkMemory for Mapped {
     }
 }
 
-/// Makes the ring that this side will take messages from, before it is offered: a process without a
-/// descriptor to spare uses the socket lane.
+/// Creates the ring from which this side will take messages, before this side offers the ring lane.
+/// A process without a free descriptor uses the socket lane.
 //= SM2-RNG-002
 pub(super) fn prepare_ring(config: &mut link::Config) -> Option<(Ring, OwnedFd)> {
     if !config.ring || config.sealed {
@@ -68,7 +69,7 @@ pub(super) fn prepare_ring(config: &mut link::Config) -> Option<(Ring, OwnedFd)>
 }
 
 impl LinkDriver {
-    /// Maps the ring that the other side made.
+    /// Maps the ring that the other side created.
     pub(super) fn map_ring(&mut self, layout: RingLayout, fd: Option<InspectedFd>) {
         let mapped = fd
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
@@ -80,14 +81,14 @@ impl LinkDriver {
         }
     }
 
-    /// Whether its socket becomes readable with each message.
+    /// Whether each message makes the link's socket readable.
     pub(crate) const fn is_woken_by_socket(&self) -> bool {
         self.machine.is_woken_by_socket()
     }
 
-    /// Sends a message that the outbox holds. A publication for which there is no slot or no room at
-    /// this moment is not sent on this link. If the memory for a message cannot be had otherwise, the
-    /// link ends: it would miss a message that others get.
+    /// Sends a message that the outbox holds. If there is no slot or no room for a publication at
+    /// this moment, the publication is not sent on this link. If memory for a message is missing
+    /// for another reason, the link ends, because it would miss a message that other links get.
     pub(super) fn send(
         &mut self,
         key: MessageKey,
@@ -107,12 +108,12 @@ impl LinkDriver {
                 link::Body::Pooled { segment, .. } => Some(*segment),
                 link::Body::Inline(_) | link::Body::Sealed => None,
             };
-            // The call itself may settle the message, so it is held before.
+            // The call itself may settle the message, so the link holds it before the call.
             outbox.hold(key);
             let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let misuse = match self.machine.send(&self.mapped, message, settled) {
                 Ok(wake) => return self.note_and_finish(key, wake, tools, outbox),
-                // The outputs settle it, as all others.
+                // The outputs settle the message with all others.
                 Err(Error::Ended(_)) => return self.drain_idle(tools.epoll, outbox),
                 Err(Error::Misuse(misuse)) => misuse,
             };
@@ -126,7 +127,7 @@ impl LinkDriver {
         }
     }
 
-    /// The machine has taken a message.
+    /// Completes the sending of a message that the machine has accepted.
     fn note_and_finish(
         &mut self,
         key: MessageKey,
@@ -144,7 +145,7 @@ impl LinkDriver {
         }
     }
 
-    /// A message cannot be put in the form that this link needs.
+    /// Handles a message that cannot be put into the form that this link needs.
     fn without_form(&mut self, error: &NoForm, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         let peer = &self.peer.name;
         if matches!(error, NoForm::Slot(_)) && self.role() == Role::Sender {
@@ -175,7 +176,8 @@ impl LinkDriver {
         self.note_fates(tools.counting);
     }
 
-    /// Takes back what the receiver gave back, and sends what waited for that.
+    /// Settles the messages that the receiver gave back, and sends queued messages into the new
+    /// room.
     pub(super) fn harvest(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         while self.machine.end().is_none() {
             let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
@@ -189,14 +191,15 @@ impl LinkDriver {
         self.note_fates(tools.counting);
     }
 
-    /// Sends what waited for what has just changed: a segment's number, the socket, room.
+    /// Sends queued messages after a change that may let them through: a freed segment number, a
+    /// writable socket, or room.
     pub(super) fn send_waiting(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         if self.machine.is_waiting() {
             self.harvest(tools, outbox);
         }
     }
 
-    /// The next message for the application.
+    /// Takes the next message for the application.
     #[inline]
     pub(super) fn take_next(
         &mut self,
@@ -207,11 +210,12 @@ impl LinkDriver {
             self.prefetch_next();
             match self.machine.take(&self.mapped) {
                 Ok(taken) => {
-                    // The parked word stays as it is: another thread of this subscriber may sleep.
+                    // The parked word is not cleared, because another thread of this subscriber may
+                    // sleep.
                     if taken.is_some() {
                         self.wake(self.machine.made_room(&self.mapped));
                     }
-                    // Outputs say that a call is cancelled, or failed.
+                    // There may be outputs for cancelled or failed calls.
                     self.drain_if_due(tools.epoll, outbox);
                     return Ok(taken);
                 }
@@ -220,12 +224,13 @@ impl LinkDriver {
                 Err(NoDelivery::UnknownSegment) if !looked && self.end().is_none() => {
                     self.receive_all(tools, outbox);
                     tools.stirred = true;
-                    // The bell was perhaps among that, and somebody is about to sleep.
+                    // One of these datagrams may have been a DOORBELL, and another thread may be
+                    // about to sleep.
                     self.park();
                 }
                 Err(NoDelivery::UnknownSegment) => {
                     let now = sm2_io::clock::now();
-                    // The link is over by this: the outputs say so.
+                    // This input ends the link, which the outputs report.
                     let _ = self.machine.handle(now, Input::SegmentMissing);
                 }
                 Err(NoDelivery::Ended(_) | NoDelivery::Misuse(_)) => break,
@@ -235,8 +240,9 @@ impl LinkDriver {
         Ok(None)
     }
 
-    /// No read goes ahead of the atomic operation that takes a word. So what is read after it, from lines
-    /// that the sender's core has, is fetched while that goes on.
+    /// Prefetches the lines that are read after the next word was taken. The processor executes no
+    /// read before the atomic operation that takes the word, and these lines are in the cache of
+    /// the sender's core. The prefetch overlaps their transfer with the atomic operation.
     #[inline]
     fn prefetch_next(&self) {
         if let Some((segment, offset, stride)) = self.machine.peek(&self.mapped)
@@ -247,7 +253,7 @@ impl LinkDriver {
         }
     }
 
-    /// The application gives a message back.
+    /// Gives a message back for the application.
     //= SM2-RNG-008, SM2-MSG-005
     pub(super) fn release(&mut self, sequence: u64, epoll: &Epoll, outbox: &mut Outbox) {
         self.note_released();
@@ -261,7 +267,7 @@ impl LinkDriver {
         self.drain_if_due(epoll, outbox);
     }
 
-    /// Drains the machine, if it may have outputs.
+    /// Drains the machine if it may have outputs.
     #[inline]
     fn drain_if_due(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
         if self.machine.has_output() {
@@ -269,7 +275,7 @@ impl LinkDriver {
         }
     }
 
-    /// Somebody is about to sleep until something happens on this link.
+    /// Announces that a thread is about to sleep until this link has an event.
     //= SM2-RNG-009
     pub(super) fn park(&self) {
         if self.machine.end().is_none() {
@@ -277,8 +283,8 @@ impl LinkDriver {
         }
     }
 
-    /// Wakes the other side, if that is needed. A socket that takes no more is readable at its other
-    /// end, which is awake or will be.
+    /// Wakes the other side if that is needed. If the socket is full, it is readable at the other
+    /// end, so the other side is awake or will wake.
     //= SM2-RNG-009
     #[inline]
     pub(super) fn wake(&self, wake: Wake) {

@@ -1,7 +1,7 @@
-//! One end of one link: socket, machine, and what was mapped for it.
+//! One end of one link: its socket, its machine, and the memory that was mapped for it.
 //!
-//! Nothing here waits. A socket that takes no more keeps one packet here and stops
-//! the machine's transmitting; whatever fails ends this link and no other.
+//! No function in this module waits. If the socket is full, the driver keeps one packet and stops
+//! the machine from transmitting. A failure ends only the link in which it occurs.
 
 mod outputs;
 
@@ -25,8 +25,8 @@ use super::status::Received;
 use super::token::LinkToken;
 use crate::payload::Source;
 
-/// How many datagrams are read from a link whose other side is gone: more than a window
-/// full of messages, each with its segment.
+/// How many datagrams are read at most from a link whose other side is gone. This exceeds the
+/// number of messages in a full window, each with the ATTACH of its segment.
 const LAST_WORDS: usize = 8_192;
 
 #[derive(Debug)]
@@ -38,13 +38,13 @@ pub(crate) struct LinkDriver {
     pub(super) machine: Link,
     /// The rings and segments that both sides map.
     pub(super) mapped: Mapped,
-    /// A ring for messages to this side and its file, until both ends have agreed on a lane.
+    /// The ring for messages to this side and its file, until both ends have agreed on a lane.
     pub(super) prepared: Option<(Ring, OwnedFd)>,
-    /// The file of the incoming ring, until the other side has it.
+    /// The file of the incoming ring, until RING was sent to the other side.
     pub(super) ring_file: Option<OwnedFd>,
-    /// The packet that the socket did not take.
+    /// The packet that the socket did not accept.
     unsent: Option<Packet>,
-    /// Sealed files of messages that were not taken yet, by sequence.
+    /// The files of sealed messages that were not taken yet, by sequence number.
     kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
     pub(super) backlog: VecDeque<MessageKey>,
@@ -52,31 +52,33 @@ pub(crate) struct LinkDriver {
     pub(super) greeted: bool,
     /// Whether the interface knows that the link is over.
     pub(super) buried: bool,
-    /// Messages that the application holds.
+    /// How many messages the application holds.
     held: usize,
     pub(super) received: Received,
-    /// Where its counters are, as long as it is not buried.
+    /// The entry of its counters, until the link is buried.
     pub(super) entry: Option<CounterEntry>,
-    /// What stands there.
+    /// The values in the entry.
     pub(super) noted: Counters,
     /// Caller: the number of the last call.
     pub(super) last_call: u64,
-    /// Caller: calls that failed with the link, not reported yet.
+    /// Caller: calls that failed with the link and were not reported yet.
     pub(super) failed: Vec<u64>,
     /// Server: calls that their client no longer wants.
     pub(super) cancelled: BTreeSet<u64>,
-    /// Why the link has to be ended from this side.
+    /// The code with which this side has to end the link.
     failing: Option<Code>,
 }
 
-/// What the methods of a link need of the node.
+/// The parts of the node that the methods of a link use.
 pub(crate) struct Tools<'a> {
     pub(crate) epoll: &'a Epoll,
     pub(crate) buffer: &'a mut [u8],
     pub(crate) counting: &'a mut Counting,
-    /// When the call began that waits, takes or publishes; long ago for all others.
+    /// The time at which the call began, for calls that wait, take or publish. Stale in
+    /// all other calls.
     pub(crate) now: Instant,
-    /// Whether a socket of the interface was read meanwhile, of which sleepers wait to hear.
+    /// Whether a socket of the interface was read during this call, so that sleepers have to be
+    /// woken.
     pub(crate) stirred: bool,
 }
 
@@ -146,7 +148,7 @@ impl LinkDriver {
         self.machine.config().role
     }
 
-    /// The form in which this link takes messages.
+    /// The forms in which this link accepts messages.
     pub(crate) fn needs(&self) -> Needs {
         self.machine.placement().into()
     }
@@ -156,12 +158,12 @@ impl LinkDriver {
         self.backlog.is_empty() && self.has_room_for_backlog()
     }
 
-    /// The same for what is to be sent before all else.
+    /// The same as [`has_room`](Self::has_room), for messages of the backlog, which are sent first.
     pub(super) fn has_room_for_backlog(&self) -> bool {
         self.machine.has_room(&self.mapped)
     }
 
-    /// Calls without a reply, and messages that the application holds.
+    /// The number of calls without a reply.
     pub(crate) fn calls(&self) -> usize {
         self.machine.calls()
     }
@@ -174,10 +176,10 @@ impl LinkDriver {
         usize::from(self.machine.config().max_borrowed)
     }
 
-    /// Whether all is sent that the other side's window admits, and on a reliable link also
-    /// given back.
+    /// Whether all messages that the other side's window admits were sent. On a reliable link, they
+    /// must also have been given back.
     pub(crate) fn is_flushed(&self) -> bool {
-        // More are in flight than the window admits as long as one waits for it.
+        // While a message waits for the window, more messages are in flight than the window admits.
         let admitted = match self.is_reliable() {
             true => 0,
             false => self.peer.contract.window() as usize,
@@ -188,12 +190,12 @@ impl LinkDriver {
                 && self.machine.in_flight() <= admitted)
     }
 
-    /// How many messages the application has not taken. They outlive the link.
+    /// An upper bound for the messages that the application has not taken. They outlive the link.
     pub(crate) fn ready(&self) -> usize {
         self.machine.ready(&self.mapped)
     }
 
-    /// Whether there may be one.
+    /// Whether there may be a message to take.
     pub(super) fn is_ready(&self) -> bool {
         self.machine.is_ready(&self.mapped)
     }
@@ -203,7 +205,7 @@ impl LinkDriver {
         self.drain(Incoming::default(), epoll, outbox);
     }
 
-    /// The socket is readable, writable, or both.
+    /// Handles an event of the socket, which is readable, writable, or both.
     pub(super) fn on_event(&mut self, event: Event, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         if event.writable {
             self.flush(tools.epoll, outbox);
@@ -213,7 +215,8 @@ impl LinkDriver {
         }
     }
 
-    /// Reads all that is there, as far as an honest peer can have sent it.
+    /// Reads all datagrams that the socket has, up to the number that a peer that obeys SPEC can
+    /// have sent.
     pub(super) fn receive_all(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         self.receive(LAST_WORDS, tools, outbox);
     }
@@ -229,7 +232,7 @@ impl LinkDriver {
                 }
                 Err(RecvError::WouldBlock) => return,
                 //= SM2-TRN-006
-                // Only now: `Closed` comes after all that was queued.
+                // `Closed` comes after all queued datagrams.
                 Err(RecvError::Closed) => return self.feed(Input::Eof, tools.epoll, outbox),
                 Err(RecvError::Io(error)) => {
                     tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");
@@ -246,14 +249,14 @@ impl LinkDriver {
             data_truncated: came.data_truncated,
             control_truncated: came.control_truncated,
         };
-        // What is wrong with it is said by the outputs.
+        // If the datagram is a violation, the outputs report it.
         let _ = self
             .machine
             .handle(sm2_io::clock::now(), Input::Datagram(datagram));
         self.drain(came, epoll, outbox);
     }
 
-    /// Gives the machine an input, and does what it says.
+    /// Feeds an input to the machine and carries out the outputs.
     pub(super) fn feed(&mut self, input: Input<'_>, epoll: &Epoll, outbox: &mut Outbox) {
         let result = self.machine.handle(sm2_io::clock::now(), input);
         debug_assert!(
@@ -264,7 +267,8 @@ impl LinkDriver {
         self.drain(Incoming::default(), epoll, outbox);
     }
 
-    /// This message goes without this link, which was waited for in vain.
+    /// Drops a message for this link alone, because its reliable deadline expired while this link
+    /// had no room.
     //= SM2-QOS-002
     pub(super) fn skip(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         debug_assert!(
@@ -277,7 +281,8 @@ impl LinkDriver {
         }
     }
 
-    /// The other side is gone, says the Manager: what it sent before counts.
+    /// Handles UNLINK: the Manager says that the other side is gone. Messages that the other side
+    /// sent before still count.
     //= SM2-TRN-006, SM2-LNK-006
     pub(super) fn unlink(&mut self, code: Code, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         self.receive_all(tools, outbox);
@@ -286,12 +291,12 @@ impl LinkDriver {
         }
     }
 
-    /// Does what the machine says without a datagram.
+    /// Carries out the outputs of the machine when no datagram was fed.
     pub(super) fn drain_idle(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
         self.drain(Incoming::default(), epoll, outbox);
     }
 
-    /// The next message for the application, and where it is.
+    /// Takes the next message for the application. Returns it with the memory of its payload.
     #[inline]
     pub(super) fn take(
         &mut self,
@@ -330,12 +335,12 @@ impl LinkDriver {
         found.unwrap_or(Source::Missing)
     }
 
-    /// The application holds one message less.
+    /// Counts a message that the application gave back.
     pub(super) const fn note_released(&mut self) {
         self.held = self.held.saturating_sub(1);
     }
 
-    /// The code that the Manager is told, once the link is over.
+    /// The code that is reported to the Manager; `None` while the link is not over.
     pub(super) fn farewell(&self) -> Option<Code> {
         Some(match self.end()? {
             End::Local(code) | End::Peer(code) => code,

@@ -3,10 +3,10 @@
 use super::link::LinkDriver;
 use super::token::LinkToken;
 
-/// Links by token, the oldest first: tokens grow.
+/// Links in ascending order of their tokens, the oldest first.
 ///
-/// Each message looks at all of them, several times, and mostly there is one. So they stand in a row;
-/// that it takes longer to remove one of many is paid once for each link.
+/// Each message visits all links several times, and usually there is one link. A vector makes these
+/// visits fast. Its slower removal happens once for each link.
 #[derive(Debug, Default)]
 pub(super) struct Links(Vec<LinkDriver>);
 
@@ -32,7 +32,7 @@ impl Links {
         }
     }
 
-    /// Removes all but these.
+    /// Keeps the links for which `keep` returns `true`.
     pub(super) fn retain(&mut self, keep: impl FnMut(&LinkDriver) -> bool) {
         self.0.retain(keep);
     }
@@ -45,8 +45,9 @@ impl Links {
         self.0.iter_mut()
     }
 
-    /// The next link in turn that may have a message. A turn visits the links after `start` in their
-    /// order, and then the others up to `start`; `visited` is the link before, if it has begun.
+    /// The next link in turn that may have a message. A turn visits the links after `start` in
+    /// order, and then the others up to and including `start`. `visited` is the link that this turn
+    /// visited last, if any.
     #[inline]
     pub(super) fn next_ready(
         &mut self,

@@ -1,16 +1,17 @@
-//! What moves a node: its sockets, the machines behind them, and who waits for what.
+//! The driver of a node: its sockets, the machines behind the sockets, and the threads that wait.
 //!
-//! - [`Shared`] is what all handles of a node share: the epoll set and, under a lock, [`Inner`].
-//! - [`Inner::drive`] asks the epoll set what can be read or written now, and does a bounded
-//!   amount of it. Every call of a program begins with it.
-//! - `session` is the connection with the Manager, `link` one end of one link; each is a
-//!   socket and a machine of `sm2-proto`, whose outputs are matched in one place: `control`
-//!   and `link`. `reconnect` makes the next connection when one is over, `questions` is what
-//!   the program asks the Manager, `counters` what tools can look at.
-//! - `interface` holds the links of one publisher, subscriber, server or client; `publish`,
-//!   `take` and `calls` are what it does with them; `outbox` holds the messages on their way
-//!   out.
-//! - `wait` is how threads wait without the lock.
+//! - [`Shared`] holds the state that all handles of a node share: the epoll set and, under a lock,
+//!   [`Inner`].
+//! - [`Inner::drive`] asks the epoll set which sockets are readable or writable, and reads and
+//!   writes a bounded amount. Most calls of a program begin with it.
+//! - `session` is the connection with the Manager, and `link` is one end of one link. Each is a
+//!   socket and a machine of `sm2-proto`. Only `control` and `link::outputs` match the outputs of
+//!   these machines.
+//! - `reconnect` connects to the next Manager after a session has ended. `questions` holds the
+//!   requests of the program to the Manager. `counters` holds the counters that tools can read.
+//! - `interface` holds the links of one publisher, subscriber, server or client. `publish`, `take`
+//!   and `calls` are its operations. `outbox` holds the messages that are not settled.
+//! - `wait` lets threads wait without the lock.
 
 mod calls;
 mod control;
@@ -60,31 +61,31 @@ pub(crate) use self::token::LinkToken;
 use self::wait::Sleepers;
 pub(crate) use self::wait::{Bell, Topic, Until};
 
-/// How many datagrams one socket is read at a time, so that no peer keeps a node busy.
+/// How many datagrams are read from one socket in one drive, so that no peer keeps a node busy.
 const BURST: usize = 32;
-/// How many sockets are looked at in one drive.
+/// How many sockets are read or written in one drive.
 const SOCKETS: usize = 64;
-/// How long sockets wait to be looked at by who has work without them, on the ring lane.
+/// On the ring lane: how long a call that does not need the sockets may leave them unread.
 const SOCKETS_WAIT_NS: u64 = 100_000;
 /// The token of the session's socket.
 const SESSION: u64 = LinkToken::FIRST.0;
 /// The token of the timer of the next attempt to connect.
 const TIMER: u64 = LinkToken::LAST.0;
 
-/// What all handles of a node share.
+/// The state that all handles of a node share.
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) epoll: Epoll,
     pub(crate) name: Name,
-    /// How long the Manager may take to answer.
+    /// The timeout for an answer of the Manager.
     pub(crate) manager_timeout: Duration,
     inner: Mutex<Inner>,
-    /// Last: it goes when this node has said goodbye to it.
+    /// The last field, so that the Manager is dropped after this node has closed its session.
     #[cfg(feature = "embedded-manager")]
     embedded: Option<sm2_manager::Background>,
 }
 
-/// What moves, under the lock.
+/// The state of a node that changes, under the lock.
 #[derive(Debug)]
 pub(crate) struct Inner {
     name: Name,
@@ -94,7 +95,7 @@ pub(crate) struct Inner {
     reconnect: Reconnect,
     questions: Questions,
     counting: Counting,
-    /// What types look like whose texts this node registers with each Manager.
+    /// The schema texts that this node registers with each Manager, by type.
     schemas: BTreeMap<TypeId, String>,
     pub(crate) interfaces: BTreeMap<InterfaceId, Interface>,
     /// The interface that each link belongs to.
@@ -105,14 +106,15 @@ pub(crate) struct Inner {
     events: Events,
     ready: Vec<Event>,
     sleepers: Sleepers,
-    /// When the sockets were looked at.
+    /// The time of the last drive.
     driven: Instant,
-    /// The moment of the call that goes on.
+    /// The time at which the current API call began.
     now: Instant,
 }
 
 impl Shared {
-    /// A node that has greeted the Manager behind `socket`, and will find others at `path`.
+    /// Creates a node whose Manager is at the other end of `socket`. The node finds later Managers
+    /// at `path`.
     pub(crate) fn new(
         socket: SeqPacket,
         path: PathBuf,
@@ -151,27 +153,29 @@ impl Shared {
         })
     }
 
-    /// The node has a Manager of its own, or one that stands by.
+    /// Attaches a Manager that runs in this process, active or standby.
     #[cfg(feature = "embedded-manager")]
     pub(crate) fn with_manager(mut self, manager: Option<sm2_manager::Background>) -> Self {
         self.embedded = manager;
         self
     }
 
-    /// The node, as it is. What a thread that panicked left behind is consistent: of a user's
-    /// code, only a `tracing` subscriber runs under the lock (and must not call this node).
+    /// Locks the node. If another thread panicked under the lock, the state is still consistent:
+    /// the only user code that runs under the lock is a `tracing` subscriber, which must not call
+    /// this node.
     pub(crate) fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The node, after it has done what there was to do.
+    /// Locks the node and drives it.
     pub(crate) fn driven(&self) -> MutexGuard<'_, Inner> {
         let mut inner = self.lock();
         inner.drive(&self.epoll);
         inner
     }
 
-    /// Drives the node, and changes one of its interfaces, if it is still there.
+    /// Drives the node and changes one of its interfaces. `None` if the interface does not exist
+    /// any more.
     pub(crate) fn with<R>(
         &self,
         interface: InterfaceId,
@@ -180,7 +184,8 @@ impl Shared {
         self.driven().with(interface, &self.epoll, change)
     }
 
-    /// The same, but the node is driven only if it is time to, as long as all links have rings.
+    /// The same as [`with`](Self::with), but while all links of the interface have rings, the node
+    /// is driven only if its last drive was some time ago.
     pub(crate) fn with_due<R>(
         &self,
         interface: InterfaceId,
@@ -195,7 +200,7 @@ impl Shared {
         inner.with(interface, &self.epoll, change)
     }
 
-    /// The same without driving it.
+    /// The same as [`with`](Self::with), but without driving the node.
     pub(crate) fn with_idle<R>(
         &self,
         interface: InterfaceId,
@@ -214,8 +219,8 @@ impl Drop for Shared {
 }
 
 impl Inner {
-    /// The same, if that was not done for a while: no system call for each message of a ring.
-    /// Whether it was done.
+    /// Drives the node if its last drive was some time ago. This avoids a system call for each
+    /// message of a ring. Returns whether the node was driven.
     pub(crate) fn drive_if_due(&mut self, now: Instant, epoll: &Epoll) -> bool {
         self.now = now;
         let due = now.0.saturating_sub(self.driven.0) >= SOCKETS_WAIT_NS;
@@ -226,8 +231,8 @@ impl Inner {
         due
     }
 
-    /// Reads what there is to read and sends what can be sent, a bounded amount of it,
-    /// without waiting.
+    /// Reads from readable sockets and writes to writable ones. Does a bounded amount of work and
+    /// does not wait.
     pub(crate) fn drive(&mut self, epoll: &Epoll) {
         if let Err(error) = epoll.wait(&mut self.events, Some(Duration::ZERO)) {
             tracing::error!(%error, "cannot ask for events");
@@ -253,8 +258,8 @@ impl Inner {
         }
     }
 
-    /// Takes back what an interface's messages were given back, changes it, and tells the Manager
-    /// which of its links are over by that.
+    /// Harvests the messages that came back to an interface, changes the interface, and tells the
+    /// Manager which of its links have ended.
     pub(crate) fn with<R>(
         &mut self,
         id: InterfaceId,
@@ -267,7 +272,7 @@ impl Inner {
         })
     }
 
-    /// The same without taking anything back.
+    /// The same as [`with`](Self::with), but without harvesting.
     pub(crate) fn with_as_is<R>(
         &mut self,
         id: InterfaceId,
@@ -293,7 +298,7 @@ impl Inner {
             for (link, code) in std::mem::take(&mut interface.farewells) {
                 self.session.unlinked(id, link, code);
             }
-            // Who spins waits for the end of all links.
+            // A thread that spins waits for the end of all links.
             self.sleepers.wake(Topic::Session);
             self.drain_session(Incoming::default(), epoll);
         }

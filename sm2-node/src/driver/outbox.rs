@@ -1,14 +1,14 @@
-//! Messages on their way out: where their bytes are, and who still needs them.
+//! Messages that are not settled: where their bytes are, and which holders still need them.
 //!
-//! Each message is stored once, in every form that one of its links needs, and is
-//! named by a key. It is held by each link until that link has settled it, by the
-//! latched store, and by the call that publishes it. When the last of them lets go,
-//! its slot is free for the next message.
+//! Each message is stored once, in every form that one of its links needs, under a key. Its holders
+//! are each link until that link has settled the message, the latched store, and the call that
+//! publishes the message. When the last holder releases the message, its slot is free for the next
+//! message.
 //!
-//! A slot is not written again if a link *ended* with it: the process at its other
-//! end may be alive and may still read it (SM2-OPN-007 settles the accounts, it does not
-//! take a message out of a reader's hands). Such a slot is abandoned, and the memory
-//! goes back to the system when its last reader unmaps it.
+//! If a link *ended* with a message, the slot of the message is not written again: the process at
+//! the other end may be alive and may still read the slot. SM2-OPN-007 settles such messages in the
+//! counters, but a reader may still use them. The slot is abandoned, and its memory returns to the
+//! system when the last reader unmaps it.
 
 mod ring;
 
@@ -38,20 +38,20 @@ pub(crate) struct Forms {
 }
 
 impl Forms {
-    /// Whether there is no message, since nobody needs it.
+    /// Whether there is no message, because no link needs it.
     pub(crate) const fn is_empty(&self) -> bool {
         self.inline.is_none() && self.pooled.is_none() && self.sealed.is_none()
     }
 }
 
-/// The forms in which the links of an interface take messages.
+/// The forms in which the links of an interface accept messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Needs {
-    /// Some links take slots only, however short the message is.
+    /// Some links accept messages only in slots, however short they are.
     pub(crate) slot: bool,
-    /// Some links take short messages inline and others in slots.
+    /// Some links accept short messages inline and others in slots.
     pub(crate) pooled: bool,
-    /// Some links take short messages inline and others in files of their own.
+    /// Some links accept short messages inline and others in files of their own.
     pub(crate) sealed: bool,
 }
 
@@ -66,8 +66,8 @@ impl From<Placement> for Needs {
 }
 
 impl Needs {
-    /// What a link needs that will open, whatever its lane: the message is put into a slot later if
-    /// the link takes slots only.
+    /// The needs of a link whose lane is not known yet. If the link turns out to accept only slots,
+    /// the message is copied to a slot later.
     pub(crate) const fn of(sealed: bool) -> Self {
         Self {
             slot: false,
@@ -85,7 +85,7 @@ impl Needs {
         self.pooled || self.sealed
     }
 
-    /// What another link needs as well.
+    /// Adds the needs of another link.
     pub(crate) const fn add(&mut self, other: Self) {
         self.slot |= other.slot;
         self.pooled |= other.pooled;
@@ -93,7 +93,7 @@ impl Needs {
     }
 }
 
-/// What stands in the header of a message.
+/// The fields of a message's header.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Label {
     pub(crate) id: u64,
@@ -106,9 +106,9 @@ pub(crate) struct Outbox {
     pool: Pool<Slot>,
     segments: BTreeMap<u32, SegmentFd>,
     messages: Messages,
-    /// How reserved segments are made.
+    /// How the memory of reserved segments is prepared.
     reservation: Reservation,
-    /// Segments that no message uses any more, to be detached from all links.
+    /// Segments that no message uses any more and that have to be detached from all links.
     pub(super) over: Vec<u32>,
 }
 
@@ -119,36 +119,36 @@ pub(super) struct StoredMessage {
     id: u64,
     time: Instant,
     holders: u32,
-    /// Whether a link ended with it.
+    /// Whether a link ended with the message.
     orphaned: bool,
 }
 
-/// Why there is no slot.
+/// The reason why there is no slot.
 #[derive(Debug)]
 pub(crate) enum NoSlot {
     Full,
     Io(io::Error),
-    /// Its memory cannot be kept from being swapped out.
+    /// The memory of the slot cannot be locked into RAM.
     Lock(io::Error),
 }
 
-/// Why a message cannot be put in the form that a link needs.
+/// The reason why a message cannot be put into the form that a link needs.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum NoForm {
-    /// There is no slot for it at this moment.
+    /// There is no slot for the message at this moment.
     #[error("no slot: {0}")]
     Slot(io::Error),
-    /// Its bytes cannot be copied, or there is no file for them.
+    /// The bytes of the message cannot be copied, or no file can be created for them.
     #[error(transparent)]
     Memory(#[from] io::Error),
 }
 
-/// How memory is reserved.
+/// How the memory of a segment is prepared when the segment is reserved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Reservation {
     /// All pages are present.
     pub(crate) prefault: bool,
-    /// And stay.
+    /// All pages are locked into RAM.
     pub(crate) lock: bool,
 }
 
@@ -164,7 +164,7 @@ impl Reservation {
     }
 }
 
-/// Memory for so many messages of up to so many bytes.
+/// Reserved memory for `slots` messages of up to `len` bytes each.
 #[derive(Debug)]
 pub(crate) struct Reserved {
     segment: Segment,
@@ -203,13 +203,13 @@ impl Outbox {
         }
     }
 
-    /// Segments that nobody uses are kept so long.
+    /// Sets how long segments without messages are kept.
     pub(crate) const fn keep_idle(&mut self, idle: Duration) {
         self.pool.keep_idle(idle);
     }
 
-    /// Takes over memory that is there before any message, and makes room in the books for twice
-    /// as many messages.
+    /// Adds memory that was reserved before any message was sent. Also allocates table entries for
+    /// twice as many messages, so that storing a message does not allocate.
     pub(crate) fn adopt(&mut self, reserved: Reserved) {
         let Reserved {
             segment,
@@ -225,7 +225,7 @@ impl Outbox {
         self.add(geometry, segment);
     }
 
-    /// A slot for `len` bytes.
+    /// Leases a slot for `len` bytes.
     pub(crate) fn lease(&mut self, len: u64) -> Result<Lease<Slot>, NoSlot> {
         if let Some(lease) = self.ready(len) {
             return Ok(lease);
@@ -244,8 +244,8 @@ impl Outbox {
         self.pool.take(len).ok_or(NoSlot::Full)
     }
 
-    /// A process died with slots of reserved memory. Messages need others now, whether these can be
-    /// as good or not.
+    /// Prepares a segment that replaces reserved slots, which were lost when a process died with
+    /// them. Messages need new slots in any case, so a failure to prepare them is only logged.
     fn make_up_for_lost(&self, segment: &mut Segment) {
         if let Err(NoSlot::Io(error) | NoSlot::Lock(error)) = self.reservation.apply(segment) {
             tracing::warn!(%error, "memory that makes up for lost slots is neither present nor locked");
@@ -258,13 +258,13 @@ impl Outbox {
         self.pool.add(geometry, slots);
     }
 
-    /// A free slot, if there is one.
+    /// Leases a slot that is free now; `None` if none is.
     pub(crate) fn ready(&mut self, len: u64) -> Option<Lease<Slot>> {
         self.pool.take(len)
     }
 
-    /// Gives back to the system what was not used for long. Cheap: it may be called with every
-    /// message.
+    /// Returns segments to the system that were not used for long. This is cheap enough to be
+    /// called for every message.
     pub(crate) fn rest(&mut self, now: Instant) {
         let idle = self.pool.sweep(now);
         self.close(idle);
@@ -276,7 +276,7 @@ impl Outbox {
         self.close(over);
     }
 
-    /// Stores a message. The caller holds it, until it [lets go](Self::release).
+    /// Stores a message. The caller holds the message until it [releases](Self::release) it.
     pub(crate) fn store(&mut self, mut forms: Forms, label: Label) -> MessageKey {
         if let Some(lease) = &mut forms.pooled {
             ring::write_head(lease, label, Status::Ok);
@@ -292,25 +292,25 @@ impl Outbox {
         })
     }
 
-    /// What stands in the header of a message.
+    /// The fields of a message's header.
     pub(super) fn label(&self, key: MessageKey) -> Option<Label> {
         let StoredMessage { id, time, len, .. } = *self.messages.get(key)?;
         Some(Label { id, time, len })
     }
 
-    /// One more holder.
+    /// Adds a holder to a message.
     pub(crate) fn hold(&mut self, key: MessageKey) {
         if let Some(message) = self.messages.get_mut(key) {
             message.holders += 1;
         }
     }
 
-    /// One holder less, who did not give it to anybody.
+    /// Removes a holder that did not send the message.
     pub(crate) fn release(&mut self, key: MessageKey) {
         self.settle(key, Fate::Delivered);
     }
 
-    /// A link is done with a message.
+    /// Removes a holder of a message: a link has settled the message.
     pub(super) fn settle(&mut self, key: MessageKey, fate: Fate) {
         let Some(message) = self.messages.get_mut(key) else {
             return;
@@ -337,11 +337,11 @@ impl Outbox {
         }
     }
 
-    /// The message as a link with this placement sends it. Makes that form, if no other link
-    /// needed it before.
+    /// The message in the form in which a link with this placement sends it. Creates that form if
+    /// no other link needed it before.
     ///
     /// # Errors
-    /// [`NoForm`]: the message cannot be put there.
+    /// [`NoForm`]: the message cannot be put into that form.
     pub(super) fn message(
         &mut self,
         key: MessageKey,
@@ -392,11 +392,11 @@ impl Outbox {
         })
     }
 
-    /// The descriptor that goes with a packet.
+    /// The descriptor that is sent with a packet.
     pub(super) fn descriptor(&self, attachment: link::Attachment) -> Option<BorrowedFd<'_>> {
         match attachment {
             link::Attachment::Segment(id) => Some(self.segments.get(&id)?.as_fd()),
-            // The link's own business.
+            // The link itself stores the descriptor of its ring.
             link::Attachment::Ring => None,
             link::Attachment::Message(key) => {
                 let message = self.messages.get(MessageKey::from_raw(key))?;
@@ -405,7 +405,7 @@ impl Outbox {
         }
     }
 
-    /// The size of all segments together.
+    /// The size of all segments together, in bytes.
     pub(crate) fn pool_bytes(&self) -> u64 {
         self.pool.bytes()
     }
@@ -418,7 +418,7 @@ impl Outbox {
     }
 }
 
-/// The segment of a slot, as messages name it.
+/// The segment of a slot, as messages refer to it.
 const fn info<M>(lease: &Lease<M>) -> SegmentInfo {
     SegmentInfo {
         id: lease.segment.id,

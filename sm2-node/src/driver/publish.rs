@@ -1,4 +1,4 @@
-//! Publishing: one message, all links of a publisher, and what is kept for late ones.
+//! Publishing a message on all links of a publisher, and keeping it for links that open later.
 
 use std::borrow::Cow;
 
@@ -12,11 +12,11 @@ use super::outbox::{Forms, Label, Needs};
 use super::token::LinkToken;
 use crate::published::Published;
 
-/// Messages of up to this length are copied while the node is locked, because a second lock would
-/// take longer than the copy.
+/// Messages of up to this length are copied under the node's lock, because taking the lock a second
+/// time would take longer than the copy.
 const COPY_UNDER_LOCK_MAX: usize = 16 << 10;
 
-/// A message that was published, but not sent to all links yet.
+/// A publication that was not sent to all links yet.
 #[derive(Debug, Default)]
 pub(crate) struct Offered {
     /// The stored message; `None` if no link needed it.
@@ -28,7 +28,8 @@ pub(crate) struct Offered {
 }
 
 impl Interface {
-    /// Which forms the open links need, and those that will open and be given what is latched.
+    /// The forms that the open links need. If none is open and messages are latched, the needs of a
+    /// link that opens later.
     pub(crate) fn needs(&self) -> Needs {
         let mut needs = Needs::default();
         for link in self.links().filter(|link| link.is_open()) {
@@ -40,9 +41,9 @@ impl Interface {
         needs
     }
 
-    /// Publishes short messages in their order, as long as all open links are of the ring lane and
-    /// none has to be waited for. Returns how many it has published, and adds their results to
-    /// `sum`.
+    /// Publishes short messages in order, while all open links are on the ring lane and all
+    /// reliable ones have room. Returns how many messages it has published, and adds their results
+    /// to `sum`.
     pub(crate) fn publish_to_rings(
         &mut self,
         messages: &[Cow<'_, [u8]>],
@@ -64,7 +65,7 @@ impl Interface {
         count
     }
 
-    /// Copies a message to a slot and publishes it; `None` without a slot.
+    /// Copies a message to a slot and publishes it; `None` if there is no slot.
     fn publish_to_slot(
         &mut self,
         bytes: &[u8],
@@ -89,7 +90,7 @@ impl Interface {
         Some(self.finish(offered, tools))
     }
 
-    /// Whether some links are open, all of them of the ring lane and none to be waited for.
+    /// Whether links are open, all of them on the ring lane, and all reliable ones with room.
     fn has_room_in_rings(&self) -> bool {
         let mut is_any_open = false;
         for link in self.links() {
@@ -111,8 +112,8 @@ impl Interface {
         }
     }
 
-    /// Offers a message to every open link. The caller must [finish](Self::finish) the publication
-    /// that is returned.
+    /// Offers a message to every open link. The caller must [finish](Self::finish) the returned
+    /// publication.
     pub(crate) fn publish(
         &mut self,
         forms: Forms,
@@ -141,7 +142,8 @@ impl Interface {
                 continue;
             }
             //= SM2-QOS-002
-            // Links with room come first. A link whose deadline expired once is not waited for again.
+            // Links with room get the message first. Of the others, a link whose deadline has expired
+            // before (`is_stalled`) is skipped at once.
             if !link.is_reliable() || link.has_room() {
                 link.send(key, Status::Ok, tools, &mut self.outbox);
                 offered.links += usize::from(link.is_open());
@@ -156,8 +158,8 @@ impl Interface {
         offered
     }
 
-    /// Sends the message to the links that have room by now. Returns whether no link is left to
-    /// wait for.
+    /// Sends the message to the links that have room now. Returns whether no link is left to wait
+    /// for.
     pub(crate) fn publish_more(&mut self, offered: &mut Offered, tools: &mut Tools<'_>) -> bool {
         let Some(key) = offered.key else {
             return true;
@@ -177,7 +179,7 @@ impl Interface {
         offered.waiting.is_empty()
     }
 
-    /// Takes back what was stored for a message that is not sent.
+    /// Frees the memory of a message that is not sent.
     pub(crate) fn drop_forms(&mut self, forms: Forms, tools: &mut Tools<'_>) {
         if let Some(lease) = forms.pooled {
             self.outbox.unlease(lease);
@@ -219,8 +221,8 @@ impl Interface {
         }
     }
 
-    /// Sends what is latched on a link that has just opened, before all else; a reliable link
-    /// gets as much at a time as it has room for.
+    /// Sends the latched messages on a link that has just opened, before all other messages. On a
+    /// reliable link, sends as many at a time as the link has room for.
     //= SM2-QOS-003
     pub(super) fn replay(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
@@ -235,7 +237,8 @@ impl Interface {
         }
         while let Some(&key) = link.backlog.front() {
             if link.is_reliable() && !link.has_room_for_backlog() {
-                // On the ring lane only the bell tells of room; and it may have come meanwhile.
+                // On the ring lane, only DOORBELL tells of new room, so the link parks and then
+                // looks once more.
                 link.park();
                 link.harvest(tools, &mut self.outbox);
                 if !link.has_room_for_backlog() {

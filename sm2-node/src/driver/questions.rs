@@ -1,12 +1,13 @@
-//! What the program asks the Manager, from any thread, and the answers.
+//! Requests of the program to the Manager, from any thread, and the answers.
 //!
-//! Of each kind of question one is under way at a time, and the others wait in the
-//! order in which they were asked, so that no thread is left behind and the Manager's queue
-//! for this node stays short. A session that ends takes along what was asked: who
-//! waits for an answer is told so, and asks the next Manager.
+//! At most one question of each kind is in flight. The others wait in the order in which they were
+//! asked, so that no thread starves and the Manager's queue for this node stays short. When a
+//! session ends, its questions are dropped. A thread that waits for an answer learns of this, and
+//! asks the next Manager.
 //!
-//! Changes are an answer to nobody in particular: those after revision `a` are of use to
-//! whoever knows the domain at `a` or later (SM2-WCH-002). So one WATCH serves all [`Follower`]s.
+//! A CHANGES answer belongs to no particular question: the changes after revision `a` are useful
+//! for every follower at revision `a` or later (SM2-WCH-002). Therefore one WATCH serves all
+//! [`Follower`]s.
 
 use std::collections::{HashMap, VecDeque};
 use std::os::fd::OwnedFd;
@@ -23,17 +24,17 @@ use crate::error::QueryError;
 /// A question that is answered exactly once.
 #[derive(Clone, Debug)]
 pub(crate) enum Question {
-    /// The first items. From their revision on, changes are collected.
+    /// Asks for the first items. From the revision of this page on, changes are collected.
     FirstPage,
-    /// The items after this one.
+    /// Asks for the items after this one.
     Page(Key),
-    /// A node's counters.
+    /// Asks for a node's counters.
     Inspect(NodeId),
-    /// The text of a type.
+    /// Asks for the schema text of a type.
     Describe(TypeId),
 }
 
-/// What the Manager said.
+/// An answer of the Manager.
 #[derive(Debug)]
 pub(crate) enum Answer {
     Page(Page),
@@ -49,48 +50,48 @@ pub(crate) struct Page {
     pub(crate) revision: u64,
     pub(crate) items: Vec<Item>,
     pub(crate) next: Option<Key>,
-    /// Of the first page: who follows what changes from then on.
+    /// On the first page: the follower of the changes after this page.
     pub(crate) follower: Option<Ticket>,
 }
 
-/// How many changes are kept for somebody who does not fetch them.
+/// How many changes are kept for a follower that does not fetch them.
 const CHANGES: usize = 4_096;
 
-/// Who waits.
+/// Identifies a question or a follower.
 pub(crate) type Ticket = u64;
 
 #[derive(Debug, Default)]
 pub(super) struct Questions {
     last_ticket: Ticket,
-    /// By kind. The first of each was sent.
+    /// The queues of questions, by kind. The first question of each queue was sent.
     queues: [VecDeque<(Ticket, Question)>; 3],
-    /// None: still to come.
+    /// The answers that threads wait for; `None` until the answer comes.
     answers: HashMap<Ticket, Option<Answer>>,
     followers: HashMap<Ticket, Follower>,
-    /// The revision after which changes were asked for, if they were.
+    /// The revision after which changes were requested, if a WATCH is in flight.
     watching: Option<u64>,
 }
 
-/// Somebody who knows the domain at one revision, and collects what changes from there on.
+/// A follower knows the domain at one revision and collects the changes after that revision.
 #[derive(Debug)]
 struct Follower {
     epoch: u64,
     revision: u64,
-    /// Whether the changes lead into the middle of some, and more follow.
+    /// Whether the last CHANGES frame was not the last of a series.
     more: bool,
     changes: Vec<Change>,
-    /// Whether the changes from here on cannot be had.
+    /// Whether the next changes cannot be obtained.
     lost: bool,
 }
 
-/// What changed up to a revision.
+/// The changes up to a revision.
 #[derive(Debug)]
 pub(crate) struct Followed {
     pub(crate) revision: u64,
     pub(crate) changes: Vec<Change>,
 }
 
-/// The changes cannot be had: the Manager does not remember them, or it is another one.
+/// The changes cannot be obtained: the Manager has dropped them, or another Manager took over.
 #[derive(Debug)]
 pub(crate) struct Lost;
 
@@ -103,7 +104,8 @@ impl Questions {
         }
     }
 
-    /// Enters a question; what is to be sent for it now, if none of its kind is under way.
+    /// Queues a question. Returns the input that sends it, if no other question of its kind is in
+    /// flight.
     fn ask(&mut self, question: Question) -> (Ticket, Option<Input<'static>>) {
         let ticket = self.ticket();
         self.answers.insert(ticket, None);
@@ -113,7 +115,8 @@ impl Questions {
         (ticket, input)
     }
 
-    /// The question that was answered, if somebody still waits, and what is to be sent next.
+    /// Removes the question that was answered. Returns it if a thread still waits for the answer,
+    /// and the input that sends the next question.
     fn answered(&mut self, kind: usize) -> (Option<(Ticket, Question)>, Option<Input<'static>>) {
         let (queue, answers) = (&mut self.queues[kind], &self.answers);
         let answered = queue.pop_front();
@@ -148,7 +151,8 @@ impl Questions {
         let Some(after) = self.watching.take() else {
             return;
         };
-        // Those who know less than `after` miss something, those beyond know all of it.
+        // A follower before `after` would miss changes; a follower at `revision` or later knows all
+        // of them.
         let of_use =
             |it: &&mut Follower| !it.lost && after <= it.revision && it.revision < revision;
         match changes {
@@ -171,7 +175,7 @@ impl Questions {
         }
     }
 
-    /// Nobody waits for it any more. It may have been answered at the last moment.
+    /// Drops a question whose thread no longer waits. The answer may already have come.
     fn abandon(&mut self, ticket: Ticket) {
         if let Some(Some(Answer::Page(page))) = self.answers.remove(&ticket)
             && let Some(follower) = page.follower
@@ -180,7 +184,7 @@ impl Questions {
         }
     }
 
-    /// The session is over.
+    /// Drops all questions at the end of the session.
     pub(super) fn forget(&mut self) {
         self.queues.iter_mut().for_each(VecDeque::clear);
         self.answers.retain(|_, answer| answer.is_some());
@@ -204,7 +208,7 @@ impl Question {
     }
 }
 
-/// What the Manager answered. The frames that this sends are drained by who calls it.
+/// Answers of the Manager. These functions feed the session; their caller drains it.
 impl Inner {
     pub(super) fn page_came(&mut self, revision: u64, items: Vec<Item>, next: Option<Key>) {
         let epoch = self.session.epoch().unwrap_or_default();
@@ -250,7 +254,7 @@ impl Inner {
     }
 }
 
-/// What a thread asks.
+/// Questions of threads.
 impl Inner {
     fn ask(&mut self, question: Question, epoll: &Epoll) -> Ticket {
         let (ticket, input) = self.questions.ask(question);
@@ -261,7 +265,8 @@ impl Inner {
         ticket
     }
 
-    /// What a follower has collected when it has reached this revision. Asks for it, if need be.
+    /// The changes that a follower has collected once it has reached this revision. Requests them
+    /// if necessary.
     fn followed(
         &mut self,
         ticket: Ticket,
@@ -281,7 +286,7 @@ impl Inner {
         follower.lost |= self.session.epoch() != Some(follower.epoch);
         match self.questions.watching {
             _ if follower.lost => return Some(Err(Lost)),
-            // Somebody else waits for what comes after that, which may take for ever.
+            // Another follower waits for changes after a later revision, which may never come.
             Some(later) if later > after => return Some(Err(Lost)),
             Some(_) => {}
             None => {
@@ -295,9 +300,10 @@ impl Inner {
 }
 
 impl Shared {
-    /// Asks as soon as there is a Manager to ask, unless that was done (`asked`), and waits for its
-    /// answer. `None`: the session ended before the answer came. If the time is over, `asked`
-    /// stays: go on with it, or [abandon](Self::abandon) it.
+    /// Asks a question unless `asked` says that it was asked, and waits for the answer. The
+    /// question is sent as soon as a Manager is connected. `None` if the session ended before the
+    /// answer came. At the end of the wait, `asked` remains: the caller calls again with it, or
+    /// [abandons](Self::abandon) it.
     pub(crate) fn ask_once(
         &self,
         question: &Question,
@@ -322,7 +328,7 @@ impl Shared {
             .ok_or_else(|| self.too_late())
     }
 
-    /// Asks, if need be one Manager after the other, until one answers.
+    /// Asks until a Manager answers, each new Manager again.
     pub(crate) fn ask(
         &self,
         question: &Question,
@@ -341,21 +347,22 @@ impl Shared {
         }
     }
 
-    /// Nobody waits for this answer any more.
+    /// Drops a question for whose answer no thread waits any more.
     pub(crate) fn abandon(&self, asked: Option<Ticket>) {
         if let Some(ticket) = asked {
             self.lock().questions.abandon(ticket);
         }
     }
 
-    /// What it means that no answer came in time.
+    /// The error for an answer that did not come in time.
     pub(crate) fn too_late(&self) -> QueryError {
         self.lock()
             .away()
             .map_or(QueryError::TimedOut, QueryError::ManagerGone)
     }
 
-    /// Follows what changes after this revision. The result must be [let go](Self::unfollow).
+    /// Follows the changes after this revision. The caller must [unfollow](Self::unfollow) the
+    /// result.
     pub(crate) fn follow(&self, epoch: u64, revision: u64) -> Ticket {
         self.lock().questions.follow(epoch, revision)
     }
@@ -364,8 +371,8 @@ impl Shared {
         self.lock().questions.followers.remove(&follower);
     }
 
-    /// Waits until a follower has all changes up to this revision at least. `None`: the
-    /// time is over.
+    /// Waits until a follower has all changes up to at least this revision. `None` if `until` has
+    /// passed.
     pub(crate) fn wait_followed(
         &self,
         follower: Ticket,

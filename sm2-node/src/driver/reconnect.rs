@@ -1,7 +1,7 @@
-//! Coming back after the session ended: when to try, and trying.
+//! Connecting to a Manager again after a session has ended.
 //!
-//! No call is needed for it but those that move the node on anyway, and whoever waits for
-//! the node's descriptor is woken by a timer in the same epoll set.
+//! Attempts happen when a call drives the node. A timer in the node's epoll set signals the next
+//! attempt, so it also wakes a program that polls the node's descriptor.
 
 use std::collections::hash_map::RandomState;
 use std::hash::BuildHasher;
@@ -16,22 +16,22 @@ use sm2_proto::{Backoff, Code, Farewell, Instant, Refusal};
 use super::datagram::Incoming;
 use super::{Inner, SESSION, TIMER, Topic};
 
-/// The longest that any attempt waits.
+/// The longest delay between two attempts.
 const LONGEST: Duration = Duration::from_millis(250);
 
-/// When the node tries to reach a Manager again.
+/// The schedule of the attempts to connect to a Manager.
 #[derive(Debug)]
 pub(super) struct Reconnect {
     path: PathBuf,
     timer: Timer,
     backoff: Backoff,
-    /// Since when a Manager knows all of this node.
+    /// The time since which a Manager knows all interfaces of this node.
     back_since: Option<Instant>,
-    /// Why the last attempt failed, which is said once.
+    /// The reason why the last attempt failed. Each reason is logged once in a row.
     cause: Option<Cause>,
 }
 
-/// Why an attempt failed.
+/// The reason why an attempt failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Cause {
     Connect(io::ErrorKind),
@@ -51,7 +51,7 @@ impl Reconnect {
         })
     }
 
-    /// Tries again after a while.
+    /// Schedules the next attempt.
     fn plan(&mut self) {
         let now = sm2_io::clock::now();
         if let Some(since) = self.back_since.take() {
@@ -63,20 +63,20 @@ impl Reconnect {
         }
     }
 
-    /// The node is back.
+    /// Notes that a Manager knows all interfaces of this node.
     pub(super) fn done(&mut self) {
         self.back_since = Some(sm2_io::clock::now());
         self.cause = None;
     }
 
-    /// Whether this is news.
+    /// Notes a failed attempt. Returns whether its cause differs from that of the attempt before.
     fn fails(&mut self, cause: Cause) -> bool {
         self.cause.replace(cause.clone()) != Some(cause)
     }
 }
 
 impl Inner {
-    /// The session is over, but not by us: the node will connect again.
+    /// Schedules an attempt to connect, unless this side ended the session.
     //= SM2-RES-001
     pub(super) fn come_back(&mut self, end: End) {
         if !matches!(end, End::Local(_)) {
@@ -84,7 +84,7 @@ impl Inner {
         }
     }
 
-    /// The time for an attempt has come.
+    /// Handles the timer: tries to connect.
     //= SM2-RES-001
     pub(super) fn on_timer(&mut self, epoll: &Epoll) {
         if !self.reconnect.timer.drain() {
@@ -114,7 +114,7 @@ impl Inner {
         self.sleepers.wake(Topic::Session);
     }
 
-    /// The Manager did not grant a greeting: that attempt failed as any other.
+    /// Handles a refused greeting, which counts as a failed attempt.
     //= SM2-RES-001
     pub(super) fn greeting_refused(&mut self, reason: Refusal) {
         if self.session.was_welcomed() && self.reconnect.fails(Cause::Refused(reason.clone())) {
@@ -126,8 +126,8 @@ impl Inner {
     }
 }
 
-/// Whether a Manager that ended the session like this before it welcomed the node may be about
-/// to be replaced by another.
+/// Whether another Manager may be about to replace a Manager that ended the session in this way
+/// before it welcomed the node.
 pub(crate) fn may_return(end: End) -> bool {
     const SHUTTING_DOWN: Code = Farewell::ShuttingDown.code();
     matches!(end, End::Eof | End::Peer(SHUTTING_DOWN))

@@ -17,14 +17,14 @@ use super::datagram::{Incoming, receive};
 pub(super) struct Session {
     socket: Option<SeqPacket>,
     machine: Node,
-    /// Frames that the socket has not taken. Their number is bounded by the declarations and
+    /// Frames that the socket has not accepted. Their number is bounded by the declarations and
     /// requests of this node.
     unsent: VecDeque<Frame>,
     /// Whether the epoll set also watches for the socket to become writable.
     blocked: bool,
-    /// The end of the last session, until a Manager again knows all interfaces of this node.
+    /// The end of the last session. `None` once a Manager knows all interfaces of this node.
     pub(super) away: Option<End>,
-    /// The reason for which the last greeting was refused, if it was.
+    /// The reason why the last greeting was refused, if it was.
     pub(super) refused: Option<Refusal>,
 }
 
@@ -36,7 +36,7 @@ struct Frame {
 }
 
 impl Session {
-    /// Greets the Manager at the other end of `socket`.
+    /// Starts a session with the Manager at the other end of `socket`, by a greeting.
     pub(super) fn new(socket: SeqPacket, name: Name) -> Self {
         Self {
             socket: Some(socket),
@@ -48,19 +48,19 @@ impl Session {
         }
     }
 
-    /// Takes a new connection, which the epoll set watches already.
+    /// Uses a new connection, which is already in the epoll set.
     pub(super) fn connected(&mut self, socket: SeqPacket) {
         debug_assert!(self.socket.is_none() && self.unsent.is_empty());
         self.socket = Some(socket);
         self.blocked = false;
     }
 
-    /// Whether any Manager has ever welcomed this node.
+    /// Whether any Manager has welcomed this node so far.
     pub(super) const fn was_welcomed(&self) -> bool {
         self.machine.was_welcomed()
     }
 
-    /// Whether a Manager is connected that knows all interfaces and links of this node.
+    /// Whether this node is connected to a Manager that knows all its interfaces and links.
     pub(super) const fn is_ready(&self) -> bool {
         self.machine.is_ready()
     }
@@ -77,8 +77,8 @@ impl Session {
         self.machine.declare(contract)
     }
 
-    /// Feeds an input. An error only says that the session, or the object of the input, has ended,
-    /// so there is nothing left to do.
+    /// Feeds an input. The result is ignored: an error only says that the session, or the object of
+    /// the input, has already ended.
     pub(super) fn tell(&mut self, input: Input<'_>) {
         let _ = self.machine.handle(sm2_io::clock::now(), input);
     }
@@ -116,18 +116,18 @@ impl Session {
         Some(incoming)
     }
 
-    /// The next output of the machine.
+    /// Returns the next output of the machine.
     pub(super) fn poll(&mut self) -> Option<Output> {
         self.machine.poll()
     }
 
-    /// Sends a frame after all unsent ones.
+    /// Queues a frame after all unsent ones and sends as many as the socket accepts.
     pub(super) fn send(&mut self, bytes: Vec<u8>, fd: Option<OwnedFd>, epoll: &Epoll) {
         self.unsent.push_back(Frame { bytes, fd });
         self.flush(epoll);
     }
 
-    /// Sends as many unsent frames as the socket takes.
+    /// Sends as many unsent frames as the socket accepts.
     pub(super) fn flush(&mut self, epoll: &Epoll) {
         let Some(socket) = &self.socket else {
             self.unsent.clear();
@@ -136,8 +136,8 @@ impl Session {
         while let Some(Frame { bytes, fd }) = self.unsent.front() {
             let fd = fd.as_ref().map(AsFd::as_fd);
             match socket.send(&[IoSlice::new(bytes)], fd.as_slice()) {
-                // The Manager has closed its end. The frames that it sent before, and then the end
-                // of the stream, are read first (SM2-TRN-006).
+                // The Manager has closed its end. The frames that it sent before are read first,
+                // and then the end of the stream (SM2-TRN-006).
                 Ok(()) | Err(SendError::Closed) => {}
                 Err(SendError::WouldBlock) => break,
                 Err(error) => tracing::warn!(%error, "a frame for the Manager was lost"),
@@ -164,7 +164,7 @@ impl Session {
                 clause = %violation.clause(),
                 "the Manager broke the protocol; the session is over, links go on"
             ),
-            // The refusal was reported before; each refused attempt ends like this.
+            // The refusal was already logged, and each refused attempt ends like this.
             _ if self.refused.is_some() => {}
             End::Peer(code)
                 if ![Farewell::Done.code(), Farewell::ShuttingDown.code()].contains(&code) =>

@@ -1,4 +1,4 @@
-//! What a program is told of its links.
+//! The reports of links for a program.
 
 use std::sync::Arc;
 
@@ -9,37 +9,37 @@ use sm2_proto::link::{Counters, Delivery, End, LaneKind};
 use super::interface::Interface;
 use super::link::LinkDriver;
 
-/// One link of an interface, now or in the past.
+/// The status of one link of an interface, current or past.
 #[derive(Clone, Debug)]
 pub struct LinkStatus {
-    /// Its id.
+    /// The id of the link.
     pub id: LinkId,
-    /// The interface at its other end: node, name, contract.
+    /// The interface at the other end: node, name, contract.
     pub peer: Arc<Peer>,
-    /// Whether both sides have opened it.
+    /// Whether both sides have opened the link.
     pub open: bool,
-    /// Whether nothing on it may be displaced.
+    /// Whether no message on the link may be displaced.
     pub reliable: bool,
-    /// Whether every message on it is inline or sealed.
+    /// Whether every message on the link is inline or sealed.
     pub sealed: bool,
-    /// Whether its messages go through a ring in shared memory, not through its socket.
+    /// Whether messages go through a ring in shared memory instead of the socket.
     pub ring: bool,
-    /// What became of the messages that this side sent on it (SM2-QOS-004).
+    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-004).
     pub counters: Counters,
-    /// What came from the other side.
+    /// Counts of the messages from the other side.
     pub received: Received,
-    /// Why it is over, if it is.
+    /// The reason why the link is over, if it is.
     pub end: Option<End>,
 }
 
-/// What one side of a link received.
+/// Counts of the messages that one side of a link received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Received {
     /// Messages, requests or replies that the program took.
     pub messages: u64,
-    /// Their length in bytes, together.
+    /// The sum of their lengths, in bytes.
     pub bytes: u64,
-    /// Messages that were lost before those that were taken.
+    /// Messages that were lost before the messages that the program took.
     pub lost: u64,
 }
 
@@ -85,13 +85,13 @@ fn add(sum: &mut Counters, more: &Counters) {
 impl Interface {
     // ---- accounts ----
 
-    /// All links, those that ended first.
+    /// The statuses of all links, ended links first.
     pub(crate) fn statuses(&self) -> Vec<LinkStatus> {
         let live = self.links().filter(|link| !link.buried).map(LinkStatus::of);
         self.ended.iter().cloned().chain(live).collect()
     }
 
-    /// The sum over all links that ever were.
+    /// The sum over all links of the interface, current and past.
     //= SM2-QOS-004
     pub(crate) fn counters(&self) -> Counters {
         let mut sum = self.ended_sum;

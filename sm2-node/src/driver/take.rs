@@ -1,4 +1,4 @@
-//! Receiving: the messages of all links, in turn.
+//! Receiving the messages of all links, in turn.
 
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ pub(crate) struct Taken {
     pub(crate) source: Source,
 }
 
-/// There is a message, but the application holds all that it may of this peer.
+/// A message is ready, but the application holds as many messages of this peer as it may.
 #[derive(Debug)]
 pub(crate) struct Full {
     pub(crate) error: TooManyBorrowed,
@@ -29,7 +29,7 @@ pub(crate) struct Full {
 }
 
 impl Interface {
-    /// The next message of any link, in turn.
+    /// Takes the next message of any link, in turn.
     #[inline]
     pub(crate) fn take(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
         let taken = self.next(tools)?;
@@ -37,7 +37,7 @@ impl Interface {
         Ok(taken)
     }
 
-    /// The next messages, at most so many.
+    /// Takes messages until `all` has `most`, or no link has another one.
     pub(crate) fn take_many(
         &mut self,
         all: &mut Vec<Taken>,
@@ -60,8 +60,8 @@ impl Interface {
         full
     }
 
-    /// The application has these messages, which were published at that moment: the counters change
-    /// once for all of a link that came together.
+    /// Counts messages that the application took and that were published at the given times.
+    /// Consecutive messages of one link change the counters of this link only once.
     pub(super) fn note_taken(
         &self,
         all: &[Taken],
@@ -87,7 +87,8 @@ impl Interface {
         note(self.entry.as_ref(), all);
     }
 
-    /// The next message of any link, in turn, whether the application gets it or not.
+    /// Takes the next message of any link, in turn, without counting it as taken by the
+    /// application.
     #[inline]
     pub(super) fn next(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
         let start = self.last_taken;
@@ -102,7 +103,7 @@ impl Interface {
                         delivery,
                         source,
                     };
-                    // The link may be over and have been kept for this message only.
+                    // The link may be over, and this may have been its last message.
                     if link.end().is_some() {
                         self.settle_link(token, tools);
                     }
@@ -110,7 +111,7 @@ impl Interface {
                     self.lost += taken.delivery.lost;
                     return Ok(Some(taken));
                 }
-                // There was no message after all, or the link ended by the content of its ring.
+                // There was no message after all, or the content of the ring ended the link.
                 Ok(None) => self.settle_link(token, tools),
                 Err(error) => {
                     let peer = Arc::clone(&link.peer);
@@ -125,8 +126,8 @@ impl Interface {
         full.map_or(Ok(None), Err)
     }
 
-    /// A message that was taken cannot be shown: this machine is out of memory, and the link
-    /// is closed for it.
+    /// Handles a message that was taken and cannot be mapped, because this machine is out of
+    /// memory. Closes its link.
     pub(crate) fn unreadable(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
         self.lose(1, tools);
         self.with_link(token, tools, |link, outbox, tools| {

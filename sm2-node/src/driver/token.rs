@@ -1,17 +1,17 @@
 //! The tokens that a node gives to the descriptors in its epoll set.
 
-/// The token of a link's socket. Tokens grow with each link of the node and are never used again.
+/// The token of a link's socket. Tokens increase with each link of the node and are never reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct LinkToken(pub(super) u64);
 
 impl LinkToken {
-    /// Less than the token of every link: the session's socket has this number.
+    /// Less than the token of every link. The session's socket has this token.
     pub(crate) const FIRST: Self = Self(0);
-    /// Greater than the token of every link: the timer of the next attempt to connect has this
-    /// number.
+    /// Greater than the token of every link. The timer for the next attempt to connect has this
+    /// token.
     pub(super) const LAST: Self = Self(u64::MAX);
 
-    /// The token of the link after this one.
+    /// The token of the next link.
     pub(super) const fn next(self) -> Self {
         Self(self.0 + 1)
     }

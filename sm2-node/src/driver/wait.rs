@@ -1,15 +1,13 @@
-//! Threads that wait, and how they learn of what another thread received for them.
+//! Threads that wait, and how one thread wakes another for which it received something.
 //!
-//! A node has no thread of its own: whoever calls it moves all of its sockets on. So
-//! while one thread sleeps, waiting for its message, another may be the one
-//! that reads it from the socket. A sleeping thread therefore waits for two things: the
-//! node's sockets (the epoll set, level-triggered), and a waker of its own, which
-//! whoever drives the node pulls when something happened to the interface that the
-//! sleeper named. Sleepers enter their name under the node's lock, after they found
-//! nothing, so nothing can happen in between unseen.
+//! A node has no thread of its own: each thread that calls the node drives all of its sockets.
+//! While one thread sleeps until its message comes, another thread may read that message from the
+//! socket. A sleeping thread therefore waits for two descriptors: the node's epoll set
+//! (level-triggered), and a waker of its own. A thread that drives the node signals the waker when
+//! an event concerns the topic that the sleeper has named. A sleeper registers its topic under the
+//! node's lock, after it has looked and found nothing, so it misses no event.
 //!
-//! Descriptors that a program polls in a loop of its own ([`Bell`]) are sleepers
-//! that never leave.
+//! A descriptor that a program polls in its own loop ([`Bell`]) is a sleeper that stays registered.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -22,31 +20,32 @@ use sm2_proto::{Instant, InterfaceId};
 use super::{Inner, Shared};
 use crate::Wait;
 
-/// How long a spinning thread leaves the lock alone, in pauses of the processor.
+/// How many pauses of the processor a spinning thread makes between two uses of the lock.
 const PAUSES: u32 = 4;
 
-/// What a sleeper waits for.
+/// The events for which a sleeper waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Topic {
-    /// Anything that happens to this interface or its links, and the end of the session.
+    /// All events of this interface and its links, and the end of the session.
     Interface(InterfaceId),
     /// The session with the Manager.
     Session,
 }
 
-/// How long to wait.
+/// The end of a wait.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Until {
-    /// As long as it takes.
+    /// No end.
     Forever,
-    /// Not longer than to this moment.
+    /// The wait ends at this time.
     At(Instant),
-    /// Not longer than this. Whoever waits reads the clock anyway: so that it is read once.
+    /// The wait ends after this time. `wait` adds the time of its own clock reading, which saves a
+    /// second reading.
     In(Duration),
 }
 
 impl Until {
-    /// The time is over already.
+    /// An end that has passed already.
     pub(crate) const NOW: Self = Self::At(Instant(0));
 
     fn moment(self, now: Instant) -> Option<Instant> {
@@ -70,11 +69,11 @@ impl From<Option<Duration>> for Until {
     }
 }
 
-/// All who sleep.
+/// All registered sleepers.
 #[derive(Debug)]
 pub(super) struct Sleepers {
     all: Vec<Sleeper>,
-    /// Wakers that nobody uses at the moment.
+    /// Wakers that no sleeper uses now.
     spare: Vec<Arc<Waker>>,
 }
 
@@ -86,7 +85,7 @@ struct Sleeper {
 }
 
 impl Sleepers {
-    /// Nobody, and a waker for the first who comes.
+    /// Creates an empty list, and a waker for the first sleeper.
     pub(super) fn new() -> io::Result<Self> {
         Ok(Self {
             all: Vec::new(),
@@ -94,7 +93,7 @@ impl Sleepers {
         })
     }
 
-    /// Something happened.
+    /// Wakes the sleepers of this topic. [`Topic::Session`] wakes all.
     pub(super) fn wake(&mut self, topic: Topic) {
         for sleeper in &mut self.all {
             if !sleeper.woken && (sleeper.topic == topic || topic == Topic::Session) {
@@ -123,7 +122,7 @@ impl Sleepers {
         self.spare.push(Arc::clone(waker));
     }
 
-    /// The sleeper has seen all that happened up to now; whether anything did.
+    /// Notes that the sleeper has seen all events until now. Returns whether it was woken for one.
     fn calm(&mut self, waker: &Arc<Waker>) -> bool {
         let sleeper = self.all.iter_mut().find(|it| Arc::ptr_eq(&it.waker, waker));
         let Some(sleeper) = sleeper.filter(|it| it.woken) else {
@@ -136,13 +135,13 @@ impl Sleepers {
 }
 
 impl Shared {
-    /// Drives the node until `look` finds what it wants, or `until` has come; without `until`,
-    /// as long as it takes. `look` is asked at least once, under the lock; the waiting
-    /// happens outside of it.
+    /// Drives the node until `look` finds something or `until` has passed. Without `until`, waits
+    /// as long as it takes. `look` is called at least once, under the lock. The lock is not held
+    /// while the thread sleeps.
     ///
     /// # Errors
     ///
-    /// Whatever `eventfd(2)` and `ppoll(2)` say: too many descriptors, no memory.
+    /// Errors of `eventfd(2)` and `ppoll(2)`: too many descriptors, or no memory.
     pub(crate) fn wait<T>(
         &self,
         topic: Topic,
@@ -152,11 +151,12 @@ impl Shared {
         self.wait_as(Wait::Park, topic, until.into(), look)
     }
 
-    /// The same in another way than to sleep at once.
+    /// The same as [`wait`](Self::wait), with a choice of how to wait: sleep at once, or spin
+    /// first.
     ///
     /// # Errors
     ///
-    /// As [`wait`](Self::wait).
+    /// The same as those of [`wait`](Self::wait).
     pub(crate) fn wait_as<T>(
         &self,
         way: Wait,
@@ -179,14 +179,14 @@ impl Shared {
             }
             if now < spin_until.min(until.unwrap_or(spin_until)) && inner.has_rings_only(topic) {
                 drop(inner);
-                // Others who wait for the lock get it.
+                // Threads that wait for the lock can take it during the pauses.
                 for _ in 0..PAUSES {
                     std::hint::spin_loop();
                 }
                 now = sm2_io::clock::now();
                 continue;
             }
-            // Nothing came by a ring: perhaps by a socket.
+            // No ring has brought anything, so the sockets are read.
             if !driven {
                 inner.drive(&self.epoll);
                 if let Some(found) = look(&mut inner) {
@@ -218,7 +218,8 @@ impl Shared {
 }
 
 impl Inner {
-    /// Whoever waits for this is about to sleep; whether it has to look once more before.
+    /// Prepares for a sleep until this topic has an event. Returns whether the caller has to look
+    /// once more before it sleeps.
     pub(crate) fn park(&mut self, topic: Topic) -> bool {
         match topic {
             Topic::Interface(id) => {
@@ -231,8 +232,8 @@ impl Inner {
         }
     }
 
-    /// Somebody is about to sleep until anything happens to this node; whether there is a
-    /// message in a ring already.
+    /// Prepares for a sleep until this node has any event. Returns whether a ring already has a
+    /// message.
     pub(crate) fn park_all(&mut self) -> bool {
         let mut ready = false;
         for interface in self.interfaces.values_mut() {
@@ -242,8 +243,8 @@ impl Inner {
         ready
     }
 
-    /// Whether all that is waited for comes by rings, so that sockets need a look only now and
-    /// then.
+    /// Whether all messages of this topic come through rings, so that the sockets need to be read
+    /// only from time to time.
     pub(super) fn has_rings_only(&self, topic: Topic) -> bool {
         match topic {
             Topic::Interface(id) => self.interfaces.get(&id).is_some_and(|interface| {
@@ -257,8 +258,8 @@ impl Inner {
     }
 }
 
-/// A descriptor that becomes readable when an interface may have something new: an epoll
-/// set of the node's own set and a waker.
+/// A descriptor that becomes readable when an interface may have an event: an epoll set that
+/// contains the node's epoll set and a waker.
 #[derive(Debug)]
 pub(crate) struct Bell {
     set: Epoll,
@@ -266,7 +267,7 @@ pub(crate) struct Bell {
 }
 
 impl Bell {
-    /// Rung at first, since there may be something already.
+    /// Creates a bell that is already signalled, because there may already be something to take.
     pub(crate) fn new(shared: &Shared, interface: InterfaceId) -> io::Result<Self> {
         let set = Epoll::new()?;
         set.add(&shared.epoll, 0, Interest::READABLE)?;
@@ -282,12 +283,13 @@ impl Bell {
         Ok(bell)
     }
 
-    /// Nothing is there any more: readable again when something comes. Whether it was rung.
+    /// Resets the bell, so that it becomes readable at the next event. Returns whether it was
+    /// signalled.
     pub(crate) fn silence(&self, inner: &mut Inner) -> bool {
         inner.sleepers.calm(&self.waker)
     }
 
-    /// Nobody polls it any more.
+    /// Removes the bell, because the program does not poll it any more.
     pub(crate) fn remove(&self, inner: &mut Inner) {
         inner.sleepers.leave(&self.waker);
     }

@@ -1,11 +1,12 @@
-//! Waiting for replies that may come by a ring.
+//! Waiting for replies that may come through a ring.
 
 use super::super::Inner;
 use crate::driver::token::LinkToken;
 use crate::handle::Handle;
 
 impl Inner {
-    /// Looks at the sockets before a reply; on the ring lane only if that was not done for a while.
+    /// Drives the node before it looks for a reply. On the ring lane, drives it only if the last
+    /// drive was some time ago.
     pub(crate) fn drive_for_reply(&mut self, handle: &Handle, token: LinkToken) {
         let link = self
             .interfaces

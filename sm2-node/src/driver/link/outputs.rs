@@ -1,4 +1,5 @@
-//! What a link's machine says is done: packets go out, what came with them is mapped, and the end.
+//! Carries out the outputs of a link's machine: sends packets, maps descriptors, and closes the
+//! link.
 
 use std::fmt::Display;
 use std::io::{self, IoSlice};
@@ -15,13 +16,13 @@ use crate::driver::message_key::MessageKey;
 use crate::driver::outbox::Outbox;
 
 impl LinkDriver {
-    /// Does all that the machine says: the one place where its outputs are matched.
+    /// Carries out all outputs of the machine. Only this function matches them.
     pub(super) fn drain(&mut self, mut came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
         loop {
             while let Some(output) = self.machine.poll() {
                 match output {
                     Output::Transmit(packet) => self.transmit(packet, epoll, outbox),
-                    // A ring that was prepared and not asked for is not needed.
+                    // The machine asks for a ring before `Opened`, so a ring that is left is not needed.
                     Output::Opened => self.prepared = None,
                     Output::MakeRing(_) => self.use_prepared_ring(),
                     Output::Ring(layout) => self.map_ring(layout, came.take_file()),
@@ -62,8 +63,8 @@ impl LinkDriver {
 
     fn transmit(&mut self, packet: Packet, epoll: &Epoll, outbox: &Outbox) {
         match self.offer(&packet, outbox) {
-            // Whoever closed has sent all it will: that is read first, and then the end of
-            // the stream (SM2-TRN-006).
+            // The other side has closed the socket. The datagrams that it sent before are read
+            // first, and then the end of the stream (SM2-TRN-006).
             Ok(()) | Err(SendError::Closed) => {
                 if packet.attachment == Some(link::Attachment::Ring) {
                     self.ring_file = None;
@@ -98,7 +99,7 @@ impl LinkDriver {
         socket.send(parts, &[fd])
     }
 
-    /// The socket takes packets again.
+    /// Sends the packet that was kept, because the socket is writable again.
     pub(super) fn flush(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
         let Some(packet) = self.unsent.take() else {
             return;
@@ -117,7 +118,7 @@ impl LinkDriver {
         }
     }
 
-    /// Maps a segment of the other side, once and for all of its messages.
+    /// Maps a segment of the other side once, for all messages in it.
     //= SM2-PAY-007
     fn attach(&mut self, segment: u32, len: u64, fd: Option<InspectedFd>) {
         let mapped = fd
@@ -138,18 +139,18 @@ impl LinkDriver {
             Ok(file) => {
                 self.kept.insert(sequence, file);
             }
-            // The machine has judged the same facts.
+            // The machine has already checked the same facts.
             Err(error) => self.fail(Farewell::Resources, &error),
         }
     }
 
-    /// The link has to be ended, as soon as the machine's outputs are done.
+    /// Requests the end of the link as soon as the pending outputs are drained.
     pub(in crate::driver) fn fail(&mut self, code: Farewell, error: &dyn Display) {
         tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link given up: {code}");
         self.failing = Some(code.code());
     }
 
-    /// The ring that was prepared before OPEN is the one that the machine asks for.
+    /// Uses the ring that was prepared before OPEN, which has the layout that the machine asks for.
     fn use_prepared_ring(&mut self) {
         debug_assert!(self.prepared.is_some());
         if let Some((ring, file)) = self.prepared.take() {
@@ -179,15 +180,17 @@ impl LinkDriver {
         self.mapped.outgoing = None;
         if let Some(socket) = self.socket.take() {
             let _ = epoll.remove(&socket);
-            // A child process may have inherited it: the other side must learn of the end.
+            // A child process may have inherited the socket, so closing it might not tell the other
+            // side.
             let _ = socket.shutdown();
         }
         self.forget_unused();
     }
 
-    /// What messages that are still to be taken do not need goes now.
+    /// Drops the mappings and files, unless a message that can still be taken needs them.
     pub(super) fn forget_unused(&mut self) {
-        // The calls of a link that is over get what is left in their ring, or fail.
+        // The calls of a link that is over still get the replies that are left in their ring, or
+        // fail.
         if !self.is_ready() && self.calls() == 0 {
             self.mapped.segments.clear();
             self.kept.clear();

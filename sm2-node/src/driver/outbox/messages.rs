@@ -5,8 +5,8 @@ use crate::driver::message_key::MessageKey;
 
 /// Messages, each under its key.
 ///
-/// Entries are reused, the last one first: once there are as many as are needed at a time, nothing
-/// is allocated.
+/// Free entries are used again, the last freed entry first. Once the table has as many entries as
+/// are needed at a time, storing a message does not allocate.
 #[derive(Debug, Default)]
 pub(super) struct Messages {
     entries: Vec<Entry>,
@@ -15,7 +15,7 @@ pub(super) struct Messages {
 
 #[derive(Debug)]
 struct Entry {
-    /// The number of times it was used, from 1 on.
+    /// How many times the entry was used, from 1 on.
     generation: u32,
     message: Option<StoredMessage>,
 }
@@ -34,7 +34,7 @@ impl Messages {
                 generation: 0,
                 message: None,
             });
-            // Room for all to come back: then `remove` does not allocate.
+            // Reserves room for all indices, so that `remove` does not allocate.
             self.free.reserve(self.entries.len());
             u32::try_from(self.entries.len() - 1).expect("fewer messages than bytes of memory")
         });
@@ -66,7 +66,7 @@ impl Messages {
             .filter(|_| entry.generation == generation)
     }
 
-    /// Takes a message out. Its key names no message from now on.
+    /// Removes a message. Its key then names no message.
     pub(super) fn remove(&mut self, key: MessageKey) -> Option<StoredMessage> {
         let MessageKey { generation, index } = key;
         let entry = self.entries.get_mut(index as usize)?;

@@ -1,4 +1,4 @@
-//! Messages for the ring lane: always in a slot, with their head at its end.
+//! Messages for the ring lane, which are always in a slot with their head at the slot's end.
 
 use std::fs::File;
 use std::io;
@@ -13,8 +13,9 @@ use crate::driver::message_key::MessageKey;
 use crate::pool::Lease;
 
 impl Outbox {
-    /// The message as a link sends it that needs it in a slot. It is copied to one, if no such link
-    /// was there when it was published. Only replies have a status, and go to one link alone.
+    /// The message for a link that accepts only slots. The message is copied to a slot if no such
+    /// link existed when the message was published. Only replies have a status other than ok, and a
+    /// reply goes to one link only, so the head in the slot can be rewritten.
     pub(super) fn message_in_slot(
         &mut self,
         key: MessageKey,
@@ -62,7 +63,7 @@ impl Outbox {
             NoSlot::Full => NoForm::Slot(io::ErrorKind::OutOfMemory.into()),
             NoSlot::Io(error) | NoSlot::Lock(error) => NoForm::Slot(error),
         })?;
-        // A slot of this length is mapped.
+        // The lease is for this length, so the range is inside the slot.
         let copied = self.copy_payload(key, lease.memory.bytes_mut(label.len as usize));
         if let Err(error) = copied {
             self.unlease(lease);
