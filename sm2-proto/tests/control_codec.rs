@@ -1,5 +1,5 @@
-//! The codec of control frames: every frame is read back, every other datagram is refused with the
-//! right violation, and a second decoder agrees on both.
+//! The codec of control frames. Every frame decodes to itself, every other datagram is refused with
+//! the right violation, and a second decoder agrees on both.
 
 #[path = "support/direction.rs"]
 mod direction;
@@ -408,11 +408,11 @@ fn precedence() {
     not_canonical.splice(1..2, [0x81, 0]);
     let mut trailing = not_canonical.clone();
     trailing.push(0);
-    // The bool after the bad depth: bytes are read before ranges are checked.
+    // A bool follows the illegal depth: encodings are checked before ranges.
     let mut malformed = trailing.clone();
     let at = malformed.len() - 2;
     malformed[at] = 2;
-    // The name comes before it.
+    // The name precedes the illegal depth.
     let mut bad_name = malformed.clone();
     bad_name[5] = b'.';
     let mut unknown = bad_name.clone();

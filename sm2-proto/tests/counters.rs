@@ -34,7 +34,7 @@ fn link_end() -> Entry {
     }
 }
 
-/// Each field holds its own number, but for the turn, the kind and the reserved ones.
+/// Each field holds its own index, except the turn, the kind and the reserved words.
 //= SM2-CNT-004 test
 #[test]
 fn every_field_has_its_place() {
@@ -68,7 +68,7 @@ fn what_is_not_an_entry() {
     for turn in [0, 1, 3, u64::MAX] {
         assert_eq!(with(field::TURN, turn), None, "turn {turn}");
     }
-    // 1 is an interface, which has no link.
+    // Kind 1 is an interface, which has no link.
     for kind in [0, 1, 3, u64::MAX] {
         assert_eq!(with(field::KIND, kind), None, "kind {kind}");
     }
@@ -114,7 +114,7 @@ fn recent_messages_come_oldest_first() {
         [1, 2, 32, 33, 64, 65].map(recent_index),
         [0, 1, 31, 0, 31, 0]
     );
-    // Message m is noted as 100 m.
+    // Message m is recorded with a delay of 100 m ns.
     let mut entry = Entry::default();
     assert_eq!(entry.recent().len(), 0);
     for message in 1..=100 {

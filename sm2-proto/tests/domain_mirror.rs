@@ -54,15 +54,15 @@ fn a_mirror_reads_pages_and_then_changes() {
     );
     let changes = mirror.changes(10, Some(vec![set(&planner), set(&lidar)]), false);
     assert_eq!(changes, Ok(vec![set(&lidar)]), "only what is news");
-    // A part of the changes is no exact state.
+    // A part of the changes does not make the state exact.
     let changes = mirror.changes(11, Some(vec![gone.clone()]), true);
     assert_eq!(changes, Ok(vec![]));
     assert_eq!(mirror.domain().revision(), 10);
     let changes = mirror.changes(12, Some(vec![set(&lidar)]), false);
     assert_eq!(changes, Ok(vec![]), "it came back");
     assert_eq!(mirror.domain().revision(), 12);
-    // The Manager has forgotten the changes, or is another one: the mirror reads everything again
-    // and returns the differences.
+    // The Manager has forgotten the changes, or another Manager has started: the mirror reads
+    // everything again and returns the differences.
     assert_eq!(mirror.changes(50, None, false), Ok(vec![]));
     assert_eq!(mirror.ask(), Some(Ask::Page { after: None }));
     assert_eq!(
@@ -105,8 +105,8 @@ fn a_mirror_does_not_take_nonsense() {
 proptest! {
     #![proptest_config(cases(1_000))]
 
-    /// The differences between two domains turn the one into the other, and a mirror that gets them
-    /// arrives there.
+    /// Applying the differences between two domains to the first gives the second, also in a
+    /// mirror.
     //= SM2-WCH-003 test
     #[test]
     fn differences_are_exact(

@@ -112,7 +112,7 @@ fn op() -> impl Strategy<Value = Op> {
     ]
 }
 
-/// The number of LINKs in flight: so few that links wait, or so many that they hardly do.
+/// The limit of LINKs in flight: so low that links wait, or so high that they hardly ever do.
 fn ahead() -> impl Strategy<Value = usize> {
     prop_oneof![3 => 1..4_usize, 1 => Just(16)]
 }

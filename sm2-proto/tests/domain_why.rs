@@ -256,7 +256,7 @@ fn refusals_name_the_conflicting_interface() {
          (schema 0000000000000007), as lidar's publisher of scan states.\n\
          Use one type for both, or another name for one of them."
     );
-    // The interface that stated the type is gone. A refused interface states none.
+    // The interface that stated the type is gone. A refused interface states no type.
     let refused = [
         refusal(at(LIDAR, 1), &scan(), &stated),
         refusal(at(PLANNER, 1), &image, &stated),
@@ -370,7 +370,7 @@ fn a_matching_pair_waits_for_claims() {
          of scan has not claimed it yet.\n\
          It has a few seconds for that. The link works meanwhile."
     );
-    // A node that has sent CLAIMED without a claim of that link has no end of it.
+    // A node that has sent CLAIMED without a claim of that link has no end of the link.
     let due = format!(
         "{both}, and nothing prevents a link.\n\
          If they are not linked in a moment, the Manager's log says why."
@@ -405,7 +405,7 @@ fn the_nearest_come_first() {
             .collect::<Vec<_>>()
     };
     assert_eq!(near(&domain), [6, 5, 3, 2, 1]);
-    // An interface that is linked is not named.
+    // An interface that has a link is not named.
     domain.page([Item::Link {
         link: LINK,
         offering: at(LIDAR, 1),
@@ -442,7 +442,7 @@ proptest! {
             }
             _ => false,
         };
-        // The Manager alone says which links there are, whatever other items it sends.
+        // The Manager decides alone which links exist, whatever other items it sends.
         prop_assert!(verdict.matches() == matches || verdict.is_linked());
         let near = nearest(&domain, one);
         prop_assert!(near.len() <= NEAR_MAX);
@@ -450,7 +450,7 @@ proptest! {
             let expected = why(&domain, one, near.entity);
             prop_assert_eq!(near.verdict, expected);
         }
-        // Counting and listing work on any items.
+        // Counting and listing must not panic on any items.
         prop_assert!(domain.sessions().len() >= domain.users().len());
     }
 }

@@ -3,9 +3,8 @@
 //! The receiver is gateway 1: its id is 32 bytes of 1, its epoch 71. The sender is gateway 2; the
 //! greatest epoch of gateway 2 that the receiver has seen is 70. A vector of the control stream or
 //! of another stream begins after `before`: bytes of the control stream that the receiver read and,
-//! with `>` in front, frames that it sent without being asked by one of those. Then the peer has made
-//! `offers` offers, numbered from 1, and the receiver has made a `call` of one of them on the stream
-//! of the vector.
+//! with `>` in front, frames that it sent on its own. Then the peer has made `offers` offers,
+//! numbered from 1, and the receiver has made a `call` of one of them on the stream of the vector.
 
 #[path = "support/gateway/mod.rs"]
 mod gateway;
@@ -50,7 +49,7 @@ struct Vector {
     #[serde(default)]
     answer: String,
     header: Option<Value>,
-    /// The judgement about the stream: taken, discarded or unreachable.
+    /// The fate of the stream: taken, discarded or unreachable.
     stream: Option<String>,
     violation: Option<String>,
     /// The name of the code with which the receiver closes the connection without a violation.

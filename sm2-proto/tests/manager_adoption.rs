@@ -48,7 +48,7 @@ fn a_link_that_both_ends_claim_is_adopted() {
         assert_eq!(bench.manager.links(), 1);
         assert_eq!(relations(&bench, a), adopted);
         assert_eq!(bench.manager.deadline(), None);
-        // From here on it is a link like any other.
+        // From here on it is an ordinary link.
         let events = bench.unlinked(a, OFFERING, LINK);
         assert_eq!(seen_by(&events, a), [unlink(OFFERING, LINK, 5)]);
         assert_eq!(seen_by(&events, b), [unlink(DEMANDING, LINK, 5)]);
@@ -79,7 +79,7 @@ fn both_ends_of_one_node() {
     assert_eq!(bench.manager.links(), 0);
 }
 
-/// Until CLAIMED a session is not linked, not even with itself.
+/// Until CLAIMED, the interfaces of a session are not linked, not even with each other.
 //= SM2-RES-002, SM2-RES-007 test
 #[test]
 fn nothing_is_linked_before_claimed() {
@@ -104,13 +104,13 @@ fn nothing_is_linked_before_claimed() {
         ends((a, 2), (b, 2)),
     ];
     assert_eq!(made, expected);
-    // An interface that a declares now is linked at once, with all but c.
+    // A new interface of a is linked at once with all others, except with those of c.
     assert_eq!(bench.declared(a, 3, &wanted()).len(), 2);
     let made = links_made(&claimed(&mut bench, c));
     assert_eq!(made.len(), 1 + 3 + 2);
 }
 
-/// Claims that differ in any field do not meet, and the claims that agree are adopted all the same.
+/// Claims that differ in any field are not paired. Claims that agree are adopted regardless.
 //= SM2-RES-004, SM2-RES-006 test
 #[test]
 fn claims_that_differ() {
@@ -153,8 +153,8 @@ fn claims_that_differ() {
     }
 }
 
-/// Two nodes invent a link under the number of another one, before or after its owners claim it,
-/// and do other things: the owners notice nothing.
+/// Two nodes claim an invented link under the number of another link, before or after its owners
+/// claim it. They also act in other hostile ways. The owners are not affected.
 //= SM2-RES-004 test
 #[test]
 fn claims_without_the_key_change_nothing() {

@@ -42,7 +42,8 @@ fn counters_are_kept_and_handed_on() {
     let (a, b) = (bench.node(1, "a"), bench.node(2, "b"));
     let inspect = |bench: &mut Bench, of| bench.send(b, &ToManager::Inspect { node: of });
     let none = |of| Event::Sent(b, ToNode::NotInspected { node: of });
-    // INSPECT before there are counters, of the node itself, and of a number without a node.
+    // INSPECT of a node without counters, of the asking node itself, and of a number without a
+    // node.
     for of in [a, b, NodeId(0), NodeId(99)] {
         assert_eq!(inspect(&mut bench, of), [none(of)]);
     }
@@ -105,7 +106,7 @@ fn files_that_are_no_counters() {
         let events = hand_over(&mut bench.clone(), node, file);
         assert_eq!(events, [Event::CountersKept(node)], "{file:?}");
     }
-    // COUNTERS is legal once, whatever comes with the second one.
+    // COUNTERS is legal once, so a second one is a violation whatever descriptor it carries.
     hand_over(&mut bench, node, COUNTERS);
     for file in [COUNTERS, FdFacts::default()] {
         let events = hand_over(&mut bench.clone(), node, file);
@@ -114,7 +115,7 @@ fn files_that_are_no_counters() {
             [hung_up(node, violation!(CountersTwice, "SM2-CNT-001"))]
         );
     }
-    // The descriptor comes along, and only that one.
+    // COUNTERS carries exactly one descriptor.
     for fds in [0, 2] {
         let bytes = encode_to_manager(&ToManager::Counters);
         let datagram = Datagram {

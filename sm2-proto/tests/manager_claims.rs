@@ -63,7 +63,7 @@ fn claims_that_break_spec() {
     }
 }
 
-/// An interface has a link once: as a claim, adopted, or told that the link is over.
+/// A resuming interface has a link at most once: claimed, adopted, or told that it is over.
 //= SM2-RES-003 test
 #[test]
 fn the_same_link_twice() {
@@ -141,7 +141,7 @@ fn a_claim_without_counterpart_expires() {
 #[test]
 fn a_claim_ends_like_any_link() {
     let claims = |bench: &Bench, asks| relations(bench, asks).len();
-    // UNLINKED is answered, and then the link is over.
+    // After UNLINKED is answered, the link is over.
     let (mut bench, a, b) = both_back(UNLIMITED);
     bench.send(a, &claim(OFFERING, LINK, KEY));
     let mut withdrawn = bench.clone();
@@ -151,16 +151,16 @@ fn a_claim_ends_like_any_link() {
     let rule = violation(&mut bench.clone(), a, &unlinked(OFFERING, LINK));
     assert_eq!(rule, violation!(UnknownLink, "SM2-LNK-003"));
     assert_eq!(claims(&bench, b), 0);
-    // The counterpart comes too late, and its own claim stays without one.
+    // The counterpart arrives too late, so its own claim stays without a partner.
     bench.send(b, &claim(DEMANDING, LINK, KEY));
     assert_eq!((bench.manager.links(), claims(&bench, b)), (0, 1));
-    // WITHDRAW.
+    // The interface is withdrawn.
     let gone = ToNode::Withdrawn {
         interface: InterfaceId(OFFERING),
     };
     assert_eq!(withdrawn.withdraw(a, OFFERING), [Event::Sent(a, gone)]);
     assert_eq!(claims(&withdrawn, b), 0);
-    // The node that claims dies, while it resumes and after that.
+    // The claiming node dies, before and after the end of its resumption.
     let mut later = dead.clone();
     claimed(&mut later, a);
     for bench in [&mut dead, &mut later] {
@@ -202,7 +202,7 @@ fn quotas_of_links() {
         reason: UnlinkedReason::Quota { node: a, limit: 2 },
     };
     assert_eq!(relations(&bench, a).last(), Some(&unlinked));
-    // A pair of one session has two ends, too.
+    // A link within one session has two ends, too.
     let both = [
         (1, publisher("map", &data("Map"))),
         (2, subscriber("map", None)),
@@ -314,7 +314,7 @@ fn a_name_taken_across_the_gap() {
     ));
 }
 
-/// An interface that was refused during the resumption can neither be claimed for nor linked.
+/// An interface that was refused during the resumption can be neither claimed for nor linked.
 //= SM2-RES-009, SM2-IFC-005 test
 #[test]
 fn an_interface_that_is_refused_now() {
@@ -350,7 +350,7 @@ fn resuming_shows() {
     assert!(bench.manager.revision() > revision);
 }
 
-/// The key is the same at both ends, and another one for each link and each Manager.
+/// Both ends of a link have the same key. Each link and each Manager has another one.
 //= SM2-LNK-002 test
 #[test]
 fn keys_of_links() {

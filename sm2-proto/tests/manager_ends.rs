@@ -42,7 +42,7 @@ fn a_connection_without_a_timely_greeting_is_given_up() {
     let third = bench.connect(1);
     let due = start.after(Duration::from_secs(2));
     assert_eq!(bench.manager.deadline(), Some(due));
-    // A refusal does not prolong the time to greet; a grant ends it.
+    // A refusal does not extend the time to greet; a grant ends it.
     bench.hello(third, "third");
     let refused = ToNode::HelloRefused {
         reason: Refusal::NameTaken,
@@ -57,7 +57,7 @@ fn a_connection_without_a_timely_greeting_is_given_up() {
         Event::HungUp(session, Some(Code(1)), cause)
     };
     bench.now = due;
-    // A HELLO at the last moment comes too late.
+    // A HELLO at the deadline is too late.
     let mut late = bench.clone();
     let both = [hung_up(first), hung_up(twin)];
     assert_eq!(late.hello(first, "first"), both);

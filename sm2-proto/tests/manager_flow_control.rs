@@ -23,7 +23,7 @@ const POLICY: Policy = Policy {
     ..UNLIMITED
 };
 
-/// All outputs of the deferred work, while these sessions read everything that they get.
+/// All outputs of the deferred work, while these sessions read everything that is sent to them.
 fn rest(bench: &mut Bench, readers: &[NodeId]) -> Vec<Event> {
     let mut events = Vec::new();
     loop {
@@ -123,12 +123,12 @@ fn no_session_fills_the_queue_of_another() {
     assert_eq!(bench.manager.links(), 0);
 }
 
-/// The same against a session of the default policy, in bytes: the Manager keeps 1 MiB.
+/// The same for a session under the default policy, in bytes: the Manager buffers at most 1 MiB.
 //= SM2-LNK-007, SM2-TRN-009 test
 #[test]
 fn an_honest_session_is_not_made_to_stall() {
     const QUEUE_BYTES: usize = 1 << 20;
-    /// The overhead of a frame besides its bytes, at most.
+    /// The greatest overhead of a frame besides its bytes.
     const EACH: usize = 64;
     let mut bench = Bench::new(Policy::default());
     let long = |prefix: char| format!("{prefix}{}", "x".repeat(254));
@@ -182,7 +182,7 @@ fn links_that_end_before_are_never_named() {
     let events = bench.withdraw(a, 5);
     assert_eq!(seen_by(&events, b), [], "{events:?}");
     assert_eq!(bench.manager.links(), 5);
-    // One of the two is gone. The other one is told as soon as there is room.
+    // One of the two is gone. The other one is told as soon as its session has room.
     assert_eq!(
         links(&rest(&mut bench, &[a, b])),
         [LinkId {
@@ -231,7 +231,7 @@ fn links_that_fail_leave_their_room_to_others() {
     assert_eq!(bench.manager.links(), 6);
 }
 
-/// The first call goes to the server that is there, however slow the other servers are.
+/// The first call goes to the server that has connected, however slow the other servers are.
 //= SM2-LNK-007 test
 #[test]
 fn matches_counts_only_what_follows_at_once() {
@@ -246,7 +246,7 @@ fn matches_counts_only_what_follows_at_once() {
     }
 }
 
-/// This many subscribers, each of which matches this many publishers, and one CLAIMED.
+/// One CLAIMED of a session with this many subscribers, each of which matches this many publishers.
 //= SM2-RES-007, SM2-LNK-007 test
 #[test]
 fn one_claimed_is_settled_in_parts() {
@@ -272,7 +272,7 @@ fn one_claimed_is_settled_in_parts() {
     let mut others = 0;
     while bench.manager.deadline() == Some(bench.now) {
         assert!(events.len() <= 2 * AHEAD, "{} outputs", events.len());
-        // An input that comes in between is handled in between.
+        // An input that arrives in between is handled in between.
         let probe = bench.node(1, &format!("probe{ticks}"));
         let served = bench.declare(probe, 1, &subscriber("map", None));
         assert!(matches!(
@@ -322,7 +322,7 @@ fn what_happens_while_a_session_is_settled() {
     let new = bench.declared(a, 4, &scan());
     assert_eq!(new.len(), 3);
     bench.unlinked(a, 4, new[2]);
-    // The second subscriber goes; so does a publisher.
+    // The second subscriber and one publisher go.
     bench.withdraw(b, 2);
     bench.withdraw(a, 2);
     let mut rest = Vec::new();

@@ -163,7 +163,7 @@ fn farewells() {
         let link = bench.declared(b, 1, &subscriber("scan", None))[0];
         (bench, a, b, link)
     };
-    // a is first: it is answered and b is told. b answers, and both are done.
+    // a closes first: it is answered, and b is told. b answers, and both are done.
     let (mut bench, a, b, link) = linked();
     let events = bench.unlinked(a, 1, link);
     let said = |node| Event::Sent(node, unlink(1, link, 5));
@@ -215,7 +215,7 @@ fn a_link_without_descriptors_never_was() {
     // The quota is free again, and the withdrawal causes no UNLINK.
     assert_eq!(seen_by(&bench.withdraw(b, 1), a), []);
     assert_eq!(bench.declared(b, 2, &subscriber("scan", None)).len(), 1);
-    // A number that no link has.
+    // A number of no link.
     let mut strange = before;
     for epoch in [EPOCH, EPOCH + 1] {
         let link = sm2_proto::LinkId { epoch, serial: 9 };

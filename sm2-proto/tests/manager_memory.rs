@@ -103,7 +103,7 @@ fn the_last_refusals_are_shown() {
     assert_eq!(items(&bench, c).len(), 2);
 }
 
-/// An interface of the same session, kind and name is granted. Only that supersedes a refusal.
+/// A later interface of the same session, kind and name is granted. Only that removes a refusal.
 //= SM2-WCH-004 test
 #[test]
 fn what_is_granted_supersedes_what_was_refused() {
@@ -128,7 +128,7 @@ fn what_is_granted_supersedes_what_was_refused() {
     let after = bench.manager.revision();
     bench.declared(b, 8, &scan());
     assert_eq!(numbers(&bench), []);
-    // A watcher hears of both.
+    // A watcher is told of both.
     let events = bench.send(a, &ToManager::Watch { after });
     let [
         Event::Sent(
@@ -225,7 +225,7 @@ fn so_many_unlinked_pairs_for_each_session() {
         ..Policy::default()
     });
     let (a, b, c) = (bench.node(1, "a"), bench.node(1, "b"), bench.node(1, "c"));
-    // With that c has no room for more.
+    // After that, c has no room for more unlinked pairs.
     bench.declared(a, 1, &scan());
     bench.declared(c, 1, &wanted());
     for interface in 2..=300 {
@@ -239,7 +239,7 @@ fn so_many_unlinked_pairs_for_each_session() {
     // The quota belongs to the session of the offering side; a has its own.
     bench.declared(a, 2, &publisher("map", &data("Map")));
     assert_eq!(shown(&bench), 512);
-    // Each pair that goes makes room for the next one.
+    // Each pair that is forgotten makes room for the next one.
     bench.withdraw(c, 2);
     assert_eq!(shown(&bench), 510);
     bench.withdraw(b, 1);

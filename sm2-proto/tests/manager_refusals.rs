@@ -223,7 +223,7 @@ fn links_per_session_of_the_other_side() {
     bench.declared(two, 1, &scan());
     let three = bench.node(1, "three");
     assert_eq!(bench.declared(three, 1, &subscriber("scan", None)).len(), 1);
-    // There is room again, but only for interfaces that are declared from then on.
+    // There is room again, but only interfaces declared from then on use it.
     bench.close(one);
     assert_eq!(bench.manager.links(), 1);
     let told = (1..=3).map(|interface| bench.withdraw(full, interface));

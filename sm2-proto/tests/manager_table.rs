@@ -193,7 +193,7 @@ fn end_to_end() {
                     Some(violation.code()),
                     Cause::Violation(violation),
                 )),
-                // A node that has said goodbye is not answered.
+                // The Manager does not answer a node that has said goodbye.
                 (Ok(()), Request::Goodbye) => Some((scene.offender, None, Cause::Goodbye(Code(0)))),
                 (Ok(()), _) => None,
             };
@@ -299,7 +299,7 @@ fn breaches_while_resuming() -> Vec<(Violation, Vec<u8>, usize)> {
     breaches
 }
 
-/// The other sessions notice nothing of a session that breaks SPEC while it resumes.
+/// A session that breaks SPEC while it resumes does not affect the other sessions.
 //= SM2-SES-005, SM2-SES-006, SM2-RES-003 test
 #[test]
 fn a_violation_while_resuming_affects_no_other_session() {
@@ -366,7 +366,8 @@ fn a_violation_ends_its_session_alone() {
         let mut scene = scene(Phase::Ready);
         let mut left = scene.bench.clone();
         let events = offend(&mut scene, &bytes, fds);
-        // The other end of its link is told once. Then the offender is hung up on, once.
+        // The other end of its link is told once. Then the Manager closes the offender's
+        // connection, once.
         let goodbye = Event::HungUp(
             scene.offender,
             Some(violation.code()),

@@ -1,4 +1,4 @@
-//! WATCH: a node that reads pages and then changes has the domain as it is.
+//! WATCH: a node that reads pages and then changes has the current state of the domain.
 
 mod support;
 
@@ -97,7 +97,7 @@ fn each_watch_is_answered_once() {
     // Each WATCH is answered once.
     let events = bench.withdraw(c, 1);
     assert_eq!(seen_by(&events, a), []);
-    // A node's own change counts as well, and a WATCH of a past revision does not wait.
+    // A node's own change counts too, and a WATCH of a past revision is answered at once.
     let answer = asked(&mut bench, a, now);
     assert_eq!(keys(&answer), [(member(c, 1), false)]);
     bench.send(a, &watch(answer.revision));
@@ -271,7 +271,7 @@ fn changes_that_do_not_fit() {
     assert_eq!(after, bench.manager.revision());
 }
 
-/// The domain as a node sees it that reads pages, and after that only changes.
+/// The domain as seen by a node that reads pages first and then only changes.
 #[derive(Clone, Debug, Default)]
 struct Reader {
     items: BTreeMap<Key, Item>,

@@ -1,5 +1,5 @@
-//! A node whose Manager ends, and the interfaces and links that it brings along to the next one
-//! (SPEC section 11).
+//! A node whose Manager ends, and the interfaces and links that it claims from the next one (SPEC
+//! section 11).
 
 mod support;
 
@@ -155,7 +155,7 @@ fn a_node_with_nothing_to_resume_says_so() {
 }
 
 /// One interface is live, one is withdrawn before its answer, one has an unanswered WITHDRAW, and
-/// one is declared and not answered. Each reaches the state that it was on its way to.
+/// one is declared and not answered. With the next Manager, each reaches the intended state.
 //= SM2-RES-002, SM2-RES-009, SM2-SES-006 test
 #[test]
 fn what_was_on_its_way_when_the_manager_ended() {
@@ -285,7 +285,7 @@ fn a_claimed_link_is_a_link_like_any_other() {
     node.handle(NOW, unlinked(1, link_id(1))).expect("ready");
     assert_eq!(sent(&drain(&mut node)), farewell);
     assert_eq!(receive(&mut node, &unlink(1, 1)), Ok(Vec::new()));
-    // and there is one of each number.
+    // and no second link has the same number.
     let mut node = interface_in("claimed");
     assert_eq!(
         violation(&mut node, &link(1, 1)),

@@ -1,4 +1,4 @@
-//! A node's session with a Manager that breaks the rules, and with one that does not.
+//! A node's sessions with Managers that break the rules, and with correct ones.
 
 #[path = "support/frames.rs"]
 mod frames;
@@ -233,7 +233,7 @@ fn one_farewell_each() {
         link: link_id(1),
         code: Code(5),
     };
-    // The node is first. The Manager's own farewell is the answer, or has crossed it.
+    // The node is first. The Manager's own farewell is its answer, or has crossed the node's.
     let mut node = ready();
     assert_eq!(over(&mut node), [unlinked]);
     assert_eq!(over(&mut node), [], "once");
@@ -277,7 +277,7 @@ fn nothing_is_answered_while_dropping() {
     assert_eq!(receive(&mut node, &withdrawn(1)), Ok(vec![gone]));
 }
 
-/// A Manager cannot make a node keep more than this.
+/// The number of links that a Manager can make a node keep is limited.
 //= SM2-LNK-005 test
 #[test]
 fn links_of_an_interface_are_bounded() {

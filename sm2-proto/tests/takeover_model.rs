@@ -73,7 +73,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// Almost all links wait, or hardly any.
+/// The limit of LINKs in flight: almost all links wait, or hardly any.
 fn policy() -> impl Strategy<Value = Policy> {
     let few = || prop_oneof![2 => Just(1_usize), 1 => Just(2), 1 => Just(256)];
     (few(), few()).prop_map(|(links_in_flight, pairs_per_turn)| Policy {

@@ -7,9 +7,10 @@ use crate::{
     takeover::{NODES, World},
 };
 
-/// Managers that take over from each other, in two kinds of runs. Odd first byte: correct nodes
-/// come back, with frames in flight lost or not; no side is accused, and links that neither end
-/// closed stay. Even: any claims of any sessions, against an oracle that consists of a few lists.
+/// Managers that take over from each other, in two kinds of runs. If the first byte is odd, correct
+/// nodes reconnect, and frames in flight may be lost: no side is accused, and links that neither
+/// end closed stay. If it is even, sessions make arbitrary claims, which are compared with an
+/// oracle of plain lists.
 //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-005, SM2-RES-006, SM2-RES-007 fuzz
 //= SM2-NOD-003, SM2-LNK-003, SM2-MAT-002 fuzz
 pub(crate) fn takeover(bytes: &[u8]) {

@@ -129,7 +129,7 @@ impl Compared {
         })
     }
 
-    /// Does to the lists what an output says.
+    /// Applies an output to the lists.
     pub(crate) fn follow(&mut self, output: &Output<u64>) -> Result<(), TestCaseError> {
         match output {
             Output::Start { offer, message } => {

@@ -1,4 +1,4 @@
-//! The exchange of SPEC, Annex B.10, between two sessions: they send exactly the bytes that stand there.
+//! The exchange of SPEC, Annex B.10, between two sessions. They send exactly the listed bytes.
 
 use std::collections::VecDeque;
 
@@ -16,7 +16,7 @@ const SPEC: &str = include_str!("../../../SPEC.md");
 const A: usize = 0;
 const B: usize = 1;
 
-/// The side that sends, and what it sends.
+/// The sending side, and its bytes.
 type Sent = (usize, Vec<u8>);
 
 /// The lines of the example. A line without a side continues the one before.

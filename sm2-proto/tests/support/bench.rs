@@ -1,4 +1,4 @@
-//! A Manager under test: frames in, readable events out.
+//! A Manager under test. It takes frames, and returns its outputs as readable events.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use std::time::Duration;
@@ -13,7 +13,7 @@ use super::contracts::name;
 
 pub(crate) const EPOCH: u64 = 0xE90C;
 const SECRET: u128 = 0x5EC2E7;
-/// SipHash-2-4 of the bytes of 1 under that secret, by another implementation.
+/// SipHash-2-4 of the bytes of 1 under that secret, computed by another implementation.
 pub(crate) const FIRST_KEY: u64 = 0xFEDA_BC3F_4DF5_1929;
 
 pub(crate) const UNLIMITED: Policy = Policy {

@@ -1,4 +1,4 @@
-//! An oracle of SPEC section 11 that consists of lists and is as slow as it likes.
+//! An oracle of SPEC section 11: plain lists, without regard for speed.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -56,7 +56,7 @@ impl Play {
         }
     }
 
-    /// Does one thing to both. Panics if they say or show different things.
+    /// Applies one step to both. Panics if their outputs or their states differ.
     pub(crate) fn step(&mut self, op: &Op) {
         self.oracle.events.clear();
         let events = self.apply(op.clone());
@@ -66,7 +66,7 @@ impl Play {
         assert_eq!(shown, self.oracle.relations(), "{op:?}");
     }
 
-    /// Does one thing to both. Returns the outputs of the Manager.
+    /// Applies one step to both. Returns the outputs of the Manager.
     fn apply(&mut self, op: Op) -> Vec<Event> {
         match op {
             Op::Join(at, resuming, uid) => self.join(at, resuming, uid),
@@ -83,7 +83,7 @@ impl Play {
         }
     }
 
-    /// Does one action of a session that exists.
+    /// Executes one action of a session that exists.
     fn apply_to(&mut self, session: &Session, op: Op) -> Vec<Event> {
         let node = session.node;
         match op {

@@ -1,4 +1,4 @@
-//! An oracle of SPEC sections 4.3, 4.4 and 5 that consists of lists and is as slow as it likes.
+//! An oracle of SPEC sections 4.3, 4.4 and 5: plain lists, without regard for speed.
 
 use std::collections::{BTreeMap, BTreeSet};
 

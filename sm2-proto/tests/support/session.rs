@@ -1,4 +1,4 @@
-//! A node under test: frames of its Manager in, outputs out.
+//! A node under test. It takes frames of its Manager, and returns its outputs.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use sm2_proto::{

@@ -65,7 +65,7 @@ pub(crate) struct World {
     sockets: BTreeMap<NodeId, Socket>,
     processes: Vec<Option<Process>>,
     connections: u64,
-    /// The number of links to come that find no descriptors.
+    /// How many of the next links find no descriptors.
     shortage: u8,
     /// Links that found no descriptors and that the oracle does not know yet.
     failed: Vec<LinkId>,

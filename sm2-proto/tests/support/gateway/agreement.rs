@@ -1,5 +1,5 @@
-//! Checks that the decoders of the crate agree with the naive ones, and that accepted bytes are the
-//! only encoding of their meaning. Each function panics if not.
+//! Checks that the decoders of the crate agree with the naive ones, and that no other bytes have
+//! the meaning of accepted bytes. Each function panics if a check fails.
 
 use serde_json::Value;
 use sm2_proto::gateway::{

@@ -22,7 +22,7 @@ const USER: Credentials = Credentials {
     pid: 1,
 };
 
-/// The place of one end of a link's socket pair.
+/// The state of one end of a link's socket pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Socket {
     Underway,
@@ -43,7 +43,7 @@ struct Pair {
 struct Interface {
     contract: Contract,
     answered: bool,
-    /// The present session's Manager refused it, though an earlier one had granted it.
+    /// True if the current Manager refused the interface, though an earlier one had granted it.
     refused: bool,
 }
 
@@ -65,7 +65,8 @@ struct Connection {
 struct Program {
     node: Node,
     connection: Option<Connection>,
-    /// Connections that the node has closed and the Manager has not read to their end.
+    /// Connections that the node has closed, and whose remaining datagrams the Manager has not
+    /// read.
     closed: VecDeque<Connection>,
     interfaces: BTreeMap<InterfaceId, Interface>,
     links: BTreeSet<(InterfaceId, LinkId)>,
