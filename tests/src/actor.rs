@@ -53,7 +53,7 @@ impl Actor {
         }
     }
 
-    /// The node's name.
+    /// The name of the node.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
@@ -156,7 +156,7 @@ pub struct Counted {
     pub delivered: u64,
     /// Messages that were lost, whatever the reason.
     pub dropped: u64,
-    /// Messages that are neither.
+    /// Messages that are neither delivered nor dropped.
     pub in_flight: u64,
     text: String,
 }

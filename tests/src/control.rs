@@ -1,5 +1,5 @@
-//! Control frames written by hand, from SPEC section 3 alone: nothing here calls the
-//! encoder of `sm2-proto`, so that the two check each other.
+//! Control frames written by hand, from SPEC section 3 alone. Nothing here calls the encoder of
+//! `sm2-proto`, so the two check each other.
 
 use sm2_proto::{EntityId, LinkId, control::Key};
 
@@ -8,7 +8,7 @@ use sm2_proto::{EntityId, LinkId, control::Key};
 pub struct Fields(Vec<u8>);
 
 impl Fields {
-    /// No field yet.
+    /// A frame without fields.
     #[must_use]
     pub const fn new() -> Self {
         Self(Vec::new())
@@ -45,14 +45,14 @@ impl Fields {
         self.int(link.epoch).int(link.serial)
     }
 
-    /// These bytes.
+    /// Appends these bytes.
     #[must_use]
     pub fn raw(mut self, bytes: impl AsRef<[u8]>) -> Self {
         self.0.extend_from_slice(bytes.as_ref());
         self
     }
 
-    /// All of them.
+    /// Returns all bytes.
     #[must_use]
     pub fn bytes(self) -> Vec<u8> {
         self.0
@@ -76,7 +76,7 @@ pub fn hello_versions(min: u16, max: u16, name: impl AsRef<[u8]>) -> Vec<u8> {
     versions.text(name).flag(false).bytes()
 }
 
-/// HELLO of a node that comes back.
+/// HELLO of a node that reconnects.
 #[must_use]
 pub fn hello_again(name: impl AsRef<[u8]>) -> Vec<u8> {
     frame(0).int(1).int(1).text(name).flag(true).bytes()
@@ -106,7 +106,7 @@ pub fn query() -> Vec<u8> {
     frame(4).flag(false).bytes()
 }
 
-/// QUERY of what follows this item.
+/// QUERY for the items after this one.
 #[must_use]
 pub fn query_after(key: Key) -> Vec<u8> {
     let entity = |fields: Fields, it: EntityId| fields.int(it.node.0).int(it.interface.0);
@@ -141,14 +141,14 @@ pub struct Claim {
     pub key: u64,
     /// Its version.
     pub version: u16,
-    /// Whether nothing on it may be displaced.
+    /// True if no message on the link may be displaced.
     pub reliable: bool,
-    /// Whether pooled payloads are forbidden.
+    /// True if pooled payloads are forbidden.
     pub sealed: bool,
 }
 
 impl Claim {
-    /// Its bytes.
+    /// Returns the bytes of the frame.
     #[must_use]
     pub fn bytes(self) -> Vec<u8> {
         let head = frame(6).int(self.interface).link(self.link).int(self.key);
@@ -328,16 +328,16 @@ pub mod to_node {
         pub key: u64,
         /// Its version.
         pub version: u16,
-        /// Whether nothing on it may be displaced.
+        /// True if no message on the link may be displaced.
         pub reliable: bool,
-        /// Whether pooled payloads are forbidden.
+        /// True if pooled payloads are forbidden.
         pub sealed: bool,
         /// The peer's contract.
         pub contract: Vec<u8>,
     }
 
     impl Link {
-        /// Its bytes; the peer is interface 1 of node 77, `peer`.
+        /// Returns the bytes of the frame; the peer is interface 1 of node 77, `peer`.
         #[must_use]
         pub fn bytes(&self) -> Vec<u8> {
             let head = frame(4).int(self.interface).link(self.link);

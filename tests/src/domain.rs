@@ -1,4 +1,4 @@
-//! Domains of their own: a temporary folder, and Managers that serve in it.
+//! Separate domains for tests: a temporary folder each, and Managers that serve there.
 
 use std::{
     fs,
@@ -46,7 +46,7 @@ impl TempDomain {
         self.folder.path()
     }
 
-    /// Where the Manager's socket is.
+    /// The path of the Manager's socket.
     #[must_use]
     pub fn socket(&self) -> PathBuf {
         self.folder().join("domain.sock")
@@ -89,7 +89,7 @@ impl TempDomain {
         manager
     }
 
-    /// A Manager that may or may not come up.
+    /// A Manager that may fail to start.
     #[must_use]
     pub fn manager_start(&self, options: &[&str]) -> ManagerProcess {
         self.start(self.command(options))
@@ -125,7 +125,7 @@ impl Default for TempDomain {
     }
 }
 
-/// A Manager in a process of its own. Killed when dropped.
+/// A Manager in a separate process. Killed when dropped.
 #[derive(Debug)]
 pub struct ManagerProcess {
     process: Process,
@@ -157,7 +157,7 @@ impl ManagerProcess {
         RawNode::welcomed(&self.socket, name)
     }
 
-    /// Waits until a line of its log has this text.
+    /// Waits until a line of its log contains this text.
     #[track_caller]
     pub fn log_says(&self, text: &str) {
         self.process.stderr_says(text);

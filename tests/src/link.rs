@@ -1,5 +1,5 @@
-//! Link frames written by hand, from SPEC section 7 alone. Every field can be set to
-//! what SPEC forbids.
+//! Link frames written by hand, from SPEC section 7 alone. Every field can be set to a value that
+//! SPEC forbids.
 
 use sm2_proto::LinkId;
 
@@ -90,7 +90,7 @@ impl Open {
         Self { lanes: 3, ..self }
     }
 
-    /// Its bytes.
+    /// Returns the bytes of the frame.
     #[must_use]
     pub fn bytes(self) -> Vec<u8> {
         let mut bytes = vec![kind::OPEN, self.role];
@@ -126,15 +126,15 @@ pub fn detach(segment: u32) -> Vec<u8> {
 /// The header of DATA, REQUEST and REPLY.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Head {
-    /// Which of the three.
+    /// DATA, REQUEST or REPLY.
     pub kind: u8,
     /// The payload's form.
     pub form: u8,
-    /// Of a REPLY.
+    /// The status of a REPLY.
     pub status: u16,
-    /// Of a pooled payload.
+    /// The segment of a pooled payload.
     pub segment: u32,
-    /// Of a pooled payload.
+    /// The slot of a pooled payload.
     pub slot: u32,
     /// Zero.
     pub reserved: u32,
@@ -142,14 +142,14 @@ pub struct Head {
     pub sequence: u64,
     /// The publication's or call's number.
     pub id: u64,
-    /// When it was published, or the deadline.
+    /// The time of publication, or the deadline.
     pub time: u64,
     /// The payload's length.
     pub len: u64,
 }
 
 impl Head {
-    /// The `n`th inline message without payload, `id` being `n` too.
+    /// The `n`th inline message without payload; `id` is also `n`.
     #[must_use]
     pub fn nth(kind: u8, n: u64) -> Self {
         Self {
@@ -160,13 +160,13 @@ impl Head {
         }
     }
 
-    /// Its bytes.
+    /// Returns the bytes of the header.
     #[must_use]
     pub fn bytes(self) -> Vec<u8> {
         self.with(&[])
     }
 
-    /// Its bytes, followed by an inline payload.
+    /// Returns the bytes of the header, followed by an inline payload.
     #[must_use]
     pub fn with(self, payload: &[u8]) -> Vec<u8> {
         let mut bytes = vec![self.kind, self.form];
@@ -205,7 +205,7 @@ pub fn pooled(kind: u8, n: u64, segment: u32, slot: u32, len: u64) -> Vec<u8> {
     .bytes()
 }
 
-/// A message in a file of its own, which has to come along.
+/// A message in a separate file, which has to be attached.
 #[must_use]
 pub fn sealed(kind: u8, n: u64, len: u64) -> Vec<u8> {
     let head = Head::nth(kind, n);
@@ -266,7 +266,7 @@ pub fn detached(segment: u32) -> Vec<u8> {
     bytes
 }
 
-/// The same bytes with one of them changed.
+/// The same bytes, with one of them changed.
 #[must_use]
 pub fn with_byte(mut bytes: Vec<u8>, offset: usize, value: u8) -> Vec<u8> {
     bytes[offset] = value;

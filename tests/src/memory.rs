@@ -1,4 +1,4 @@
-//! Files to attach: memory files with exactly the seals that a test wants, and other files.
+//! Files to attach: memory files with exactly the seals that a test needs, and other files.
 
 use std::{
     fs::File,
@@ -18,8 +18,8 @@ pub fn memfd(len: u64, seals: Seals) -> OwnedFd {
     create(len, MFdFlags::empty(), seals).expect("a memory file")
 }
 
-/// A memory file of huge pages, with all seals that there are; if the kernel has none, then
-/// [`null`].
+/// A memory file of huge pages with all existing seals, or [`null`] if the kernel has no huge
+/// pages.
 #[must_use]
 pub fn huge() -> OwnedFd {
     let all = Seals(Seals::SEALED.0 | Seals::POOLED.0);
@@ -41,25 +41,25 @@ pub const fn without(seals: Seals, missing: Seals) -> Seals {
     Seals(seals.0 & !missing.0)
 }
 
-/// A file that can be passed for a sealed payload of `len` bytes.
+/// A file that is legal for a sealed payload of `len` bytes.
 #[must_use]
 pub fn sealed(len: u64) -> OwnedFd {
     memfd(len, Seals::SEALED)
 }
 
-/// A file that can be attached as a segment of `len` bytes.
+/// A file that is legal as a segment of `len` bytes.
 #[must_use]
 pub fn segment(len: u64) -> OwnedFd {
     memfd(len, Seals::POOLED)
 }
 
-/// Something open that can never be mapped as a payload.
+/// An open file that can never be mapped as a payload.
 #[must_use]
 pub fn null() -> OwnedFd {
     File::open("/dev/null").expect("/dev/null").into()
 }
 
-/// The same memory file, open for reading only.
+/// The same memory file, opened only for reading.
 #[must_use]
 pub fn reopened(file: &OwnedFd) -> OwnedFd {
     let path = format!("/proc/self/fd/{}", file.as_raw_fd());

@@ -1,4 +1,4 @@
-//! Child processes: started from the actor binary, watched, and never left behind.
+//! Child processes: started from the actor binary, watched, and ended with the test.
 
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -54,9 +54,9 @@ fn actor_path() -> PathBuf {
 /// How a process ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
-    /// By itself, with this status.
+    /// It exited with this status.
     Status(i32),
-    /// By this signal.
+    /// It was killed by this signal.
     Signal(i32),
 }
 
@@ -127,7 +127,7 @@ impl Process {
         }
     }
 
-    /// The next line of its output; none when it has ended.
+    /// The next line of its output, or `None` after it has ended.
     #[must_use]
     #[track_caller]
     pub fn line(&self) -> Option<String> {
@@ -140,7 +140,7 @@ impl Process {
         }
     }
 
-    /// The next line of its output, which must come.
+    /// The next line of its output, which must arrive.
     #[track_caller]
     pub fn expect_line(&self) -> String {
         let Some(line) = self.line() else {
@@ -155,7 +155,7 @@ impl Process {
         lock(&self.stderr).clone()
     }
 
-    /// Waits until its standard error has this text.
+    /// Waits until its standard error contains this text.
     #[track_caller]
     pub fn stderr_says(&self, text: &str) {
         eventually(text, || lock(&self.stderr).contains(text));

@@ -10,7 +10,7 @@ use std::{
 pub struct Random(u64);
 
 impl Random {
-    /// Seeded by `SM2_TEST_SEED`, or anew. Prints the seed.
+    /// A generator seeded by `SM2_TEST_SEED`, or by a new seed. Prints the seed.
     ///
     /// # Panics
     ///

@@ -1,4 +1,4 @@
-//! Raw peers: they speak bytes, and nothing keeps them to SPEC.
+//! Raw peers, which send arbitrary bytes and are not bound to SPEC.
 
 use std::{
     io::IoSlice,
@@ -15,7 +15,7 @@ use sm2_proto::{
 
 use crate::{TIMEOUT, control, eventually, link};
 
-/// One end of a connection, and what came over it.
+/// One end of a connection, and the datagrams that it received.
 #[derive(Debug)]
 pub struct RawPeer {
     socket: SeqPacket,
@@ -31,7 +31,7 @@ pub struct Frame {
 }
 
 impl RawPeer {
-    /// The end of a connection that this peer speaks on.
+    /// A peer on this end of a connection.
     #[must_use]
     pub const fn new(socket: SeqPacket) -> Self {
         Self { socket }
@@ -54,7 +54,7 @@ impl RawPeer {
         Self::new(socket.expect("a connection"))
     }
 
-    /// Whether the other side has read all that was sent.
+    /// True if the other side has read everything that was sent.
     #[must_use]
     #[track_caller]
     pub fn is_read(&self) -> bool {
@@ -88,14 +88,14 @@ impl RawPeer {
         self.socket.send(&[IoSlice::new(bytes)], fds)
     }
 
-    /// Waits until there is something to read.
+    /// Waits until there is a datagram to read.
     #[track_caller]
     pub fn readable(&self) {
         let there = wait_readable(&[self.socket.as_fd()], Some(TIMEOUT)).expect("poll");
         assert!(there, "the other side says nothing");
     }
 
-    /// The next datagram; none at the end of the stream.
+    /// The next datagram, or `None` at the end of the stream.
     #[must_use]
     #[track_caller]
     pub fn recv(&self) -> Option<Frame> {
@@ -103,7 +103,7 @@ impl RawPeer {
         self.try_recv().expect("something is there")
     }
 
-    /// The next datagram (none at the end of the stream), if there is one already.
+    /// The next datagram (or `None` at the end of the stream), if it has arrived already.
     pub fn try_recv(&self) -> Option<Option<Frame>> {
         let mut buffer = vec![0; DATAGRAM_MAX + 1];
         match self.socket.recv(&mut buffer) {
@@ -119,13 +119,13 @@ impl RawPeer {
         }
     }
 
-    /// The next datagram, which must come.
+    /// The next datagram, which must arrive.
     #[track_caller]
     pub fn expect(&self) -> Frame {
         self.recv().expect("the stream has ended")
     }
 
-    /// Whether nothing is there to be read, not even the end.
+    /// True if there is nothing to read, not even the end of the stream.
     #[must_use]
     pub fn is_quiet(&self) -> bool {
         self.try_recv().is_none()
@@ -134,28 +134,28 @@ impl RawPeer {
     /// Closes the connection.
     pub fn close(self) {}
 
-    /// The socket, for what this type does not offer.
+    /// The socket, for operations that this type lacks.
     #[must_use]
     pub const fn socket(&self) -> &SeqPacket {
         &self.socket
     }
 }
 
-/// Closing alone could take a while: a child that another thread is just starting holds a
-/// copy of every descriptor until it runs its program.
+/// Shuts the connection down explicitly. A child that another thread is just starting holds a copy
+/// of every descriptor until it runs its program, so closing alone might take effect late.
 impl Drop for RawPeer {
     fn drop(&mut self) {
         let _ = self.socket.shutdown();
     }
 }
 
-/// A node that is no node: it sends what a test wants to its Manager.
+/// A raw node, which sends its Manager the bytes that a test chooses.
 #[derive(Debug)]
 pub struct RawNode {
     peer: RawPeer,
 }
 
-/// A link that LINK has brought to a raw node.
+/// A link that a LINK frame has given to a raw node.
 #[derive(Debug)]
 pub struct RawLink {
     /// The node's interface.
@@ -164,9 +164,9 @@ pub struct RawLink {
     pub id: LinkId,
     /// The secret of its two ends.
     pub key: u64,
-    /// Whether nothing on it may be displaced.
+    /// True if no message on the link may be displaced.
     pub reliable: bool,
-    /// Whether pooled payloads are forbidden.
+    /// True if pooled payloads are forbidden.
     pub sealed: bool,
     /// The other side.
     pub peer: Peer,
@@ -193,7 +193,7 @@ impl RawNode {
         node
     }
 
-    /// Greets, and is welcome. Its number and the epoch.
+    /// Greets, and is welcomed. Returns its number and the epoch.
     #[track_caller]
     pub fn greet(&self, name: &str) -> (u64, u64) {
         self.send(control::hello(name));
@@ -203,7 +203,7 @@ impl RawNode {
         }
     }
 
-    /// Greets as a node that comes back, and is welcome. Its number and the epoch.
+    /// Greets as a node that reconnects, and is welcomed. Returns its number and the epoch.
     #[track_caller]
     pub fn greet_again(&self, name: &str) -> (u64, u64) {
         self.send(control::hello_again(name));
@@ -213,7 +213,7 @@ impl RawNode {
         }
     }
 
-    /// The next frame, which is PAGE; its revision.
+    /// Reads the next frame, which must be PAGE. Returns its revision.
     #[track_caller]
     pub fn revision(&self) -> u64 {
         match self.next() {
@@ -253,7 +253,7 @@ impl RawNode {
         (decode(&frame).expect("a legal frame"), frame.fds)
     }
 
-    /// Declares an interface, which is granted; how many links follow.
+    /// Declares an interface, which must be granted. Returns how many links follow.
     #[track_caller]
     pub fn declare(&self, interface: u64, contract: &[u8]) -> u32 {
         self.send(control::declare(interface, contract));
@@ -266,7 +266,7 @@ impl RawNode {
         }
     }
 
-    /// The next frame, which is LINK.
+    /// Reads the next frame, which must be LINK.
     #[track_caller]
     pub fn linked(&self) -> RawLink {
         let (frame, fds) = self.next_with_fds();
@@ -294,7 +294,7 @@ impl RawNode {
         }
     }
 
-    /// The next frame, which is UNLINK of this link; its code.
+    /// Reads the next frame, which must be UNLINK of this link. Returns its code.
     #[track_caller]
     pub fn unlinked(&self, id: LinkId) -> Code {
         match self.next() {
@@ -303,7 +303,7 @@ impl RawNode {
         }
     }
 
-    /// Asks for the first page: its items.
+    /// Queries the first page. Returns its items.
     #[track_caller]
     pub fn query(&self) -> Vec<Item> {
         self.send(control::query());
@@ -313,7 +313,7 @@ impl RawNode {
         }
     }
 
-    /// Asks for all pages, one after the other: their items.
+    /// Queries all pages, one after the other. Returns their items.
     #[track_caller]
     pub fn query_all(&self) -> Vec<Item> {
         let mut all = Vec::new();
@@ -342,7 +342,7 @@ impl RawNode {
         names.collect()
     }
 
-    /// Reads to the end of the stream, which may only be preceded by GOODBYE.
+    /// Reads to the end of the stream. Only GOODBYE may precede it.
     #[track_caller]
     pub fn ended(&self) -> Option<Code> {
         let frame = self.peer.recv()?;
@@ -354,11 +354,11 @@ impl RawNode {
         Some(code)
     }
 
-    /// Hangs up without a word.
+    /// Closes the connection without GOODBYE.
     pub fn close(self) {}
 }
 
-/// Reads a frame from a Manager, strictly.
+/// Decodes a frame of a Manager with all checks.
 fn decode(frame: &Frame) -> Result<ToNode, Violation> {
     let facts = vec![FdFacts::default(); frame.fds.len()];
     decode_to_node(&Datagram {
@@ -368,7 +368,7 @@ fn decode(frame: &Frame) -> Result<ToNode, Violation> {
 }
 
 impl RawLink {
-    /// Says OPEN in this role, and reads the other side's.
+    /// Sends OPEN in this role, and reads the other side's.
     #[track_caller]
     pub fn open(&self, role: u8, window: u32) -> Frame {
         self.end
@@ -378,7 +378,8 @@ impl RawLink {
         frame
     }
 
-    /// The name of the violation that ended it, by what is there to read; none if it goes on.
+    /// Reads the available datagrams. Returns the name of the violation that ended the link, or
+    /// `None` if the link is open.
     #[track_caller]
     pub fn verdict(&self) -> Option<&'static str> {
         while let Some(frame) = self.end.try_recv() {
@@ -392,7 +393,7 @@ impl RawLink {
         None
     }
 
-    /// Reads until CLOSE, which ends the stream; its code. None if there was no CLOSE.
+    /// Reads until CLOSE, which ends the stream. Returns its code, or `None` if there was no CLOSE.
     #[track_caller]
     pub fn closed(&self) -> Option<u16> {
         while let Some(frame) = self.end.recv() {
@@ -407,7 +408,7 @@ impl RawLink {
     }
 }
 
-/// A Manager that is no Manager: it says to a node what a test wants.
+/// A raw Manager, which sends nodes the bytes that a test chooses.
 #[derive(Debug)]
 pub struct RawManager {
     listener: Listener,
@@ -421,7 +422,7 @@ impl RawManager {
         Self { listener }
     }
 
-    /// The next node that connects.
+    /// Accepts the next node that connects.
     #[must_use]
     #[track_caller]
     pub fn accept(&self) -> RawPeer {

@@ -1,7 +1,7 @@
-//! Both ends of a ring (SPEC section 8.5), moved by hand: nothing keeps them to what SPEC says.
+//! Both ends of a ring (SPEC section 8.5), operated by hand and not bound to SPEC.
 //!
-//! Words and heads are written from SPEC alone; that each is at its place is what the tests of
-//! `sm2-io` are about, whose mapping is used here for its atomic operations.
+//! Words and heads are written from SPEC alone. The mapping of `sm2-io` is used for its atomic
+//! operations; its own tests check that each word is at the right offset.
 
 use std::os::fd::{AsFd, OwnedFd};
 
@@ -51,17 +51,17 @@ fn map(file: &OwnedFd, layout: RingLayout) -> Ring {
 /// A publisher's end that has the receiver's ring, and segment 1 with slots of a page.
 #[derive(Debug)]
 pub struct RawSender {
-    /// The ring.
+    /// The receiver's ring.
     pub ring: Ring,
-    /// The receiver's.
+    /// The receiver's depth.
     pub depth: u16,
-    /// The receiver's.
+    /// The receiver's window.
     pub window: u32,
     slots: Vec<Slot>,
 }
 
 impl RawSender {
-    /// Reads RING, which is what the receiver says first after OPEN, and attaches a segment.
+    /// Reads RING, which must be the receiver's first frame after OPEN, and attaches a segment.
     #[must_use]
     #[track_caller]
     pub fn new(link: &RawLink, slots: u32) -> Self {
@@ -85,7 +85,7 @@ impl RawSender {
         }
     }
 
-    /// Says OPEN, reads the other one's, and does as [`new`](Self::new).
+    /// Sends OPEN, reads the other side's, and continues as [`new`](Self::new).
     #[must_use]
     #[track_caller]
     pub fn open(link: &RawLink, slots: u32) -> Self {
@@ -102,30 +102,30 @@ impl RawSender {
         page[PAGE as usize - 64..].copy_from_slice(&head);
     }
 
-    /// Where the word of this message is.
+    /// The position of the word of this message.
     #[must_use]
     pub fn at(&self, sequence: u64) -> At {
         At::Forward((sequence % u64::from(self.depth)) as u32)
     }
 
-    /// Puts a word where that of this message is; what was there.
+    /// Puts a word at the position of this message. Returns the previous word.
     pub fn put(&self, sequence: u64, bits: u64) -> u64 {
         self.ring.swap(self.at(sequence), bits)
     }
 
-    /// Sends a message as SPEC says, in this slot; what its word displaced.
+    /// Sends a correct message in this slot. Returns the word that it displaced.
     pub fn send(&mut self, sequence: u64, slot: usize, payload: &[u8]) -> u64 {
         self.fill(slot, payload, head(sequence, payload.len() as u64));
         self.put(sequence, word(1, slot as u64, sequence))
     }
 
-    /// Takes out the `n`th word that was given back, from 0.
+    /// Takes the `n`th back word, counted from 0.
     pub fn harvest(&self, n: u64) -> u64 {
         let at = At::Back((n % u64::from(self.window)) as u32);
         self.ring.swap(at, 0)
     }
 
-    /// Rings if the receiver is parked.
+    /// Sends a doorbell if the receiver is parked.
     pub fn bell(&self, link: &RawLink) {
         self.ring.fence();
         if self.ring.swap(At::ReceiverParked, 0) == 1 {
@@ -146,7 +146,7 @@ pub struct RawReceiver {
 }
 
 impl RawReceiver {
-    /// A ring that nobody knows yet.
+    /// A ring that the other side has not received yet.
     #[must_use]
     pub fn new(depth: u16, window: u32) -> Self {
         let layout = RingLayout::new(depth, window).expect("a legal layout");
@@ -160,13 +160,13 @@ impl RawReceiver {
         }
     }
 
-    /// Says RING.
+    /// Sends RING.
     pub fn offer(&self, link: &RawLink) {
         let frame = ring(self.depth, self.window);
         link.end.send_fds(frame, &[self.file.as_fd()]);
     }
 
-    /// Says OPEN, reads the other one's, and says RING.
+    /// Sends OPEN, reads the other side's, and sends RING.
     #[must_use]
     #[track_caller]
     pub fn open(link: &RawLink, depth: u16, window: u32) -> Self {
@@ -178,7 +178,7 @@ impl RawReceiver {
         receiver
     }
 
-    /// Takes this message out of the ring, if it is there; its word.
+    /// Takes this message out of the ring, if it is there. Returns its word.
     #[must_use]
     pub fn take(&self, sequence: u64) -> Option<u64> {
         let at = At::Forward((sequence % u64::from(self.depth)) as u32);
@@ -187,7 +187,7 @@ impl RawReceiver {
             .then_some(bits)
     }
 
-    /// Gives these bits back as the `n`th, from 0.
+    /// Puts these bits at the `n`th back word, counted from 0.
     pub fn give(&self, n: u64, bits: u64) -> u64 {
         self.ring
             .swap(At::Back((n % u64::from(self.window)) as u32), bits)

@@ -1,6 +1,6 @@
-//! A node in a container: namespaces of its own for mounts, processes, IPC, network and host
-//! name, a file system of its own, and one folder of the host, read-only: the socket's.
-//! `packaging/containers.md` says the same to people.
+//! A node in a container. It has separate namespaces for mounts, processes, IPC, network and host
+//! name, its own file system, and one read-only folder of the host: the folder of the socket.
+//! `packaging/containers.md` describes the same setup for users.
 
 use std::{fs, path::Path, process::Command};
 
@@ -47,7 +47,7 @@ fn unshare() -> Command {
     command
 }
 
-/// Whether the kernel and whoever runs this let us make containers.
+/// True if the kernel and the user of this test allow containers.
 fn is_possible() -> bool {
     let tried = unshare()
         .args(["mount", "-t", "proc", "proc", "/proc"])
@@ -61,9 +61,10 @@ fn is_possible() -> bool {
     false
 }
 
-/// A role of the actor in a container. `root` is empty, and stays so outside.
+/// A role of the actor in a container. `root` is an empty folder, and stays empty outside of the
+/// container.
 fn contained(root: &Path, domain: &TempDomain, role: &str) -> Command {
-    // Started like every other, so that it has the same environment.
+    // Started like every other actor, so that it has the same environment.
     let outside = actor(role);
     let mut command = unshare();
     command.args(["sh", "-c", CONTAINER, "sh"]);
@@ -75,7 +76,7 @@ fn contained(root: &Path, domain: &TempDomain, role: &str) -> Command {
     command
 }
 
-/// Messages of all forms: in the datagram, and in shared memory.
+/// Exchanges messages of all forms: in the datagram, and in shared memory.
 fn exchange(from: &mut Actor, to: &mut Actor, topic: &str) {
     from.tell(&format!("pub out-{topic} {topic} reliable_ms=60000"));
     to.tell(&format!("sub in-{topic} {topic} reliable"));
@@ -103,7 +104,7 @@ fn a_container_needs_the_folder_of_the_socket_and_nothing_else() {
     exchange(&mut outside, &mut inside, "inwards");
     exchange(&mut inside, &mut outside, "outwards");
 
-    // The Manager sees who it is, by its number out here.
+    // The Manager sees the container's process by its number on the host.
     let observer = RawNode::welcomed(&domain.socket(), "observer");
     let pid = observer
         .query_all()
@@ -123,7 +124,8 @@ fn a_container_needs_the_folder_of_the_socket_and_nothing_else() {
         assert_ne!(theirs, ours, "{kind}");
     }
 
-    // The folder is mounted, not the socket: the next Manager's is seen inside, too.
+    // The folder is mounted, not the socket, so the socket of the next Manager is visible inside,
+    // too.
     manager.kill();
     let _next = domain.manager();
     let root = tempfile::tempdir().expect("a temporary folder");

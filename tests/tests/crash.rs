@@ -1,5 +1,5 @@
-//! Processes that are killed at random moments: the others carry on or hear of it at once,
-//! and nothing is left behind.
+//! Processes are killed at random moments. The others continue, or are told at once, and no
+//! resources are leaked.
 
 use std::{thread, time::Duration};
 
@@ -15,7 +15,7 @@ use sm2_tests::{
 const ROLES: [&str; 4] = ["pub", "sub", "server", "client"];
 const KILLS: usize = 200;
 
-/// A node that works without pause, once it is told to go.
+/// A node that works without pause, once the line `go` arrives.
 fn storm(domain: &TempDomain, name: &str, role: &str, go: &str) -> Process {
     let mut command = actor("storm");
     command.arg("--socket").arg(domain.socket());
@@ -47,12 +47,12 @@ impl Survivors {
         }
     }
 
-    /// Ends their work; what each reports.
+    /// Ends their work. Returns the report of each.
     fn stop(&mut self) -> [String; 4] {
         let [publisher, subscriber, server, client] = &mut self.all;
         publisher.say("stop");
         let published = publisher.expect_line();
-        // All of them arrive, also those that were published during the last kill.
+        // All messages arrive, including those that were published during the last kill.
         subscriber.say(&format!("stop {}", number(&published, "published")));
         let received = subscriber.expect_line();
         client.say("stop");
@@ -61,9 +61,8 @@ impl Survivors {
         [published, received, server.expect_line(), called]
     }
 
-    /// Only what the survivors share with each other is open and mapped: the publisher's
-    /// segments at the subscriber, and those of server and client that passed their link at
-    /// both.
+    /// Asserts that the survivors hold only resources of each other: the subscriber holds the
+    /// publisher's segments, and server and client hold those that they sent to each other.
     fn share_only_their_own(&self, sockets: usize) {
         let mut last = self.baseline.clone();
         let done = in_time(|| {
@@ -71,7 +70,7 @@ impl Survivors {
             let [publisher, subscriber, server, client] = &last;
             let segments = |census: &Census| census.of_kind("memfd:sm2-segment");
             let (ours, theirs) = (segments(server), segments(client));
-            // Three sizes of slots, and no segment is left that the dead had slots of.
+            // There are three sizes of slots, and no segments remain in which dead peers had slots.
             last.iter().all(|census| segments(census) <= 8)
                 && publisher.mappings() == segments(publisher)
                 && subscriber.mappings() == segments(publisher)
@@ -91,7 +90,7 @@ impl Survivors {
         );
     }
 
-    /// Withdraws their interfaces: each holds what it held at first.
+    /// Withdraws their interfaces, and asserts that each process holds what it held at first.
     fn close(&mut self) {
         for survivor in &mut self.all {
             survivor.say("close");
@@ -103,8 +102,8 @@ impl Survivors {
     }
 }
 
-/// A publisher and a client whose peers die go on at once: each wait of theirs would
-/// otherwise end in an error that is none of the expected ones.
+/// A publisher and a client whose peers die continue at once. Otherwise their waits would end in
+/// errors that the actor does not expect.
 //= SM2-SES-003, SM2-SES-006, SM2-OPN-007, SM2-SRV-005, SM2-LNK-004 sys
 //= SM2-TRN-006, SM2-QOS-002, SM2-SRV-001 sys
 #[test]
@@ -118,7 +117,7 @@ fn processes_killed_at_random_moments_leave_the_others_alone() {
     let victim = |role| storm(&domain, &format!("victim-{role}"), role, "true");
     let mut victims = ROLES.map(victim);
     for _ in 0..KILLS {
-        // From before it has a session to the middle of its work.
+        // From before the session exists to the middle of its work.
         let most = random.choose(&[1, 3, 10, 20, 60]);
         thread::sleep(Duration::from_millis(random.within(0..most)));
         let index = random.within(0..ROLES.len() as u64) as usize;
@@ -132,7 +131,7 @@ fn processes_killed_at_random_moments_leave_the_others_alone() {
         number(&reports[3], "failed") > 0,
         "no server died in a call"
     );
-    // The session and the one link of each.
+    // Each survivor has two sockets: the session and its one link.
     survivors.share_only_their_own(2);
     survivors.close();
     baseline.restored(manager.pid());
@@ -160,8 +159,8 @@ fn work_goes_on_without_the_manager() {
     survivors.share_only_their_own(1);
 }
 
-/// Reliable and best-effort links, counted by the publications' numbers, with the Manager killed
-/// in the middle of them.
+/// Reliable and best-effort links, checked by the numbers of the publications, while the Manager is
+/// killed.
 //= SM2-NOD-003, SM2-QOS-004 sys
 #[test]
 fn no_message_is_lost_when_the_manager_is_killed() {
@@ -200,14 +199,15 @@ fn no_message_is_lost_when_the_manager_is_killed() {
     assert!(refused.starts_with("error ManagerGone"), "{refused}");
 }
 
-/// Each process that waits for a dying process is told of its death: no wait runs into a deadline.
+/// Each process that waits for a dying process is told of its death, so that no wait runs into a
+/// deadline.
 //= SM2-SRV-005, SM2-QOS-002, SM2-OPN-007 sys
 #[test]
 fn whoever_waits_for_the_dead_hears_of_it() {
     wait_for_the_dead(true);
 }
 
-/// By the link itself, when there is no Manager who could say so.
+/// Without a Manager, the link itself tells of the death.
 //= SM2-NOD-003, SM2-SRV-005, SM2-OPN-007 sys
 #[test]
 fn whoever_waits_for_the_dead_hears_of_it_without_a_manager() {
@@ -228,13 +228,13 @@ fn wait_for_the_dead(managed: bool) {
     for (interface, peers) in [("t", 1), ("s", 1), ("back", 1)] {
         talker.tell(&format!("wait {interface} {peers}"));
     }
-    // A call that nobody will answer, and one that nobody will hear the answer of.
+    // A call that the victim will not answer, and one whose answer the victim will not read.
     talker.tell("call s 100");
     victim.tell("call back 100");
     if !managed {
         manager.kill();
     }
-    // More messages than there is room for: the publisher waits.
+    // More messages than there is room for, so the publisher waits.
     talker.say("publish t 50 5000");
     talker.say("reply s");
     thread::sleep(Duration::from_millis(50));
@@ -248,7 +248,7 @@ fn wait_for_the_dead(managed: bool) {
     assert!(replied.starts_with("error ServerGone"), "{replied}");
     let refused = talker.ask("call s 100");
     assert!(refused.starts_with("error NoServer"), "{refused}");
-    // Its request may have been taken before it died.
+    // The victim may have taken the request before it died.
     let link = talker.counted_with("t", "victim");
     assert!(!link.open && link.in_flight == 0, "{link:?}");
     assert_eq!(talker.tell("publish t 3 100"), "took=0 missed=0");

@@ -1,4 +1,4 @@
-//! Tests of the documents: links lead somewhere, the book has all its pages, and its programs
+//! Tests of the documents: links have targets, the book contains all its pages, and its programs
 //! are compiled.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -184,7 +184,8 @@ fn slug(heading: &str) -> String {
         .collect()
 }
 
-/// The file in the repository and the anchor that a link in `from` leads to. None: it leads elsewhere.
+/// The file in the repository and the anchor that a link in `from` leads to; `None` for other
+/// targets.
 fn target<'a>(from: &Path, link: &'a str) -> Option<(PathBuf, Option<&'a str>)> {
     let (address, anchor) = match link.split_once('#') {
         Some((address, anchor)) => (address, Some(anchor)),
@@ -205,7 +206,7 @@ fn target<'a>(from: &Path, link: &'a str) -> Option<(PathBuf, Option<&'a str>)> 
     Some((file, anchor))
 }
 
-/// The path without `..`.
+/// The path with `..` resolved.
 fn plain(path: &Path) -> PathBuf {
     path.components().fold(PathBuf::new(), |mut plain, part| {
         match part {

@@ -1,4 +1,5 @@
-//! A process that has no descriptor left loses what would need one, and nobody else does.
+//! A process without free descriptors loses the messages and links that need one. No other process
+//! is affected.
 
 use sm2_tests::{
     actor::{Actor, number},
@@ -6,7 +7,7 @@ use sm2_tests::{
     eventually,
 };
 
-/// A talker, a healthy listener, and one that has run out of descriptors.
+/// A talker, a healthy listener, and a listener without free descriptors.
 fn scene(domain: &TempDomain, demand: &str) -> (Actor, Actor, Actor) {
     let socket = domain.socket();
     let mut talker = Actor::start(&socket, "talker");
@@ -21,7 +22,7 @@ fn scene(domain: &TempDomain, demand: &str) -> (Actor, Actor, Actor) {
     (talker, healthy, starved)
 }
 
-/// The common part of both forms: a descriptor comes with a segment, or with the message.
+/// The common part of two tests: a descriptor arrives with a segment, or with the message.
 fn starve(demand: &str) {
     let domain = TempDomain::new();
     let _manager = domain.manager();
@@ -39,7 +40,8 @@ fn starve(demand: &str) {
         "{lost:?}"
     );
     assert_eq!(talker.counted_with("t", "healthy").offered, 20);
-    // It knows, its session lives, and with descriptors to spare it can start anew.
+    // The listener knows of its loss, its session continues, and with free descriptors it can
+    // declare again.
     starved.tell("spit");
     starved.tell("close t");
     starved.tell(&format!("sub t t reliable {demand}"));
@@ -63,7 +65,7 @@ fn a_subscriber_that_cannot_take_a_segment_loses_its_link() {
     starve("");
 }
 
-/// A publisher that cannot make memory for a message says so and goes on when it can.
+/// A publisher that cannot make memory for a message reports that, and continues when it can.
 #[test]
 fn a_publisher_without_descriptors_gets_an_error_and_recovers() {
     let domain = TempDomain::new();
@@ -89,8 +91,8 @@ fn a_publisher_without_descriptors_gets_an_error_and_recovers() {
     }
 }
 
-/// A new link needs a descriptor: whoever has none leaves the domain until it has, and nobody
-/// else does.
+/// A new link needs a descriptor. A node without a free one leaves the domain until it has one, and
+/// no other node is affected.
 //= SM2-TRN-005, SM2-SES-006, SM2-RES-001 sys
 #[test]
 fn a_node_that_cannot_take_a_link_is_gone_alone() {
@@ -100,7 +102,7 @@ fn a_node_that_cannot_take_a_link_is_gone_alone() {
     let mut late = Actor::start(&domain.socket(), "late");
     late.tell("pub t t reliable_ms=60000");
     late.tell("wait t 1");
-    // It comes back again and again: numbers are given to somebody else between two probes.
+    // The node reconnects again and again, so other sessions get numbers between two probes.
     let mut last = u64::MAX;
     eventually("a session to end and another to begin", || {
         let (next, _) = manager.connect().greet("probe");
@@ -111,8 +113,8 @@ fn a_node_that_cannot_take_a_link_is_gone_alone() {
         let taken = healthy.tell("take t 1");
         assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
     }
-    // With descriptors to spare it stays, and hears both; a link of the session before may
-    // still take a message along.
+    // With free descriptors the node stays, and receives from both publishers. A link of the
+    // previous session may still consume a message.
     starved.tell("spit");
     let mut heard = 0;
     eventually("the starved one to hear again", || {

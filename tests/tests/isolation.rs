@@ -1,5 +1,5 @@
-//! A subscriber or client that does not play along costs nobody else anything: the others get
-//! every message, and the losses are counted on its link alone, exactly.
+//! A subscriber or client that misbehaves affects no other: the others get every message, and the
+//! losses are counted exactly, on its link alone.
 
 use sm2_tests::{
     actor::{Actor, Counted, number},
@@ -10,25 +10,25 @@ use sm2_tests::{
     raw::{RawLink, RawNode},
 };
 
-/// How many messages are published at a time: what a healthy subscriber has room for, so
-/// that it needs to hurry in no test.
+/// How many messages are published at a time: no more than a healthy subscriber has room for, so
+/// that no test depends on its speed.
 const BATCH: u64 = 32;
 const BATCHES: u64 = 12;
 const ALL: u64 = BATCH * BATCHES;
 
 /// The process that misbehaves.
 enum Culprit {
-    /// A node that drives its sockets and never takes a message.
+    /// A node that drives its sockets but never takes a message.
     Idle(Actor),
-    /// A node that took what it may hold, and never gives it back.
+    /// A node that holds as many messages as it may, and never releases them.
     Hoarder(Actor),
     /// A process that is stopped.
     Stopped(Actor),
-    /// A peer that said OPEN and never reads its link.
+    /// A peer that has sent OPEN but never reads its link.
     Deaf(#[allow(dead_code, reason = "held, not used")] (RawNode, RawLink)),
 }
 
-/// A publisher with two healthy subscribers, and a culprit.
+/// A publisher, two healthy subscribers, and a culprit.
 struct Scene {
     talker: Actor,
     healthy: [Actor; 2],
@@ -80,7 +80,7 @@ impl Scene {
         scene
     }
 
-    /// Publishes, and the healthy subscribers take all of it.
+    /// Publishes, and lets the healthy subscribers take everything.
     fn publish(&mut self, count: u64, size: usize) {
         self.talker.tell(&format!("publish t {count} {size}"));
         for listener in &mut self.healthy {
@@ -93,7 +93,7 @@ impl Scene {
         self.talker.counted_with("t", CULPRIT)
     }
 
-    /// The healthy links delivered everything, and nothing else happened there.
+    /// Asserts that the healthy links delivered everything and dropped nothing.
     fn healthy_got_everything(&mut self) {
         let all = self.before + ALL;
         for name in ["healthy-1", "healthy-2"] {
@@ -107,8 +107,8 @@ impl Scene {
         }
     }
 
-    /// The culprit comes to its senses: what it gets and what it hears to have lost is
-    /// all that there was, and the link settles.
+    /// Lets the culprit behave again: the messages that it receives and those that it counts as
+    /// lost add up, and all messages of the link are settled.
     fn forgive(&mut self) {
         let all = self.before + ALL;
         let (Culprit::Idle(actor) | Culprit::Hoarder(actor) | Culprit::Stopped(actor)) =
@@ -133,7 +133,7 @@ impl Scene {
             take(actor);
             talker.counted_with("t", CULPRIT).in_flight == 0
         });
-        // One more message shows what was lost before it.
+        // The next message reports the losses before it.
         talker.tell("publish t 1 8");
         eventually("the last message", || take(actor) == all + 1);
         assert_eq!(got + lost, all + 1, "{got} received and {lost} lost");
@@ -159,7 +159,7 @@ fn play(reliable: bool) {
         let _manager = domain.manager();
         let mut scene = Scene::new(&domain, reliable, kind);
         for batch in 0..BATCHES {
-            // Inline, pooled, and more than a socket's buffer.
+            // An inline message, a pooled one, and one larger than a socket's buffer.
             scene.publish(BATCH, [100, 5_000, 50_000][batch as usize % 3]);
         }
         scene.healthy_got_everything();
@@ -190,7 +190,7 @@ fn a_reliable_subscriber_that_does_not_play_along_loses_alone() {
     play(true);
 }
 
-/// A client that calls and is stopped: its server answers the others.
+/// A client makes calls and is stopped. Its server still answers the others.
 //= SM2-SRV-003 sys
 #[test]
 fn a_stopped_client_keeps_no_server_from_others() {
@@ -209,7 +209,7 @@ fn a_stopped_client_keeps_no_server_from_others() {
         stopped.tell("call s 50000");
     }
     stopped.stop();
-    // It got no further than what the server accepts of one client: 6 requests.
+    // The server has accepted as many requests as it accepts of one client: 6.
     server.say("serve s 100");
     for call in 0..94 {
         healthy.tell(&format!("call s {}", [0, 100, 50_000][call % 3]));

@@ -1,4 +1,4 @@
-//! How a Manager starts and ends: the claim on its socket, signals, crashes, bad places.
+//! The start and the end of a Manager: the claim of its socket, signals, crashes, unusable paths.
 
 use std::{
     fs::{self, Permissions},
@@ -43,7 +43,7 @@ fn a_signal_ends_a_manager_in_order() {
         let silent = manager.connect();
         manager.signal(signal);
         for node in &nodes {
-            // GOODBYE, and no UNLINK before it.
+            // GOODBYE, without UNLINK before it.
             assert_eq!(node.ended(), Some(Farewell::ShuttingDown.code()));
         }
         silent.ended();

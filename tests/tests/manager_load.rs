@@ -1,5 +1,5 @@
-//! A Manager under attack: half-open connections, floods, nodes that do not read.
-//! Nodes that obey SPEC are served all the time.
+//! A Manager under attack by half-open connections, floods, and nodes that do not read. It serves
+//! nodes that obey SPEC all the time.
 
 use std::{
     io::IoSlice,
@@ -34,20 +34,20 @@ fn whoever_does_not_greet_is_ended_and_a_silent_node_is_not() {
     honest.nodes();
     let baseline = manager.census();
     let silent: Vec<RawNode> = (0..20).map(|_| manager.connect()).collect();
-    // Refused is not ready.
+    // A connection that was refused does not become ready.
     let refused = manager.connect();
     refused.send(control::hello("honest"));
     assert_eq!(refused.peer().expect().bytes, [1, 0], "HELLO_REFUSED");
     for node in silent.iter().chain([&refused]) {
         assert_eq!(node.ended(), Some(Farewell::GreetingTimeout.code()));
     }
-    // All of them timed out since, and this node was as silent.
+    // All of them have timed out, although this node was silent for as long.
     assert_eq!(honest.nodes(), ["honest"]);
     baseline.restored(manager.pid());
 }
 
-/// Twice the limit of connections that do not greet: the surplus is told so, whoever is
-/// in is served, and when the flood is over an honest node gets in.
+/// Twice the limit of connections that do not greet. The surplus is refused with a reason,
+/// connected nodes are served, and after the flood an honest node can connect.
 #[test]
 fn a_flood_of_connections_ends_at_the_limit() {
     let domain = TempDomain::new();
@@ -64,7 +64,7 @@ fn a_flood_of_connections_ends_at_the_limit() {
     assert_eq!(honest.nodes(), ["honest"], "served during the flood");
     let late = manager.connect();
     assert_eq!(late.ended(), Some(Farewell::Resources.code()));
-    // One that greets makes room for one more.
+    // A connection that greets makes room for another one.
     within[0].greet("within");
     manager.node("honest-too").close();
     drop(flood);
@@ -85,7 +85,7 @@ fn a_flood_of_descriptors_leaves_none_behind() {
     let nulls: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
     for round in 0..200 {
         let node = manager.connect();
-        // Several at once: what is queued behind a violation is closed, too.
+        // Several at once: connections that are queued behind a violation are closed, too.
         for _ in 0..3 {
             match node.peer().try_send(&control::hello("flood"), &nulls) {
                 Ok(()) | Err(SendError::Closed | SendError::WouldBlock) => {}
@@ -134,12 +134,11 @@ fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
     baseline.restored(manager.pid());
 }
 
-/// The kernel counts descriptors in flight for the user who sends them, so whoever leaves many of
-/// them does so alone.
+/// Serializes tests that leave many descriptors in flight, since the kernel counts them per user.
 static IN_FLIGHT: Mutex<()> = Mutex::new(());
 
-/// The ends of links that a deaf node does not take are descriptors of the Manager. They are
-/// few: its other links wait until it reads, and nobody else waits for that.
+/// The link ends that a deaf node does not read are descriptors of the Manager. Their number is
+/// limited: further links wait until the node reads, and no other node is affected.
 //= SM2-LNK-007, SM2-IFC-002, SM2-TRN-009 sys
 #[test]
 fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
@@ -160,7 +159,7 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
             more => panic!("{more} links with one subscriber"),
         }
     }
-    // The descriptors in the socket are in flight; this process holds the others.
+    // Descriptors in flight are not open in the Manager, so its census counts only those that it keeps.
     let kept = manager.census().descriptors() - baseline.descriptors();
     let ahead = Policy::default().links_in_flight;
     assert!(
@@ -177,7 +176,7 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
     let late = manager.node("late");
     assert_eq!(late.declare(1, &control::subscriber("u", Qos::PLAIN)), 1);
     assert_eq!(late.linked().id, other.linked().id, "and whoever comes");
-    // Now it reads.
+    // The node reads again.
     for link in &told {
         assert_eq!(deaf.linked().id, *link);
     }
@@ -206,9 +205,9 @@ fn a_node_that_does_not_take_its_links_does_not_use_up_the_descriptors() {
         let contract = control::publisher("t", Qos::PLAIN);
         honest.send(control::declare(interface, &contract));
         match honest.next() {
-            // Every link is made, although the other side does not take its end.
+            // Every link is made, although the other side does not read its end.
             ToNode::Declared { matches: 1, .. } => links.push(honest.linked()),
-            // Until it is given up: UNLINK for each.
+            // When the Manager gives the other side up: UNLINK for each link.
             ToNode::Unlink { .. } => break,
             other => panic!("{other:?}"),
         }
@@ -223,7 +222,7 @@ fn a_node_that_does_not_take_its_links_does_not_use_up_the_descriptors() {
     drop(deaf);
 }
 
-/// The names on the first page, past the UNLINKs that may come before it.
+/// The names on the first page, after any UNLINKs.
 fn names_now(node: &RawNode) -> Vec<String> {
     node.send(control::query());
     loop {
@@ -241,7 +240,7 @@ fn names_now(node: &RawNode) -> Vec<String> {
     }
 }
 
-/// Hundreds of nodes that come, do something, and crash, while one works.
+/// Hundreds of nodes connect, execute some steps and crash, while one node works.
 #[test]
 fn nodes_that_come_and_go_in_disorder_leave_nothing() {
     let domain = TempDomain::new();
@@ -260,7 +259,7 @@ fn nodes_that_come_and_go_in_disorder_leave_nothing() {
             control::query(),
             control::goodbye(0),
         ];
-        // Cut off after each number of steps, without reading an answer.
+        // Each node ends after another number of steps, without reading an answer.
         for step in &steps[..(round as usize % (steps.len() + 1))] {
             node.send(step);
         }
@@ -271,7 +270,7 @@ fn nodes_that_come_and_go_in_disorder_leave_nothing() {
     baseline.restored(manager.pid());
 }
 
-/// Nodes that ask without pause for what is legal are served in turn with all others.
+/// Nodes that send legal requests without pause are served in turn with all others.
 #[test]
 fn a_flood_of_legal_frames_keeps_nobody_from_being_served() {
     let domain = TempDomain::new();
@@ -296,7 +295,7 @@ fn a_flood_of_legal_frames_keeps_nobody_from_being_served() {
                     for frame in frames {
                         node.send(frame);
                     }
-                    // Reads along, so that it is not given up.
+                    // Reads the answers, so that the Manager does not give the node up.
                     (0..3).for_each(|_| drop(node.next()));
                 }
             });
@@ -310,8 +309,8 @@ fn a_flood_of_legal_frames_keeps_nobody_from_being_served() {
     eventually("the floods to end", || honest.nodes() == ["honest"]);
 }
 
-/// Sockets in sockets, and one that carries itself: what the kernel has to collect, and what
-/// the Manager closes.
+/// Sockets sent over sockets, including one sent over itself. The kernel has to collect the cycle,
+/// and the Manager closes the descriptors.
 //= SM2-TRN-005 sys
 #[test]
 fn sockets_that_carry_sockets_leave_nothing_behind() {
@@ -351,10 +350,10 @@ fn a_manager_that_runs_out_of_descriptors_recovers() {
     let many: Vec<RawNode> = (0..60).map(|_| manager.connect()).collect();
     manager.log_says("cannot accept a connection");
     assert_eq!(honest.nodes(), ["honest"]);
-    // A link takes two descriptors for a moment; without them the pair is not linked.
+    // A link needs two descriptors for a moment. Without them the pair is not linked.
     assert_eq!(honest.declare(1, &control::publisher("t", Qos::PLAIN)), 0);
     assert_eq!(honest.declare(2, &control::subscriber("t", Qos::PLAIN)), 1);
-    // The answer to a question comes after any LINK would.
+    // The answer to a query comes after any LINK would have.
     assert_eq!(honest.nodes(), ["honest"], "no LINK without a socket");
     drop(many);
     eventually("a connection to be served", || honest.nodes() == ["honest"]);
@@ -366,9 +365,9 @@ fn a_manager_that_runs_out_of_descriptors_recovers() {
     baseline.restored(manager.pid());
 }
 
-/// The kernel counts descriptors in flight for the user who sends them. Of a user without
-/// privileges it refuses more than its limit of open files (`ETOOMANYREFS`), whomever the
-/// next one is for: that is not who does not read.
+/// The kernel counts descriptors in flight for the user who sends them. Above the limit of open
+/// files it refuses further ones from an unprivileged user (`ETOOMANYREFS`), even if their receiver
+/// is not the one that does not read.
 //= SM2-TRN-010 sys
 #[test]
 fn descriptors_in_flight_that_nobody_takes_cost_the_one_who_does_not() {
@@ -377,7 +376,7 @@ fn descriptors_in_flight_that_nobody_takes_cost_the_one_who_does_not() {
         return;
     }
     let domain = TempDomain::new();
-    // A user of its own, whom no other run of this test counts for.
+    // A separate user, for whom no other run of this test counts.
     let user = Uid::from_raw(100_000 + std::process::id());
     let manager = domain.manager_as(user, &["--nofile", "64"]);
     let (honest, other) = (manager.node("honest"), manager.node("other"));
@@ -389,7 +388,7 @@ fn descriptors_in_flight_that_nobody_takes_cost_the_one_who_does_not() {
         assert_eq!(honest.declare(interface, &contract), 1);
         links.push(honest.linked());
     }
-    // The deaf node has as many as there can be: these two are next.
+    // The deaf node has the greatest possible number in flight: these two would be the next.
     assert_eq!(other.declare(1, &control::publisher("u", Qos::PLAIN)), 0);
     honest.send(control::declare(65, &control::subscriber("u", Qos::PLAIN)));
     manager.log_says("stalled");

@@ -1,5 +1,4 @@
-//! Clients on the ring lane that do not play along: what they write costs them their link, and no
-//! other client a call.
+//! Clients on the ring lane that break SPEC lose their link. No other client loses a call.
 
 use std::{
     collections::BTreeMap,
@@ -25,13 +24,13 @@ use sm2_tests::{
     ring::{RawReceiver, RawSender, head, word},
 };
 
-/// A node that offers the ring lane, whatever the environment says.
+/// A node that offers the ring lane, whatever the environment sets.
 fn node(domain: &TempDomain, name: &str) -> Node {
     let builder = Node::builder(name).socket(domain.socket());
     builder.ring_lane(true).connect().expect("a node")
 }
 
-/// A server that replies with what it was asked, and whose node works on a thread of its own.
+/// A server that echoes requests, and whose node runs on a separate thread.
 struct Victim {
     friend: Client<[u8], [u8]>,
     stop: Arc<AtomicBool>,
@@ -75,7 +74,7 @@ fn serve(server: &Server<[u8], [u8]>) {
     let request = server.recv_timeout(Duration::from_millis(5));
     if let Some(request) = request.expect("a request") {
         let bytes = request.to_vec();
-        // The raw one may be gone.
+        // The raw client may have closed.
         let _ = request.reply(&bytes);
     }
 }
@@ -88,7 +87,7 @@ impl Drop for Victim {
     }
 }
 
-/// A client of three calls, by hand.
+/// A raw client with three calls in flight.
 struct RawCaller {
     _node: RawNode,
     link: RawLink,
@@ -121,7 +120,7 @@ impl RawCaller {
         }
     }
 
-    /// Something that no correct client does, most of the time.
+    /// Does something that is illegal most of the time.
     fn misbehave(&mut self, random: &mut Random, near: u64) {
         let (depth, window) = (self.requests.depth, self.requests.window);
         let bits = match random.within(0..6) {
@@ -131,7 +130,7 @@ impl RawCaller {
             _ => word(1, random.within(0..9), near + random.within(0..3)),
         };
         match random.within(0..40) {
-            // Rarely: two for one call end all.
+            // Rare, since two CANCELs for one call end the link.
             0 => drop((self.link.end).try_send(&cancel(near + random.within(0..4)), &[])),
             1..6 => {
                 let slot = random.within(0..8) as usize;
@@ -172,7 +171,7 @@ fn a_client_that_writes_anything_anywhere_loses_its_link_alone() {
     let mut verdicts = BTreeMap::new();
     for round in 0..60 {
         let mut raw = RawCaller::new(&domain, &format!("raw-{round}"));
-        // Some of it right, so that the server is in the midst of something.
+        // Correct requests first, so that the server is busy with some.
         let good = random.within(0..3);
         for id in 1..=good {
             raw.requests.send(id, id as usize, b"payload");
@@ -182,7 +181,7 @@ fn a_client_that_writes_anything_anywhere_loses_its_link_alone() {
             for _ in 0..20 {
                 raw.misbehave(&mut random, good + 1);
             }
-            // One that is parked, and one that is not: it has to look in any case.
+            // Wakes the server whether or not it is parked, so that it looks in any case.
             let _ = raw.link.end.try_send(&doorbell(), &[]);
             if let Some(verdict) = raw.link.verdict() {
                 break verdict;
@@ -198,7 +197,7 @@ fn a_client_that_writes_anything_anywhere_loses_its_link_alone() {
     assert!(verdicts.len() > 1, "always the same: {verdicts:?}");
 }
 
-/// CANCEL by the socket before the request is in the ring, and again long after its reply.
+/// CANCEL arrives on the socket before the request is in the ring, and long after its reply.
 //= SM2-RNG-012 sys
 #[test]
 fn a_cancel_may_come_before_its_request_and_after_its_reply() {
@@ -227,7 +226,8 @@ fn a_cancel_may_come_before_its_request_and_after_its_reply() {
     }
     victim.answers_its_friend();
     assert_eq!(raw.link.verdict(), None);
-    // And once one that is never made: it has to be read before the request that shows it.
+    // And a CANCEL for a call that is never made: the server must read it before the request that
+    // shows that.
     raw.link.end.send(cancel(21));
     eventually("the CANCEL is read", || raw.link.end.is_read());
     raw.requests.fill(0, b"payload", head(22, 7));

@@ -1,5 +1,5 @@
-//! Peers on the ring lane that do not play along: what they write costs them their link, and
-//! nobody else anything. (Each single violation is a row of the table: see `violations.rs`.)
+//! Peers on the ring lane that break SPEC lose their link, and no other link is affected. (Each
+//! single violation is a row of the table: see `violations.rs`.)
 
 use std::{
     os::fd::AsFd,
@@ -27,14 +27,15 @@ use sm2_tests::{
 
 const RING: [&str; 2] = ["--ring-lane", "on"];
 
-/// A node that offers the ring lane, whatever the environment says.
+/// A node that offers the ring lane, whatever the environment sets.
 fn node(domain: &TempDomain, name: &str) -> Actor {
     let actor = Actor::launch(&domain.socket(), name, &RING);
     assert_eq!(actor.answer(), "ready", "{name}");
     actor
 }
 
-/// A subscriber of `t` that a raw publisher has in its hands, and of `by`, where a friend publishes.
+/// A subscriber of `t`, which a raw publisher attacks, and of `by`, on which an honest publisher
+/// sends.
 struct Victim {
     actor: Actor,
     friend: Actor,
@@ -70,7 +71,7 @@ impl Victim {
     }
 }
 
-/// Any of a ring's words.
+/// A random word of a ring.
 fn somewhere(random: &mut Random, depth: u16, window: u32) -> At {
     match random.within(0..8) {
         0 => At::ReceiverParked,
@@ -80,7 +81,7 @@ fn somewhere(random: &mut Random, depth: u16, window: u32) -> At {
     }
 }
 
-/// Anything, and more often what is nearly right.
+/// Random bits, often close to a correct word.
 fn something(random: &mut Random, near: u64) -> u64 {
     match random.within(0..6) {
         0 => random.next(),
@@ -110,7 +111,7 @@ fn a_publisher_that_writes_anything_anywhere_loses_its_link_alone() {
         for slot in 0..8 {
             sender.fill(slot, b"payload", sm2_tests::ring::head(slot as u64 + 1, 7));
         }
-        // While it receives, and what it does is seen at once.
+        // While the subscriber receives, and at once sees the words written.
         let verdict = loop {
             victim.actor.say("drain t");
             for _ in 0..2_000 {
@@ -124,7 +125,7 @@ fn a_publisher_that_writes_anything_anywhere_loses_its_link_alone() {
             }
         };
         *verdicts.entry(verdict).or_insert(0) += 1;
-        // The victim has let go of it: whatever is written now.
+        // The victim has closed the link, so any words may be written now.
         for _ in 0..WRITES / 8 {
             let at = somewhere(&mut random, sender.depth, sender.window);
             sender.ring.swap(at, something(&mut random, 0));
@@ -140,8 +141,8 @@ fn a_publisher_that_writes_anything_anywhere_loses_its_link_alone() {
     println!("{written} words: {verdicts:?}");
 }
 
-/// Words that change between the look and the take: bounded work, and what others publish on
-/// the same topic comes all the same.
+/// Words change between the receiver's load and its take. The receiver's work is bounded, and
+/// messages of other publishers on the same topic arrive.
 //= SM2-RNG-007 sys
 #[test]
 fn a_publisher_that_changes_words_in_front_of_the_receiver_stops_nobody() {
@@ -155,7 +156,7 @@ fn a_publisher_that_changes_words_in_front_of_the_receiver_stops_nobody() {
     let done = AtomicBool::new(false);
     thread::scope(|scope| {
         scope.spawn(|| {
-            // A message of this round and of later ones, by turns, at every index.
+            // Alternately a message of this round and one of a later round, at every index.
             for n in (1_u64..).take_while(|_| !done.load(Ordering::Relaxed)) {
                 for index in 0..4 {
                     sender
@@ -203,7 +204,7 @@ fn a_flood_of_doorbells_stops_nobody() {
     assert_eq!(victim.link.verdict(), None);
 }
 
-/// It has agreed on a ring, and that was all.
+/// The publisher agrees on a ring and then does nothing more.
 //= SM2-RNG-002 sys
 #[test]
 fn a_publisher_that_never_maps_the_ring_stops_nobody() {
@@ -224,7 +225,7 @@ fn a_publisher_that_never_maps_the_ring_stops_nobody() {
     assert_eq!(victim.link.verdict(), None);
 }
 
-/// When a publisher is killed, the messages in the ring can still be taken, and no others.
+/// When a publisher is killed, only the messages left in the ring can still be taken.
 //= SM2-RNG-011 sys
 #[test]
 fn what_a_killed_publisher_left_in_the_ring_is_there() {
@@ -250,7 +251,7 @@ fn what_a_killed_publisher_left_in_the_ring_is_there() {
     }
 }
 
-/// A talker with a healthy listener, and a raw subscriber that has its own way.
+/// A talker with a healthy listener, and a raw subscriber that breaks SPEC.
 struct Talk {
     talker: Actor,
     listener: Actor,
@@ -277,7 +278,7 @@ impl Talk {
         }
     }
 
-    /// The listener gets all of it.
+    /// Asserts that the listener gets every message.
     #[track_caller]
     fn publish(&mut self, count: u64, size: usize) -> String {
         let published = self.talker.tell(&format!("publish t {count} {size}"));
@@ -287,7 +288,7 @@ impl Talk {
     }
 }
 
-/// A receiver that agreed on a ring and never makes it, or makes it late.
+/// A receiver agrees on a ring, and makes it late or never.
 //= SM2-RNG-002 sys
 #[test]
 fn a_ring_that_never_comes_is_not_waited_for() {
@@ -312,7 +313,7 @@ fn a_ring_that_never_comes_is_not_waited_for() {
     }
 }
 
-/// A receiver that never takes: its own messages are displaced, or missed after the deadline.
+/// A receiver takes nothing: its own messages are displaced, or dropped after the deadline.
 //= SM2-RNG-005, SM2-QOS-001, SM2-QOS-002 sys
 #[test]
 fn a_ring_that_is_never_emptied_costs_its_receiver_alone() {
@@ -334,7 +335,7 @@ fn a_ring_that_is_never_emptied_costs_its_receiver_alone() {
             "discarded"
         };
         assert_eq!(count.of(reason), 316);
-        // The oldest, or the newest.
+        // A reliable link keeps the oldest message, a best-effort link the newest.
         let first = if qos.reliable { 1 } else { 317 };
         let words: Vec<_> = (first..first + 4)
             .filter_map(|n| receiver.take(n))
@@ -349,7 +350,7 @@ fn a_ring_that_is_never_emptied_costs_its_receiver_alone() {
     }
 }
 
-/// Holes in the file: zeroes where words were, and no fault at either side.
+/// Holes in the file: words become zero, and neither side faults.
 #[test]
 fn holes_in_a_ring_are_no_fault() {
     for (offer, qos) in [("", Qos::PLAIN), ("reliable_ms=30", Qos::RELIABLE)] {
@@ -368,13 +369,13 @@ fn holes_in_a_ring_are_no_fault() {
             let taken = talk.listener.tell("take t 20");
             assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
         }
-        // The messages that it took this way were never given back.
+        // The messages taken in this way were never given back.
         let link = talk.talker.counted_with("t", "raw");
         assert!(!link.open || link.in_flight <= 6, "{link:?}");
     }
 }
 
-/// Garbage everywhere, while the talker talks.
+/// Random words at random places while the talker publishes.
 //= SM2-RNG-005, SM2-RNG-008 sys
 #[test]
 fn a_subscriber_that_writes_anything_anywhere_loses_its_link_alone() {
@@ -407,7 +408,7 @@ fn a_subscriber_that_writes_anything_anywhere_loses_its_link_alone() {
     println!("{verdicts:?}");
 }
 
-/// RING with a file that cannot be mapped for writing: this link ends, for want of resources.
+/// RING with a file that cannot be mapped for writing ends the link, for lack of resources.
 #[test]
 fn a_ring_that_is_not_open_for_writing_costs_its_receiver_alone() {
     let domain = TempDomain::new();
@@ -422,7 +423,7 @@ fn a_ring_that_is_not_open_for_writing_costs_its_receiver_alone() {
     talk.publish(20, 5_000);
 }
 
-/// DETACH while words of the segment are in the ring: SPEC knows no such sender.
+/// DETACH while words of the segment are in the ring, which SPEC forbids.
 #[test]
 fn a_segment_that_goes_with_messages_in_the_ring_costs_its_publisher_alone() {
     let domain = TempDomain::new();

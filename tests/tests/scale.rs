@@ -1,5 +1,5 @@
-//! 500 nodes with 10 interfaces each: all of them register, all links come up, and a message
-//! passes on each.
+//! 500 nodes with 10 interfaces each: all register, all links open, and each link carries a
+//! message.
 
 use sm2_proto::control::Item;
 use sm2_tests::{
@@ -45,7 +45,7 @@ fn five_hundred_nodes_register_and_link() {
     assert_eq!(observer.nodes(), ["observer"]);
 }
 
-/// How many nodes, interfaces and ends of links the domain has, page by page.
+/// The numbers of nodes, interfaces and ends of links in the domain, summed over all pages.
 fn everything(observer: &sm2_tests::raw::RawNode) -> (usize, usize, usize) {
     let (mut nodes, mut interfaces, mut ends) = (0, 0, 0);
     for item in observer.query_all() {

@@ -49,7 +49,7 @@ fn frames_may_follow_hello_without_waiting_for_welcome() {
     assert!(matches!(node.next(), ToNode::Welcome { .. }));
     assert!(matches!(node.next(), ToNode::Declared { matches: 0, .. }));
     assert!(matches!(node.next(), ToNode::Page { .. }));
-    // Behind a HELLO that is refused, the same frame comes before WELCOME.
+    // After a refused HELLO, the same frame arrives before WELCOME.
     let second = manager.connect();
     second.send(control::hello("arm/left"));
     second.send(control::query());
@@ -57,8 +57,8 @@ fn frames_may_follow_hello_without_waiting_for_welcome() {
     assert_eq!(second.ended(), Some(Code(32)), "expected-hello");
 }
 
-/// The kernel closes the sockets of a process that was killed before its parent hears of
-/// it: from then on the name is free, without any wait.
+/// The kernel closes the sockets of a killed process before its parent is told. From then on the
+/// name is free, without any wait.
 //= SM2-SES-003, SM2-SES-006 sys
 #[test]
 fn the_name_of_a_process_that_crashed_is_free_at_once() {
@@ -81,8 +81,8 @@ fn the_name_of_a_process_that_crashed_is_free_at_once() {
     }
 }
 
-/// Also when the Manager finds both at once, and the newcomer had something to say before
-/// the other crashed.
+/// The same when the Manager sees both events at once, and the new node had sent its HELLO before
+/// the other one crashed.
 //= SM2-SES-003 sys
 #[test]
 fn whoever_crashed_is_gone_before_newcomers_are_heard() {
@@ -95,7 +95,7 @@ fn whoever_crashed_is_gone_before_newcomers_are_heard() {
     let mut process = Process::start(command);
     assert_eq!(process.expect_line(), "welcome");
     let heir = manager.connect();
-    // Accepted by now, since this was answered.
+    // The Manager has answered this query, so it has accepted the connection.
     observer.nodes();
     manager.stop();
     heir.send(control::hello("observer"));
@@ -157,8 +157,8 @@ fn what_was_sent_before_the_end_counts() {
         talker.peer().readable();
         manager.stop();
         talker.send(control::declare(1, &control::publisher("t", Qos::PLAIN)));
-        // Gone with WELCOME unread: the Manager's socket says ECONNRESET before it says what
-        // is still there.
+        // Closed while WELCOME is unread: the Manager's socket reports ECONNRESET before the
+        // datagrams that are still queued.
         talker.close();
         manager.resume();
         let link = listener.linked();
@@ -203,7 +203,7 @@ fn a_manager_keeps_no_end_of_a_link() {
         assert_eq!(ours.end.expect().bytes, b"fro");
     }
     for (ours, theirs) in links {
-        // No third holder: closing one end ends the other.
+        // No other process holds the ends: closing one end closes the other.
         ours.end.close();
         assert!(theirs.end.recv().is_none());
     }
@@ -233,7 +233,7 @@ fn a_links_number_is_never_used_again() {
     }
 }
 
-/// Both sides of a link, and a link that each end leaves at the same time.
+/// Both sides of a link close it, one after the other and at the same time.
 //= SM2-LNK-003, SM2-LNK-004 sys
 #[test]
 fn each_end_of_a_link_has_one_farewell_in_each_direction() {
@@ -247,7 +247,7 @@ fn each_end_of_a_link_has_one_farewell_in_each_direction() {
         // The node is first: it gets its answer, and the other side is told.
         talker.send(control::unlinked(interface, ours.id, 71));
         if interface % 2 == 0 {
-            // Crosses the Manager's.
+            // This UNLINKED crosses the Manager's UNLINK.
             listener.send(control::unlinked(1, theirs.id, 72));
         }
         talker.unlinked(ours.id);
@@ -255,7 +255,7 @@ fn each_end_of_a_link_has_one_farewell_in_each_direction() {
         if interface % 2 == 1 {
             listener.send(control::unlinked(1, theirs.id, 0));
         }
-        // The pair is not linked again, and both sessions go on.
+        // The pair is not linked again, and both sessions continue.
         assert_eq!(talker.nodes(), ["talker", "listener"]);
         assert_eq!(listener.nodes(), ["talker", "listener"]);
         assert!(talker.peer().is_quiet() && listener.peer().is_quiet());
@@ -279,7 +279,7 @@ fn a_link_that_crosses_a_withdrawal_is_nobodys_fault() {
     let withdrawn = [6, 1];
     let mut answer = listener.peer().expect().bytes;
     if answer != withdrawn {
-        // The talker's farewell was quicker: UNLINK, which needs no answer any more.
+        // The talker's UNLINKED arrived first, so this is UNLINK, which needs no answer.
         assert_eq!(answer[..2], [5, 1], "UNLINK");
         answer = listener.peer().expect().bytes;
     }
@@ -329,7 +329,7 @@ fn what_exceeds_a_quota_is_refused_and_the_session_goes_on() {
     a.declare(1, &control::publisher("t", Qos::PLAIN));
     b.declare(1, &control::subscriber("t", Qos::PLAIN));
     b.send(control::declare(2, &control::subscriber("t", Qos::PLAIN)));
-    // The other side's quota is used up: not linked, but granted.
+    // The other side's quota is used up: the interface is granted but not linked.
     let _links = (a.linked(), b.linked());
     let answer = b.next();
     assert!(

@@ -16,7 +16,7 @@ use sm2_tests::{
 
 const PAGE: u64 = 4096;
 
-/// A raw publisher, linked with a subscriber that is a real node.
+/// A raw publisher that is linked with a subscriber of a real node.
 fn linked(domain: &TempDomain, demand: &str) -> (RawNode, RawLink, Actor) {
     let mut listener = Actor::start(&domain.socket(), "listener");
     listener.tell(&format!("sub t t {demand}"));
@@ -42,7 +42,7 @@ fn a_receiver_maps_for_reading_only() {
     listener.tell("hold t 2");
     let permissions = census::permissions(listener.pid());
     assert_eq!(permissions, ["r--s", "r--s"]);
-    // Nothing is left of them, and no descriptor.
+    // No mapping and no descriptor of them is left.
     let held = listener.census();
     listener.tell("free t");
     link.end.send(close(0));
@@ -50,8 +50,8 @@ fn a_receiver_maps_for_reading_only() {
     assert_eq!(held.of_kind("memfd:sm2-test"), 0);
 }
 
-/// A publisher that breaks its promise and writes over what it lent: the receiver goes by
-/// what the datagram said, whatever stands in memory.
+/// A publisher breaks SPEC and overwrites lent memory. The receiver uses the length and form that
+/// the datagram stated.
 //= SM2-PAY-006 sys
 #[test]
 fn lengths_come_from_the_datagram_whatever_stands_in_memory() {
@@ -69,7 +69,7 @@ fn lengths_come_from_the_datagram_whatever_stands_in_memory() {
     link.end.send(pooled(kind::DATA, 1, 1, 1, 1000));
     let taken = listener.tell("hold t 1");
     assert_eq!(taken, "got=1 bytes=1000 first=1 last=1 lost=0 damaged=0");
-    // While somebody looks at them.
+    // While the receiver reads them.
     let mut damaged = 0;
     for n in 2..200 {
         link.end.send(pooled(kind::DATA, n, 1, 0, n));
@@ -84,7 +84,7 @@ fn lengths_come_from_the_datagram_whatever_stands_in_memory() {
         );
         damaged += number(&taken, "damaged");
     }
-    // That is all that it can do.
+    // The publisher can do no more harm than this.
     println!("{damaged} of 198 messages were overwritten in time");
     assert_eq!(listener.tell("free t"), "freed=1");
 }
@@ -104,7 +104,7 @@ fn what_was_received_outlives_its_publisher() {
         talker.tell("publish t 4 100000");
         listener.tell("hold t 2");
         talker.kill();
-        // Held or not taken yet: it is all there.
+        // Messages that are held or not taken yet stay intact.
         eventually("the end of the link", || {
             listener.census().of_kind("socket") == 1
         });
@@ -138,7 +138,7 @@ fn what_is_held_is_not_written_anew_when_its_link_ends() {
         if cause == "dropped" {
             holder.tell("withdraw t");
         } else {
-            // It cannot take the link with this node, and so ends its session.
+            // The node cannot accept the link for lack of a descriptor, so its session ends.
             holder.tell("eat");
             let mut late = Actor::start(&domain.socket(), "late");
             late.tell("pub t t reliable_ms=60000");
@@ -147,7 +147,7 @@ fn what_is_held_is_not_written_anew_when_its_link_ends() {
         eventually("the end of the link", || {
             !talker.counted_with("t", "holder").open
         });
-        // As many at a time as were held, so that their slots would come round.
+        // As many at a time as were held, so that their slots would be reused.
         for _ in 0..10 {
             talker.tell("publish t 6 10000");
             other.tell("take t 6");

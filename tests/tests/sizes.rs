@@ -1,4 +1,4 @@
-//! Messages from nothing to 256 MiB arrive intact in every form that they can take.
+//! Messages from 0 bytes to 256 MiB arrive intact in every form that they can have.
 
 use std::os::fd::AsFd;
 
@@ -14,7 +14,7 @@ use sm2_tests::{
 const PAGE: usize = 4096;
 const MIB: usize = 1 << 20;
 
-/// A raw subscriber that sees in which form messages come.
+/// A raw subscriber that sees the form of each message.
 struct Observer {
     _node: RawNode,
     link: RawLink,
@@ -30,7 +30,7 @@ impl Observer {
         Self { _node: node, link }
     }
 
-    /// The form of the next message, which is given back.
+    /// Returns the form of the next message, and releases it.
     fn form(&self) -> u8 {
         loop {
             let frame = self.link.end.expect();
@@ -64,7 +64,7 @@ fn carry(offer: &str, form: u8, sizes: &[usize]) {
     talker.tell("wait t 3");
     for (number, size) in (1..).zip(sizes) {
         talker.tell(&format!("publish t 1 {size}"));
-        // An empty message has nothing to share.
+        // An empty message needs no shared memory.
         let expected = if *size == 0 { form::INLINE } else { form };
         assert_eq!(observer.form(), expected, "{size} bytes");
         for listener in &mut listeners {
@@ -118,7 +118,7 @@ fn sealed_messages_arrive_intact() {
     carry("inline_max=0 sealed", form::SEALED, &sizes);
 }
 
-/// The library sends nothing in shared memory if there is nothing; another may.
+/// The library never uses shared memory for an empty message; another implementation may.
 //= SM2-PAY-002, SM2-PAY-003 sys
 #[test]
 fn empty_messages_in_shared_memory_are_messages() {

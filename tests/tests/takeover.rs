@@ -1,5 +1,5 @@
-//! A Manager dies, in whatever way, and another one goes on: what the nodes of the domain
-//! notice of it is nothing.
+//! A Manager dies in various ways, and another one takes over. The nodes of the domain notice
+//! nothing.
 
 use std::{
     collections::BTreeSet,
@@ -18,7 +18,7 @@ use sm2_tests::{
 
 const NODES: usize = 50;
 const NODES_PER_PROCESS: usize = 5;
-/// How far away those are that a node hears: two of them, so there are 100 links.
+/// The distances of the nodes that a node subscribes to: two, so there are 100 links.
 const HEARS: [&str; 2] = ["1", "8"];
 const KILLS: usize = 50;
 
@@ -66,7 +66,7 @@ impl Load {
         load
     }
 
-    /// Hears a word of all, and says one to all.
+    /// Waits for a line of each process, and then sends a line to each.
     fn step(&mut self, heard: &str, say: &str) {
         for process in &self.0 {
             assert_eq!(process.expect_line(), heard);
@@ -74,8 +74,8 @@ impl Load {
         self.0.iter_mut().for_each(|process| process.say(say));
     }
 
-    /// Ends the flow: every message has arrived once, in its order, on the first link that
-    /// ever was between two nodes.
+    /// Ends the flow. Every message must have arrived once, in order, on the first link between its
+    /// two nodes.
     fn stop(&mut self) {
         self.0.iter_mut().for_each(|process| process.say("stop"));
         let reports: Vec<String> = self.0.iter().map(Process::expect_line).collect();
@@ -95,7 +95,7 @@ impl Load {
     }
 }
 
-/// The parts of a domain, without standbys and the observer, by names that do not depend on the Manager.
+/// The parts of a domain without standbys and observer, by names that do not depend on the Manager.
 #[derive(Debug, PartialEq, Eq)]
 struct State {
     nodes: BTreeSet<String>,
@@ -132,7 +132,7 @@ impl State {
         state
     }
 
-    /// The state once it is this one.
+    /// Waits until the domain has this state.
     #[track_caller]
     fn comes_back(&self, observer: &Node) {
         let mut last = None;
@@ -152,12 +152,12 @@ impl State {
 
 fn observer(domain: &TempDomain) -> Node {
     let builder: NodeBuilder = Node::builder(OBSERVER).socket(domain.socket());
-    // A declaration may have to wait until somebody starts a Manager.
+    // A declaration may have to wait until a Manager is started.
     let builder = builder.manager_timeout(sm2_tests::TIMEOUT);
     builder.connect().expect("a session")
 }
 
-/// Declares something now, and how long it took until it was granted.
+/// Declares an interface. Returns how long it took until it was granted.
 fn declaration(observer: &Node, round: usize) -> Duration {
     let start = Instant::now();
     let publisher = observer.publisher::<[u8]>(&format!("probe/{round}"));
@@ -165,7 +165,7 @@ fn declaration(observer: &Node, round: usize) -> Duration {
     start.elapsed()
 }
 
-/// The Managers of a domain: one that serves, and one that stands by.
+/// The Managers of a domain: one serves, and one stands by.
 struct Pair {
     active: ManagerProcess,
     standby: ManagerProcess,
@@ -179,12 +179,12 @@ impl Pair {
         Self { active, standby }
     }
 
-    /// Kills the one that serves; the other is on its own then, until `refill`.
+    /// Kills the serving Manager. The standby has no standby itself until `refill`.
     fn kill(&mut self) {
         self.active.kill();
     }
 
-    /// Waits until the standby serves, and starts another.
+    /// Waits until the standby serves, and starts another standby.
     fn refill(&mut self, domain: &TempDomain) {
         self.standby.log_says("serving");
         let standby = domain.manager_start(&["--standby", "true"]);
@@ -193,7 +193,7 @@ impl Pair {
     }
 }
 
-/// The median and the longest, for people to read.
+/// Prints the median and the longest time.
 fn print_times(what: &str, mut times: Vec<Duration>) {
     times.sort_unstable();
     let p50 = times[times.len() / 2];
@@ -218,7 +218,7 @@ fn fifty_kills_of_the_manager_under_load_are_not_noticed() {
     let mut random = Random::new(2_026);
     let mut times = Vec::new();
     for round in 0..KILLS {
-        // Also in the middle of a resumption.
+        // Some kills hit a resumption.
         thread::sleep(Duration::from_millis(random.next() % 150));
         managers.kill();
         times.push(declaration(&observer, round));
@@ -244,7 +244,7 @@ fn both_managers_killed_and_one_started_later() {
     for round in 0..3 {
         managers.standby.kill();
         managers.active.kill();
-        // The load flows, the nodes try again and again.
+        // Messages flow, and the nodes try to reconnect.
         thread::sleep(Duration::from_secs(2));
         managers = Pair::start(&domain);
         times.push(declaration(&observer, round));

@@ -9,7 +9,7 @@ use sm2_tests::{
     raw::{RawLink, RawNode},
 };
 
-/// A talker and a listener that speak bytes, and the link between them.
+/// A raw talker and a raw listener, and the link between them.
 fn linked(manager: &ManagerProcess) -> [RawLink; 2] {
     let nodes = [manager.node("talker"), manager.node("listener")];
     nodes[0].declare(1, &control::publisher("t", Qos::PLAIN));
@@ -29,7 +29,7 @@ fn claim(link: &RawLink) -> Claim {
     }
 }
 
-/// Comes back as the talker or the listener, and has interface 1 again.
+/// Reconnects as the talker or the listener, and declares interface 1 again.
 fn back(manager: &ManagerProcess, name: &str) -> RawNode {
     let node = manager.connect();
     node.greet_again(name);
@@ -80,7 +80,7 @@ fn a_link_that_both_ends_claim_is_adopted_without_a_word() {
     });
     talk(&ends);
     assert!(nodes.iter().all(|node| node.peer().is_quiet()));
-    // From here on it is a link like any other.
+    // From here on it is an ordinary link.
     nodes[0].send(control::withdraw(1));
     assert_eq!(nodes[1].unlinked(ends[0].id), Farewell::Done.code());
 }
@@ -102,7 +102,7 @@ fn a_link_that_one_end_has_dropped_is_closed_and_the_pair_linked_anew() {
     assert_eq!(fresh[0].id, fresh[1].id);
     assert_ne!(fresh[0].id, talker.id);
     talk(&fresh);
-    // Nobody else claims it in time.
+    // The other end does not claim it in time.
     assert_eq!(nodes[0].unlinked(talker.id), Farewell::PeerGone.code());
     nodes[0].send(control::unlinked(1, talker.id, 0));
     assert_eq!(nodes[0].nodes(), ["talker", "listener"]);
@@ -117,7 +117,7 @@ fn whoever_does_not_know_the_key_of_a_link_can_neither_take_it_nor_end_it() {
     let ends = linked(&first);
     first.kill();
     let second = domain.manager();
-    // Everything but the key, as the talker and as the listener, before these are back.
+    // Nodes under other names claim both ends with a wrong key, before the owners reconnect.
     let thieves = ["thief", "other-thief"].map(|name| {
         let thief = second.connect();
         thief.greet_again(name);
@@ -197,7 +197,7 @@ fn a_name_that_was_taken_across_the_gap_costs_no_link() {
     let second = domain.manager();
     let impostor = second.node("talker");
     talker.resume();
-    // It is refused, and goes on without a session.
+    // The talker is refused, and continues without a session.
     talker.tell("publish t 8 100");
     assert!(listener.tell("take t 8").ends_with("lost=0 damaged=0"));
     assert!(impostor.nodes().contains(&"talker".to_owned()));

@@ -1,4 +1,4 @@
-//! The boundary between users: what passes it is sealed.
+//! The boundary between users: messages across it are sealed.
 
 use std::{
     fs::{self, Permissions},
@@ -20,11 +20,11 @@ use sm2_tests::{
     process::actor,
     raw::RawNode,
 };
-/// Nobody in particular.
+/// The user `nobody`.
 const STRANGER: u32 = 65_534;
 
-/// A domain that other users may connect to; none if this is not root, who alone can be two
-/// users.
+/// A domain that other users may connect to, or `None` if this process is not root: only root can
+/// run as two users.
 fn open_domain() -> Option<TempDomain> {
     if !geteuid().is_root() {
         println!("skipped: only root can start processes of another user");
@@ -36,12 +36,13 @@ fn open_domain() -> Option<TempDomain> {
     Some(domain)
 }
 
-/// A node of another user. Its program is a copy that this user can reach.
+/// A node of another user. Its program is a copy that this user may execute.
 fn stranger(domain: &TempDomain) -> Actor {
     let program = domain.folder().join("actor");
     if !program.exists() {
-        // Not written by this process: a child that another thread is just starting would
-        // hold it open for writing, and no such file can be run.
+        // Copied by another process. If this process wrote the file, a child that another thread is
+        // just starting would hold it open for writing, and the kernel does not execute such a
+        // file.
         let mut copy = Command::new("cp");
         copy.arg(actor("node").get_program()).arg(&program);
         assert!(copy.status().expect("cp").success());
@@ -51,7 +52,8 @@ fn stranger(domain: &TempDomain) -> Actor {
     Actor::start_as(command, &domain.socket(), "stranger")
 }
 
-/// Large messages both ways between two users, and whether their links are sealed.
+/// Exchanges large messages between two users in both directions, and checks whether their links
+/// are sealed.
 fn exchange(options: &[&str], sealed: bool) {
     let Some(domain) = open_domain() else {
         return;

@@ -1,5 +1,5 @@
-//! Everything that SPEC forbids, done to real processes: the code that comes back, the
-//! others untouched, nothing left behind.
+//! Every violation of SPEC, committed against real processes. Each gets its code, other processes
+//! are not affected, and no resources are leaked.
 
 use std::{
     cell::{RefCell, RefMut},
@@ -23,7 +23,7 @@ use sm2_tests::{
     },
 };
 
-/// Two nodes of the domain that do nothing wrong, and the link between them.
+/// Two correct nodes of the domain, and the link between them.
 struct Bystanders {
     one: RawNode,
     _other: RawNode,
@@ -44,7 +44,8 @@ impl Bystanders {
         }
     }
 
-    /// The Manager answers them, knows nobody else any more, and their link is as it was.
+    /// Asserts that the Manager answers them and has no other nodes, and that their link is
+    /// unchanged.
     #[track_caller]
     fn are_untouched(&self) {
         assert_eq!(self.one.nodes(), [manager::TAKEN, "bystander-2"]);
@@ -54,10 +55,11 @@ impl Bystanders {
     }
 }
 
-/// Each row with a new connection: GOODBYE with the code, the end, and nothing else.
+/// Runs each row on a new connection. The Manager must send GOODBYE with the code, end the stream,
+/// and send nothing else.
 fn run_against(manager: &ManagerProcess, rows: &[Row<RawNode>]) {
     let bystanders = Bystanders::new(manager);
-    // Its answer comes after all else that it was doing.
+    // The Manager answers after it has finished all other work.
     bystanders.are_untouched();
     let baseline = manager.census();
     for row in rows {
@@ -92,19 +94,19 @@ fn a_manager_without_descriptors_to_spare_hangs_up_on_whoever_sends_too_many() {
     run_against(&manager, &manager::starved_rows());
 }
 
-/// The node says GOODBYE with the code and hangs up; its link goes on.
+/// The node must send GOODBYE with the code and close the session. Its link continues.
 fn run_against_node(rows: &[Row<NodeStage>], options: &[&str]) {
     for row in rows {
         let domain = TempDomain::new();
         let manager = RawManager::listen(&domain.socket());
         let actor = Actor::launch(&domain.socket(), "victim", options);
         let session = manager.accept();
-        // It would come back, and there is nobody it could come back to.
+        // The node would reconnect, so its Manager is removed.
         drop(manager);
         assert_eq!(session.expect().bytes, control::hello("victim"));
         let stage = NodeStage::new(session, actor);
         (row.commit)(&stage);
-        // Between them what the node had to say before, such as UNLINKED.
+        // The node's earlier frames, such as UNLINKED, arrive in between.
         let mut last = None;
         while let Some(frame) = stage.session.recv() {
             last = Some(frame.bytes);
@@ -122,12 +124,12 @@ fn run_against_node(rows: &[Row<NodeStage>], options: &[&str]) {
     }
 }
 
-/// The open link carries a message, and no other is left.
+/// Asserts that the open link carries a message, and that no other link is left.
 fn links_go_on(stage: &NodeStage, mut actor: RefMut<'_, Actor>, row: &Row<NodeStage>) {
     let links = stage.links.borrow();
     let open = usize::from(stage.linked.get());
     for link in &links[open..] {
-        // Perhaps OPEN and CLOSE, and then the end.
+        // Perhaps OPEN and CLOSE, and then the end of the stream.
         while link.recv().is_some() {}
     }
     if stage.linked.get() {
@@ -152,7 +154,7 @@ fn a_manager_that_breaks_spec_is_left_and_links_go_on() {
     run_against_node(&node::starved_rows(), &["--nofile", "40"]);
 }
 
-/// CLOSE with the code, and the end of this link alone.
+/// The end must send CLOSE with the code. Only this link ends.
 fn run_against_link(rows: Vec<LinkRow>, options: &[&str]) {
     let domain = TempDomain::new();
     let manager = domain.manager();
@@ -184,7 +186,7 @@ fn run_against_link(rows: Vec<LinkRow>, options: &[&str]) {
         let id = stage.link.id;
         assert_eq!(stage.link.closed(), Some(row.violation.code().0), "{row}");
         drop(stage);
-        // The sessions go on, of which the offender's hears what became of the link.
+        // Both sessions continue, and the offender is told that the link ended.
         assert_eq!(raw.unlinked(id), row.violation.code(), "{row}");
         raw.send(control::unlinked(1, id, 0));
         assert_eq!(
@@ -227,7 +229,7 @@ fn a_node_without_descriptors_to_spare_closes_the_link_of_whoever_sends_too_many
     run_against_link(link_rows::starved_rows(), &["--nofile", "40"]);
 }
 
-/// Fails when a violation is found under a clause that does not speak of it.
+/// Fails if a violation is reported under a clause that does not name it.
 #[test]
 fn every_violation_names_a_clause_that_speaks_of_it() {
     let named = spec::named_in_sources();
@@ -243,7 +245,7 @@ fn every_violation_names_a_clause_that_speaks_of_it() {
     }
 }
 
-/// Fails when a violation is added, here or in SPEC, and no row shows it.
+/// Fails if a violation is added, here or in SPEC, and no row commits it.
 #[test]
 fn every_violation_of_spec_has_its_rows() {
     let mut done: Vec<(ViolationKind, &str, String)> = Vec::new();

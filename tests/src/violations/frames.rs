@@ -1,4 +1,4 @@
-//! Datagrams from a node that are no frames, whatever the session's state.
+//! Datagrams from a node that are not frames, whatever the state of the session.
 
 use sm2_proto::ViolationKind::{
     BadName, BadQos, FdCount, FrameTooLong, Malformed, NotCanonical, TrailingBytes, UnknownFrame,
@@ -17,7 +17,7 @@ pub(super) fn rows() -> Rows {
 }
 
 impl Rule {
-    /// A datagram before anything else.
+    /// A datagram before any other.
     pub(super) fn sent(self, what: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
         let bytes = bytes.into();
         self.row(what, move |node| node.send(&bytes))

@@ -18,7 +18,7 @@ use crate::{
     raw::RawNode,
 };
 
-/// Takes a name that is in use while the rows run.
+/// A name that is in use while the rows run.
 pub const TAKEN: &str = "bystander";
 
 /// The rows; each starts with a new connection that has not greeted.
@@ -57,13 +57,13 @@ impl RawNode {
         self.greet("offender");
     }
 
-    /// Is ready, and has declared interface 7.
+    /// Greets, and declares interface 7.
     fn declared(&self) {
         self.ready();
         self.declare(7, &contract());
     }
 
-    /// Is ready, and owns both ends of a link: it publishes to itself.
+    /// Greets, and owns both ends of a link: it publishes to itself.
     fn linked_to_itself(&self) -> LinkId {
         self.ready();
         self.declare(1, &control::publisher("own", Qos::PLAIN));

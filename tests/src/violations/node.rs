@@ -38,9 +38,9 @@ pub struct NodeStage {
     pub actor: RefCell<Actor>,
     /// Our ends of the links that the node was given.
     pub links: RefCell<Vec<RawPeer>>,
-    /// Whether the first of them is open, and will outlive the session.
+    /// True if the first of them is open, and will outlive the session.
     pub linked: Cell<bool>,
-    /// Whether the node waits for an answer, which will be an error.
+    /// True if the node waits for an answer, which will be an error.
     pub waiting: Cell<bool>,
 }
 
@@ -85,7 +85,7 @@ impl NodeStage {
         self.waiting.set(false);
     }
 
-    /// Has the node declare a subscriber, which is not answered yet.
+    /// Makes the node declare a subscriber, which is not answered yet.
     fn declare(&self, options: &str) {
         self.ready();
         let mut actor = self.actor.borrow_mut();
@@ -94,7 +94,7 @@ impl NodeStage {
         self.waiting.set(true);
     }
 
-    /// Has the node declare a subscriber, and grants it.
+    /// Makes the node declare a subscriber, and grants it.
     fn live(&self, options: &str) {
         self.declare(options);
         self.send(declared(SUBSCRIBER, 0));

@@ -1,4 +1,4 @@
-//! Reads what SPEC.md forbids, to hold the tables against it.
+//! Reads the prohibitions of SPEC.md, to compare the tables with them.
 
 use std::{collections::BTreeSet, fs, path::PathBuf};
 
@@ -55,7 +55,7 @@ pub fn text_of(reference: &str) -> Option<&'static str> {
     SPEC.lines().find(|line| line.starts_with(&head))
 }
 
-/// Whether the clause speaks of this violation, or the table of codes of the clause.
+/// True if the clause, or its table of codes, names this violation.
 #[must_use]
 pub fn names(reference: &str, violation: ViolationKind) -> bool {
     let name = format!("`{}`", violation.name());

@@ -25,7 +25,7 @@ const CLAIM: Claim = Claim {
 };
 
 impl RawNode {
-    /// Is back, and has declared interface 7; the Manager's epoch.
+    /// Reconnects, and declares interface 7. Returns the Manager's epoch.
     fn back(&self) -> u64 {
         let (_, epoch) = self.greet_again("offender");
         self.declare(7, &control::publisher("t", Qos::PLAIN));

@@ -20,7 +20,7 @@ pub(crate) fn run(options: &Options) -> ExitCode {
             Err(error) => println!("{}", error.kind()),
         }
     }
-    // Until the test has seen enough.
+    // Stays connected until the test closes standard input.
     let _ = io::copy(&mut io::stdin(), &mut io::sink());
     ExitCode::SUCCESS
 }

@@ -1,8 +1,8 @@
 //! `crowd --first N --count N --total N`: many nodes in one process. Each publishes five topics
 //! of its own, and subscribes to one topic of each of five others.
 //!
-//! It says `declared`, `linked` and `passed` when all of its nodes are, and after each goes on
-//! when it hears anything.
+//! Prints `declared`, `linked` and `passed` when all of its nodes have reached that stage. After
+//! each, it continues when a line arrives on standard input.
 
 use std::{os::fd::AsFd, process::ExitCode, thread, time::Duration};
 
@@ -16,7 +16,7 @@ const TOPICS: usize = 5;
 struct Member {
     node: Node,
     publishers: Vec<Publisher<[u8]>>,
-    /// With the node that it hears.
+    /// Each subscriber with the index of the node that it subscribes to.
     subscribers: Vec<(Subscriber<[u8]>, usize)>,
 }
 
@@ -62,7 +62,7 @@ fn member(index: usize, total: usize, socket: &str) -> Member {
     };
     let publishers = (0..TOPICS).map(publish).collect();
     let subscribe = |topic: usize| {
-        // Far away, and somebody else for each topic.
+        // A distant node, and a different one for each topic.
         let other = (index + 1 + topic * 97) % total;
         let topic = format!("crowd/{other}/{topic}");
         (
@@ -78,7 +78,7 @@ fn member(index: usize, total: usize, socket: &str) -> Member {
     }
 }
 
-/// Drives all nodes until `done` holds of each.
+/// Drives all nodes until `done` is true of each.
 fn until(crowd: &[Member], done: impl Fn(&Member) -> bool) {
     let mut waiting: Vec<&Member> = crowd.iter().collect();
     while !waiting.is_empty() {
@@ -94,7 +94,7 @@ fn drive(crowd: &[Member]) {
     }
 }
 
-/// One message from each node that is heard.
+/// Receives one message from each node that is subscribed to.
 fn receive(crowd: &[Member]) {
     let mut missing: Vec<&(Subscriber<[u8]>, usize)> = crowd
         .iter()
@@ -113,7 +113,7 @@ fn receive(crowd: &[Member]) {
     }
 }
 
-/// Says where it has come to, and drives its nodes until it hears anything.
+/// Prints the stage that it has reached, and drives its nodes until a line arrives.
 fn say(crowd: &[Member], input: &mut Input, word: &str) {
     println!("{word}");
     loop {

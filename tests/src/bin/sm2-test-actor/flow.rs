@@ -42,9 +42,9 @@ struct Heard {
 
 struct Plan {
     size: usize,
-    /// None: nothing is published but the last message.
+    /// `None`: nothing is published except the last message.
     period: Option<Duration>,
-    /// By how many subscribers each topic is heard.
+    /// The number of subscribers of each topic.
     hearers: usize,
 }
 
@@ -161,7 +161,7 @@ impl Heard {
     }
 }
 
-/// Drives all nodes until `done` holds of each.
+/// Drives all nodes until `done` is true of each.
 fn until(members: &mut [Member], input: &mut Input, done: impl Fn(&Member) -> bool) {
     let start = Instant::now();
     while !members.iter().all(&done) {
@@ -170,13 +170,13 @@ fn until(members: &mut [Member], input: &mut Input, done: impl Fn(&Member) -> bo
     }
 }
 
-/// Drives all nodes, and publishes what is planned, until it hears `word`.
+/// Drives all nodes, and publishes as planned, until the line `word` arrives.
 fn until_told(members: &mut [Member], input: &mut Input, word: &str, plan: Option<&Plan>) {
     let mut due = Instant::now();
     while turn(members, input, plan, Some(&mut due)).is_none_or(|line| line != word) {}
 }
 
-/// One turn of all nodes; the line that was heard, if any.
+/// Drives all nodes once. Returns the line that arrived, if there is one.
 fn turn(
     members: &mut [Member],
     input: &mut Input,
@@ -187,7 +187,7 @@ fn turn(
         && let Some(period) = plan.period
         && *due <= Instant::now()
     {
-        // Not behind by more than a period, however late this turn is.
+        // At most one period behind, however late this turn is.
         *due = (*due + period).max(Instant::now());
         members.iter_mut().for_each(|it| it.publish(plan.size));
     }

@@ -1,4 +1,4 @@
-//! Standard input, read without waiting for it.
+//! Standard input, read without blocking.
 
 use std::{
     fs::File,
@@ -7,7 +7,7 @@ use std::{
     time::Duration,
 };
 
-/// Lines of standard input, as far as they are there.
+/// The lines of standard input that have arrived.
 pub(crate) struct Input {
     input: File,
     text: Vec<u8>,
@@ -22,7 +22,7 @@ impl Input {
         }
     }
 
-    /// The lines that are complete; an error at the end of the input.
+    /// Returns the complete lines, or an error at the end of the input.
     pub(crate) fn lines(&mut self) -> io::Result<Vec<String>> {
         let now = Some(Duration::ZERO);
         if sm2_io::wait_readable(&[self.input.as_fd()], now)? {

@@ -8,7 +8,7 @@ use crate::options::Options;
 
 pub(crate) fn run(options: &Options) -> ExitCode {
     thread::spawn(|| {
-        // The tests are gone: end without a trace of order, as they did.
+        // At the end of the input the tests have ended: exit at once, without an orderly shutdown.
         let _ = io::copy(&mut io::stdin(), &mut io::sink());
         std::process::abort();
     });

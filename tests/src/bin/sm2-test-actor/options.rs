@@ -24,7 +24,7 @@ impl Options {
         Some(value.parse().unwrap_or_else(|_| panic!("{name} {value}")))
     }
 
-    /// The value of an option, or what it is without.
+    /// The value of an option, or the default.
     pub(crate) fn get_or<T: FromStr<Err: Debug>>(&self, name: &str, default: T) -> T {
         self.get(name).unwrap_or(default)
     }

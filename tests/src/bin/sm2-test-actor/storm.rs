@@ -27,7 +27,7 @@ use crate::{input::Input, options::Options};
 
 /// The node whose messages must all arrive.
 const SURVIVOR: &str = "survivor-pub";
-/// The sizes of messages, from empty to one that needs a segment of its own.
+/// The sizes of messages, from an empty one to one that needs its own segment.
 const SIZES: [usize; 6] = [0, 1, 1_000, 5_000, 70_000, 300_000];
 const PAUSE: Duration = Duration::from_micros(300);
 
@@ -66,7 +66,7 @@ struct Control {
 }
 
 impl Control {
-    /// The text behind `word`, if a line with `word` has arrived.
+    /// Returns the text behind `word`, if a line with `word` has arrived.
     fn heard(&mut self, word: &str) -> Option<String> {
         let Ok(lines) = self.input.lines() else {
             std::process::exit(0);

@@ -25,7 +25,8 @@ pub(super) fn rows() -> Rows {
 }
 
 impl LinkStage {
-    /// Both rings, and segment 1 of the raw end: what it takes from, and what it sends by.
+    /// Returns both rings, one to take from and one to send by, with segment 1 of the raw end
+    /// attached.
     fn rings(&self) -> (RawReceiver, RawSender) {
         let sender = self.sender(4);
         let receiver = RawReceiver::new(DEPTH, WINDOW);
@@ -91,7 +92,7 @@ fn cancels() -> Rows {
         "CANCEL of more calls than have room",
         |stage| {
             let _rings = stage.rings();
-            // As many as the server has places for, and one more.
+            // The server's limit of open calls, and one more.
             for call in 1..=5 {
                 stage.send(cancel(call));
             }
@@ -100,13 +101,13 @@ fn cancels() -> Rows {
     all([twice, many])
 }
 
-/// A head that is the first reply in the ring.
+/// Makes a head the first reply in the ring.
 fn replied(rule: Rule, what: &str, head: [u8; 64]) -> Rule {
     rule.fresh(Client, what, move |stage| {
         let (_receiver, mut sender) = stage.called_by_ring();
         sender.fill(0, b"x", head);
         sender.put(1, word(1, 0, 1));
-        // It looks for its reply, and hears that there will be none.
+        // The client looks for its reply, and is told that there will be none.
         let heard = stage.victim.borrow_mut().ask("reply x");
         assert!(heard.contains("server"), "{heard}");
     })

@@ -1,4 +1,4 @@
-//! Messages out of order, beyond the window, released wrongly; calls that are none.
+//! Messages out of order, beyond the window, or released wrongly, and calls that do not exist.
 
 use sm2_proto::ViolationKind::{
     BadCancel, BadId, BadLength, BadRelease, BadSequence, CallLimit, UnknownCall, WindowExceeded,

@@ -1,4 +1,4 @@
-//! Frames that no link carries, or not this one, or not to this end of it.
+//! Frames that are illegal on every link, on this link, or at this end.
 
 use std::os::fd::AsFd;
 

@@ -1,4 +1,4 @@
-//! Frames of a wrong length, reserved bytes, and values that no field has.
+//! Frames of a wrong length, with reserved bytes set, or with values that no field has.
 
 use sm2_proto::ViolationKind::{BadLength, Malformed, ReservedNotZero};
 

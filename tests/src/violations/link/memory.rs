@@ -55,7 +55,7 @@ impl LinkStage {
     }
 }
 
-/// Everything that can be open and is no memory file.
+/// Every kind of descriptor that is not a memory file.
 fn kinds() -> Rows {
     type Make = (&'static str, fn() -> OwnedFd);
     let kinds: [Make; 10] = [
@@ -110,7 +110,7 @@ const COMMON: [(&str, Seals); 3] = [
     ("GROW", Seals::GROW),
 ];
 
-/// Each seal missing alone, all of them, and one that looks like another.
+/// Each seal missing alone, all seals missing, and a seal that is similar to the required one.
 fn seals_of_messages() -> Rows {
     let mut rule = Rule::new(SealsMissing, "SM2-SEG-001");
     let others = [("WRITE", Seals::WRITE), ("all", Seals::SEALED)];

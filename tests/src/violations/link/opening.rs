@@ -1,4 +1,4 @@
-//! OPEN that comes late, or twice, or says what it must not.
+//! OPEN that comes late, or twice, or has illegal fields.
 
 use sm2_proto::ViolationKind::{BadOpen, BadWindow, ExpectedOpen, ReservedNotZero, UnexpectedOpen};
 

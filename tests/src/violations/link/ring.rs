@@ -1,4 +1,4 @@
-//! Links of which both ends offered the ring lane, up to the file that they share.
+//! Links whose ends both offer the ring lane, up to the exchange of the shared file.
 
 use std::os::fd::AsFd;
 
@@ -35,7 +35,7 @@ pub(super) fn rows() -> Rows {
 }
 
 impl LinkStage {
-    /// Both sides say OPEN and offer the ring lane.
+    /// Both sides send OPEN and offer the ring lane.
     pub(super) fn agree(&self) {
         self.send(self.greeting().with_ring().bytes());
         self.expect_open();
@@ -158,7 +158,7 @@ fn layouts() -> Rows {
     all([reserved, length, count])
 }
 
-/// Files that are no ring.
+/// Files that are illegal for a ring.
 fn files() -> Rows {
     let kinds = Rule::new(NotAMemfd, "SM2-RNG-002")
         .fresh(Publisher, "/dev/null for a ring", |stage| {

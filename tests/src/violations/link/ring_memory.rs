@@ -30,12 +30,12 @@ pub(super) fn rows() -> Rows {
 }
 
 impl LinkStage {
-    /// Has the subscriber take what is there.
+    /// Makes the subscriber take everything in the ring.
     fn drain(&self) {
         self.victim.borrow_mut().tell("drain x");
     }
 
-    /// Has the publisher publish so many messages, and reads ATTACH.
+    /// Makes the publisher publish `count` messages, and reads ATTACH.
     fn publishes(&self, count: u64) {
         let command = format!("publish x {count} 8");
         self.victim.borrow_mut().tell(&command);
@@ -43,8 +43,8 @@ impl LinkStage {
         assert_eq!(frame[0], kind::ATTACH, "{frame:?}");
     }
 
-    /// A publisher that has published so many messages, all of which the raw end has taken;
-    /// their words.
+    /// Makes the publisher publish `count` messages, and takes them at the raw end. Returns their
+    /// words.
     fn taken(&self, count: u64) -> (RawReceiver, Vec<u64>) {
         let receiver = self.receiver();
         self.publishes(count);
@@ -258,7 +258,7 @@ fn back_words() -> Rows {
         let receiver = stage.receiver();
         stage.publishes(1);
         receiver.give(0, receiver.ring.load(At::Forward(1)));
-        // It is found where it must not be when the sender comes round, if not before.
+        // The sender finds the word at the latest when it reuses the index.
         stage.victim.borrow_mut().tell("publish x 4 8");
     });
     let what = "something where the receiver gives back";

@@ -16,20 +16,20 @@ use crate::{
     violations::Row,
 };
 
-/// The real end of a link: an interface that the victim declares for each row anew.
+/// The real end of a link: an interface that the victim declares again for each row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Real {
-    /// A reliable subscriber that takes nothing by itself: window 6.
+    /// A reliable subscriber that takes messages only on command: window 6.
     Subscriber,
     /// The same, whose links are sealed.
     SealedSubscriber,
-    /// A best-effort subscriber that takes nothing by itself: window 6.
+    /// A best-effort subscriber that takes messages only on command: window 6.
     BestEffort,
     /// A publisher with depth 8.
     Publisher,
     /// A reliable publisher that does not wait for subscribers.
     ReliablePublisher,
-    /// A server that takes nothing by itself: window 6.
+    /// A server that takes requests only on command: window 6.
     Server,
     /// A server with room for 2,048 requests.
     WideServer,

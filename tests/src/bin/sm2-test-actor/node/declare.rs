@@ -1,4 +1,4 @@
-//! Declaring interfaces as a command says: `pub KEY TOPIC depth=4 reliable_ms=100 …`.
+//! Declares interfaces as commands describe them: `pub KEY TOPIC depth=4 reliable_ms=100 …`.
 
 use std::time::Duration;
 

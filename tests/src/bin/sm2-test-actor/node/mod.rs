@@ -1,6 +1,6 @@
-//! `node`: a node that does what standard input says, a command in each line, and answers each
-//! with a line: `ok …` or `error …`. In between it drives its sockets. `--ring-lane on` or `off`
-//! says whether it offers the ring lane, whatever the environment does.
+//! `node`: a node that executes commands. Each line of standard input is a command, and its answer
+//! is a line, `ok …` or `error …`. Between commands it drives its sockets. `--ring-lane on` or
+//! `off` sets whether it offers the ring lane, whatever the environment sets.
 
 mod commands;
 mod declare;
