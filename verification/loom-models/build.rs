@@ -1,16 +1,16 @@
-//! Makes modules of shipped sources: as they are, and broken in one place each.
+//! Makes modules from shipped sources: unchanged, and with one fault each.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-/// A name, what stands in the source exactly once, and what to put there.
+/// A name, a text that occurs exactly once in the source, and its replacement.
 type Change = (&'static str, &'static str, &'static str);
 
-/// A name, and several such changes at once.
+/// A name, and several replacements that are made together.
 type Together = (&'static str, &'static [(&'static str, &'static str)]);
 
-/// Ways to break the seqlock. `tests/counters.rs` expects each to be found.
+/// Faults of the seqlock. `tests/counters.rs` expects each to be found.
 const SEQLOCK: &[Change] = &[
     (
         "no_release_fence",
@@ -41,7 +41,7 @@ const SEQLOCK: &[Change] = &[
     ),
 ];
 
-/// Ways to break the waiting. `tests/sleepers.rs` expects each to be found.
+/// Faults of the waiting. `tests/sleepers.rs` expects each to be found.
 const WAIT: &[Change] = &[
     ("no_wake", "sleeper.waker.wake();", ""),
     (
@@ -73,7 +73,7 @@ const WAIT: &[Change] = &[
     ),
 ];
 
-/// Ways to break the words of a ring. `tests/ring.rs` expects each to be found.
+/// Faults of the words of a ring. `tests/ring.rs` expects each to be found.
 const RING: &[Change] = &[
     ("no_fence", "    fence(Ordering::SeqCst);\n", ""),
     (
@@ -110,7 +110,7 @@ const RING: &[Change] = &[
     ),
 ];
 
-/// Orders that are needed although another one is enough for most: without both.
+/// Orderings of which one suffices in most executions: a change removes several together.
 const RING_TOGETHER: &[Together] = &[
     (
         "taken_without_acquire",
@@ -139,7 +139,7 @@ const LOAD_RELAXED: (&str, &str) = (
     "word.load(Ordering::Relaxed)",
 );
 
-/// The kernel of the model in place of the real one.
+/// Replaces the kernel by the model's.
 const KERNEL: &[(&str, &str)] = &[
     ("std::os::fd::", "crate::kernel::"),
     ("sm2_io::", "crate::kernel::"),
@@ -158,8 +158,8 @@ fn main() {
     variants("ring", atomic, &[], RING, RING_TOGETHER);
 }
 
-/// Writes `$OUT_DIR/<test>.rs`: for the source as it ships, and for each change, a module
-/// with that source and `tests/<test>/scenarios.rs`, which tests it.
+/// Writes `$OUT_DIR/<test>.rs`. For the shipped source and for each change, it has a module with
+/// that source and with `tests/<test>/scenarios.rs`, which tests it.
 fn variants(
     test: &str,
     source: &str,
@@ -210,7 +210,7 @@ fn variants(
 }
 
 fn module(modules: &mut String, name: &str, stem: &str, file: &Path, scenarios: &Path) {
-    // A test needs not all that is there, and what is broken even less.
+    // A test does not use every item of the source, and a faulty variant uses even fewer.
     write!(
         modules,
         "#[allow(dead_code, unused)]\nmod {name} {{\n\

@@ -1,7 +1,6 @@
-//! The clause checker on workspaces of a few lines, one for each finding.
+//! Runs the clause checker on workspaces of a few lines, one for each finding.
 //!
-//! The sources are written as strings within one line, so that this file
-//! itself cites nothing.
+//! The sources are strings within one line each, so that this file cites no clause itself.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +12,7 @@ const MUST: &str = "# Title\n\n**SM2-MGR-001** [MUST] The Manager MUST answer.\n
 const CODE: &str = "//= SM2-MGR-001\nfn answer() {}\n";
 const TEST: &str = "    //= SM2-MGR-001 test\n    fn answers() {}\n";
 
-/// A workspace of these files; removed with the value.
+/// A workspace with these files, which is removed when dropped.
 fn workspace(files: &[(&str, &str)]) -> TempDir {
     let root = TempDir::new().expect("a temporary folder");
     for (path, text) in files {
@@ -28,7 +27,7 @@ fn check(files: &[(&str, &str)]) -> Report {
     clauses::check(workspace(files).path()).expect("SPEC.md is there")
 }
 
-/// The gaps as a person sees them.
+/// The gaps as they are printed.
 fn gaps(files: &[(&str, &str)]) -> Vec<String> {
     check(files)
         .gaps()

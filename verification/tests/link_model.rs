@@ -1,5 +1,5 @@
-//! Everything that can happen on one link: small scopes, and faults that must be found. All
-//! scopes, with their traces: `cargo run --profile model -p sm2-verification --bin link-model`.
+//! All possible events on one link: small scopes, and faults that must be found. To search all
+//! scopes and print traces: `cargo run --profile model -p sm2-verification --bin link-model`.
 
 use sm2_verification::model::{
     Property, explore,
@@ -40,7 +40,8 @@ fn each_scope_is_counted() {
     assert_eq!(counted, scopes);
 }
 
-/// Faults, each with its scope, the property that finds it, and the least number of steps to that.
+/// Faults, each with its scope, the property that finds it, and the least number of steps until
+/// then.
 const FAULTS: [(Fault, &str, Property, usize); 19] = [
     (
         Fault::OpenLost,

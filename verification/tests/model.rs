@@ -1,5 +1,5 @@
-//! Everything that can happen in small domains: the scopes that a debug build can search. All
-//! of them, with their traces: `cargo run --profile model -p sm2-verification --bin model`.
+//! All possible events in small domains: the scopes that a debug build can search. To search all
+//! scopes and print traces: `cargo run --profile model -p sm2-verification --bin model`.
 
 use sm2_verification::model::{
     Property,

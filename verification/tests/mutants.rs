@@ -1,5 +1,5 @@
-//! The list of mutants fits the code as it is now. That each is found shows
-//! `cargo run -p sm2-verification --bin mutants`.
+//! Checks that the list of mutants fits the current code. `cargo run -p sm2-verification --bin
+//! mutants` checks that each mutant is found.
 
 use std::{
     collections::BTreeSet,
@@ -50,7 +50,7 @@ fn mutants_differ_and_say_what_they_are() {
     }
 }
 
-/// Every check is there, so that none passes by running nothing.
+/// Every check exists, so that none passes by running nothing.
 #[test]
 fn each_check_is_in_its_file() {
     for Mutant { name, check, .. } in catalogue().mutants {

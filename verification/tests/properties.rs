@@ -1,4 +1,4 @@
-//! PROPERTIES.md, what runs, and the Kani harnesses name each other.
+//! Checks that PROPERTIES.md, the runs and the Kani harnesses refer to each other.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -57,7 +57,7 @@ fn outcome(engine: Engine, harness: &str, covered: &str) -> Outcome {
     }
 }
 
-/// A quick run in which all is as the rows say.
+/// A quick run that agrees with all rows.
 fn as_it_should_be() -> Session {
     let listed = BTreeSet::from(["small".to_owned(), "large".to_owned()]);
     Session {

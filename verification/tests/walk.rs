@@ -1,6 +1,6 @@
-//! Random walks through domains that are too large to search: 8 to 16 nodes with several topics
-//! and services. Each moment is checked, and at the end of each walk all that goes on by
-//! itself comes to rest, where links have to be what SPEC's matching says, on both sides.
+//! Random walks through domains that are too large to search: 8 to 16 nodes with several topics and
+//! services. Each moment is checked. At the end of each walk all pending work is completed; then
+//! both sides must have exactly the links that the matching rules of SPEC require.
 
 use std::cell::Cell;
 
@@ -18,15 +18,15 @@ use sm2_verification::model::{
     domain::{Action, Budget, Fault, Scope, World},
 };
 
-/// How many domains are walked through.
+/// The number of domains that are walked through.
 const CASES: u32 = 48;
-/// Of so many choices at most one is not left to what goes on by itself.
+/// One step in this many may be any action. The others complete pending work, if there is any.
 const CALM: u16 = 5;
 
 #[derive(Clone, Debug)]
 struct Walk {
     programs: Vec<Vec<Contract>>,
-    /// Which of the actions each time; too large numbers begin anew.
+    /// The index of the action in each step, modulo the number of actions.
     choices: Vec<u16>,
 }
 
@@ -114,7 +114,7 @@ fn scope(walk: &Walk, fault: Option<Fault>) -> Scope {
     }
 }
 
-/// How many steps there were.
+/// Returns the number of steps.
 fn go(walk: &Walk, fault: Option<Fault>) -> Result<usize, Failure> {
     let scope = scope(walk, fault);
     let mut world = World::new(&scope)?;
@@ -170,7 +170,7 @@ fn random_walks_end_as_matching_says() {
     }
 }
 
-/// A fault is found, and what is left of the walk is at most two thirds of it.
+/// A fault is found, and the shrunk walk has at most two thirds of the steps.
 #[test]
 fn a_fault_is_found_and_shrinks() {
     let config = Config {

@@ -1,13 +1,14 @@
-//! Values of any content.
+//! Arbitrary values.
 
 use crate::runner::{assume, choose, choose_where, sixteen, wide};
 
 /// A type that [`any`] can make.
 pub trait Arbitrary: Sized {
-    /// Any value of the type.
+    /// Returns an arbitrary value of the type.
     fn any() -> Self;
 
-    /// Any value for which `holds` returns true. If there are few values, only such values are tried.
+    /// Returns an arbitrary value for which `holds` returns true. If there are few values, tries
+    /// only such values.
     fn any_where(holds: impl Fn(&Self) -> bool) -> Self {
         let value = Self::any();
         assume(holds(&value));
@@ -15,13 +16,13 @@ pub trait Arbitrary: Sized {
     }
 }
 
-/// Any value.
+/// Returns an arbitrary value.
 #[must_use]
 pub fn any<T: Arbitrary>() -> T {
     T::any()
 }
 
-/// Any value for which `holds`, which says the same whenever it is asked.
+/// Returns an arbitrary value for which `holds` returns true. `holds` must be a pure function.
 pub fn any_where<T: Arbitrary>(holds: impl Fn(&T) -> bool) -> T {
     T::any_where(holds)
 }

@@ -1,4 +1,4 @@
-//! Values that are made of others. `verification/symbolic/kani` has this file as well.
+//! Values that are made of other values. `verification/symbolic/kani` compiles this file as well.
 
 use crate::Arbitrary;
 

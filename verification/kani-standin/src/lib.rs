@@ -1,8 +1,8 @@
 //! The part of the `kani` API that SM2's harnesses use, for plain `cargo test`.
 //!
-//! Kani proves a harness for every value of [`any`]. This runs it: depth first over all choices
-//! where they are few; else with boundary values and seeded samples, which is a test and
-//! no proof. Depend on it as `kani = { package = "sm2-kani-standin", … }`, for tests only.
+//! Kani proves a harness for every value of [`any`]. This crate runs the harness: depth first over
+//! all choices if they are few, else with boundary values and seeded samples. Such a run is a test,
+//! not a proof. Depend on it as `kani = { package = "sm2-kani-standin", … }`, for tests only.
 
 mod arbitrary;
 mod composite;
@@ -15,7 +15,7 @@ pub use runner::{Failure, Limits, Mode, Report, choose, explore, run};
 #[doc(hidden)]
 pub use runner::covered;
 
-/// Gives up this path without failing unless `condition` holds.
+/// Abandons this path without a failure unless `condition` holds.
 pub fn assume(condition: bool) {
     runner::assume(condition);
 }
@@ -29,7 +29,7 @@ pub fn assert(condition: bool, message: &'static str) {
     assert!(condition, "{message}");
 }
 
-/// States that some path gets here with `condition`: [`explore`] counts it.
+/// States that some path reaches this place with `condition`: [`explore`] counts it.
 #[macro_export]
 macro_rules! cover {
     ($condition:expr, $text:literal) => {

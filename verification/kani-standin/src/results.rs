@@ -6,14 +6,14 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::time::Duration;
 
-/// Names the file to append to.
+/// The variable that names the file to append to.
 const FILE: &str = "SM2_VERIFICATION_RESULTS";
 
-/// Notes what a run has covered, if that file is named; nothing is covered by one that failed.
+/// Appends the coverage of a run to that file, if it is named. A run that failed covers nothing.
 ///
 /// # Panics
 ///
-/// If the line cannot be written: the result would be missing without a word.
+/// If the line cannot be written, because the result would be missing silently.
 pub(crate) fn append(harness: &str, covered: Option<&str>, took: Duration) {
     let Some(file) = env::var_os(FILE) else {
         return;
@@ -31,7 +31,7 @@ fn line(harness: &str, covered: Option<&str>, took: Duration) -> String {
     format!("stand-in\t{harness}\t{verdict}\t{seconds:.1}\t{covered}\n")
 }
 
-/// All of the line at once: tests run at the same time.
+/// Writes the whole line at once, because tests run at the same time.
 fn write(file: &Path, line: &str) -> io::Result<()> {
     let mut file = OpenOptions::new().create(true).append(true).open(file)?;
     match file.write(line.as_bytes())? {

@@ -1,4 +1,4 @@
-//! Paths through a harness: recorded choices, then samples.
+//! Paths through a harness: first depth first over recorded choices, then samples.
 
 #[cfg(test)]
 mod tests;
@@ -10,16 +10,16 @@ use std::panic::{self, AssertUnwindSafe};
 
 use crate::results;
 
-/// How far a run goes, and what it has to meet.
+/// The limits of a run, and the number of covers that it must hit.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// The most paths depth first.
+    /// The greatest number of paths that are run depth first.
     pub paths: u64,
-    /// How many samples follow where these were not all.
+    /// The number of samples that follow if these were not all paths.
     pub samples: u64,
     /// The number of `cover!` in the harness: each has to be hit.
     pub covers: usize,
-    /// Where the samples begin.
+    /// The seed of the samples.
     pub seed: u64,
 }
 
@@ -36,44 +36,44 @@ impl Limits {
     }
 }
 
-/// How the paths were found.
+/// How the paths were chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// All there are.
+    /// All paths were run.
     Exhaustive,
     /// Every combination of boundary values, then samples.
     BoundariesAndSamples,
-    /// The first ones, then samples: there are too many.
+    /// The first paths depth first, then samples, because there are too many.
     Samples,
 }
 
-/// Why a run shows nothing.
+/// Why a run is no evidence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failure {
-    /// The harness asked for no value.
+    /// The harness requested no value.
     NothingChosen,
-    /// `assume` gave up every path.
+    /// `assume` abandoned every path.
     AllRejected,
-    /// Not as many covers were hit as the harness has.
+    /// Fewer covers were hit than the harness has.
     Uncovered,
 }
 
 /// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// How paths were found.
+    /// How the paths were chosen.
     pub mode: Mode,
     /// Paths run, rejected ones included.
     pub paths: u64,
-    /// Paths that `assume` gave up.
+    /// Paths that `assume` abandoned.
     pub rejected: u64,
-    /// How often each cover held, among those that were reached.
+    /// How often each cover that was reached held.
     pub covers: BTreeMap<&'static str, u64>,
     chosen: bool,
 }
 
 impl Report {
-    /// How far it went, in short.
+    /// Describes the coverage in a few words.
     #[must_use]
     pub fn covered(&self) -> String {
         let Self {
@@ -85,7 +85,7 @@ impl Report {
         format!("{mode:?}, {paths} paths, {rejected} rejected")
     }
 
-    /// Whether the run shows anything.
+    /// Checks that the run is evidence.
     pub fn verdict(&self, limits: &Limits) -> Result<(), Failure> {
         let hit = self.covers.values().filter(|hits| **hits > 0).count();
         if !self.chosen {
@@ -109,7 +109,7 @@ impl fmt::Display for Report {
     }
 }
 
-/// One of several alternatives.
+/// A choice among several alternatives.
 struct Choice {
     value: u64,
     alternatives: u64,
@@ -122,14 +122,14 @@ struct State {
     /// The choices of this path.
     path: Vec<Choice>,
     at: usize,
-    /// The generator of samples; none while paths go depth first.
+    /// The generator of samples; `None` while paths are run depth first.
     random: Option<u64>,
-    /// Of 16 choices of this sample, how many are 0: deep paths often need many of them.
+    /// How many of 16 choices of this sample are 0, because deep paths often need many zeros.
     zeros: u64,
     lossy: bool,
-    /// Whether 16 bits were asked for.
+    /// True if a value of 16 bits was requested.
     sixteen: bool,
-    /// Whether 16 bits are boundary values, as they are where all of them were too many.
+    /// True if values of 16 bits are limited to boundary values, because all of them were too many.
     coarse: bool,
     chosen: bool,
     covers: BTreeMap<&'static str, u64>,
@@ -184,7 +184,7 @@ impl State {
         });
     }
 
-    /// The value of the next choice, if this path shares it with the previous path.
+    /// Returns the value of the next choice, if this path shares it with the previous path.
     fn again(&mut self) -> Option<u8> {
         if self.random.is_some() {
             return None;
@@ -203,21 +203,21 @@ impl State {
         format!("{:?}", choices.collect::<Vec<_>>())
     }
 
-    /// One of the boundary values.
+    /// Chooses one of the boundary values.
     fn boundary(&mut self, values: &[u64]) -> u64 {
         self.lossy = true;
         let at = self.choose(values.len() as u64);
         values[at as usize]
     }
 
-    /// Begins again with boundary values for 16 bits; false if none were asked for.
+    /// Starts again with boundary values for 16 bits. Returns false if none were requested.
     fn coarsen(&mut self) -> bool {
         self.path.clear();
         self.coarse = self.sixteen;
         self.coarse
     }
 
-    /// Makes `path` the next one; false after the last.
+    /// Advances `path` to the next path. Returns false after the last.
     fn advance(&mut self) -> bool {
         self.path.truncate(self.at);
         while let Some(choice) = self.path.last_mut() {
@@ -231,13 +231,14 @@ impl State {
     }
 }
 
-/// Any of `0..alternatives`; all else is made of it.
+/// Chooses a number in `0..alternatives`. All other choices are made of such choices.
 #[must_use]
 pub fn choose(alternatives: u64) -> u64 {
     with(|state| state.choose(alternatives))
 }
 
-/// Any of the numbers below 256 for which `holds`. Asks once for each choice, not for each path.
+/// Chooses a number below 256 for which `holds` returns true. Calls `holds` once for each choice,
+/// not for each path.
 pub(crate) fn choose_where(holds: impl Fn(u8) -> bool) -> u8 {
     if let Some(value) = with(State::again) {
         return value;
@@ -255,7 +256,7 @@ pub(crate) fn choose_where(holds: impl Fn(u8) -> bool) -> u8 {
     })
 }
 
-/// 16 bits: all there are, unless that is too much.
+/// Chooses a value of 16 bits: any value, unless that makes too many paths.
 pub(crate) fn sixteen() -> u64 {
     with(|state| {
         state.sixteen = true;
@@ -271,13 +272,13 @@ pub(crate) fn sixteen() -> u64 {
     })
 }
 
-/// Around the limits of SPEC section 2 that 16 bits hold, and the ends of the range.
+/// Values around those limits of SPEC section 2 that fit in 16 bits, and the ends of the range.
 const SIXTEEN: [u64; 18] = [
     0, 1, 2, 3, 255, 256, 511, 512, 513, 1_023, 1_024, 1_025, 2_048, 2_049, 32_767, 32_768, 65_534,
     65_535,
 ];
 
-/// An integer too wide to go through: boundary values, or a sample.
+/// Chooses an integer too wide to enumerate: a boundary value, or a sample.
 pub(crate) fn wide(bits: u32) -> u128 {
     with(|state| {
         state.chosen = true;
@@ -330,7 +331,7 @@ pub fn covered(cover: &'static str, holds: bool) {
 ///
 /// # Panics
 ///
-/// As the harness does, after its choices were printed.
+/// As the harness does, after printing its choices.
 pub fn run(limits: &Limits, harness: impl Fn()) -> Report {
     with(|state| *state = State::default());
     let (mut paths, mut rejected) = (0, 0);
@@ -382,13 +383,14 @@ pub fn run(limits: &Limits, harness: impl Fn()) -> Report {
     })
 }
 
-/// Runs a harness, prints what the run covered, and adds it to the results, if they are asked for.
+/// Runs a harness, prints what the run covered, and appends it to the results, if these are
+/// requested.
 ///
 /// # Panics
 ///
-/// As the harness does, and if the run shows nothing: see [`Failure`].
+/// As the harness does, and if the run is no evidence: see [`Failure`].
 pub fn explore(test: &str, limits: &Limits, harness: impl Fn()) {
-    // `explored!` makes the tests in a module of its own.
+    // `explored!` puts the tests in a separate module.
     let name = &test.replace("::explored::", "::");
     let begin = std::time::Instant::now();
     let report = panic::catch_unwind(AssertUnwindSafe(|| run(limits, harness)));

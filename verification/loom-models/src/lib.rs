@@ -1,4 +1,4 @@
-//! Running a model through loom, and saying how far that went.
+//! Runs models through loom, and reports the coverage.
 
 use std::env;
 use std::fs::OpenOptions;
@@ -10,19 +10,20 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Instant;
 
-/// Names the file to which each model appends a line: the format is that of `verification/check`.
+/// The variable that names the file to which each model appends a line, in the format of
+/// `verification/check`.
 const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
 
-/// Runs a model through all executions with at most so many preemptions (`None`: all there are),
-/// prints a line, and panics as the first execution does that fails.
+/// Runs a model through all executions with at most `preemptions` preemptions (`None`: no limit),
+/// and prints a line. Panics if an execution fails.
 pub fn holds(name: &str, preemptions: Option<usize>, model: fn()) {
     let told = Told::new(name);
     explore(preemptions, model, &told.executions);
     told.holds(preemptions);
 }
 
-/// The same of a model in which somebody stops after 0 steps, after 1, and so on. The model says
-/// whether that happened; it goes on until it did in no execution.
+/// Like [`holds`], for a model in which one side stops after 0 steps, after 1, and so on. The model
+/// returns whether that side stopped early. The runs end when it stopped early in no execution.
 pub fn holds_at_each_step(
     name: &str,
     preemptions: Option<usize>,
@@ -43,7 +44,7 @@ pub fn holds_at_each_step(
     told.holds(preemptions);
 }
 
-/// Appends the result of a model as it goes out of scope: failed, if that is by a panic.
+/// Appends the result of a model when it is dropped. During a panic, the result is a failure.
 struct Told<'a> {
     name: &'a str,
     start: Instant,
@@ -81,22 +82,22 @@ impl Drop for Told<'_> {
         let line = format!("loom\t{name}\t{verdict}\t{time_s:.1}\t{executions} executions\n");
         let file = OpenOptions::new().create(true).append(true).open(file);
         if let Err(error) = file.and_then(|mut it| it.write_all(line.as_bytes())) {
-            // A panic while another one unwinds would hide both.
+            // A panic during another panic would hide both.
             eprintln!("{RESULTS}: {error}");
         }
     }
 }
 
-/// Names the broken model that a child process runs.
+/// The variable that names the faulty model that a child process runs.
 const BROKEN: &str = "SM2_LOOM_BROKEN";
 
-/// Runs a model that is broken until an execution fails, and prints a line. For the test
-/// `each_part_of_it_is_needed`, of which it starts a process: what loom finds in the
-/// middle of an execution may abort.
+/// Runs a faulty model until an execution fails, and prints a line. For the test
+/// `each_part_of_it_is_needed`, which it runs in a child process, since a failure that loom finds
+/// in the middle of an execution may abort.
 ///
 /// # Panics
 ///
-/// If none fails, or the first that does says something without `because` in it.
+/// If no execution fails, or the message of the first failure does not contain `because`.
 pub fn fails(name: &str, preemptions: Option<usize>, because: &str, model: fn()) {
     if let Ok(broken) = env::var(BROKEN) {
         if broken == name {
@@ -113,7 +114,7 @@ pub fn fails(name: &str, preemptions: Option<usize>, because: &str, model: fn())
     let output = Command::new(env::current_exe().expect("a program"))
         .args(["--exact", "each_part_of_it_is_needed", "--nocapture"])
         .env(BROKEN, name)
-        // The stack of a thread of loom is too small to print its own.
+        // The stack of a loom thread is too small to print a backtrace.
         .env("RUST_BACKTRACE", "0")
         .output()
         .expect("it starts");

@@ -1,4 +1,4 @@
-//! The seqlock of the counters: a reader never takes a mix of two writings.
+//! The seqlock of the counters: a reader never accepts a mix of two changes.
 //!
 //! The code is `sm2-io/src/counters/seqlock.rs`; processes are modelled as threads.
 
@@ -7,7 +7,7 @@
 
 use sm2_loom_models::{fails, holds};
 
-/// In place of `sm2-io/src/sync.rs`.
+/// Replaces `sm2-io/src/sync.rs`.
 mod sync {
     pub(crate) use loom::sync::atomic::{AtomicU64, Ordering, fence};
 }

@@ -1,8 +1,8 @@
 //! The ring lane: a sender and a receiver, each with its machine, and the words between them.
 //!
-//! The code is `sm2-io/src/ring/atomic.rs` and the links of `sm2-proto`; processes are modelled
-//! as threads. A wake-up that is lost leaves a thread asleep for ever, which loom reports as a
-//! deadlock; a slot that is written while it can be read, as a causality violation.
+//! The code is `sm2-io/src/ring/atomic.rs` and the links of `sm2-proto`; processes are modelled as
+//! threads. A lost wake-up leaves a thread asleep for ever, which loom reports as a deadlock. A
+//! slot that is written while it can be read is reported as a causality violation.
 
 // Each variant has the same scenarios.
 #![allow(clippy::duplicate_mod)]
@@ -16,7 +16,7 @@ mod memory;
 #[path = "ring/socket.rs"]
 mod socket;
 
-/// In place of `sm2-io/src/sync.rs`.
+/// Replaces `sm2-io/src/sync.rs`.
 mod sync {
     pub(crate) use loom::sync::atomic::{AtomicU64, Ordering, fence};
 }
@@ -26,7 +26,7 @@ include!(concat!(env!("OUT_DIR"), "/ring.rs"));
 use driver::{NODE, Order};
 use shipped::scenarios::{self as ring, ALL, LAST, TWO, Terms};
 
-/// An application that holds a message while it waits for the next.
+/// An application that holds a message while it waits for the next one.
 const HELD: Terms = Terms {
     max_borrowed: 2,
     ..ALL
@@ -118,7 +118,7 @@ fn words() {
     fail!(LOST, keep_last, LAST: put_in_two_steps);
 }
 
-/// Runs one scenario of the drivers with `$terms`, which has to fail.
+/// Runs one scenario of the drivers with `$terms`, which must fail.
 macro_rules! driver_fails {
     ($name:literal, $because:expr, $scenario:ident, $terms:expr) => {
         fails(concat!("ring: ", $name), Some(3), $because, || {

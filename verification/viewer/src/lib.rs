@@ -1,8 +1,8 @@
 //! The model's scopes as models of stateright.
 //!
-//! stateright asks for states that go from thread to thread, and moments of the model do not. So
-//! a [`Shown`] is the way to a moment: the moment itself is made again where it is needed. That
-//! is slow, and enough for scopes of some ten thousand moments.
+//! stateright requires states that can be sent between threads, and moments of the model cannot be.
+//! Therefore a [`Shown`] is the path to a moment, which is computed again where it is needed. That
+//! is slow, but fast enough for scopes of some ten thousand moments.
 
 use std::{
     any::Any,
@@ -20,17 +20,17 @@ pub const HOLDS: &str = "nothing is broken";
 /// The property that holds in some states.
 pub const QUIET: &str = "all is quiet";
 
-/// A scope whose moments can be looked at.
+/// A scope whose moments can be shown.
 pub struct Watched<S> {
     system: Arc<S>,
 }
 
-/// One moment, as the way to it.
+/// A moment, given by the path to it.
 pub struct Shown<S: System> {
     system: Arc<S>,
     way: Vec<S::Action>,
     print: u64,
-    /// Whether all is quiet, or what is broken.
+    /// `Ok(true)` if all is quiet, or the broken property.
     verdict: Result<bool, Failure>,
 }
 
@@ -41,9 +41,9 @@ pub struct Counted {
     pub states: usize,
     /// Steps between them.
     pub transitions: usize,
-    /// The longest of the shortest ways to a state.
+    /// The length of the longest of the shortest paths to a state.
     pub depth: usize,
-    /// Whether nothing was broken.
+    /// True if no property was broken.
     pub held: bool,
 }
 
@@ -74,7 +74,7 @@ pub fn count<S: Watchable>(system: S) -> Counted {
     let checker = checker.spawn_bfs().join();
     Counted {
         states: checker.unique_state_count(),
-        // It counts how often a state was come to, and calls the first one depth 1.
+        // stateright counts visits of states, and calls the depth of the first one 1.
         transitions: checker.state_count() - 1,
         depth: checker.max_depth() - 1,
         held: checker.discovery(HOLDS).is_none(),
@@ -82,7 +82,7 @@ pub fn count<S: Watchable>(system: S) -> Counted {
 }
 
 impl<S> Watched<S> {
-    /// A scope to be shown.
+    /// Makes a scope that can be shown.
     pub fn new(system: S) -> Self {
         Self {
             system: Arc::new(system),
@@ -99,7 +99,7 @@ impl<S: Watchable> Model for Watched<S> {
     }
 
     fn actions(&self, state: &Self::State, actions: &mut Vec<Self::Action>) {
-        // Nothing follows what is broken.
+        // No state follows a broken one.
         if state.verdict.is_ok() {
             actions.extend(
                 state
@@ -127,7 +127,7 @@ impl<S: Watchable> Model for Watched<S> {
     }
 }
 
-/// The moment that a thread has made last.
+/// The moment that a thread has computed last.
 struct Made<S: System> {
     system: Arc<S>,
     way: Vec<S::Action>,
@@ -148,7 +148,7 @@ impl<S: Watchable> Shown<S> {
         };
         let (print, verdict) = match judged {
             Ok((print, quiet)) => (print, Ok(quiet)),
-            // States that are broken count as one.
+            // All broken states count as one.
             Err(failure) => (0, Err(failure)),
         };
         Self {
@@ -159,19 +159,19 @@ impl<S: Watchable> Shown<S> {
         }
     }
 
-    /// Looks at the moment itself.
+    /// Computes the moment and passes it to `look`.
     fn with_moment<T>(&self, look: impl FnOnce(&S::Moment) -> T) -> Result<T, Failure> {
         made(&self.system, &self.way, look)
     }
 }
 
-/// By what a moment is told apart, and whether all is quiet in it.
+/// The fingerprint of a moment, and whether all is quiet in it.
 fn judge<S: System>(system: &S, moment: &S::Moment) -> Result<(u64, bool), Failure> {
     let quiet = system.check(moment, &system.actions(moment))?;
     Ok((system.print(moment), quiet))
 }
 
-/// Looks at the moment at the end of a way.
+/// Computes the moment at the end of a path.
 fn made<S: Watchable, T>(
     system: &Arc<S>,
     way: &[S::Action],

@@ -2,8 +2,8 @@
 //! `sm2-model-viewer --count SCOPE`: counts its moments with stateright, and with the model's own
 //! search.
 //!
-//! Status 0: both counts are equal; 1: they are not, or something is broken; 2: there is no such
-//! scope, or nobody can listen there.
+//! Status 0: both counts are equal; 1: they differ, or a property is broken; 2: there is no such
+//! scope, or the address cannot be used.
 
 use std::env;
 use std::fmt::Write as _;
@@ -54,7 +54,7 @@ impl Task {
     }
 }
 
-/// Both searches, side by side.
+/// Runs both searches, and prints their counts side by side.
 fn compare<S: Watchable + Clone>(name: &str, scope: &S) -> ExitCode {
     let theirs = count(scope.clone());
     let ours = Counted::from(explore(scope, usize::MAX));

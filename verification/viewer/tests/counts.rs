@@ -1,4 +1,4 @@
-//! Two searches that have nothing in common but the model count the same.
+//! Two searches that share only the model have the same counts.
 
 use sm2_model_viewer::{Counted, Watchable, count};
 use sm2_verification::model::{

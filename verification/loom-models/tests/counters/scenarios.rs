@@ -1,4 +1,4 @@
-//! A writer and readers of three words: the turn, and two that belong together.
+//! A writer and readers of three words: the turn, and two words that change together.
 
 use std::mem;
 
@@ -15,7 +15,7 @@ fn words() -> Arc<Words> {
     Arc::new(std::array::from_fn(|_| AtomicU64::new(0)))
 }
 
-/// A change whose turn ends as `2 n` puts `n` into both words.
+/// Makes a change that ends with turn `2 n` and writes `n` into both words.
 fn change(words: &Words, turn: &mut u64) {
     let value = turn.div_ceil(2) + 1;
     write(words, turn, value);
@@ -27,7 +27,7 @@ fn write(words: &Words, turn: &mut u64, value: u64) {
     change.set(2, value);
 }
 
-/// The turn, if an attempt gives one.
+/// Makes one attempt to read. Returns the turn if the attempt succeeds.
 fn look(words: &Words) -> Option<u64> {
     let [turn, one, other] = copy(words)?;
     if turn > 0 {
@@ -37,7 +37,7 @@ fn look(words: &Words) -> Option<u64> {
     Some(turn)
 }
 
-/// Two changes, while a reader looks twice; it never goes back in time.
+/// Two changes while a reader reads twice. The reader never sees an older state after a newer one.
 pub(crate) fn changes() {
     let words = words();
     let writer = {
@@ -57,7 +57,7 @@ pub(crate) fn changes() {
     assert_eq!(look(&words), Some(4));
 }
 
-/// A change, and two readers.
+/// One change and two readers.
 pub(crate) fn readers() {
     let words = words();
     let reader = {
@@ -75,7 +75,7 @@ pub(crate) fn readers() {
     writer.join().unwrap();
 }
 
-/// Words that somebody used before are freed and used again, while a reader looks twice.
+/// Words in use are freed and reused while a reader reads twice.
 pub(crate) fn reuse() {
     let words = words();
     let mut turn = 0;
@@ -93,7 +93,7 @@ pub(crate) fn reuse() {
     assert_eq!(look(&words), Some(4));
 }
 
-/// A change that never ends, and then one that does.
+/// A change that never ends, and then a change that ends.
 pub(crate) fn stopped() {
     let words = words();
     let writer = {
@@ -112,7 +112,7 @@ pub(crate) fn stopped() {
     assert_eq!(look(&words), Some(4));
 }
 
-/// A forbidden case: words that are used again, with turns that they had before.
+/// A forbidden case: words are reused with turns that they had before.
 pub(crate) fn turns_begin_anew() {
     let words = words();
     write(&words, &mut 0, 1);

@@ -1,5 +1,6 @@
-//! The steps of `sm2-node`'s driver with the machine of one end, in their order: `driver/lane.rs`,
-//! `publish.rs`, `take.rs`, and `wait.rs` for a thread that sleeps at once.
+//! The steps in which the driver of `sm2-node` uses the machine of one end: those of
+//! `driver/lane.rs`, `publish.rs` and `take.rs`, and those of `wait.rs` for a thread that sleeps at
+//! once.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -16,19 +17,19 @@ use crate::socket::{Read, Socket};
 
 const NOW: Instant = Instant(0);
 
-/// The steps of a driver; each of them can be left out.
+/// The steps of a driver, each of which can be left out.
 #[derive(Clone, Copy)]
 pub(crate) struct Order {
     pub(crate) parks: bool,
     pub(crate) looks_again: bool,
     pub(crate) rings: bool,
-    /// Asks whether to ring after a reliable receiver took a message.
+    /// After a reliable receiver has taken a message, checks whether to ring the sender's bell.
     pub(crate) tells_of_room: bool,
     /// Reads the ring again after the end of the stream.
     pub(crate) takes_what_is_left: bool,
 }
 
-/// As `sm2-node` does it.
+/// The steps of `sm2-node`.
 pub(crate) const NODE: Order = Order {
     parks: true,
     looks_again: true,
@@ -37,9 +38,9 @@ pub(crate) const NODE: Order = Order {
     takes_what_is_left: true,
 };
 
-/// Words that may be cut off, because the process that uses them is killed.
+/// Ring words of a process that may be killed.
 pub(crate) trait Mortal: RingMemory {
-    /// One step more; whether it is done.
+    /// Counts a step. Returns whether the process still executes it.
     fn step(&self) -> bool;
     fn is_dead(&self) -> bool;
 }
@@ -51,17 +52,18 @@ pub(crate) struct Driver<W> {
     pub(crate) memory: Arc<Memory>,
     socket: Socket,
     order: Order,
-    /// The ids of all messages that it sent or took, in order.
+    /// The ids of all messages that it has sent or taken, in order.
     pub(crate) seen: Vec<u64>,
-    /// Sender: what became of its messages, by id.
+    /// Sender: the fates of its messages, by id.
     pub(crate) settled: Vec<(u64, Fate)>,
-    /// Sender: the message in each slot. One that a link ended with is never written again.
+    /// Sender: the message in each slot. A slot whose message was closed by the end of the link is
+    /// never written again.
     slots: Vec<Option<u64>>,
-    /// Receiver: what the application holds.
+    /// Receiver: the messages that the application holds.
     pub(crate) held: Vec<Delivery>,
 }
 
-/// The machines of a sender and a receiver, open, with a ring and a segment.
+/// The open machines of a sender and a receiver, with a ring and a segment.
 pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link; 2] {
     let config = |role| Config {
         id: LinkId {
@@ -88,7 +90,7 @@ pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link
     ends
 }
 
-/// Carries datagrams until there are none.
+/// Carries datagrams until none is left.
 fn exchange(ends: &mut [Link; 2], memory: &Memory) {
     let file = |size_bytes, seals| FdFacts {
         regular: true,
@@ -148,7 +150,7 @@ impl<W: Mortal> Driver<W> {
         self.link.end().is_some() || self.words.is_dead()
     }
 
-    /// The end of the process, killed or not.
+    /// The process ends, killed or not.
     pub(crate) fn exit(&self) {
         self.socket.close();
     }
@@ -159,7 +161,7 @@ impl<W: Mortal> Driver<W> {
         self.drain();
     }
 
-    /// `Shared::wait_as`.
+    /// Models `Shared::wait_as`.
     pub(crate) fn wait<T>(&mut self, mut look: impl FnMut(&mut Self) -> Option<T>) -> Option<T> {
         loop {
             for driven in [false, true] {
@@ -186,7 +188,7 @@ impl<W: Mortal> Driver<W> {
         }
     }
 
-    /// Reads all that is there.
+    /// Reads all available datagrams.
     pub(crate) fn drive(&mut self) {
         while !self.is_over() && self.words.step() {
             let input = match self.socket.receive() {
@@ -218,7 +220,7 @@ impl<W: Mortal> Driver<W> {
                 Output::Settled { key, fate } => {
                     settle(&mut self.slots, &mut self.settled, key, fate)
                 }
-                // One that is killed has read nothing any more.
+                // A killed process has read nothing more.
                 Output::Ended(End::Violation(rule)) if !self.words.is_dead() => {
                     panic!("the other end broke {}: {}", rule.clause(), rule.kind())
                 }
@@ -257,7 +259,7 @@ impl<W: Mortal> Driver<W> {
         self.drain();
     }
 
-    /// Publishes the next message. A reliable link is waited for.
+    /// Publishes the next message. On a reliable link, waits for room.
     pub(crate) fn publish(&mut self) {
         self.harvest();
         let Some(slot) = self.slots.iter().position(Option::is_none) else {
@@ -314,7 +316,7 @@ impl<W: Mortal> Driver<W> {
         }
     }
 
-    /// Waits until nothing is underway, or the link is over.
+    /// Waits until no message is in flight, or the link has ended.
     pub(crate) fn flush(&mut self) {
         self.wait(|it| {
             it.harvest();
@@ -322,7 +324,7 @@ impl<W: Mortal> Driver<W> {
         });
     }
 
-    /// The messages that came to this.
+    /// Returns the messages with this fate.
     pub(crate) fn settled_as(&self, fate: Fate) -> Vec<u64> {
         let these = self.settled.iter().filter(|it| it.1 == fate);
         these.map(|it| it.0).collect()
@@ -339,7 +341,7 @@ const fn payload_of(id: u64) -> u64 {
 
 /// The receiver.
 impl<W: Mortal> Driver<W> {
-    /// Takes the next message, if one is there, and holds it. Gives its id.
+    /// Takes the next message, if there is one, and holds it. Returns its id.
     pub(crate) fn take(&mut self) -> Option<u64> {
         if self.is_over() && !self.order.takes_what_is_left {
             return None;
@@ -373,17 +375,17 @@ impl<W: Mortal> Driver<W> {
         Some(id)
     }
 
-    /// Waits for the next message. None: the link is over and nothing is left.
+    /// Waits for the next message. Returns `None` if the link has ended and no message is left.
     pub(crate) fn receive(&mut self) -> Option<u64> {
         let found = self.wait(Self::take);
         if found.is_some() || self.words.is_dead() {
             return found;
         }
-        // A message that was put after the previous look and before the end of the link.
+        // Takes a message that was sent after the previous look and before the end of the link.
         self.take()
     }
 
-    /// Reads the oldest message that it holds, and gives it back.
+    /// Reads the oldest held message, and releases it.
     pub(crate) fn release(&mut self) {
         if self.words.is_dead() || self.held.is_empty() {
             return;
@@ -409,7 +411,7 @@ impl<W: Mortal> Driver<W> {
     }
 }
 
-/// A ring of this depth, for an application that holds so many messages.
+/// A ring of this depth, for an application that holds up to `max_borrowed` messages.
 pub(crate) fn layout(depth: u16, max_borrowed: u16) -> RingLayout {
     RingLayout::new(depth, u32::from(depth + max_borrowed)).expect("a small ring")
 }

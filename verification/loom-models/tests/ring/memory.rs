@@ -8,7 +8,7 @@ use crate::sync::AtomicU64;
 
 pub(crate) struct Memory {
     pub(crate) layout: RingLayout,
-    /// As the layout has them, without the gaps.
+    /// The words in the order of the layout, without gaps.
     words: Vec<AtomicU64>,
     pub(crate) slots: Vec<Slot>,
 }
@@ -43,16 +43,16 @@ impl Memory {
     }
 }
 
-/// A payload of eight bytes and the message's head. loom fails an execution in which two
-/// threads use one at once, or could.
+/// A payload of eight bytes, and the head of the message. loom fails an execution in which two
+/// threads access one at the same time, or could.
 #[derive(Default)]
 pub(crate) struct Slot {
     payload: UnsafeCell<u64>,
     head: UnsafeCell<Option<[u8; SLOT_HEAD]>>,
 }
 
-// SAFETY: each access goes through loom, which panics before it if it is not ordered after, or
-// before, every other one that conflicts with it.
+// SAFETY: each access goes through loom, which panics before any access that is not ordered with
+// every conflicting one.
 unsafe impl Sync for Slot {}
 
 impl Slot {

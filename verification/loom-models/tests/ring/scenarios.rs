@@ -1,4 +1,4 @@
-//! A sender and a receiver of the ring lane, each in a thread.
+//! A sender and a receiver of the ring lane, each in its own thread.
 
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
@@ -12,11 +12,11 @@ use crate::socket::Socket;
 
 use super::atomic;
 
-/// One end's words, as [`sm2_io::Ring`] is, and what this end did with messages.
+/// One end's words, like [`sm2_io::Ring`], and the messages that this end has put and displaced.
 pub(crate) struct ModelRing {
     memory: Arc<Memory>,
     fences: bool,
-    /// How many steps until it is killed.
+    /// The number of steps until the process is killed.
     steps: Cell<u32>,
     dead: Cell<bool>,
     put: RefCell<Vec<u64>>,
@@ -76,15 +76,15 @@ pub(crate) struct Terms {
     pub(crate) reliable: bool,
     pub(crate) depth: u16,
     pub(crate) max_borrowed: u16,
-    /// Of the sender's driver and of the receiver's.
+    /// The steps of the sender's driver and of the receiver's.
     pub(crate) order: [Order; 2],
-    /// Whether the sender's fences are made, and the receiver's.
+    /// True if the sender's fences are executed, and the receiver's.
     pub(crate) fences: [bool; 2],
-    /// After how many steps the sender, the receiver is killed.
+    /// The number of steps after which the sender and the receiver are killed.
     pub(crate) steps: [u32; 2],
 }
 
-/// Keep-last, with the smallest window.
+/// A keep-last link with the smallest window.
 pub(crate) const LAST: Terms = Terms {
     reliable: false,
     depth: 1,
@@ -104,10 +104,10 @@ pub(crate) const TWO: Terms = Terms { depth: 2, ..LAST };
 
 type End = Driver<ModelRing>;
 
-/// The one thread that sets up makes no step that counts.
+/// Sets both ends up in one thread. These steps do not count.
 fn pair(terms: Terms) -> (End, End) {
     let layout = layout(terms.depth, terms.max_borrowed);
-    // One slot for the message that is about to be sent while the window is full.
+    // One more slot, for a message that is about to be sent while the window is full.
     let memory = Arc::new(Memory::new(layout, layout.window() + 1));
     let [sender, receiver] = links(terms.reliable, terms.max_borrowed, &memory);
     let (one, other) = Socket::pair();
@@ -130,7 +130,7 @@ fn limit(terms: Terms, sender: &End, receiver: &End) {
     receiver.words.steps.set(terms.steps[1]);
 }
 
-/// The sender publishes so many messages, in a thread of its own.
+/// Publishes `messages` messages in a separate thread.
 fn publishing(mut sender: End, messages: usize) -> thread::JoinHandle<End> {
     thread::spawn(move || {
         for _ in 0..messages {
@@ -140,7 +140,7 @@ fn publishing(mut sender: End, messages: usize) -> thread::JoinHandle<End> {
     })
 }
 
-/// Receives until it has this message, and gives back each that it took.
+/// Receives until the message `last`, and releases each message that it took.
 fn receive_until(receiver: &mut End, last: u64) {
     while receiver.seen.last() < Some(&last) && !receiver.is_over() {
         receiver.receive();
@@ -148,14 +148,14 @@ fn receive_until(receiver: &mut End, last: u64) {
     }
 }
 
-/// Receives until the link is over and nothing is left.
+/// Receives until the link has ended and no message is left.
 fn receive_all(receiver: &mut End) {
     while receiver.receive().is_some() {
         receiver.release();
     }
 }
 
-/// How many messages are still in the ring.
+/// The number of messages still in the ring.
 fn left(end: &End) -> usize {
     let depth = u32::from(end.memory.layout.depth());
     let word = |index| atomic::load(end.memory.word(At::Forward(index)));
@@ -175,7 +175,7 @@ fn account(sender: &End, receiver: &End) {
     assert!(known.iter().all(|it| put.contains(it)), "one from nowhere");
 }
 
-/// After both ends have done all: nothing is underway, and every slot is free.
+/// After both ends have finished, no message is in flight, and every slot is free.
 fn settled(mut sender: End, receiver: &End) {
     account(&sender, receiver);
     assert_eq!(left(&sender), 0, "a message is left");
@@ -189,7 +189,7 @@ fn settled(mut sender: End, receiver: &End) {
     assert_eq!(sender.free_slots(), sender.memory.slots.len());
 }
 
-/// Three messages to a receiver that waits for each, and always gets the last one.
+/// Sends three messages to a receiver that waits for each. It always receives the last one.
 pub(crate) fn keep_last(terms: Terms) {
     let (sender, mut receiver) = pair(terms);
     let sender = publishing(sender, 3);
@@ -197,7 +197,7 @@ pub(crate) fn keep_last(terms: Terms) {
     settled(sender.join().unwrap(), &receiver);
 }
 
-/// The sender has filled the window: the application holds a message, and the ring is full.
+/// A pair whose window is full: the application holds a message, and the ring is full.
 fn full(terms: Terms) -> (End, End) {
     let (mut sender, mut receiver) = pair(terms);
     sender.publish();
@@ -209,7 +209,7 @@ fn full(terms: Terms) -> (End, End) {
     (sender, receiver)
 }
 
-/// With a full window, the sender takes out its oldest message and looks what came back.
+/// With a full window, the sender displaces its oldest message, and harvests.
 pub(crate) fn window_full(terms: Terms) {
     let (sender, mut receiver) = full(terms);
     let last = u64::from(terms.depth) + 3;
@@ -219,7 +219,7 @@ pub(crate) fn window_full(terms: Terms) {
     settled(sender.join().unwrap(), &receiver);
 }
 
-/// The sender goes round and round, while the receiver looks.
+/// The sender overwrites the ring repeatedly while the receiver takes.
 pub(crate) fn round(terms: Terms) {
     let (mut sender, mut receiver) = pair(terms);
     sender.publish();
@@ -237,7 +237,7 @@ pub(crate) fn round(terms: Terms) {
     settled(sender, &receiver);
 }
 
-/// Nothing is lost of three messages, for each of which the sender waits until it has room.
+/// Three messages, for each of which the sender waits for room. None is lost.
 pub(crate) fn reliable(terms: Terms) {
     let (sender, mut receiver) = pair(terms);
     let sender = publishing(sender, 3);
@@ -246,7 +246,7 @@ pub(crate) fn reliable(terms: Terms) {
     settled(sender.join().unwrap(), &receiver);
 }
 
-/// A sender waits for room, and for nothing else.
+/// A sender waits only for room.
 pub(crate) fn room(terms: Terms) {
     let (mut sender, mut receiver) = pair(terms);
     sender.publish();
@@ -259,7 +259,7 @@ pub(crate) fn room(terms: Terms) {
     settled(sender, &receiver);
 }
 
-/// Nothing is lost, with an application that holds a message until it has the next.
+/// An application holds each message until it has the next one. None is lost.
 pub(crate) fn held(terms: Terms) {
     let (sender, mut receiver) = pair(terms);
     let sender = publishing(sender, 3);
@@ -273,7 +273,7 @@ pub(crate) fn held(terms: Terms) {
     settled(sender.join().unwrap(), &receiver);
 }
 
-/// The sender waits until all is given back.
+/// The sender waits until all messages are released.
 pub(crate) fn flush(terms: Terms) {
     let (mut sender, mut receiver) = pair(terms);
     let sender = thread::spawn(move || {
@@ -287,8 +287,8 @@ pub(crate) fn flush(terms: Terms) {
     settled(sender.join().unwrap(), &receiver);
 }
 
-/// The sender's process ends after some step: what is in the ring is taken, and that is all.
-/// Whether it ended before it was done.
+/// The sender's process ends after some step. The receiver takes the messages left in the ring, and
+/// no others. Returns whether the process ended early.
 fn left_behind(mut sender: End, mut receiver: End, messages: usize) -> bool {
     let sender = thread::spawn(move || {
         for _ in 0..messages {
@@ -312,15 +312,15 @@ pub(crate) fn sender_stops(terms: Terms) -> bool {
     left_behind(sender, receiver, 2)
 }
 
-/// The same while it makes room in a full window.
+/// The same, while the sender makes room in a full window.
 pub(crate) fn sender_stops_full(terms: Terms) -> bool {
     let (sender, receiver) = full(terms);
     limit(terms, &sender, &receiver);
     left_behind(sender, receiver, 1)
 }
 
-/// The receiver's process ends after some step: the sender does not wait for ever, and knows
-/// what became of each message. Whether it ended before it was done.
+/// The receiver's process ends after some step. The sender does not wait for ever, and learns the
+/// fate of each message. Returns whether the process ended early.
 pub(crate) fn receiver_stops(terms: Terms) -> bool {
     let (mut sender, mut receiver) = pair(terms);
     limit(terms, &sender, &receiver);
@@ -344,7 +344,8 @@ pub(crate) fn receiver_stops(terms: Terms) -> bool {
     receiver.words.is_dead()
 }
 
-/// The receiver closes the link and takes what is left, while the sender goes on.
+/// The receiver closes the link and takes the messages left in the ring, while the sender
+/// continues.
 pub(crate) fn receiver_closes(terms: Terms) {
     let (sender, mut receiver) = pair(terms);
     let sender = publishing(sender, 3);

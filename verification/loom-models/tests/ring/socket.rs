@@ -1,13 +1,13 @@
-//! Two ends of a socket: queues of datagrams, and sleeping until there is something to read.
-//! System calls order memory, as the locks here do. Only the writer and the reader of a queue take
-//! its lock.
+//! Two ends of a socket: queues of datagrams, and sleeping until a datagram can be read. System
+//! calls order memory, and so do the locks here. Only the writer and the reader of a queue take its
+//! lock.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use loom::sync::{Condvar, Mutex};
 
-/// One end of a socket. To drop it is to close it.
+/// One end of a socket. Dropping it closes it.
 pub(crate) struct Socket {
     reads: Arc<Queue>,
     writes: Arc<Queue>,
@@ -28,9 +28,9 @@ struct State {
 /// The next item of a socket.
 pub(crate) enum Read {
     Datagram(Vec<u8>),
-    /// Nothing at this moment.
+    /// No datagram is queued.
     Nothing,
-    /// The other end is closed, and all that it sent was read.
+    /// The other end is closed, and everything that it sent was read.
     Closed,
 }
 
@@ -48,7 +48,8 @@ impl Socket {
         (one, other)
     }
 
-    /// Does not wait: one that has a datagram takes no other, which is a socket as full as any.
+    /// Does not wait. A queue that has a datagram drops the new one, like the fullest possible
+    /// socket.
     pub(crate) fn send(&self, datagram: &[u8]) {
         let mut state = self.writes.state.lock().unwrap();
         if state.datagrams.is_empty() {

@@ -1,5 +1,5 @@
-//! A model of the kernel for the waiting: descriptors that are readable or not, and sleeping until one
-//! is readable. System calls order memory, as the lock here does.
+//! A model of the kernel for waiting threads: descriptors that are readable or not, and sleeping
+//! until one is readable. System calls order memory, and so does the lock here.
 
 use std::collections::VecDeque;
 use std::io;
@@ -58,7 +58,7 @@ pub(crate) trait AsFd {
     fn as_fd(&self) -> BorrowedFd<'_>;
 }
 
-/// A descriptor and what may be done with it.
+/// Defines the type of a descriptor and its operations.
 macro_rules! files {
     ($($name:ident)*) => {
         $(
@@ -133,7 +133,7 @@ impl Socket {
     }
 }
 
-/// Sleeps until one is readable. In these models no time passes.
+/// Sleeps until one is readable. No time passes in these models.
 pub(crate) fn wait_readable(fds: &[BorrowedFd<'_>], timeout: Option<Duration>) -> io::Result<bool> {
     assert!(timeout.is_none(), "nobody waits for a moment");
     let mut files = KERNEL.files.lock().unwrap();

@@ -1,4 +1,4 @@
-//! A node with two interfaces, whose messages come through one socket.
+//! A node with two interfaces whose messages arrive through one socket.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use super::wait::{Bell, Sleepers, Topic};
 const ONE: InterfaceId = InterfaceId(1);
 const OTHER: InterfaceId = InterfaceId(2);
 
-/// As in `sm2-node/src/driver/mod.rs`, as far as waiting goes.
+/// Models `sm2-node/src/driver/mod.rs`, as far as waiting is concerned.
 pub(crate) struct Shared {
     pub(crate) epoll: Epoll,
     socket: Arc<Socket>,
@@ -29,11 +29,11 @@ pub(crate) struct Inner {
     ended: bool,
 }
 
-/// An interface with one link of the ring lane: as much of it as the waiting asks for.
+/// An interface with one link of the ring lane, reduced to the part that waiting uses.
 pub(crate) struct Interface {
     ring: Arc<Ring>,
     link: Link,
-    /// Whether who takes a message clears the word by which somebody who sleeps wants the bell.
+    /// True if taking a message clears the word by which a sleeping thread requests the bell.
     unparks: bool,
 }
 
@@ -43,7 +43,7 @@ impl Interface {
         fence(Ordering::SeqCst);
     }
 
-    /// The number of the message that is there, if it is at most this one.
+    /// Returns the number of the message in the ring, if it is at most `most`.
     fn take(&mut self, most: u64) -> Option<u64> {
         let Ring { word, parked } = &*self.ring;
         loop {
@@ -86,7 +86,7 @@ impl Link {
     }
 }
 
-/// A ring for one message. Those of SPEC are in `tests/ring.rs`.
+/// A ring for one message. `tests/ring.rs` tests the rings of SPEC.
 #[derive(Default)]
 struct Ring {
     word: AtomicU64,
@@ -94,7 +94,7 @@ struct Ring {
 }
 
 impl Ring {
-    /// Whether the receiver wants the bell.
+    /// Puts a message. Returns true if the receiver wants the bell.
     fn put(&self, number: u64) -> bool {
         self.word.swap(number, Ordering::AcqRel);
         fence(Ordering::SeqCst);
@@ -147,7 +147,7 @@ impl Shared {
 }
 
 impl Inner {
-    /// In these models it is never due: less is seen of the sockets than in any other case.
+    /// Never due in these models: that is the case in which the sockets are read least.
     pub(super) fn drive_if_due(&mut self, _: Instant, _: &Epoll) -> bool {
         false
     }
@@ -166,7 +166,7 @@ impl Inner {
     }
 }
 
-/// A peer sends to both interfaces, and a thread waits at each: whoever drives the node
+/// A peer sends to both interfaces, and a thread waits at each. The thread that drives the node
 /// receives for the other one as well.
 pub(crate) fn others() {
     let node = Shared::new();
@@ -186,7 +186,7 @@ pub(crate) fn others() {
     peer.join().unwrap();
 }
 
-/// A thread that waits for an interface hears of the end of the session.
+/// A thread that waits for an interface is told of the end of the session.
 pub(crate) fn session() {
     let node = Shared::new();
     let one = {
@@ -203,7 +203,7 @@ pub(crate) fn session() {
     one.join().unwrap();
 }
 
-/// A program polls the descriptor of one interface, and takes a message each time, while
+/// A program polls the descriptor of one interface, and takes a message each time. Meanwhile
 /// another thread waits at the other interface and drives the node.
 pub(crate) fn bell() {
     let node = Shared::new();
@@ -238,8 +238,8 @@ pub(crate) fn bell() {
     peer.join().unwrap();
 }
 
-/// A message comes by a ring for one thread, and one by a socket for another: the bell of the
-/// ring goes to whichever drives the node.
+/// A message arrives in a ring for one thread, and one on a socket for another. The thread that
+/// drives the node receives the bell of the ring.
 pub(crate) fn ring() {
     let (node, ring) = with_ring(false);
     let other = {
@@ -260,8 +260,8 @@ pub(crate) fn ring() {
     peer.join().unwrap();
 }
 
-/// Two threads share a subscriber: one sleeps until the last message is there, while the other
-/// one takes the first, if that is there.
+/// Two threads share a subscriber. One sleeps until the last message arrives; the other takes the
+/// first message if it is there.
 pub(crate) fn shared() {
     shared_as(false);
 }

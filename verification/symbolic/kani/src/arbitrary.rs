@@ -1,20 +1,20 @@
-//! Values of any content.
+//! Arbitrary values.
 
 use crate::{assume, hooks::sm2_symbolic_any};
 
 /// A type that [`any`] can make.
 pub trait Arbitrary: Sized {
-    /// Any value of the type.
+    /// Returns an arbitrary value of the type.
     fn any() -> Self;
 }
 
-/// Any value.
+/// Returns an arbitrary value.
 #[must_use]
 pub fn any<T: Arbitrary>() -> T {
     T::any()
 }
 
-/// Any value for which `holds`.
+/// Returns an arbitrary value for which `holds` returns true.
 pub fn any_where<T: Arbitrary>(holds: impl FnOnce(&T) -> bool) -> T {
     let value = T::any();
     assume(holds(&value));

@@ -1,4 +1,4 @@
-//! Where the engine takes over, and the panic handler, which leads there.
+//! The places where the engine takes over, and the panic handler, which leads to one of them.
 
 use core::panic::PanicInfo;
 use core::ptr;
@@ -30,11 +30,11 @@ unsafe extern "C" fn sm2_symbolic_replay(harness: extern "C" fn(), answers: *mut
 }
 
 fn answers() -> &'static Answers {
-    // SAFETY: `sm2_symbolic_replay` was promised that it is valid, and ran before.
+    // SAFETY: `sm2_symbolic_replay` ran before, and its caller promised that the pointer is valid.
     unsafe { &*ANSWERS.load(Ordering::Relaxed) }
 }
 
-/// A value of so many bits, the others zero.
+/// A value of this many bits; higher bits are zero.
 #[unsafe(no_mangle)]
 #[inline(never)]
 pub(crate) extern "C" fn sm2_symbolic_any(bits: u32) -> u64 {
@@ -53,7 +53,7 @@ pub(crate) extern "C" fn sm2_symbolic_cover(condition: bool, text: *const u8, le
     (answers().cover)(condition, text, len);
 }
 
-/// A path that comes here has failed, at `line` of the file with this name.
+/// A path that gets here has failed, at `line` of the file with this name.
 #[unsafe(no_mangle)]
 #[inline(never)]
 extern "C" fn sm2_symbolic_panic(file: *const u8, len: usize, line: u32) -> ! {
@@ -66,6 +66,6 @@ fn panicked(info: &PanicInfo<'_>) -> ! {
     sm2_symbolic_panic(file.as_ptr(), file.len(), line)
 }
 
-/// Tables of the compiled `core` name it; nothing unwinds here.
+/// Tables of the compiled `core` refer to this symbol; nothing unwinds here.
 #[unsafe(no_mangle)]
 extern "C" fn rust_eh_personality() {}

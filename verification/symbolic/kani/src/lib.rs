@@ -1,7 +1,7 @@
 //! The part of the `kani` API that SM2's harnesses use, answered by a symbolic engine.
 //!
-//! The functions named `sm2_symbolic_*` are hooks: `../engine` puts its own procedures
-//! in their place, or answers their callbacks when it runs a path again on the processor.
+//! The functions named `sm2_symbolic_*` are hooks. `../engine` replaces them by its own procedures,
+//! or answers their callbacks when it runs a path again on the processor.
 #![no_std]
 
 mod arbitrary;
@@ -13,7 +13,7 @@ mod memory;
 pub use arbitrary::{Arbitrary, any, any_where};
 pub use sm2_symbolic_kani_macros::{proof, unwind};
 
-/// Goes on only with those values for which `condition` holds.
+/// Continues only with values for which `condition` holds.
 pub fn assume(condition: bool) {
     hooks::sm2_symbolic_assume(condition);
 }
@@ -28,7 +28,7 @@ pub fn assert(condition: bool, message: &'static str) {
     assert!(condition, "{message}");
 }
 
-/// States that some path gets here with `condition`.
+/// States that some path reaches this place with `condition`.
 #[macro_export]
 macro_rules! cover {
     ($condition:expr, $text:literal) => {

@@ -1,4 +1,4 @@
-//! An allocator whose addresses do not depend on what is in memory.
+//! An allocator whose addresses do not depend on the content of memory.
 
 use core::alloc::{GlobalAlloc, Layout};
 use core::cell::{Cell, UnsafeCell};
@@ -6,7 +6,7 @@ use core::ptr;
 
 const HEAP_BYTES: usize = 1 << 20;
 
-/// Gives each allocation new memory, and takes nothing back: a path is short.
+/// Gives each allocation new memory and frees none, since paths are short.
 struct Bump {
     memory: UnsafeCell<[u8; HEAP_BYTES]>,
     used: Cell<usize>,
@@ -15,7 +15,8 @@ struct Bump {
 // SAFETY: the engine explores one thread.
 unsafe impl Sync for Bump {}
 
-// SAFETY: what is given out lies inside `memory`, is aligned as asked, and is given out once.
+// SAFETY: allocated ranges lie inside `memory`, have the requested alignment, and are given out
+// once.
 unsafe impl GlobalAlloc for Bump {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let base = self.memory.get().cast::<u8>();
@@ -38,7 +39,7 @@ static HEAP: Bump = Bump {
     used: Cell::new(0),
 };
 
-/// Begins again, for the next run of a harness.
+/// Starts again, for the next run of a harness.
 pub(crate) fn release_all() {
     HEAP.used.set(0);
 }

@@ -2,7 +2,7 @@
 
 use proc_macro::{TokenStream, TokenTree};
 
-/// Keeps the function, though nobody calls it: the engine finds it by its symbol.
+/// Keeps the function although no code calls it: the engine finds it by its symbol.
 #[proc_macro_attribute]
 pub fn proof(_: TokenStream, function: TokenStream) -> TokenStream {
     let mut words = function.clone().into_iter();
